@@ -40,97 +40,67 @@ Importing this module loads numba and SciPy.
 
 from __future__ import annotations
 
-from bakery.physics.discrete.levels import order as disc_order
-from bakery.physics.discrete.levels import procedural as procedural_discs
-from bakery.physics.discrete.levels import stored as stored_discs
-from bakery.physics.discrete.pencils import NONE as NO_DISC
-from bakery.physics.discrete.pencils import cell_range as disc_cells
-from bakery.physics.discrete.pencils import first_disc
-from bakery.physics.discrete.pencils import particles_of as discs_of_cell
-from bakery.physics.discrete.pencils import through as open_wavelengths
-from bakery.physics.discrete.region import BOX, Region, relative_density
-from bakery.physics.discrete.region import box as region_box
-from bakery.physics.discrete.region import densities as region_densities
-from bakery.physics.discrete.region import grid as region_grid
-from bakery.physics.discrete.region import mesh as region_mesh
+from bakery.physics.discrete.levels import disc_order, procedural_discs, stored_discs
+from bakery.physics.discrete.pencils import NO_DISC, disc_cells, discs_of_cell, first_disc, open_wavelengths
+from bakery.physics.discrete.region import BOX, Region, region_box, region_densities, region_grid, region_mesh, relative_density
 from bakery.physics.goa import amplitudes as goa_amplitudes
-from bakery.physics.grains._walk import _frame as surface_frame
-from bakery.physics.grains.bvh import Mesh
-from bakery.physics.grains.bvh import nearest as nearest_triangle
-from bakery.physics.grains.bvh import normal as triangle_normal
-from bakery.physics.grains.bvh import scratch as mesh_scratch
+from bakery.physics.grains.bvh import Mesh, mesh_scratch, nearest_triangle, triangle_normal
+from bakery.physics.grains.sampling import surface_frame
 from bakery.physics.grains.surface import (
     CONDUCTOR,
     DIELECTRIC,
     DIFFUSE,
+    at_surface,
     conductor,
     dielectric,
     diffuse,
     fresnel,
     fresnel_conductor,
+    surface_density,
+    surface_share,
 )
-from bakery.physics.grains.surface import left as surface_share
-from bakery.physics.grains.surface import towards as surface_density
-from bakery.physics.grains.surface import turned as at_surface
-from bakery.physics.granular._distance import deepest as deepest_in_mesh
-from bakery.physics.granular._distance import distance as distance_to_triangles
-from bakery.physics.granular._packed import flight as flight_to_sphere
-from bakery.physics.granular._voxels import mark as mark_voxels
 from bakery.physics.granular.aggregate import (
     Aggregate,
     aggregate,
+    aggregate_scratch,
+    deep_in_mesh,
+    depth_in_mesh,
     enclosing_sphere,
     first_sphere,
+    in_mesh,
     mean_share,
+    mesh_boundary,
     share_at,
     within_reach,
 )
-from bakery.physics.granular.aggregate import boundary as mesh_boundary
-from bakery.physics.granular.aggregate import deep as deep_in_mesh
-from bakery.physics.granular.aggregate import depth as depth_in_mesh
-from bakery.physics.granular.aggregate import holds as in_mesh
-from bakery.physics.granular.aggregate import scratch as aggregate_scratch
-from bakery.physics.granular.diffusion import Diffuse
-from bakery.physics.granular.diffusion import clear as clear_in_mesh
-from bakery.physics.granular.diffusion import decayed as diffuse_share
-from bakery.physics.granular.diffusion import diffuse as diffuse_in_mesh
-from bakery.physics.granular.diffusion import never as never_diffuse
-from bakery.physics.granular.exemplars import Exemplars
-from bakery.physics.granular.exemplars import layout as exemplars
-from bakery.physics.granular.field import Field, between, field, first_above
-from bakery.physics.granular.field import uniform as uniform_field
-from bakery.physics.granular.varied import Component, Varied
-from bakery.physics.granular.varied import component as medium_component
-from bakery.physics.granular.varied import extinction as extinction_at_fraction
-from bakery.physics.granular.varied import extinctions as extinctions_at
-from bakery.physics.granular.varied import unvaried as unvaried_medium
-from bakery.physics.granular.varied import varied as varied_medium
-from bakery.physics.granular.varied import whole as whole_medium
+from bakery.physics.granular.diffusion import Diffuse, clear_in_mesh, diffuse_in_mesh, diffuse_share, never_diffuse
+from bakery.physics.granular.distance import deepest_in_mesh, distance_to_triangles
+from bakery.physics.granular.exemplars import Exemplars, exemplars
+from bakery.physics.granular.field import Field, field, instance_of, uniform_field
+from bakery.physics.granular.flights import flight_to_sphere
+from bakery.physics.granular.varied import (
+    Component,
+    Varied,
+    extinction_at_fraction,
+    extinctions_at,
+    medium_component,
+    unvaried_medium,
+    varied_medium,
+    whole_medium,
+)
+from bakery.physics.granular.voxels import mark_voxels
 from bakery.physics.lent import lent
-from bakery.physics.medium._kernels import evaluated as phase_value
-from bakery.physics.medium._kernels import layout as phase_layout
-from bakery.physics.medium._kernels import sampled as phase_sample
-from bakery.physics.medium._kernels import turned as turned_direction
-from bakery.physics.medium.phase import evaluate as phase_at
-from bakery.physics.medium.phase import integral as phase_integral
+from bakery.physics.medium.kernels import phase_layout, phase_sample, phase_value, turned_direction
+from bakery.physics.medium.phase import phase_at, phase_integral
 from bakery.physics.mie import amplitudes as mie_amplitudes
-from bakery.physics.multiple._look import add as add_look_up
-from bakery.physics.multiple._look import emptied as no_look_ups
-from bakery.physics.multiple._look import total as sum_of_look_ups
-from bakery.physics.multiple._look import value as point_source
-from bakery.physics.multiple.lookup import add_beam as add_segment_look_up
-from bakery.physics.multiple.lookup import any_length as segment_source
-from bakery.physics.multiple.queries import point_seen as point_source_seen
-from bakery.physics.multiple.queries import segment_seen as segment_source_seen
-from bakery.physics.packing._cells import cells as tile_grid
-from bakery.physics.packing.instances import cumulated as cumulated_shares
-from bakery.physics.packing.instances import kind, rotation, uniforms
-from bakery.physics.packing.instances import matrix as rotation_matrix
-from bakery.physics.packing.instances import mix as hashed
-from bakery.physics.shapes.files import triangles
-from bakery.physics.shapes.mending import mended
-from bakery.rng import key64 as stream_key
-from bakery.system.compiled import njit
+from bakery.physics.multiple.lookup import add_segment_look_up, segment_source
+from bakery.physics.multiple.queries import point_source_seen, segment_source_seen
+from bakery.physics.multiple.sums import add_look_up, no_look_ups, point_source, sum_of_look_ups
+from bakery.physics.multiple.symbolic import drjit_tables
+from bakery.physics.packing.cells import tile_grid
+from bakery.physics.packing.instances import cumulated_shares, hashed, instance, rotation_matrix
+from bakery.physics.shapes.mending import closed_mesh, solid
+from bakery.rng import stream_key
 
 __all__ = [
     "BOX",
@@ -226,52 +196,3 @@ __all__ = [
     "whole_medium",
     "within_reach",
 ]
-
-
-def drjit_tables(points, segments, Float):
-    """Tables of one wavelength, from `asset.multiple.segment.tables()`, for look-ups in kernels of Dr.Jit.
-
-    points, segments : of both sources; None for segments where only points are asked;  Float : `mitsuba.Float`, or of Dr.Jit
-
-    Returns `bakery.physics.multiple.symbolic.Tables` with `point_to_point`, `segment_to_point`, `point_to_segment` and
-    `segment_to_segment`.  Raises UsageError where Dr.Jit, or an LLVM for it, is missing.
-    """
-    from bakery.physics.multiple.symbolic import Tables
-
-    return Tables(points, segments, Float)
-
-
-def closed_mesh(data, kind):
-    """Vertices (V, 3) and triangles (F, 3) of a mesh file, a solid with outward normals.
-
-    data : bytes of the file;  kind : its ending, such as ply
-
-    Raises ValueError, in words, where it is no such file, or no closed mesh.
-    """
-    return solid(*triangles(data, kind))
-
-
-def solid(vertices, faces):
-    """Vertices (V, 3) and triangles (F, 3) of a closed mesh with outward normals, equal vertices made one; as `closed_mesh`."""
-    vertices, faces, _ = mended(vertices, faces)
-    return vertices, faces
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def instance(seed, i, j, k, sphere, shares):
-    """Type and rotation of the grain at a sphere of copy (i, j, k) of a tile; compiled.
-
-    seed : uint64;  i, j, k, sphere : int64;  shares : (T,) from `cumulated_shares`
-
-    Returns the type, 0 to T - 1, and the quaternion (x, y, z, w) that turns the grain's frame into the world's; the same as
-    `asset.packing`'s instances and the random walks of the bake.
-    """
-    a, b, c, d = uniforms(seed, i, j, k, sphere)
-    return kind(a, shares), rotation(b, c, d)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def instance_of(seed, i, j, k, sphere, mixture, x, y, z):
-    """As `instance`, with the cumulated shares of a `Field` at the sphere's centre; compiled."""
-    a, b, c, d = uniforms(seed, i, j, k, sphere)
-    return first_above(mixture, between(mixture, x, y, z), a), rotation(b, c, d)

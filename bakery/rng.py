@@ -99,7 +99,7 @@ def key(seed: int, name: str, *index: int) -> np.ndarray:
     return sequence(seed, name, *index).generate_state(2)
 
 
-def key64(seed: int, name: str, *index: int) -> np.uint64:
+def stream_key(seed: int, name: str, *index: int) -> np.uint64:
     """The words of `key` as one of 64 bits, for kernels that hash it."""
     high, low = key(seed, name, *index)
     return np.uint64(high) << np.uint64(32) | np.uint64(low)

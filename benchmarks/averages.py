@@ -153,7 +153,7 @@ def errors():
             seconds = time.perf_counter() - start
             between = np.interp(draw.random(300) * (len(theta) - 1), np.arange(len(theta)), theta)
             at = np.unique(np.concatenate([theta[:: max(1, len(theta) // 200)], theta[-20:], between]))
-            f, claimed = (phase.evaluate(theta, table, at) for table in (found[0].elements[0, 0], found[0].phase_bias[0]))
+            f, claimed = (phase.phase_at(theta, table, at) for table in (found[0].elements[0, 0], found[0].phase_bias[0]))
             off = np.abs(f / truth(case, at) - 1)
             claimed = claimed / f
             print(f"| {name} | {tolerance:g} | {len(theta)} | {seconds:.2f} | {found[0].error[0]:.4f} | {off.max():.4f} "

@@ -30,7 +30,7 @@ from bakery.physics.granular.diffusion import decay
 from bakery.physics.medium.diffusion import JENSEN, exitance, improved
 from bakery.physics.shapes.radial import icosphere
 from benchmarks.sizes import sized
-from renderers.granular import medium
+from renderers.materials.grains import medium
 from tests.physics.particles import Sky, camera
 from tests.physics.test_aggregate import CUBE
 from tests.physics.test_granular_medium import continuous

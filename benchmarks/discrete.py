@@ -24,9 +24,9 @@ import numpy as np  # noqa: E402
 
 from benchmarks.sizes import sized  # noqa: E402
 from renderers import colour  # noqa: E402
-from renderers.discrete import methods  # noqa: E402
+from renderers.materials.particles import methods  # noqa: E402
 from renderers.mitsuba.world import World  # noqa: E402
-from renderers.running import Render  # noqa: E402
+from renderers.pictures.running import Render  # noqa: E402
 
 PASSES = sized(8, 2)
 WIDTH, HEIGHT = sized((640, 480), (16, 12))

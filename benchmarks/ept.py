@@ -26,11 +26,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from bakery import kernels
-from bakery.physics.packing.instances import instances, matrix
+from bakery.physics.packing.instances import instances, rotation_matrix
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from benchmarks.sizes import sized
-from renderers.granular import methods
+from renderers.materials.grains import methods
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
 from tests.physics.test_aggregate import CUBE, listed, tile
@@ -94,7 +94,7 @@ def shapes(packed, mesh, stones):
     turn = instances(int(packed.seed), met[:, 1:], met[:, 0], np.ones(1))[1]
     rows = [GROUP]
     for point, size, quaternion in zip(centre, radius, turn):
-        whole = np.column_stack([size * np.array(matrix(*quaternion)).reshape(3, 3), point])
+        whole = np.column_stack([size * np.array(rotation_matrix(*quaternion)).reshape(3, 3), point])
         rows.append('<shape type="instance"><ref id="grain"/><transform name="to_world"><matrix value="'
                     + " ".join(f"{value:.9g}" for value in whole.ravel()) + ' 0 0 0 1"/></transform></shape>')
     return "\n".join(rows)

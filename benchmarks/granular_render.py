@@ -139,14 +139,14 @@ def written(folder, name, edge, more):
 
 def instanced(found, mesh):
     """XML of each grain of an aggregate in a mesh."""
-    from bakery.physics.packing.instances import instances, matrix
+    from bakery.physics.packing.instances import instances, rotation_matrix
     from tests.physics.test_aggregate import listed
 
     met, centre, radius = listed(*(getattr(found.aggregate, name) for name in ("centers", "radii", "cell")), *mesh)
     turn = instances(int(found.seed), met[:, 1:], met[:, 0], np.ones(1))[1]
     rows = []
     for place, size, one in zip(centre, radius, turn):
-        whole = np.column_stack([size * np.array(matrix(*one)).reshape(3, 3), place])
+        whole = np.column_stack([size * np.array(rotation_matrix(*one)).reshape(3, 3), place])
         rows.append('<shape type="instance"><ref id="grain"/><transform name="to_world"><matrix value="'
                     + " ".join(f"{value:.9g}" for value in whole.ravel()) + ' 0 0 0 1"/></transform></shape>')
     return len(rows), GRAIN + "\n".join(rows)
@@ -240,9 +240,9 @@ def _times(numbers, factor):
 
 def measured(scene, method, options):
     """Mean luminance of the light that met grains, its error, and seconds to unit variance of a pixel."""
-    from renderers.granular import methods as granular
+    from renderers.materials.grains import methods as granular
     from renderers.mitsuba.world import World
-    from renderers.running import Render
+    from renderers.pictures.running import Render
 
     width, seconds = options.width, options.seconds
     with tempfile.TemporaryDirectory() as folder:

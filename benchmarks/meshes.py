@@ -1,8 +1,8 @@
 """Meshes by our own code against libraries that could do the same: python benchmarks/meshes.py [PART …]
 
 Where our own code stays (docs/grain-shapes.md), this is the reason: what trimesh's readers do with files of 200,000 triangles and
-with hostile ones, each in a child process that may take 4 GiB and 60 s; fewer triangles by pymeshlab; the smallest ball by
-trimesh; a picture by matplotlib.  CPU seconds of one core; ours are those after compiling.
+with hostile ones, each in a child process that may take 4 GiB and 60 s; fewer triangles by pymeshlab and fast-simplification; the
+smallest ball by trimesh; a picture by matplotlib.  CPU seconds of one core; ours are those after compiling.
 """
 
 from __future__ import annotations
@@ -141,21 +141,26 @@ def fewer():
     from bakery.physics.shapes.quality import self_crossings, tree
     from bakery.physics.shapes.simplify import simplified
 
-    pymeshlab = optional("pymeshlab")
+    pymeshlab, fast = optional("pymeshlab"), optional("fast_simplification")
 
-    def theirs(vertices, faces, target):
+    def by_pymeshlab(vertices, faces, target):
         meshes = pymeshlab.MeshSet()
         meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
         meshes.meshing_decimation_quadric_edge_collapse(targetfacenum=target, preservetopology=True, preservenormal=True)
         return meshes.current_mesh().vertex_matrix(), meshes.current_mesh().face_matrix()
 
+    def by_fast_simplification(vertices, faces, target):
+        return fast.simplify(vertices, faces.astype(np.int32), target_count=target)
+
+    programs = {"ours": simplified} | ({"pymeshlab": by_pymeshlab} if pymeshlab else {})
+    programs |= {"fast-simplification": by_fast_simplification} if fast else {}
     for name in ("snow", "gravel"):
         grain = shapes.build(EXAMPLES[name], MANY)
         for target in sized((20_000, 1_300), (200,)):
-            for program, job in {"ours": simplified, **({"pymeshlab": theirs} if pymeshlab else {})}.items():
+            for program, job in programs.items():
                 seconds, (v, f) = timed(lambda: job(np.array(grain.vertices), np.array(grain.faces), target), 1)
                 crossing = len(self_crossings(tree(v, f), 1000))
-                print(f"  {name:7s} to {target:6,}: {program:9s} {seconds:5.2f} s, {len(f):6,} triangles, volume "
+                print(f"  {name:7s} to {target:6,}: {program:19s} {seconds:5.2f} s, {len(f):6,} triangles, volume "
                       f"{volume(v, f) / grain.volume - 1:+.2e}, {crossing} crossings")
 
 
@@ -212,7 +217,7 @@ def picture():
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    from bakery.draw._meshes import rendered
+    from bakery.draw.meshes import rendered
 
     grain = shapes.build(EXAMPLES["sand"])
 

@@ -22,7 +22,7 @@ from numba import njit  # noqa: E402
 
 from bakery import kernels  # noqa: E402
 from bakery.errors import UsageError  # noqa: E402
-from bakery.physics.multiple import _look, build, frame, legendre, locate, lookup, queries, solution  # noqa: E402
+from bakery.physics.multiple import build, frame, legendre, locate, lookup, queries, solution, sums  # noqa: E402
 from bakery.physics.multiple.kinds import KINDS  # noqa: E402
 from bakery.system import llvm  # noqa: E402
 from benchmarks.sizes import sized  # noqa: E402
@@ -105,10 +105,10 @@ def singly(table, places, out):
 
 @njit(nogil=True, error_model="numpy")
 def summed(table, places, out):
-    to = _look.emptied()
+    to = sums.no_look_ups()
     for n in range(len(out)):
-        _look.add(to, table, places[0, n], places[1, n], places[2, n], places[3, n], places[4, n], 1.0)
-    out[0] = _look.total(to, table)
+        sums.add_look_up(to, table, places[0, n], places[1, n], places[2, n], places[3, n], places[4, n], 1.0)
+    out[0] = sums.sum_of_look_ups(to, table)
 
 
 def lookups():

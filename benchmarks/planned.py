@@ -17,7 +17,8 @@ import bakery
 from bakery.recipe import load
 from bakery.run import prepare
 from bakery.run.ensure import Asked, asked
-from renderers import colour, requirements
+from renderers import colour
+from renderers.scene import requirements
 
 FINER = 10
 # Standard errors that a pixel may differ by beside the tolerance.  With four seeds and variances averaged over 3 x 3 pixels, 27
@@ -64,7 +65,7 @@ def finer(recipe, settings, needs, times=FINER) -> dict[str, str]:
 
 
 class Plans(NamedTuple):
-    """Of the planned asset and of the full one (`bakery.run.prepare`), and the tables' share (`renderers.budget`)."""
+    """Of the planned asset and of the full one (`bakery.run.prepare`), and the tables' share (`renderers.scene.budget`)."""
 
     planned: object
     full: object

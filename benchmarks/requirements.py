@@ -20,8 +20,8 @@ from bakery.run import execute, prepare
 from bakery.run.cache import Cache
 from benchmarks import planned
 from benchmarks.sizes import sized
-from renderers import requirements
 from renderers import scene as scenes
+from renderers.scene import requirements
 
 FOLDER = Path(__file__).resolve().parents[1]
 SCENES, RECIPES = FOLDER / "assets" / "scenes", FOLDER / "recipes"

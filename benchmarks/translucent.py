@@ -25,7 +25,7 @@ import numpy as np
 from benchmarks.sizes import sized
 from renderers import scene as scenes
 from renderers.mitsuba.world import World
-from renderers.running import Render
+from renderers.pictures.running import Render
 
 SCENES = Path(__file__).resolve().parents[1] / "assets" / "scenes"
 METHODS = ("paths", "volpath", "vrl", "vrl+tables", "beams", "beams+tables", "mirrored", "none")
@@ -39,7 +39,7 @@ class Scene:
     """
 
     def __init__(self, name, width, folder):
-        from renderers.translucent import methods, smooth, transport
+        from renderers.materials.bodies import methods, smooth, transport
 
         job = Render(scenes.load(SCENES / f"{name}.yaml"), folder / f"{name}.png", overwrite=True)
         values, self.path = job.scene.values, SCENES / f"{name}.yaml"
@@ -52,7 +52,7 @@ class Scene:
 
     def parts(self, method):
         """Kinds of passes of a method: functions of a pass's number -> layers."""
-        from renderers.translucent import methods
+        from renderers.materials.bodies import methods
 
         if method == "volpath":
             return [self._volpath()]

@@ -26,8 +26,8 @@ from ruamel.yaml import YAML
 import bakery
 import renderers.mitsuba  # noqa: F401
 from benchmarks.sizes import sized
-from renderers import images
 from renderers.mitsuba import passes, variants
+from renderers.pictures import images
 
 DEEP = 1_000_000  # events without roulette: in effect none
 METRES = {"1 mm": 1e-3, "1 cm": 1e-2, "1 m": 1.0}

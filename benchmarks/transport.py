@@ -31,10 +31,10 @@ from bakery.physics.medium import phase
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from benchmarks.sizes import sized
+from renderers.materials.bodies import methods
+from renderers.materials.bodies.bodies import untabled
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
-from renderers.translucent import methods
-from renderers.translucent.bodies import untabled
 from renderers.transport import passes as transport
 from renderers.transport import regions
 
@@ -149,7 +149,7 @@ def ours(folder, body, width):
     """Passes of our engine: function of the number -> picture, and samples of a pass."""
     theta = np.concatenate([[0.0], np.geomspace(1e-3, np.pi, 500)])
     table = (1 - body.g**2) / (4 * np.pi * (1 + body.g**2 - 2 * body.g * np.cos(theta)) ** 1.5)
-    tabulated = type("Medium", (dict,), {})(phase=np.tile(table / phase.integral(theta, table), (3, 1)))
+    tabulated = type("Medium", (dict,), {})(phase=np.tile(table / phase.phase_integral(theta, table), (3, 1)))
     tabulated.sigma_t, tabulated.albedo, tabulated.theta = 1e3 / np.array(body.free_path), np.array(body.albedo), theta
     asset = SimpleNamespace(medium=tabulated, stages=("medium",), wavelength=np.array([0.65, 0.55, 0.45]))
     world = World(scene(folder, body, width), unit=1e-3)

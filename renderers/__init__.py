@@ -1,1 +1,13 @@
 """Renderers: each a thin folder that takes assets through `bakery.open` and makes pictures."""
+
+from __future__ import annotations
+
+
+def live(scene, output=None, **options):
+    """An iterator over the pictures of a scene while its passes go on, of which the last one is written.
+
+    Parameters, errors and how to stop it: `renderers.pictures.live.Pictures`.
+    """
+    from renderers.pictures.live import Pictures
+
+    return Pictures(scene, output, **options)

@@ -8,6 +8,7 @@ import os
 import select
 import shutil
 import subprocess
+import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,7 +17,7 @@ WAIT = 60.0  # s
 
 
 class Page:
-    """An open page; `with Page(path, width) as page`.
+    """An open page; `with Page(path, width) as page`, where the path is a file's or an address.
 
     Attributes
     ----------
@@ -38,7 +39,8 @@ class Page:
             os.dup2(ends[1], 4)
 
         self._process = subprocess.Popen(
-            [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--remote-debugging-pipe",
+            [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--hide-scrollbars",
+             "--disable-background-networking", "--disable-component-update", "--disable-sync", "--remote-debugging-pipe",
              f"--user-data-dir={self._folder.name}", "about:blank"],
             preexec_fn=wired, close_fds=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         os.close(theirs)
@@ -51,7 +53,8 @@ class Page:
         self.ask("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 500)
         self.ask("Emulation.setEmulatedMedia",
                  features=[{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}])
-        self.ask("Page.navigate", url=Path(path).resolve().as_uri() + address)
+        served = str(path).startswith("http://")
+        self.ask("Page.navigate", url=(str(path) if served else Path(path).resolve().as_uri()) + address)
         while not self._loaded:
             self._hear(self._message())
         return self
@@ -99,6 +102,21 @@ class Page:
         """A key, pressed and released; `code` is its number in Windows."""
         for kind in ("keyDown", "keyUp"):
             self.ask("Input.dispatchKeyEvent", type=kind, key=name, code=name, windowsVirtualKeyCode=code)
+
+    def until(self, condition, seconds=WAIT):
+        """Waits for a condition in the page's script."""
+        last = time.monotonic() + seconds
+        while not self.value(f"Boolean({condition})"):
+            assert time.monotonic() < last, f"{condition}: not within {seconds} s; {self.said[:5]}"
+            time.sleep(0.05)
+
+    def wheel(self, x, y, turn):
+        """The mouse's wheel, turned at a point; forward is below 0."""
+        self.ask("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=turn)
+
+    def point(self, x, y):
+        """The mouse, moved to a point."""
+        self.ask("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
 
     def drag(self, begin, end):
         """The mouse, pressed at a point (x, y) and released at another."""

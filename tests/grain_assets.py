@@ -13,7 +13,7 @@ from bakery.physics.grains.bvh import Mesh
 from bakery.physics.grains.scatterometer import measure
 from bakery.physics.grains.sphere import ball
 from bakery.physics.grains.surface import conductor, dielectric, diffuse
-from bakery.physics.medium.phase import areas, cumulative, evaluate, mean_cosine, normalised
+from bakery.physics.medium.phase import areas, cumulative, mean_cosine, normalised, phase_at
 from bakery.physics.medium.similarity import reduced
 from bakery.physics.shapes.build import build
 from bakery.store.tree import Dataset, Group, text
@@ -78,7 +78,7 @@ def component(shape, surface, *, interior=(0.0,) * 3, weight=1.0, triangles=1300
     for name, said in FIGURES.items():
         members |= _with_error(name, [float(getattr(one, name)[0]) for one in found],
                                [float(np.ravel(one.errors.get(name, [0.0]))[0]) for one in found], "1", said)
-    phase, error = (evaluate(theta, np.stack([np.broadcast_to(values(one), (1, len(theta)))[0] for one in found]), angles())
+    phase, error = (phase_at(theta, np.stack([np.broadcast_to(values(one), (1, len(theta)))[0] for one in found]), angles())
                     for values in (lambda one: one.phase, lambda one: one.errors["phase"]))
     members |= _with_error("phase", normalised(angles(), phase)[0], error, "1/sr", "phase function of what leaves changed")
     members["lossless"] = Group({name + end: members[name + end] for name in ("lambda_s", "mean_square", "g", "forward_delta")

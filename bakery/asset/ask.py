@@ -75,8 +75,8 @@ def _value(name: str, value, queries: Iterable[Query]) -> float | tuple[float, .
         kinds |= query.arguments
     if name not in kinds:
         near = difflib.get_close_matches(name, kinds, 1)
-        known = [ARGUMENTS, *(f"of {query.path} {query.example}" for query in queries)]
-        raise UsageError(f'found "{name}"; ' + (f"did you mean {near[0]}=…?" if near else "; ".join(known)))
+        askable = [ARGUMENTS, *(f"of {query.path} {query.example}" for query in queries)]
+        raise UsageError(f'found "{name}"; ' + (f"did you mean {near[0]}=…?" if near else "; ".join(askable)))
     if not isinstance(value, str):
         return _numbers(name, value)
     try:
@@ -90,7 +90,7 @@ def reals(value) -> tuple[float, ...]:
     try:
         numbers = np.ravel(value)
         # asked for, as float() also takes "0.55" and b"0.55", and of numpy's complex numbers the real part
-        return tuple(map(float, numbers)) if all(isinstance(each, Real) for each in numbers) else ()
+        return tuple(map(float, numbers)) if all(isinstance(number, Real) for number in numbers) else ()
     except ValueError:  # lists of unequal lengths
         return ()
     except OverflowError:  # 10**400
@@ -102,7 +102,7 @@ def _numbers(name: str, value) -> float | tuple[float, ...]:
     values = reals(value)
     if not values:
         raise UsageError(f"{name}: found {show(value)}; expected a number, several of them, or text with a unit")
-    wrong = next((each for each in values if not math.isfinite(each)), None)
+    wrong = next((number for number in values if not math.isfinite(number)), None)
     if wrong is not None:
         raise UsageError(f"{name}: found {wrong:g}; expected a finite number")
     return values if np.ndim(value) else values[0]

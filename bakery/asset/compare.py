@@ -61,32 +61,32 @@ def compare(a: str | os.PathLike | Group, b: str | os.PathLike | Group, rtol: fl
     AssetError, StoreError : as `bakery.open`
     """
     a, b = (side if isinstance(side, Group) else read_checked(side) for side in (a, b))
-    found = _attributes("", a, b, rtol)
-    left, right = (dict(side.walk()) for side in (a, b))
-    moved, sized = (_differs(name, left, right) for name in ("theta", "radius"))
-    for path in [*left, *(path for path in right if path not in left)]:
+    differences = _attributes("", a, b, rtol)
+    datasets_a, datasets_b = (dict(side.walk()) for side in (a, b))
+    moved, sized = (_differs(name, datasets_a, datasets_b) for name in ("theta", "radius"))
+    for path in [*datasets_a, *(path for path in datasets_b if path not in datasets_a)]:
         if path.split("/")[0] in ("provenance", "recipe"):
             continue
-        one, other = left.get(path), right.get(path)
-        if one is None or other is None:
+        in_a, in_b = datasets_a.get(path), datasets_b.get(path)
+        if in_a is None or in_b is None:
             parent = path.rpartition("/")[0]
-            if not parent or (parent in left and parent in right):  # not again for all that a missing group holds
-                found.append(Difference(path, "missing", f"only in {'B' if one is None else 'A'}"))
-        elif isinstance(one, Group) or isinstance(other, Group):
-            if isinstance(one, Group) and isinstance(other, Group):
-                found += _attributes(path, one, other, rtol)
+            if not parent or (parent in datasets_a and parent in datasets_b):  # not again for all that a missing group holds
+                differences.append(Difference(path, "missing", f"only in {'B' if in_a is None else 'A'}"))
+        elif isinstance(in_a, Group) or isinstance(in_b, Group):
+            if isinstance(in_a, Group) and isinstance(in_b, Group):
+                differences += _attributes(path, in_a, in_b, rtol)
             else:
-                found.append(Difference(path, "type", "a group in one, a dataset in the other"))
+                differences.append(Difference(path, "type", "a group in one, a dataset in the other"))
         elif sized and (nodes := _nodes(path, a, b)) is not None:
-            found += _on_nodes(path, one, other, nodes, rtol)
+            differences += _on_nodes(path, in_a, in_b, nodes, rtol)
         elif moved and (angles := _angles(path, a, b)) is not None:
-            found += _on_angles(path, a, b, angles, rtol)
+            differences += _on_angles(path, a, b, angles, rtol)
         else:
-            found += _datasets(path, one, other, _errors(path, left, right), rtol)
-    one, other = a.members.get("recipe"), b.members.get("recipe")
-    if found and isinstance(one, Dataset) and isinstance(other, Dataset) and not np.array_equal(one.data, other.data):
-        found.append(Difference("recipe", "recipe", "the recipes' texts differ"))
-    return found
+            differences += _datasets(path, in_a, in_b, _errors(path, datasets_a, datasets_b), rtol)
+    in_a, in_b = a.members.get("recipe"), b.members.get("recipe")
+    if differences and isinstance(in_a, Dataset) and isinstance(in_b, Dataset) and not np.array_equal(in_a.data, in_b.data):
+        differences.append(Difference("recipe", "recipe", "the recipes' texts differ"))
+    return differences
 
 
 def _differs(name: str, members_a: dict, members_b: dict) -> bool:
@@ -96,32 +96,32 @@ def _differs(name: str, members_a: dict, members_b: dict) -> bool:
 
 
 def _attributes(path: str, a: Group, b: Group, rtol: float) -> list[Difference]:
-    found = []
+    differences = []
     for name in _COUNTING_ATTRIBUTES:
-        one, other = a.attributes.get(name), b.attributes.get(name)
-        both = isinstance(one, float) and isinstance(other, float)
-        same = one == other or (both and abs(one - other) <= rtol * max(abs(one), abs(other)))
+        in_a, in_b = a.attributes.get(name), b.attributes.get(name)
+        both_numbers = isinstance(in_a, float) and isinstance(in_b, float)
+        same = in_a == in_b or (both_numbers and abs(in_a - in_b) <= rtol * max(abs(in_a), abs(in_b)))
         if not same:
-            found.append(Difference(f"{path}@{name}", "attribute", f"{one!r} in A, {other!r} in B"))
-    return found
+            differences.append(Difference(f"{path}@{name}", "attribute", f"{in_a!r} in A, {in_b!r} in B"))
+    return differences
 
 
-def _errors(path: str, left: dict, right: dict) -> np.ndarray | None:
+def _errors(path: str, datasets_a: dict, datasets_b: dict) -> np.ndarray | None:
     """Standard error of the difference, where both sides state theirs."""
-    one, other = left.get(f"{path}_error"), right.get(f"{path}_error")
-    if isinstance(one, Dataset) and isinstance(other, Dataset) and one.data.shape == other.data.shape:
-        return np.hypot(one.data, other.data)
+    in_a, in_b = datasets_a.get(f"{path}_error"), datasets_b.get(f"{path}_error")
+    if isinstance(in_a, Dataset) and isinstance(in_b, Dataset) and in_a.data.shape == in_b.data.shape:
+        return np.hypot(in_a.data, in_b.data)
     return None
 
 
 def _angles(path: str, a: Group, b: Group) -> np.ndarray | None:
     """The angles of both sides' grids, rad, where a dataset is over angles and the two grids differ."""
-    one, other = _grid(path, a), _grid(path, b)
-    if one is None or other is None or np.array_equal(one, other):
+    in_a, in_b = _grid(path, a), _grid(path, b)
+    if in_a is None or in_b is None or np.array_equal(in_a, in_b):
         return None
     if a[path].data.shape[:-1] != b[path].data.shape[:-1] or a[path].data.dtype != b[path].data.dtype:
         return None
-    return np.union1d(one, other)
+    return np.union1d(in_a, in_b)
 
 
 def _grid(path: str, root: Group) -> np.ndarray | None:
@@ -167,49 +167,49 @@ def _on_angles(path: str, a: Group, b: Group, angles: np.ndarray, rtol: float) -
     if path.rpartition("/")[2] == "theta":
         counts = f"{a[path].data.size} angles in A, {b[path].data.size} in B; tables are compared at {angles.size}"
         return [] if rtol else [Difference(path, "grid", counts)]
-    one, other = (_at(path, side, angles) for side in (a, b))
+    in_a, in_b = (_at(path, side, angles) for side in (a, b))
     stated = f"{path}_error"
     errors = ({stated: _at(stated, side, angles)} if standard_error(side, path) is not None else {} for side in (a, b))
-    return _datasets(path, one, other, _errors(path, *errors), rtol, angles)
+    return _datasets(path, in_a, in_b, _errors(path, *errors), rtol, angles)
 
 
 def _at(path: str, root: Group, angles: np.ndarray) -> Dataset:
     """A table at other angles."""
-    from bakery.physics.medium.phase import cumulative, evaluate
+    from bakery.physics.medium.phase import cumulative, phase_at
 
     member, theta = root[path], _grid(path, root)
     parent, _, name = path.rpartition("/")
     phase = root[parent].members.get("phase") if parent else None
     if name == "cdf" and isinstance(phase, Dataset) and phase.data.shape == member.data.shape:
-        return replace(member, data=cumulative(angles, evaluate(theta, phase.data, angles)))  # not linear: of the phase function
-    return replace(member, data=evaluate(theta, member.data, angles))
+        return replace(member, data=cumulative(angles, phase_at(theta, phase.data, angles)))  # not linear: of the phase function
+    return replace(member, data=phase_at(theta, member.data, angles))
 
 
 def _datasets(path: str, a: Dataset, b: Dataset, error: np.ndarray | None, rtol: float,
               angles: np.ndarray | None = None) -> list[Difference]:
-    for kind, one, other in (("shape", a.data.shape, b.data.shape), ("type", a.data.dtype.str, b.data.dtype.str),
+    for kind, in_a, in_b in (("shape", a.data.shape, b.data.shape), ("type", a.data.dtype.str, b.data.dtype.str),
                              ("type", a.choices, b.choices), ("units", a.units, b.units)):
-        if one != other:
-            return [Difference(path, kind, f"{one} in A, {other} in B")]
+        if in_a != in_b:
+            return [Difference(path, kind, f"{in_a} in A, {in_b} in B")]
     if np.array_equal(a.data, b.data):
         return []
     if a.data.dtype.kind not in "fc":
         count = np.count_nonzero(a.data != b.data)
-        what = "texts" if is_text(a) else f"{count} of {a.data.size} values"
-        return [Difference(path, "value", f"{what} differ")]
+        counted = "texts" if is_text(a) else f"{count} of {a.data.size} values"
+        return [Difference(path, "value", f"{counted} differ")]
     return _values(path, a, b, error, rtol, angles)
 
 
 def _values(path: str, a: Dataset, b: Dataset, error: np.ndarray | None, rtol: float,
             angles: np.ndarray | None) -> list[Difference]:
-    one, other = a.data, b.data
+    in_a, in_b = a.data, b.data
     with np.errstate(all="ignore"):
         # infinities and not-a-numbers agree with themselves and with nothing else
-        same = (one == other) | (np.isnan(one) & np.isnan(other))
-        gap = np.where(same, 0.0, np.abs(one - other))
+        same = (in_a == in_b) | (np.isnan(in_a) & np.isnan(in_b))
+        gap = np.where(same, 0.0, np.abs(in_a - in_b))
         gap = np.where(np.isnan(gap), math.inf, gap)
-        larger = np.maximum(np.abs(one), np.abs(other))
-        if one.dtype.kind == "f" and (min(one.min(), other.min()) < 0 < max(one.max(), other.max())):
+        larger = np.maximum(np.abs(in_a), np.abs(in_b))
+        if in_a.dtype.kind == "f" and (min(in_a.min(), in_b.min()) < 0 < max(in_a.max(), in_b.max())):
             larger = np.broadcast_to(larger.max(axis=-1, keepdims=True), larger.shape)
         relative = np.where(gap > 0, np.where(np.isfinite(larger), gap / larger, math.inf), 0.0)
         worst = np.unravel_index(np.argmax(relative), relative.shape)
@@ -218,8 +218,8 @@ def _values(path: str, a: Dataset, b: Dataset, error: np.ndarray | None, rtol: f
             sigmas = float(np.max(np.where(gap > 0, gap / error, 0.0)))
     if not relative[worst] > rtol:
         return []
-    place = list(map(int, worst)) if angles is None else f"{math.degrees(angles[worst[-1]]):.6g} deg"
-    text = (f"{one[worst]:.10g} in A, {other[worst]:.10g} in B at {place}: {relative[worst]:.3g} relative, "
+    where = list(map(int, worst)) if angles is None else f"{math.degrees(angles[worst[-1]]):.6g} deg"
+    text = (f"{in_a[worst]:.10g} in A, {in_b[worst]:.10g} in B at {where}: {relative[worst]:.3g} relative, "
             f"up to {gap.max():.3g}{'' if a.units == '1' else ' ' + a.units}, {np.count_nonzero(relative > rtol)} of {gap.size}")
     if sigmas is not None:
         text += f"; up to {sigmas:.2g} standard errors"

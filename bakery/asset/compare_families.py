@@ -24,13 +24,13 @@ def compare_any(a: str | os.PathLike, b: str | os.PathLike, rtol: float = 0.0) -
     UsageError : one is a family, the other is not
     AssetError, StoreError : as `bakery.open`
     """
-    one, other = bakery.open(a), bakery.open(b)
-    families = [isinstance(each, Family) for each in (one, other)]
+    opened_a, opened_b = bakery.open(a), bakery.open(b)
+    families = [isinstance(side, Family) for side in (opened_a, opened_b)]
     if families == [False, False]:
-        return compare(one.tree, other.tree, rtol)
+        return compare(opened_a.tree, opened_b.tree, rtol)
     if not all(families):
         raise UsageError(f"{a if families[0] else b}: is a family, the other file is one asset; two of a kind are compared")
-    return _axes(one, other, rtol) or _values(one, other, rtol)
+    return _axes(opened_a, opened_b, rtol) or _values(opened_a, opened_b, rtol)
 
 
 def _axes(a: Family, b: Family, rtol: float) -> list[Difference]:
@@ -43,16 +43,16 @@ def _axes(a: Family, b: Family, rtol: float) -> list[Difference]:
 
 
 def _values(a: Family, b: Family, rtol: float) -> list[Difference]:
-    found, missing = {}, []
+    indices, missing = {}, []
     nodes = []
     for name, axis in a.axes.items():
-        one, other = np.asarray(axis.values), np.asarray(b.axes[name].values)
-        both = np.union1d(one, other)
-        nodes.append(both[(both >= max(one[0], other[0])) & (both <= min(one[-1], other[-1]))].tolist())
+        in_a, in_b = np.asarray(axis.values), np.asarray(b.axes[name].values)
+        union = np.union1d(in_a, in_b)
+        nodes.append(union[(union >= max(in_a[0], in_b[0])) & (union <= min(in_a[-1], in_b[-1]))].tolist())
     if not all(nodes):
         return [Difference("family/axes", "missing", "they reach no place that both cover")]
-    for place in points(nodes):
-        at = dict(zip(a.axes, place, strict=True))
+    for point in points(nodes):
+        at = dict(zip(a.axes, point, strict=True))
         words = ", ".join(f"{name} {value:.6g}" for name, value in at.items())
         sides = [_tree(family, at) for family in (a, b)]
         if None in sides:
@@ -60,10 +60,10 @@ def _values(a: Family, b: Family, rtol: float) -> list[Difference]:
                 missing.append(Difference(f"family at {words}", "missing", f"only in {'B' if sides[0] is None else 'A'}"))
             continue
         for row in compare(*sides, rtol):
-            worst = found.get(row.path)
+            worst = indices.get(row.path)
             if worst is None or (row.relative or 0.0) > (worst.relative or 0.0):
-                found[row.path] = replace(row, text=f"at {words}: {row.text}")
-    return [*missing, *(row for path, row in found.items() if path != "recipe")]
+                indices[row.path] = replace(row, text=f"at {words}: {row.text}")
+    return [*missing, *(row for path, row in indices.items() if path != "recipe")]
 
 
 def _tree(family: Family, at: dict):

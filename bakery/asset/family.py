@@ -148,19 +148,19 @@ class Family:
         unknown = [name for name in values if name not in self.axes]
         missing = [name for name in self.axes if name not in values]
         if unknown or missing:
-            known = ", ".join(f"{name} ({axis.values.units})" for name, axis in self.axes.items())
-            found = f'found "{unknown[0]}"' if unknown else f"found no value of {missing[0]}"
+            axes = ", ".join(f"{name} ({axis.values.units})" for name, axis in self.axes.items())
+            fault = f'found "{unknown[0]}"' if unknown else f"found no value of {missing[0]}"
             steps = {key.name: axis.first.name for axis in axes_of(self.tree.members[FAMILY]) for key in axis.keys[1:]}
             if unknown and unknown[0] in steps:
-                raise UsageError(f"{self.path}: {found}, which goes in step with {steps[unknown[0]]}; give {steps[unknown[0]]}")
+                raise UsageError(f"{self.path}: {fault}, which goes in step with {steps[unknown[0]]}; give {steps[unknown[0]]}")
             near = nearest(unknown[0], self.axes) if unknown else ""
-            raise UsageError(f"{self.path}: {found}; the axes of the family are {known}{near}")
-        place = place_of(self.tree, [_number(self._swept[name], values[name]) for name in self.axes])
-        root = asset_at(self.tree, self.path, place)
+            raise UsageError(f"{self.path}: {fault}; the axes of the family are {axes}{near}")
+        point = place_of(self.tree, [_number(self._swept[name], values[name]) for name in self.axes])
+        root = asset_at(self.tree, self.path, point)
         for _, member in root.walk():
             if isinstance(member, Dataset):
                 member.data.flags.writeable = False
-        return Interpolated(root, place_path(self.path, self.tree, place))
+        return Interpolated(root, place_path(self.path, self.tree, point))
 
     def query(self, path: str, /, **arguments: str | float | Sequence[float]) -> Answer | Attribute:
         """A value of the family's own, such as `family/sigma_t`; `at(…).query(…)` asks the asset of a place.

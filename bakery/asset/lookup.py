@@ -10,7 +10,7 @@ from bakery.asset.axes import axes, of_points
 from bakery.errors import UsageError
 from bakery.family.members import listed
 from bakery.family.tree import error_of, is_family
-from bakery.physics.medium.phase import evaluate
+from bakery.physics.medium.phase import phase_at
 from bakery.stages.conform import FAMILY, stages_of
 from bakery.stages.coordinates import COORDINATES, coordinate, stated_error
 from bakery.stages.declaration import Answer, Remark
@@ -37,31 +37,31 @@ def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, 
     names = [COORDINATES.get(letter) for letter in letters]
     useless = [name for name in arguments if name not in names]
     if useless:
-        known = [name for name in names if name]
-        raise UsageError(f"{path}: {useless[0]} has no effect on it; " + (f"{' and '.join(known)} would" if known else
+        given = [name for name in names if name]
+        raise UsageError(f"{path}: {useless[0]} has no effect on it; " + (f"{' and '.join(given)} would" if given else
                          "it takes no arguments"))
     values, error = member.data, stated_error(root, path)
-    left, remarks = [], []
-    left += points
+    axes_left, remarks = [], []
+    axes_left += points
     if points and values.dtype.kind == "f" and (failed := [words for _, words, member in listed(root) if member.reason]):
         named = [*failed[:NAMED], *(["…"] if len(failed) > NAMED else [])]
         remarks.append(Remark(f"zeros stand for points that failed: {'; '.join(named)}"))
     if _unmeasured(root, path):
         remarks.append(Remark("zeros stand for intervals whose error is not known"))
     for letter, name in list(zip(letters, names, strict=True))[len(points):]:
-        axis = len(left)
-        found = coordinate(root, path, letter)
-        if name is None or found is None:
-            left.append(("index", "1", np.arange(values.shape[axis])))
+        axis = len(axes_left)
+        nodes_found = coordinate(root, path, letter)
+        if name is None or nodes_found is None:
+            axes_left.append(("index", "1", np.arange(values.shape[axis])))
             continue
-        unit, nodes = found[1].units, found[1].data
+        unit, nodes = nodes_found[1].units, nodes_found[1].data
         if name not in arguments:
-            left.append((name, unit, nodes))
+            axes_left.append((name, unit, nodes))
             continue
         wanted = np.asarray(arguments[name], float)
         take, at, remark = _LOOKUPS[name](nodes, wanted, member)
         values, error = (_along(axis, data, take, wanted.ndim > 0) for data in (values, error))
-        left += [(name, unit, at)] if wanted.ndim else []
+        axes_left += [(name, unit, at)] if wanted.ndim else []
         remarks += [Remark(remark)] if remark else []
     if member.choices:
         values = np.array(member.choices)[values.astype(int)]
@@ -69,7 +69,7 @@ def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, 
         values = np.char.decode(values, "utf-8", "replace")
     for stage in stages_of(root):
         remarks += stage.remarks(root, path, letters, arguments)
-    return Answer(path, member.units, np.asarray(values), tuple(left), error, tuple(remarks))
+    return Answer(path, member.units, np.asarray(values), tuple(axes_left), error, tuple(remarks))
 
 
 def _unmeasured(root: Group, path: str) -> bool:
@@ -115,7 +115,7 @@ def _by_theta(nodes, wanted, member: Dataset):
     if not ((wanted >= 0) & (wanted <= np.pi)).all():
         raise UsageError(f"theta: found {_numbers(np.degrees(wanted))} deg; angles from 0 (forward) to 180 deg would do")
     stored = np.isin(wanted, nodes).all()
-    return lambda data: evaluate(nodes, data, wanted), wanted, "" if stored else "linear in cos theta between the stored angles"
+    return lambda data: phase_at(nodes, data, wanted), wanted, "" if stored else "linear in cos theta between the stored angles"
 
 
 def _by_radius(nodes, wanted, member: Dataset):

@@ -48,26 +48,26 @@ def stage(root: Group, name: str) -> dict:
     cost = _provenance(root).members.get(name)
     spent = cost.attributes if isinstance(cost, Group) else {}
     notes = cost.members.get("notes") if isinstance(cost, Group) else None
-    known = ("stage", "stage_version", "tolerance", "achieved_error", "error_measure", "input_hash", "content_hash")
-    return {"group": name} | {key: number(attributes.get(key)) for key in known} | {
+    shown = ("stage", "stage_version", "tolerance", "achieved_error", "error_measure", "input_hash", "content_hash")
+    return {"group": name} | {key: number(attributes.get(key)) for key in shown} | {
         key: number(spent.get(key)) for key in ("seconds", "peak_memory", "workers", "bakery_version", "finished")
     } | {"missed": missed(root).get(name), "notes": read_text(notes).splitlines() if isinstance(notes, Dataset) else []}
 
 
 def dataset(root: Group, path: str) -> dict:
     """Shape, unit, range and size of one array; its largest relative error, standard error and bias together."""
-    found = root[path]
-    data = found.data
-    row = {"path": path, "shape": list(data.shape), "type": str(data.dtype), "units": found.units,
-           "description": found.description, "bytes": int(data.nbytes), "minimum": None, "maximum": None, "values": None,
+    member = root[path]
+    data = member.data
+    row = {"path": path, "shape": list(data.shape), "type": str(data.dtype), "units": member.units,
+           "description": member.description, "bytes": int(data.nbytes), "minimum": None, "maximum": None, "values": None,
            "largest_relative_error": None}
-    if is_text(found):
+    if is_text(member):
         row["type"] = "text"
-        row["values"] = [first_line(read_text(found))]
-    elif found.choices:
-        counts = np.bincount(data.reshape(-1).astype(np.int64), minlength=len(found.choices))
-        row["type"] = "enum: " + ", ".join(found.choices)
-        row["values"] = [f"{int(count)} {choice}" for choice, count in zip(found.choices, counts, strict=True) if count]
+        row["values"] = [first_line(read_text(member))]
+    elif member.choices:
+        counts = np.bincount(data.reshape(-1).astype(np.int64), minlength=len(member.choices))
+        row["type"] = "enum: " + ", ".join(member.choices)
+        row["values"] = [f"{int(count)} {choice}" for choice, count in zip(member.choices, counts, strict=True) if count]
     elif data.dtype.kind in "fiu" and data.size:
         row["minimum"], row["maximum"] = number(data.min()), number(data.max())
         if data.size <= FEW:
@@ -85,9 +85,9 @@ def number(value):
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def first_line(content: str, room: int = 40) -> str:
+def first_line(content: str, width: int = 40) -> str:
     lines = content.strip().splitlines() or [""]
-    head = lines[0] if len(lines[0]) <= room else lines[0][:room - 3] + "..."
+    head = lines[0] if len(lines[0]) <= width else lines[0][:width - 3] + "..."
     return f"{len(content)} characters in {len(lines)} lines: {head}" if len(lines) > 1 else head
 
 
@@ -96,5 +96,5 @@ def _is_stage(member) -> bool:
 
 
 def _provenance(root: Group) -> Group:
-    found = root.members.get("provenance")
-    return found if isinstance(found, Group) else Group()
+    text = root.members.get("provenance")
+    return text if isinstance(text, Group) else Group()

@@ -22,15 +22,15 @@ def declared() -> dict[str, list[Output]]:
 
     A group that several stages write has a table for each that adds to it, such as `medium` and `medium from grains`.
     """
-    found: dict[str, list[Output]] = {}
+    outputs: dict[str, list[Output]] = {}
     seen: dict[str, set[str]] = {}
     for stage in all_stages():
-        known = seen.setdefault(stage.name, set())
-        own = [output for output in stage.outputs if output.path not in known]
-        if own:
-            found[f"{stage.name} from {stage.needs[-1]}" if known else stage.name] = own
-        known.update(output.path for output in own)
-    return found
+        paths = seen.setdefault(stage.name, set())
+        new = [output for output in stage.outputs if output.path not in paths]
+        if new:
+            outputs[f"{stage.name} from {stage.needs[-1]}" if paths else stage.name] = new
+        paths.update(output.path for output in new)
+    return outputs
 
 
 def table(outputs: Iterable[Output]) -> str:
@@ -43,9 +43,9 @@ def table(outputs: Iterable[Output]) -> str:
         if _plain_error(output) and output.path.removesuffix(ERROR) in errors:
             continue
         units = f"enum: {', '.join(output.choices)}" if output.choices else "text" if output.units == "utf-8" else output.units
-        said = output.description.replace("|", "\\|") + " (optional)" * output.optional
-        rows.setdefault((output.shape, units, said), []).append(f"`{output.path}`" + " ±" * (output.path in errors))
-    lines = [f"| {', '.join(paths)} | {shape} | {units} | {said} |" for (shape, units, said), paths in rows.items()]
+        description = output.description.replace("|", "\\|") + " (optional)" * output.optional
+        rows.setdefault((output.shape, units, description), []).append(f"`{output.path}`" + " ±" * (output.path in errors))
+    lines = [f"| {', '.join(paths)} | {shape} | {units} | {description} |" for (shape, units, description), paths in rows.items()]
     return "\n".join(["| dataset | shape | units | |", "|---|---|---|---|", *lines, ""])
 
 
@@ -63,11 +63,11 @@ def current(page: str) -> str:
     ValueError : it has no place for a table, or one for a table that there is not
     """
     tables = declared()
-    places = [place[1] for place in _PLACE.finditer(page)]
+    places = [match[1] for match in _PLACE.finditer(page)]
     if sorted(places) != sorted(tables):
         wrong = ", ".join(sorted(set(places) ^ set(tables))) or "one of them twice"
         raise ValueError(f"tables of {', '.join(tables)} belong into the page; found another number of: {wrong}")
-    return _PLACE.sub(lambda place: place[1] + place[2] + table(tables[place[1]]), page)
+    return _PLACE.sub(lambda match: match[1] + match[2] + table(tables[match[1]]), page)
 
 
 def main() -> None:

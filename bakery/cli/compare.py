@@ -73,7 +73,7 @@ def command(source, methods, reference, output, seconds, noise, quality, variant
     if as_json:
         print_json(summary)
         return missed
-    print_paths([summary["page"], *(path for one in summary["methods"] for path in one["files"])])
+    print_paths([summary["page"], *(path for method in summary["methods"] for path in method["files"])])
     trade = summary["trade"] or {"advice": [], "others": []}
     for line in [*shared.lines(summary), *trade["advice"], *trade["others"], *summary["remarks"]]:
         progress.say(line)
@@ -82,7 +82,8 @@ def command(source, methods, reference, output, seconds, noise, quality, variant
 
 def _planned(source, methods, reference, output, values, seed, resume, overwrite):
     """Jobs, the page, and the reference where it is a file; everything that can be wrong before work is said here."""
-    from renderers import comparison, scene
+    from renderers import scene
+    from renderers.pictures import comparison
 
     named = shared.split(methods)
     file = Path(reference) if reference and reference.lower().endswith(".exr") else None
@@ -107,24 +108,25 @@ def _compared(jobs, page, reference, file, progress, **options) -> dict:
     from bakery.report import comparison as report
     from bakery.store.put import put
     from bakery.trade import methods as trade
-    from renderers import comparison, differences
+    from renderers.pictures import comparison, differences
 
-    other = None if file is None else differences.read(file, file.name)
+    reference_picture = None if file is None else differences.read(file, file.name)
     folder_for(page.with_suffix(""))
-    made, pictures = [], []
+    renders, pictures = [], []
     for job in jobs:
-        made.append(shared.made(job, progress, comparison.render, **options))
+        renders.append(shared.made(job, progress, comparison.render, **options))
         pictures.append(differences.read(job.pair[1], job.name))
-        differences.same_size(pictures[-1], other or pictures[0], file or jobs[0].name)
-    base = other or next(one for one in pictures if one.name == reference)
+        differences.same_size(pictures[-1], reference_picture or pictures[0], file or jobs[0].name)
+    base = reference_picture or next(picture for picture in pictures if picture.name == reference)
     with progress.during("measuring differences"):
-        found = differences.compared([*([other] if other else []), *pictures], base, dict(jobs[0].scene.values.display))
-        summary = shared.summary(made, found, base, file)
-        for method, its in zip(summary["methods"], made, strict=True):
+        methods = differences.compared([*([reference_picture] if reference_picture else []), *pictures], base,
+                                       dict(jobs[0].scene.values.display))
+        summary = shared.summary(renders, methods, base, file)
+        for method, its in zip(summary["methods"], renders, strict=True):
             method["missed"] = its.report.get("missed", [])  # none of an earlier version's record
         curves = shared.curves(summary)
         summary["trade"] = trade.compared(curves, jobs[0].scene.values.tolerance or shared.TOLERANCE) if curves else None
-        shown, limit = shared.shown(found)
+        shown, limit = shared.shown(methods)
         text = report.page(summary, shown, limit, shared.drawing(curves, summary["trade"]["knee"]) if curves else None)
     put(page, text)
     return summary | {"page": str(page), "bytes": len(text.encode())}

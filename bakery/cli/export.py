@@ -21,8 +21,8 @@ class _Export(click.Command):
 
         formats = exporters()
         to = click.Option(["--to", "target"], required=True, metavar="FORMAT",
-                          shell_complete=offers.among({name: one.words for name, one in formats.items()}),
-                          help="; ".join(f"{name}: {one.words}" for name, one in formats.items()))
+                          shell_complete=offers.among({name: exporter.words for name, exporter in formats.items()}),
+                          help="; ".join(f"{name}: {exporter.words}" for name, exporter in formats.items()))
         asset, *others = super().get_params(ctx)
         every = click.Option(["--list"], is_flag=True, is_eager=True, expose_value=False, callback=_print_formats,
                              help="Print what each format takes, holds and loses, and its options.")
@@ -54,7 +54,7 @@ def _print_formats(context, _parameter, asked) -> None:
 
 def _options(formats) -> dict:
     """Option -> names of the formats that take it."""
-    return {option: [one.name for one in formats.values() if option in one.options]
+    return {option: [exporter.name for exporter in formats.values() if option in exporter.options]
             for exporter in formats.values() for option in exporter.options}
 
 
@@ -96,7 +96,7 @@ def _check(asset, exporter):
     if not exporter.takes or any(stage in asset.stages for stage in exporter.takes):
         return
     stages = " or ".join(f"`{stage}`" for stage in exporter.takes)
-    sections = dict.fromkeys(section for stage in exporter.takes for one in sections_for(stage) for section in one)
+    sections = dict.fromkeys(section for stage in exporter.takes for section_of in sections_for(stage) for section in section_of)
     raise AssetError(f"{asset.name}: holds no stage {stages}, which {exporter.name} takes; bake it from a recipe with "
                      + " or ".join(f"`{section}`" for section in sections))
 
@@ -108,7 +108,7 @@ def _asked(target, given):
     formats = exporters()
     if target not in formats:
         raise UsageError(f'--to: found "{target}", which is no format of ours; there is ' +
-                         " and ".join(f"{name} ({one.words})" for name, one in formats.items()))
+                         " and ".join(f"{name} ({exporter.words})" for name, exporter in formats.items()))
     settings = {}
     for option, names in _options(formats).items():
         value = given[option.name]

@@ -22,13 +22,13 @@ def command(asset, path, as_json):
     from bakery.asset.ask import not_found
     from bakery.asset.summary import describe
 
-    found = bakery.open(asset)
-    root = found.tree
+    opened = bakery.open(asset)
+    root = opened.tree
     path = path.strip("/")
     if path and path not in (names := [name for name, _ in root.walk()]):
         raise UsageError(not_found(asset, path, names))
     summary = {"file": asset, "bytes": os.path.getsize(asset)} | describe(root, path)
-    family = _family(found) if isinstance(found, bakery.Family) and not path else None
+    family = _family(opened) if isinstance(opened, bakery.Family) and not path else None
     if as_json:
         print_json(summary | ({"family": family} if family else {}))
         return
@@ -38,16 +38,16 @@ def command(asset, path, as_json):
         _print(summary, whole=not path)
 
 
-def _family(found) -> dict:
+def _family(family) -> dict:
     """What a family says of its axes and members, in JSON's types."""
     from bakery.asset.summary import number
 
-    return {"method": found.method, "tolerance": found.tolerance, "achieved_error": found.achieved_error,
+    return {"method": family.method, "tolerance": family.tolerance, "achieved_error": family.achieved_error,
             "axes": [{"name": name, "key": axis.key, "units": axis.values.units, "values": axis.values.tolist(),
                       "error": None if axis.error is None else [number(value) for value in axis.error]}
-                     for name, axis in found.axes.items()],
+                     for name, axis in family.axes.items()],
             "members": [{"at": dict(member.at), "path": str(member.path), "content_hash": member.content_hash,
-                         "reason": member.reason, "there": member.path.is_file()} for member in found.members]}
+                         "reason": member.reason, "there": member.path.is_file()} for member in family.members]}
 
 
 def _print_family(family: dict) -> None:
@@ -57,8 +57,8 @@ def _print_family(family: dict) -> None:
 
     members = family["members"]
     error = family["achieved_error"]
-    said = "not measured" if error is None else f"error {_short(error)} of {_short(family['tolerance'])}"
-    say(f"a family of {counted([member['reason'] for member in members])}, {family['method']} between them, {said}")
+    error_text = "not measured" if error is None else f"error {_short(error)} of {_short(family['tolerance'])}"
+    say(f"a family of {counted([member['reason'] for member in members])}, {family['method']} between them, {error_text}")
     units = {axis["name"]: axis["units"].removeprefix("1") or "1" for axis in family["axes"]}  # as recipes write them
     for axis in family["axes"]:
         values = [shown(value, units[axis["name"]]) for value in axis["values"]]

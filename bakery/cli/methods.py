@@ -14,15 +14,15 @@ TOLERANCE = 0.05  # of scenes that say none, as renderers take it
 
 def split(names: str) -> list[str]:
     """Methods as `--methods` lists them."""
-    found = [name.strip() for name in re.split(r",(?![^\[]*\])", names)]  # not at commas of [lists]
-    if not all(found):
+    parts = [name.strip() for name in re.split(r",(?![^\[]*\])", names)]  # not at commas of [lists]
+    if not all(parts):
         raise UsageError(f'--methods: found "{names}", with a name missing; such as "paths,vrl" would do')
-    return found
+    return parts
 
 
 def declared_lines():
     """What each method of each kind of material declares, for people."""
-    from renderers.entries import KINDS, declared
+    from renderers.scene.entries import KINDS, declared
 
     for kind in KINDS:
         for method in declared(kind).values():
@@ -38,7 +38,7 @@ def declared_lines():
 
 
 def _error_text(method) -> str:
-    from renderers.budget import percent
+    from renderers.scene.budget import percent
 
     if method.exact:
         return "none of its own"
@@ -70,10 +70,10 @@ def check(page: Path, jobs, inputs, overwrite: bool) -> None:
 def made(job, progress, render, *limits, **options):
     """The pictures of a method, with their progress.
 
-    render : `renderers.comparison.render` or `measured`, with what it takes besides a job
+    render : `renderers.pictures.comparison.render` or `measured`, with what it takes besides a job
     """
     from bakery.run import compiling
-    from renderers import comparison
+    from renderers.pictures import comparison
 
     job, spent = comparison.baked(job, progress), [0.0]  # processor seconds of compiling
 
@@ -86,24 +86,24 @@ def made(job, progress, render, *limits, **options):
         return render(job, *limits, **options, progress=progress.update, compiled=lambda: (clock.seconds, spent[0]))
 
 
-def summary(made, found, base, file=None) -> dict:
+def summary(renders, found, base, file=None) -> dict:
     """All numbers and words of a comparison.
 
     Parameters
     ----------
-    made : `renderers.comparison.Made` of each method
-    found : `renderers.differences.Compared` of each picture from the reference
-    base : the reference, `renderers.differences.Picture`
+    renders : `renderers.pictures.comparison.Made` of each method
+    found : `renderers.pictures.differences.Compared` of each picture from the reference
+    base : the reference, `renderers.pictures.differences.Picture`
     file : its path where it is no method's
     """
-    from renderers import differences
+    from renderers.pictures import differences
 
-    first = made[0].job.scene
-    by_name = {one.name: one for one in found}
+    first = renders[0].job.scene
+    by_name = {method.name: method for method in found}
     common = {key: value for key, value in first.overrides.items() if key != first.rules.CHOICE[0]
-              and all(one.job.scene.overrides.get(key) == value for one in made)}
+              and all(method.job.scene.overrides.get(key) == value for method in renders)}
     methods = []
-    for one in made:
+    for one in renders:
         report, seen = one.report, by_name[one.job.name]
         missing = report.get("left_out") or []
         difference = None if seen.difference is None else {
@@ -124,42 +124,43 @@ def summary(made, found, base, file=None) -> dict:
     remarks += [f"{base.name} is black: nothing is relative to it."] if base.luminance.mean() <= 0 else []
     remarks += [f"{base.name} does not have all of the light, and neither errors nor bias count what it lacks: {sentence}."
                 for method in methods if method["name"] == base.name for sentence in method["left_out"]]
-    pixels = any(one.job.scene.values.measure == "pixels" for one in made)
+    pixels = any(method.job.scene.values.measure == "pixels" for method in renders)
     remarks += ["Errors, noise and times are those of the picture as a whole; the tolerance is one of pixels (measure: pixels), "
                 "which takes longer."] if pixels else []
     return {"scene": str(first.path), "name": first.values.name, "description": first.values.description,
-            "renderer": first.section, "asset": made[0].report["asset"], "size": made[0].report["size"],
+            "renderer": first.section, "asset": renders[0].report["asset"], "size": renders[0].report["size"],
             "overrides": common, "measure": "pixels" if pixels else "picture",
             "reference": base.name, "reference_file": None if file is None else str(file),
             "flip": differences.flip_missing() or None, "remarks": [remark for remark in remarks if remark], "methods": methods}
 
 
-def curves(found) -> list:
+def curves(summary) -> list:
     """Error against time of each method of a summary, where it is known; of two or more."""
-    own = next((one["noise"] for one in found["methods"] if one["name"] == found["reference"]), None)
-    known = [curve for one in found["methods"] if (curve := _curve(one, one["name"] == found["reference"], own))]
-    return known if len(known) > 1 else []
+    reference_noise = next((method["noise"] for method in summary["methods"] if method["name"] == summary["reference"]), None)
+    drawn = [curve for method in summary["methods"]
+             if (curve := _curve(method, method["name"] == summary["reference"], reference_noise))]
+    return drawn if len(drawn) > 1 else []
 
 
-def _curve(one, is_reference, reference_noise):
+def _curve(method, is_reference, reference_noise):
     """Of a method; None where its noise, or its difference from the reference, is not known."""
     from bakery.trade.methods import Curve
 
-    different, pace = one["difference"], one["pace"]
+    different, pace = method["difference"], method["pace"]
     if different is None and not is_reference:
         return None
-    if not one["passes"]:
+    if not method["passes"]:
         # a filter: what its picture has of noise stays, that of the reference too
         seconds = pace["setup"]
-        left = max(((different["error"] if different else 0.0) ** 2 + (reference_noise or 0.0) ** 2) ** 0.5, 1e-6)
-        return Curve(one["name"], seconds, seconds, 0.0, left, left, seconds)
-    if not one["noise"] or not pace["rate"] or (different and different["left_in"]):
+        beside_noise = max(((different["error"] if different else 0.0) ** 2 + (reference_noise or 0.0) ** 2) ** 0.5, 1e-6)
+        return Curve(method["name"], seconds, seconds, 0.0, beside_noise, beside_noise, seconds)
+    if not method["noise"] or not pace["rate"] or (different and different["left_in"]):
         return None
     error, most = (different["error"] if different["resolved"] else 0.0, different["most"]) if different else (0.0, 0.0)
-    seconds = pace["setup"] + pace["rate"] / one["noise"] ** 2
-    kept = 0.0 if one["exact"] else KEPT if one["kept"] else None
-    return Curve(one["name"], seconds, min(pace["setup"] + pace["least"], seconds), one["noise"], error, most, pace["setup"],
-                 pace["spread"], kept)
+    seconds = pace["setup"] + pace["rate"] / method["noise"] ** 2
+    kept = 0.0 if method["exact"] else KEPT if method["kept"] else None
+    return Curve(method["name"], seconds, min(pace["setup"] + pace["least"], seconds), method["noise"], error, most,
+                 pace["setup"], pace["spread"], kept)
 
 
 def drawing(curves, knee):
@@ -176,30 +177,31 @@ def drawing(curves, knee):
         knee and (knee["seconds"], knee["error"]))
 
 
-def shown(found):
+def shown(methods):
     """PNGs of pictures and maps, and the difference at the ends of the signed maps' colours."""
     from bakery.draw import maps
     from bakery.report.comparison import Shown
-    from renderers.images import eight_bits
+    from renderers.pictures.images import eight_bits
 
-    limit = maps.limit([one.difference.map for one in found if one.difference])
-    return [Shown(one.name, maps.picture(eight_bits(one.display)),
-                  maps.coloured(one.difference.map, -limit, limit, maps.SIGNED) if one.difference else b"",
-                  maps.coloured(one.flip_map, 0.0, 1.0, maps.SHARE) if one.flip_map is not None else b"") for one in found], limit
+    limit = maps.limit([method.difference.map for method in methods if method.difference])
+    return [Shown(method.name, maps.picture(eight_bits(method.display)),
+                  maps.coloured(method.difference.map, -limit, limit, maps.SIGNED) if method.difference else b"",
+                  maps.coloured(method.flip_map, 0.0, 1.0, maps.SHARE) if method.flip_map is not None else b"")
+            for method in methods], limit
 
 
-def lines(found) -> list[str]:
+def lines(summary) -> list[str]:
     """A summary for people, on standard error."""
     from bakery.report.comparison import difference_text
 
-    said = []
-    for one in found["methods"]:
-        error, bias = difference_text(one)
-        words = ["reference"] if one["name"] == found["reference"] else []
+    text = []
+    for method in summary["methods"]:
+        error, bias = difference_text(method)
+        words = ["reference"] if method["name"] == summary["reference"] else []
         words += [f"error {error}"] * bool(error) + [f"bias {bias}"] * bool(bias)
-        words += [f"FLIP {one['flip']:.3f}"] if one["flip"] is not None else []
-        words += [f"noise {100 * one['noise']:.2g} %"] if one["noise"] is not None else []
-        words += [f"{one['seconds']['total'] - one['compiling']:.3g} s" + " (rendered before)" * one["taken"]
-                  + " (rendered anew: what was there is made of something else)" * one["anew"]]
-        said.append(f"{one['name']}: {', '.join(words)}")
-    return said
+        words += [f"FLIP {method['flip']:.3f}"] if method["flip"] is not None else []
+        words += [f"noise {100 * method['noise']:.2g} %"] if method["noise"] is not None else []
+        words += [f"{method['seconds']['total'] - method['compiling']:.3g} s" + " (rendered before)" * method["taken"]
+                  + " (rendered anew: what was there is made of something else)" * method["anew"]]
+        text.append(f"{method['name']}: {', '.join(words)}")
+    return text

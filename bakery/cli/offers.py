@@ -26,7 +26,7 @@ def stages(_ctx, _param, incomplete):
 
 def scene_methods(_ctx, _param, incomplete):
     """Methods of materials, the last of a list of them."""
-    from renderers.entries import KINDS, declared
+    from renderers.scene.entries import KINDS, declared
 
     before = incomplete[:incomplete.rfind(",") + 1]
     return _items({before + name: method.words for kind in KINDS for name, method in declared(kind).items()}, incomplete)

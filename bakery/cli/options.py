@@ -75,25 +75,25 @@ def _pair(option: str, text: str, example: str) -> tuple[str, str]:
 
 def _once(option: str, texts, example: str) -> dict[str, str]:
     """Pairs of a repeatable option, each key given once."""
-    found = {}
+    given = {}
     for text in texts:
         key, value = _pair(option, text, example)
-        if key in found:
-            raise UsageError(f'{option}: found "{key}={found[key]}" and "{key}={value}"; give each once')
-        found[key] = value
-    return found
+        if key in given:
+            raise UsageError(f'{option}: found "{key}={given[key]}" and "{key}={value}"; give each once')
+        given[key] = value
+    return given
 
 
 def opened(asset: str, place):
     """What `bakery.open` gives for a file, of a family the asset at a place, where one is named: `AXIS=VALUE` each."""
     import bakery
 
-    found = bakery.open(asset)
+    asset_or_family = bakery.open(asset)
     if not place:
-        return found
-    if not isinstance(found, bakery.Family):
+        return asset_or_family
+    if not isinstance(asset_or_family, bakery.Family):
         raise UsageError(f"--at: {asset} is one asset, not a family; leave the option out")
-    return found.at(**_once("--at", place, "radius=5um"))
+    return asset_or_family.at(**_once("--at", place, "radius=5um"))
 
 
 def one_asset(asset: str, place):
@@ -101,13 +101,13 @@ def one_asset(asset: str, place):
     import bakery
     from bakery.family.members import counted
 
-    found = opened(asset, place)
-    if isinstance(found, bakery.Family):
-        axes = " ".join(f"--at {name}=…" for name in found.axes)
-        assets = counted([member.reason for member in found.members])
+    asset_at_place = opened(asset, place)
+    if isinstance(asset_at_place, bakery.Family):
+        axes = " ".join(f"--at {name}=…" for name in asset_at_place.axes)
+        assets = counted([member.reason for member in asset_at_place.members])
         raise UsageError(f"{asset}: is a family of {assets}; {axes} takes the asset of a place, and "
-                         f"{found.members[0].path.parent}/ holds the members")
-    return found
+                         f"{asset_at_place.members[0].path.parent}/ holds the members")
+    return asset_at_place
 
 
 def file_of(asset, folder: str) -> str:
@@ -133,7 +133,7 @@ def for_scenes(recipe, settings: dict[str, str], scenes, stages, cache, progress
 
     if not scenes:
         return Asked(settings, tuple(stages), (), ())
-    from renderers import requirements
+    from renderers.scene import requirements
 
     wanted = asked(recipe, settings, lambda *about: requirements.of(scenes, *about), cache, progress,
                    " and ".join(scenes))

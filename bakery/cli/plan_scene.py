@@ -21,7 +21,8 @@ def planned(path, output, settings, quality, seed, overwrite, progress):
     BakeryError : what the render would raise before its first pass
     """
     from bakery.cli.scene_plan import plan
-    from renderers import images, scene
+    from renderers import scene
+    from renderers.pictures import images
 
     if seed is not None and not seed.isdecimal():
         raise UsageError(f'--seed: found "{seed}"; a whole number from 0 would do')
@@ -68,7 +69,7 @@ def show(plan, pair) -> None:
 
 def _show_forecast(plan) -> None:
     from bakery.system.resources import duration, in_words
-    from renderers.budget import percent
+    from renderers.scene.budget import percent
 
     forecast, pilot = plan.forecast, plan.forecast.pilot
     wanted = f" of {percent(forecast.wanted)}" if forecast.wanted else ""

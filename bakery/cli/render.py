@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import click
 
 from bakery.cli import offers
@@ -20,6 +23,8 @@ from bakery.cli.options import (
 from bakery.errors import UsageError
 from bakery.grammar.qualities import QUALITIES
 
+SCENES = (".yaml", ".yml")
+
 
 @click.command(name="render", short_help="render an asset's preview, or a scene")
 @click.argument("source", type=click.Path(), metavar="SCENE|ASSET")
@@ -34,83 +39,59 @@ from bakery.grammar.qualities import QUALITIES
 @click.option("--denoise/--no-denoise", default=None, help="Take the noise out of a scene's PNG, or not.  "
               "[default: as the scene says; else at draft and preview]")
 @click.option("--resume", is_flag=True, help="Go on from the samples of the scene's EXR, where its renderer can.")
+@click.option("--live", is_flag=True, help="Show a scene's picture on a page while it gets better; the page can stop it.")
+@click.option("--live-port", "port", type=click.IntRange(0, 65535), metavar="N", help="Port of that page.  [default: a free one]")
+@click.option("--frames", metavar="NUMBERS", help="Frames of a scene that has a section frames: 1-48, 1,5,9 or 1-48:2.")
+@click.option("--cluster", metavar="ADDRESS", help="Render the frames on the workers of a Dask scheduler at this address.")
 @at_option
 @overwrite_option
 @json_option
 @quiet_option
-def command(source, output, quality, variant, seed, settings, denoise, resume, place, overwrite, as_json, quiet):
+def command(source, output, quality, variant, seed, settings, denoise, resume, live, port, frames, cluster, place, overwrite,
+            as_json, quiet):
     """Render a SCENE (.yaml), a Mitsuba scene (.xml) in which bakery's plugins may be used, or the standard preview of an ASSET.
 
     A SCENE that names a recipe takes its asset where that is there and good enough; else it is baked first, into the cache.  No
     asset is replaced.  In a Mitsuba scene --set gives a parameter: `$NAME` in the file takes the value of --set NAME=VALUE.
     Prints the paths of both pictures; how they were made is said on standard error.  Exit status 3 where the noise or tolerance
     that a SCENE asks for was missed; a draft only tells.
+
+    With --frames each frame is a picture of its own, NAME.0001.png and .exr; one that is there and made of the same is left as it
+    is.  Of several there are a film (where ffmpeg is) and a contact sheet.
     """
     from contextlib import ExitStack
     from pathlib import Path
 
     from bakery.run import compiling
     from bakery.run.progress import choose
-    from bakery.store import scratch
 
-    path, folders = Path(source), ExitStack()
-    suffix = path.suffix.lower()
-    if not path.is_file() or suffix in (".png", ".exr"):
-        kind = "a picture" if path.is_file() else "no file"
-        raise UsageError(f'found "{source}", which is {kind}; a scene (.yaml or .xml) or an asset (.h5) would do')
-    values = settings_of(None, None, None, settings)
+    suffix, live = Path(source).suffix.lower(), live or port is not None
+    _check(source, suffix, {"--resume": resume, "--live": live, _denoising(denoise): denoise is not None}, place)
+    values = settings_of(None, None, None, settings) | ({} if denoise is None else {"denoise": "yes" if denoise else "no"})
     options = {"quality": quality, "variant": variant, "seed": seed, "overwrite": overwrite}
-    prepared = None  # (path, progress) -> what is drawn
-    if resume and suffix not in (".yaml", ".yml"):
-        raise UsageError(f"--resume: {source} is no scene (.yaml); it is always rendered anew")
-    if place and suffix in (".yaml", ".yml", ".xml"):
-        raise UsageError(f"--at: {source} is a scene, not a family; save the asset of a place and name that in the scene")
-    if denoise is not None:
-        if suffix not in (".yaml", ".yml"):
-            raise UsageError(f"--{'' if denoise else 'no-'}denoise: {source} is no scene (.yaml); leave the option out")
-        values["denoise"] = "yes" if denoise else "no"
-    if suffix in (".yaml", ".yml"):
-        from importlib import import_module
+    if frames is not None or cluster is not None:
+        from bakery.cli.render_frames import rendered
 
-        from renderers import assets, images, running, scene
-        from renderers.denoise import refuse_absent
-
-        path = scene.load(path, values)
-        renderer, target, name = import_module(path.renderer), output or path.picture, path.values.name
-        if resume and not path.rules.RESUMES:
-            raise UsageError(f"--resume: the renderer {path.section} cannot go on from an EXR; leave the option out")
-        options |= {"resume": True} if resume else {}
-        draw = renderer.render
-        if path.asset is None:
-            images.output_pair(target, path.inputs, overwrite)  # before a bake, not after it
-            running.refuse_too_large(path)
-            refuse_absent(path)
-            prepared = assets.baked
-    elif suffix == ".xml":
-        import renderers.granular.plugin
-        import renderers.mitsuba as renderer
-        import renderers.translucent.plugin  # noqa: F401  and this
-
-        options |= {"quality": quality or "final", "seed": seed or 0, "parameters": values}
-        draw, target, name = renderer.render_scene, output or path.with_suffix(".png"), path.name
-    else:
-        import renderers.preview as renderer
-
-        if values:
-            raise UsageError(f"--set: {source} is an asset, whose preview has no values to set; a scene would do")
-        options |= {"quality": quality or "preview", "seed": seed or 0}
-        if place:
-            between = one_asset(source, place)
-            path = Path(file_of(between, folders.enter_context(scratch.folder("place"))))
-            source = between.path
-        draw, target, name = renderer.preview, output or Path(source).with_suffix(".png"), path.name
-    progress = choose(quiet)
+        if live:
+            raise UsageError("--live: shows one picture, not the frames of a sequence; leave the option or --frames out")
+        of_pictures = {name: options.pop(name) for name in ("quality", "variant", "seed")}
+        options |= {"options": of_pictures, "overrides": values, "output": output, "resume": resume}
+        return rendered(source, frames, cluster, options, as_json, quiet)
+    folders, progress = ExitStack(), choose(quiet)
     try:
-        if prepared:
-            path = prepared(path, progress)
-        progress.stage("render", f"picture of {name}", 0.0, 0.0)
+        if suffix in SCENES:
+            job = _of_scene(source, output, values, options | ({"resume": True} if resume else {}), progress)
+            if live:
+                from bakery.cli.live import shown
+
+                job = job._replace(draw=folders.enter_context(shown(job.path, source, port or 0, browser=not as_json)))
+        elif suffix == ".xml":
+            job = _of_mitsuba(source, output, values, options)
+        else:
+            job = _of_asset(source, output, values, options, place, folders)
+        progress.stage("render", f"picture of {job.name}", 0.0, 0.0)
         with compiling.watched(("renderers",), progress.compiling):
-            report = draw(path, Path(target), **options, progress=progress.update)
+            report = job.draw(job.path, Path(job.target), **job.options, progress=progress.update)
     finally:
         progress.close()
         folders.close()
@@ -118,6 +99,96 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, p
         print_json(report)
     else:
         print_paths(report["files"])
-        for line in renderer.describe(report):
+        for line in job.renderer.describe(report):
             progress.say(line)
-    return status_of_missed(target, report.get("missed", ()))  # only scenes ask for anything
+    return status_of_missed(job.target, report.get("missed", ()))  # only scenes ask for anything
+
+
+class _Job(NamedTuple):
+    """What is drawn: the module that renders it, its function, source and target, name for people, options."""
+
+    renderer: object
+    draw: Callable
+    path: object
+    target: object
+    name: str
+    options: dict
+
+
+def _denoising(denoise) -> str:
+    return f"--{'' if denoise else 'no-'}denoise"
+
+
+_ANEW = {"--resume": "it is always rendered anew", "--live": "nothing of it can be seen before its end, leave the option out"}
+
+
+def _check(source, suffix, of_scenes, place) -> None:
+    """UsageError where there is no such file, or options are not for files of its kind.
+
+    of_scenes : options that only scenes have, and whether each was given
+    """
+    from pathlib import Path
+
+    is_file = Path(source).is_file()
+    if not is_file or suffix in (".png", ".exr"):
+        kind = "a picture" if is_file else "no file"
+        raise UsageError(f'found "{source}", which is {kind}; a scene (.yaml or .xml) or an asset (.h5) would do')
+    if place and suffix in (*SCENES, ".xml"):
+        raise UsageError(f"--at: {source} is a scene, not a family; save the asset of a place and name that in the scene")
+    for option, given in of_scenes.items():
+        if given and suffix not in SCENES:
+            raise UsageError(f"{option}: {source} is no scene (.yaml); {_ANEW.get(option, 'leave the option out')}")
+
+
+def _of_scene(source, output, values, options, progress) -> _Job:
+    """A scene, its asset baked where that is due."""
+    from importlib import import_module
+    from pathlib import Path
+
+    from bakery.run import ahead
+    from renderers import scene
+    from renderers.pictures import images, running
+    from renderers.pictures.denoise import refuse_absent
+    from renderers.scene import assets
+
+    path = scene.load(Path(source), values)
+    renderer, target, name = import_module(path.renderer), output or path.picture, path.values.name
+    if "resume" in options and not path.rules.RESUMES:
+        raise UsageError(f"--resume: the renderer {path.section} cannot go on from an EXR; leave the option out")
+    ahead.expect(ahead.of_scene(path))
+    if path.asset is None:
+        images.output_pair(target, path.inputs, options["overwrite"])  # before a bake, not after it
+        running.refuse_too_large(path)
+        refuse_absent(path)
+        path = assets.baked(path, progress)
+    return _Job(renderer, renderer.render, path, target, name, options)
+
+
+def _of_mitsuba(source, output, values, options) -> _Job:
+    """A Mitsuba scene; `values` are its parameters."""
+    from pathlib import Path
+
+    import renderers.materials.bodies.plugin
+    import renderers.materials.grains.plugin  # noqa: F401
+    import renderers.mitsuba as renderer
+
+    path = Path(source)
+    options = options | {"quality": options["quality"] or "final", "seed": options["seed"] or 0, "parameters": values}
+    return _Job(renderer, renderer.render_scene, path, output or path.with_suffix(".png"), path.name, options)
+
+
+def _of_asset(source, output, values, options, place, folders) -> _Job:
+    """The preview of an asset, or of a place of a family: `folders` holds the asset that is made of that."""
+    from pathlib import Path
+
+    import renderers.preview as renderer
+    from bakery.store import scratch
+
+    if values:
+        raise UsageError(f"--set: {source} is an asset, whose preview has no values to set; a scene would do")
+    path = Path(source)
+    if place:
+        between = one_asset(source, place)
+        path, source = Path(file_of(between, folders.enter_context(scratch.folder("place")))), between.path
+    options = options | {"quality": options["quality"] or "preview", "seed": options["seed"] or 0}
+    return _Job(renderer, renderer.preview, path, output or Path(source).with_suffix(".png"), path.name, options)

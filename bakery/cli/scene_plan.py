@@ -15,9 +15,9 @@ from bakery.run import execute
 from bakery.run.cache import Cache
 from bakery.run.ensure import Planned, bake_of, planned
 from bakery.run.progress import Progress
-from renderers import assets, budget, pilot, requirements
-from renderers.pilot import Forecast
-from renderers.scene import Scene
+from renderers.choice import pilot
+from renderers.choice.pilot import Forecast
+from renderers.scene import Scene, assets, budget, requirements
 
 PATIENCE = 60.0  # s of bakes, above which there is no pilot
 
@@ -29,7 +29,7 @@ class Bake(NamedTuple):
     ----------
     asset : where it is, or goes
     planned : of its recipe; None of an asset that the scene names and that is there
-    share : of the tolerance's square that its tables may take, see `renderers.budget`
+    share : of the tolerance's square that its tables may take, see `renderers.scene.budget`
     """
 
     asset: Path

@@ -66,12 +66,12 @@ def trade(source, output, names: str | None, settings: Mapping[str, str], seed, 
     loaded, *others = (scene.load(path, settings) for path in (source, *beside))
     page = shared.page_at(output, loaded, "trade")
     jobs, refused = _jobs(loaded, names, page.with_suffix(""), settings, seed)
-    for other in others:
-        more = _jobs(other, None, page.with_suffix(""), settings, seed)
-        jobs += [job.beside() for job in more[0]]
-        refused |= {f"{other.section}: {name}": why for name, why in more[1].items()}
+    for second in others:
+        its_jobs = _jobs(second, None, page.with_suffix(""), settings, seed)
+        jobs += [job.beside() for job in its_jobs[0]]
+        refused |= {f"{second.section}: {name}": why for name, why in its_jobs[1].items()}
     _distinct([loaded, *others])
-    shared.check(page, jobs, [path for one in (loaded, *others) for path in one.inputs], overwrite)
+    shared.check(page, jobs, [path for loaded_scene in (loaded, *others) for path in loaded_scene.inputs], overwrite)
     folder_for(page.with_suffix(""))
     sweep = _Sweep(jobs, loaded, 60 * budget, progress, overwrite, refused)
     sweep.run()
@@ -80,8 +80,8 @@ def trade(source, output, names: str | None, settings: Mapping[str, str], seed, 
 
 def _jobs(loaded, names, folder, settings, seed):
     """Jobs, and the points that the scene refuses with what it says; the scene's own method is one of the points."""
-    from renderers import comparison
-    from renderers.common import value_at
+    from renderers.pictures import comparison
+    from renderers.scene.common import value_at
 
     rules, refused = loaded.rules, {}
     if names is not None:
@@ -101,10 +101,10 @@ def _jobs(loaded, names, folder, settings, seed):
 
 def _distinct(scenes):
     """UsageError unless each scene is for another renderer."""
-    sections = [one.section for one in scenes]
-    for one in scenes[1:]:
-        if sections.count(one.section) > 1:
-            raise UsageError(f"--beside: {one.path} is for the renderer {one.section}, as another one is; scenes of the same "
+    sections = [scene.section for scene in scenes]
+    for scene in scenes[1:]:
+        if sections.count(scene.section) > 1:
+            raise UsageError(f"--beside: {scene.path} is for the renderer {scene.section}, as another one is; scenes of the same "
                              "picture for different renderers would do")
 
 
@@ -130,14 +130,14 @@ class _Sweep:
         self._compare(with_flip=False)
         names = self._contenders()
         names = list(dict.fromkeys([*names, self.reference])) if names else []  # its noise hides errors as theirs does
-        left = self.budget - sum(one.clock for one in self.made.values())
-        for name in names if left > 0 else ():
-            self._draw(self.made[name].job, _LEAST_NOISE, self.made[name].clock + left / len(names))
+        remaining = self.budget - sum(picture.clock for picture in self.made.values())
+        for name in names if remaining > 0 else ():
+            self._draw(self.made[name].job, _LEAST_NOISE, self.made[name].clock + remaining / len(names))
         with self.progress.during("measuring differences"):
             self._compare(with_flip=True)
 
     def _draw(self, job, noise, seconds):
-        from renderers import comparison
+        from renderers.pictures import comparison
 
         try:
             self.made[job.name] = shared.made(job, self.progress, comparison.measured, noise * self.tolerance, seconds,
@@ -170,22 +170,22 @@ class _Sweep:
             exact = " or ".join(self.loaded.rules.EXACT)
             raise UsageError(f"{self.loaded.path}: refuses {exact}, against which errors are taken: "
                              f"{', '.join(self.refused.values())}")
-        ready = [one for one in exact if one.clock >= 0.8 * _REFERENCE * self.budget
-                 or (one.report["noise"] or 0.0) <= _LEAST_NOISE * self.tolerance]
-        best = min(ready or exact, key=lambda one: (one.report["noise"] or 0.0) if ready else one.pace.rate)
+        ready = [picture for picture in exact if picture.clock >= 0.8 * _REFERENCE * self.budget
+                 or (picture.report["noise"] or 0.0) <= _LEAST_NOISE * self.tolerance]
+        best = min(ready or exact, key=lambda picture: (picture.report["noise"] or 0.0) if ready else picture.pace.rate)
         return best.job.name
 
     def _compare(self, with_flip):
         """Numbers, curves and what they say, of the pictures that are there."""
         from bakery.trade import methods as trade
-        from renderers import differences
+        from renderers.pictures import differences
 
-        made = sorted(self.made.values(), key=lambda one: one.job.name != self.reference)
-        pictures = [differences.read(one.job.pair[1], one.job.name) for one in made]
-        for one in pictures:
-            differences.same_size(one, pictures[0], self.reference)
+        pictures_made = sorted(self.made.values(), key=lambda picture: picture.job.name != self.reference)
+        pictures = [differences.read(picture.job.pair[1], picture.job.name) for picture in pictures_made]
+        for picture in pictures:
+            differences.same_size(picture, pictures[0], self.reference)
         self.found = differences.compared(pictures, pictures[0], dict(self.loaded.values.display), with_flip=with_flip)
-        self.summary = shared.summary(made, self.found, pictures[0])
+        self.summary = shared.summary(pictures_made, self.found, pictures[0])
         self.curves = shared.curves(self.summary)
         self.summary["trade"] = trade.compared(self.curves, self.tolerance) if self.curves else None
 
@@ -198,68 +198,69 @@ class _Sweep:
         """The summary, its page written: with the pictures of the reference, the front, the advised point and the next one."""
         from bakery.report import comparison as report
         from bakery.store.put import put
-        from renderers.common import value_at
+        from renderers.scene.common import value_at
 
-        found, trade = self.summary, self.summary["trade"]
+        summary, trade = self.summary, self.summary["trade"]
         refused = self.refused | {name: str(error) for name, error in self.failed.items()}
-        found |= {"budget": self.budget / 60, "refused": refused,
-                  "as_it_stands": value_at(self.loaded.values, self.loaded.rules.CHOICE[0])}
-        found["remarks"] += [f"Not rendered: {name}: {why}" for name, why in refused.items()]
+        summary |= {"budget": self.budget / 60, "refused": refused,
+                    "as_it_stands": value_at(self.loaded.values, self.loaded.rules.CHOICE[0])}
+        summary["remarks"] += [f"Not rendered: {name}: {why}" for name, why in refused.items()]
         names = {self.reference, *(front(trade) if trade else ())}
         best = trade["advised"] if trade else None
         names |= {best["name"], *([best["next"]["name"]] if best["next"] else ())} if best else set()
-        shown, limit = shared.shown([one for one in self.found if one.name in names])
-        text = report.page(found, shown, limit, shared.drawing(self.curves, trade["knee"]) if trade else None,
+        shown, limit = shared.shown([method for method in self.found if method.name in names])
+        text = report.page(summary, shown, limit, shared.drawing(self.curves, trade["knee"]) if trade else None,
                            title="error against time")
         put(page, text)
-        return found | {"page": str(page), "bytes": len(text.encode())}
+        return summary | {"page": str(page), "bytes": len(text.encode())}
 
 
 def front(trade) -> list[str]:
     """Names of the points on the front, the quickest first."""
-    return list(dict.fromkeys(one["name"] for one in trade["ranges"]))
+    return list(dict.fromkeys(entry["name"] for entry in trade["ranges"]))
 
 
-def report(found: Mapping) -> Iterable[str]:
+def report(summary: Mapping) -> Iterable[str]:
     """Lines for people."""
     from bakery.report.comparison import difference_text, until_text
 
-    trade = found["trade"]
+    trade = summary["trade"]
     if trade is None:
-        yield f"{found['name']}: fewer than two points with known noise"
-        yield from found["remarks"]
+        yield f"{summary['name']}: fewer than two points with known noise"
+        yield from summary["remarks"]
         return
     wanted = f"{100 * trade['tolerance']:.3g} %"
-    base = next(one for one in found["methods"] if one["name"] == found["reference"])
+    base = next(method for method in summary["methods"] if method["name"] == summary["reference"])
     noise = f", noise {100 * base['noise']:.2g} %" if base["noise"] is not None else ""
-    yield (f"{found['name']}: {len(found['methods'])} points against {base['name']} "
+    yield (f"{summary['name']}: {len(summary['methods'])} points against {base['name']} "
            f"({duration(base['processor'])}{noise}); times of all cores together")
     rows = [("", "point", f"to {wanted}", "error", "mean ratio", "noise", "after")]
     on_front, order = front(trade), trade["until"]
-    for one in sorted(found["methods"], key=lambda one: order.get(one["name"]) or float("inf")):
-        error, _ = difference_text(one)
-        different = one["difference"]
+    for method in sorted(summary["methods"], key=lambda method: order.get(method["name"]) or float("inf")):
+        error, _ = difference_text(method)
+        different = method["difference"]
         ratio = f"{1 + different['bias']:.3f} +- {different['bias_error'] or 0:.3f}" if different else ""
-        until = until_text(trade, one["name"]) or ("never" if one["name"] in trade["never"] else "hidden by noise")
-        marks = ["front"] * (one["name"] in on_front) + ["as it stands"] * (one["name"] == found["as_it_stands"])
-        rows.append((", ".join(marks), one["name"], until,
-                     "reference" if one is base else error, ratio, "" if one["noise"] is None else f"{100 * one['noise']:.2g} %",
-                     duration(one["processor"])))
+        until = until_text(trade, method["name"]) or ("never" if method["name"] in trade["never"] else "hidden by noise")
+        marks = ["front"] * (method["name"] in on_front) + ["as it stands"] * (method["name"] == summary["as_it_stands"])
+        rows.append((", ".join(marks), method["name"], until,
+                     "reference" if method is base else error, ratio,
+                      "" if method["noise"] is None else f"{100 * method['noise']:.2g} %",
+                     duration(method["processor"])))
     yield from ("  " + line for line in table(rows, right=range(2, len(rows[0]))))
     yield from ("  " + sentence for sentence in trade["advice"])
     if trade["advised"]:
-        yield "  " + command(found)
-    yield from ("  " + remark for remark in found["remarks"])
+        yield "  " + command(summary)
+    yield from ("  " + remark for remark in summary["remarks"])
 
 
-def command(found: Mapping) -> str:
+def command(summary: Mapping) -> str:
     """How to render what is advised; to what noise where figures and tolerance are of the same."""
     import shlex
 
-    advised = found["trade"]["advised"]
-    one = next(one for one in found["methods"] if one["name"] == advised["name"])
-    settings = {key: value for key, value in (found["overrides"] | one["overrides"]).items() if not key.startswith("stop")}
-    if one["passes"] and found["measure"] == "picture":
+    advised = summary["trade"]["advised"]
+    method = next(method for method in summary["methods"] if method["name"] == advised["name"])
+    settings = {key: value for key, value in (summary["overrides"] | method["overrides"]).items() if not key.startswith("stop")}
+    if method["passes"] and summary["measure"] == "picture":
         settings["stop"] = f"{{noise: {100 * advised['noise']:.2g}%}}"
-    return " ".join(["bake render", shlex.quote(one["scene"]),
+    return " ".join(["bake render", shlex.quote(method["scene"]),
                      *(f"--set {shlex.quote(f'{key}={value}')}" for key, value in settings.items())])

@@ -41,24 +41,7 @@ def cycles_medium(root: Group, name: str, within: float = 0.0) -> Mixture:
     return found.mixture(hg_draine(found.medium.theta, found.mean, STEEPEST))
 
 
-def blender_text(name: str, medium: Mixture, bands, index=None, roughness=0.0) -> str:
-    """A script for Blender 5 that makes a material of the medium.
-
-    Parameters
-    ----------
-    name : of the medium and of the material
-    medium : of `cycles_medium`
-    bands : (3, L) 1, red, green and blue as means over the wavelengths; rows add up to 1
-    index : refractive index of the surface over that of air; None, or 1: there is no surface
-    roughness : alpha of the surface (GGX)
-    """
-    sigma_s = bands @ medium.sigma_s
-    lobes = "".join(f"    ({_colour(weight * sigma_s)}, {g:.9g}, {alpha:.9g}),\n"
-                    for weight, g, alpha in zip(medium.lobes.weight, medium.lobes.g, medium.lobes.alpha, strict=True))
-    glass = "" if index in (None, 1.0) else _SURFACE
-    kind = "no surface" if not glass else f"a surface of index {index:g}"
-    remarks, plain = "\n".join(f"# {line}" for line in medium.remarks()), identifier(name)
-    return f'''# A baked medium for Cycles in Blender 5.
+_SCRIPT = '''# A baked medium for Cycles in Blender 5.
 # Run it in Blender's text editor, or as
 #   blender scene.blend --python ...
 # It makes the material "{plain}", or makes it anew, and marks it as an asset: the asset browser shows it in
@@ -70,12 +53,12 @@ import bpy
 
 NAME = "{plain}"
 # 1/m, linear Rec. 709
-ABSORPTION = {_colour(bands @ medium.sigma_a)}
+ABSORPTION = {absorption}
 # scattering in 1/m, linear Rec. 709; g; alpha of Draine's lobe, 0: Henyey and Greenstein's
 LOBES = [
 {lobes}]
-BOUNCES = {_bounces(bands @ medium.sigma_s, bands @ medium.sigma_a)}  # after which 1 % of the light is left, at most 1024
-INDEX, ROUGHNESS = {index or 1.0:.9g}, {math.sqrt(roughness):.9g}  # roughness as Blender has it, the root of alpha
+BOUNCES = {bounces}  # after which 1 % of the light is left, at most 1024
+INDEX, ROUGHNESS = {index:.9g}, {roughness:.9g}  # roughness as Blender has it, the root of alpha
 
 if bpy.app.version < (5, 0, 0):
     raise RuntimeError(f"{{NAME}}: this script is for Blender 5.0 and later, this is {{bpy.app.version_string}}")
@@ -113,6 +96,28 @@ cycles = getattr(bpy.context.scene, "cycles", None)
 if cycles is not None:  # the add-on may be off
     cycles.volume_bounces, cycles.max_bounces = max(cycles.volume_bounces, BOUNCES), max(cycles.max_bounces, BOUNCES)
 '''
+
+
+def blender_text(name: str, medium: Mixture, bands, index=None, roughness=0.0) -> str:
+    """A script for Blender 5 that makes a material of the medium.
+
+    Parameters
+    ----------
+    name : of the medium and of the material
+    medium : of `cycles_medium`
+    bands : (3, L) 1, red, green and blue as means over the wavelengths; rows add up to 1
+    index : refractive index of the surface over that of air; None, or 1: there is no surface
+    roughness : alpha of the surface (GGX)
+    """
+    sigma_s = bands @ medium.sigma_s
+    lobes = "".join(f"    ({_colour(weight * sigma_s)}, {g:.9g}, {alpha:.9g}),\n"
+                    for weight, g, alpha in zip(medium.lobes.weight, medium.lobes.g, medium.lobes.alpha, strict=True))
+    glass = "" if index in (None, 1.0) else _SURFACE
+    kind = "no surface" if not glass else f"a surface of index {index:g}"
+    remarks, plain = "\n".join(f"# {line}" for line in medium.remarks()), identifier(name)
+    return _SCRIPT.format(plain=plain, kind=kind, remarks=remarks, absorption=_colour(bands @ medium.sigma_a), lobes=lobes,
+                          bounces=_bounces(sigma_s, bands @ medium.sigma_a), index=index or 1.0, roughness=math.sqrt(roughness),
+                          glass=glass)
 
 
 def _bounces(sigma_s, sigma_a) -> int:

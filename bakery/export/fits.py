@@ -9,7 +9,7 @@ import numpy as np
 from bakery.draw.axes import plain_decades
 from bakery.draw.picture import Picture
 from bakery.draw.style import INK, QUIET
-from bakery.physics.medium.phase import evaluate
+from bakery.physics.medium.phase import phase_at
 
 # name -> what it is called in words; the order is that of tables
 LABELS = {
@@ -38,7 +38,7 @@ def lobe_fits(um: float, theta, phase, fits: Mapping) -> Picture:
         panels = figure.subplots(2, 2, width_ratios=(1.5, 1), height_ratios=(1.7, 1), sharey="row", sharex="col")
         for column, at in enumerate((wide, near)):
             angle = np.minimum(np.radians(at), np.pi)
-            baked = evaluate(theta, phase, angle)
+            baked = phase_at(theta, phase, angle)
             baked = np.where(baked > 0, baked, np.nan)
             top, bottom = panels[:, column]
             top.plot(at, baked, color=INK, linewidth=2.4, alpha=0.85, label=f"baked, {um:g} µm")

@@ -75,10 +75,10 @@ def without_peak(medium: Scattering, end: int) -> Scattering:
     An approximation, unlike `scattering_of`: that light is deflected, by less than the angle, and is no longer.  The cap is flat,
     so that what remains is continuous and no smaller than it was at larger angles.
     """
-    from bakery.physics.medium.phase import integral, normalised
+    from bakery.physics.medium.phase import normalised, phase_integral
 
     rest = medium.phase.copy()
     rest[:, :end] = np.minimum(rest[:, :end], rest[:, end:end + 1])
-    peak = np.clip(1 - integral(medium.theta, rest), 0.0, 1.0)
+    peak = np.clip(1 - phase_integral(medium.theta, rest), 0.0, 1.0)
     return replace(medium, sigma_t=medium.sigma_t - peak * medium.sigma_s, sigma_s=(1 - peak) * medium.sigma_s,
                    phase=normalised(medium.theta, rest)[0], peak=peak, within=float(medium.theta[end]))

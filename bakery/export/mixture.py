@@ -84,27 +84,27 @@ class Mixture:
 
     def useless(self) -> list[str]:
         """What is to be said first."""
-        said, (um, error) = [], self.reduced
+        lines, (um, error) = [], self.reduced
         if self.misdirected > USELESS:
             lobes = "one lobe sends" if len(self.lobes.g) == 1 else "the lobes send"
             right = ("thick media are about right, thin ones and halos around lamps are not" if abs(error) <= RIGHT else
                      "thin media and halos around lamps are not right")
-            said.append(f"{lobes} {100 * self.misdirected:.2g} % of the light to another angle; {right}")
+            lines.append(f"{lobes} {100 * self.misdirected:.2g} % of the light to another angle; {right}")
         if abs(error) > WRONG:
-            said.append(f"reduced scattering is off by {100 * error:+.2g} % at {um:g} um, and thick media with it")
-        return said
+            lines.append(f"reduced scattering is off by {100 * error:+.2g} % at {um:g} um, and thick media with it")
+        return lines
 
     def remarks(self) -> list[str]:
         """Lines for a comment in the file: what stands for the phase functions, and what that loses."""
         lobes = ("One Henyey-Greenstein lobe stands" if len(self.lobes.g) == 1 and not any(self.lobes.alpha)
                  else "Lobes of Henyey and Greenstein and of Draine stand" if any(self.lobes.alpha)
                  else "Two Henyey-Greenstein lobes stand")
-        said = [f"{lobes} for the phase functions: up to {100 * self.misdirected:.2g} % of the light", "goes to another angle."]
+        lines = [f"{lobes} for the phase functions: up to {100 * self.misdirected:.2g} % of the light", "goes to another angle."]
         if self.within:
-            said += [f"Up to {100 * self.unscattered:.2g} % of the scattered light is deflected by less than "
-                     f"{math.degrees(self.within):.3g} degrees.",
-                     "It counts as unscattered: sigma_s and sigma_t are smaller by it."]
-        return said
+            lines += [f"Up to {100 * self.unscattered:.2g} % of the scattered light is deflected by less than "
+                      f"{math.degrees(self.within):.3g} degrees.",
+                      "It counts as unscattered: sigma_s and sigma_t are smaller by it."]
+        return lines
 
     def as_dicts(self) -> list[dict]:
         """The losses for machines (`--json`)."""
@@ -163,10 +163,11 @@ def source(root: Group, name: str, within: float = 0.0) -> Source:
     """
     group = medium_of(root, name)
     whole = scattering_of(group)
-    rest = without_peak(whole, int(np.searchsorted(whole.theta, within))) if within else whole
-    share = rest.sigma_s / rest.sigma_s.sum() if rest.sigma_s.any() else np.full(len(rest.sigma_s), 1 / len(rest.sigma_s))
-    return Source(root["wavelength"].data, group["sigma_a"].data, rest, share @ rest.phase,
-                  float(share @ mean_cosine(rest.theta, rest.phase)),
+    without = without_peak(whole, int(np.searchsorted(whole.theta, within))) if within else whole
+    scattered = without.sigma_s
+    share = scattered / scattered.sum() if scattered.any() else np.full(len(scattered), 1 / len(scattered))
+    return Source(root["wavelength"].data, group["sigma_a"].data, without, share @ without.phase,
+                  float(share @ mean_cosine(without.theta, without.phase)),
                   (1 - mean_cosine(whole.theta, whole.phase)) * whole.sigma_s)
 
 

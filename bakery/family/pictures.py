@@ -38,7 +38,7 @@ def pictures(root: Group) -> Iterator[Picture]:
     middle = [axis.first.values[len(axis.first.values) // 2] for axis in axes]
     for i, axis in enumerate(axes):
         if len(axis.first.values) > 1:
-            others = [(one, value) for j, (one, value) in enumerate(zip(axes, middle, strict=True)) if j != i]
+            others = [(crossed, value) for j, (crossed, value) in enumerate(zip(axes, middle, strict=True)) if j != i]
             at = f"  At {in_words(*zip(*others, strict=True))}." if others else ""
             yield _figures(i, axes, middle, tables, family, um, at)
             yield _phases(i, axes, middle, tables, um, at)
@@ -50,22 +50,23 @@ def _figures(i: int, axes, middle, tables: Tables, family: Group, um, at: str) -
 
     def draw(figure):
         *panels, last = figure.subplots(2, 2, sharex=True).ravel()
-        said = {"sigma_t": "Extinction σt (1/m)", "absorbed": "1 − albedo", "g": "Mean cosine g"}
-        for panel, (what, title) in zip(panels, said.items(), strict=True):
-            for row, colour, wavelength in zip(line.figures[what].T, colours(um), labels(um), strict=True):
+        titles = {"sigma_t": "Extinction σt (1/m)", "absorbed": "1 − albedo", "g": "Mean cosine g"}
+        for panel, (figure_name, title) in zip(panels, titles.items(), strict=True):
+            for row, colour, wavelength in zip(line.figures[figure_name].T, colours(um), labels(um), strict=True):
                 panel.plot(line.values, row, color=colour, label=wavelength)
                 panel.plot(line.values[line.point], row[line.point], "o", color=colour, markersize=3)
             panel.set_title(title)
-            (plain_numbers if what == "g" else partial(positive_axis, values=line.figures[what]))(panel)
+            (plain_numbers if figure_name == "g" else partial(positive_axis, values=line.figures[figure_name]))(panel)
         _errors(last, axis, error, float(family.attributes["tolerance"]))
         for panel in (panels[-1], last):
             panel.set_xlabel(_label(axis))
         legend_beside(figure, panels[0])
 
     columns = [(f"{name} [{_unit(axis)}]", line.values), ("point", line.point.astype(int))]
-    columns += [(f"{what} at {x:g} um", rows[:, k]) for what, rows in line.figures.items() for k, x in enumerate(um)]
-    said = f"Dots are members, lines what is between them.  Errors of several axes add up.{at}"
-    return Picture(name, f"Figures over {name}", said, (9.2, 6.2), draw, tuple(columns))
+    columns += [(f"{figure_name} at {x:g} um", rows[:, k])
+                for figure_name, rows in line.figures.items() for k, x in enumerate(um)]
+    caption = f"Dots are members, lines what is between them.  Errors of several axes add up.{at}"
+    return Picture(name, f"Figures over {name}", caption, (9.2, 6.2), draw, tuple(columns))
 
 
 def _errors(panel, axis: Axis, error, tolerance: float) -> None:
@@ -78,8 +79,8 @@ def _errors(panel, axis: Axis, error, tolerance: float) -> None:
         panel.annotate("tolerance", (0.5, tolerance), xycoords=("axes fraction", "data"), xytext=(0, 3),
                        textcoords="offset points", ha="center", va="bottom", color=QUIET, fontsize=8.5)
         panel.set_ylim(0, 1.25 * max(error[np.isfinite(error)].max(initial=0.0), tolerance))
-    said = ": not measured" if error is None else "" if np.isfinite(error).any() else ": not known"
-    panel.set_title(f"Error between members{said}")
+    remark = ": not measured" if error is None else "" if np.isfinite(error).any() else ": not known"
+    panel.set_title(f"Error between members{remark}")
     low, high = (_scale(axis) * axis.first.values[end] for end in (0, -1))
     if axis.first.logarithmic:
         margin = (high / low) ** 0.04
@@ -97,12 +98,12 @@ def _along(i: int, axes, middle, tables: Tables, method: str) -> _Line:
     steps = [np.linspace(a, b, _BETWEEN, endpoint=False) for a, b in zip(scaled, scaled[1:], strict=False)]
     places = np.concatenate([*steps, scaled[-1:]])
     point = np.arange(len(places)) % _BETWEEN == 0
-    coordinates = [one.first.scaled(value) for one, value in zip(axes, middle, strict=True)]
+    coordinates = [fixed.first.scaled(value) for fixed, value in zip(axes, middle, strict=True)]
     rows = []
-    for place in places:
-        coordinates[i] = place
+    for coordinate in places:
+        coordinates[i] = coordinate
         rows.append(_row(tables, coordinates, method))
-    values = _scale(axis) * np.array([axis.first.unscaled(place) for place in places])
+    values = _scale(axis) * np.array([axis.first.unscaled(coordinate) for coordinate in places])
     return _Line(values, point, {name: np.array([row[k] for row in rows]) for k, name in enumerate(("sigma_t", "absorbed", "g"))})
 
 
@@ -119,7 +120,7 @@ def _phases(i: int, axes, middle, tables: Tables, um, at: str) -> Picture:
     axis, row = axes[i], int(np.argmin(np.abs(um - _GREEN)))
     count = len(axis.first.values)
     chosen = sorted(set(np.linspace(0, count - 1, min(count, _CURVES)).round().astype(int).tolist()))
-    index = [len(one.first.values) // 2 for one in axes]
+    index = [len(swept.first.values) // 2 for swept in axes]
     curves = {}
     for k in chosen:
         index[i] = k
@@ -128,15 +129,15 @@ def _phases(i: int, axes, middle, tables: Tables, um, at: str) -> Picture:
     degrees = np.degrees(tables.theta)
 
     def draw(figure):
-        wide, near = figure.subplots(1, 2, width_ratios=(1.7, 1), sharey=True)
-        for panel in (wide, near):
+        all_angles, near = figure.subplots(1, 2, width_ratios=(1.7, 1), sharey=True)
+        for panel in (all_angles, near):
             for (label, curve), colour in zip(curves.items(), _shades(len(curves)), strict=True):
                 panel.plot(degrees, np.where(curve > 0, curve, np.nan), color=colour, label=label)
-        wide.set(yscale="log", xlim=(0, 180), xlabel="scattering angle θ (°), 0 = forward", ylabel="phase function (1/sr)")
-        wide.set_xticks(range(0, 181, 30))
+        all_angles.set(yscale="log", xlim=(0, 180), xlabel="scattering angle θ (°), 0 = forward", ylabel="phase function (1/sr)")
+        all_angles.set_xticks(range(0, 181, 30))
         near.set(xscale="log", xlim=(max(degrees[1], 0.02), 30), xlabel="θ (°), logarithmic")
         plain_decades(near.xaxis)
-        figure.legend(*wide.get_legend_handles_labels(), fontsize=8.5, loc="outside right upper")
+        figure.legend(*all_angles.get_legend_handles_labels(), fontsize=8.5, loc="outside right upper")
 
     name = axis.first.name
     columns = [("theta [deg]", degrees), *((f"phase at {label} [1/sr]", curve) for label, curve in curves.items())]

@@ -36,8 +36,8 @@ def place_of(root: Group, values: Sequence[float]) -> Place:
     axes = axes_of(root.members[FAMILY])
     for axis, value in zip(axes, values, strict=True):
         nodes = axis.first.values
-        room = 1e-9 * max(abs(nodes[0]), abs(nodes[-1]))
-        if not nodes[0] - room <= value <= nodes[-1] + room:
+        margin = 1e-9 * max(abs(nodes[0]), abs(nodes[-1]))
+        if not nodes[0] - margin <= value <= nodes[-1] + margin:
             low, high = (shown(node, axis.first.units) for node in (nodes[0], nodes[-1]))
             micro = f' ("{value:g} um"?)' if axis.first.units == "m" and nodes[0] <= 1e-6 * value <= nodes[-1] else ""
             raise UsageError(f"{axis.first.name}: found {shown(value, axis.first.units)}; the family covers "
@@ -75,11 +75,11 @@ def asset_at(root: Group, path: str, place: Place) -> Group:
     optics = interpolated(tables, scaled, str(family.attributes["method"]))
     content = str(root.attributes[HASH])
     key = json.dumps([content, place.values])
-    known = family.attributes
+    attributes = family.attributes
     medium = Group(medium_of(optics.sigma_s, optics.sigma_a, optics.theta, optics.elements), {
-        "stage": "medium", "stage_version": known["medium_version"], "input_hash": hashlib.sha256(key.encode()).hexdigest(),
+        "stage": "medium", "stage_version": attributes["medium_version"], "input_hash": hashlib.sha256(key.encode()).hexdigest(),
         **_errors(family, axes, cell(tables, scaled))})
-    note = f"interpolated at {place.words} from the family {root.attributes['name']}, {known['method']}"
+    note = f"interpolated at {place.words} from the family {root.attributes['name']}, {attributes['method']}"
     told = {"notes": text(note, "remarks of the stage")}
     unknown = _unknown(family, axes, cell(tables, scaled))
     told |= {"missed": text("\n".join(unknown), "targets that were missed")} if unknown else {}
@@ -107,13 +107,13 @@ def _errors(family: Group, axes: Sequence[Axis], cells: Sequence[slice]) -> dict
 
 def _unknown(family: Group, axes: Sequence[Axis], place: Sequence[slice]) -> list[str]:
     """The intervals that a place lies in whose error is not known, in words."""
-    found = []
+    unknown = []
     for axis, nodes in zip(axes, place, strict=True):
         ends, error = axis.first.values[nodes], error_of(family[f"axes/{axis.first.name}"])
         if len(ends) > 1 and error is not None and np.isnan(error[nodes.start]):
             low, high = (in_words([axis], [end]) for end in ends)
-            found.append(f"the error of the interpolation between {low} and {high} is not known: a point there failed")
-    return found
+            unknown.append(f"the error of the interpolation between {low} and {high} is not known: a point there failed")
+    return unknown
 
 
 def _recipe(whole: str, axes: Sequence[Axis], place: Place) -> str:

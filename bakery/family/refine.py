@@ -80,7 +80,7 @@ def refined(axes: Sequence[Axis], medium: Callable[[tuple[float, ...]], Optics |
     told : takes the error so far
     """
     values = [list(axis.first.values) for axis in axes]
-    allowed = ROOM * tolerance / max(sum(len(each) > 1 for each in values), 1)
+    allowed = ROOM * tolerance / max(sum(len(along) > 1 for along in values), 1)
     history: dict[tuple[int, float], list[float]] = {}  # (axis, where an interval begins) -> errors of those that it was cut from
     while True:
         tables = _tables(axes, values, medium)
@@ -102,7 +102,7 @@ def refined(axes: Sequence[Axis], medium: Callable[[tuple[float, ...]], Optics |
             cuts = []
         if not cuts:
             return result
-        values = [list(each) for each in values]
+        values = [list(along) for along in values]
         for axis, i, before in reversed(cuts):
             middle = _middle(axes[axis], values[axis], i)
             history[axis, values[axis][i]] = history[axis, middle] = before
@@ -110,7 +110,7 @@ def refined(axes: Sequence[Axis], medium: Callable[[tuple[float, ...]], Optics |
 
 
 def _tables(axes, values, medium) -> Tables:
-    scaled = [np.array([axis.first.scaled(value) for value in each]) for axis, each in zip(axes, values, strict=True)]
+    scaled = [np.array([axis.first.scaled(value) for value in along]) for axis, along in zip(axes, values, strict=True)]
     return tabulated(scaled, [medium(point) for point in points(values)])
 
 
@@ -124,10 +124,10 @@ def _measured(axes, values, tables: Tables, medium, integrated: bool) -> tuple[s
     by_method = {}
     middles = list(_middles(axes, values, tables, medium))
     for method in _methods(tables):
-        errors = [np.zeros(len(each) - 1) if len(each) > 1 else None for each in values]
+        errors = [np.zeros(len(along) - 1) if len(along) > 1 else None for along in values]
         for axis, i, scaled, truth in middles:
-            found = UNKNOWN if truth is None else difference(interpolated(tables, scaled, method), truth, integrated)
-            errors[axis][i] = max(errors[axis][i], found)
+            errors_here = UNKNOWN if truth is None else difference(interpolated(tables, scaled, method), truth, integrated)
+            errors[axis][i] = max(errors[axis][i], errors_here)
         by_method[method] = errors
     best = min(by_method, key=lambda method: sum(error.max(initial=0.0) for error in by_method[method] if error is not None))
     return best, by_method[best]
@@ -135,12 +135,12 @@ def _measured(axes, values, tables: Tables, medium, integrated: bool) -> tuple[s
 
 def _middles(axes, values, tables: Tables, medium) -> Iterator[tuple[int, int, list[float], Optics | None]]:
     """Axis, interval, coordinates and medium of every middle; None for the medium where there is none to compare."""
-    for axis, each in enumerate(values):
-        for i in range(len(each) - 1):
-            places = [[_middle(axes[axis], each, i)] if other == axis else nodes for other, nodes in enumerate(values)]
-            for place in points(places):
-                scaled = [one.first.scaled(value) for one, value in zip(axes, place, strict=True)]
-                yield axis, i, scaled, None if hole(tables, scaled) else medium(place)
+    for axis, along in enumerate(values):
+        for i in range(len(along) - 1):
+            places = [[_middle(axes[axis], along, i)] if k == axis else nodes for k, nodes in enumerate(values)]
+            for point in points(places):
+                scaled = [swept.first.scaled(value) for swept, value in zip(axes, point, strict=True)]
+                yield axis, i, scaled, None if hole(tables, scaled) else medium(point)
 
 
 def _middle(axis: Axis, values: Sequence[float], i: int) -> float:
@@ -163,4 +163,4 @@ def _words(error: float) -> str:
 
 def _count(values, cuts) -> int:
     """Points after cuts."""
-    return int(np.prod([len(each) + sum(axis == cut for cut, *_ in cuts) for axis, each in enumerate(values)]))
+    return int(np.prod([len(along) + sum(axis == cut for cut, *_ in cuts) for axis, along in enumerate(values)]))

@@ -61,8 +61,8 @@ def tree_of(axes: Sequence[Axis], values: Sequence[Sequence[float]], tables: Tab
                "albedo": np.divide(tables.sigma_s, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0),
                "g": np.where(tables.missing[..., None], 0.0, phase.mean_cosine(tables.theta, tables.phase))}
     group = {"axes": Group(groups), "members": _members(members, shape)}
-    group |= {name: Dataset(figures[name], units, f"{said} at the points, the axes in their order, then wavelengths")
-              for name, (units, said) in _PER_WAVELENGTH.items()}
+    group |= {name: Dataset(figures[name], units, f"{description} at the points, the axes in their order, then wavelengths")
+              for name, (units, description) in _PER_WAVELENGTH.items()}
     group["theta"] = Dataset(tables.theta, "rad", "angle between the directions of travel, common to all points")
     group["phase"] = Dataset(tables.phase, "1/sr", "phase function, linear in cos theta between the angles, integral 1")
     if tables.ratios.shape[-2]:
@@ -77,9 +77,9 @@ def _axis(order: int, axis: Axis, values: Sequence[float], error: np.ndarray | N
         name = "value" if key is axis.first else key.name
         members[name] = Dataset(at, key.units if key.units[0] != "/" else f"1{key.units}", f"recipe key {key.key}")
     if error is not None:
-        known = np.isfinite(error)
-        members["error"] = Dataset(np.where(known, error, 0.0), "1", "error of the interpolation half-way to the next point")
-        members["measured"] = Dataset(known, "1", "whether that is known; not where a point failed")
+        finite = np.isfinite(error)
+        members["error"] = Dataset(np.where(finite, error, 0.0), "1", "error of the interpolation half-way to the next point")
+        members["measured"] = Dataset(finite, "1", "whether that is known; not where a point failed")
     return Group(members, {"order": order, "scale": "log" if axis.first.logarithmic else "linear"})
 
 
@@ -212,17 +212,17 @@ def physics(root: Group) -> list[str]:
     """What is wrong with the values, in words."""
     family = root.members[FAMILY]
     tables = tables_of(family)
-    there = ~tables.missing
-    if not there.any():
+    present = ~tables.missing
+    if not present.any():
         return [f"{FAMILY}: no point is there"]
-    known, sigma_t = tables.phase[there], tables.sigma_s + tables.sigma_a
+    f, sigma_t = tables.phase[present], tables.sigma_s + tables.sigma_a
     rules = {
         "a coefficient below 0": (tables.sigma_s >= 0).all() and (tables.sigma_a >= 0).all(),
         "sigma_t is not sigma_s + sigma_a": np.allclose(family["sigma_t"].data, sigma_t, rtol=1e-12, atol=0),
         "albedo is not sigma_s / sigma_t": np.allclose(family["albedo"].data * sigma_t, tables.sigma_s, rtol=1e-12, atol=0),
-        "phase below 0": (known >= 0).all(),
-        "phase does not integrate to 1": np.allclose(phase.integral(tables.theta, known), 1, rtol=0, atol=1e-12),
-        "g is not the mean cosine of phase": np.allclose(family["g"].data[there], phase.mean_cosine(tables.theta, known), rtol=0,
+        "phase below 0": (f >= 0).all(),
+        "phase does not integrate to 1": np.allclose(phase.phase_integral(tables.theta, f), 1, rtol=0, atol=1e-12),
+        "g is not the mean cosine of phase": np.allclose(family["g"].data[present], phase.mean_cosine(tables.theta, f), rtol=0,
                                                          atol=1e-12),
         "a ratio beyond 1": (np.abs(tables.ratios) <= 1 + 1e-9).all()}
     return [f"{FAMILY}: {rule}" for rule, holds in rules.items() if not holds]

@@ -91,22 +91,22 @@ class Folder:
         self.folder = folder
         self._known: dict[tuple[str, int], bytes | OSError | Wrong] = {}
 
-    def read(self, key: str, name: str, limit: int = MAX_TABLE_BYTES, what: str = "table") -> tuple[bytes, DataFile]:
+    def read(self, key: str, name: str, limit: int = MAX_TABLE_BYTES, noun: str = "table") -> tuple[bytes, DataFile]:
         """A file that the recipe names, with a path relative to the recipe's folder, else to `assets/`; raises `Wrong`.
 
         It has at most `limit` bytes; `what` names its kind in the message where it has more.
         """
         _refuse_path(name)
         roots = [os.path.realpath(root) for root in (self.folder, asset_root())]
-        left = False
+        outside = False
         for root in (self.folder, asset_root()):
             path = Path(root, name)
             real = os.path.realpath(path)
             if not any(real == top or real.startswith(top.rstrip("/") + "/") for top in roots):
-                left = True
+                outside = True
             elif os.path.lexists(real):
-                return self._read(key, name, path, real, limit, what)
-        if left:
+                return self._read(key, name, path, real, limit, noun)
+        if outside:
             raise Wrong(f"found {show(name)}, which leaves the recipe's folder and assets/", "expected a file inside one of them")
         raise Wrong(f"found {show(name)}, and there is no such file", "expected a file in the recipe's folder or in assets/")
 
@@ -115,7 +115,7 @@ class Folder:
         path = asset_root() / "materials" / f"{name}.csv"
         return self._read(key, name, path, os.path.realpath(path), MAX_TABLE_BYTES, "table")
 
-    def _read(self, key: str, name: str, path: Path, real: str, limit: int, what: str) -> tuple[bytes, DataFile]:
+    def _read(self, key: str, name: str, path: Path, real: str, limit: int, noun: str) -> tuple[bytes, DataFile]:
         if (real, limit) not in self._known:
             try:
                 # O_NOFOLLOW: the path is resolved already, so a link here was put in its place since
@@ -128,7 +128,7 @@ class Folder:
         if isinstance(data, Wrong):
             raise Wrong(f"{data.found} under {show(name)}", data.expected)
         if len(data) > limit:
-            raise Wrong(f"found {show(name)} of more than {limit >> 20} MiB", f"expected a smaller {what}")
+            raise Wrong(f"found {show(name)} of more than {limit >> 20} MiB", f"expected a smaller {noun}")
         return data, DataFile(key, path, hashlib.sha256(data).hexdigest())
 
 

@@ -15,7 +15,7 @@ from bakery.grammar import text
 from bakery.grammar.text import Mapping, Node, Place, Scalar, Sequence, Source, Tree, show
 
 _STEP = re.compile(r"([^.\[\]]+)|\[(\d{1,6})\]")
-_OF_KEYS = "sweep."  # what stands below is a key itself: one step, dots and all
+_OF_KEYS = ("sweep.", "frames.")  # what stands below is a key itself: one step, dots and all
 _PLAIN = re.compile(r"~|[-+.]?[\w/][\w/+.^%µμ° -]*", re.ASCII)
 
 
@@ -45,14 +45,20 @@ def put(label: str, root: Mapping, key: str, new: Node) -> str:
     return _dotted(_put(label, root, _path(label, key), new))
 
 
+def written(node: Node) -> str:
+    """A value on one line, as `--set` would take it."""
+    return _written(node)
+
+
 def _wrong(label: str, found: str, expected: str) -> RecipeError:
     return RecipeError([Problem(label, None, None, "", found, expected)])
 
 
 def _path(label: str, key: str) -> list[str | int]:
     path, at = [], 0
-    if key.startswith(_OF_KEYS) and len(key) > len(_OF_KEYS):
-        return [_OF_KEYS[:-1], key[len(_OF_KEYS):]]
+    for above in _OF_KEYS:
+        if key.startswith(above) and len(key) > len(above):
+            return [above[:-1], key[len(above):]]
     while at < len(key):
         match = _STEP.match(key, at)
         if not match or len(path) == text.MAX_DEPTH:

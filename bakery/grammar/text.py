@@ -101,17 +101,17 @@ class Scalar:
 class Mapping(dict):
     """Keys in order; `names` holds the place of each key, `model` the part of the schema that it is checked against."""
 
-    def __init__(self, place: Place, flow: bool):
+    def __init__(self, where: Place, flow: bool):
         super().__init__()
-        self.place, self.flow, self.names, self.model, self.parent, self.broken = place, flow, {}, None, None, False
+        self.place, self.flow, self.names, self.model, self.parent, self.broken = where, flow, {}, None, None, False
 
 
 class Sequence(list):
     """Items in order."""
 
-    def __init__(self, place: Place, flow: bool):
+    def __init__(self, where: Place, flow: bool):
         super().__init__()
-        self.place, self.flow, self.parent, self.broken = place, flow, None, False
+        self.place, self.flow, self.parent, self.broken = where, flow, None, False
 
 
 Node = Scalar | Mapping | Sequence
@@ -275,14 +275,14 @@ class _Builder:
             self._name(event, kind, parent)
             return
         key = self._key(parent)
-        place = Place(self.source, event.start_mark.index, event.end_mark.index, key)
+        where = Place(self.source, event.start_mark.index, event.end_mark.index, key)
         self._refuse(event, kind, key)
         if kind == "ScalarEvent":
-            node = Scalar(event.value, place, quoted=event.style in ("'", '"', "|", ">"), broken=_special(event))
+            node = Scalar(event.value, where, quoted=event.style in ("'", '"', "|", ">"), broken=_special(event))
         elif kind == "AliasEvent":
-            node = Scalar("", place, broken=True)
+            node = Scalar("", where, broken=True)
         else:
-            node = (Mapping if kind == "MappingStartEvent" else Sequence)(place, bool(event.flow_style))
+            node = (Mapping if kind == "MappingStartEvent" else Sequence)(where, bool(event.flow_style))
             node.broken = _special(event)
         self._attach(node, parent)
         if not isinstance(node, Scalar):

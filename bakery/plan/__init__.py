@@ -47,8 +47,8 @@ class Plan:
 
     `write` is false where the asset is up to date as it stands, `missed` then a line for each of its stages that misses its
     tolerance or another target; `loaded` is the memory of the process before any stage, in bytes; `needs` says why scenes need
-    its stages or do not (`renderers.requirements.Need`), () where no scene was given; `remarks` what could not be found out of
-    them, and what they ask for in vain; `read` the files that they are made of.
+    its stages or do not (`renderers.scene.requirements.Need`), () where no scene was given; `remarks` what could not be found
+    out of them, and what they ask for in vain; `read` the files that they are made of.
     """
 
     recipe: object

@@ -39,7 +39,7 @@ def lacking(held: Mapping[str, Held], steps: Iterable, recipe_parts: Mapping[str
     held : the asset's stages
     steps : of the bake (`bakery.plan.Step`)
     recipe_parts : parts of each stage of the recipe as it stands: what it holds may stay where no more is asked for
-    knobs : values that somebody decided (`renderers.requirements.Knob`): `key`, `value`, `demand`
+    knobs : values that somebody decided (`renderers.scene.requirements.Knob`): `key`, `value`, `demand`
     recipe : of the bake, checked
     """
     reasons, knobs = [], list(knobs)

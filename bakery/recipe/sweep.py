@@ -47,11 +47,11 @@ class _Key:
     key: str = ""
 
     def node(self, index: int) -> Scalar:
-        place = self.places[index]
-        return Scalar(self.texts[index], Place(place.source, place.begin, place.end, ""))
+        where = self.places[index]
+        return Scalar(self.texts[index], Place(where.source, where.begin, where.end, ""))
 
-    def problem(self, found: str, expected: str) -> Problem:
-        return self.place.problem(found, expected, key=f"sweep.{self.written}")
+    def problem(self, fault: str, expected: str) -> Problem:
+        return self.place.problem(fault, expected, key=f"sweep.{self.written}")
 
 
 @dataclass
@@ -91,12 +91,12 @@ def checked(path: Path, source: Source, tree: Tree, text: str, problems: list[Pr
             first = first or recipe
         except RecipeError as error:
             wrong.append((swept, error.problems))
-    found = [] if keep_going and first else _described(wrong, len(probes))
-    for key in read.keys if not found else ():
-        found += _fixed(key, first)
-    found += _twice(read.keys) if not found else ()
-    if found:
-        raise RecipeError(distinct(found))
+    faults = [] if keep_going and first else _described(wrong, len(probes))
+    for key in read.keys if not faults else ():
+        faults += _fixed(key, first)
+    faults += _twice(read.keys) if not faults else ()
+    if faults:
+        raise RecipeError(distinct(faults))
     names = _names([key.key for key in read.keys])
     axes = tuple(Axis(tuple(Swept(key.key, names[key.key], key.quantity.base, tuple(key.texts), tuple(key.values))
                             for key in group)) for group in groups)
@@ -125,14 +125,14 @@ def json_schema() -> dict:
 def _read(section: Mapping) -> _Read:
     read = _Read()
     for name, node in section.items():
-        place = section.names[name]
+        where = section.names[name]
         try:
             if name in _OPTIONS:
                 read.options[name] = _option(name, node)
             elif "." in name:
-                read.keys.append(_key(name, place, node))
+                read.keys.append(_key(name, where, node))
             else:
-                read.problems.append(_unknown(name, place))
+                read.problems.append(_unknown(name, where))
         except _Misplaced as wrong:
             read.problems.append(wrong.place.problem(wrong.found, wrong.expected, wrong.offset, key=f"sweep.{name}"))
     if not read.keys and not read.problems:
@@ -149,10 +149,10 @@ class _Misplaced(Exception):
         self.offset = wrong.offset + bool(wrong.offset and getattr(node, "quoted", False))
 
 
-def _unknown(name: str, place: Place) -> Problem:
+def _unknown(name: str, where: Place) -> Problem:
     common = name in ("bakery", "name", "description", "wavelengths", "seed", "tolerance", "measure")
-    found = f"found {show(name)}, which " + ("cannot be swept" if common else "is neither an option nor a dotted key")
-    return place.problem(found, f"expected {one_of([*_OPTIONS, _EXAMPLE])}" + nearest(name, _OPTIONS), key=f"sweep.{name}")
+    fault = f"found {show(name)}, which " + ("cannot be swept" if common else "is neither an option nor a dotted key")
+    return where.problem(fault, f"expected {one_of([*_OPTIONS, _EXAMPLE])}" + nearest(name, _OPTIONS), key=f"sweep.{name}")
 
 
 def _value(kind, node: Node):
@@ -171,7 +171,7 @@ def _option(name: str, node: Node):
         raise _Misplaced(wrong, node) from None
 
 
-def _key(name: str, place: Place, node: Node) -> _Key:
+def _key(name: str, where: Place, node: Node) -> _Key:
     items = list(_spread(node)) if isinstance(node, Mapping) else list(_items(node))
     quantity = _numbers(items[0])[0]
     values = []
@@ -181,7 +181,7 @@ def _key(name: str, place: Place, node: Node) -> _Key:
             raise _Misplaced(Wrong(f"found {show(item.text)} beside {show(items[0].text)}",
                                    f"expected {quantity.plural} throughout"), item)
         values.append(value)
-    return _Key(name, place, quantity, [item.text for item in items], [item.place for item in items], values)
+    return _Key(name, where, quantity, [item.text for item in items], [item.place for item in items], values)
 
 
 def _numbers(item: Node) -> tuple[Quantity, float]:
@@ -213,11 +213,11 @@ def _items(node: Node):
     at, unit = len(match[1]) + node.quoted, match[3] or ""
     for entry in match[2].split(","):
         begin = node.place.begin + at + len(entry) - len(entry.lstrip())
-        place = Place(node.place.source, begin, begin + len(entry.strip()), node.place.key)
+        where = Place(node.place.source, begin, begin + len(entry.strip()), node.place.key)
         if not units.NUMBER.fullmatch(entry.strip()):
             raise _Misplaced(Wrong(f"found {show(entry.strip())} in a list with one unit",
-                                   f"expected numbers, as in [1, 2, 3] {unit}"), Scalar(entry, place))
-        yield Scalar(f"{entry.strip()} {unit}".strip(), place)
+                                   f"expected numbers, as in [1, 2, 3] {unit}"), Scalar(entry, where))
+        yield Scalar(f"{entry.strip()} {unit}".strip(), where)
         at += len(entry) + 1
 
 
@@ -230,8 +230,8 @@ def _spread(node: Mapping):
     for name in _RANGE:
         if name not in node:
             raise _Misplaced(Wrong(f"found no {name}", "expected {from: 2 um, to: 16 um, count: 4}"), node)
-    (quantity, low), (other, high) = _numbers(node["from"]), _numbers(node["to"])
-    if other is not quantity:
+    (quantity, low), (second_quantity, high) = _numbers(node["from"]), _numbers(node["to"])
+    if second_quantity is not quantity:
         raise _Misplaced(Wrong(f"found {show(node['to'].text)} beside {show(node['from'].text)}",
                                f"expected {quantity.plural} throughout"), node["to"])
     try:
@@ -262,8 +262,8 @@ def _unfit(read: _Read, groups: SequenceOf[list[_Key]]):
             if len(key.values) != len(group[0].values):
                 yield key.problem(f"found {len(key.values)} values beside {len(group[0].values)} of sweep.{group[0].written}",
                                   "expected as many: with combine: zip all keys take theirs in step")
-        for i, (one, next_) in enumerate(zip(group[0].values, group[0].values[1:]) if group else ()):
-            if not next_ - one > _CLOSE * max(abs(one), abs(next_)):
+        for i, (value, next_) in enumerate(zip(group[0].values, group[0].values[1:]) if group else ()):
+            if not next_ - value > _CLOSE * max(abs(value), abs(next_)):
                 yield group[0].problem(f"found {show(group[0].texts[i + 1])} after {show(group[0].texts[i])}",
                                        "expected ascending values")
                 break
@@ -277,9 +277,9 @@ def _unfit(read: _Read, groups: SequenceOf[list[_Key]]):
 def _probes(lengths: SequenceOf[int]):
     """Index of a value on each axis: all first ones, then all others of one axis after the other, or some of them."""
     yield (0,) * len(lengths)
-    each = max(_PROBES // max(len(lengths), 1), 2)
+    per_key = max(_PROBES // max(len(lengths), 1), 2)
     for axis, length in enumerate(lengths):
-        for index in sorted(set(np.linspace(1, length - 1, min(each, length - 1)).astype(int).tolist())) if length > 1 else ():
+        for index in sorted(set(np.linspace(1, length - 1, min(per_key, length - 1)).astype(int).tolist())) if length > 1 else ():
             yield tuple(index if i == axis else 0 for i in range(len(lengths)))
 
 
@@ -319,15 +319,15 @@ def _twice(keys: SequenceOf[_Key]):
     """Keys that are one, written in two ways."""
     first = {}
     for key in keys:
-        other = first.setdefault(key.key, key)
-        if other is not key:
-            yield key.problem(f"found the key of sweep.{other.written} once more", "expected each key once")
+        earlier = first.setdefault(key.key, key)
+        if earlier is not key:
+            yield key.problem(f"found the key of sweep.{earlier.written} once more", "expected each key once")
 
 
 def _names(keys: SequenceOf[str]) -> dict[str, str]:
     """Short names of dotted keys: their last words, as many as make them distinct."""
     words = {key: re.findall(r"\w+", key) for key in keys}
     count = 1
-    while len({tuple(each[-count:]) for each in words.values()}) < len(words):
+    while len({tuple(parts[-count:]) for parts in words.values()}) < len(words):
         count += 1
-    return {key: "_".join(each[-count:])[-64:] for key, each in words.items()}
+    return {key: "_".join(parts[-count:])[-64:] for key, parts in words.items()}

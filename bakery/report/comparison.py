@@ -56,17 +56,17 @@ def page(summary: Mapping, shown: Sequence[Shown], limit: float, times: Picture 
     times : drawing of error against time, where noise is known
     title : what the page is about; how many methods it compares unless given
     """
-    methods = {one["name"]: one for one in summary["methods"]}
-    wide, high = summary["size"]
+    methods = {method["name"]: method for method in summary["methods"]}
+    width, high = summary["size"]
     assets = ", ".join(Path(asset).name for asset in summary["asset"].split(", "))
-    lead = f"{summary['renderer']}, {assets}, {wide} x {high} pixels. Reference: {summary['reference']}."
+    lead = f"{summary['renderer']}, {assets}, {width} x {high} pixels. Reference: {summary['reference']}."
     if summary["overrides"]:
         lead += " Set: " + ", ".join(f"{key}={value}" for key, value in summary["overrides"].items()) + "."
-    images = [(f"p{i}", one.name, one.picture) for i, one in enumerate(shown)]
-    images += [(f"d{i}", f"{one.name}: difference", one.difference) for i, one in enumerate(shown) if one.difference]
-    images += [(f"f{i}", f"{one.name}: FLIP", one.flip) for i, one in enumerate(shown) if one.flip]
-    captions = {one.name: _caption(methods.get(one.name), one.name == summary["reference"]) for one in shown}
-    cell = "grid small" if wide < SMALL else "grid"
+    images = [(f"p{i}", method.name, method.picture) for i, method in enumerate(shown)]
+    images += [(f"d{i}", f"{method.name}: difference", method.difference) for i, method in enumerate(shown) if method.difference]
+    images += [(f"f{i}", f"{method.name}: FLIP", method.flip) for i, method in enumerate(shown) if method.flip]
+    captions = {method.name: _caption(methods.get(method.name), method.name == summary["reference"]) for method in shown}
+    cell = "grid small" if width < SMALL else "grid"
 
     def grid(kind):
         return f'<div class="{cell}">\n' + "".join(
@@ -76,18 +76,18 @@ def page(summary: Mapping, shown: Sequence[Shown], limit: float, times: Picture 
              paragraph(summary["description"], "what") if summary["description"] else "", paragraph(lead, "lead"),
              *(paragraph(remark, "missed") for remark in summary["remarks"]),
              paragraph(summary["trade"]["advice"][-1], "what") if title and summary["trade"] else "",
-             _slider([(key, name) for key, name, _ in images], shown, summary["reference"], wide, high),
+             _slider([(key, name) for key, name, _ in images], shown, summary["reference"], width, high),
              *section("Pictures", [grid("p")]),
              *section("Figures", [_figures(summary), *map(paragraph, _SAID), paragraph(summary["flip"] or _FLIP)])]
     if times is not None:
-        said = [*summary["trade"]["advice"], *summary["trade"]["others"]]
-        parts += section("Error against time", [*map(paragraph, said), drawing(times)])
-    if any(one.difference for one in shown):
-        said = paragraph("Luminance, relative to the reference's mean; red where the picture is brighter. Noise is not taken "
-                         "off: it is what changes from pixel to pixel.")
+        sentences = [*summary["trade"]["advice"], *summary["trade"]["others"]]
+        parts += section("Error against time", [*map(paragraph, sentences), drawing(times)])
+    if any(method.difference for method in shown):
+        sentences = paragraph("Luminance, relative to the reference's mean; red where the picture is brighter. Noise is not "
+                              "taken off: it is what changes from pixel to pixel.")
         scale = _scale(maps.SIGNED, f"−{100 * limit:g} %", f"+{100 * limit:g} %")
-        parts += section("Signed difference from the reference", [scale, said, grid("d")])
-    if any(one.flip for one in shown):
+        parts += section("Signed difference from the reference", [scale, sentences, grid("d")])
+    if any(method.flip for method in shown):
         parts += section("FLIP", [_scale(maps.SHARE, "0", "1"), grid("f")])
     parts += section("Time", [_times(summary)])
     parts += section("What the methods say", [_reasons(summary)])
@@ -96,11 +96,11 @@ def page(summary: Mapping, shown: Sequence[Shown], limit: float, times: Picture 
 
 def difference_text(method: Mapping) -> tuple[str, str]:
     """Error and bias of a method in words, "" where there are none."""
-    found = method["difference"]
-    if found is None:
+    difference = method["difference"]
+    if difference is None:
         return "", ""
-    error = _share(found["error"]) if found["resolved"] or not found["most"] else f"< {_share(found['most'])}"
-    bias, deviation = 100 * found["bias"], 100 * (found["bias_error"] or 0.0)
+    error = _share(difference["error"]) if difference["resolved"] or not difference["most"] else f"< {_share(difference['most'])}"
+    bias, deviation = 100 * difference["bias"], 100 * (difference["bias_error"] or 0.0)
     digits = max(0, 1 - floor(log10(deviation or abs(bias) or 1.0)))
     return error, f"{bias:+.{digits}f}".replace("-", "−") + (f" ± {deviation:.{digits}f} %" if deviation else " %")
 
@@ -137,19 +137,19 @@ def _figure(key: str, name: str, data: bytes, caption: str) -> str:
     return f'<figure>{image(data, name, key)}<figcaption>{caption}</figcaption></figure>\n'
 
 
-def _slider(choices, shown, reference: str, wide: int, high: int) -> str:
+def _slider(choices, shown, reference: str, width: int, high: int) -> str:
     """Hidden until the script runs: without it the pictures stand side by side."""
-    others = [one.name for one in shown if one.name != reference]
+    others = [method.name for method in shown if method.name != reference]
 
     def select(words, chosen):
         options = "".join(f'<option value="{key}"{" selected" * (name == chosen)}>{escape(name)}</option>'
                           for key, name in choices)
         return f"<label>{words} <select>{options}</select></label>"
 
-    small = " small" if wide < SMALL else ""
+    small = " small" if width < SMALL else ""
     return (f'<section id="slider" aria-label="Two pictures over each other" hidden>\n<div class="choose">'
             f'{select("Left", reference)}{select("Right", others[0] if others else reference)}</div>\n'
-            f'<div class="view{small}" style="aspect-ratio: {wide} / {high}"><img alt=""><img alt="" class="over">'
+            f'<div class="view{small}" style="aspect-ratio: {width} / {high}"><img alt=""><img alt="" class="over">'
             '<span class="edge"></span><span class="name left"></span><span class="name right"></span></div>\n'
             '<input class="move" type="range" min="0" max="100" value="50" step="0.5" aria-label="Edge between left and right">\n'
             "</section>\n")
@@ -164,23 +164,25 @@ def _figures(summary: Mapping) -> str:
     header = ["method", f"to {100 * trade['tolerance']:.3g} %" if trade else "",
               "error", "bias", "FLIP", "stated bias", "noise", "samples", "time", "to 1 % noise", "processor"]
     rows = []
-    for one in summary["methods"]:
-        error, bias = difference_text(one)
-        time = one["seconds"]["total"] - one["compiling"]
-        ran = f" ({one['method']})" if one["method"] != one["name"].partition(":")[0] else ""
-        rows.append([one["name"] + ran, until_text(trade, one["name"]),
-                     "reference" if one["name"] == summary["reference"] else error, bias,
-                     "" if one["flip"] is None else f"{one['flip']:.3f}", _share(one["stated_bias"]), _share(one["noise"]),
-                     "" if one["samples"] is None else str(one["samples"]), _seconds(time),
-                     "" if one["noise"] is None else _seconds(time * (one["noise"] / 0.01) ** 2), _seconds(one["processor"])])
+    for method in summary["methods"]:
+        error, bias = difference_text(method)
+        time = method["seconds"]["total"] - method["compiling"]
+        ran = f" ({method['method']})" if method["method"] != method["name"].partition(":")[0] else ""
+        rows.append([method["name"] + ran, until_text(trade, method["name"]),
+                     "reference" if method["name"] == summary["reference"] else error, bias,
+                     "" if method["flip"] is None else f"{method['flip']:.3f}", _share(method["stated_bias"]),
+                     _share(method["noise"]),
+                     "" if method["samples"] is None else str(method["samples"]), _seconds(time),
+                     "" if method["noise"] is None else _seconds(time * (method["noise"] / 0.01) ** 2),
+                     _seconds(method["processor"])])
     used = [i for i in range(len(header)) if i == 0 or any(row[i] for row in rows)]
     return table([header[i] for i in used], [[row[i] for i in used] for row in rows], numbers=range(1, len(used)))
 
 
 def _times(summary: Mapping) -> str:
-    names = list(dict.fromkeys(name for one in summary["methods"] for name in one["seconds"] if name != "total"))
-    rows = [[one["name"], *(_seconds(one["seconds"].get(name)) for name in names), _seconds(one["seconds"]["total"]),
-             _seconds(one["compiling"])] for one in summary["methods"]]
+    names = list(dict.fromkeys(name for method in summary["methods"] for name in method["seconds"] if name != "total"))
+    rows = [[method["name"], *(_seconds(method["seconds"].get(name)) for name in names), _seconds(method["seconds"]["total"]),
+             _seconds(method["compiling"])] for method in summary["methods"]]
     return table(["method", *names, "in all", "of it compiling"], rows, numbers=range(1, len(names) + 3))
 
 

@@ -12,7 +12,8 @@ from pathlib import Path
 LONG = 30  # characters of a cell that gets a width of its own
 
 
-def document(title: str, parts: Iterable[str], *, broad: bool = False, script: str = "") -> str:
+def document(title: str, parts: Iterable[str], *, broad: bool = False, script: str = "", style: str = "",
+             asks: bool = False) -> str:
     """A whole page, UTF-8: light or dark as the reader's system is, from the width of a phone on.
 
     Parameters
@@ -20,7 +21,8 @@ def document(title: str, parts: Iterable[str], *, broad: bool = False, script: s
     title : text
     parts : HTML, in which every text is escaped
     broad : for pictures side by side, not for text
-    script : name of a file beside this one
+    script, style : names of files beside this one; the style comes on top of that of all pages
+    asks : the script may ask the server that the page came from, and no other
 
     Notes
     -----
@@ -28,11 +30,12 @@ def document(title: str, parts: Iterable[str], *, broad: bool = False, script: s
     """
     code = _file(script) if script else ""
     allowed = f"; script-src 'sha256-{base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()}'" if code else ""
+    allowed += "; connect-src 'self'" if asks else ""
     return "".join([
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<meta http-equiv="Content-Security-Policy" '
         f"content=\"default-src 'none'; img-src data:; style-src 'unsafe-inline'{allowed}\">\n"
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>\n{_file('page.css')}</style>\n</head>\n",
+        f"<title>{escape(title)}</title>\n<style>\n{_file('page.css')}{_file(style) if style else ''}</style>\n</head>\n",
         '<body class="broad">\n' if broad else "<body>\n", *parts,
         f"<script>{code}</script>\n" if code else "", "</body>\n</html>\n"])
 

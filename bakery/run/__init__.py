@@ -19,7 +19,7 @@ from bakery.errors import BakeryError, Problem, StageError, StoreError, UsageErr
 from bakery.grammar import qualities
 from bakery.grammar.files import Written
 from bakery.plan import REUSE, RUN, Plan, Step, make
-from bakery.run import compiling, standing
+from bakery.run import ahead, compiling, standing
 from bakery.run.cache import Cache
 from bakery.run.dask import cluster
 from bakery.run.executors import Context, threads
@@ -160,8 +160,9 @@ def _priced(recipe, target: Path, stages, present: Group | None, held, *, force:
         return replace(cost, seconds=work * ratio, compiling=coming, memory=cost.memory + COMPILER * (coming > 0), basis=basis)
 
     # a choice between rays and series takes sample spheres, and kernels
-    measured = () if recipe.particles is None else ("mie._kernels",)
-    with remembering(cache), compiling.watched(measured, progress.compiling):
+    measured = () if recipe.particles is None else ("mie.kernels",)
+    memory = ahead.Measuring(cache) if workers > 1 else cache
+    with remembering(memory), compiling.watched(measured, progress.compiling):
         return make(recipe, target, only=stages, force=force, price=price, in_cache=cache.has,
                     previous={name: stage.parts for name, stage in held.items() if stage.parts} if present else None,
                     current={name: stage.input_hash for name, stage in held.items()},
@@ -215,6 +216,9 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
     else:
         pool = nullcontext(None)
     groups, provenances, steps = {}, {}, []
+    if workers > 1 and not (executor or address):  # workers of other processes compile for themselves
+        ahead.expect([kernel for step in plan.steps if step.action == RUN
+                      for kernel in ahead.of(f"stage {step.stage.name}", step.cost.kernels)])
     with ExitStack() as stack:
         with progress.during(f"calling {address}" if address else "starting workers"):
             running = stack.enter_context(pool)

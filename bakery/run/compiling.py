@@ -6,13 +6,13 @@ the speed that is remembered nor the time that is left counts it.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import bakery
+from bakery.system import sources
 
 # seconds of one core of an Intel Xeon to compile the kernels of a module, those that it calls in others apart:
 # benchmarks/plans.py --compiling, three quarters of what it says where two cores have ten processes
@@ -24,15 +24,15 @@ SECONDS = {
     "granular._packed": 4.6, "shapes._triangles": 2.9, "grains._walk": 8.2, "grains.balls": 1.7, "grains.bvh": 6.4,
     "grains.grid": 1.9, "grains.points": 2.0, "grains.scatterometer": 0.42, "shapes.simplify": 6.1, "grains.sphere": 3.4,
     "grains.surface": 1.0,
-    "mie._kernels": 8.2,
+    "mie.kernels": 8.2,
     "multiple._kernels": 2.4, "multiple._plane": 2.9, "multiple._tally": 4.5, "multiple.basis": 0.71, "multiple.locate": 0.21,
-    "multiple.legendre": 0.33, "multiple.lookup": 0.4, "multiple._look": 1.8, "multiple.point": 1.2,
-    "packing._cells": 1.2, "packing._chords": 1.4, "packing._kernels": 9.8, "packing.instances": 0.33,
+    "multiple.legendre": 0.33, "multiple.lookup": 0.4, "multiple.sums": 1.8, "multiple.point": 1.2,
+    "packing.cells": 1.2, "packing._chords": 1.4, "packing._kernels": 9.8, "packing.instances": 0.33,
 }
 
 
 def expected(modules: Iterable[str]) -> float:
-    """Seconds that compiling is going to take of kernels in `modules` (`mie._kernels`), 0 where this machine has them all."""
+    """Seconds that compiling is going to take of kernels in `modules` (`mie.kernels`), 0 where this machine has them all."""
     return sum(SECONDS[module] for module in missing(modules))
 
 
@@ -42,18 +42,8 @@ def missing(modules: Iterable[str]) -> list[str]:
 
 
 def _compiled(module: str) -> bool:
-    """Whether kernels of a module, as it stands, were compiled on this machine."""
-    from platformdirs import user_cache_path
-
-    source = Path(bakery.__file__).parent / "physics" / (module.replace(".", "/") + ".py")
-    setting = os.environ.get("NUMBA_CACHE_DIR")
-    # numba keeps them beside the source, or for the user where that cannot be written
-    for root in [Path(setting)] if setting else [source.parent / "__pycache__", user_cache_path("numba", appauthor=False)]:
-        folders = [root] if root.name == "__pycache__" else root.glob(f"{source.parent.name}_*")
-        for folder in folders:
-            if any(path.stat().st_mtime >= source.stat().st_mtime for path in folder.glob(f"{source.stem}.*.nbi")):
-                return True
-    return False
+    """Whether kernels of a module, as it and what it imports stand, were compiled on this machine."""
+    return sources.kept(Path(bakery.__file__).parent / "physics" / (module.replace(".", "/") + ".py"), "*")
 
 
 class Clock:

@@ -69,6 +69,11 @@ class Cluster(Executor):
         with self._told():
             return Map(self, function, tasks).values()
 
+    def arriving(self, function: Callable, *columns) -> Iterator[tuple[int, object]]:
+        """Position and value of each `function(*task)` as they come back from workers; columns and errors as of `map`."""
+        with self._told():
+            yield from Map(self, function, list(zip(*columns, strict=True))).arriving()
+
     def noted(self, function: Callable, blocks: int, seconds: float) -> None:
         """Remember how long blocks of a function take."""
         before = self._pace.get(_name(function), seconds / max(blocks, 1))

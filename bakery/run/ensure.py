@@ -4,8 +4,8 @@ Nothing that stands is ever written over: an asset that is as good as what is as
 goes into the cache, under a name that is the hash of all that decides it.
 
 What is asked is a function of (checked recipe, () -> its medium by a draft bake, seconds) that gives what
-`renderers.requirements.of` gives: `needs`, `stages`, `settings`, `remarks`, `read`; seconds is a function of the same that says
-how long a bake of it would take.  Nothing here knows of scenes.
+`renderers.scene.requirements.of` gives: `needs`, `stages`, `settings`, `remarks`, `read`; seconds is a function of the same
+that says how long a bake of it would take.  Nothing here knows of scenes.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Asked:
     stages : names of the only stages to bake, with those that they need
     added, left : names of stages that the recipe does not ask for, and that it asks for in vain
     recipe_parts : parts of each stage of the recipe as it stands, with the stages that are added
-    needs : why, see `renderers.requirements.Need`
+    needs : why, see `renderers.scene.requirements.Need`
     remarks : what could not be found out
     read : files that it was found out from, besides the recipe's
     """
@@ -74,10 +74,10 @@ def asked(recipe: str | os.PathLike, settings: Mapping[str, str], require: Calla
     from bakery.recipe import load
 
     values, cache = load(recipe, dict(settings)).unswept(), cache or Cache()
-    own = [stage.name for stage in chosen(values)]
+    by_default = [stage.name for stage in chosen(values)]
 
     def overrides(required):
-        added = [name for name in required.stages if name not in own]
+        added = [name for name in required.stages if name not in by_default]
         sections = {sections_for(name)[0][0]: "{}" for name in added}
         # knobs of stages upstream stand in sections of their own, or at the top
         knobs = {key: text for key, text in required.settings.items() if not _said(key, settings)}
@@ -89,10 +89,12 @@ def asked(recipe: str | os.PathLike, settings: Mapping[str, str], require: Calla
 
     required = require(values, lambda: draft.medium(values, settings, cache, progress), seconds)
     added, every, whole = overrides(required)
-    kept = {stage.name for stage in chosen(_loaded(recipe, added, every, by), required.stages)} if required.stages else set(own)
-    parts = {one.stage.name: one.parts for one in stages_wanted(load(recipe, whole).unswept())}
-    return Asked(every, tuple(required.stages), tuple(added), tuple(name for name in own if name not in kept), parts,
-                 tuple(_as_set(one, settings) for one in required.needs), required.remarks, tuple(required.read))
+    kept = set(by_default)
+    if required.stages:
+        kept = {stage.name for stage in chosen(_loaded(recipe, added, every, by), required.stages)}
+    parts = {need.stage.name: need.parts for need in stages_wanted(load(recipe, whole).unswept())}
+    return Asked(every, tuple(required.stages), tuple(added), tuple(name for name in by_default if name not in kept), parts,
+                 tuple(_as_set(need, settings) for need in required.needs), required.remarks, tuple(required.read))
 
 
 def _loaded(recipe, added: Sequence[str], settings: Mapping[str, str], by: str):
@@ -123,7 +125,7 @@ def _as_set(need, settings: Mapping[str, str]):
 
 def _said(key: str, settings: Mapping[str, str]) -> bool:
     """Whether settings say a key themselves, or the whole section that it is in; or, of a stage's tolerance, that of all."""
-    return any(key == said or key.startswith((f"{said}.", f"{said}[")) for said in settings) \
+    return any(key == prefix or key.startswith((f"{prefix}.", f"{prefix}[")) for prefix in settings) \
         or key.endswith(".tolerance") and "tolerance" in settings
 
 
@@ -241,8 +243,8 @@ def _to_be_written(kept: Path, progress: Progress) -> Path:
 def told(recipe: str | os.PathLike, wanted: Asked, by: str = "the scene") -> Sequence[str]:
     """A line for each stage that is baked though the recipe does not ask for it, or not baked though it does, or that cannot
     give what is asked of it: before minutes of work, not in the report after them."""
-    why = {one.stage: one.why for one in wanted.needs}
+    why = {need.stage: need.why for need in wanted.needs}
     lines = [f"{recipe}: {name}, because {by} needs it: {why[name]}" for name in wanted.added]
     lines += [f"{recipe}: no {name}, {why.get(name, 'because nothing reads it')}" for name in wanted.left]
-    lines += [f"{recipe}: {one.stage}: out of reach: {one.lacking}" for one in wanted.needs if one.needed and one.lacking]
+    lines += [f"{recipe}: {need.stage}: out of reach: {need.lacking}" for need in wanted.needs if need.needed and need.lacking]
     return [*lines, *wanted.remarks]

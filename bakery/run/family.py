@@ -100,8 +100,8 @@ class FamilyPlan:
     @property
     def seconds(self) -> float:
         """Expected time of the points and middles that are known now, compiling included."""
-        each = sum(plan.seconds if plan.write else 0.0 for plan in self.samples) / len(self.samples)
-        return (EACH + each) * (self.points + self.middles)
+        per_point = sum(plan.seconds if plan.write else 0.0 for plan in self.samples) / len(self.samples)
+        return (EACH + per_point) * (self.points + self.middles)
 
     @property
     def memory(self) -> float:
@@ -202,18 +202,18 @@ def execute_family(plan: FamilyPlan, *, cache: Cache | None = None, jobs: int | 
         folder = stack.enter_context(scratch.folder("family"))
         baking = _Baking(plan, folder, {"cache": cache, "jobs": jobs, "executor": executor}, progress)
         if sweep.refine:
-            found = refined(sweep.axes, baking.medium, sweep.tolerance, plan.recipe.measure == "integrated", baking.told)
+            result = refined(sweep.axes, baking.medium, sweep.tolerance, plan.recipe.measure == "integrated", baking.told)
         else:
-            found = given(sweep.axes, baking.medium)
-        members = {point: baking.member(point) for point in points(found.values)}
-    root = _root(plan, found, members, baking)
+            result = given(sweep.axes, baking.medium)
+        members = {point: baking.member(point) for point in points(result.values)}
+    root = _root(plan, result, members, baking)
     written = _write(plan.output, root, progress)
     now = _listed(plan)
     _remove({file: digest for file, digest in baking.own.items() if file not in now}, progress)
     lines = _misses(root)
     count = sum(not member.reason for member in members.values())
-    progress.done(FAMILY, f"{count} of {len(members)} points, {found.method} between them"
-                  + (f", error {found.error:.2g} of {sweep.tolerance:.2g}" if found.error is not None and sweep.refine else "")
+    progress.done(FAMILY, f"{count} of {len(members)} points, {result.method} between them"
+                  + (f", error {result.error:.2g} of {sweep.tolerance:.2g}" if result.error is not None and sweep.refine else "")
                   + f", {resources.duration(time.monotonic() - started)}")
     steps = tuple(baking.steps[point] for point in members if point in baking.steps)
     written |= any(step["source"] == "written" for step in steps)
@@ -267,7 +267,7 @@ class _Baking:
         except (RecipeError, StageError, UsageError) as error:
             reason = str(error).splitlines()[0]
             self._media[point], self._members[point] = None, Member(name, "", 0.0, reason)
-            if all(place in self._media and self._media[place] is None for place in self._given):
+            if all(point in self._media and self._media[point] is None for point in self._given):
                 raise StageError(f"{self._plan.recipe.path}: no point could be baked: {reason}") from error
             return
         root = read(path)
@@ -285,8 +285,8 @@ class _Baking:
 class _Compiling(Progress):
     """Passes on that kernels are compiled; of the bakes of single points nothing else is told."""
 
-    def __init__(self, other: Progress):
-        self.compiling = other.compiling
+    def __init__(self, progress: Progress):
+        self.compiling = progress.compiling
 
 
 def _plan_of(plan: FamilyPlan, point, path: Path, cache: Cache, force: bool = False) -> Plan:
@@ -318,7 +318,7 @@ def _member_path(plan: FamilyPlan, point) -> Path:
 # ---- the file
 
 
-def _root(plan: FamilyPlan, found: Refined, members: Mapping[tuple, Member], baking: _Baking) -> Group:
+def _root(plan: FamilyPlan, result: Refined, members: Mapping[tuple, Member], baking: _Baking) -> Group:
     """The tree of the family's file."""
     recipe, sweep = plan.recipe, plan.recipe.sweep
     first = next(member for member in members.values() if not member.reason)
@@ -326,13 +326,13 @@ def _root(plan: FamilyPlan, found: Refined, members: Mapping[tuple, Member], bak
     attributes = {
         "input_hash": plan.input_hash, "tolerance": sweep.tolerance,
         "error_measure": MEASURE.format(INTEGRATED if recipe.measure == "integrated" else POINTWISE),
-        "method": found.method, "refined": sweep.refine, "medium_version": medium["stage_version"],
+        "method": result.method, "refined": sweep.refine, "medium_version": medium["stage_version"],
         "member_tolerance": medium["tolerance"]}
-    attributes |= {} if found.error is None else {"achieved_error": found.error}
-    family = tree_of(sweep.axes, found.values, found.tables, list(members.values()), found.errors, attributes)
+    attributes |= {} if result.error is None else {"achieved_error": result.error}
+    family = tree_of(sweep.axes, result.values, result.tables, list(members.values()), result.errors, attributes)
     failed = [f"{in_words(sweep.axes, point)}: {member.reason}" for point, member in members.items() if member.reason]
     missing = [line for point in members for line in baking.missed.get(point, ())]
-    lines = [*_first(failed, "point failed: "), *_first(missing, "member: "), *_first(found.limits, "not refined: ")]
+    lines = [*_first(failed, "point failed: "), *_first(missing, "member: "), *_first(result.limits, "not refined: ")]
     missed_text = {"missed": text("\n".join(lines), "targets that were missed")} if lines else {}
     provenance = Group({FAMILY: Group(missed_text)}, origin(recipe, plan.output))
     return seal(Group({
@@ -343,8 +343,8 @@ def _root(plan: FamilyPlan, found: Refined, members: Mapping[tuple, Member], bak
 
 def _first(lines: Sequence[str], head: str) -> list[str]:
     """The first of the lines, each after a head, and how many more there are."""
-    more = [f"{head}{len(lines) - SAID} more"] if len(lines) > SAID else []
-    return [f"{head}{line}" for line in lines[:SAID]] + more
+    remark = [f"{head}{len(lines) - SAID} more"] if len(lines) > SAID else []
+    return [f"{head}{line}" for line in lines[:SAID]] + remark
 
 
 def _write(path: Path, root: Group, progress: Progress) -> bool:

@@ -11,7 +11,7 @@ import pickle
 import secrets
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from queue import Empty, SimpleQueue
 
@@ -63,6 +63,12 @@ class Map:
 
     def values(self) -> list:
         """Of all blocks, in their order."""
+        for position, value in self.arriving():
+            self._values[position] = value
+        return self._values
+
+    def arriving(self) -> Iterator[tuple[int, object]]:
+        """Position and value of each block, as they come back."""
         try:
             while self._left:
                 self._cluster.look()
@@ -74,11 +80,10 @@ class Map:
                     self._hasten()
                     continue
                 if future in self._under:
-                    self._take(future)
+                    yield from self._take(future)
         finally:
             for future in self._under:
                 future.cancel()
-        return self._values
 
     def _fill(self) -> None:
         """Send as many messages as keep the workers busy."""
@@ -94,8 +99,8 @@ class Map:
         self._under[future] = _Message(key, blocks, allowed, late=late)
         future.add_done_callback(self._ended.put)
 
-    def _take(self, future) -> None:
-        """The values of a message, unless a copy of it was quicker."""
+    def _take(self, future) -> list[tuple[int, object]]:
+        """The values of a message with their positions; none where a copy of it was quicker."""
         message = self._under.pop(future)
         values, seconds = future.result()
         self._cluster.noted(self._function, len(values), seconds)
@@ -103,12 +108,12 @@ class Map:
         if message.late and self._left.issuperset(message.blocks):
             self._cluster.say(f"cluster: worker {message.late} is slow: another did the same blocks meanwhile, in "
                               f"{time.monotonic() - message.sent:.2g} s")
-        for k, value in zip(message.blocks, values, strict=True):
-            self._values[k] = value
+        new = [(k, value) for k, value in zip(message.blocks, values, strict=True) if k in self._left]
         self._left.difference_update(message.blocks)
-        for other in [other for other, one in self._under.items() if one.blocks is message.blocks]:
-            del self._under[other]
-            other.cancel()
+        for future in [future for future, task in self._under.items() if task.blocks is message.blocks]:
+            del self._under[future]
+            future.cancel()
+        return new
 
     def _rescue(self) -> None:
         """Take back messages none of whose workers is there any more; give up where there has been none for long."""
@@ -171,6 +176,6 @@ def run(common, tasks: bytes) -> tuple[list, float]:
     function, common = pickle.loads(common) if isinstance(common, bytes) else common
     values, started = [], time.monotonic()
     for task in pickle.loads(tasks):
-        rest = iter(task)
-        values.append(function(*(common[k] if k in common else next(rest) for k in range(len(common) + len(task)))))
+        arguments = iter(task)
+        values.append(function(*(common[k] if k in common else next(arguments) for k in range(len(common) + len(task)))))
     return values, time.monotonic() - started

@@ -96,15 +96,15 @@ class State:
             return None
         # what was done speaks for the rest, and the plan until enough is done
         rate = (self._updated - self._first[0] + share * self._planned) / (self._fraction - self._first[1] + share)
-        left = (1 - self._fraction) * rate - (self._worked() - self._updated)
-        return left if left > 0 else None
+        seconds = (1 - self._fraction) * rate - (self._worked() - self._updated)
+        return seconds if seconds > 0 else None
 
     def words(self) -> str:
         since = self._compiling
         if since is not None:
             return f"compiling kernels, once ({duration(self._compiled + self._clock() - since)})"
-        left = self.left()
-        remaining = "" if left is None else f"about {duration(left)}" if not self._fraction else f"{duration(left)} left"
+        seconds = self.left()
+        remaining = "" if seconds is None else f"about {duration(seconds)}" if not self._fraction else f"{duration(seconds)} left"
         allowed = f" of {self._tolerance:.2g}" if self._tolerance else ""
         error = "" if self._error is None else f"error {self._error:.2g}{allowed}"
         share = f"{100 * self._fraction:.0f} %" if self._fraction else ""

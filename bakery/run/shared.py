@@ -128,14 +128,14 @@ class Shared:
         # a daemon: neither a disk that hangs nor a server that is silent keeps the process from ending
         threading.Thread(target=_answer, args=(self._place.load, loaded, function, answer), daemon=True).start()
         loaded.wait()  # importing may take long where the disk is slow, and says nothing of the store
-        begun = time.monotonic()
+        start = time.monotonic()
         try:
             answer.exception(ANSWER + allowed)
         except TimeoutError:
             late = Future()
             late.set_exception(_NoAnswer(f"no answer within {ANSWER + allowed:.0f} s"))
             return late
-        self._lost += max(0.0, time.monotonic() - begun - allowed - PROMPT)
+        self._lost += max(0.0, time.monotonic() - start - allowed - PROMPT)
         if self._lost > LOST:
             self._close(_NoAnswer(f"its answers are slow, {self._lost:.0f} s so far"))
         return answer
@@ -169,14 +169,14 @@ def _reason(error: BaseException) -> str:
 
 
 def _place_of(address: str) -> _Place:
-    scheme, separator, rest = address.partition("://")
+    scheme, separator, path = address.partition("://")
     if not separator:
         return Folder(Path(address).absolute())
-    if scheme == "file" and rest.startswith("/"):
-        return Folder(Path(rest))
-    root = rest.strip("/")
-    if scheme not in PACKAGES or not root or rest.startswith("/"):  # s3:///x names no bucket
-        stores = ", ".join(f"{known}://BUCKET/PREFIX" for known in PACKAGES)
+    if scheme == "file" and path.startswith("/"):
+        return Folder(Path(path))
+    root = path.strip("/")
+    if scheme not in PACKAGES or not root or path.startswith("/"):  # s3:///x names no bucket
+        stores = ", ".join(f"{schemes}://BUCKET/PREFIX" for schemes in PACKAGES)
         raise UsageError(f'BAKERY_CACHE: found "{address}"; a folder, file:///FOLDER for one that is shared, or an object store '
                          f"{stores} would do")
     missing = [package for package in ("fsspec", PACKAGES[scheme]) if find_spec(package) is None]
@@ -270,8 +270,8 @@ class Objects:
 
     def names(self) -> list[tuple[str, int]]:
         try:
-            found = self._store.ls(self._root, detail=True)
+            entries = self._store.ls(self._root, detail=True)
         except FileNotFoundError:
             self._store.info(self._root.split("/")[0])  # FileNotFoundError without the bucket, else there are no entries yet
             return []
-        return [(entry["name"].rpartition("/")[2], entry["size"]) for entry in found if entry["name"].endswith(".h5")]
+        return [(entry["name"].rpartition("/")[2], entry["size"]) for entry in entries if entry["name"].endswith(".h5")]

@@ -41,8 +41,8 @@ def check(path: str, root: Group) -> None:
     """
     departures = declared(root)
     if departures:
-        more = f" and {len(departures) - 1} more" if len(departures) > 1 else ""
-        raise AssetError(f"{path}: damaged, or not written by bakery: {departures[0]}{more}; `bake verify` lists all")
+        rest_of_them = f" and {len(departures) - 1} more" if len(departures) > 1 else ""
+        raise AssetError(f"{path}: damaged, or not written by bakery: {departures[0]}{rest_of_them}; `bake verify` lists all")
 
 
 def declared(root: Group) -> list[str]:
@@ -88,21 +88,21 @@ def _root(root: Group) -> Iterable[str]:
                         if not is_text(member) or not _decodes(member))
 
 
-def _attributes(place: str, attributes: Mapping, wanted: Mapping[str, type]) -> Iterable[str]:
+def _attributes(where: str, attributes: Mapping, wanted: Mapping[str, type]) -> Iterable[str]:
     for name, kind in wanted.items():
         value = attributes.get(name)
         if not isinstance(value, kind) or isinstance(value, bool):
-            yield f"{place}: attribute `{name}` is missing or not {kind.__name__}"
+            yield f"{where}: attribute `{name}` is missing or not {kind.__name__}"
         elif kind is float and not 0 <= value < LARGEST:
-            yield f"{place}: attribute `{name}` is {value}; not finite, or negative"
+            yield f"{where}: attribute `{name}` is {value}; not finite, or negative"
 
 
 def _others(root: Group) -> Iterable[str]:
     """Rules of groups that no stage declares."""
     if not isinstance(root.members.get("provenance"), Group):
         yield "provenance: missing"
-    known = {"recipe", "wavelength", "provenance", FAMILY, *(stage.name for stage in stages_of(root))}
-    for name in [name for name in root.members if name not in known]:
+    groups = {"recipe", "wavelength", "provenance", FAMILY, *(stage.name for stage in stages_of(root))}
+    for name in [name for name in root.members if name not in groups]:
         member = root.members[name]
         if isinstance(member, Group):
             yield from _stage_attributes(name, member)
@@ -185,15 +185,15 @@ def _outputs(name: str, group: Group, outputs: Iterable[Output], shared: dict[st
         if not places and not output.optional:
             yield f"{name}/{output.path}: missing"
         for path, scope, member in places:
-            place = f"{name}/{path}"
+            where = f"{name}/{path}"
             if member is None:
                 if not output.optional:
-                    yield f"{place}: missing"
+                    yield f"{where}: missing"
             elif isinstance(member, Group):
-                yield f"{place}: a group, where a dataset belongs"
+                yield f"{where}: a group, where a dataset belongs"
             else:
-                known = ChainMap(lengths.setdefault(scope, {}), lengths.setdefault("", {}), shared)
-                yield from (f"{place}: {fault}" for fault in _declared(member, output, known, shared))
+                known_lengths = ChainMap(lengths.setdefault(scope, {}), lengths.setdefault("", {}), shared)
+                yield from (f"{where}: {fault}" for fault in _declared(member, output, known_lengths, shared))
 
 
 def _places(group: Group, parts: list[str], above: str = "", scope: str = "") -> Iterable[tuple]:
@@ -201,19 +201,19 @@ def _places(group: Group, parts: list[str], above: str = "", scope: str = "") ->
 
     A word in capitals stands for every group there is; none where there is no group.
     """
-    head, *rest = parts
+    head, *inner = parts
     wild = head.isupper()
     for name in [name for name, member in group.members.items() if isinstance(member, Group)] if wild else [head]:
-        member, here = group.members.get(name), above + name
-        if not rest:
-            yield here, scope, member
+        member, path = group.members.get(name), above + name
+        if not inner:
+            yield path, scope, member
         elif isinstance(member, Group):
-            yield from _places(member, rest, here + "/", here if wild else scope)
+            yield from _places(member, inner, path + "/", path if wild else scope)
         else:
-            yield here + "/" + "/".join(rest), scope, None
+            yield path + "/" + "/".join(inner), scope, None
 
 
-def _declared(dataset: Dataset, output: Output, known: Mapping[str, int], shared: dict[str, int]) -> Iterable[str]:
+def _declared(dataset: Dataset, output: Output, known_lengths: Mapping[str, int], shared: dict[str, int]) -> Iterable[str]:
     """How a dataset departs from its declaration; `known` holds the lengths of letters and learns new ones."""
     data = dataset.data
     if dataset.units != output.units:
@@ -228,48 +228,48 @@ def _declared(dataset: Dataset, output: Output, known: Mapping[str, int], shared
     if data.dtype.kind not in ("iu" if output.whole or output.choices else "f") or data.dtype.str[1:] == "f2":
         yield f"its type is {data.dtype}; {'integers' if output.whole or output.choices else 'float32 or float64'} belong there"
         return
-    fault = _shape(data.shape, output.shape, known, shared)
+    fault = _shape(data.shape, output.shape, known_lengths, shared)
     if fault:
         yield fault
     elif data.size:
-        yield from _values(data, output, known)
+        yield from _values(data, output, known_lengths)
 
 
-def _values(data: np.ndarray, output: Output, known: Mapping[str, int]) -> Iterable[str]:
+def _values(data: np.ndarray, output: Output, known_lengths: Mapping[str, int]) -> Iterable[str]:
     if not np.isfinite(data).all():
         yield "not finite"
         return
     least, most = (0, len(output.choices) - 1) if output.choices else output.within
-    most = _length(most, known) if isinstance(most, str) else most
+    most = _length(most, known_lengths) if isinstance(most, str) else most
     least, most = max(least, -LARGEST), min(most, LARGEST)
     low, high = float(data.min()), float(data.max())
-    room = ROUNDING * max(-least, most) if max(-least, most) < 10 else 0.0
-    if low < least - room or high > most + room:
-        far = f"{low:.6g}, below {least:g}" if low < least - room else f"{high:.6g}, above {most:g}"
+    margin = ROUNDING * max(-least, most) if max(-least, most) < 10 else 0.0
+    if low < least - margin or high > most + margin:
+        far = f"{low:.6g}, below {least:g}" if low < least - margin else f"{high:.6g}, above {most:g}"
         yield f"holds {far}" + (", a number that its enumeration does not name" if output.choices else "")
 
 
-def _shape(shape: tuple[int, ...], declared: str, known: Mapping[str, int], shared: dict[str, int]) -> str:
+def _shape(shape: tuple[int, ...], declared: str, known_lengths: Mapping[str, int], shared: dict[str, int]) -> str:
     """What is wrong with a shape, or nothing."""
     terms = _TERM.findall(declared)
     if len(terms) != len(shape):
         return f"its shape is {shape}, not {declared}"
-    for (letter, sign, more, number), length in zip(terms, shape, strict=True):
+    for (letter, sign, offset, number), length in zip(terms, shape, strict=True):
         if number:
             if length != int(number):
                 return f"its shape is {shape}, not {declared}"
             continue
-        own = length - (int(sign + more) if more else 0)
-        if letter not in known:
-            if own > LONGEST.get(letter, OTHERS) or own < (letter not in EMPTY):
+        base = length - (int(sign + offset) if offset else 0)
+        if letter not in known_lengths:
+            if base > LONGEST.get(letter, OTHERS) or base < (letter not in EMPTY):
                 return f"its shape is {shape}; {letter} of {declared} is 1 to {LONGEST.get(letter, OTHERS)}"
-            (shared if letter in SHARED else known)[letter] = own
-        elif known[letter] != own:
-            return f"its shape is {shape}, not {declared} with {letter} = {known[letter]}"
+            (shared if letter in SHARED else known_lengths)[letter] = base
+        elif known_lengths[letter] != base:
+            return f"its shape is {shape}, not {declared} with {letter} = {known_lengths[letter]}"
     return ""
 
 
-def _length(term: str, known: Mapping[str, int]) -> float:
+def _length(term: str, known_lengths: Mapping[str, int]) -> float:
     """The value of `V - 1`; without bound where V is not known, as its dataset is missing."""
-    letter, sign, more, _ = _TERM.fullmatch(term).groups()
-    return known[letter] + (int(sign + more) if more else 0) if letter in known else math.inf
+    letter, sign, offset, _ = _TERM.fullmatch(term).groups()
+    return known_lengths[letter] + (int(sign + offset) if offset else 0) if letter in known_lengths else math.inf

@@ -215,7 +215,7 @@ class Cost:
     basis: str
     startup: float = 0.0  # seconds before the first block, whatever the number of cores: loading libraries and kernels
     remarks: tuple[str, ...] = ()  # choices that a user may want to know of before the work
-    kernels: tuple[str, ...] = ()  # modules whose compiled kernels run, below `bakery`: mie._kernels
+    kernels: tuple[str, ...] = ()  # modules whose compiled kernels run, below `bakery`: mie.kernels
     kind: str = ""  # of work: measured speeds of one kind say nothing of another
     most: float = math.inf  # cores that the work can use
     compiling: float = 0.0  # seconds that compiling these kernels adds on this machine, once; the plan finds out

@@ -45,7 +45,7 @@ def optics(baked: Group, reference: Group) -> Mapping[str, float]:
             continue
         own = baked[name]
         table, true_table = np.asarray(own["phase"].data, float), np.asarray(true["phase"].data, float)
-        f, f_ref = phase.evaluate(theta, table, at), phase.evaluate(reference_theta, true_table, at)
+        f, f_ref = phase.phase_at(theta, table, at), phase.phase_at(reference_theta, true_table, at)
         floor = np.maximum(f_ref, _LEAST / (4 * np.pi))
         extinction, true_extinction = (np.asarray(group["mean_extinction"].data, float) for group in (own, true))
         absorption, true_absorption = (np.asarray(group["mean_absorption"].data, float) for group in (own, true))

@@ -10,7 +10,7 @@ import numpy as np
 
 from bakery.draw.html import table
 from bakery.errors import AssetError, UsageError
-from bakery.physics.medium.phase import evaluate
+from bakery.physics.medium.phase import phase_at
 from bakery.physics.medium.regular import Loss, adaptive_table
 from bakery.stages.coordinates import BIAS, ERROR, stated_error
 from bakery.stages.declaration import later
@@ -65,11 +65,11 @@ class Members(Mapping):
 
     def __getitem__(self, name: str):
         """A member as it is stored: an array (`Values`, with its unit), text, or a group; `droplets/radius` goes down a group."""
-        head, _, rest = name.partition("/")
+        head, _, inner = name.partition("/")
         member = self._items[head]
-        if rest and not isinstance(member, Members):
+        if inner and not isinstance(member, Members):
             raise KeyError(name)
-        return member[rest] if rest else member
+        return member[inner] if inner else member
 
     def __getattr__(self, name: str):
         if name.startswith("_") or name not in self._items:
@@ -192,7 +192,7 @@ class Phase:
 
     def __call__(self, theta) -> np.ndarray:
         """Values at angles of any shape, (..., *theta.shape) 1/sr; ValueError outside 0 .. pi."""
-        return evaluate(self.theta, self.table, theta)
+        return phase_at(self.theta, self.table, theta)
 
     def regular(self, row: int = 0, limit: float = 1e-3) -> tuple[np.ndarray, Loss]:
         """One row of the table on equidistant cosines from -1 to +1, as `tabphase` of stock renderers wants it, and the loss.
@@ -235,10 +235,10 @@ def headline(group: Members) -> str:
     """The figures that one asks a group for first, with units and largest relative errors, and what else it holds, in a line."""
     shown = [f"{name} {in_words(group[name], group.units[name], stated_error(group._group, name))}" for name in HEADLINES
              if isinstance(group.get(name), np.ndarray) and group[name].size]
-    rest = [name for name in group if name not in HEADLINES]
-    room = max(_NAMED - len(shown), 0)
-    named = [f"{name}/" if isinstance(group[name], Members) else name for name in rest[:room]]
-    return ", ".join(shown + named) + (f" and {len(rest) - room} more" if len(rest) > room else "")
+    names = [name for name in group if name not in HEADLINES]
+    shown_more = max(_NAMED - len(shown), 0)
+    named = [f"{name}/" if isinstance(group[name], Members) else name for name in names[:shown_more]]
+    return ", ".join(shown + named) + (f" and {len(names) - shown_more} more" if len(names) > shown_more else "")
 
 
 def in_words(data: np.ndarray, units: str, error: np.ndarray | None = None) -> str:

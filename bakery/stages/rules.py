@@ -29,7 +29,7 @@ def phase_function(theta, f, others=(None, None, None)) -> Iterable[str]:
 
     if (f < 0).any():
         yield "phase below 0"
-    off = np.abs(phase.integral(theta, f) - 1).max()
+    off = np.abs(phase.phase_integral(theta, f) - 1).max()
     if not off <= 1e-12:
         yield f"phase integrates to 1 with an error of {off:.1g}, not 1e-12"
     # equality for a single sphere: leave room for rounding

@@ -1,22 +1,101 @@
-"""`njit` of numba, whose kept kernels are those of all the sources that they were compiled from.
+"""`njit` of numba, whose kept kernels are those of all the sources that they were compiled from, and are compiled once.
 
 numba keeps a kernel for as long as its own file stays as it is.  What the kernel calls, and constants that it uses, may stand in
-other files; so the stamp of ours is a hash of the file and of every module of these packages that it imports, directly or not.
+other files; so the stamp of ours is a hash of the file and of every module of these packages that it imports, directly or not
+(`bakery/system/sources.py`).
+
+Compiling is most of what a first bake or render takes.  So a kernel is compiled for an integer whether or not a caller has a
+constant there, without the function in C that only `cfunc` and functions kept as values need, without Python's collector of
+garbage, which would go over all of numba's objects again and again, and by a single process: others wait for it and take what it
+has kept.
 """
 
 from __future__ import annotations
 
-import ast
-import hashlib
-from functools import cache
+import gc
+from contextlib import contextmanager
 from pathlib import Path
 
-from numba import njit
-from numba.core import caching
+import numba
+from numba.core import caching, event, types
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import CPUDispatcher
+
+from bakery.system import sources, turns
 
 __all__ = ["njit"]
 
-_PACKAGES = ("bakery", "renderers")
+
+class Kernel(CPUDispatcher):
+    """A compiled function of these packages."""
+
+    def get_call_template(self, args, kws):
+        """As numba's, of a call from another kernel."""
+        if self.targetoptions.get("fastmath"):
+            # a constant may change which products and sums are made in a single step, and so the last bit
+            return super().get_call_template(args, kws)
+        return super().get_call_template([_number(kind) for kind in args], {name: _number(kind) for name, kind in kws.items()})
+
+    def compile(self, sig):
+        """The entry point of a signature: there already, kept on disk, or compiled now."""
+        # of what is there numba's says so itself; a kernel that calls itself has its turn already
+        if not self._can_compile or _arguments(sig) in self.overloads or self._cache.cache_path is None:
+            return super().compile(sig)
+        with global_compiler_lock, turns.of(self.turn, _waiting(self)), _no_collector():
+            return super().compile(sig)
+
+    @property
+    def turn(self) -> str:
+        """What a process has while it compiles this kernel, see `bakery.system.turns`."""
+        return f"{self._cache.cache_path}/{self.py_func.__module__}.{self.py_func.__qualname__}"
+
+    def is_kept(self, arguments) -> bool:
+        """Whether a signature is there, in this process or on disk."""
+        codegen = self.targetctx.codegen()
+        return arguments in self.overloads or self._cache._index_key(arguments, codegen) in self._cache._cache_file._load_index()
+
+
+def njit(*function, **options):
+    """As `numba.njit`, with what the head of this module says."""
+    if function:
+        return _kernel(numba.njit(no_cfunc_wrapper=True)(*function))
+    return lambda py_func: _kernel(numba.njit(**{"no_cfunc_wrapper": True} | options)(py_func))
+
+
+def _kernel(dispatcher):
+    # numba asks for the class by the target and not by an option; ours adds no fields.  Without a compiler it is the function
+    if type(dispatcher) is CPUDispatcher:
+        dispatcher.__class__ = Kernel
+    return dispatcher
+
+
+def _number(kind):
+    """The type of an argument, of an integer that the caller knows just that: numba would compile a kernel for each of them."""
+    return types.unliteral(kind) if isinstance(kind, (types.IntegerLiteral, types.BooleanLiteral)) else kind
+
+
+def _arguments(sig):
+    return tuple(getattr(sig, "args", sig))
+
+
+@contextmanager
+def _no_collector():
+    """No collection of garbage inside of the `with`: a sixth of the time that compiling takes."""
+    if not gc.isenabled():
+        yield
+        return
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+
+
+@contextmanager
+def _waiting(dispatcher):
+    """While another process compiles: who counts the time of compiling counts this as well."""
+    with event.trigger_event("numba:compile", data={"dispatcher": dispatcher, "args": (), "return_type": None, "waiting": True}):
+        yield
 
 
 class _BySources:
@@ -24,64 +103,10 @@ class _BySources:
 
     @classmethod
     def from_function(cls, py_func, py_file):
-        return super().from_function(py_func, py_file) if _package(Path(py_file)) in _PACKAGES else None
+        return super().from_function(py_func, py_file) if sources.package(Path(py_file)) in sources.PACKAGES else None
 
     def get_source_stamp(self):
-        return stamp(Path(self._py_file))
-
-
-def stamp(file: Path) -> str:
-    """Hash of the contents of a file of a package and of all that it imports of the package's neighbours in `_PACKAGES`."""
-    digest = hashlib.sha256()
-    for source in sorted(_with_imports(file), key=str):
-        digest.update(_content(source)[0])
-    return digest.hexdigest()
-
-
-def _with_imports(file: Path) -> set[Path]:
-    """A file and those that it imports, directly or not."""
-    sources, waiting = set(), [file]
-    while waiting:
-        source = waiting.pop()
-        if source not in sources:
-            sources.add(source)
-            waiting += _content(source)[1]
-    return sources
-
-
-@cache
-def _content(file: Path) -> tuple[bytes, list[Path]]:
-    """Hash of a file, and the files that it imports by itself, at its top: what functions import is nothing that kernels see."""
-    code, root = file.read_bytes(), _root(file)
-    names = []
-    for node in ast.parse(code).body:
-        if isinstance(node, ast.Import):
-            names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and not node.level:  # neighbours import each other by their whole names
-            modules = [f"{node.module}.{alias.name}" for alias in node.names]
-            names += [module if _module(root, module) else node.module for module in modules]
-    known = (*_PACKAGES, _package(file))
-    found = [_module(root, name) for name in dict.fromkeys(names) if name.split(".")[0] in known]
-    return hashlib.sha256(code).digest(), [one for one in found if one]
-
-
-def _module(root: Path, name: str) -> Path | None:
-    """The file of a module or a package, or None."""
-    place = root.joinpath(*name.split("."))
-    return next((one for one in (place.with_name(f"{place.name}.py"), place / "__init__.py") if one.is_file()), None)
-
-
-def _root(file: Path) -> Path:
-    """The folder of the outermost package that a file is in."""
-    folder = file.parent
-    while (folder / "__init__.py").is_file():
-        folder = folder.parent
-    return folder
-
-
-def _package(file: Path) -> str:
-    """The name of that package; of a file in none, its own."""
-    return file.relative_to(_root(file)).parts[0]
+        return sources.stamp(Path(self._py_file))
 
 
 def _register():

@@ -68,8 +68,10 @@ class Curve(NamedTuple):
 
     def until(self, tolerance: float, beneath: float | None = None) -> float:
         """Seconds after which the error is below a tolerance, by what counts beneath the noise; inf if that is not said."""
-        left = tolerance**2 - (self.beneath(tolerance) if beneath is None else beneath) ** 2
-        return max(self.first, self.setup + self.noise**2 * (self.seconds - self.setup) / left) if left > 0 else math.inf
+        allowed_square = tolerance**2 - (self.beneath(tolerance) if beneath is None else beneath) ** 2
+        if not allowed_square > 0:
+            return math.inf
+        return max(self.first, self.setup + self.noise**2 * (self.seconds - self.setup) / allowed_square)
 
     def point(self, tolerance: float, beneath: float | None = None) -> Point:
         """When it meets a tolerance, with how sure that is."""
@@ -98,8 +100,8 @@ def compared(curves: Sequence[Curve], tolerance: float) -> dict:
     efficient = front(points)
     grouped = [list(group) for _, group in groupby(efficient, key=lambda i: at[i][0].name)]
     ranges = [{"name": at[group[0]][0].name, "begin": points[group[0]].seconds} for group in grouped]
-    for one, later in zip(ranges, [*ranges[1:], {"begin": None}], strict=True):
-        one["end"] = later["begin"]
+    for span, later in zip(ranges, [*ranges[1:], {"begin": None}], strict=True):
+        span["end"] = later["begin"]
     bend = knee([points[i] for i in efficient])
     # where one method follows another the front has a step, which is no bend
     on_a_curve = bend is not None and len({at[i][0].name for i in efficient[max(bend - 1, 0):bend + 2]}) == 1
@@ -120,7 +122,7 @@ def compared(curves: Sequence[Curve], tolerance: float) -> dict:
 def _closest(ranges):
     if len(ranges) == 1:
         return f"{ranges[0]['name']} is closest to the reference at all times."
-    parts = [f"{one['name']} " + (f"up to {duration(one['end'])}" if one["end"] else "from there on") for one in ranges]
+    parts = [f"{span['name']} " + (f"up to {duration(span['end'])}" if span["end"] else "from there on") for span in ranges]
     return f"Closest to the reference, by time of all cores together: {', '.join(parts)}."
 
 
@@ -159,8 +161,8 @@ def advised(curves: Sequence[Curve], tolerance: float) -> dict | None:
     slower = [name for name in others if name not in alike]
     curve = next(curve for curve in curves if curve.name == best)
     beneath = curve.beneath(tolerance)
-    hidden = [one.name for one in curves if one.name not in points and one.least < tolerance
-              and not faster(points[best], one.point(tolerance, one.least))]
+    hidden = [curve.name for curve in curves if curve.name not in points and curve.least < tolerance
+              and not faster(points[best], curve.point(tolerance, curve.least))]
     return {"name": best, "seconds": points[best].seconds, "spread": points[best].spread, "beneath": beneath,
             "noise": math.sqrt(tolerance**2 - beneath**2), "hidden": bool(curve.kept) and beneath < curve.sure,
             "bound": not curve.error, "alike": alike, "open": hidden,
@@ -172,22 +174,22 @@ def contenders(curves: Sequence[Curve], tolerance: float) -> list[str]:
     best = advised(curves, tolerance)
     if best is None:
         return [curve.name for curve in curves if curve.least < tolerance]
-    found = [best["name"], *best["alike"], *best["open"]]
-    return found if len(found) > 1 else []
+    names = [best["name"], *best["alike"], *best["open"]]
+    return names if len(names) > 1 else []
 
 
-def _taken(found, tolerance) -> str:
-    words = [f"For {_percent(tolerance)}: {found['name']}, after {duration(found['seconds'])}"]
-    if found["next"]:
-        words.append(f"{found['next']['ratio']:.2g} times as fast as {found['next']['name']}")
-    if found["alike"]:
-        words.append(f"not distinguished from {_listed(found['alike'])}")
-    if found["open"]:
-        words.append(f"noise hides whether {_listed(found['open'])} would be quicker")
-    if found["hidden"]:
-        words.append(f"noise hides its own error, which counts as {100 * found['beneath']:.2g} %")
-    elif found["beneath"]:
-        words.append(f"its own error is {100 * found['beneath']:.2g} %" + " at most" * found["bound"])
+def _taken(contenders, tolerance) -> str:
+    words = [f"For {_percent(tolerance)}: {contenders['name']}, after {duration(contenders['seconds'])}"]
+    if contenders["next"]:
+        words.append(f"{contenders['next']['ratio']:.2g} times as fast as {contenders['next']['name']}")
+    if contenders["alike"]:
+        words.append(f"not distinguished from {_listed(contenders['alike'])}")
+    if contenders["open"]:
+        words.append(f"noise hides whether {_listed(contenders['open'])} would be quicker")
+    if contenders["hidden"]:
+        words.append(f"noise hides its own error, which counts as {100 * contenders['beneath']:.2g} %")
+    elif contenders["beneath"]:
+        words.append(f"its own error is {100 * contenders['beneath']:.2g} %" + " at most" * contenders["bound"])
     return "; ".join(words) + "."
 
 

@@ -92,9 +92,9 @@ class Sweep:
         points = []
         for i in self.good:
             ratios, others = self.runs[i].ratios, alike[self.runs[i].content]
-            limit = ALIKE * min(median(other) for other in others)
+            limit = ALIKE * min(median(rival) for rival in others)
             if median(ratios) <= limit:
-                ratios = [ratio for other in others if median(other) <= limit for ratio in other]
+                ratios = [ratio for rival in others if median(rival) <= limit for ratio in rival]
             spread = deviation([ratios]) if len(ratios) > 4 else 0.0  # fewer repeats say little of their own spread
             seconds = median(ratios) * self.baseline_seconds
             points.append(Point(seconds, self.runs[i].error, standard_error(max(self.noise, spread), len(ratios))))
@@ -129,13 +129,13 @@ class Sweep:
         if any(self.runs[index].content == self.runs[i].content and self.point(index) == self.point(i) for i in self.front):
             return None
         on = [self.good.index(i) for i in self.front]
-        place = fronts.dominating(self.points, self.good.index(index), on, self.floor_of_error)
-        return None if place is None else self.good[place]
+        position = fronts.dominating(self.points, self.good.index(index), on, self.floor_of_error)
+        return None if position is None else self.good[position]
 
     def recommended(self, tolerance: float) -> int | None:
         """The run on the front with the least time whose true error meets a tolerance."""
-        place = fronts.cheapest([self.point(i) for i in self.front], tolerance)
-        return None if place is None else self.front[place]
+        position = fronts.cheapest([self.point(i) for i in self.front], tolerance)
+        return None if position is None else self.front[position]
 
     def as_dict(self) -> dict:
         """The same for machines (`--json`, trade.json)."""

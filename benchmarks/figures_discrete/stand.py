@@ -12,12 +12,13 @@ import numpy as np
 
 import bakery
 from benchmarks.sizes import sized
-from renderers import colour, discrete
-from renderers.discrete import methods
-from renderers.means import Mean
+from renderers import colour
+from renderers.materials import particles as discrete
+from renderers.materials.particles import methods
 from renderers.mitsuba import bitmaps
 from renderers.mitsuba.world import World
-from renderers.running import Render
+from renderers.pictures.means import Mean
+from renderers.pictures.running import Render
 
 EDGE = 0.1  # m, of the cube
 PIXELS = sized(64, 16)  # of a picture, along each side
@@ -56,7 +57,7 @@ particles:
   components: [{{name: p, material: {index}, size: {size}}}]
 discrete: {{count: {int(count)}, box: [{EDGE} m, {EDGE} m, {EDGE} m]}}
 """
-    from renderers.progressive import fingerprint
+    from renderers.pictures.progressive import fingerprint
 
     path = folder() / f"{fingerprint(text)}.yaml"
     path.write_text(text)

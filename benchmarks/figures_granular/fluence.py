@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.figures_goa import measures as of
 from benchmarks.sizes import sized
-from renderers.granular.teleport import flights
+from renderers.materials.grains.teleport import flights
 
 from . import stand, walks
 

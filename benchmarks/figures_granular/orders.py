@@ -9,8 +9,8 @@ import numpy as np
 from benchmarks.figures_goa import measures as of
 from benchmarks.sizes import sized
 from renderers.camera import Camera
-from renderers.granular import material, medium, paths, transport
-from renderers.granular.teleport import Teleports
+from renderers.materials.grains import material, medium, paths, transport
+from renderers.materials.grains.teleport import Teleports
 from tests.physics.particles import Sky
 from tests.physics.test_granular_render import through
 

@@ -10,7 +10,7 @@ import numpy as np
 
 import bakery
 from bakery.physics.shapes.radial import icosphere
-from renderers.granular import material
+from renderers.materials.grains import material
 
 ROOT = Path(__file__).resolve().parents[2]
 BALLS = """bakery: 1

@@ -11,12 +11,12 @@ import numpy as np
 from numba import njit
 
 from bakery.kernels import lent, phase_sample, stream_key, turned_direction
-from renderers import wavefront
-from renderers.granular import _grains, _teleport
-from renderers.granular._paths import turn
-from renderers.granular.teleport import flights
+from renderers.materials.grains import _grains, _teleport
+from renderers.materials.grains._paths import turn
+from renderers.materials.grains.teleport import flights
 from renderers.threads import run
-from renderers.wavefront import uniform
+from renderers.transport import wavefront
+from renderers.transport.wavefront import uniform
 
 WARM = 10  # grains that light meets before it is the beam source
 

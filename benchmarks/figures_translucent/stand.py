@@ -21,11 +21,11 @@ from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from renderers import scene as scenes
 from renderers.colour import LUMINANCE
-from renderers.entries import BOUNDARIES
+from renderers.materials.bodies import methods, shells, smooth, transport
+from renderers.materials.bodies.scene import METHODS
 from renderers.mitsuba.world import World
-from renderers.running import Render
-from renderers.translucent import methods, shells, smooth, transport
-from renderers.translucent.scene import METHODS
+from renderers.pictures.running import Render
+from renderers.scene.entries import BOUNDARIES
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = ROOT / "assets" / "scenes"

@@ -21,8 +21,8 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
 
     Returns
     -------
-    report : that of `renderers.running`, with `picture` (how it was made), `optical_depth` (smallest, median and largest, a
-        channel), `share_scattered` (of the picture's luminance), `share_sun` (of it)
+    report : that of `renderers.pictures.running`, with `picture` (how it was made), `optical_depth` (smallest, median and
+        largest, a channel), `share_scattered` (of the picture's luminance), `share_sun` (of it)
 
     Raises
     ------
@@ -37,7 +37,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     `picture: {color: X.exr, layer: clear, depth: X.exr, channel: distance, measure: distance}` it is fogged anew in no time.
     """
     from renderers.fog.view import View
-    from renderers.running import Render
+    from renderers.pictures.running import Render
 
     job = Render(scene, output, overrides=overrides, quality=quality, overwrite=overwrite, progress=progress)
     scene, asset = job.scene, job.asset
@@ -67,9 +67,11 @@ def _finished(job, picture, view, unsure, sunlight, rgb, quality):
     """Writes the picture rgb (H, W, 3), with its error `unsure` (H, W, 3) or None, and gives the report."""
     import numpy as np
 
-    from renderers import budget, colour, reached
+    from renderers import colour
     from renderers.fog import noise
-    from renderers.running import rgb_layers
+    from renderers.pictures import reached
+    from renderers.pictures.running import rgb_layers
+    from renderers.scene import budget
 
     total = float(np.mean(rgb @ colour.LUMINANCE))
     layers, relative = rgb_layers("clear.", picture.rgb) | {"distance": picture.distance}, None
@@ -105,8 +107,8 @@ def _figures(view, picture, sunlight, total):
 
 def describe(report) -> list[str]:
     """Lines for people."""
-    from renderers import running
-    from renderers.budget import percent
+    from renderers.pictures import running
+    from renderers.scene.budget import percent
 
     picture, depth = report["picture"], report["optical_depth"]
     source = f"{picture['color']} and {picture['depth']}" if picture["from"] == "files" else \
@@ -134,8 +136,8 @@ def _medium(scene, asset):
 
 def _density(scene, threads):
     from bakery.errors import UsageError
-    from renderers import grids
     from renderers.fog import density
+    from renderers.scene import grids
 
     section = scene.values.fog.density
     if section.type == "uniform":
@@ -155,8 +157,9 @@ def _density(scene, threads):
 
 def _picture(scene, quality, variant, seed, progress, view_of=None):
     from bakery.errors import UsageError
-    from renderers import budget, reached
     from renderers.fog import picture
+    from renderers.pictures import reached
+    from renderers.scene import budget
 
     section, camera = scene.values.picture, scene.values.camera
     if hasattr(section, "mitsuba"):

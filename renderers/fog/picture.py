@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from bakery.errors import UsageError
-from renderers import images, reached
 from renderers.camera import Camera, length
+from renderers.pictures import images, reached
 
 _ALPHA = 1 - 1e-6
 _MOST = 1 << 20  # samples a pixel, where noise ends a picture

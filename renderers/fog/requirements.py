@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from renderers.budget import as_much
-from renderers.requirements import Knob, Need
+from renderers.scene.budget import as_much
+from renderers.scene.requirements import Knob, Need
 
 # Rays that measure distances: one a pixel up to this many, 0.6 s of a core.  With every fourth in a row a gap of two pixels in a
 # wall at two metres hid a lamp at twenty, and kernels were a seventh as deep as the picture (tests/adversarial.py)
@@ -24,7 +24,7 @@ _MOST, _LEAST = 0.01, 1e-4
 
 
 def needs(about) -> list[Need]:
-    """Requirements of the stages optics, medium and beam; see `renderers.requirements`."""
+    """Requirements of the stages optics, medium and beam; see `renderers.scene.requirements`."""
     column = about.measured(_columns)
     depth = column * about.medium.sigma_t.max()
     deepest, median = float(depth.max()), float(np.median(depth))

@@ -11,7 +11,7 @@ from bakery.errors import Problem
 from bakery.grammar.fields import Flag, Path, number, numbers, whole, word
 from bakery.grammar.section import Section, pick
 from bakery.grammar.text import Mapping, Sequence, owner
-from renderers.common import LENGTH, Common, Direction, Length, Position, direction_problems, node_at, triple
+from renderers.scene.common import LENGTH, Common, Direction, Length, Position, direction_problems, node_at, triple
 
 KERNELS = ("flux", "fluence", "forward", "single", "small_angle", "small_angle_absorbing", "erf", "path_integral", "elek")
 NEEDS = ("medium", "beam")  # stages of the asset

@@ -25,8 +25,8 @@ def main(arguments=None) -> int:
     parser.add_argument("--overwrite", action="store_true", help="replace also files of other kinds")
     options = parser.parse_args(arguments)
     try:
-        import renderers.granular.plugin
-        import renderers.translucent.plugin  # noqa: F401  and this
+        import renderers.materials.bodies.plugin
+        import renderers.materials.grains.plugin  # noqa: F401
         from renderers.mitsuba import render_scene
         from renderers.preview import preview
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bakery.errors import UsageError
-from renderers import images
+from renderers.pictures import images
 
 
 def library():

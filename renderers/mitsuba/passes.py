@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from renderers.engine import Part, Passes, Stop
+from renderers.pictures.engine import Part, Passes, Stop
 
 
 @dataclass(frozen=True)

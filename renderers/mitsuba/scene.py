@@ -7,8 +7,9 @@ from functools import wraps
 from pathlib import Path
 
 from bakery.errors import AssetError, BakeryError, UsageError
-from renderers import images, inputs, reached
 from renderers.mitsuba import bitmaps, lights, passes, variants
+from renderers.pictures import images, reached
+from renderers.scene import inputs
 
 # What plugins could not do while a scene was loaded or rendered, newest last.
 faults: list[BakeryError] = []

@@ -143,7 +143,8 @@ class World:
     box : (2, 3) m, corners of the box around all surfaces; None where there are none
     without_extent : whether there are lights that no ray can meet, such as points
     variant, reason : of Mitsuba, and why
-    coarser, whole : of a pilot (`renderers.trial.smaller`): side of a pixel over that of the picture's, and its world; 1 and None
+    coarser, whole : of a pilot (`renderers.choice.trial.smaller`): side of a pixel over that of the picture's, and its world; 1
+        and None
     corners : (H W, 2) x and y of the pixels' upper left corners, in pixels of the camera's film; None: rows of pixels, all of it
 
     Notes
@@ -196,7 +197,8 @@ class World:
         size = (film.height, film.width) if film.height else None
         if surfaces is None:
             return cls(view=scene.values.camera, size=size or SIZE, variant=variant)
-        return cls(scene.file(surfaces.mitsuba), surfaces.unit, view=scene.values.camera, size=size, variant=variant)
+        return cls(scene.file(surfaces.mitsuba), surfaces.unit, view=scene.values.camera, size=size, variant=variant,
+                   parameters=surfaces.parameters)
 
     @property
     def scene(self):

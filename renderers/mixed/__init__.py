@@ -21,7 +21,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
 
     Returns
     -------
-    report : that of `renderers.progressive`; `materials` has the method of each entry, and how far that is off
+    report : that of `renderers.pictures.progressive`; `materials` has the method of each entry, and how far that is off
 
     Raises
     ------
@@ -35,8 +35,8 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     however often light meets its surface), light.NAME (from each light), noise (standard error), material (the entry in which
     most paths of the pixel first scattered; -1: none).
     """
-    from renderers import passes
     from renderers.mixed import methods
+    from renderers.pictures import passes
 
     return passes.render(methods.prepare, scene, output, overrides=overrides, quality=quality, variant=variant, seed=seed,
                          progress=progress, overwrite=overwrite, resume=resume)
@@ -44,7 +44,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
 
 def describe(report) -> list[str]:
     """Lines for people."""
-    from renderers import running
+    from renderers.pictures import running
 
     methods = ", ".join(f"materials[{number}] {entry['kind']} by {entry['method']}"
                         for number, entry in enumerate(report["materials"]))

@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery import kernels
-from renderers.granular import material as packed
-from renderers.materials.bodies import Body
-from renderers.materials.grains import Grains
-from renderers.materials.medium import Medium
-from renderers.materials.particles import Particles
+from renderers.materials.bodies import bodies, shells
+from renderers.materials.bodies.interactor import Body
+from renderers.materials.grains import material as packed
+from renderers.materials.grains.interactor import Grains
+from renderers.materials.medium.interactor import Medium
+from renderers.materials.particles.interactor import Particles
 from renderers.mixed import contents
-from renderers.translucent import bodies, shells
 from renderers.transport import places, regions
 from renderers.transport.places import BLIND, TURNS, Places, Region
 from renderers.transport.waves import Scene
@@ -23,8 +23,8 @@ class Material(NamedTuple):
     """What fills a region.
 
     region : `renderers.transport.places.Region`
-    content : `renderers.scattering.Scatterer` of a continuous medium or a body, `renderers.discrete.medium.Medium` of particles,
-        `renderers.granular._grains.Grains`
+    content : `renderers.transport.scattering.Scatterer` of a continuous medium or a body,
+        `renderers.materials.particles.medium.Medium` of particles, `renderers.materials.grains._grains.Grains`
     kind : medium, particles or grains
     density : `bakery.kernels.Region` of relative densities, 0 to 1, of a medium that varies; None: it does not
     body : of a shape of the scene that a medium fills, its `renderers.mitsuba.world.Shape`, with vertices and faces of a solid

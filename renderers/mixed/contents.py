@@ -7,16 +7,16 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery import kernels
-from renderers import grids
-from renderers.discrete import continuum, place
-from renderers.discrete.medium import classes_of, medium, without_peak
-from renderers.discrete.methods import peak_angle, peak_sentence
-from renderers.entries import declared
-from renderers.granular import local, material
+from renderers.materials.bodies.bodies import solid_shape
+from renderers.materials.grains import local, material
+from renderers.materials.particles import continuum, place
+from renderers.materials.particles.medium import classes_of, medium, without_peak
+from renderers.materials.particles.methods import peak_angle, peak_sentence
 from renderers.mixed.scene import chosen
-from renderers.scattering import Scatterer
-from renderers.translucent.bodies import solid_shape
+from renderers.scene import grids
+from renderers.scene.entries import declared
 from renderers.transport import regions
+from renderers.transport.scattering import Scatterer
 
 
 class Body(NamedTuple):
@@ -34,14 +34,14 @@ class Body(NamedTuple):
 
 
 class Particles(NamedTuple):
-    """region : `bakery.kernels.Region`;  medium : `renderers.discrete.medium.Medium`"""
+    """region : `bakery.kernels.Region`;  medium : `renderers.materials.particles.medium.Medium`"""
 
     region: kernels.Region
     medium: object
 
 
 class Grains(NamedTuple):
-    """region : `regions.Mesh`;  grains : `renderers.granular._grains.Grains`"""
+    """region : `regions.Mesh`;  grains : `renderers.materials.grains._grains.Grains`"""
 
     region: regions.Mesh
     grains: object

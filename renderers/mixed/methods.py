@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from renderers.entries import declared
-from renderers.granular.paths import first_grain
+from renderers.materials.grains.paths import first_grain
 from renderers.mixed import build, contents
 from renderers.mixed import passes as wavefronts
 from renderers.mixed.scene import chosen
 from renderers.mixed.spectra import BANDS, Spectra
-from renderers.passes import Method
+from renderers.pictures.passes import Method
+from renderers.scene.entries import declared
 
 MOST_IN_A_LOOP = 32  # media: more than that go through wavefronts (`renderers.transport.scene.MOST`)
 _MATERIAL = 16  # paths of a pixel that layer `material` is made of where no pass counts them
 
 
 def prepare(job, world, seed) -> Method:
-    """The method of a scene; `job` is a `renderers.running.Render`, `world` the surfaces and lights around."""
+    """The method of a scene; `job` is a `renderers.pictures.running.Render`, `world` the surfaces and lights around."""
     scene, assets = job.scene, job.assets
     spectra = Spectra.of(assets)
     found = [contents.of(scene, world, asset, spectra, number) for number, asset in enumerate(assets)]
@@ -96,7 +96,7 @@ def _refuse_twins(scene, found):
 
 def _refuse_overlap(scene, found):
     """UsageError where grains of one entry reach into the mesh of another's by more than a radius."""
-    from renderers.granular import material
+    from renderers.materials.grains import material
 
     numbers = [number for number, one in enumerate(found) if isinstance(one.what, contents.Grains)]
     packed = [found[number].what for number in numbers]

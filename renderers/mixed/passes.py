@@ -1,4 +1,4 @@
-"""Pictures of several materials by paths in wavefronts: their passes, as `renderers.progressive` takes them."""
+"""Pictures of several materials by paths in wavefronts: their passes, as `renderers.pictures.progressive` takes them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from renderers.engine import Part
+from renderers.pictures.engine import Part
 from renderers.transport import waves
 
 LAYERS = ("order0", "order1", "order2", "orders")

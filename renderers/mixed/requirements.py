@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from renderers.mixed.scene import chosen
-from renderers.requirements import Need, merged
+from renderers.scene.requirements import Need, merged
 
 
 def needs(about) -> list[Need]:
-    """Requirements of all stages that entries of the recipe read; see `renderers.requirements`."""
-    from renderers.discrete import requirements as particles
-    from renderers.granular import requirements as grains
+    """Requirements of all stages that entries of the recipe read; see `renderers.scene.requirements`."""
+    from renderers.materials.grains import requirements as grains
+    from renderers.materials.particles import requirements as particles
 
     entries = about.scene.values.materials
     groups: dict[tuple[str, str], list[int]] = {}

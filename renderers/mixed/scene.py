@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from bakery.errors import Problem
 from bakery.grammar import fields
 from bakery.grammar.text import Mapping, Scalar, Sequence, owner
-from renderers.common import node_at
-from renderers.entries import KEYS, KINDS, declared, methods
+from renderers.scene.common import node_at
+from renderers.scene.entries import KEYS, KINDS, declared, methods
 
 # kind -> methods that may stand beside other materials; the first one is what `auto` is
 METHODS = {kind: [name for name, method in declared(kind).items() if method.beside] for kind in KINDS}

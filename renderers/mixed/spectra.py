@@ -9,9 +9,9 @@ import numpy as np
 
 from bakery import kernels
 from renderers import colour
-from renderers.discrete.medium import in_bands
-from renderers.granular.paths import Colours
-from renderers.scattering import Scatterer, scatterer
+from renderers.materials.grains.paths import Colours
+from renderers.materials.particles.medium import in_bands
+from renderers.transport.scattering import Scatterer, scatterer
 
 BANDS = "the assets have different wavelengths: all are rendered as means over red, green and blue"
 
@@ -47,11 +47,11 @@ class Spectra(NamedTuple):
         return scatterer(sigma_t, albedo, theta, phase)
 
     def classes(self, asset, classes):
-        """Classes of particles (`renderers.discrete.medium.Classes`)."""
+        """Classes of particles (`renderers.materials.particles.medium.Classes`)."""
         return in_bands(classes, self._matrix(asset)) if self.bands else classes
 
     def grains(self, asset, grains):
-        """Grains (`renderers.granular._grains.Grains`): reflectances and absorption."""
+        """Grains (`renderers.materials.grains._grains.Grains`): reflectances and absorption."""
         if not self.bands:
             return grains
         matrix = self._matrix(asset)

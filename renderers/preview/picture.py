@@ -17,9 +17,10 @@ import numpy as np
 
 from bakery.errors import AssetError, UsageError
 from bakery.grammar import qualities
-from renderers import colour, images
+from renderers import colour
 from renderers.mitsuba import bitmaps, passes, variants
 from renderers.mitsuba import tables as asset_tables
+from renderers.pictures import images
 from renderers.preview import grains, lobe, studio
 from renderers.progress import share
 

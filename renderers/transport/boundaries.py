@@ -5,8 +5,9 @@ from __future__ import annotations
 import drjit as dr
 import numpy as np
 
-from renderers.solids import holds, volume
+import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport.regions import boundary
+from renderers.transport.solids import holds, volume
 
 import mitsuba as mi  # isort: skip
 
@@ -30,7 +31,8 @@ class Boundaries:
         Parameters
         ----------
         world : `renderers.mitsuba.world.World`
-        bodies : by the numbers of their media, each with name, vertices, faces as a `renderers.translucent.bodies.Body` has them
+        bodies : by the numbers of their media, each with name, vertices, faces as a `renderers.materials.bodies.bodies.Body`
+            has them
         """
         unit = world.unit
         self._shapes = _numbers(world, {body.name: number for number, body in bodies.items()})

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
+import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from bakery.kernels import stream_key
-from renderers.denoise import Features
+from renderers.pictures.denoise import Features
 from renderers.transport import loop
 from renderers.transport.passes import halves
 from renderers.transport.scene import Scene

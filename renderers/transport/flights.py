@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import drjit as dr
 
+import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport import media
 
 import mitsuba as mi  # isort: skip

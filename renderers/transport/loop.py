@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import drjit as dr
 
+import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport import flights, media
-from renderers.wavefront import ORDERS
+from renderers.transport.wavefront import ORDERS
 
 import mitsuba as mi  # isort: skip
 

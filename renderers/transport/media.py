@@ -1,7 +1,7 @@
 """Flights and scatterings in homogeneous media for loops of Dr.Jit, with one throughput a wavelength.
 
-As `renderers.scattering`, whose arithmetic this is in single precision: a flight or a direction is drawn for one wavelength,
-chosen by the throughput, and counted for all that might have been chosen (balance heuristic).
+As `renderers.transport.scattering`, whose arithmetic this is in single precision: a flight or a direction is drawn for one
+wavelength, chosen by the throughput, and counted for all that might have been chosen (balance heuristic).
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ import math
 
 import drjit as dr
 import numpy as np
+
+import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 
 import mitsuba as mi  # isort: skip
 
@@ -26,7 +28,7 @@ class Media:
         """
         Parameters
         ----------
-        media : list of `renderers.scattering.Scatterer` of the same wavelengths
+        media : list of `renderers.transport.scattering.Scatterer` of the same wavelengths
         unit : m, length of 1 in the loop
         """
         self.count, nodes = len(media[0].sigma_t), max(len(medium.v) for medium in media)

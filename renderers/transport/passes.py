@@ -1,4 +1,4 @@
-"""Pictures by paths of the loop: its passes, as `renderers.progressive` takes them."""
+"""Pictures by paths of the loop: its passes, as `renderers.pictures.progressive` takes them."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import drjit as dr
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.engine import Part
+from renderers.pictures.engine import Part
 from renderers.transport import loop
 from renderers.transport.scene import Scene
-from renderers.wavefront import ORDERS
+from renderers.transport.wavefront import ORDERS
 
 LAYERS = ("order0", "order1", "order2", "orders")
 _PATHS = 1 << 20  # of a pass, at most, where a pixel has several: one to three seconds of a core
@@ -28,10 +28,10 @@ def part(name, world, entries, colours, seed, by_light=False) -> Part:
     world : `renderers.mitsuba.world.World`
     entries : at most `scene.MOST` media of the same L wavelengths, in any order.  `regions.Medium(region, scatterer, name)` is
         one without a boundary, `Everywhere()`, `Box(lo, hi)`, `Mesh(vertices, faces)` or `Grid(lo, hi, density)`, in m, with a
-        `renderers.scattering.Scatterer` (`scatterer(sigma_t, albedo, theta, phase)`); `density` multiplies its sigma_t.
+        `renderers.transport.scattering.Scatterer` (`scatterer(sigma_t, albedo, theta, phase)`); `density` multiplies its sigma_t.
         Anything else is a body, a shape of the Mitsuba scene, with name (its id), vertices, faces, medium (a Scatterer),
-        matched, as `renderers.translucent.bodies.Body` has them.  Where several overlap the one of the least volume counts, of
-        equal ones the body; `Everywhere` is outermost, and hides lights at infinity.  The camera may stand in any.
+        matched, as `renderers.materials.bodies.bodies.Body` has them.  Where several overlap the one of the least volume
+        counts, of equal ones the body; `Everywhere` is outermost, and hides lights at infinity.  The camera may stand in any.
     colours : to_rgb (3, L), linear sRGB from radiances, and to_waves (L, 3), radiances from linear sRGB
     seed : of the random numbers of all passes
     by_light : whether passes have layers light.NAME, too, of each of `world.light_names`

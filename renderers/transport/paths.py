@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 REACHED, EVENT, ENDED = range(3)  # what a material has taken a path to: where it was to go, an event, nowhere
-UNKNOWN = -2  # in place of a grain's sphere: it is not known whether a path starts in one (`renderers.granular._grains`)
+UNKNOWN = -2  # in place of a grain's sphere: it is not known whether a path starts in one (`renderers.materials.grains._grains`)
 
 
 class Colours(NamedTuple):

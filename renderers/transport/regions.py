@@ -7,8 +7,9 @@ from typing import NamedTuple
 import drjit as dr
 import numpy as np
 
-from renderers import solids
-from renderers.scattering import Scatterer
+import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from renderers.transport import solids
+from renderers.transport.scattering import Scatterer
 
 import mitsuba as mi  # isort: skip
 
@@ -45,7 +46,7 @@ class Grid(NamedTuple):
 
 
 class Medium(NamedTuple):
-    """region : one of the above;  scatterer : `renderers.scattering.Scatterer`;  name : in messages"""
+    """region : one of the above;  scatterer : `renderers.transport.scattering.Scatterer`;  name : in messages"""
 
     region: Everywhere | Box | Mesh | Grid
     scatterer: Scatterer

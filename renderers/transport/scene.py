@@ -5,11 +5,12 @@ from __future__ import annotations
 import drjit as dr
 import numpy as np
 
-from renderers.solids import volume
+import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport import regions
 from renderers.transport.boundaries import Boundaries
 from renderers.transport.media import Media
 from renderers.transport.regions import Grid, Medium, Regions
+from renderers.transport.solids import volume
 from renderers.transport.voxels import Voxels
 
 import mitsuba as mi  # isort: skip
@@ -78,7 +79,7 @@ class Scene(View):
         ----------
         world, colours : as those of a `View`
         entries : at most `MOST`, of the same wavelengths: `regions.Medium`, or bodies, shapes of the Mitsuba scene, with name,
-            vertices, faces, medium, matched as a `renderers.translucent.bodies.Body` has them
+            vertices, faces, medium, matched as a `renderers.materials.bodies.bodies.Body` has them
         """
         super().__init__(world, world.scene, colours)
         self.entries = sorted(range(len(entries)), key=lambda number: _place(entries[number]))

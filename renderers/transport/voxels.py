@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
+import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+
 import mitsuba as mi  # isort: skip
 
 _HALVINGS = 24  # of the piece in which a flight ends: what single precision tells apart

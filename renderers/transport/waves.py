@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers import wavefront
 from renderers.mitsuba.world import LightSample
 from renderers.threads import run
+from renderers.transport import wavefront
 from renderers.transport.paths import EVENT, REACHED, Colours, Paths, joined
 from renderers.transport.places import NOWHERE, Places
 

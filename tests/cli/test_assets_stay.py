@@ -11,7 +11,7 @@ import pytest
 import bakery
 from bakery.run.ensure import ensured
 from bakery.store.read import read
-from renderers.requirements import Need, Required
+from renderers.scene.requirements import Need, Required
 from tests.cli.test_requirements import RECIPE, SCENE, place  # noqa: F401  a fixture
 from tests.conftest import DROPS, MILK, slow
 

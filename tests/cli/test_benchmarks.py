@@ -15,7 +15,7 @@ import bakery
 from tests.conftest import ROOT
 
 FOLDER = ROOT / "benchmarks"
-SHARED = {"claims", "drawing", "peers", "planned", "sizes"}  # what benchmarks have in common
+SHARED = {"claims", "compiled_trace", "drawing", "peers", "planned", "sizes"}  # what benchmarks have in common
 GEL = """bakery: 1
 name: gel
 wavelengths: [0.55]
@@ -29,8 +29,9 @@ CALLS = {
     "averages": ("", "--rates", "--model", "--whole"), "beam": ("", "--pictures"), "beam_pictures": ("ASSET -o FOLDER",),
     "cluster": ("overhead", "speed", "killed"), "emitter": ("ASSET --pictures FOLDER/sheet.png",), "granular": ("--quick",),
     "multiple": ("--photons",), "multiple_pictures": ("ASSET -o FOLDER",), "packing": ("", "--jamming"), "pictures": ("ASSET",),
-    "requirements": ("--pictures",), "scatterometer": ("", "--accuracy"), "scatterometer_mitsuba": ("", "--rates"),
-    "translucent": ("--folder FOLDER",), "translucent_reference": ("--room ASSET -o FOLDER",),
+    "first_picture": ("-o FOLDER",), "requirements": ("--pictures",), "scatterometer": ("", "--accuracy"),
+    "scatterometer_mitsuba": ("", "--rates"), "translucent": ("--folder FOLDER",),
+    "translucent_reference": ("--room ASSET -o FOLDER",),
 }
 
 

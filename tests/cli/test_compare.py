@@ -15,11 +15,12 @@ import pytest
 
 from bakery.cli.methods import drawing
 from bakery.trade.methods import Curve
-from renderers import comparison, differences, scene
+from renderers import scene
 from renderers.colour import LUMINANCE
-from renderers.comparison import jobs
-from renderers.progressive import Estimate, Part, Stop, fingerprint
-from renderers.running import Render
+from renderers.pictures import comparison, differences
+from renderers.pictures.comparison import jobs
+from renderers.pictures.progressive import Estimate, Part, Stop, fingerprint
+from renderers.pictures.running import Render
 from tests.browser import CHROMIUM, Page
 
 SCENE = """\

@@ -11,7 +11,7 @@ import pytest
 from bakery.cli import status_of
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
-from renderers import denoise
+from renderers.pictures import denoise
 from tests.exr import layers
 
 RECIPE = """\

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from bakery.physics.medium.phase import cumulative, evaluate, mean_cosine, normalised
+from bakery.physics.medium.phase import cumulative, mean_cosine, normalised, phase_at
 from bakery.physics.medium.regular import adaptive_table, loss, regular_table
 from bakery.store.tree import Dataset, text
 from bakery.store.write import write
@@ -65,7 +65,7 @@ def test_loss_is_what_brute_force_finds():
         return np.interp(math.cos(angle), np.linspace(-1, 1, 65), values)
 
     def source(angle):
-        return float(evaluate(theta, phase, angle))
+        return float(phase_at(theta, phase, angle))
 
     points = np.union1d(theta, np.arccos(np.linspace(-1, 1, 65)))
     difference = sum(quad(lambda t: abs(table(t) - source(t)) * math.sin(t), a, b)[0] for a, b in itertools.pairwise(points))
@@ -189,7 +189,7 @@ def test_stock_mitsuba_loads_it(call, fog, root, tmp_path):
         theta, table = root["medium/theta"].data, root["medium/phase"].data[i]
         for angle in np.radians([5, 20, 60, 120, 175]):
             value, _ = phase.eval_pdf(context, at, mi.Vector3f(math.sin(angle), 0, math.cos(angle)))
-            assert float(value[0]) == pytest.approx(evaluate(theta, table, angle), rel=5e-3)
+            assert float(value[0]) == pytest.approx(phase_at(theta, table, angle), rel=5e-3)
         draw = np.random.default_rng(7).random((20000, 3))
         cosines = [phase.sample(context, at, a, [b, c])[0][2] for a, b, c in draw]
         # 5 standard errors: a false alarm once in 1.7 million
@@ -227,7 +227,7 @@ def hail(tmp_path_factory, root):
     """Half of the light, 45 % at the second wavelength, in a peak of 1e-4 rad: path, tree, share within half a degree."""
     theta = root["medium/theta"].data
     theta = np.union1d(theta, np.geomspace(1e-6, 0.1, 400))
-    broad = evaluate(root["medium/theta"].data, root["medium/phase"].data, theta)
+    broad = phase_at(root["medium/theta"].data, root["medium/phase"].data, theta)
     narrow = normalised(theta, np.exp(-0.5 * (theta / 1e-4) ** 2))[0]
     phase = np.array([[0.5], [0.45]]) * narrow + np.array([[0.5], [0.55]]) * broad
     phase = normalised(theta, phase)[0]
@@ -257,7 +257,7 @@ def test_a_peak_that_no_grid_resolves_counts_as_unscattered(call, hail, tmp_path
         values = np.array(medium.find("phase/string").get("value").split(","), float)
         side = np.radians([20, 60, 90, 150])
         table = np.interp(np.cos(side), np.linspace(-1, 1, len(values)), values)
-        assert np.allclose(table, evaluate(tree["medium/theta"].data, broad[i], side), rtol=0.01)
+        assert np.allclose(table, phase_at(tree["medium/theta"].data, broad[i], side), rtol=0.01)
     said = call("export", path, "--to", "mitsuba", "-o", tmp_path)[2]
     assert "it counts as unscattered" in said and "by that and one table" in said
 
@@ -315,7 +315,7 @@ def test_lobes_as_json_tell_what_their_formula_gives(lobes, root):
     theta = np.union1d(np.geomspace(1e-6, math.pi, 20000), np.linspace(0, math.pi, 20000))
     mu = np.cos(theta)
     for row, phase in zip(found["wavelengths"], root["medium/phase"].data, strict=True):
-        own = evaluate(root["medium/theta"].data, phase, theta)
+        own = phase_at(root["medium/theta"].data, phase, theta)
         for name, fit in row["fits"].items():
             p = sum(one["weight"] * (1 - one["g"]**2) / (4 * math.pi * (1 + one["g"]**2 - 2 * one["g"] * mu)**1.5)
                     * (1 + one["alpha"] * mu**2) / (1 + one["alpha"] * (1 + 2 * one["g"]**2) / 3) for one in fit["lobes"])

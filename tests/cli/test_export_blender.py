@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from bakery.physics.medium.lobes import Lobes
-from bakery.physics.medium.phase import cumulative, evaluate, mean_cosine, normalised
+from bakery.physics.medium.phase import cumulative, mean_cosine, normalised, phase_at
 from bakery.store.write import write
 from renderers.colour import band_matrix
 from tests import pbrt
@@ -184,7 +184,7 @@ def test_cycles_renders_it(call, fog, root, tmp_path):
     bands, theta, phase = band_matrix(root["wavelength"].data), root["medium/theta"].data, root["medium/phase"].data[0]
     sigma_s, sigma_t = bands @ SIGMA_S, bands @ (SIGMA_S + SIGMA_A)
     for angle, image in zip(angles, found, strict=False):
-        expected = evaluate(theta, phase, angle) * once(angle, sigma_s, sigma_t)
+        expected = phase_at(theta, phase, angle) * once(angle, sigma_s, sigma_t)
         assert np.all(np.abs(np.array(image["mean"]) - expected) < 6 * np.array(image["error"]) + 0.01 * expected), angle
     behind = found[len(angles)]
     assert np.all(np.abs(np.array(behind["mean"]) - np.exp(-sigma_t)) < 6 * np.array(behind["error"]))
@@ -194,4 +194,4 @@ def test_cycles_renders_it(call, fog, root, tmp_path):
         assert np.all(np.abs(np.array(image["mean"]) - expected) < 6 * error + 0.01 * expected), angle
         assert np.all(error < 0.035 * expected)
         # much of it was scattered more than once
-        assert np.all(expected > 1.2 * evaluate(theta, phase, angle) * once(angle, sigma_s, sigma_t))
+        assert np.all(expected > 1.2 * phase_at(theta, phase, angle) * once(angle, sigma_s, sigma_t))

@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from bakery.physics.medium.phase import cumulative, evaluate, mean_cosine, normalised
+from bakery.physics.medium.phase import cumulative, mean_cosine, normalised, phase_at
 from bakery.store.tree import Dataset
 from bakery.store.write import write
 from tests.samples import small_asset, with_member
@@ -31,7 +31,7 @@ def hail(tmp_path_factory):
     old = root["medium/theta"].data
     theta = np.union1d(old, np.geomspace(1e-6, 0.1, 400))
     narrow = normalised(theta, np.exp(-0.5 * (theta / 1e-4) ** 2))[0]
-    broad = np.array([evaluate(old, row, theta) for row in root["medium/phase"].data])
+    broad = np.array([phase_at(old, row, theta) for row in root["medium/phase"].data])
     phase = normalised(theta, SHARE[:, None] * narrow + (1 - SHARE[:, None]) * broad)[0]
     tree = with_member(root, "optics", None)
     for name in {"s11", "s12", "s33", "s34"} & tree["medium"].members.keys():

@@ -15,7 +15,7 @@ from bakery.export.mixture import Loss, Mixture, identifier
 from bakery.export.openpbr import observed_colour
 from bakery.physics.medium.lobe_fits import best_hg
 from bakery.physics.medium.lobes import Lobes, misfit
-from bakery.physics.medium.phase import cumulative, evaluate, normalised
+from bakery.physics.medium.phase import cumulative, normalised, phase_at
 from bakery.store.tree import Dataset
 from bakery.store.write import write
 from renderers.colour import BANDS
@@ -78,7 +78,7 @@ def test_pbrt_reads_the_medium(call, fog, root, tmp_path):
                                                       "AttributeEnd"] and scene[2][1] == ["fog", ""]
     theta = np.union1d(np.geomspace(1e-6, math.pi, 20000), np.linspace(0, math.pi, 20000))
     for i, lost in enumerate(report["lost"]):
-        own = evaluate(medium["theta"].data, medium["phase"].data[i], theta)
+        own = phase_at(medium["theta"].data, medium["phase"].data[i], theta)
         share = math.pi * np.trapezoid(np.abs(henyey_greenstein(g, theta) - own) * np.sin(theta), theta)
         assert lost["wavelength"] == um[i] and lost["misdirected"] == pytest.approx(share, abs=1e-4) and share > 0.01
         assert lost["reduced"] == pytest.approx((1 - g) / (1 - medium["g"].data[i]) - 1, abs=1e-6)

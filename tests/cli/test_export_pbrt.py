@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from bakery.physics.medium.lobes import Lobes
-from bakery.physics.medium.phase import evaluate
+from bakery.physics.medium.phase import phase_at
 from bakery.store.write import write
 from tests.slab import SIGMA_A, SIGMA_S, in_mitsuba, medium_of_lobes, once
 
@@ -90,7 +90,7 @@ def test_pbrt_renders_it(call, slab, tmp_path):
     for degrees in (0.5, 5, 20, 40, 70, 110, 150, 180):
         angle = math.radians(degrees)
         found, error = in_pbrt(tmp_path, SUN.format(math.sin(angle), math.cos(angle)), 1, 256)
-        expected = within_bands(lambda nm, angle=angle: evaluate(theta, phase, angle) * once(angle, *sigma(nm)))
+        expected = within_bands(lambda nm, angle=angle: phase_at(theta, phase, angle) * once(angle, *sigma(nm)))
         assert np.all(np.abs(found - expected) < 6 * error + 0.005 * expected), degrees
     found, error = in_pbrt(tmp_path, SKY, 0, 1024)
     assert np.all(np.abs(found - within_bands(lambda nm: np.exp(-sigma(nm)[1]))) < 6 * error)
@@ -104,4 +104,4 @@ def test_pbrt_renders_it(call, slab, tmp_path):
         assert np.all(np.abs(found[compared] - expected) < 6 * error + 0.005 * expected), degrees
         assert np.all(error < 0.025 * expected)
         # much of it was scattered more than once
-        assert np.all(expected > 1.2 * evaluate(theta, phase, angle) * once(angle, *sigma(centres)))
+        assert np.all(expected > 1.2 * phase_at(theta, phase, angle) * once(angle, *sigma(centres)))

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import bakery
-from bakery.draw import _meshes
+from bakery.draw import meshes
 from bakery.draw.picture import drawn
 from bakery.export.medium import scattering_of
-from bakery.physics.medium.phase import integral, mean_cosine
+from bakery.physics.medium.phase import mean_cosine, phase_integral
 from bakery.physics.shapes.build import build
 from bakery.physics.shapes.files import triangles
 from bakery.report.figures import pictures
@@ -111,7 +111,7 @@ def test_the_same_bytes_each_time(tree):
     (picture,) = [picture for picture in pictures(tree) if picture.name == "walks"]
     assert drawn(picture) == drawn(picture)
     salt = tree["grains/salt"]
-    images = [_meshes.rendered(salt["vertices"].data, salt["faces"].data, np.ones(3), 40) for _ in range(2)]
+    images = [meshes.rendered(salt["vertices"].data, salt["faces"].data, np.ones(3), 40) for _ in range(2)]
     np.testing.assert_array_equal(*images)
 
 
@@ -136,14 +136,14 @@ def test_a_mesh_that_is_none_is_named(call, tree, tmp_path):
 def test_a_cube_covers_its_shadow():
     """Coverage of the picture against the cube's projection: half of sum |n.v| area over its faces, 1 % for pixels at edges."""
     cube = build(CUBE)
-    image = _meshes.rendered(cube.vertices, cube.faces, np.array([0.5, 0.5, 0.5]), 120)
+    image = meshes.rendered(cube.vertices, cube.faces, np.array([0.5, 0.5, 0.5]), 120)
     view = np.array([1.0, 0.72, 0.62]) / np.linalg.norm([1.0, 0.72, 0.62])
     assert image[..., 3].sum() / 255 * (2.04 / 120) ** 2 == pytest.approx(4 / 3 * np.abs(view).sum(), rel=0.01)
     solid = image[..., 3] == 255
     grey, count = np.unique(image[solid][:, 1].astype(int), return_counts=True)
     faces = grey[np.argsort(count)[-3:]]
     assert np.sort(count)[-3:].sum() > 0.9 * solid.sum() and np.diff(np.sort(faces)).min() > 12  # each face of one brightness
-    ball = _meshes.rendered(None, cube.faces, np.array([0.5, 0.5, 0.5]), 120)
+    ball = meshes.rendered(None, cube.faces, np.array([0.5, 0.5, 0.5]), 120)
     assert ball[..., 3].sum() / 255 * (2.04 / 120) ** 2 == pytest.approx(np.pi, rel=0.01)
 
 
@@ -151,7 +151,7 @@ def test_depths_are_those_of_rays():
     """Against every triangle in turn, for each pixel, in plain NumPy."""
     rock = build({"type": "rock", "seed": 3}, 300)
     low, pixel, size = np.array([-1.0, -1.0]), 2 / 23, 23
-    index, depth = _meshes.depths(rock.vertices, rock.faces.astype(np.int64), low, pixel, size, size)
+    index, depth = meshes.depths(rock.vertices, rock.faces.astype(np.int64), low, pixel, size, size)
     a, b, c = (rock.vertices[rock.faces[:, k]] for k in range(3))
     for row in range(size):
         for column in range(size):
@@ -169,9 +169,9 @@ def test_depths_are_those_of_rays():
 
 def test_normals_are_smooth_where_the_surface_is():
     cube, globe = build(CUBE), build({"type": "sphere"}, 1300)
-    normals = _meshes.smooth_normals(cube.vertices, cube.faces.astype(np.int64), _meshes.CREASE)
+    normals = meshes.smooth_normals(cube.vertices, cube.faces.astype(np.int64), meshes.CREASE)
     assert np.allclose(np.sort(np.abs(normals), axis=-1), [0, 0, 1], atol=1e-12)  # edges stay sharp
-    normals = _meshes.smooth_normals(globe.vertices, globe.faces.astype(np.int64), _meshes.CREASE)
+    normals = meshes.smooth_normals(globe.vertices, globe.faces.astype(np.int64), meshes.CREASE)
     assert (normals * globe.vertices[globe.faces]).sum(axis=-1).min() > 0.999
 
 
@@ -181,13 +181,13 @@ def test_what_stands_in_the_light_takes_it():
     vertices = np.concatenate([0.9 * plate, 0.3 * plate + [0, 0, 0.5]])
     faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
     low, pixel = np.array([-1.0, -1.0]), 2 / 40
-    _, shadow = _meshes.depths(vertices, faces, low, pixel, 40, 40)
-    index, depth = _meshes.depths(vertices[:4], faces[:2], low, pixel, 40, 40)
-    normals = _meshes.smooth_normals(vertices[:4], faces[:2], _meshes.CREASE)
-    covered, place, normal = _meshes.surfaces(index, depth, vertices[:4], faces[:2], normals, low, pixel)
+    _, shadow = meshes.depths(vertices, faces, low, pixel, 40, 40)
+    index, depth = meshes.depths(vertices[:4], faces[:2], low, pixel, 40, 40)
+    normals = meshes.smooth_normals(vertices[:4], faces[:2], meshes.CREASE)
+    covered, place, normal = meshes.surfaces(index, depth, vertices[:4], faces[:2], normals, low, pixel)
     light = np.zeros((40, 40))
     for towards in ([0.0, 0.0, 1.0], [0.0, 0.0, -1.0]):
-        light[covered] += _meshes.lit(place.T, normal.T, np.array(towards), np.eye(3), shadow, low, pixel)
+        light[covered] += meshes.lit(place.T, normal.T, np.array(towards), np.eye(3), shadow, low, pixel)
     at = (np.arange(40) + 0.5) / 20 - 1
     across = np.maximum(np.abs(at), np.abs(at[:, None]))
     assert np.all(light[across < 0.3] == 0) and np.all(light[across > 0.9] == 0)
@@ -264,7 +264,7 @@ def test_light_that_is_not_turned_is_not_exported(call, mix, tree, tmp_path):
     np.testing.assert_allclose(rest.sigma_t - rest.sigma_s, medium["sigma_a"].data, rtol=1e-9)
     turned = medium["sigma_s"].data * (1 - mean_cosine(medium["theta"].data, medium["phase"].data))
     np.testing.assert_allclose(rest.sigma_s * (1 - mean_cosine(rest.theta, rest.phase)), turned, rtol=1e-6)
-    np.testing.assert_allclose(integral(rest.theta, rest.phase), 1, rtol=1e-9)
+    np.testing.assert_allclose(phase_integral(rest.theta, rest.phase), 1, rtol=1e-9)
     assert rest.phase[:, 0].max() < 1e-3 * medium["phase"].data[:, 0].min()
     status, out, err = call("export", mix, "--to", "mitsuba", "-o", tmp_path, "--json")
     assert status == 0, err

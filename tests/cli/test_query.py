@@ -10,7 +10,7 @@ import pytest
 
 import bakery
 from bakery.asset.lookup import lookup
-from bakery.physics.medium.phase import evaluate
+from bakery.physics.medium.phase import phase_at
 from bakery.report.page import page
 from bakery.store.tree import Dataset, Group
 from bakery.store.write import write
@@ -78,9 +78,9 @@ def test_phase_functions_are_looked_up_as_the_format_says(ask, root):
     lines = ask("medium/phase", "theta=10deg")
     assert lines[0].split() == ["wavelength", "[um]", "phase", "[1/sr]", "+-"]
     values = [float(line.split()[1]) for line in lines[1:3]]
-    assert values == [known(exact, 1e-3 * exact) for exact in evaluate(theta, phase, math.radians(10))]  # phase_bias
+    assert values == [known(exact, 1e-3 * exact) for exact in phase_at(theta, phase, math.radians(10))]  # phase_bias
     first = ask("medium/phase", "theta=0.25 rad", "wavelength=0.465")[0]
-    exact = float(evaluate(theta, phase[1], 0.25))
+    exact = float(phase_at(theta, phase[1], 0.25))
     assert float(first.split()[0]) == known(exact, 1e-3 * exact)
     # 0 is forward: were the sign of the cosine wrong, the small value would come first
     forward, backward = (float(ask("medium/phase", f"theta={at} deg", "wavelength=0.61")[0].split()[0]) for at in (0, 180))
@@ -90,7 +90,7 @@ def test_phase_functions_are_looked_up_as_the_format_says(ask, root):
 def test_several_arguments_give_a_table(ask, root):
     lines = ask("medium/phase", "theta=[0, 90, 180] deg")
     table = np.array([[float(cell) for cell in line.split()] for line in lines[1:4]])
-    exact = evaluate(root["medium/theta"].data, root["medium/phase"].data, table[:, 0])
+    exact = phase_at(root["medium/theta"].data, root["medium/phase"].data, table[:, 0])
     assert np.all(abs(table[:, 1::2].T - exact) <= 0.0051e-3 * exact)
     assert np.allclose(table[:, 2::2], 1e-3 * exact.T, rtol=0.0051)  # phase_bias
     assert len(ask("optics/droplets/radius")) == 1 + 60  # coordinates have no error
@@ -121,7 +121,7 @@ def test_texts_and_attributes(ask, call, fog, root):
 def test_json_says_the_same(call, fog, root):
     found = json.loads(call("query", fog, "medium/phase", "theta=[0, 10] deg", "--json")[1])
     assert found["units"] == "1/sr" and [axis["name"] for axis in found["axes"]] == ["wavelength", "theta"]
-    expected = evaluate(root["medium/theta"].data, root["medium/phase"].data, np.radians([0, 10]))
+    expected = phase_at(root["medium/theta"].data, root["medium/phase"].data, np.radians([0, 10]))
     assert found["value"] == expected.tolist() and found["stage_error"] is None
     assert json.loads(call("query", fog, "medium/g", "--json")[1])["stage_error"] == 0.004
     found = json.loads(call("query", fog, "optics/droplets/scattering", "--json")[1])

@@ -211,7 +211,7 @@ def test_a_medium_of_components_is_that_of_all(place):
     """With the asset's own weights in a mixture: the extinction, albedo and phase function that were baked."""
     import bakery
     from bakery import kernels
-    from renderers.granular import local, material
+    from renderers.materials.grains import local, material
 
     asset, (vertices, faces) = bakery.open(place / "beads.h5"), icosphere(80)
     same = kernels.field([-1] * 3, [1] * 3, np.array([0.4, 1.0]).reshape(1, 1, 1, 2))
@@ -278,7 +278,7 @@ def mitsuba_scene(place, integrator=INTEGRATOR):
 
 def test_the_integrator_makes_the_same_picture(call, place):
     """With the scene in YAML and its seed: the film's, what `mi.render` gives, and another sensor's that is asked for."""
-    import renderers.granular.plugin  # noqa: F401
+    import renderers.materials.grains.plugin  # noqa: F401
     import mitsuba as mi  # isort: skip
 
     path = mitsuba_scene(place)
@@ -318,9 +318,9 @@ def test_the_integrator_needs_arrays(call, place):
 
 def test_what_the_camera_sees_of_grains(place):
     """Their normals: a radius against them lies the middle of a sphere, the same for all pixels of it; and where grains show."""
-    from renderers.granular import features, material, methods
+    from renderers.materials.grains import features, material, methods
     from renderers.mitsuba.world import World
-    from renderers.running import Render
+    from renderers.pictures.running import Render
 
     job = Render(place / "s.yaml", place / "a.png")
     world = World.of(job.scene)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import json
+import weakref
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ import pytest
 from bakery.cli import status_of
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
+from renderers.mitsuba.world import World
 from tests.exr import layers
 
 RECIPES = {
@@ -96,8 +99,28 @@ def test_same_seed_same_bytes_and_resumed(call):
     first = rendered(call, "first.png", "--set", "stop.samples=128")[1]
     again = rendered(call, "again.png", "--set", "stop.samples=128")[1]
     resumed = rendered(call, "again.png", "--set", "stop.samples=128", "--resume")[1]
-    assert all(np.array_equal(first[name], again[name]) for name in first)
-    assert all(np.array_equal(first[name], resumed[name]) for name in first)
+    assert changed(first, again) == {} and changed(first, resumed) == {}
+
+
+def test_scenes_before_are_gone_when_passes_begin(call):
+    """Kernels are compiled for the surfaces and lights of all scenes of a process, also of those that wait to be collected."""
+    gc.disable()
+    try:
+        waits = [World("room.xml")]
+        waits.append(waits)
+        alive = weakref.ref(waits[0])
+        del waits
+        assert alive() is not None
+        rendered(call, "beside.png")
+        assert alive() is None
+    finally:
+        gc.enable()
+
+
+def changed(picture, other) -> dict:
+    """Layers in which two pictures differ: number of pixels, and the largest difference."""
+    return {name: (int((picture[name] != other[name]).sum()), float(abs(picture[name] - other[name]).max()))
+            for name in picture if not np.array_equal(picture[name], other[name])}
 
 
 def test_where_all_is_continuous_one_loop_renders(call):

@@ -13,9 +13,9 @@ import pytest
 
 import bakery
 from bakery.cli import status_of
-from renderers import images
 from renderers import scene as scenes
 from renderers.fog import kernels
+from renderers.pictures import images
 from tests.exr import layers, library
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -296,12 +296,12 @@ def test_problems_for_machines(call, place):
 def test_a_failed_write_leaves_the_old_pictures(call, place, monkeypatch):
     assert call("render", place / "s.yaml", "--quiet")[0] == 0
     old = [(place / f"night.{kind}").read_bytes() for kind in ("png", "exr")]
-    import renderers.images
+    import renderers.pictures.images
 
     def full(path, target):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(renderers.images.os, "replace", full)
+    monkeypatch.setattr(renderers.pictures.images.os, "replace", full)
     status, _, err = call("render", place / "s.yaml", "--set", "fog.density.scale=3")
     assert status == 3 and "No space left" in err
     assert [(place / f"night.{kind}").read_bytes() for kind in ("png", "exr")] == old
@@ -411,3 +411,21 @@ def test_noise_beyond_the_mean_is_said_in_plain_numbers():
               "picture": {"from": "mitsuba", "scene": "a.xml", "samples": 4, "noise": 1.3, "variant": "llvm", "reason": "fast"}}
     said = " ".join(describe(report))
     assert "noise 104 %" in said and "noise 130 %" in said and "e+" not in said
+
+
+def test_frames_of_fog(call, place):
+    """A filter over finished pictures has frames too, which cannot be gone on with: densities that rise, other pictures."""
+    np.save(place / "near.npy", np.full((18, 32), 5.0))
+    (place / "s.yaml").write_text(SCENE + "frames:\n  fog.density.scale: {from: 0.5, to: 2}\n"
+                                          "  picture.depth: [depth.npy, near.npy, near.npy]\n")
+    status, out, err = call("render", place / "s.yaml", "--frames", "1-3", "--json")
+    assert status == 0, err
+    rows = json.loads(out)["frames"]
+    assert [row["method"] for row in rows] == ["screen"] * 3 and rows[0]["noise"] is None
+    second, third = (layers(place / f"night.000{number}.exr") for number in (2, 3))
+    assert (second["distance"] == 5).all() and third["B"].mean() < second["B"].mean()
+    assert call("render", place / "s.yaml", "-o", place / "plain.png")[0] == 0
+    assert all(np.array_equal(values, layers(place / "night.0001.exr")[name])
+               for name, values in layers(place / "plain.exr").items())
+    status, _, err = call("render", place / "s.yaml", "--frames", "1", "--resume")
+    assert status == 2 and "--resume: the renderer fog cannot go on from an EXR" in err

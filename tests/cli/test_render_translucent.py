@@ -264,7 +264,7 @@ INTEGRATOR = """<integrator type="bakery_translucent"><string name="body.ball" v
 @pytest.mark.slow
 def test_the_integrator_makes_the_same_picture(call, place):
     """With the scene in YAML and its seed: what `mi.render` gives, and what the film holds."""
-    import renderers.translucent.plugin  # noqa: F401
+    import renderers.materials.bodies.plugin  # noqa: F401
     import mitsuba as mi  # isort: skip
 
     (place / "plugin.xml").write_text(XML.replace("</scene>", f"{INTEGRATOR}</scene>"))

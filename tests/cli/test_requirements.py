@@ -9,8 +9,7 @@ import pytest
 import bakery
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
-from renderers import assets
-from renderers.scene import load
+from renderers.scene import assets, load
 from tests import adversarial, exr
 
 RECIPE = """\

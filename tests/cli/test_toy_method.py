@@ -8,10 +8,11 @@ import json
 import pytest
 
 from bakery.errors import RecipeError
-from renderers import budget, entries, scene
-from renderers.discrete import declared
-from renderers.discrete import scene as rules
-from renderers.translucent.declaration import DIFFUSED, FEW, GATHERED, JOINED
+from renderers import scene
+from renderers.materials.bodies.declaration import DIFFUSED, FEW, GATHERED, JOINED
+from renderers.materials.particles import declared
+from renderers.materials.particles import scene as rules
+from renderers.scene import budget, entries
 from tests.cli.test_render_discrete import RECIPE, SCENE, XML
 from tests.conftest import ROOT
 

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 import bakery
-from renderers import budget, scene
+from renderers import scene
 from renderers.camera import Camera
-from renderers.progressive import Estimate, Part, Stop
-from renderers.running import Render
+from renderers.pictures.progressive import Estimate, Part, Stop
+from renderers.pictures.running import Render
+from renderers.scene import budget
 from tests.exr import layers
 
 SCENE = """\

@@ -10,10 +10,11 @@ import pytest
 
 from bakery.cli.trade_scene import is_scene
 from bakery.errors import UsageError
-from renderers import comparison, scene
+from renderers import scene
 from renderers.colour import LUMINANCE
-from renderers.progressive import Estimate, Part, Stop, fingerprint
-from renderers.running import Render
+from renderers.pictures import comparison
+from renderers.pictures.progressive import Estimate, Part, Stop, fingerprint
+from renderers.pictures.running import Render
 from tests.cli.test_compare import Parts
 
 SCENE = """\

@@ -9,8 +9,8 @@ from scipy import stats
 
 from bakery import kernels
 from renderers.camera import Camera
-from renderers.discrete import splat
-from renderers.discrete.medium import Classes, Medium, medium
+from renderers.materials.particles import splat
+from renderers.materials.particles.medium import Classes, Medium, medium
 from renderers.mitsuba.world import FAR, LightSample, Shading
 
 THETA = math.pi * np.linspace(0, 1, 721)

@@ -10,7 +10,7 @@ import pytest
 from numba import njit
 
 from bakery import kernels
-from bakery.physics.granular import _voxels
+from bakery.physics.granular import voxels
 from bakery.physics.packing import pack
 from bakery.physics.shapes.radial import icosphere
 
@@ -193,14 +193,14 @@ def test_voxels():
     """Classes by solid angles of corners and middles; partial ones by the distance of the surface, on a fine grid of points."""
     vertices, faces = bumpy(10.0, (0.3, 0.1, -0.2))
     found = kernels.aggregate(*tile(0.6), vertices, faces)
-    kinds = found.voxels & _voxels.CLASS
+    kinds = found.voxels & voxels.CLASS
     index = np.argwhere(np.ones(kinds.shape, bool))
     points = found.low + (index + np.random.default_rng(5).random(index.shape)) * found.edge
     inside = winding(points, vertices, faces)
     flat = kinds.reshape(-1)
-    assert not inside[flat == _voxels.OUTSIDE].any() and inside[flat == _voxels.INSIDE].all()
-    assert {0, 1, 2} == set(flat) and np.all(found.voxels[kinds > 0] & _voxels.NEAR)
-    share = np.mean(flat == _voxels.PARTIAL)  # a surface of about 1300 in voxels of edge 4, with some to spare
+    assert not inside[flat == voxels.OUTSIDE].any() and inside[flat == voxels.INSIDE].all()
+    assert {0, 1, 2} == set(flat) and np.all(found.voxels[kinds > 0] & voxels.NEAR)
+    share = np.mean(flat == voxels.PARTIAL)  # a surface of about 1300 in voxels of edge 4, with some to spare
     assert share < 2.5 * 1300 * found.edge.mean() / np.prod(np.ptp(vertices, axis=0) + 2)
 
 
@@ -212,7 +212,7 @@ def test_triangle_and_box_against_points_of_the_triangle():
     corners = np.array(list(itertools.product((-1, 1), repeat=3))) * half
     for _ in range(400):
         a, b, c = random.normal(size=(3, 3)) * 0.7 + random.normal(size=3) * 0.6
-        said = _voxels.meets(a, b, c, half)
+        said = voxels.meets(a, b, c, half)
         points = weights @ np.array([a, b, c])
         if np.any(np.all(np.abs(points) < half, axis=1)):
             met += 1

@@ -48,7 +48,7 @@ def test_published_distributions(s, m, extinction, scattering, g, table):
     assert mean_s + mean_a == pytest.approx(extinction, rel=5e-5)
     assert mean_s == pytest.approx(scattering, rel=5e-5)
     assert phase.mean_cosine(theta, a.elements[0, 0]) == pytest.approx(g, rel=2e-4)
-    assert phase.evaluate(theta, a.elements[0, 0], ANGLES) == pytest.approx(table, rel=tolerance)
+    assert phase.phase_at(theta, a.elements[0, 0], ANGLES) == pytest.approx(table, rel=tolerance)
     assert a.error[0] <= tolerance and abs(a.scale[0] - 1) < tolerance
 
 
@@ -60,7 +60,7 @@ def test_rayleigh_limit():
     for radius in (r, 1e-9):
         theta, a = bake(size("single", radius=radius), m, tolerance=1e-4)
         at = np.linspace(0, math.pi, 50)
-        assert phase.evaluate(
+        assert phase.phase_at(
             theta, a.elements[0, 0],
             at) ==pytest.approx(
             3 / (16 * math.pi) *(1 +np.cos(at) **2),
@@ -94,7 +94,7 @@ def test_claimed_errors_cover_the_true_ones(s, m, level):
     draw = np.random.default_rng(3)
     between = np.interp(draw.random(80) * (len(theta) - 1), np.arange(len(theta)), theta)
     at = np.sort(np.concatenate([draw.choice(theta, 40, replace=False), between, ANGLES]))
-    got, claimed, true = phase.evaluate(theta, f, at), phase.evaluate(theta, error, at), reference(s, m, at, level)
+    got, claimed, true = phase.phase_at(theta, f, at), phase.phase_at(theta, error, at), reference(s, m, at, level)
     off = np.abs(got - true)
     assert (off / true).max() <= a.error[0]  # the error that the asset states
     assert np.mean(off <= claimed) >= 0.97  # and its table, angle by angle: one in fifty may be missed
@@ -121,7 +121,7 @@ def test_single_sphere_is_resolved_down_to_its_ripples():
     true = batches.angular_block(1.33, x, np.ones(1), at, False)[0] / (q * math.pi * 200**2)
     half = round(0.5 / 200 / (1 / 20000))
     crest = np.array([f[max(i - half, 0) : i + half + 1].max() for i in np.searchsorted(fine, at)])
-    assert (np.abs(phase.evaluate(theta, a.elements[0, 0], at) - true) / crest).max() < 1e-2
+    assert (np.abs(phase.phase_at(theta, a.elements[0, 0], at) - true) / crest).max() < 1e-2
     assert 2000 < len(theta) < 8000
 
 
@@ -133,7 +133,7 @@ def test_table_agrees_with_the_series_of_efficiencies():
         g = np.sum(weight * a.cosine[i]) / np.sum(weight)
         assert phase.mean_cosine(theta, a.elements[i, 0]) == pytest.approx(g, abs=2e-3)
         assert a.scale[i] == pytest.approx(1, abs=4e-3)
-        assert phase.integral(theta, a.elements[i, 0]) == pytest.approx(1, abs=1e-13)
+        assert phase.phase_integral(theta, a.elements[i, 0]) == pytest.approx(1, abs=1e-13)
 
 
 def test_polarised_elements():
@@ -146,7 +146,7 @@ def test_polarised_elements():
     assert abs(s12[[0, -1]]).max() < 1e-10 * s11[-1]
     plain_theta, plain = bake(s, 1.5 + 0.01j)
     at = np.linspace(0, math.pi, 200)
-    assert phase.evaluate(theta, s11, at) == pytest.approx(phase.evaluate(plain_theta, plain.elements[0, 0], at), rel=1.5e-2)
+    assert phase.phase_at(theta, s11, at) == pytest.approx(phase.phase_at(plain_theta, plain.elements[0, 0], at), rel=1.5e-2)
 
 
 def test_values_do_not_depend_on_where_blocks_run(monkeypatch):
@@ -183,8 +183,8 @@ def test_a_mixture_is_the_weighted_sum_of_its_parts():
     for share, s in ((0.9, one), (0.1, two)):
         theta, a = bake(s, m, tolerance=tolerance)
         c = share * np.sum(a.scattering[0] * a.weight)
-        total, weight = total + c * phase.evaluate(theta, a.elements[0, 0], at), weight + c
-    assert phase.evaluate(both[0], both[1].elements[0, 0], at) == pytest.approx(total / weight, rel=2 * tolerance)
+        total, weight = total + c * phase.phase_at(theta, a.elements[0, 0], at), weight + c
+    assert phase.phase_at(both[0], both[1].elements[0, 0], at) == pytest.approx(total / weight, rel=2 * tolerance)
 
 
 @pytest.mark.parametrize("s, m, tolerance", [
@@ -198,7 +198,7 @@ def test_extremes_are_finite(s, m, tolerance):
     for name in ("scattering", "absorption", "elements", "phase_bias", "error", "scale"):
         assert np.isfinite(getattr(a, name)).all(), name
     assert (a.elements[:, 0] >= 0).all() and a.error[0] <= tolerance
-    assert phase.integral(theta, a.elements[0, 0]) == pytest.approx(1, abs=1e-13)
+    assert phase.phase_integral(theta, a.elements[0, 0]) == pytest.approx(1, abs=1e-13)
 
 
 def test_refusals_say_what_would_do():
@@ -220,8 +220,8 @@ def test_a_tolerance_out_of_reach_leaves_what_was_reached(monkeypatch, m, integr
     monkeypatch.setattr(nodes, "LAST_NODES", 1024)
     theta, found = bake(law, m, tolerance=tolerance, integrated=integrated)
     assert tolerance < found.error[0] < 1
-    f, g = (phase.evaluate(at, made.elements[0, 0], true_theta) for at, made in ((theta, found), (true_theta, true)))
-    off = phase.integral(true_theta, np.abs(f - g)) if integrated else np.abs(f / g - 1).max()
+    f, g = (phase.phase_at(at, made.elements[0, 0], true_theta) for at, made in ((theta, found), (true_theta, true)))
+    off = phase.phase_integral(true_theta, np.abs(f - g)) if integrated else np.abs(f / g - 1).max()
     assert off < found.error[0] + true.error[0]
 
 
@@ -259,7 +259,7 @@ def test_integrated_tolerance(s, m, tolerance):
     theta, found = made("integrated", tolerance, integrated=True)
     made("pointwise", tolerance)
     both = np.union1d(reference, theta)
-    f, g = (phase.evaluate(at, average[0].elements[0, 0], both) for at, average in ((theta, found), (reference, exact)))
-    true = phase.integral(both, np.abs(f - g))
+    f, g = (phase.phase_at(at, average[0].elements[0, 0], both) for at, average in ((theta, found), (reference, exact)))
+    true = phase.phase_integral(both, np.abs(f - g))
     assert true < found[0].error[0] <= tolerance
     assert done["integrated"] < done["pointwise"] or s.distribution == "single"

@@ -255,7 +255,7 @@ def test_single_scattering_is_the_integral_along_the_beam(theta_phase, albedo):
         for begin, end in ((-z, 0.0), (0.0, 60.0)):  # beyond the plane lies the light that comes back
             t = np.linspace(math.asinh(begin / r), math.asinh(end / r), 20_001)
             way, d = -r * np.sinh(t), r * np.cosh(t)
-            light = albedo * np.exp(-(z - way) - d) / d * tables.evaluate(theta, phase, np.arctan2(r, way))  # ds = d dt
+            light = albedo * np.exp(-(z - way) - d) / d * tables.phase_at(theta, phase, np.arctan2(r, way))  # ds = d dt
             expected += [integrate.simpson(light, x=t), integrate.simpson(light * np.abs(way) / d, x=t)]
         forward, back = single.single(albedo, line, z, r)
         # the angular sums are good to 1e-3 of the fluence, also of flux that grazes the plane

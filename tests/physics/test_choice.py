@@ -32,8 +32,8 @@ def by(method, m, radius, sigma=1.3):
 def difference(one, other):
     """Integral of |f - f_ref| over the sphere, both as tables on their own angles."""
     theta = np.union1d(one[0], other[0])
-    f, g = (phase.evaluate(at, found.elements[0, 0], theta) for at, found in (one, other))
-    return phase.integral(theta, np.abs(f - g))
+    f, g = (phase.phase_at(at, found.elements[0, 0], theta) for at, found in (one, other))
+    return phase.phase_integral(theta, np.abs(f - g))
 
 
 @pytest.mark.parametrize(("m", "radius"), [(1.33, 6.0), (1.33, 15.0), (1.5 + 1e-3j, 12.0), (0.75, 6.0), (1.31, 24.0)])
@@ -47,7 +47,7 @@ def test_measured_error_covers_the_true_one(m, radius):
     assert choice.error < 3 * true + 0.002
     assert np.array_equal(rays[1].scattering, series[1].scattering)
     # and at each angle the table of errors, nearly everywhere
-    f, g = (phase.evaluate(at, found.elements[0, 0], series[0]) for at, found in (rays, series))
+    f, g = (phase.phase_at(at, found.elements[0, 0], series[0]) for at, found in (rays, series))
     claimed = np.interp(series[0], rays[0], rays[1].phase_bias[0])
     assert np.mean(np.abs(f - g) > 1.5 * claimed) < 0.03
 
@@ -97,7 +97,7 @@ def test_a_fixed_number_of_sizes_and_angles(count):
     theta, found = bake(1.33, 2.0, 1.5, Rays("mie"), radii=count, angles=count)
     assert len(theta) == count and abs(len(found.radius) - count) <= 3
     reference = by("mie", 1.33, 2.0, 1.5)
-    exact = phase.evaluate(reference[0], reference[1].elements[0, 0], theta)
+    exact = phase.phase_at(reference[0], reference[1].elements[0, 0], theta)
     if count > 3:  # its error is told, and covers the truth
         assert np.max(np.abs(found.elements[0, 0] / exact - 1)) < found.error[0] + 0.03
 

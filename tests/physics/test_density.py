@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from renderers import grids
 from renderers.fog import density
 from renderers.fog.density import Grid, Height, Uniform
+from renderers.scene import grids
 from tests.exr import library
 
 ENDLESS = np.array([math.inf])

@@ -7,6 +7,7 @@ are fixed.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,12 +15,37 @@ from numba import njit
 from scipy import stats
 from scipy.spatial import ConvexHull, cKDTree
 
+import bakery
 from bakery import kernels, rng
 from bakery.physics.discrete import hashing
 from bakery.physics.shapes.radial import icosphere
+from renderers import scene
+from renderers.materials.particles import place
+from renderers.materials.particles.medium import classes_of, without_peak
 from tests.odds import ODDS, SIGMAS
 
 NOBODY = np.full(3, np.nan)
+DROPS_SEEN = """\
+bakery: 1
+name: drops
+wavelengths: rgb
+tolerance: 20%
+particles:
+  host: air
+  number_density: 1e15 /m^3
+  components: [{name: drops, material: water, size: {distribution: single, radius: 2 um}}]
+"""
+MOVING = """\
+bakery_scene: 2
+name: drift
+camera: {origin: [40, -150, 40] um, target: [40, 40, 40] um, fov: 30 deg}
+materials:
+  - {asset: drops.h5, velocity: [3, -1, 0.5] um/s}
+frames:
+  count: 4
+  materials[0].time: {from: 10 s, to: 11.5 s}
+  camera.fov: {from: 30 deg, to: 5 deg}
+"""
 
 
 # ---- plain twins
@@ -375,3 +401,27 @@ def test_moving_particles_do_not_pop(kept):
         new = cKDTree(moved[inside]).query(moments[1])[0] > 1e-9
         from_wall = np.minimum(moments[1] - BOX.lo, BOX.hi - moments[1])[new]
         assert (from_wall < np.abs(velocity[0]) * step + 1e-9).any(axis=1).all()
+
+
+@pytest.mark.parametrize("method", ["stored", "procedural"])
+def test_particles_of_frames_move_by_their_velocity(tmp_path, method):
+    """From frame to frame of a scene whose camera and `time` change, each particle is where its velocity takes it: none jumps, at
+    borders of cells neither, and what comes in comes through the walls."""
+    (tmp_path / "drops.yaml").write_text(DROPS_SEEN + f"discrete: {{count: 500, box: [80 um, 80 um, 80 um], method: {method}}}\n")
+    bakery.bake(tmp_path / "drops.yaml", tmp_path / "drops.h5")
+    (tmp_path / "s.yaml").write_text(MOVING)
+    velocity, lo, hi, moments = np.array([3e-6, -1e-6, 0.5e-6]), np.zeros(3), np.full(3, 80e-6), []
+    for number in (1, 2, 3, 4):
+        loaded = scene.load(tmp_path / "s.yaml", frame=number)
+        asset, entry = bakery.open(tmp_path / "drops.h5"), loaded.values.materials[0]
+        classes = without_peak(classes_of(asset.discrete), 1e-3 * number)  # as zooming cameras take it out
+        order = kernels.disc_order(classes.extinction)
+        region = place.region_of(loaded, asset.discrete)
+        discs = place.discs_of(asset.discrete, region, entry.velocity, entry.time)
+        moments.append(listed(discs(classes.extinction[:, order], classes.density[order], order))[0])
+    for before, after in pairwise(moments):
+        moved = before + velocity * 0.5
+        inside = ((lo <= moved) & (moved < hi)).all(axis=1)
+        assert inside.sum() > 400 and cKDTree(after).query(moved[inside])[0].max() < 1e-4 * 80e-6  # single precision
+        new = after[cKDTree(moved[inside]).query(after)[0] > 1e-4 * 80e-6]
+        assert (np.minimum(new - lo, hi - new) < np.abs(velocity) * 0.5 + 1e-9).any(axis=1).all()

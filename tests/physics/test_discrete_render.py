@@ -14,7 +14,7 @@ import pytest
 from bakery import kernels
 from bakery.physics.discrete import graininess
 from renderers import colour
-from renderers.discrete import detail, explicit, splat, walk
+from renderers.materials.particles import detail, explicit, splat, walk
 from tests.conftest import slow
 from tests.odds import ODDS, SIGMAS, sigmas
 from tests.physics.particles import (

@@ -12,7 +12,7 @@ import pytest
 
 from bakery import kernels
 from bakery.physics.shapes.radial import icosphere
-from renderers.discrete import continuum, explicit, splat, walk
+from renderers.materials.particles import continuum, explicit, splat, walk
 from renderers.mitsuba.world import World
 from tests.conftest import slow
 from tests.odds import sigmas

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from renderers.discrete import shadow, splat, walk
+from renderers.materials.particles import shadow, splat, walk
 from tests.odds import sigmas
 from tests.physics.particles import (
     Lamp,

@@ -14,8 +14,8 @@ import pytest
 
 from bakery import kernels
 from bakery.kernels import NO_DISC, stream_key
-from renderers import wavefront
-from renderers.discrete import _transport
+from renderers.materials.particles import _transport
+from renderers.transport import wavefront
 from tests.conftest import slow
 from tests.odds import SIGMAS, sigmas
 from tests.physics import particles

@@ -10,7 +10,7 @@ import pytest
 
 from bakery import goa, mie
 from bakery.physics.goa import _asymptotic, _edge, _rays, _solve, _special, _surface
-from bakery.physics.mie import _kernels as mie_kernels
+from bakery.physics.mie import kernels as mie_kernels
 
 THETA = np.deg2rad(np.arange(0.25, 180, 0.5))
 SOLID = np.sin(THETA)
@@ -227,7 +227,7 @@ def whole_sum(m, x, edge, theta):
     centre, width = (x - 3 * c, 2 * c) if edge == "wide" else (x - 0.5 * c, c)
     last = mie_kernels.terms(x)
     work, lane = np.empty((last + 2, 4, 1)), np.empty((27, 1))
-    mie_kernels._coefficients(complex(m), np.array([x]), lane, work)
+    mie_kernels.wave_coefficients(complex(m), np.array([x]), lane, work)
     out = np.zeros((2, theta.size), complex)
     mu, pi, before = np.cos(theta), np.ones(theta.size), np.zeros(theta.size)
     for n in range(1, last + 1):
@@ -322,7 +322,7 @@ def test_bits_do_not_depend_on_threads(monkeypatch):
     theta, sizes = np.linspace(0, np.pi, 2500), np.linspace(900, 1100, 5)
     results = []
     for threads in (1, 3):
-        monkeypatch.setattr("bakery.physics.goa._parts", lambda seconds, threads=threads: threads)
+        monkeypatch.setattr("bakery.physics.goa.parts_of_work", lambda seconds, threads=threads: threads)
         results.append(np.array(goa.amplitudes(1.33, sizes, theta)))
     assert np.array_equal(*results)
 
@@ -335,7 +335,8 @@ def test_dark_side_is_left_out_only_where_nothing_is_left():
         bow = np.arccos(np.sqrt((n * n - 1) / (p * p - 1)))
         h, top = 2 * (p * p - 1) / (p * p) * np.tan(bow), _rays.turning(n, p, bow)
         beyond = np.geomspace(1e-4, _rays.REACH, 12)
-        _rays._dark(complex(n), p, top + beyond, np.ones(12), 0, 12, 0, 1.0, top, bow, 0.0, lanes, out, rays, 0)
+        order = _rays.Order(complex(n), p, np.pi / 2, 0.0, bow, top, 0.0, np.inf, (0.0, 0.0))
+        _rays._dark(order, _rays.Lanes(top + beyond, np.ones(12), lanes, out), _rays.Target(0, 12, 0, 1.0), 0.0, rays, 0)
         there = rays[_surface.EXISTS] == 1
         assert np.count_nonzero(there) > 5
         estimate = 2 / 3 * ((2 * np.cos(bow) ** 2 / h) ** (1 / 3) * beyond) ** 1.5
@@ -371,7 +372,7 @@ def test_coefficients_that_start_at_the_window(m):
     for x in (450.0, 777.7, 2000.0, 12345.0, 3e5):
         with_waves = np.array([x])
         work, lane = np.empty((mie_kernels.terms(x) + 2, 4, 1)), np.empty((27, 1))
-        mie_kernels._coefficients(complex(m), with_waves, lane, work)
+        mie_kernels.wave_coefficients(complex(m), with_waves, lane, work)
         for edge in ("narrow", "wide"):
             spans = np.empty((2, 2), np.int64)
             for low, high in spans[:_edge._spans(x, _edge.scales_of(complex(m), with_waves, edge)[0], spans)]:
@@ -391,7 +392,7 @@ def test_resonances_inside_the_window():
         found, table = np.empty((high - low, 4)), np.empty((4, high - low + 1))
         _asymptotic.stretch(1.5 + 0j, x, low, high, table, found)
         work, lane = np.empty((mie_kernels.terms(x) + 2, 4, 1)), np.empty((27, 1))
-        mie_kernels._coefficients(1.5 + 0j, np.array([x]), lane, work)
+        mie_kernels.wave_coefficients(1.5 + 0j, np.array([x]), lane, work)
         exact = work[low - 1 : high - 1, :, 0]
         assert abs(found - exact).max() < 1e-8
         beyond = exact[int(2 * np.cbrt(x)) :]

@@ -9,10 +9,11 @@ import pytest
 
 import bakery
 from bakery.cli import status_of
-from renderers import budget, choice
-from renderers.engine import Stop
-from renderers.granular import material, methods
+from renderers import choice
+from renderers.materials.grains import material, methods
 from renderers.mitsuba.world import World
+from renderers.pictures.engine import Stop
+from renderers.scene import budget
 from tests.physics.test_aggregate import CUBE
 
 RECIPE = """\

@@ -10,9 +10,9 @@ import pytest
 from numba import njit
 
 from bakery import kernels
-from bakery.physics.granular._distance import distance
 from bakery.physics.granular.diffusion import decay
-from renderers.granular import medium
+from bakery.physics.granular.distance import distance_to_triangles
+from renderers.materials.grains import medium
 from renderers.mitsuba.world import World
 from tests.odds import SIGMAS, sigmas
 from tests.physics.particles import THETA, Sky, camera, henyey_greenstein
@@ -36,7 +36,7 @@ def distances(aggregate, diffuse, points, limit, enough, found):
     for n in range(len(points)):
         for k in range(3):
             p[k] = points[n, k]
-        found[n, 0] = distance(aggregate.tree, aggregate.middle, aggregate.scale, p, limit, room[0])
+        found[n, 0] = distance_to_triangles(aggregate.tree, aggregate.middle, aggregate.scale, p, limit, room[0])
         found[n, 1] = kernels.clear_in_mesh(aggregate, diffuse, p, enough, room)
 
 

@@ -11,8 +11,8 @@ from scipy.ndimage import map_coordinates
 
 from bakery import kernels
 from bakery.physics.packing.instances import instances, left_out
-from renderers.granular import medium, transport
-from renderers.granular.teleport import Teleports
+from renderers.materials.grains import medium, transport
+from renderers.materials.grains.teleport import Teleports
 from tests.odds import ODDS, SIGMAS
 from tests.physics.particles import Sky, camera, same
 from tests.physics.test_aggregate import bumpy, check, listed, rays, tile

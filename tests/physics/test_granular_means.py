@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bakery import kernels
-from renderers.granular import medium, transport
+from renderers.materials.grains import medium, transport
 from tests.odds import SIGMAS
 from tests.physics.particles import Sky, averaged, camera
 from tests.physics.test_aggregate import bumpy, tile

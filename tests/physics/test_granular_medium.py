@@ -10,8 +10,8 @@ import pytest
 
 from bakery import kernels
 from bakery.store import ply
-from renderers.granular import material, medium, methods, transport
-from renderers.granular._medium import Medium
+from renderers.materials.grains import material, medium, methods, transport
+from renderers.materials.grains._medium import Medium
 from renderers.mitsuba.world import World
 from tests.conftest import slow
 from tests.odds import ODDS, SIGMAS, sigmas

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from bakery import kernels
-from bakery.physics.packing.instances import instances, matrix
+from bakery.physics.packing.instances import instances, rotation_matrix
 from bakery.store import ply
-from renderers.granular import material, medium, paths, transport
-from renderers.granular._grains import Grains
+from renderers.materials.grains import material, medium, paths, transport
+from renderers.materials.grains._grains import Grains
 from renderers.mitsuba.world import World
 from tests.conftest import slow
 from tests.odds import ODDS, SIGMAS
@@ -191,7 +191,8 @@ def explicit(folder, found, kinds, names, mesh):
                      for (x, y, z), r in zip(centre[own], radius[own])]
         elif own.size:
             corners, faces = kind.mesh.vertices, kind.mesh.faces
-            vertices = np.concatenate([radius[n] * corners @ np.array(matrix(*turn[n])).reshape(3, 3).T + centre[n] for n in own])
+            vertices = np.concatenate([radius[n] * corners @ np.array(rotation_matrix(*turn[n])).reshape(3, 3).T + centre[n]
+                                       for n in own])
             triangles = np.concatenate([faces + n * len(corners) for n in range(own.size)])
             (folder / f"{k}.ply").write_bytes(ply.mesh(vertices, triangles))
             more += [f'<shape type="ply"><string name="filename" value="{k}.ply"/><boolean name="face_normals" value="true"/>'

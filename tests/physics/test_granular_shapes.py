@@ -10,9 +10,9 @@ import pytest
 
 from bakery import kernels
 from bakery.physics.packing.instances import instances
-from renderers import trial
-from renderers.granular import bundles, methods, paths, shapes, transport
-from renderers.granular.listed import listed
+from renderers.choice import trial
+from renderers.materials.grains import bundles, methods, paths, shapes, transport
+from renderers.materials.grains.listed import listed
 from renderers.mitsuba.world import World
 from tests.conftest import slow
 from tests.odds import SIGMAS

@@ -10,8 +10,8 @@ import pytest
 
 from bakery import kernels
 from benchmarks.figures_granular import walks
-from renderers.granular import material
-from renderers.granular.teleport import Teleports, flights
+from renderers.materials.grains import material
+from renderers.materials.grains.teleport import Teleports, flights
 from renderers.mitsuba.world import World
 from tests.odds import SIGMAS
 from tests.physics.particles import Sky, averaged, camera

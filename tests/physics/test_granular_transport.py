@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from bakery import kernels
-from renderers.granular import bundles, material, medium, paths, transport
-from renderers.granular._medium import Medium
-from renderers.granular._paths import PASSES
+from renderers.materials.grains import bundles, material, medium, paths, transport
+from renderers.materials.grains._medium import Medium
+from renderers.materials.grains._paths import PASSES
 from tests.odds import ODDS, SIGMAS
 from tests.physics.particles import THETA, Sky, blocks, camera, henyey_greenstein, same
 from tests.physics.test_aggregate import CUBE, tile

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bakery.physics.packing.instances import cumulated, instances, matrix, mix, uniforms
+from bakery.physics.packing.instances import cumulated_shares, hashed, instances, rotation_matrix, uniforms
 from tests.odds import sigmas
 
 MASK = (1 << 64) - 1
@@ -36,7 +36,7 @@ def test_the_mixing_function_is_that_of_splitmix64():
                              16408922859458223821)
     for value in known:
         state = (state + GOLDEN) & MASK
-        assert int(mix(np.uint64(state))) == value
+        assert int(hashed(np.uint64(state))) == value
 
 
 @pytest.mark.parametrize("place", [(0, 0, 0, 0, 0), (7, 1, -1, 2, 3), (2**64 - 1, -2**63, 2**63 - 1, -5, 4_000_000_000)])
@@ -58,7 +58,7 @@ def test_rotations_are_uniform():
     _, quaternion = instances(3, *places())
     q = quaternion.reshape(-1, 4)
     assert np.allclose(np.sum(q**2, axis=1), 1, atol=1e-14)
-    turned = np.array([matrix(*row) for row in q[:20_000]]).reshape(-1, 3, 3)
+    turned = np.array([rotation_matrix(*row) for row in q[:20_000]]).reshape(-1, 3, 3)
     assert np.allclose(np.einsum("nij,nkj->nik", turned, turned), np.eye(3), atol=1e-14)
     assert np.allclose(np.linalg.det(turned), 1, atol=1e-14)
     n = len(turned)
@@ -99,7 +99,7 @@ def test_types_have_their_shares():
     share = np.bincount(kinds.ravel(), minlength=6) / kinds.size
     assert share[0] == share[3] == share[5] == 0
     assert np.all(abs(share - weights / 10) < SIGMAS * np.sqrt(0.25 / kinds.size))
-    assert cumulated(np.full(7, 1 / 7))[-1] == 1.0
+    assert cumulated_shares(np.full(7, 1 / 7))[-1] == 1.0
 
 
 def test_any_order_and_shape_gives_the_same():

@@ -282,7 +282,7 @@ def test_at_the_ends_of_a_segment_lobes_are_those_of_the_solver(solved, tables, 
     assert error(lookup.segment(*ready, rho[:, None], z[:, None], theta, phi)).max() < 0.02
     # the table of segments alone does not do there
     x, y, along = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)
-    alone = [lookup.value(ready[1], rho[0], z[0], *d) for d in zip(x, y, along)]
+    alone = [lookup.point_source(ready[1], rho[0], z[0], *d) for d in zip(x, y, along)]
     assert np.abs(alone - exact[0]).max() > 0.03 * exact[0].max()
 
 

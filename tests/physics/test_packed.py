@@ -21,8 +21,8 @@ from bakery.physics.granular import _packed as kernel
 from bakery.physics.granular import packed
 from bakery.physics.granular.packed import Grain, walk
 from bakery.physics.packing import pack
-from bakery.physics.packing._cells import cells
-from bakery.physics.packing.instances import instances, matrix
+from bakery.physics.packing.cells import tile_grid
+from bakery.physics.packing.instances import instances, rotation_matrix
 from bakery.physics.shapes import build as shapes
 from tests.odds import sigmas
 
@@ -208,7 +208,7 @@ def test_flights_are_those_of_a_search_over_all_images(which):
     centers, radii, cell = {"one": ONE, "few": tile(0.45, 12), "sizes": tile(0.5, 20, 3)}[which]
     centers, radii, cell = np.asarray(centers, float), np.asarray(radii, float), np.asarray(cell, float)
     m = np.array([2, 3, 1])
-    grid = (cell, m, *cells(centers, radii, cell, m))
+    grid = (cell, m, *tile_grid(centers, radii, cell, m))
     rng = np.random.default_rng(4)
     found = 0
     for _ in range(40):
@@ -217,7 +217,7 @@ def test_flights_are_those_of_a_search_over_all_images(which):
         d = d if d @ n > 0 else -d
         o, left = centers[s] + radii[s] * n, np.array([s, *copy])
         met, to = np.full(4, -1), np.zeros(3)
-        z = kernel.flight(o, d, left, *grid, 1e9, met, to)
+        z = kernel.flight_to_sphere(o, d, left, *grid, 1e9, met, to)
         distance, image = nearest_sphere(centers, radii, cell, o + copy * cell, d, tuple(left))
         if distance < cell.min():  # farther on the search is not complete
             found += 1
@@ -232,10 +232,11 @@ def test_a_walk_between_mirrors_is_that_of_a_literal_twin():
     scene = packed._checked(centers, radii, cell, [Grain(MIRROR)], None, 7, 0.1, 100)
     length = 6
     sums = kernel.walks(*scene.arrays, np.uint64(3), 11, 1, length, 0)
-    stream, pool = np.zeros(5, np.uint64), np.empty(4)
-    stream[:4] = *scene.arrays[-2:], 11, 3
+    periodic, _, key = scene.arrays
+    draws = kernel.Draws(np.zeros(5, np.uint64), np.empty(4))
+    draws.stream[:4] = *key, 11, 3
     met, n, d = np.empty(4, np.int64), np.empty(3), np.empty(3)
-    kernel._enter(scene.arrays[2], met, n, d, stream, pool)
+    kernel._enter(periodic.area, met, n, d, draws)
     here, start = tuple(met - [0, *met[1:]]), met[1:].copy()
     d, total, squares, cosines, place = d - 2 * (d @ n) * n, 0.0, 0.0, 0.0, [np.zeros(3)]
     for _ in range(length):
@@ -257,21 +258,19 @@ def test_a_grain_is_met_as_its_hash_turns_it():
     """A mirror cube turned in the world against the kernel's ray turned into the cube's frame; which of two types it is, too."""
     seed, weights = 9, [1.0, 2.0]
     scene = packed._checked(*ONE, [Grain(GLASS), Grain(MIRROR, CUBE)], weights, seed, 0.1, 100)
-    shares, table, offset = scene.arrays[4]
-    room, stream, pool, row = kernel.scratch(), np.zeros(5, np.uint64), np.empty(4), np.zeros(kernel.SUMS)
+    room, draws, row = kernel.mesh_scratch(), kernel.Draws(np.zeros(5, np.uint64), np.empty(4)), np.zeros(kernel.SUMS)
     rng, seen = np.random.default_rng(1), [0, 0, 0]
     for copy in rng.integers(-(10**12), 10**12, (60, 3)):
         which, q = instances(seed, copy, 0, weights)
         n, d = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
         d = d if d @ n < 0 else -d
         ray = np.empty(6)
-        state, _ = kernel.meet(np.array([0, *copy]), n, d, shares, table, offset, *scene.arrays[5], np.uint64(seed), 100, stream,
-                               pool, room, ray, row)
+        state, _ = kernel.meet(np.array([0, *copy]), n, d, scene.arrays[1], draws, room, ray, row)
         if which == 0:
             seen[2] += 1
             assert state == kernel.LEFT
             continue
-        turned = np.array(matrix(*q)).reshape(3, 3)
+        turned = np.array(rotation_matrix(*q)).reshape(3, 3)
         world = Mesh(CUBE.vertices @ turned.T, CUBE.faces)
         face, t = world.first_hit((n - 0.01 * d)[None], d[None])
         seen[int(face[0] >= 0)] += 1

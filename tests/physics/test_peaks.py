@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from bakery.physics.medium import _kernels, analytic, phase
+from bakery.physics.medium import analytic, kernels, phase
 from bakery.physics.multiple import build, fourier, legendre, peaks, photons, point
 from bakery.physics.multiple.kinds import POINT
 from tests.conftest import slow
@@ -32,7 +32,7 @@ def droplets():
 def test_what_is_left_is_a_phase_function_of_few_moments(made, order):
     theta, whole = made
     clip = peaks.clipped(theta, whole, order)
-    assert abs(phase.integral(theta, clip.phase) - 1) < 1e-12
+    assert abs(phase.phase_integral(theta, clip.phase) - 1) < 1e-12
     rest = (1 - clip.peak) * clip.phase
     assert (rest >= 0).all() and (rest <= whole * (1 + 1e-9)).all()
     outside = theta >= clip.angle
@@ -120,7 +120,7 @@ def _follow(stream, number, albedo, v, steps, whole, cdf, rest, rho, z, lobes, s
         weight, counted, first = own, 1, True
         while weight > 0:
             while True:  # the first event counts by definition
-                drop = _kernels.sampled(v, steps, whole, cdf, stream.random())
+                drop = kernels.phase_sample(v, steps, whole, cdf, stream.random())
                 i = min(max(np.searchsorted(v, drop, side="right") - 1, 0), len(steps) - 1)
                 t = min((drop - v[i]) / steps[i], 1.0)
                 counts = stream.random() * (whole[i] + t * (whole[i + 1] - whole[i])) < rest[i] + t * (rest[i + 1] - rest[i])
@@ -129,7 +129,7 @@ def _follow(stream, number, albedo, v, steps, whole, cdf, rest, rho, z, lobes, s
             if counts and not first:
                 counted += 1
             first = False
-            ux, uy, uz = _kernels.turned(ux, uy, uz, drop, 2 * math.pi * stream.random())
+            ux, uy, uz = kernels.turned_direction(ux, uy, uz, drop, 2 * math.pi * stream.random())
             flight = -math.log1p(-stream.random())
             x, y, h = x + flight * ux, y + flight * uy, h + flight * uz
             r = math.hypot(x, y)

@@ -24,13 +24,13 @@ def random_table(seed, count=50):
 @pytest.mark.parametrize("seed", range(5))
 def test_normalisation_and_cdf_are_exact_for_the_interpolant(seed):
     theta, f = random_table(seed)
-    assert np.abs(phase.integral(theta, f) - 1).max() < 1e-13
+    assert np.abs(phase.phase_integral(theta, f) - 1).max() < 1e-13
     cdf = phase.cumulative(theta, f)
     assert (cdf[:, 0] == 0).all() and (cdf[:, -1] == 1).all() and (np.diff(cdf) >= 0).all()
     # brute force over mu in each cell with a rule that is exact for quadratics
     mu = np.cos(theta)
     g = sum(integrate.fixed_quad(
-                lambda m: m * phase.evaluate(theta, f[0],
+                lambda m: m * phase.phase_at(theta, f[0],
                                              np.arccos(np.clip(m, -1, 1))),
                 mu[i +1],
                 mu[i],
@@ -49,11 +49,11 @@ def test_evaluation_is_linear_in_the_cosine():
     theta = np.array([0.0, 0.4, 1.3, math.pi])
     f = 3 + 2 * np.cos(theta)
     at = np.linspace(0, math.pi, 101)
-    assert phase.evaluate(theta, f, at) == pytest.approx(3 + 2 * np.cos(at), rel=1e-14)
-    assert (phase.evaluate(theta, f, theta) == f).all()
-    assert phase.evaluate(theta, np.stack([f, f]), at.reshape(1, 101)).shape == (2, 1, 101)
+    assert phase.phase_at(theta, f, at) == pytest.approx(3 + 2 * np.cos(at), rel=1e-14)
+    assert (phase.phase_at(theta, f, theta) == f).all()
+    assert phase.phase_at(theta, np.stack([f, f]), at.reshape(1, 101)).shape == (2, 1, 101)
     with pytest.raises(ValueError):
-        phase.evaluate(theta, f, 3.2)
+        phase.phase_at(theta, f, 3.2)
 
 
 def test_mean_cosine_of_henyey_greenstein():
@@ -69,8 +69,8 @@ def test_tabulated_error_covers_the_true_one(g):
     theta, f, error, relative = analytic.tabulated("hg", 1e-3, 1, np.array([g]))
     at = np.concatenate([np.linspace(0, math.pi, 5001), np.geomspace(1e-7, 1, 3000), math.pi - np.geomspace(1e-7, 1, 3000)])
     there = analytic.henyey_greenstein(at, g)
-    off = np.abs(phase.evaluate(theta, f[0], at) - there)
-    assert (off <= phase.evaluate(theta, error[0], at) + 1e-14 * there).mean() > 0.99
+    off = np.abs(phase.phase_at(theta, f[0], at) - there)
+    assert (off <= phase.phase_at(theta, error[0], at) + 1e-14 * there).mean() > 0.99
     assert (off / there).max() <= relative <= 2e-3
     assert len(theta) < 2000
 
@@ -94,7 +94,7 @@ def test_isotropic_rayleigh_gaussian():
     spread = math.radians(30)
     theta, f, *_ = analytic.tabulated("gaussian", 1e-4, 1, spread=spread)
     at = np.radians([0, 20, 60, 120])
-    got = phase.evaluate(theta, f[0], at)
+    got = phase.phase_at(theta, f[0], at)
     assert got[1:] / got[0] == pytest.approx(np.exp(-0.5 * (at[1:] / spread) ** 2), rel=3e-4)
     norm = 2 * math.pi * integrate.quad(lambda t: math.exp(-0.5 * (t / spread) ** 2) * math.sin(t), 0, math.pi)[0]
     assert got[0] == pytest.approx(1 / norm, rel=3e-4)
@@ -120,12 +120,12 @@ def test_samples_follow_the_table(make):
     cdf = phase.cumulative(theta, f)
     xi = np.random.default_rng(11).random(1_000_000)
     angle, density = phase.sample(theta, f, cdf, xi)
-    assert np.allclose(density, phase.evaluate(theta, f, angle), rtol=1e-6, atol=1e-12)
+    assert np.allclose(density, phase.phase_at(theta, f, angle), rtol=1e-6, atol=1e-12)
     def counts(angle):
         # probability below each sampled angle by exact integration of the interpolant, written independently
         i = np.clip(np.searchsorted(theta, angle, side="right") - 1, 0, len(theta) - 2)
         up = 2 * np.sin((angle + theta[i]) / 2) * np.sin((angle - theta[i]) / 2)
-        below = cdf[i] + 2 * math.pi * up * (f[i] + phase.evaluate(theta, f, angle)) / 2
+        below = cdf[i] + 2 * math.pi * up * (f[i] + phase.phase_at(theta, f, angle)) / 2
         return np.bincount(np.minimum((below * 100).astype(int), 99), minlength=100)
 
     assert stats.chisquare(counts(angle)).pvalue > 1e-7
@@ -160,7 +160,7 @@ def test_a_delta_is_put_in_and_taken_out():
     f = phase.normalised(theta, np.stack([1 + 0.5 * np.cos(theta), 1 - 0.3 * np.cos(theta), np.ones_like(theta)]))[0]
     share = np.array([0.3, 0.0, 1.0])
     peaked = phase.with_delta(theta, f, share)
-    assert phase.integral(theta, peaked) == pytest.approx(1, abs=1e-12)
+    assert phase.phase_integral(theta, peaked) == pytest.approx(1, abs=1e-12)
     # the peak stands below theta[1], with the light that keeps its direction
     assert phase.cumulative(theta, peaked)[:, 1] == pytest.approx(share, abs=1e-6)
     assert phase.mean_cosine(theta, peaked) == pytest.approx(share + (1 - share) * phase.mean_cosine(theta, f), abs=1e-6)
@@ -200,7 +200,7 @@ def test_bisection_refuses_too_many_angles_and_finds_a_hidden_peak():
 
     made = grid.refine(grid.start([(10.0, 0.5)], [(2.0, 1e-4)]), narrow, 1e-3)
     at = np.linspace(1.99, 2.01, 4001)
-    assert np.abs(phase.evaluate(made.theta, made.values[0, 0], at) / narrow(at, None)[0][0, 0] - 1).max() < 1.5e-3
+    assert np.abs(phase.phase_at(made.theta, made.values[0, 0], at) / narrow(at, None)[0][0, 0] - 1).max() < 1.5e-3
     assert made.theta[0] == 0 and made.theta[-1] == math.pi and (np.diff(made.theta) > 0).all()
     with pytest.raises(grid.TooManyAngles):
         grid.refine(grid.start([(10.0, 0.5)], [(2.0, 1e-4)]), narrow, 1e-6, limit=500)

@@ -14,7 +14,8 @@ import pytest
 
 from bakery.run import execute
 from benchmarks import planned
-from renderers import budget, scene
+from renderers import scene
+from renderers.scene import budget
 from tests import adversarial
 from tests.conftest import ROOT
 

@@ -175,14 +175,14 @@ def test_equation_of_state():
 def test_chords_of_a_cubic_lattice():
     """One sphere a cell, which meets its own images only: 4 V/S within 5 standard errors; corridors have no end."""
     from bakery.physics.packing import _chords
-    from bakery.physics.packing._cells import cells
+    from bakery.physics.packing.cells import tile_grid
 
     cell, center, one = np.full(3, 2.5), np.array([[0.1, 2.4, 0.3]]), np.ones(1)
     found = structure.chord_lengths(center, one, cell, 0.02, stream)
     assert found.exact == pytest.approx((2.5**3 - 4 / 3 * math.pi) / math.pi, rel=1e-12)  # 4 V/S with S = 4 pi
     assert abs(found.mean - found.exact) < 5 * found.mean_error
     m = np.array([1, 1, 1])
-    grid = cells(center, one, cell, m)[:2]
+    grid = tile_grid(center, one, cell, m)[:2]
     o, d = np.array([1.35, 1.15, 0.0]), np.array([0.0, 0.0, -1.0])
     assert _chords.first_hit(o, d, cell, m, *grid, 1e4) == 1e4
     o = np.array([0.1, -0.1, 1.55])  # half-way between a sphere and its image
@@ -192,7 +192,7 @@ def test_chords_of_a_cubic_lattice():
 def test_chords_against_brute_force():
     """Three species in a flat cell: each ray against all images, one by one."""
     from bakery.physics.packing import _chords
-    from bakery.physics.packing._cells import cells
+    from bakery.physics.packing.cells import tile_grid
 
     rng = np.random.default_rng(6)
     cell, radii = np.array([5.0, 6.0, 2.4]), np.array([1.0, 0.3, 0.6, 0.2, 0.5, 0.4])
@@ -200,7 +200,7 @@ def test_chords_against_brute_force():
     while structure.smallest_gap(centers, radii, cell) < 0.01:
         centers = rng.random((6, 3)) * cell
     m = np.array([3, 4, 2])
-    grid = cells(centers, radii, cell, m)[:2]
+    grid = tile_grid(centers, radii, cell, m)[:2]
     shifts = np.stack(np.meshgrid(*[np.arange(-k, k + 1) for k in (4, 4, 8)], indexing="ij"), -1).reshape(-1, 3) * cell
     images, sizes = (centers[:, None] + shifts).reshape(-1, 3), np.repeat(radii, len(shifts))
     for _ in range(200):
@@ -218,10 +218,10 @@ def test_chords_against_brute_force():
 def test_rays_that_start_on_or_in_a_sphere():
     """On the surface that is left, or a rounding inside: passed over.  In a sphere whose centre lies ahead: met at once."""
     from bakery.physics.packing import _chords
-    from bakery.physics.packing._cells import cells
+    from bakery.physics.packing.cells import tile_grid
 
     cell, m = np.array([6.0, 6.0, 6.0]), np.array([3, 3, 3])
-    grid = cells(np.array([[3.0, 3.0, 3.0]]), np.ones(1), cell, m)[:2]
+    grid = tile_grid(np.array([[3.0, 3.0, 3.0]]), np.ones(1), cell, m)[:2]
 
     def way(x, y=3.0, turn=1.0):
         return _chords.first_hit(np.array([x, y, 3.0]), np.array([turn, 0.0, 0.0]), cell, m, *grid, 1e4)
@@ -237,14 +237,14 @@ def test_rays_that_start_on_or_in_a_sphere():
 def test_chords_start_on_spheres_and_end_at_the_next():
     """The law of starts and every sum: each line by itself against all images, touching spheres among them."""
     from bakery.physics.packing import _chords
-    from bakery.physics.packing._cells import cells
+    from bakery.physics.packing.cells import tile_grid
 
     rng = np.random.default_rng(11)
     cell, radii = np.array([4.0, 5.0, 4.5]), np.array([1.0, 0.5, 0.7])
     centers = np.array([[1.0, 1.0, 1.0], [2.5, 1.0, 1.0], [1.0, 3.2, 2.9]])  # the first two touch
     share, m, limit = np.cumsum(radii**2) / np.sum(radii**2), np.array([3, 4, 3]), 12.0
     edges, uniform = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0]), rng.random((300, 5))
-    found = _chords.chords(uniform, centers, radii, share, cell, m, *cells(centers, radii, cell, m)[:2], edges, limit)
+    found = _chords.chords(uniform, centers, radii, share, cell, m, *tile_grid(centers, radii, cell, m)[:2], edges, limit)
     shifts = np.stack(np.meshgrid(*[np.arange(-4, 5)] * 3, indexing="ij"), -1).reshape(-1, 3) * cell
     images, sizes = (centers[:, None] + shifts).reshape(-1, 3), np.repeat(radii, len(shifts))
 
@@ -302,13 +302,13 @@ def test_errors_of_chords_are_those_of_repeats(monkeypatch):
 def test_error_of_the_spread_is_that_of_its_moments():
     """Covariance of the first two moments of the chords, through the slope of <z^2>/(2 <z>^2) by differences."""
     from bakery.physics.packing import _chords
-    from bakery.physics.packing._cells import cells
+    from bakery.physics.packing.cells import tile_grid
 
     radii = np.ones(20)
     centers, cell = inserted(radii, 7.0, 8)
     found = structure.chord_lengths(centers, radii, cell, 0.5, stream, most=1 << 18)
     m = np.array([2, 2, 2])
-    grid = (*cells(centers, radii, cell, m)[:2], found.edges, 1000 * found.exact)
+    grid = (*tile_grid(centers, radii, cell, m)[:2], found.edges, 1000 * found.exact)
     uniform = np.concatenate([stream(k).random((1 << 15, 5)) for k in range(8)])
     z = _chords.chords(uniform, centers, radii, np.arange(1, 21) / 20, cell, m, *grid)[1] / found.lines
     assert found.lines == len(uniform) and found.mean == pytest.approx(z[0], rel=1e-12)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, towards, turned
+from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, at_surface, surface_density
 
 BINS = 12, 16  # of the cosine, of the azimuth
 
@@ -17,15 +17,15 @@ BINS = 12, 16  # of the cosine, of the azimuth
 @njit
 def drawn(kind, index, alpha, wi, uniform, out, share, density, again):
     for n in range(len(uniform)):
-        x, y, z, share[n], _ = turned(kind, index, alpha, wi[0], wi[1], wi[2], uniform[n, 0], uniform[n, 1], uniform[n, 2])
+        x, y, z, share[n], _ = at_surface(kind, index, alpha, wi[0], wi[1], wi[2], uniform[n, 0], uniform[n, 1], uniform[n, 2])
         out[n, 0], out[n, 1], out[n, 2] = x, y, z
-        density[n], again[n], _ = towards(kind, index, alpha, wi[0], wi[1], wi[2], x, y, z)
+        density[n], again[n], _ = surface_density(kind, index, alpha, wi[0], wi[1], wi[2], x, y, z)
 
 
 @njit
 def valued(kind, index, alpha, wi, wo, density):
     for n in range(len(wo)):
-        density[n], _, _ = towards(kind, index, alpha, wi[0], wi[1], wi[2], wo[n, 0], wo[n, 1], wo[n, 2])
+        density[n], _, _ = surface_density(kind, index, alpha, wi[0], wi[1], wi[2], wo[n, 0], wo[n, 1], wo[n, 2])
 
 
 @pytest.mark.parametrize("kind, index, alpha, z", [

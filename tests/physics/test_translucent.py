@@ -12,8 +12,8 @@ from scipy import stats
 import bakery
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
+from renderers.materials.bodies import methods
 from renderers.mitsuba.world import World
-from renderers.translucent import methods
 from tests.odds import ODDS, sigmas
 from tests.physics.particles import averaged, blocks, same
 from tests.physics.test_aggregate import bumpy

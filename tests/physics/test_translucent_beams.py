@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from bakery.kernels import stream_key
-from renderers import wavefront
-from renderers.scattering import scatterer
-from renderers.translucent import _beams, beams, methods
-from renderers.translucent.transport import _share
+from renderers.materials.bodies import _beams, beams, methods
+from renderers.materials.bodies.transport import _share
+from renderers.transport import wavefront
+from renderers.transport.scattering import scatterer
 from tests.odds import ODDS
 from tests.physics import test_translucent as bodies
 

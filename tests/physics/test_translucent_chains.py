@@ -15,8 +15,8 @@ from numba import njit
 
 import bakery
 from bakery.store import ply
+from renderers.materials.bodies import chains, methods
 from renderers.mitsuba.world import World
-from renderers.translucent import chains, methods
 from tests.odds import SIGMAS
 
 INDEX, ALBEDO, HALF = 1.5, 0.9, 0.6  # half an edge, mean free paths

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from renderers.scattering import scatterer
-from renderers.translucent import _dipole, dipole, shells
-from renderers.translucent.bodies import Body
+from renderers.materials.bodies import _dipole, dipole, shells
+from renderers.materials.bodies.bodies import Body
+from renderers.transport.scattering import scatterer
 
 pytestmark = pytest.mark.slow  # kernels that no quicker test compiles
 
@@ -59,10 +59,10 @@ def test_a_ball_is_too_bright_by_what_is_known():
     """Against paths, of light scattered twice and more, in light from everywhere: the dipole of light that comes in counts single
     scattering too, and is too bright near where that is.  Fixed seed; 5 standard errors: a false alarm in 6e-7."""
     from bakery import kernels
+    from renderers.materials.bodies import methods, transport
+    from renderers.materials.bodies.bodies import laid_out
     from renderers.mitsuba import variants
     from renderers.mitsuba.world import World
-    from renderers.translucent import methods, transport
-    from renderers.translucent.bodies import laid_out
     from tests.conftest import ROOT
 
     variants.activate("rgb", None)

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 import bakery
-from renderers.scattering import scatterer
-from renderers.translucent import _choice, _gather, shells
-from renderers.translucent._gather import LATER, OTHER, SECOND, Beams
-from renderers.translucent.bodies import Body, laid_out
+from renderers.materials.bodies import _choice, _gather, shells
+from renderers.materials.bodies._gather import LATER, OTHER, SECOND, Beams
+from renderers.materials.bodies.bodies import Body, laid_out
+from renderers.transport.scattering import scatterer
 from tests.odds import sigmas
 from tests.physics.media import angles, henyey_greenstein
 from tests.physics.particles import averaged

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from bakery import kernels
-from renderers import wavefront
+from renderers.materials.bodies import refraction, shells, transport
+from renderers.materials.bodies.bodies import Body, laid_out
+from renderers.materials.bodies.paths import Paths
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
-from renderers.scattering import scatterer
-from renderers.translucent import refraction, shells, transport
-from renderers.translucent.bodies import Body, laid_out
-from renderers.translucent.paths import Paths
+from renderers.transport import wavefront
+from renderers.transport.scattering import scatterer
 from tests.conftest import ROOT
 
 SIGMA, INDEX = 100.0, 1.5

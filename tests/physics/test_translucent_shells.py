@@ -11,11 +11,11 @@ from scipy import stats
 
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
+from renderers.materials.bodies import _shells, methods, shells
+from renderers.materials.bodies.bodies import Body, laid_out
+from renderers.materials.bodies.transport import Colours, Transport
 from renderers.mitsuba.world import World
-from renderers.scattering import scatterer
-from renderers.translucent import _shells, methods, shells
-from renderers.translucent.bodies import Body, laid_out
-from renderers.translucent.transport import Colours, Transport
+from renderers.transport.scattering import scatterer
 from tests.conftest import slow
 from tests.odds import ODDS, sigmas
 from tests.physics.media import angles, henyey_greenstein

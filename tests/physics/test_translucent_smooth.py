@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from renderers.translucent import smooth
+from renderers.materials.bodies import smooth
 
 SPACING = 1e-3  # m
 

@@ -12,10 +12,10 @@ import pytest
 
 from bakery.physics.medium import phase
 from renderers import colour
+from renderers.materials.bodies import methods
+from renderers.materials.bodies.bodies import untabled
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
-from renderers.translucent import methods
-from renderers.translucent.bodies import untabled
 from renderers.transport import boundaries
 from renderers.transport.media import Media, scattered
 from renderers.transport.scene import Scene
@@ -39,7 +39,7 @@ def asset(albedo, g, free_path=(1.0, 1.0, 1.0), wavelength=(0.65, 0.55, 0.45)):
     theta = np.concatenate([[0.0], np.geomspace(1e-3, np.pi, 300)])
     g = np.broadcast_to(np.asarray(g, float), len(wavelength))[:, None]
     table = (1 - g**2) / (4 * np.pi * (1 + g**2 - 2 * g * np.cos(theta)) ** 1.5)
-    table /= np.array([phase.integral(theta, row) for row in table])[:, None]
+    table /= np.array([phase.phase_integral(theta, row) for row in table])[:, None]
     medium = {"phase": table}
     medium = type("Medium", (dict,), {})(medium)
     medium.sigma_t, medium.theta = 1 / np.broadcast_to(np.asarray(free_path, float), len(wavelength)), theta

@@ -12,10 +12,10 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from bakery.physics.shapes.radial import icosphere
-from renderers import grids
+from renderers.materials.bodies.bodies import untabled
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
-from renderers.translucent.bodies import untabled
+from renderers.scene import grids
 from renderers.transport import passes
 from renderers.transport.regions import Box, Everywhere, Grid, Medium, Mesh, Regions
 from renderers.transport.voxels import Voxels

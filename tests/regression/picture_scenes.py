@@ -14,7 +14,7 @@ import numpy as np
 
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
-from renderers.common import FORMAT
+from renderers.scene.common import FORMAT
 
 SIDE = 48  # pixels along a side of a small scene's film
 

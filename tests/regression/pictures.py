@@ -118,7 +118,7 @@ class Source:
 
     def __init__(self, entry: Entry, passes: Mapping[str, int] | None, seed: int):
         from renderers.mitsuba.world import World
-        from renderers.running import Render
+        from renderers.pictures.running import Render
 
         folder = _folder_of(self)
         self._job = Render(entry.load(folder), output=folder / "picture.png")
@@ -129,7 +129,7 @@ class Source:
         self.passes = dict(passes)
 
     def _prepared(self, seed):
-        """Parts of the picture, as `renderers.progressive` takes them."""
+        """Parts of the picture, as `renderers.pictures.progressive` takes them."""
         return import_module(f"{self._job.scene.renderer}.methods").prepare(self._job, self._world, seed).parts
 
     def block(self, number: int) -> dict[str, np.ndarray]:

@@ -16,8 +16,8 @@ from bakery.errors import UsageError
 from bakery.run import cache
 from bakery.trade import check_budget
 from bakery.trade.runs import Run, Store
-from renderers import comparison, progressive
-from renderers.progressive import Estimate, Part, error_of_mean
+from renderers.pictures import comparison, progressive
+from renderers.pictures.progressive import Estimate, Part, error_of_mean
 
 NESTED = "[" * 200_000
 SIZE = 4, 6

@@ -7,8 +7,10 @@ import os
 import pytest
 
 from bakery.errors import RecipeError, UsageError
-from renderers import images, inputs, scene
+from renderers import scene
 from renderers.mitsuba.scene import load
+from renderers.pictures import images
+from renderers.scene import inputs
 
 SCENE = """\
 bakery_scene: 2

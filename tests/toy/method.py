@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from renderers.discrete.declaration import ParticleMethod, Passes
-from renderers.discrete.declared import continuous
+from renderers.materials.particles.declaration import ParticleMethod, Passes
+from renderers.materials.particles.declared import continuous
 
 
 def passes(setup, tolerance, seed) -> Passes:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.camera import Camera
-from renderers.running import Render, describe
+from renderers.pictures.running import Render, describe
 
 __all__ = ["describe", "render"]
 

@@ -4,7 +4,7 @@ from pydantic import Field
 
 from bakery.grammar.fields import word
 from bakery.grammar.section import Section
-from renderers.common import Camera, Common, Direction, direction_problems
+from renderers.scene.common import Camera, Common, Direction, direction_problems
 
 METHODS = ("single", "isotropic")
 NEEDS = ("medium",)  # stages of the asset

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from bakery.errors import UsageError
-from renderers import choice, trial
+from renderers import choice
 from renderers.camera import Camera
-from renderers.declaration import SceneMethod
-from renderers.engine import Part, Stop
-from renderers.granular import bundles
-from renderers.trial import Cost, Light, Trial
+from renderers.choice import trial
+from renderers.choice.trial import Cost, Light, Trial
+from renderers.materials.grains import bundles
+from renderers.pictures.engine import Part, Stop
+from renderers.scene.declaration import SceneMethod
 
 REGIONS, STOP = (8, 8), Stop(noise=0.01)
 

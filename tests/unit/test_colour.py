@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from bakery.errors import StoreError, UsageError
-from renderers import colour, images
+from renderers import colour
+from renderers.pictures import images
 
 VISIBLE8 = np.arange(0.405, 0.76, 0.05)
 

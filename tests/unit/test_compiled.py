@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from bakery.system import compiled
+from bakery.system import compiled, sources
 from tests.conftest import ROOT
 
 CALLED = """
@@ -32,8 +32,8 @@ def plus(x):
     return 1 + times(x)
 """
 USE = """
-from bakery.system import compiled
-compiled._PACKAGES = (*compiled._PACKAGES, "toy")
+from bakery.system import compiled, sources
+sources.PACKAGES = (*sources.PACKAGES, "toy")
 from toy.caller import plus
 print(plus(2.0), sum(plus.stats.cache_hits.values()))
 """
@@ -67,15 +67,15 @@ def test_a_kernel_of_another_file_that_changes_is_noticed(toy):
 def test_every_kernel_is_kept_by_its_sources():
     """numba calls ours first; another version of it might not."""
     from bakery import kernels
-    from renderers import wavefront
+    from renderers.transport import wavefront
 
     for dispatcher in (kernels.phase_value, wavefront.to_rgb):
         assert isinstance(dispatcher._cache._impl.locator, compiled._BySources)
 
 
 def test_sources_are_the_file_and_what_it_imports():
-    names = {str(path.relative_to(ROOT)) for path in compiled._with_imports(ROOT / "renderers" / "scattering.py")}
-    assert names >= {"renderers/scattering.py", "renderers/wavefront.py", "bakery/kernels.py"}
-    assert "renderers/passes.py" not in names
+    names = {str(path.relative_to(ROOT)) for path in sources.with_imports(ROOT / "renderers" / "transport" / "scattering.py")}
+    assert names >= {"renderers/transport/scattering.py", "renderers/transport/wavefront.py", "bakery/kernels.py"}
+    assert "renderers/pictures/passes.py" not in names
     ours = [path for folder in ("bakery", "renderers") for path in (ROOT / folder).rglob("*.py") if path.name != "compiled.py"]
     assert not [path for path in ours if re.search(r"^from numba import.*\bnjit\b", path.read_text(), re.MULTILINE)]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from bakery.errors import UsageError
-from renderers import denoise, engine
-from renderers.denoise import Features, denoised
+from renderers.pictures import denoise, engine
+from renderers.pictures.denoise import Features, denoised
 
 HAS = pytest.mark.skipif(bool(denoise.fault()), reason="mitsuba-oidn is not installed")
 SHAPE = (24, 32, 3)
@@ -159,8 +159,8 @@ SCENE = """<scene version="3.0.0"><sensor type="perspective"><float name="fov" v
 def test_first_hits(tmp_path, boundary):
     """A wall, the wall through a pane, and a body that lets nothing through, whose boundary gives the normal."""
     from renderers.mitsuba.world import World
-    from renderers.scattering import scatterer
     from renderers.transport import features
+    from renderers.transport.scattering import scatterer
 
     (tmp_path / "s.xml").write_text(SCENE.format(boundary=boundary))
     world = World(tmp_path / "s.xml", 0.1)
@@ -183,7 +183,7 @@ def test_first_hits(tmp_path, boundary):
 @pytest.mark.parametrize("passes", [2, 8])
 def test_shared_noise_is_found(size, passes):
     """Of 40 pictures none whose pixels are independent, and most whose pixels have a common noise three times their own."""
-    from renderers.passes import _shared
+    from renderers.pictures.passes import _shared
 
     def found(common, word):
         def render(index):

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from bakery.errors import UsageError
-from renderers import colour, differences
-from renderers.differences import Picture, between
+from renderers import colour
 from renderers.mitsuba import bitmaps
-from renderers.running import rgb_layers
+from renderers.pictures import differences
+from renderers.pictures.differences import Picture, between
+from renderers.pictures.running import rgb_layers
 
 SHAPE = (48, 64)
 

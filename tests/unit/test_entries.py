@@ -6,7 +6,8 @@ import h5py
 import pytest
 
 from bakery.errors import RecipeError
-from renderers import comparison, scene
+from renderers import scene
+from renderers.pictures import comparison
 
 HEAD = "bakery_scene: 2\nname: s\nscene: {mitsuba: s.xml}\nmaterials:\n"
 BOX = "where: {box: {lo: [0, 0, 0] m, hi: [1, 1, 1] m}}"

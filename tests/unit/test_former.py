@@ -6,7 +6,8 @@ import pytest
 
 from bakery.errors import RecipeError
 from bakery.grammar import text
-from renderers import former, scene
+from renderers import scene
+from renderers.scene import former
 
 HEAD = "# A scene.\nbakery_scene: 1                          # format\nname: s\n"
 FORMER = {  # name -> what stands behind the head, and in its place the list that it becomes

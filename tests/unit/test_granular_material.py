@@ -9,7 +9,7 @@ import pytest
 
 from bakery import kernels
 from renderers import scene
-from renderers.granular import material
+from renderers.materials.grains import material
 from tests.conftest import ROOT
 from tests.physics.test_aggregate import CUBE, bumpy, tile
 

@@ -14,7 +14,7 @@ from numba import njit
 import bakery
 from bakery import kernels
 from bakery.errors import UsageError
-from bakery.physics.packing.instances import instances, matrix
+from bakery.physics.packing.instances import instances, rotation_matrix
 from bakery.system import llvm
 from tests.conftest import slow
 
@@ -145,7 +145,7 @@ def test_instances_are_those_of_the_bake():
     found = np.empty((3, 10))
     placed(np.uint64(1), tile, sphere, kernels.cumulated_shares([0.7, 0.3]), found)
     assert np.array_equal(found[:, 0], kinds)
-    assert np.allclose(found[:, 1:], [matrix(*q) for q in quaternions], atol=1e-15)
+    assert np.allclose(found[:, 1:], [rotation_matrix(*q) for q in quaternions], atol=1e-15)
 
 
 def test_spheres_of_a_repeated_tile():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from renderers.pace import Pace
+from renderers.pictures.pace import Pace
 
 
 class Told:

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from renderers import pilot
-from renderers.engine import Stop
+from renderers.choice import pilot
+from renderers.pictures.engine import Stop
 
 
 def part(seconds, noise, passes=4, samples=2):

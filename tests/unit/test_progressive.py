@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from bakery.errors import Interrupted, UsageError
-from renderers import budget, colour, differences, engine, images, means, progressive
+from renderers import colour
 from renderers.mitsuba import bitmaps
-from renderers.progressive import Estimate, Part, Stop, fingerprint
-from renderers.running import describe, rgb_layers
+from renderers.pictures import differences, engine, images, means, progressive
+from renderers.pictures.progressive import Estimate, Part, Stop, fingerprint
+from renderers.pictures.running import describe, rgb_layers
+from renderers.scene import budget
 from tests import exr
 from tests.conftest import slow
 
@@ -21,7 +23,7 @@ SHAPE = (6, 8, 3)
 
 
 class Job:
-    """What `renderers.running.Render` does at the end, without a scene."""
+    """What `renderers.pictures.running.Render` does at the end, without a scene."""
 
     def __init__(self, folder):
         self.pair = folder / "x.png", folder / "x.exr"
@@ -375,7 +377,7 @@ def test_two_signals(second, status, said):
     source = f"""if True:
         import os, signal
         import numpy as np
-        from renderers.progressive import Estimate, Part, Stop
+        from renderers.pictures.progressive import Estimate, Part, Stop
 
         def render(index):
             signal.pthread_sigmask(signal.SIG_BLOCK, both)

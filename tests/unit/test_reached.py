@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from bakery.errors import UsageError
-from renderers import reached
+from renderers.pictures import reached
 
 
 def values(tolerance=None, noise=None):

@@ -10,12 +10,12 @@ import pytest
 from bakery.physics.multiple import legendre, peaks
 from bakery.run.ensure import Asked, told
 from bakery.stages.packing.stage import _schedule
-from renderers import budget
-from renderers.discrete import requirements as discrete
-from renderers.granular import requirements as granular
-from renderers.requirements import Knob, Need, merged
-from renderers.translucent import requirements as translucent
-from renderers.translucent import thin
+from renderers.materials.bodies import requirements as translucent
+from renderers.materials.bodies import thin
+from renderers.materials.grains import requirements as granular
+from renderers.materials.particles import requirements as discrete
+from renderers.scene import budget
+from renderers.scene.requirements import Knob, Need, merged
 
 
 def depth(value):

@@ -74,7 +74,7 @@ def test_every_stream_is_drawn_from():
 
 def test_keys_of_64_bits_hold_both_words():
     high, low = rng.key(3, "render.walk", 5).tolist()
-    assert int(rng.key64(3, "render.walk", 5)) == high * 2**32 + low
+    assert int(rng.stream_key(3, "render.walk", 5)) == high * 2**32 + low
 
 
 def test_renderers_begin_their_streams_by_name():

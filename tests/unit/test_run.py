@@ -17,6 +17,7 @@ import bakery.stages
 from bakery import plan as planning
 from bakery import run
 from bakery.errors import StageError
+from bakery.physics import mie
 from bakery.recipe import load
 from bakery.run import compiling, execute
 from bakery.run.cache import Cache
@@ -26,6 +27,7 @@ from bakery.stages import all_stages
 from bakery.stages.declaration import Cost, Result, Stage
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group
+from bakery.system import sources
 
 COUNT = {"dig": 0, "grind": 0}
 
@@ -286,14 +288,14 @@ def test_compiling_is_timed_and_told_while_it_lasts():
 
 def test_a_machine_compiles_a_kernel_once(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    seconds = compiling.expected(("mie._kernels", "packing._chords"))
-    assert seconds == compiling.SECONDS["mie._kernels"] + compiling.SECONDS["packing._chords"]
+    seconds = compiling.expected(("mie.kernels", "packing._chords"))
+    assert seconds == compiling.SECONDS["mie.kernels"] + compiling.SECONDS["packing._chords"]
     kept = tmp_path / "mie_0123"
     kept.mkdir()
-    (kept / "_kernels.f-1.py311.nbi").touch()
-    assert compiling.expected(("mie._kernels", "packing._chords")) == compiling.SECONDS["packing._chords"]
-    os.utime(kept / "_kernels.f-1.py311.nbi", (1, 1))  # older than the source
-    assert compiling.expected(("mie._kernels", "packing._chords")) == seconds
+    (kept / "kernels.f-1.py311.nbi").write_text(f"0.68 {sources.stamp(Path(mie.__file__).with_name('kernels.py'))}")
+    assert compiling.expected(("mie.kernels", "packing._chords")) == compiling.SECONDS["packing._chords"]
+    (kept / "kernels.f-1.py311.nbi").write_text("0.68 of other sources")
+    assert compiling.expected(("mie.kernels", "packing._chords")) == seconds
 
 
 @pytest.mark.parametrize("name", ["fog", "salt", "glass_beads", "wax", "emitter", "motes"])

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from bakery.errors import RecipeError, UsageError
-from renderers import grids, scene
+from renderers import scene
 from renderers.camera import Camera
 from renderers.fog import picture
+from renderers.scene import grids
 from tests.exr import library
 
 SCENE = """\

@@ -61,7 +61,7 @@ def test_all_kinds_of_snippets_are_looked_at():
     assert len(blocks("python")) >= 6
 
 
-@pytest.mark.parametrize("page", sorted(set(blocks("python")) - {"README.md", "docs/multiple-photons.md"}))
+@pytest.mark.parametrize("page", sorted(set(blocks("python")) - {"README.md", "docs/multiple-photons.md", "docs/live.md"}))
 def test_python(page, folder, capsys):
     names = dict(GIVEN.get(page, {}))
     for text in blocks("python")[page]:
@@ -91,7 +91,7 @@ def test_python_of_tables_by_photons(folder):
         exec(compile(text, "docs/multiple-photons.md", "exec"), {})
 
 
-@pytest.mark.parametrize("page", sorted(set(blocks("yaml")) - {"docs/scenes.md"}))
+@pytest.mark.parametrize("page", sorted(set(blocks("yaml")) - {"docs/frames.md", "docs/scenes.md"}))
 def test_recipes(page, folder):
     """Whole recipes as they are, sections in a recipe that has a place for them, and scenes."""
     from renderers import scene
@@ -111,6 +111,22 @@ def test_recipes(page, folder):
             text = ("bakery: 1\nname: fog\n" if alone else other) + text
         (folder / "fog.yaml").write_text(text)
         assert load("fog.yaml").leaves["bakery"] == 1
+
+
+def test_frames(folder):
+    """The section of the page, in a scene of particles with a camera and a lamp."""
+    from renderers import scene
+
+    section, = blocks("yaml")["docs/frames.md"]
+    (folder / "scenes").mkdir()
+    (folder / "scenes" / "lit.xml").write_text("<scene>$lamp</scene>")
+    (folder / "scenes" / "snow.yaml").write_text("bakery: 1\nname: snow\ndiscrete: {}\n")
+    (folder / "scenes" / "drift.yaml").write_text(
+        "bakery_scene: 2\nname: drift\nscene: {mitsuba: lit.xml}\nmaterials: [{recipe: snow.yaml}]\n"
+        "camera: {origin: [0, 0, 1] m, target: [0, 0, 0.5] m, fov: 40 deg}\n" + section)
+    last = scene.load("scenes/drift.yaml", frame=48).values
+    assert list(last.camera.origin) == [4, -12, 1.7] and last.materials[0].time == 1.96
+    assert last.scene.parameters == {"lamp": "3"} and last.frames.rate == 24
 
 
 def test_scenes(folder):

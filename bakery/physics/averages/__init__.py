@@ -61,21 +61,11 @@ class Average:
     choices: tuple[Choice, ...] = ()
 
 
-def averages(
-    components: Sequence[Component],
-    wavelength,
-    host,
-    tolerance: float,
-    polarized: bool = False,
-    map: Callable = lambda function, tasks: [function(*task) for task in tasks],
-    report: Callable[[float, float | None], None] = lambda seconds, error: None,
-    *,
-    rays: Rays = SERIES,
-    radii: int | None = None,
-    angles: int | None = None,
-    integrated: bool = False,
-    remember: Callable = at_once,
-) -> tuple[np.ndarray, list[Average]]:
+def averages(components: Sequence[Component], wavelength, host, tolerance: float, polarized: bool = False,
+             map: Callable = lambda function, tasks: [function(*task) for task in tasks],
+             report: Callable[[float, float | None], None] = lambda seconds, error: None, *, rays: Rays = SERIES,
+             radii: int | None = None, angles: int | None = None, integrated: bool = False,
+             remember: Callable = at_once) -> tuple[np.ndarray, list[Average]]:
     """Averages of all components at all wavelengths on one grid of angles.
 
     Parameters
@@ -117,43 +107,86 @@ def averages(
     work.expect(prediction)
     crosses = [cross_sections(c, channel.nodes, np.asarray(wavelength), k, tolerance, work)
                for c, channel in zip(components, channels[:: len(k)])]
-    reach = np.array([math.pi / (2 * features_of(c)[0][0]) if len(features_of(c)) == 1 and _rippled(*features_of(c)[0]) else 0.0
-                      for c in channels])
-    theta = first_grid(channels, tolerance, angles)
-    margin = math.inf if angles else (_MARGIN - SHARE if integrated else _MARGIN) * tolerance
-    target, earlier = math.inf if radii else SHARE * tolerance, None
-    if integrated and any(choice.taken for choice in choices):
-        # nothing else bounds the integral of a table by rays: what it misses counts twice (`_finish`)
-        margin, target = margin / 2, target / 2
-    # rays jump here and there by less than their error; nothing that a sphere scatters is narrower than its ripples
-    finest = max([_RIPPLE / (c.k * c.nodes.span()[1]) for c, choice in zip(channels, choices) if choice.taken], default=0.0)
+    table, finished = _Tables(channels, choices, crosses, tolerance, polarized, rays, radii, angles, integrated, work).solved()
+    spectra = (slice(i * len(k), (i + 1) * len(k)) for i in range(len(components)))
+    return table.theta, [_average(component, cross, finished[part], choices[part])
+                         for component, cross, part in zip(components, crosses, spectra)]
 
-    def evaluate(new, floor):
-        return solve(channels, [choice.switch for choice in choices], new, floor, target, polarized, rays, work, integrated)
 
-    for _ in range(_TRIES):
+@dataclass(frozen=True)
+class _Tables:
+    """What is to be tabulated, on one grid of angles; arguments as of `averages`."""
+
+    channels: Sequence
+    choices: Sequence[Choice]
+    crosses: Sequence
+    tolerance: float
+    polarized: bool
+    rays: Rays
+    radii: int | None
+    angles: int | None
+    integrated: bool
+    work: Work
+
+    def solved(self):
+        """The refined table, and of each channel what `_finish` gives."""
+        tolerance, integrated = self.tolerance, self.integrated
+        margin = math.inf if self.angles else (_MARGIN - SHARE if integrated else _MARGIN) * tolerance
+        target = math.inf if self.radii else SHARE * tolerance
+        if integrated and any(choice.taken for choice in self.choices):
+            # nothing else bounds the integral of a table by rays: what it misses counts twice (`_finish`)
+            margin, target = margin / 2, target / 2
+        theta, earlier = first_grid(self.channels, tolerance, self.angles), None
+        for _ in range(_TRIES):
+            table = self._refined(theta, margin, target, earlier)
+            finished = self._finished(table)
+            if self.angles or self.radii or self.work.unfinished or all(error <= tolerance for *_, error in finished):
+                break
+            # the normalisation, or angles between the first ones, took more than their share: leave more room
+            if integrated:
+                margin, target = 0.7 * margin, 0.7 * target
+            else:
+                theta, margin, earlier = table.theta, 0.85 * margin, (table.values, table.error, table.tag)
+        return table, finished
+
+    def _refined(self, theta, margin, target, earlier):
+        switches = [choice.switch for choice in self.choices]
+
+        def evaluate(new, floor):
+            return solve(self.channels, switches, new, floor, target, self.polarized, self.rays, self.work, self.integrated)
+
         try:
-            table = grid.refine(theta, evaluate, margin, reach, earlier, finest=finest, most=0.0 if radii else target,
-                                integrated=integrated)
+            return grid.refine(theta, evaluate, margin, _ripples(self.channels), earlier,
+                               finest=_finest(self.channels, self.choices), most=0.0 if self.radii else target,
+                               integrated=self.integrated)
         except grid.TooManyAngles:
-            raise StageError(_too_many(channels, tolerance)) from None
-        finished = [_finish(table, i, channel, choices[i], crosses[i // len(k)], i % len(k), integrated)
-                    for i, channel in enumerate(channels)]
-        if angles or radii or work.unfinished or all(error <= tolerance for *_, error in finished):
-            break
-        # the normalisation, or angles between the first ones, took more than their share: leave more room
-        if integrated:
-            margin, target = 0.7 * margin, 0.7 * target
-        else:
-            theta, margin, earlier = table.theta, 0.85 * margin, (table.values, table.error, table.tag)
-    out = []
-    for i, (component, cross) in enumerate(zip(components, crosses)):
-        spectrum = finished[i * len(k) : (i + 1) * len(k)]
-        out.append(Average(component.name, cross.radius, cross.weight, cross.scattering, cross.absorption, cross.cosine,
-                           np.array([f[0] for f in spectrum]), np.array([f[1] for f in spectrum]),
-                           np.array([max(f[3], float(e)) for f, e in zip(spectrum, cross.all_error)]), cross.absorption_bias,
-                           np.array([f[2] for f in spectrum]), tuple(choices[i * len(k) : (i + 1) * len(k)])))
-    return table.theta, out
+            raise StageError(_too_many(self.channels, self.tolerance)) from None
+
+    def _finished(self, table):
+        spectrum = len(self.channels) // len(self.crosses)
+        return [_finish(table, i, channel, self.choices[i], self.crosses[i // spectrum], i % spectrum, self.integrated)
+                for i, channel in enumerate(self.channels)]
+
+
+def _ripples(channels):
+    """(C,) rad, distance of neighbouring crests of the ripples of equal spheres; 0 where there are none."""
+    return np.array([math.pi / (2 * features_of(c)[0][0]) if len(features_of(c)) == 1 and _rippled(*features_of(c)[0]) else 0.0
+                     for c in channels])
+
+
+def _finest(channels, choices):
+    """rad, of the narrowest cell: rays jump here and there by less than their error; nothing that a sphere scatters is narrower
+    than its ripples."""
+    return max([_RIPPLE / (c.k * c.nodes.span()[1]) for c, choice in zip(channels, choices) if choice.taken], default=0.0)
+
+
+def _average(component, cross, spectrum, choices):
+    """The average of a component, from what `_finish` gives at each wavelength."""
+    elements, bias, scale, error = zip(*spectrum)
+    return Average(component.name, cross.radius, cross.weight, cross.scattering, cross.absorption, cross.cosine,
+                   np.array(elements), np.array(bias),
+                   np.array([max(e, float(of_cross)) for e, of_cross in zip(error, cross.all_error)]),
+                   cross.absorption_bias, np.array(scale), tuple(choices))
 
 
 def expected(components, wavelength, host, tolerance, polarized=False, *, rays=SERIES, radii=None, angles=None,

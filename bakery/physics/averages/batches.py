@@ -27,7 +27,7 @@ def angular_block(m, x, weight, theta, polarized, rays=None):
     """
     out = np.zeros((4 if polarized else 1, len(theta)))
     if rays is None:
-        from bakery.physics.mie._kernels import intensity_block, mueller_block
+        from bakery.physics.mie.kernels import intensity_block, mueller_block
 
         orders, options = (), {}
     else:

@@ -39,7 +39,7 @@ class Cross:
 
 def cross_block(m, x):
     """(4, R): Q_sca, Q_abs and g of spheres x (R,), and Q_ext."""
-    from bakery.physics.mie._kernels import cross_section_block
+    from bakery.physics.mie.kernels import cross_section_block
 
     out = np.zeros((4, len(x)))
     cross_section_block(complex(m), x, out[3], out[0], out[1], out[2])

@@ -67,7 +67,7 @@ def single(albedo, theta, phase, edges, density, r):
         step = (high - low)[:, None] * np.tile(w, panels) / (2 * panels)
         along, far = np.sinh(t), np.cosh(t)  # times r
         before = tau + np.maximum(edges[-1] - r[:, None] * along - begin, 0.0) * dense
-        light = dense * step / (r[:, None] * far) * tables.evaluate(theta, phase, np.arctan2(1.0, along))
+        light = dense * step / (r[:, None] * far) * tables.phase_at(theta, phase, np.arctan2(1.0, along))
         light *= np.exp(-before - np.maximum(above[-1] - before, 0.0) * far / along)
         out += light.sum(axis=1), (light * along / far).sum(axis=1)
     return albedo * out

@@ -8,11 +8,12 @@ from __future__ import annotations
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from bakery import rng
-from bakery.physics.medium._kernels import layout, sampled, turned
+from bakery.physics.medium.kernels import phase_layout, phase_sample, turned_direction
 from bakery.system.compiled import njit
 
 BLOCKS = 32  # random streams, and samples of each mean
@@ -74,27 +75,27 @@ def count(albedo, theta, phase, depth, edges, photons, *, seed=0, stream=0, firs
     """
     depth, edges = np.asarray(depth, float), np.asarray(edges, float)
     theta, phase = np.asarray(theta, float), np.asarray(phase, float)
-    table = layout(theta, phase)
-    begins, density = (np.array(one, float) for one in layers)
+    table = phase_layout(theta, phase)
+    begins, density = (np.array(column, float) for column in layers)
     if begins[0] != 0 or not (np.diff(begins) > 0).all() or not (density >= 0).all() or len(begins) != len(density):
         raise ValueError("layers begin at 0 and ascend, each with a density of 0 or more")
     begins = np.append(begins, math.inf)
     optical = np.concatenate([[0.0], np.cumsum(density[:-1] * np.diff(begins[:-1]))])
     which = np.searchsorted(begins, depth, side="right") - 1
     thick = optical[which] + (depth - begins[which]) * density[which]
-    each = -(-int(photons) // BLOCKS)
+    per_block = -(-int(photons) // BLOCKS)
 
     def block(index):
         random = rng.generator(seed, "beam.photons", stream, index)
         sums = np.zeros((2, len(depth), len(edges) - 1))
-        _follow(random, each, float(albedo), table, (begins, density, optical), depth, thick, edges, first,
-                2**62 if last is None else last, back, sums)
+        _follow(random, per_block, float(albedo), table, (begins, density, optical), _Planes(depth, thick, edges, sums),
+                (first, 2**62 if last is None else last, back))
         return sums
 
     with ThreadPoolExecutor(threads) as pool:
-        sums = np.array(list(pool.map(block, range(BLOCKS)))) / (each * math.pi * np.diff(edges**2))
+        sums = np.array(list(pool.map(block, range(BLOCKS)))) / (per_block * math.pi * np.diff(edges**2))
     mean, error = sums.mean(axis=0), sums.std(axis=0, ddof=1) / math.sqrt(BLOCKS)
-    return Counted(depth, edges, mean[0], error[0], mean[1], error[1], each * BLOCKS)
+    return Counted(depth, edges, mean[0], error[0], mean[1], error[1], per_block * BLOCKS)
 
 
 def rms(estimate, counted: Counted, measure="flux"):
@@ -118,7 +119,7 @@ def rms(estimate, counted: Counted, measure="flux"):
     return math.sqrt(max(square, 0.0)), math.sqrt(noise)
 
 
-def count_small_angle(scatterings, sample, left, density, depth, edges, photons, *, seed=0):
+def count_small_angle(scatterings, sample, escaping, density, depth, edges, photons, *, seed=0):
     """The small-angle model by brute force: planar angles that add up, depth as the length of all paths; nothing is absorbed.
 
     Parameters
@@ -135,21 +136,21 @@ def count_small_angle(scatterings, sample, left, density, depth, edges, photons,
     value, error : (R,) share of the beam that is scattered and lands in each ring, over its area
     moments, moments_error : (3,) of M0, M2, M4
     """
-    left, density, edges = np.asarray(left, float), np.asarray(density, float), np.asarray(edges, float)
-    cumulative = np.concatenate([[0.0], np.cumsum(density * np.diff(left))])
-    each = -(-int(photons) // BLOCKS)
+    escaping, density, edges = np.asarray(escaping, float), np.asarray(density, float), np.asarray(edges, float)
+    cumulative = np.concatenate([[0.0], np.cumsum(density * np.diff(escaping))])
+    per_block = -(-int(photons) // BLOCKS)
     rings, moments = np.empty((BLOCKS, len(edges) - 1)), np.empty((BLOCKS, 3))
     for index in range(BLOCKS):
         stream = rng.generator(seed, "beam.small_angle", index)
-        events = stream.poisson(scatterings, each)
-        photon = np.repeat(np.arange(each), events)
-        at = np.interp(stream.random(len(photon)) * cumulative[-1], cumulative, left)
+        events = stream.poisson(scatterings, per_block)
+        photon = np.repeat(np.arange(per_block), events)
+        at = np.interp(stream.random(len(photon)) * cumulative[-1], cumulative, escaping)
         lever = sample(stream, len(photon)) * (depth - at)
         turn = 2 * math.pi * stream.random(len(photon))
-        x, y = (np.bincount(photon, lever * f(turn), each) for f in (np.cos, np.sin))
+        x, y = (np.bincount(photon, lever * f(turn), per_block) for f in (np.cos, np.sin))
         r2 = (x * x + y * y)[events > 0]
-        rings[index] = np.histogram(np.sqrt(r2), edges)[0] / each
-        moments[index] = len(r2) / each, r2.sum() / each, (r2 * r2).sum() / each
+        rings[index] = np.histogram(np.sqrt(r2), edges)[0] / per_block
+        moments[index] = len(r2) / per_block, r2.sum() / per_block, (r2 * r2).sum() / per_block
     rings /= math.pi * np.diff(edges**2)
     root = math.sqrt(BLOCKS)
     return rings.mean(0), rings.std(0, ddof=1) / root, moments.mean(0), moments.std(0, ddof=1) / root
@@ -161,18 +162,29 @@ def _flight(z, uz, optical, begins, density):
     layer, distance = np.searchsorted(begins, z, side="right") - 1, 0.0
     while 0 <= layer < len(density):
         bound = begins[layer + 1] if uz > 0 else begins[layer]
-        left = (bound - z) / uz if uz != 0 else math.inf
+        to_face = (bound - z) / uz if uz != 0 else math.inf
         needed = optical / density[layer] if density[layer] > 0 else math.inf
-        if needed < left or left == math.inf:
+        if needed < to_face or to_face == math.inf:
             return distance + needed
-        distance, z, optical = distance + left, bound, optical - left * density[layer]
+        distance, z, optical = distance + to_face, bound, optical - to_face * density[layer]
         layer += 1 if uz > 0 else -1
     return math.inf
 
 
+class _Planes(NamedTuple):
+    """Depths of planes in mfp at density 1 and as they are, edges of rings, sums of flux and fluence (2, D, R)."""
+
+    depth: np.ndarray
+    thick: np.ndarray
+    edges: np.ndarray
+    sums: np.ndarray
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def _follow(stream, photons, albedo, table, layers, depth, thick, edges, first, last, back, sums):
+def _follow(stream, photons, albedo, table, layers, rings, events):
+    """Photons of a block, added to the planes.  events : first and last that count, whether light that goes back counts."""
     (v_nodes, steps, f, cdf), (begins, density, optical) = table, layers
+    (depth, thick, edges, sums), (first, last, back) = rings, events
     planes, outer = len(depth), edges[-1]
     for _ in range(photons):
         px, py, pz = 0.0, 0.0, _flight(0.0, 1.0, -math.log1p(-stream.random()), begins, density)
@@ -186,8 +198,8 @@ def _follow(stream, photons, albedo, table, layers, depth, thick, edges, first, 
                 if stream.random() * _KEPT >= weight:
                     break
                 weight = _KEPT
-            v = sampled(v_nodes, steps, f, cdf, stream.random())
-            ux, uy, uz = turned(ux, uy, uz, v, 2 * math.pi * stream.random())
+            v = phase_sample(v_nodes, steps, f, cdf, stream.random())
+            ux, uy, uz = turned_direction(ux, uy, uz, v, 2 * math.pi * stream.random())
             event += 1
             if event >= first and (uz > 0 or (back and uz < 0)):
                 over = 1 / abs(uz) if abs(uz) > _GRAZING else 2 / _GRAZING

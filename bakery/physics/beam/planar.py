@@ -78,7 +78,7 @@ def table(theta, phase) -> Planar:
     edges = edges[(edges >= 0) & (edges <= math.pi)]
     x, w = np.polynomial.legendre.leggauss(4)
     at = (edges[:-1, None] + edges[1:, None] + np.diff(edges)[:, None] * x) / 2
-    value = tables.evaluate(theta, phase, at) * w * np.diff(edges)[:, None] / 2
+    value = tables.phase_at(theta, phase, at) * w * np.diff(edges)[:, None] / 2
     s = 2 * np.sin(at / 2).ravel()
     light = (2 * math.pi * value * np.sin(at)).ravel()
     beyond_edges = np.append(np.cumsum((value * np.cos(at / 2)).sum(axis=1)[::-1])[::-1], 0.0)

@@ -56,7 +56,7 @@ def line(theta, phase) -> Line:
     pieces = pieces[(pieces >= 0) & (pieces <= math.pi)]
     x, w = np.polynomial.legendre.leggauss(4)
     at = (pieces[:-1, None] + pieces[1:, None] + np.diff(pieces)[:, None] * x) / 2
-    value = tables.evaluate(theta, phase, at) * w * np.diff(pieces)[:, None] / 2
+    value = tables.phase_at(theta, phase, at) * w * np.diff(pieces)[:, None] / 2
     bin_of = np.clip(np.searchsorted(edges, at[:, 0], side="right") - 1, 0, len(edges) - 2)
 
     def total(values):
@@ -67,7 +67,7 @@ def line(theta, phase) -> Line:
     weight = np.array([total(value), total(value * np.abs(np.cos(at)))])
     middle = np.tan((edges[1:] + edges[:-1]) / 4)
     mean = np.divide(total(value * tangent), weight[0], out=middle, where=weight[0] > 0)
-    return Line(edges, tables.evaluate(theta, phase, edges), weight, mean, len(ahead) - 1)
+    return Line(edges, tables.phase_at(theta, phase, edges), weight, mean, len(ahead) - 1)
 
 
 def single(albedo, line: Line, depth, r):

@@ -79,18 +79,18 @@ def point(albedo, p, width=1.0) -> Point:
     # 1/(k^2 + m^2) has the transform e^(-m r)/(4 pi r): the ends of order 0, the source and diffusion (all of it at albedo 1)
     diffusion = math.sqrt(3 * (1 - albedo) * max(1 - albedo * p[1], 0.0))
     farther = math.hypot(diffusion, 1.0)
-    wide = 1 / (k * k + diffusion**2) - 1 / (k * k + farther**2)
+    kernel = 1 / (k * k + diffusion**2) - 1 / (k * k + farther**2)
     near = 1 / (k * k + 1)
     r = 1 / k[::-1]
     out = np.empty((2, L + 1, len(k)))
     for which, rows in enumerate((fluence, flux)):
         source = rows[0, -1] / near[-1]
-        diffuse = (rows[0, 0] - source * near[0]) / wide[0] if which == 0 else 0.0
+        diffuse = (rows[0, 0] - source * near[0]) / kernel[0] if which == 0 else 0.0
         for order, row in enumerate(rows):
-            smooth = row if order else row - source * near - diffuse * wide
+            smooth = row if order else row - source * near - diffuse * kernel
             bias = 0.5 if order > 1 or (order == 0 and which == 0) else 0.0  # both ends then fall off, to 3e-3 at least
-            there = fft.fht(k**1.5 * smooth, step, order + 0.5, 0.0, bias)
-            out[which, order] = there * math.sqrt(math.pi / 2) / np.sqrt(r) / (2 * math.pi**2)
+            transformed = fft.fht(k**1.5 * smooth, step, order + 0.5, 0.0, bias)
+            out[which, order] = transformed * math.sqrt(math.pi / 2) / np.sqrt(r) / (2 * math.pi**2)
         out[which, 0] += (source * np.exp(-r) + diffuse * (np.exp(-diffusion * r) - np.exp(-farther * r))) / (4 * math.pi)
     # the ends of the transform: r times the light is constant at the source, and falls exponentially far away
     first = np.searchsorted(r, 300 / high)
@@ -121,7 +121,7 @@ def twice(at: Point, depth, r):
     out = np.zeros((2, depth.size))
     x, w = np.polynomial.legendre.leggauss(_NODES)
     turn = math.asinh(at.theta[1] / at.scale)
-    _sum(np.ascontiguousarray(depth).ravel(), np.ascontiguousarray(r).ravel(), at.r, turn, at.scale, at.light, at.decay, x, w,
+    _sum(np.ascontiguousarray(depth).ravel(), np.ascontiguousarray(r).ravel(), at.r, (turn, at.scale, at.light, at.decay), (x, w),
          out)
     return out[0].reshape(depth.shape), out[1].reshape(depth.shape)
 
@@ -161,10 +161,10 @@ def split(fluence, flux):
     absolute = (lam - 1 + 2 * np.exp(-lam) - np.exp(-2 * lam) * (1 + lam)) / lam / -np.expm1(-2 * lam)
     knots = np.concatenate([[0.0], cosine, [1.0]])
     larger = fluence * np.interp(np.abs(mean), knots, np.concatenate([[0.5], 1 / (1 + np.exp(-lam)), [1.0]]))
-    both = fluence * np.interp(np.abs(mean), knots, np.concatenate([[0.5], absolute, [1.0]]))
+    total = fluence * np.interp(np.abs(mean), knots, np.concatenate([[0.5], absolute, [1.0]]))
     ahead = np.where(mean >= 0, larger, fluence - larger)
-    return (np.array([ahead, np.maximum((both + flux) / 2, 0.0)]),
-            np.array([fluence - ahead, np.maximum((both - flux) / 2, 0.0)]))
+    return (np.array([ahead, np.maximum((total + flux) / 2, 0.0)]),
+            np.array([fluence - ahead, np.maximum((total - flux) / 2, 0.0)]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -229,31 +229,33 @@ def _polar(legendre, theta):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _cubic(place, last):
+def _cubic(position, last):
     """First of four neighbours and their weights (Lagrange)."""
-    place = min(max(place, 0.0), last)
-    i = min(max(int(place) - 1, 0), last - 3)
-    f = place - i
+    position = min(max(position, 0.0), last)
+    i = min(max(int(position) - 1, 0), last - 3)
+    f = position - i
     return (i, -(f - 1) * (f - 2) * (f - 3) / 6, f * (f - 2) * (f - 3) / 2, -f * (f - 1) * (f - 3) / 2, f * (f - 1) * (f - 2) / 6)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sum(depth, r, radii, turn, scale, light, decay, x, w, out):
+def _sum(depth, r, radii, light_of, rule, out):
+    """Light along the beam, added up.  light_of : its step in angle, scale, table and decay;  rule : of Gauss, x and w."""
+    (turn, scale, light, decay), (x, w) = light_of, rule
     step, origin, last, turns = math.log(radii[1] / radii[0]), math.log(radii[0]), len(radii) - 1, light.shape[1] - 1
     for n in range(len(depth)):
         z, rho = depth[n], r[n]
         # s = z + rho sinh(t): no peak is left beside the beam; split where it passes the point
         begin, end = math.asinh(-z / rho), math.asinh((_GONE - z) / rho)
         for half in range(2):
-            left = begin if half == 0 else max(begin, 0.0)
+            lower = begin if half == 0 else max(begin, 0.0)
             right = min(end, 0.0) if half == 0 else end
-            if right <= left:
+            if right <= lower:
                 continue
-            panels = math.ceil((right - left) / _PANEL)
-            width = (right - left) / panels
+            panels = math.ceil((right - lower) / _PANEL)
+            width = (right - lower) / panels
             for panel in range(panels):
                 for node in range(len(x)):
-                    t = left + (panel + 0.5 * (1 + x[node])) * width
+                    t = lower + (panel + 0.5 * (1 + x[node])) * width
                     beyond, far = rho * math.sinh(t), rho * math.cosh(t)
                     weight = w[node] * 0.5 * width * math.exp(-(z + beyond))  # ds / far = dt
                     if far > radii[last]:

@@ -127,8 +127,8 @@ def per_component(components: int) -> int:
 
 def spheres(components: Sequence[Component], by_component: Sequence[Classes]) -> list[Component]:
     """Every class as a component of its own, in order."""
-    return [Component(f"{of.name} {radius:.3g} um", of.m, sizes) for of, each in zip(components, by_component, strict=True)
-            for radius, sizes in zip(each.radius, each.sizes)]
+    return [Component(f"{of.name} {radius:.3g} um", of.m, sizes) for of, sizes_of in zip(components, by_component, strict=True)
+            for radius, sizes in zip(sizes_of.radius, sizes_of.sizes)]
 
 
 def optics(components: Sequence[Component], by_component: Sequence[Classes], wavelength, host, tolerance: float,
@@ -149,25 +149,25 @@ def optics(components: Sequence[Component], by_component: Sequence[Classes], wav
     theta : (A,) rad
     optics : one for each component
     """
-    more = {key: value for key, value in (("rays", rays), ("remember", remember)) if value is not None}
+    options = {key: value for key, value in (("rays", rays), ("remember", remember)) if value is not None}
     theta, averaged = averages(spheres(components, by_component), wavelength, host, tolerance, map=map, report=report,
-                               integrated=True, **more)
+                               integrated=True, **options)
     out, start = [], 0
-    for each in by_component:
-        of = averaged[start:start + len(each.radius)]
+    for classes_of in by_component:
+        of = averaged[start:start + len(classes_of.radius)]
         start += len(of)
-        extinction = [np.array(one.scattering + one.absorption) for one in of]
-        mean = np.stack([np.sum(c * one.weight, axis=-1) for c, one in zip(extinction, of)], axis=1)
-        square = np.stack([np.sum(c * c * one.weight, axis=-1) for c, one in zip(extinction, of)], axis=1)
-        table, _ = phase.normalised(theta, np.stack([one.elements[:, 0] for one in of], axis=1))
-        out.append(Optics(mean, np.stack([np.sum(one.scattering * one.weight, axis=-1) for one in of], axis=1),
+        extinction = [np.array(average.scattering + average.absorption) for average in of]
+        mean = np.stack([np.sum(c * average.weight, axis=-1) for c, average in zip(extinction, of)], axis=1)
+        square = np.stack([np.sum(c * c * average.weight, axis=-1) for c, average in zip(extinction, of)], axis=1)
+        table, _ = phase.normalised(theta, np.stack([average.elements[:, 0] for average in of], axis=1))
+        out.append(Optics(mean, np.stack([np.sum(average.scattering * average.weight, axis=-1) for average in of], axis=1),
                           np.maximum(square / mean**2 - 1, 0.0), table.astype(np.float32),
-                          np.stack([one.error for one in of], axis=1)))
+                          np.stack([average.error for average in of], axis=1)))
     return theta, out
 
 
 def predicted(components, by_component, wavelength, host, tolerance, *, rays: Rays | None = None,
               remember: Callable | None = None):
     """What `optics` will take (`bakery.physics.averages.predicted.Prediction`)."""
-    more = {key: value for key, value in (("rays", rays), ("remember", remember)) if value is not None}
-    return expected(spheres(components, by_component), wavelength, host, tolerance, integrated=True, **more)[0]
+    options = {key: value for key, value in (("rays", rays), ("remember", remember)) if value is not None}
+    return expected(spheres(components, by_component), wavelength, host, tolerance, integrated=True, **options)[0]

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from bakery.physics.packing.instances import mix
+from bakery.physics.packing.instances import hashed
 from bakery.system.compiled import njit
 
 MOST = 64  # particles in one cell: beyond, the chance is below 1e-18 for means up to 16
@@ -38,8 +38,8 @@ def counts(mean):
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def cell_hash(key, i, j, k):
     """Hash (uint64) of cell (i, j, k), int64 each, in the lattice of a key, uint64."""
-    h = mix(key + np.uint64(i) * _X + np.uint64(j) * _Y)
-    return mix((h ^ np.uint64(k)) + _GOLDEN)
+    h = hashed(key + np.uint64(i) * _X + np.uint64(j) * _Y)
+    return hashed((h ^ np.uint64(k)) + _GOLDEN)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -55,8 +55,8 @@ def cell_count(h, cumulated):
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def cell_particle(h, n):
     """Particle n of the cell with hash h: place in the cell (0 to 1, three), and two more uniform numbers in (0, 1)."""
-    a = mix(h + np.uint64(2 * n + 1) * _GOLDEN)
-    b = mix(h + np.uint64(2 * n + 2) * _GOLDEN)
+    a = hashed(h + np.uint64(2 * n + 1) * _GOLDEN)
+    b = hashed(h + np.uint64(2 * n + 2) * _GOLDEN)
     x = ((a & _MASK) + 0.5) * _UNIT21
     y = (((a >> _SHORT) & _MASK) + 0.5) * _UNIT21
     z = (((a >> np.uint64(42)) & _MASK) + 0.5) * _UNIT21

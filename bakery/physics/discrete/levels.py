@@ -57,7 +57,7 @@ class Discs(NamedTuple):
     largest: np.ndarray
 
 
-def order(extinction):
+def disc_order(extinction):
     """Classes from large discs to small ones, (K,): the order in which `stored` and `procedural` take them.
 
     extinction : (L, K) m^2
@@ -65,13 +65,13 @@ def order(extinction):
     return np.argsort(-np.max(extinction, axis=0), kind="stable")
 
 
-def stored(region, extinction, place, kind, velocity=None, time=0.0, per_cell=PER_CELL) -> Discs:
+def stored_discs(region, extinction, place, kind, velocity=None, time=0.0, per_cell=PER_CELL) -> Discs:
     """Particles at given places.
 
     Parameters
     ----------
     region : `Region`; places outside of its box count as on its walls
-    extinction : (L, K) m^2, cross sections of the classes' discs, in the order of `order`
+    extinction : (L, K) m^2, cross sections of the classes' discs, in the order of `disc_order`
     place : (N, 3) m
     kind : (N,) class of each
     velocity : (K, 3) m/s, equal within a level's classes or None
@@ -90,13 +90,13 @@ def stored(region, extinction, place, kind, velocity=None, time=0.0, per_cell=PE
     offset = np.zeros(start[-1], np.uint32)
     sorted_place, sorted_kind = np.empty((len(kind), 3), np.float32), np.empty(len(kind), np.uint16)
     if len(kind):
-        _sort(np.asarray(place), np.ascontiguousarray(kind, np.uint16), region.lo, extent, cells, level, start, offset,
-              sorted_place, sorted_kind)
-    return _discs(region, 1, np.zeros(len(cells), np.uint64), cells, extinction, classes, velocity, time, offset=offset,
-                  start=start[:-1], place=sorted_place, kind=sorted_kind)
+        _sort(np.asarray(place), np.ascontiguousarray(kind, np.uint16), region.lo, extent, cells, level, start,
+              (offset, sorted_place, sorted_kind))
+    return _discs(region, np.zeros(len(cells), np.uint64), cells, extinction, classes, (velocity, time), stored=1, offset=offset,
+                  start=start[:-1].astype(np.int64), place=sorted_place, kind=sorted_kind)
 
 
-def procedural(region, extinction, density, words, velocity=None, time=0.0, per_cell=PER_CELL) -> Discs:
+def procedural_discs(region, extinction, density, words, velocity=None, time=0.0, per_cell=PER_CELL) -> Discs:
     """A Poisson process from hashes.
 
     Parameters
@@ -117,24 +117,21 @@ def procedural(region, extinction, density, words, velocity=None, time=0.0, per_
         cumulated[a:b - 1] = np.cumsum(density[a:b - 1]) / max(density[a:b].sum(), 1e-300)
     key = np.uint64(words[0]) << np.uint64(32) | np.uint64(words[1])
     keys = np.array([(int(key) + 0x9E3779B97F4A7C15 * (level + 1)) % 2**64 for level in range(len(cells))], np.uint64)
-    return _discs(region, 0, keys, np.array(cells, np.int64).reshape(-1, 3), extinction, classes, velocity, time,
+    return _discs(region, keys, np.array(cells, np.int64).reshape(-1, 3), extinction, classes, (velocity, time), stored=0,
                   counts=np.array(counts).reshape(-1, hashing.MOST), cumulated=cumulated)
 
 
-def _discs(region, kept, key, cells, extinction, classes, velocity, time, *, offset=None, start=None, place=None, kind=None,
-           counts=None, cumulated=None):
+def _discs(region, key, cells, extinction, classes, motion, **particles) -> Discs:
+    """Levels of so many cells; motion : velocity and time;  particles : fields of `Discs` that say where they are."""
     levels, square = len(cells), np.ascontiguousarray(np.transpose(extinction) / math.pi)
     largest = square.max(axis=1)
     reach = np.sqrt(np.maximum.reduceat(largest, classes[:-1])) if levels else np.zeros(0)
-    shift = np.zeros((levels, 3))
-    if velocity is not None:
-        shift = np.asarray(velocity, float)[classes[:-1]] * time
-    return Discs(region, kept, key, (region.hi - region.lo) / cells, cells, reach, shift, classes,
-                 np.zeros(0, np.uint32) if offset is None else offset,
-                 np.zeros(levels, np.int64) if start is None else start.astype(np.int64),
-                 np.zeros((0, 3), np.float32) if place is None else place, np.zeros(0, np.uint16) if kind is None else kind,
-                 np.ones((levels, hashing.MOST)) if counts is None else counts,
-                 np.ones(len(largest)) if cumulated is None else cumulated, square, largest)
+    velocity, time = motion
+    shift = np.zeros((levels, 3)) if velocity is None else np.asarray(velocity, float)[classes[:-1]] * time
+    nowhere = {"offset": np.zeros(0, np.uint32), "start": np.zeros(levels, np.int64), "place": np.zeros((0, 3), np.float32),
+               "kind": np.zeros(0, np.uint16), "counts": np.ones((levels, hashing.MOST)), "cumulated": np.ones(len(largest))}
+    return Discs(region=region, key=key, step=(region.hi - region.lo) / cells, cells=cells, reach=reach, shift=shift,
+                 classes=classes, square=square, largest=largest, **(nowhere | particles))
 
 
 def _pairs(classes):
@@ -201,8 +198,9 @@ def along_axis(i, step, bits):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sort(place, kind, lo, extent, cells, level, start, offset, sorted_place, sorted_kind):
-    """Counting sort by level and cell."""
+def _sort(place, kind, lo, extent, cells, level, start, out):
+    """Counting sort by level and cell.  out : offset, place and kind of `Discs`."""
+    offset, sorted_place, sorted_kind = out
     n = len(kind)
     cell, at = np.empty(n, np.int64), np.empty(3, np.int64)
     for i in range(n):
@@ -214,9 +212,9 @@ def _sort(place, kind, lo, extent, cells, level, start, offset, sorted_place, so
         offset[cell[i]] += np.uint32(1)
     total = np.int64(0)
     for c in range(len(offset)):
-        here = np.int64(offset[c])
+        slot = np.int64(offset[c])
         offset[c] = np.uint32(total)
-        total += here
+        total += slot
     # a level's last entry counts nothing: it ends where the next level's first begins
     for i in range(n):
         to = np.int64(offset[cell[i]])

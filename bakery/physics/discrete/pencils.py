@@ -11,21 +11,92 @@ nearer than the level's largest disc, so a particle is listed once, in the cell 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from bakery.physics.discrete.hashing import cell_count, cell_hash, cell_particle
 from bakery.physics.discrete.levels import along_axis, block_steps, cell_index
 from bakery.physics.discrete.region import relative_density
-from bakery.physics.packing.instances import mix
+from bakery.physics.lent import lent
+from bakery.physics.packing.instances import hashed
 from bakery.system.compiled import njit
 
-NONE = -1
+NO_DISC = -1
 _PRIME = np.uint64(0xD1B54A32D192ED03)
 
 
+class _Pencil(NamedTuple):
+    """Origin (m) and direction, where feet of perpendiculars begin to count (m), place of a particle that is left out."""
+
+    ox: float
+    oy: float
+    oz: float
+    dx: float
+    dy: float
+    dz: float
+    begin: float
+    sx: float
+    sy: float
+    sz: float
+
+
+class _Level(NamedTuple):
+    """One of the levels: its number, whether its particles are stored, whether it has moved, m, its largest disc."""
+
+    number: int
+    stored: bool
+    moved: bool
+    reach: float
+
+
+class _Course(NamedTuple):
+    """A pencil's way through the lattice of a level, axes in an order that begins with its main one.
+
+    main : that axis;  begin, end : m, where it is near the box
+    q, d : origin from the corner of the lattice, which moves with its particles, and direction;  h : edges of a cell
+    low, high : the first and last cells in the box;  stride, bits : of `along_axis`
+    """
+
+    main: int
+    begin: float
+    end: float
+    q: tuple
+    d: tuple
+    h: tuple
+    low: tuple
+    high: tuple
+    stride: tuple
+    bits: tuple
+
+
+class _Cell(NamedTuple):
+    """A cell: its numbers and hash, the corner of its lattice (m), its first particle and the one behind its last."""
+
+    i: int
+    j: int
+    k: int
+    hash: int
+    ex: float
+    ey: float
+    ez: float
+    first: int
+    after: int
+
+
+class _Hit(NamedTuple):
+    """The first disc so far: class or NO_DISC, distance of the foot and squared distance of the centre (m, m^2), centre (m)."""
+
+    kind: int
+    distance: float
+    square: float
+    x: float
+    y: float
+    z: float
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def first_disc(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, room):
+def first_disc(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, scratch):
     """The first particle whose disc, the largest of all wavelengths, stops a pencil.
 
     Parameters
@@ -34,40 +105,39 @@ def first_disc(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, room):
     ox, oy, oz, dx, dy, dz : origin (m) and unit direction
     begin, end : m, distances between which (begin excluded) feet of perpendiculars count; end may be inf
     sx, sy, sz : place of a particle that is left out, as this function gave it; nan: none
-    room : from `mesh_scratch`
+    scratch : from `mesh_scratch`
 
     Returns
     -------
-    class : int, or NONE
+    class : int, or NO_DISC
     distance : m, of the foot; `end` where there is none
     square : m^2, squared distance of the centre from the pencil
     x, y, z : m, centre
     """
-    best = end
-    hit, square, x, y, z = NONE, 0.0, 0.0, 0.0, 0.0
-    nobody = np.empty(0, np.uint8)
+    pencil, hit = _Pencil(ox, oy, oz, dx, dy, dz, begin, sx, sy, sz), _Hit(NO_DISC, end, 0.0, 0.0, 0.0, 0.0)
+    none = np.empty(0, np.uint8)
     for level in range(len(discs.reach)):
-        kind, t, d2, px, py, pz = _search(discs, level, ox, oy, oz, dx, dy, dz, begin, best, sx, sy, sz, nobody, True, room)
-        if kind != NONE:
-            hit, best, square, x, y, z = kind, t, d2, px, py, pz
-    return hit, best, square, x, y, z
+        _, nearer = _search(discs, level, pencil, hit.distance, none, True, scratch)
+        if nearer.kind != NO_DISC:
+            hit = nearer
+    return hit.kind, hit.distance, hit.square, hit.x, hit.y, hit.z
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def through(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, room):
+def open_wavelengths(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, scratch):
     """At how many wavelengths a pencil gets through; arguments as in `first_disc`.
 
     open : (L,) uint8, 1 where the pencil is still open; becomes 0 at each wavelength at which a disc stops it
     """
-    left = 0
+    still = 0
     for w in range(len(open)):
-        left += open[w]
+        still += open[w]
+    pencil = _Pencil(ox, oy, oz, dx, dy, dz, begin, sx, sy, sz)
     for level in range(len(discs.reach)):
-        if left == 0:
+        if still == 0:
             return 0
-        left = _search(discs, level, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, False, room)[0]
-    return left
-
+        still, _ = _search(discs, level, pencil, end, open, False, scratch)
+    return still
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -80,138 +150,210 @@ def _clip(o, d, low, high, begin, end):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _search(discs, level, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, nearest, room):
-    """One level.  nearest: (class, distance, squared distance, centre) of the first disc; else (wavelengths still open, ...)."""
-    region = discs.region
-    stored, reach = discs.stored == 1, discs.reach[level]
-    lo, hi, shift = region.lo, region.hi, discs.shift[level]
-    first_class, after_class = discs.classes[level], discs.classes[level + 1]
-    left = 0
-    if not nearest:
-        for w in range(len(open)):
-            left += open[w]
-    hit, best, square, fx, fy, fz = NONE, end, 0.0, 0.0, 0.0, 0.0
-    # the box with a margin in which discs reach out of it
-    t0, t1 = _clip(ox, dx, lo[0] - reach, hi[0] + reach, begin, end)
-    t0, t1 = _clip(oy, dy, lo[1] - reach, hi[1] + reach, t0, t1)
-    t0, t1 = _clip(oz, dz, lo[2] - reach, hi[2] + reach, t0, t1)
-    if not t0 < t1:
-        return (hit if nearest else left), best, square, fx, fy, fz
-    # axis a: the main one
-    ax, ay, az = abs(dx), abs(dy), abs(dz)
-    a, b, c = 0, 1, 2
-    oa, ob, oc, da, db, dc = ox, oy, oz, dx, dy, dz
-    if ay > ax and ay >= az:
-        a, b, c = 1, 2, 0
-        oa, ob, oc, da, db, dc = oy, oz, ox, dy, dz, dx
-    elif az > ax and az > ay:
-        a, b, c = 2, 0, 1
-        oa, ob, oc, da, db, dc = oz, ox, oy, dz, dx, dy
-    step, cells = discs.step[level], discs.cells[level]
-    ha, hb, hc = step[a], step[b], step[c]
-    # from the corner of the lattice, which moves with its particles
-    qa, qb, qc = oa - lo[a] - shift[a], ob - lo[b] - shift[b], oc - lo[c] - shift[c]
-    a_low, a_high = math.floor(-shift[a] / ha), math.ceil((hi[a] - lo[a] - shift[a]) / ha - 1e-9) - 1
-    b_low, b_high = math.floor(-shift[b] / hb), math.ceil((hi[b] - lo[b] - shift[b]) / hb - 1e-9) - 1
-    c_low, c_high = math.floor(-shift[c] / hc), math.ceil((hi[c] - lo[c] - shift[c]) / hc - 1e-9) - 1
-    moved = shift[0] != 0.0 or shift[1] != 0.0 or shift[2] != 0.0
-    va, vb, vc = 1.0 / ha, 1.0 / hb, 1.0 / hc
-    over = 1.0 / da
-    if da > 0:
-        layer, last, sign = math.floor((qa + t0 * da - reach) * va), math.floor((qa + t1 * da + reach) * va), 1
-        layer, last = max(layer, a_low), min(last, a_high)
-        layers = last - layer + 1
-    else:
-        layer, last, sign = math.floor((qa + t0 * da + reach) * va), math.floor((qa + t1 * da - reach) * va), -1
-        layer, last = min(layer, a_high), max(last, a_low)
-        layers = layer - last + 1
-    key, table, base = discs.key[level], discs.counts[level], discs.start[level]
-    n0, n1, n2 = cells[0], cells[1], cells[2]
-    s0, s1, s2 = block_steps(n1, n2)
-    # the three axes in the order a, b, c
-    sa, sb, sc, ba, bb, bc = s0, s1, s2, 4, 2, 0
-    if a == 1:
-        sa, sb, sc, ba, bb, bc = s1, s2, s0, 2, 0, 4
-    elif a == 2:
-        sa, sb, sc, ba, bb, bc = s2, s0, s1, 0, 4, 2
-    h0, h1, h2 = step[0], step[1], step[2]
-    place, offset, farthest = discs.place, discs.offset, reach * reach * (1 + 1e-12)
-    partial = region.kind != 0
+def _search(discs, number, pencil, end, open, nearest, scratch):
+    """One level: how many wavelengths are still open, and with `nearest` the first disc."""
+    discs, open, scratch = lent(discs), lent(open), lent(scratch)
+    level, hit, still = _level(discs, number), _Hit(NO_DISC, end, 0.0, 0.0, 0.0, 0.0), 0
+    for w in range(len(open)):
+        still += open[w]
+    begin, end = _near_box(discs.region, pencil, level.reach, end)
+    if not begin < end:
+        return still, hit
+    course = _course(discs, level, pencil, begin, end)
+    layer, layers, sign = _layers(course, level.reach)
     for _ in range(layers):
-        if sign > 0:
-            enter, leave = (layer * ha - reach - qa) * over, ((layer + 1) * ha + reach - qa) * over
-        else:
-            enter, leave = ((layer + 1) * ha + reach - qa) * over, (layer * ha - reach - qa) * over
-        if nearest and enter > best:
+        enter, leave = _crossing(course, layer, sign, level.reach)
+        if nearest and enter > hit.distance:
             break
-        enter, leave = max(enter, t0), min(leave, min(t1, best))
-        y0, y1 = qb + enter * db, qb + leave * db
-        z0, z1 = qc + enter * dc, qc + leave * dc
-        j_low, j_high = math.floor((min(y0, y1) - reach) * vb), math.floor((max(y0, y1) + reach) * vb)
-        k_low, k_high = math.floor((min(z0, z1) - reach) * vc), math.floor((max(z0, z1) + reach) * vc)
-        cell_a = base + along_axis(layer, sa, ba)
-        for jb in range(max(j_low, b_low), min(j_high, b_high) + 1):
-            cell_b = cell_a + along_axis(jb, sb, bb)
-            for kc in range(max(k_low, c_low), min(k_high, c_high) + 1):
-                ex, ey, ez = lo[0] + shift[0], lo[1] + shift[1], lo[2] + shift[2]
-                i, j, k, h = layer, jb, kc, np.uint64(0)
-                if moved or not stored:
-                    if a == 1:
-                        i, j, k = kc, layer, jb
-                    elif a == 2:
-                        i, j, k = jb, kc, layer
-                if stored:
-                    cell = cell_b + along_axis(kc, sc, bc)
-                    if moved:  # the box repeats in the moving lattice
-                        wi, wj, wk = i // n0, j // n1, k // n2
-                        cell = base + cell_index(i - wi * n0, j - wj * n1, k - wk * n2, n1, n2)
-                        ex, ey, ez = ex + wi * (hi[0] - lo[0]), ey + wj * (hi[1] - lo[1]), ez + wk * (hi[2] - lo[2])
-                    begins, after = np.int64(offset[cell]), np.int64(offset[cell + 1])
-                else:
-                    h = cell_hash(key, i, j, k)
-                    begins, after = np.int64(0), cell_count(h, table)
-                for p in range(begins, after):
-                    chosen, share = 0.0, 0.0
-                    if stored:
-                        px, py, pz = ex + place[p, 0], ey + place[p, 1], ez + place[p, 2]
-                    else:
-                        u, v, w, chosen, share = cell_particle(h, p)
-                        px, py, pz = ex + (i + u) * h0, ey + (j + v) * h1, ez + (k + w) * h2
-                    gx, gy, gz = px - ox, py - oy, pz - oz
-                    t = gx * dx + gy * dy + gz * dz
-                    gx, gy, gz = gx - t * dx, gy - t * dy, gz - t * dz
-                    d2 = gx * gx + gy * gy + gz * gz
-                    # most are farther than any disc of the level reaches
-                    if d2 >= farthest or not begin < t < best:
-                        continue
-                    kind = first_class
-                    if stored:
-                        kind = np.int64(discs.kind[p])
-                    else:
-                        while kind < after_class - 1 and chosen >= discs.cumulated[kind]:
-                            kind += 1
-                    if d2 >= discs.largest[kind] or (px == sx and py == sy and pz == sz):
-                        continue
-                    if moved or not stored:
-                        if not (lo[0] <= px < hi[0] and lo[1] <= py < hi[1] and lo[2] <= pz < hi[2]):
-                            continue
-                        if partial and not stored and share >= relative_density(region, px, py, pz, room):
-                            continue
-                    if nearest:
-                        hit, best, square, fx, fy, fz = kind, t, d2, px, py, pz
-                    else:
-                        for w in range(len(open)):
-                            if open[w] and d2 < discs.square[kind, w]:
-                                open[w] = 0
-                                left -= 1
-                        if left == 0:
-                            return left, best, square, fx, fy, fz
+        rows, columns = _cells_near(course, max(enter, begin), min(leave, min(end, hit.distance)), level.reach)
+        for row in range(rows[0], rows[1] + 1):
+            for column in range(columns[0], columns[1] + 1):
+                cell = _cell(discs, level, course, layer, row, column)
+                still, hit = _through_cell(discs, level, cell, pencil, hit, still, open, nearest, scratch)
+                if not nearest and still == 0:
+                    return still, hit
         layer += sign
-    return (hit if nearest else left), best, square, fx, fy, fz
+    return still, hit
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _level(discs, number):
+    """The level with a number."""
+    shift = discs.shift[number]
+    return _Level(number, discs.stored == 1, shift[0] != 0.0 or shift[1] != 0.0 or shift[2] != 0.0, discs.reach[number])
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _near_box(region, pencil, reach, end):
+    """The part of a pencil in the box with a margin, in which discs reach out of it."""
+    low, high = region.lo, region.hi
+    t0, t1 = _clip(pencil.ox, pencil.dx, low[0] - reach, high[0] + reach, pencil.begin, end)
+    t0, t1 = _clip(pencil.oy, pencil.dy, low[1] - reach, high[1] + reach, t0, t1)
+    return _clip(pencil.oz, pencil.dz, low[2] - reach, high[2] + reach, t0, t1)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _from_main(main, x, y, z):
+    """Numbers of the three axes in the order that begins with the main one."""
+    if main == 1:
+        return y, z, x
+    if main == 2:
+        return z, x, y
+    return x, y, z
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _course(discs, level, pencil, begin, end):
+    """The way of a pencil through the lattice of a level."""
+    ax, ay, az = abs(pencil.dx), abs(pencil.dy), abs(pencil.dz)
+    main = 0
+    if ay > ax and ay >= az:
+        main = 1
+    elif az > ax and az > ay:
+        main = 2
+    low, high, shift, step = discs.region.lo, discs.region.hi, discs.shift[level.number], discs.step[level.number]
+    oa, ob, oc = _from_main(main, pencil.ox, pencil.oy, pencil.oz)
+    d = _from_main(main, pencil.dx, pencil.dy, pencil.dz)
+    ha, hb, hc = _from_main(main, step[0], step[1], step[2])
+    la, lb, lc = _from_main(main, low[0], low[1], low[2])
+    wa, wb, wc = _from_main(main, high[0] - low[0], high[1] - low[1], high[2] - low[2])
+    sa, sb, sc = _from_main(main, shift[0], shift[1], shift[2])
+    first = math.floor(-sa / ha), math.floor(-sb / hb), math.floor(-sc / hc)
+    last = (math.ceil((wa - sa) / ha - 1e-9) - 1, math.ceil((wb - sb) / hb - 1e-9) - 1, math.ceil((wc - sc) / hc - 1e-9) - 1)
+    s0, s1, s2 = block_steps(discs.cells[level.number, 1], discs.cells[level.number, 2])
+    return _Course(main, begin, end, (oa - la - sa, ob - lb - sb, oc - lc - sc), d, (ha, hb, hc), first, last,
+                   _from_main(main, s0, s1, s2), _from_main(main, 4, 2, 0))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _layers(course, reach):
+    """The first of the layers across the main axis that a pencil goes through, how many, and which way: 1 or -1."""
+    q, d, over = course.q[0], course.d[0], 1.0 / course.h[0]
+    if d > 0:
+        first = max(math.floor((q + course.begin * d - reach) * over), course.low[0])
+        return first, min(math.floor((q + course.end * d + reach) * over), course.high[0]) - first + 1, 1
+    first = min(math.floor((q + course.begin * d + reach) * over), course.high[0])
+    return first, first - max(math.floor((q + course.end * d - reach) * over), course.low[0]) + 1, -1
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _crossing(course, layer, sign, reach):
+    """Where a pencil comes within reach of a layer, and leaves it."""
+    over, h, q = 1.0 / course.d[0], course.h[0], course.q[0]
+    near, far = layer * h - reach - q, (layer + 1) * h + reach - q
+    return (near * over, far * over) if sign > 0 else (far * over, near * over)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _cells_near(course, enter, leave, reach):
+    """The first and the last cells, along the two other axes, within reach of a part of a pencil."""
+    _, qb, qc = course.q
+    _, db, dc = course.d
+    vb, vc = 1.0 / course.h[1], 1.0 / course.h[2]
+    y0, y1, z0, z1 = qb + enter * db, qb + leave * db, qc + enter * dc, qc + leave * dc
+    rows = (max(math.floor((min(y0, y1) - reach) * vb), course.low[1]),
+            min(math.floor((max(y0, y1) + reach) * vb), course.high[1]))
+    columns = (max(math.floor((min(z0, z1) - reach) * vc), course.low[2]),
+               min(math.floor((max(z0, z1) + reach) * vc), course.high[2]))
+    return rows, columns
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _cell(discs, level, course, layer, row, column):
+    """The cell in a layer, at numbers along the two other axes."""
+    low, shift = discs.region.lo, discs.shift[level.number]
+    ex, ey, ez = low[0] + shift[0], low[1] + shift[1], low[2] + shift[2]
+    i, j, k = layer, row, column
+    if level.moved or not level.stored:
+        if course.main == 1:
+            i, j, k = column, layer, row
+        elif course.main == 2:
+            i, j, k = row, column, layer
+    if not level.stored:
+        h = cell_hash(discs.key[level.number], i, j, k)
+        return _Cell(i, j, k, h, ex, ey, ez, np.int64(0), cell_count(h, discs.counts[level.number]))
+    if level.moved:
+        return _repeated(discs, level.number, i, j, k)
+    (sa, sb, sc), (ba, bb, bc) = course.stride, course.bits
+    cell = discs.start[level.number] + along_axis(layer, sa, ba) + along_axis(row, sb, bb) + along_axis(column, sc, bc)
+    return _Cell(i, j, k, np.uint64(0), ex, ey, ez, np.int64(discs.offset[cell]), np.int64(discs.offset[cell + 1]))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _repeated(discs, level, i, j, k):
+    """Stored cell (i, j, k) of a lattice that may have moved: the box repeats in it."""
+    low, high, shift, cells = discs.region.lo, discs.region.hi, discs.shift[level], discs.cells[level]
+    wi, wj, wk = i // cells[0], j // cells[1], k // cells[2]
+    i, j, k = i - wi * cells[0], j - wj * cells[1], k - wk * cells[2]
+    cell = discs.start[level] + cell_index(i, j, k, cells[1], cells[2])
+    return _Cell(i, j, k, np.uint64(0), low[0] + shift[0] + wi * (high[0] - low[0]), low[1] + shift[1] + wj * (high[1] - low[1]),
+                 low[2] + shift[2] + wk * (high[2] - low[2]), np.int64(discs.offset[cell]), np.int64(discs.offset[cell + 1]))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _particle(discs, level, cell, p):
+    """Centre of particle p of a cell (m), and the numbers that decide on its class and whether it is there."""
+    if level.stored:
+        return cell.ex + discs.place[p, 0], cell.ey + discs.place[p, 1], cell.ez + discs.place[p, 2], 0.0, 0.0
+    u, v, w, chosen, share = cell_particle(cell.hash, p)
+    step = discs.step[level.number]
+    return cell.ex + (cell.i + u) * step[0], cell.ey + (cell.j + v) * step[1], cell.ez + (cell.k + w) * step[2], chosen, share
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _class(discs, level, p, chosen):
+    """Class of particle p."""
+    if level.stored:
+        return np.int64(discs.kind[p])
+    kind, after = discs.classes[level.number], discs.classes[level.number + 1]
+    while kind < after - 1 and chosen >= discs.cumulated[kind]:
+        kind += 1
+    return kind
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _exists(region, level, x, y, z, share, scratch):
+    """Whether a particle that cells list is in the region."""
+    if not (level.moved or not level.stored):
+        return True
+    low, high = region.lo, region.hi
+    if not (low[0] <= x < high[0] and low[1] <= y < high[1] and low[2] <= z < high[2]):
+        return False
+    return level.stored or region.kind == 0 or share < relative_density(region, x, y, z, scratch)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _through_cell(discs, level, cell, pencil, hit, still, open, nearest, scratch):
+    """As `_search`, of the particles of a cell."""
+    farthest = level.reach * level.reach * (1 + 1e-12)
+    for p in range(cell.first, cell.after):
+        x, y, z, chosen, share = _particle(discs, level, cell, p)
+        gx, gy, gz = x - pencil.ox, y - pencil.oy, z - pencil.oz
+        t = gx * pencil.dx + gy * pencil.dy + gz * pencil.dz
+        gx, gy, gz = gx - t * pencil.dx, gy - t * pencil.dy, gz - t * pencil.dz
+        d2 = gx * gx + gy * gy + gz * gz
+        # most are farther than any disc of the level reaches
+        if d2 >= farthest or not pencil.begin < t < hit.distance:
+            continue
+        kind = _class(discs, level, p, chosen)
+        if d2 >= discs.largest[kind] or (x == pencil.sx and y == pencil.sy and z == pencil.sz):
+            continue
+        if not _exists(discs.region, level, x, y, z, share, scratch):
+            continue
+        if nearest:
+            hit = _Hit(kind, t, d2, x, y, z)
+        else:
+            for w in range(len(open)):
+                if open[w] and d2 < discs.square[kind, w]:
+                    open[w] = 0
+                    still -= 1
+            if still == 0:
+                return still, hit
+    return still, hit
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cell_range(discs, level):
+def disc_cells(discs, level):
     """Bounds (6,) int64 of the cells of a level that reach into the box: i, j, k from and to, the last included."""
     out, region = np.empty(6, np.int64), discs.region
     for axis in range(3):
@@ -222,48 +364,29 @@ def cell_range(discs, level):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def particles_of(discs, level, i, j, k, first, place, kind, identity, filled, room):
+def discs_of_cell(discs, level, i, j, k, first, position, kind, identity, filled, scratch):
     """Particles of cell (i, j, k) of a level from number `first` on, written from `filled` on.
 
-    place : (n, 3) m;  kind : (n,) class;  identity : (n,) uint64, of each particle the same however it moves
+    position : (n, 3) m;  kind : (n,) class;  identity : (n,) uint64, of each particle the same however it moves
 
     Returns how far these are filled, and the number of the particle to go on with, or -1 where the cell is done.
     """
-    region, step, cells, shift = discs.region, discs.step[level], discs.cells[level], discs.shift[level]
-    lo, hi = region.lo, region.hi
-    ex, ey, ez = lo[0] + shift[0], lo[1] + shift[1], lo[2] + shift[2]
-    moved = shift[0] != 0.0 or shift[1] != 0.0 or shift[2] != 0.0
-    h, begin, after = np.uint64(0), np.int64(0), np.int64(0)
-    if discs.stored == 1:
-        wi, wj, wk = i // cells[0], j // cells[1], k // cells[2]
-        i, j, k = i - wi * cells[0], j - wj * cells[1], k - wk * cells[2]
-        ex, ey, ez = ex + wi * (hi[0] - lo[0]), ey + wj * (hi[1] - lo[1]), ez + wk * (hi[2] - lo[2])
-        cell = discs.start[level] + cell_index(i, j, k, cells[1], cells[2])
-        begin, after = np.int64(discs.offset[cell]), np.int64(discs.offset[cell + 1])
+    discs, scratch = lent(discs), lent(scratch)
+    of = _level(discs, level)
+    if of.stored:
+        cell = _repeated(discs, level, i, j, k)
     else:
-        h = cell_hash(discs.key[level], i, j, k)
-        after = cell_count(h, discs.counts[level])
-    p = begin + first
-    while p < after:
+        shift, low, h = discs.shift[level], discs.region.lo, cell_hash(discs.key[level], i, j, k)
+        cell = _Cell(i, j, k, h, low[0] + shift[0], low[1] + shift[1], low[2] + shift[2], np.int64(0),
+                     cell_count(h, discs.counts[level]))
+    p = cell.first + first
+    while p < cell.after:
         if filled == len(kind):
-            return filled, p - begin
-        share = 0.0
-        if discs.stored == 1:
-            px, py, pz = ex + discs.place[p, 0], ey + discs.place[p, 1], ez + discs.place[p, 2]
-            one = np.int64(discs.kind[p])
-        else:
-            u, v, w, chosen, share = cell_particle(h, p)
-            px, py, pz = ex + (i + u) * step[0], ey + (j + v) * step[1], ez + (k + w) * step[2]
-            one = discs.classes[level]
-            while one < discs.classes[level + 1] - 1 and chosen >= discs.cumulated[one]:
-                one += 1
+            return filled, p - cell.first
+        x, y, z, chosen, share = _particle(discs, of, cell, p)
+        if _exists(discs.region, of, x, y, z, share, scratch):
+            position[filled, 0], position[filled, 1], position[filled, 2], kind[filled] = x, y, z, _class(discs, of, p, chosen)
+            identity[filled] = hashed(cell.hash + np.uint64(p + 1) * _PRIME)
+            filled += 1
         p += 1
-        if moved or discs.stored == 0:
-            if not (lo[0] <= px < hi[0] and lo[1] <= py < hi[1] and lo[2] <= pz < hi[2]):
-                continue
-            if region.kind != 0 and discs.stored == 0 and share >= relative_density(region, px, py, pz, room):
-                continue
-        place[filled, 0], place[filled, 1], place[filled, 2], kind[filled] = px, py, pz, one
-        identity[filled] = mix(h + np.uint64(p) * _PRIME)
-        filled += 1
     return filled, -1

@@ -58,19 +58,21 @@ class Region:
         share = 1.0 if self.density is None else float(np.mean(self.density, dtype=np.float64))
         return math.prod(self.edge) * share
 
-    def at(self, place):
+    def at(self, position):
         """Relative density (n,) at places (n, 3) m inside the box; what renderers ask."""
-        from bakery.physics.discrete.region import densities
+        from bakery.physics.discrete.region import region_densities
 
-        return densities(self._compiled, place)
+        return region_densities(self._compiled, position)
 
     @cached_property
     def _compiled(self):
         from bakery.physics.discrete import region
 
         if self.vertices is not None:
-            return region.mesh(self.vertices, self.faces)
-        return region.box(np.zeros(3), self.edge) if self.whole else region.grid(np.zeros(3), self.edge, self.density)
+            return region.region_mesh(self.vertices, self.faces)
+        if self.whole:
+            return region.region_box(np.zeros(3), self.edge)
+        return region.region_grid(np.zeros(3), self.edge, self.density)
 
 
 class NoRoom(ValueError):
@@ -155,10 +157,10 @@ def _kept(region, number, k, filled, seed, map):
         # six standard deviations are too few once in 1e9 times, and then twice as many are tried
         spare = (6 * math.sqrt(number) + 20) * 2**attempt
         slabs = _slabs(region, math.ceil((number + spare) / filled), k, attempt, seed, number)
-        left = np.array(map(_count, [(region, seed, slab) for slab in slabs]))
-        if left.sum() >= number:
+        counts = np.array(map(_count, [(region, seed, slab) for slab in slabs]))
+        if counts.sum() >= number:
             extra = rng.generator(seed, "discrete.extra", k, attempt).multivariate_hypergeometric(
-                left, int(left.sum()) - number, method="marginals")
+                counts, int(counts.sum()) - number, method="marginals")
             return [replace(slab, extra=int(n)) for slab, n in zip(slabs, extra)]
     raise NoRoom(f"keeps fewer places than its volume, {region.volume:.3g} m^3, lets expect")
 
@@ -170,11 +172,11 @@ def _count(region, seed, slab):
 
 def _places(region, seed, slab):
     """Places (n, 3) float32 m of a slab, by cells."""
-    place, random = _candidates(region, seed, slab)
+    position, random = _candidates(region, seed, slab)
     if slab.extra:
-        place = np.delete(place, random.choice(len(place), slab.extra, replace=False), axis=0)
-    out = np.empty_like(place)
-    sorted_by_cell(place, slab.first, slab.last, np.array(slab.cells), np.array(region.edge, float), out)
+        position = np.delete(position, random.choice(len(position), slab.extra, replace=False), axis=0)
+    out = np.empty_like(position)
+    sorted_by_cell(position, slab.first, slab.last, np.array(slab.cells), np.array(region.edge, float), out)
     return out
 
 
@@ -186,7 +188,7 @@ def _candidates(region, seed, slab):
     edge = np.array(region.edge, float)
     top = edge.astype(np.float32)
     top = np.where(top >= edge, np.nextafter(top, np.float32(0)), top)  # a place lies inside the box, rounded or not
-    place = np.minimum((unit * edge).astype(np.float32), top)
+    position = np.minimum((unit * edge).astype(np.float32), top)
     if not region.whole:
-        place = place[random.random(len(place)) < region.at(place.astype(float))]
-    return place, random
+        position = position[random.random(len(position)) < region.at(position.astype(float))]
+    return position, random

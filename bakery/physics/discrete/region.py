@@ -7,10 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bakery.physics.grains.bvh import Mesh
-from bakery.physics.grains.bvh import nearest as nearest_triangle
-from bakery.physics.grains.bvh import normal as triangle_normal
-from bakery.physics.grains.bvh import scratch as mesh_scratch
+from bakery.physics.grains.bvh import Mesh, mesh_scratch, nearest_triangle, triangle_normal
 from bakery.system.compiled import njit
 
 BOX, GRID, MESH = range(3)
@@ -39,17 +36,17 @@ class Region(NamedTuple):
     blocks: np.ndarray
 
 
-def box(lo, hi) -> Region:
+def region_box(lo, hi) -> Region:
     """All of the box from lo (3,) to hi (3,) m."""
     return _region(lo, hi, BOX, np.ones((1, 1, 1), np.float32))
 
 
-def grid(lo, hi, values) -> Region:
+def region_grid(lo, hi, values) -> Region:
     """Relative densities (X, Y, Z), 0 to 1, in a box: trilinear between the middles of voxels, constant in the outer halves."""
     return _region(lo, hi, GRID, values)
 
 
-def mesh(vertices, faces, resolution=64) -> Region:
+def region_mesh(vertices, faces, resolution=64) -> Region:
     """Inside of a closed mesh: vertices (V, 3) m, faces (F, 3), normals outwards.
 
     `resolution` voxels along the longest edge of the bounding box spare most points the search among the triangles.
@@ -72,7 +69,7 @@ def _region(lo, hi, kind, values, centre=(0.0, 0.0, 0.0), scale=1.0, tree=None):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def relative_density(region, x, y, z, room):
+def relative_density(region, x, y, z, scratch):
     """Relative density, 0 to 1, at a point (m); `room` from `mesh_scratch`."""
     lo, hi, values = region.lo, region.hi, region.values
     if not (lo[0] <= x < hi[0] and lo[1] <= y < hi[1] and lo[2] <= z < hi[2]):
@@ -84,7 +81,7 @@ def relative_density(region, x, y, z, room):
     if region.kind == GRID:
         return _trilinear(values, u - 0.5, v - 0.5, w - 0.5)
     value = values[min(int(u), nx - 1), min(int(v), ny - 1), min(int(w), nz - 1)]
-    return value if value != _EDGE else _inside(region, x, y, z, room)
+    return value if value != _EDGE else _inside(region, x, y, z, scratch)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -100,11 +97,11 @@ def _trilinear(values, u, v, w):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _inside(region, x, y, z, room):
+def _inside(region, x, y, z, scratch):
     """Whether the first surface along a fixed oblique direction is seen from within."""
     o = (np.array((x, y, z)) - region.centre) / region.scale
     dx, dy, dz = 0.5257311, 0.3568221, 0.7721990  # along no axis and no usual plane
-    at, _ = nearest_triangle(region.nodes, region.children, region.blocks, o[0], o[1], o[2], dx, dy, dz, np.int64(-1), room)
+    at, _ = nearest_triangle(region.nodes, region.children, region.blocks, o[0], o[1], o[2], dx, dy, dz, np.int64(-1), scratch)
     if at < 0:
         return 0.0
     nx, ny, nz = triangle_normal(region.blocks, at)
@@ -112,11 +109,11 @@ def _inside(region, x, y, z, room):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def densities(region, points):
+def region_densities(region, points):
     """Relative density (n,) at points (n, 3) m."""
-    out, room = np.empty(len(points)), mesh_scratch()
+    out, scratch = np.empty(len(points)), mesh_scratch()
     for i in range(len(points)):
-        out[i] = relative_density(region, points[i, 0], points[i, 1], points[i, 2], room)
+        out[i] = relative_density(region, points[i, 0], points[i, 1], points[i, 2], scratch)
     return out
 
 
@@ -135,10 +132,10 @@ def _voxels(region, vertices, faces):
             low[axis] = min(max(math.floor((min(a, b, c) - lo[axis]) / edge[axis] - 1e-3), 0), n[axis] - 1)
             high[axis] = min(max(math.floor((max(a, b, c) - lo[axis]) / edge[axis] + 1e-3), 0), n[axis] - 1)
         values[low[0]:high[0] + 1, low[1]:high[1] + 1, low[2]:high[2] + 1] = _EDGE
-    room = mesh_scratch()
+    scratch = mesh_scratch()
     for i in range(n[0]):
         for j in range(n[1]):
             for k in range(n[2]):
                 if values[i, j, k] < 0:
                     x, y, z = lo[0] + (i + 0.5) * edge[0], lo[1] + (j + 0.5) * edge[1], lo[2] + (k + 0.5) * edge[2]
-                    values[i, j, k] = _inside(region, x, y, z, room)
+                    values[i, j, k] = _inside(region, x, y, z, scratch)

@@ -10,7 +10,7 @@ import numpy as np
 
 from bakery.physics.goa import _inputs
 from bakery.physics.goa.cross import absorption, extinction_of_rays
-from bakery.physics.mie import _by_index, _in_threads, _parts
+from bakery.physics.mie import by_index, in_threads, parts_of_work
 
 BLOCK = 1024  # angles of one job of `amplitudes`
 ANGLES_AT_ONCE = 4096  # bounds the memory of their rays
@@ -63,11 +63,11 @@ def amplitudes(m, x, theta, orders=3, *, rainbow=True, axis=True, edge="narrow")
     s1, s2 = np.zeros((2, x.size, angles.size), dtype=np.complex128)
     order = np.argsort(angles, kind="stable")  # rays are traced for ascending angles
     jobs = []
-    for index, places in _by_index(m, x):
+    for index, places in by_index(m, x):
         if index == 1.0 or not angles.size:
             continue
         cuts = np.split(order, range(BLOCK, order.size, BLOCK))
-        parts = _parts(places.size * angles.size * 1.2e-7)
+        parts = parts_of_work(places.size * angles.size * 1.2e-7)
         pieces = np.array_split(places, parts) if len(cuts) < 4 * parts and places.size >= 4 * parts else [places]
         jobs += [(index, piece, cut) for piece in pieces for cut in cuts]
 
@@ -76,21 +76,21 @@ def amplitudes(m, x, theta, orders=3, *, rainbow=True, axis=True, edge="narrow")
         for group, field in _fields(index, x[places], angles[cut], orders, rainbow, axis, edge):
             s1[places[group, None], cut], s2[places[group, None], cut] = field[..., 0].conj(), field[..., 1].conj()
 
-    _in_threads(run, jobs)
+    in_threads(run, jobs)
     return s1.reshape(shape + theta.shape)[()], s2.reshape(shape + theta.shape)[()]
 
 
 def intensity_block(m, x, weight, theta, out, orders=3, *, rainbow=True, axis=True, edge="narrow"):
     """out (A,) = sum over the spheres x (R,) of weight (|S1|^2 + |S2|^2)/2 at theta (A,) rad, summed in the order of x.
 
-    As `bakery.mie._kernels.intensity_block`: arguments are not checked, one thread, releases the lock.  Options as
+    As `bakery.mie.kernels.intensity_block`: arguments are not checked, one thread, releases the lock.  Options as
     `amplitudes`.  The rays are traced once for all sizes.
     """
     out[:] = _sums(m, x, weight, theta, orders, rainbow, axis, edge)[0]
 
 
 def mueller_block(m, x, weight, theta, out, orders=3, *, rainbow=True, axis=True, edge="narrow"):
-    """out (4, A) = weighted sums of S11, S12, S33, S34 over the spheres x (R,), as `bakery.mie._kernels.mueller_block`."""
+    """out (4, A) = weighted sums of S11, S12, S33, S34 over the spheres x (R,), as `bakery.mie.kernels.mueller_block`."""
     out[:] = _sums(m, x, weight, theta, orders, rainbow, axis, edge)
 
 

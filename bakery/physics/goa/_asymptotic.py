@@ -1,6 +1,6 @@
 """Coefficients a_n, b_n of a stretch of orders alone: recurrences that start there, from asymptotic forms, instead of at n = 1.
 
-The notation of `bakery.mie._kernels`: psi, chi the Riccati-Bessel functions of x, R_n = psi_n/psi_{n-1}(m x).  Start values are
+The notation of `bakery.mie.kernels`: psi, chi the Riccati-Bessel functions of x, R_n = psi_n/psi_{n-1}(m x).  Start values are
 
 - psi_n, chi_n(x): Debye's expansion to the fifth order (DLMF 10.19.6) at an order at least KEEP x^(1/3) below x, then upward.
   Beyond n = x errors of psi grow like chi/psi, while psi/chi, which a_n follows, falls: 1e-8 stays below 1e-7 of a_n's scale;
@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from bakery.physics.goa._special import STRICT
-from bakery.physics.mie._kernels import NEAR, _asymptotic_ratio
+from bakery.physics.mie.kernels import NEAR, asymptotic_ratio
 from bakery.system.compiled import njit
 
 KEEP = 10.0  # distance from a turning point, in units of its x^(1/3): the sixth term of Debye's series is 3e-8 there
@@ -53,7 +53,7 @@ def _debye(nu, z, shift):
 def _steps_to_forget(m, x, order):
     """Steps of the downward recurrence of R_n(mx) from above `order` after which its start is forgotten."""
     z = m * x
-    rate = -np.log(abs(_asymptotic_ratio((2.0 * order + 1.0) / z)))
+    rate = -np.log(abs(asymptotic_ratio((2.0 * order + 1.0) / z)))
     return FORGOTTEN / rate if rate > 0.0 else np.inf
 
 
@@ -121,7 +121,7 @@ def _inner(m, x, low, high, ratio, ratio_i):
     steps = _steps_to_forget(m, x, high)
     if steps <= MOST:
         n = high + int(steps) + 1
-        r = _asymptotic_ratio((2.0 * n + 3.0) * w)
+        r = asymptotic_ratio((2.0 * n + 3.0) * w)
     else:
         n = high
         shift = abs(_phase(n + 0.5, m * x)[0].imag)

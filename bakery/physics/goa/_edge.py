@@ -1,6 +1,6 @@
 """The edge sum: partial waves near n = x exactly, those far below by their sum in closed form.
 
-The rays have the share 1 - W(n + 1/2) of each partial wave, so with c_n = 2n + 1 and p_n, q_n, e_n, f_n of `bakery.mie._kernels`
+The rays have the share 1 - W(n + 1/2) of each partial wave, so with c_n = 2n + 1 and p_n, q_n, e_n, f_n of `bakery.mie.kernels`
 
     S1 + S2 = sum c_n [W_n (a_n + b_n) + (1 - W_n)] p_n + 2 rays,      S1 - S2 = sum c_n W_n (a_n - b_n) q_n.
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from bakery.physics.goa._asymptotic import reach, stretch
 from bakery.physics.goa._special import BESSEL_END, STRICT, bessel_far, bessel_near, share, sincos
-from bakery.physics.mie._kernels import ANGLES, DIF_R, LANES, SUM_R, E, F, P, Q, V, _coefficients, _reset, _sweep, terms
+from bakery.physics.mie.kernels import ANGLES, DIF_R, LANES, SUM_R, E, F, P, Q, V, reset, sweep, terms, wave_coefficients
 from bakery.system.compiled import njit
 
 NEAR_START = 400  # below, a recurrence from n = 1 is as cheap as Bessel functions
@@ -234,11 +234,11 @@ def wave_block(m, x, theta, scales, out):
                 k = min(r + j, x.shape[0] - 1)
                 xs[j], needed = min(x[k], size), needed or from_first[k]
             if needed:
-                _coefficients(m, xs, lane, work)
+                wave_coefficients(m, xs, lane, work)
         if scales[r, 1] <= 0.0:
             continue
-        _reset(ahead)
-        _reset(behind)
+        reset(ahead)
+        reset(behind)
         for span in range(_spans(x[r], scales[r], spans)):
             low, high = spans[span]
             if low > 1:
@@ -258,8 +258,8 @@ def wave_block(m, x, theta, scales, out):
                 else:
                     _mix(coefficients[start - low :], count, start, count, scales[r], order, front, back)
                 for t in range(ahead.shape[0]):
-                    _sweep(order, front, 0, count, ahead[t])
+                    sweep(order, front, 0, count, ahead[t])
                 for t in range(behind.shape[0]):
-                    _sweep(order, back, 0, count, behind[t])
+                    sweep(order, back, 0, count, behind[t])
         _collect(ahead, ahead_source, False, out[r])
         _collect(behind, behind_source, True, out[r])

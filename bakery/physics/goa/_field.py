@@ -13,6 +13,8 @@ lanes need in loops without branches, what few need (floors, shares of the exact
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from bakery.physics.goa._rays import AXIS, DARK, DARKEST, FOCUS, RAINBOW, SINGLE
@@ -46,6 +48,7 @@ from bakery.physics.goa._surface import (
     SIZE,
     SLOPE,
 )
+from bakery.physics.lent import lent
 from bakery.system.compiled import njit
 
 # Rows of the lanes behind the columns of a ray: modulus, sin and cos of the phase; the waves of a single ray, or half the phase
@@ -54,6 +57,14 @@ MOD, SIN, COS, HALF, HALF_SIN, HALF_COS, J_0, J_1, J_2 = range(COLUMNS, COLUMNS 
 WAVE, WAVE_I, WAVE_2, WAVE_2I = range(HALF, HALF + 4)
 ROWS = COLUMNS + 9
 EIGHTH = np.exp(0.25j * np.pi)
+
+
+class Sphere(NamedTuple):
+    """Size parameter, scales as `window`, and lam from which exact waves take a share."""
+
+    x: float
+    scales: np.ndarray
+    clear: float
 
 
 @njit(**STRICT)
@@ -82,7 +93,8 @@ def ray_block(x, theta, items, rays, scales, out):
     scales (R, 5) as `window`; without exact waves diffraction is added, tapered.
     """
     out[:] = 0.0
-    w, other, clear = np.zeros(ROWS * WIDTH), np.zeros(ROWS * WIDTH), np.empty(x.shape[0])
+    rays, scales = lent(rays), lent(scales)
+    w, second, clear = np.zeros(ROWS * WIDTH), np.zeros(ROWS * WIDTH), np.empty(x.shape[0])
     for r in range(x.shape[0]):
         # below, no partial wave is summed exactly, nor around the critical order
         clear[r] = scales[r, 0] - 5.0 * scales[r, 1] if scales[r, 1] > 0.0 else np.inf
@@ -97,17 +109,17 @@ def ray_block(x, theta, items, rays, scales, out):
             count, a = min(WIDTH, length - start), angle + start
             _load(rays, columns, row + start, count, w)
             if kind in (RAINBOW, AXIS):
-                _load(rays, OF_REAL, partner + start, count, other)
+                _load(rays, OF_REAL, partner + start, count, second)
             for r in range(x.shape[0]):
+                sphere, to = Sphere(x[r], scales[r], clear[r]), lent(out)[r, a : a + count]
                 if kind == DARK:
-                    _dark(x[r], count, kappa, end, scales[r], clear[r], w, out, r, a)
+                    _dark(sphere, kappa, end, w, to)
                 elif kind == RAINBOW:
-                    _rainbow(x[r], count, kappa, scales[r], clear[r], w, other, out, r, a)
+                    _rainbow(sphere, kappa, w, second, to)
                 elif kind == AXIS:
-                    _axis(x[r], count, kappa, sign, end, scales[r], clear[r], w, other, out, r, a)
+                    _axis(sphere, kappa, sign, end, w, second, to)
                 else:
-                    phase = kappa - 0.25 * np.pi * sign
-                    _single(x[r], count, kind == FOCUS, phase, end, scales[r], clear[r], w, rays, row + start, out, r, a)
+                    _single(sphere, kind == FOCUS, kappa - 0.25 * np.pi * sign, end, w, rays, row + start, to)
     for r in range(x.shape[0]):
         if scales[r, 1] <= 0.0:
             _add_diffraction(x[r], theta, out[r])
@@ -129,28 +141,31 @@ def gather(field, weight, sums):
 
 
 @njit(**STRICT)
-def _single(x, count, focus, kappa, end, scales, clear, w, rays, row, out, r, a):
+def _single(sphere, focus, kappa, end, w, rays, row, out):
+    """Add single rays to the amplitudes out (count, 2) of neighbouring angles."""
+    x, count = sphere.x, len(out)
     floored = 0
     for j in range(WIDTH):
         w[SIN * WIDTH + j], w[COS * WIDTH + j] = sincos(x * w[PATH * WIDTH + j] + kappa)
         floored += not x >= w[LIMIT * WIDTH + j]
-    _moduli(x, scales, clear, w)
+    _moduli(sphere, w)
     if floored:
         for j in range(count):
             if not x >= w[LIMIT * WIDTH + j]:
-                _floor(x, j, focus, end, scales, clear, w, rays, row, out, r, a)
+                _floor(sphere, j, focus, end, w, rays, row, out)
     for j in range(WIDTH):
         re, im = w[MOD * WIDTH + j] * w[COS * WIDTH + j], w[MOD * WIDTH + j] * w[SIN * WIDTH + j]
         w[WAVE * WIDTH + j], w[WAVE_I * WIDTH + j] = times(re, im, w[R1 * WIDTH + j], w[I1 * WIDTH + j])
         w[WAVE_2 * WIDTH + j], w[WAVE_2I * WIDTH + j] = times(re, im, w[R2 * WIDTH + j], w[I2 * WIDTH + j])
     for j in range(count):
-        out[r, a + j, 0] += complex(w[WAVE * WIDTH + j], w[WAVE_I * WIDTH + j])
-        out[r, a + j, 1] += complex(w[WAVE_2 * WIDTH + j], w[WAVE_2I * WIDTH + j])
+        out[j, 0] += complex(w[WAVE * WIDTH + j], w[WAVE_I * WIDTH + j])
+        out[j, 1] += complex(w[WAVE_2 * WIDTH + j], w[WAVE_2I * WIDTH + j])
 
 
 @njit(**STRICT)
-def _floor(x, j, focus, end, scales, clear, w, rays, row, out, r, a):
+def _floor(sphere, j, focus, end, w, rays, row, out):
     """Add lane j of single rays, one near a caustic, and leave none of it."""
+    x, scales, clear = sphere
     sine, geometry = rays[SINE, row + j], rays[GEOMETRY, row + j]
     slope = max(rays[SLOPE, row + j], np.cbrt(rays[CUBE, row + j] / x))
     e1, e2 = complex(w[R1 * WIDTH + j], w[I1 * WIDTH + j]), complex(w[R2 * WIDTH + j], w[I2 * WIDTH + j])
@@ -166,26 +181,27 @@ def _floor(x, j, focus, end, scales, clear, w, rays, row, out, r, a):
     if lam >= clear:
         size *= 1.0 - window(lam, scales)
     wave = size * decay(x * w[CHORD * WIDTH + j]) * complex(w[COS * WIDTH + j], w[SIN * WIDTH + j])
-    out[r, a + j, 0] += wave * e1
-    out[r, a + j, 1] += wave * e2
+    out[j, 0] += wave * e1
+    out[j, 1] += wave * e2
     w[MOD * WIDTH + j] = 0.0
 
 
 @njit(**STRICT)
-def _halves(x, kappa, w, other):
+def _halves(x, kappa, w, second):
     """Mean phase of the pairs of rays, and half the difference."""
     for j in range(WIDTH):
-        half = 0.5 * x * (w[PATH * WIDTH + j] - other[PATH * WIDTH + j])
+        half = 0.5 * x * (w[PATH * WIDTH + j] - second[PATH * WIDTH + j])
         half = half if half > 0.0 else 0.0
-        mean = 0.5 * x * (w[PATH * WIDTH + j] + other[PATH * WIDTH + j])
+        mean = 0.5 * x * (w[PATH * WIDTH + j] + second[PATH * WIDTH + j])
         w[SIN * WIDTH + j], w[COS * WIDTH + j] = sincos(mean + kappa)
         w[HALF_SIN * WIDTH + j], w[HALF_COS * WIDTH + j] = sincos(half)
         w[HALF * WIDTH + j] = half
 
 
 @njit(**STRICT)
-def _moduli(x, scales, clear, w):
+def _moduli(sphere, w):
     """a without Fresnel's factor: x sqrt(D), weakened by absorption and by the share of the exact waves."""
+    x, scales, clear = sphere
     shared, absorbed = 0, 0
     for j in range(WIDTH):
         w[MOD * WIDTH + j] = x * w[SIZE * WIDTH + j]
@@ -201,48 +217,52 @@ def _moduli(x, scales, clear, w):
 
 
 @njit(**STRICT)
-def _rainbow(x, count, kappa, scales, clear, w, other, out, r, a):
-    _halves(x, kappa, w, other)
-    _moduli(x, scales, clear, w)
-    _moduli(x, scales, clear, other)
+def _rainbow(sphere, kappa, w, second, out):
+    """Add pairs of rays across the rainbow."""
+    x, count = sphere.x, len(out)
+    _halves(x, kappa, w, second)
+    _moduli(sphere, w)
+    _moduli(sphere, second)
     for j in range(count):
-        w_mod, other_mod = w[MOD * WIDTH + j], other[MOD * WIDTH + j]
+        w_mod, other_mod = w[MOD * WIDTH + j], second[MOD * WIDTH + j]
         sine = x * w[SINE * WIDTH + j]
         if sine < 1.0:
             w_mod, other_mod = w_mod * np.sqrt(sine), other_mod * np.sqrt(sine)
         if w_mod == 0.0 and other_mod == 0.0:
             continue
         e1, e2 = complex(w[R1 * WIDTH + j], w[I1 * WIDTH + j]), complex(w[R2 * WIDTH + j], w[I2 * WIDTH + j])
-        f1, f2 = complex(other[R1 * WIDTH + j], other[I1 * WIDTH + j]), complex(other[R2 * WIDTH + j], other[I2 * WIDTH + j])
+        f1, f2 = complex(second[R1 * WIDTH + j], second[I1 * WIDTH + j]), complex(second[R2 * WIDTH + j], second[I2 * WIDTH + j])
         zeta = np.cbrt(1.5 * w[HALF * WIDTH + j]) ** 2
         ai, slope = airy_of(-zeta, w[HALF_SIN * WIDTH + j], w[HALF_COS * WIDTH + j])
         quarter = np.sqrt(np.sqrt(zeta))
         wave = np.sqrt(np.pi) * complex(w[COS * WIDTH + j], w[SIN * WIDTH + j])
         ai, slope = wave * (ai * quarter), wave * complex(0.0, slope / quarter)
-        out[r, a + j, 0] += (w_mod * e1 + other_mod * f1) * ai + (w_mod * e1 - other_mod * f1) * slope
-        out[r, a + j, 1] += (w_mod * e2 + other_mod * f2) * ai + (w_mod * e2 - other_mod * f2) * slope
+        out[j, 0] += (w_mod * e1 + other_mod * f1) * ai + (w_mod * e1 - other_mod * f1) * slope
+        out[j, 1] += (w_mod * e2 + other_mod * f2) * ai + (w_mod * e2 - other_mod * f2) * slope
 
 
 @njit(**STRICT)
-def _axis(x, count, kappa, sign, end, scales, clear, w, other, out, r, a):
+def _axis(sphere, kappa, sign, end, w, second, out):
+    """Add pairs of rays across the axis."""
+    x, count = sphere.x, len(out)
     # sin theta needs no floor here: the Bessel functions cancel it
-    _halves(x, kappa + 0.25 * np.pi * (1.0 - sign), w, other)
-    _moduli(x, scales, clear, w)
-    _moduli(x, scales, clear, other)
+    _halves(x, kappa + 0.25 * np.pi * (1.0 - sign), w, second)
+    _moduli(sphere, w)
+    _moduli(sphere, second)
     for j in range(WIDTH):
         half = w[HALF * WIDTH + j]
         half = half if half > BESSEL_END else BESSEL_END
         j0, j1, j2 = bessel_far(half, w[HALF_SIN * WIDTH + j], w[HALF_COS * WIDTH + j])
         w[J_0 * WIDTH + j], w[J_1 * WIDTH + j], w[J_2 * WIDTH + j] = j0, j1, j2
     for j in range(count):
-        w_mod, other_mod, half = w[MOD * WIDTH + j], other[MOD * WIDTH + j], w[HALF * WIDTH + j]
+        w_mod, other_mod, half = w[MOD * WIDTH + j], second[MOD * WIDTH + j], w[HALF * WIDTH + j]
         if w[CUBE * WIDTH + j] > 0.0:
             w_mod *= _flattened(x, w[SLOPE * WIDTH + j], w[CUBE * WIDTH + j])
-            other_mod *= _flattened(x, other[SLOPE * WIDTH + j], other[CUBE * WIDTH + j])
+            other_mod *= _flattened(x, second[SLOPE * WIDTH + j], second[CUBE * WIDTH + j])
         if w_mod == 0.0 and other_mod == 0.0:
             continue
         e1, e2 = complex(w[R1 * WIDTH + j], w[I1 * WIDTH + j]), complex(w[R2 * WIDTH + j], w[I2 * WIDTH + j])
-        f1, f2 = complex(other[R1 * WIDTH + j], other[I1 * WIDTH + j]), complex(other[R2 * WIDTH + j], other[I2 * WIDTH + j])
+        f1, f2 = complex(second[R1 * WIDTH + j], second[I1 * WIDTH + j]), complex(second[R2 * WIDTH + j], second[I2 * WIDTH + j])
         j0, g, j2 = w[J_0 * WIDTH + j], w[J_1 * WIDTH + j], w[J_2 * WIDTH + j]
         if half < BESSEL_END:
             j0, g, j2 = bessel_near(half)
@@ -254,8 +274,8 @@ def _axis(x, count, kappa, sign, end, scales, clear, w, other, out, r, a):
         p1, m1 = w_mod * e1 + other_mod * f1, w_mod * e1 - other_mod * f1
         p2, m2 = w_mod * e2 + other_mod * f2, w_mod * e2 - other_mod * f2
         turned = wave * -1j
-        out[r, a + j, 0] += wave * (p1 * f + p2 * (end * g)) + turned * (m1 * fs + m2 * (end * gs))
-        out[r, a + j, 1] += wave * (p2 * f + p1 * (end * g)) + turned * (m2 * fs + m1 * (end * gs))
+        out[j, 0] += wave * (p1 * f + p2 * (end * g)) + turned * (m1 * fs + m2 * (end * gs))
+        out[j, 1] += wave * (p2 * f + p1 * (end * g)) + turned * (m2 * fs + m1 * (end * gs))
 
 
 @njit(**STRICT)
@@ -267,7 +287,9 @@ def _flattened(x, slope, cube):
 
 
 @njit(**STRICT)
-def _dark(x, count, kappa, end, scales, clear, w, out, r, a):
+def _dark(sphere, kappa, end, w, out):
+    """Add complex rays, of the dark side of the rainbow."""
+    (x, scales, clear), count = sphere, len(out)
     for j in range(WIDTH):
         w[SIN * WIDTH + j], w[COS * WIDTH + j] = sincos(x * w[PATH * WIDTH + j] + kappa)
     for j in range(count):
@@ -299,8 +321,8 @@ def _dark(x, count, kappa, end, scales, clear, w, out, r, a):
         f1, f2 = complex(w[M_R1 * WIDTH + j], w[M_I1 * WIDTH + j]), complex(w[M_R2 * WIDTH + j], w[M_I2 * WIDTH + j])
         if sine < 1.0:
             (e1, e2), (f1, f2) = _round(sine, end, e1, e2), _round(sine, end, f1, f2)
-        out[r, a + j, 0] += (plus * e1 + minus * f1) * ai + (plus * e1 - minus * f1) * slope
-        out[r, a + j, 1] += (plus * e2 + minus * f2) * ai + (plus * e2 - minus * f2) * slope
+        out[j, 0] += (plus * e1 + minus * f1) * ai + (plus * e1 - minus * f1) * slope
+        out[j, 1] += (plus * e2 + minus * f2) * ai + (plus * e2 - minus * f2) * slope
 
 
 @njit(**STRICT)

@@ -6,7 +6,7 @@ import operator
 
 import numpy as np
 
-from bakery.physics.mie import X_MAX, _checked
+from bakery.physics.mie import X_MAX, checked
 
 X_LOW, X_HIGH = 1.0, 1e8
 EDGES = (None, "narrow", "wide")
@@ -23,7 +23,7 @@ def large(m, x):
     if bad.any():
         raise ValueError(f"x = {x[bad].flat[0]:g}: rays are for size parameters from {X_LOW:g} (sensibly 30) to {X_HIGH:g}; "
                          "take bakery.mie below")
-    shape, m, _ = _checked(m, np.minimum(x, X_MAX))
+    shape, m, _ = checked(m, np.minimum(x, X_MAX))
     return shape, np.array(m), np.array(np.broadcast_to(x, shape).reshape(-1))
 
 

@@ -15,6 +15,8 @@ Angles ascend: then the rays of one segment, pole and sign belong to a stretch o
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from bakery.physics.goa._solve import ROWS, T_I, WIDTH, B, T, complex_rays, real_rays
@@ -31,6 +33,65 @@ DARKEST = 40.0  # e^-40 of the bright side is nothing
 REACH = 0.7  # rad that a complex ray is followed into the dark side
 APART = 1e-9  # rad: nearer to the rainbow angle the two rays differ by rounding
 NEAREST = 1e-10  # rad from the axis
+
+
+class Order(NamedTuple):
+    """Rays of an order p: index, turning at the rim (incidence `rim`), rainbow (incidence, or -1 where there is none; turning, or
+    the largest), how far into its dark side (rad), least distance in turning, linear part of the guess inside and outside."""
+
+    eta: complex
+    p: int
+    rim: float
+    last: float
+    bow: float
+    top: float
+    reach: float
+    most: float
+    curve: tuple
+
+
+class Lanes(NamedTuple):
+    """Angles from the nearer end of the axis (A,) and their sines; memory of `_solve` and of `_surface`."""
+
+    beta: np.ndarray
+    sine: np.ndarray
+    w: np.ndarray
+    o: np.ndarray
+
+
+class Target(NamedTuple):
+    """The angles first..last with the turning turns pi + sign beta."""
+
+    first: int
+    last: int
+    turns: int
+    sign: float
+
+
+class Segment(NamedTuple):
+    """Incidence and turning at the anchor and at the far end; whether the anchor is a rainbow, whether the axial ray is among the
+    rays, share of the linear part of the guess."""
+
+    near: float
+    near_turning: float
+    far: float
+    far_turning: float
+    bow: bool
+    focus: bool
+    curve: float
+
+
+class Pole(NamedTuple):
+    """Rays around one end of the axis: first and last angle and row of each part and side (2, 2, 3), phases of the sides, signs
+    of the parts, kind of single rays, the end (1 forward, -1 backward), whether pairs across rainbow and axis are made."""
+
+    spans: np.ndarray
+    kappas: np.ndarray
+    signs: np.ndarray
+    kind: int
+    end: float
+    rainbow: bool
+    axis: bool
 
 
 @njit(**STRICT)
@@ -75,14 +136,14 @@ def _keep(o, count, rays, row, columns):
 
 
 @njit(**STRICT)
-def _lit(eta, p, beta, sine, first, last, turns, sign, most, segment, bow, focus, curve, w, o, rays, row):
-    """Rays of one segment for the angles first..last, rows from `row`.
-
-    turns pi + sign beta: their turning, at most `most`; segment: t and turning at its anchor and at its far end; bow: the anchor
-    is a rainbow; focus: the axial ray is among them; curve: share of the linear part of the guess.
-    """
-    side = -1.0 if (segment[2] - segment[0]) * (segment[3] - segment[1]) > 0.0 else 1.0
-    low, high = min(segment[0], segment[2]), max(segment[0], segment[2])
+def _lit(order, lanes, target, segment, rays, row):
+    """Rays of one segment for the angles of a target, rows from `row`."""
+    eta, p, most, curve = order.eta, order.p, order.most, segment.curve
+    beta, sine, w, o = lanes
+    first, last, turns, sign = target
+    near, near_turning, far, far_turning = segment.near, segment.near_turning, segment.far, segment.far_turning
+    side = -1.0 if (far - near) * (far_turning - near_turning) > 0.0 else 1.0
+    low, high = min(near, far), max(near, far)
     for start in range(first, last, WIDTH):
         count = min(WIDTH, last - start)
         for j in range(WIDTH):
@@ -91,22 +152,25 @@ def _lit(eta, p, beta, sine, first, last, turns, sign, most, segment, bow, focus
         for j in range(WIDTH):
             turned = turns * np.pi + sign * w[B + j]
             turned = turned if turned < most else most
-            y = (turned - segment[1]) / (segment[3] - segment[1])
+            y = (turned - near_turning) / (far_turning - near_turning)
             y = y if y > 0.0 else 0.0
-            y = np.sqrt(y) if bow else y
+            y = np.sqrt(y) if segment.bow else y
             w[B + j] = 0.5 * turned
-            w[T + j] = segment[0] + (segment[2] - segment[0]) * y * (curve + (1.0 - curve) * y)
+            w[T + j] = near + (far - near) * y * (curve + (1.0 - curve) * y)
         real_rays(eta.real, p, side, low, high, w)
-        real(eta, p, bow, focus, w, o)
+        real(eta, p, segment.bow, segment.focus, w, o)
         _keep(o, count, rays, row + start - first, OF_REAL)
 
 
 @njit(**STRICT)
-def _dark(eta, p, beta, sine, first, last, turns, sign, least, bow, x, w, o, rays, row):
-    """Complex rays for the angles first..last, whose turning is beyond that of the rainbow, `least`.
+def _dark(order, lanes, target, x, rays, row):
+    """Complex rays for the angles of a target, whose turning is beyond that of the rainbow.
 
     Rows from `row` for all angles; returns the stretch of angles whose rays exist, not all faded for the sphere x.
     """
+    eta, p, bow, least = order.eta, order.p, order.bow, order.top
+    beta, sine, w, o = lanes
+    first, last, turns, sign = target
     n = eta.real
     s, c = np.sin(bow), np.cos(bow)
     u = np.sqrt(n * n - s * s)
@@ -140,10 +204,11 @@ def _dark(eta, p, beta, sine, first, last, turns, sign, least, bow, x, w, o, ray
 
 
 @njit(**STRICT)
-def _emit(items, used, kind, angle, count, row, partner, kappa, sign, end):
+def _emit(items, used, kind, angle, count, row, partner, phase):
+    """Write an item; phase : kappa, sign and end.  Returns how many are used."""
     item = items[used]
     item[KIND], item[ANGLE], item[COUNT], item[ROW], item[PARTNER] = kind, angle, count, row, partner
-    item[KAPPA], item[SIGN], item[END] = kappa, sign, end
+    item[KAPPA], item[SIGN], item[END] = phase
     return used + 1
 
 
@@ -176,8 +241,9 @@ def _pairs(present, spans, angle, rainbow, axis, rays):
 
 
 @njit(**STRICT)
-def _gather(spans, kappas, signs, kind, end, rainbow, axis, first, last, rays, items, used):
-    """Items of the rays of one pole, cut where pairs change: spans (2, 2, 3), first and last angle and row of part and side."""
+def _gather(pole, first, last, rays, items, used):
+    """Items of the rays of one pole, cut where pairs change."""
+    spans, kappas, signs, end, rainbow, axis = pole.spans, pole.kappas, pole.signs, pole.end, pole.rainbow, pole.axis
     present = np.empty((2, 2), np.bool_)
     while first < last:
         stop = last
@@ -197,19 +263,19 @@ def _gather(spans, kappas, signs, kind, end, rainbow, axis, first, last, rays, i
         count = stop - first
         for k in range(2):
             if pairs & (1 << k):
-                used = _emit(items, used, AXIS, first, count, _row(spans, k, 0, first), _row(spans, k, 1, first), kappas[0],
-                             signs[k], end)
+                used = _emit(items, used, AXIS, first, count, _row(spans, k, 0, first), _row(spans, k, 1, first),
+                             (kappas[0], signs[k], end))
                 present[k, 0], present[k, 1] = False, False
         for k in range(2):
             if pairs & (4 << k):
-                used = _emit(items, used, RAINBOW, first, count, _row(spans, 0, k, first), _row(spans, 1, k, first), kappas[k],
-                             1.0, end)
+                used = _emit(items, used, RAINBOW, first, count, _row(spans, 0, k, first), _row(spans, 1, k, first),
+                             (kappas[k], 1.0, end))
                 present[0, k], present[1, k] = False, False
         for part in range(2):
             for side in range(2):
                 if present[part, side]:
-                    used = _emit(items, used, kind if part == 0 else SINGLE, first, count, _row(spans, part, side, first), -1,
-                                 kappas[side], signs[part], end)
+                    used = _emit(items, used, pole.kind if part == 0 else SINGLE, first, count, _row(spans, part, side, first),
+                                 -1, (kappas[side], signs[part], end))
         first = stop
     return used
 
@@ -230,6 +296,62 @@ def _roomier(items, used, rays, rows, angles):
                 more[row, column] = items[row, column]
         items = more
     return items, rays
+
+
+@njit(**STRICT)
+def _order(eta, p, x, rainbow):
+    """The rays of order p, for spheres from x on; rainbow: pairs are made there, so that the dark side counts."""
+    n = eta.real
+    end = 0.5 * np.pi if n >= 1.0 else np.arcsin(n)
+    last = turning(n, p, end)
+    bow, top, reach, most = -1.0, max(last, 0.0), 0.0, np.inf
+    curve = abs(last) / max(2.0 * abs(p / n - 1.0), 1e-6) / end, 0.0
+    if p >= 2 and 1.0 < n < p:
+        bow = np.arccos(np.sqrt((n * n - 1.0) / (p * p - 1.0)))
+        top = turning(n, p, bow)
+        # where the largest dark side has faded: exponent zeta^(3/2) 2/3, near the rainbow, with a margin
+        h = 2.0 * (p * p - 1.0) / (p * p) * np.tan(bow)
+        curve = np.sqrt(2.0 * top / h) / bow, np.sqrt(2.0 * (top - last) / h) / (end - bow)
+        if rainbow:
+            reach = min(REACH, (1.5 * FADED / x) ** (2.0 / 3.0) * np.cbrt(0.5 * h / np.cos(bow) ** 2))
+            most = top - APART
+    return Order(eta, p, end, last, bow, top, reach, most, curve)
+
+
+@njit(**STRICT)
+def _half_ring(order, lanes, pole, target, x, items, used, rays, rows):
+    """Rays of one side of an end of the axis, written to `rays` and the pole's spans; items and rows that are used then."""
+    first, stop, turns, sign = target
+    bow, top, last, middle = order.bow, order.top, order.last, turns * np.pi
+    side, number = 0 if sign > 0.0 else 1, turns - order.p + 1
+    q, fold = sign, number // 2
+    if pole.end < 0.0:
+        q, fold = -sign, (number + 1) // 2 if side == 0 else (number - 1) // 2
+    pole.kappas[side] = 0.5 * np.pi * (1.0 + order.p - 2.0 * fold - 0.5 * q)
+    if order.reach > 0.0:
+        a, b = _stretch(lanes.beta, first, stop, middle, sign, np.nextafter(top, 10.0 + top), top + order.reach)
+        if b > a:
+            c, d = _dark(order, lanes, Target(a, b, turns, sign), x, rays, rows)
+            used = _emit(items, used, DARK, c, d - c, rows + c - a, -1, (pole.kappas[side], 1.0, pole.end))
+            rows += b - a
+    for part in range(2):
+        span = pole.spans[part, side]
+        if part == 1 and bow < 0.0:
+            span[0], span[1] = -1, -1
+            continue
+        far = 0.0 if part == 0 and bow > 0.0 else last  # the anchor: the rainbow, or the axis
+        low, high = (min(far, top), top) if bow > 0.0 else (min(last, 0.0), max(last, 0.0))
+        a, b = _stretch(lanes.beta, first, stop, middle, sign, low, high)
+        span[0], span[1], span[2] = a, b, rows
+        if b > a:
+            focus, curve = part == 0 and turns == 0, min(order.curve[part], 2.0)
+            if bow > 0.0:
+                segment = Segment(bow, top, order.rim if part == 1 else 0.0, far, True, focus, curve)
+            else:
+                segment = Segment(0.0, 0.0, order.rim, last, False, focus, curve)
+            _lit(order, lanes, Target(a, b, turns, sign), segment, rays, rows)
+            rows += b - a
+    return used, rows
 
 
 @njit(**STRICT)
@@ -259,53 +381,20 @@ def trace(m, theta, orders, rainbow, axis, x):
             w[T + j] = theta[min(start + j, count - 1)]
         outside(eta, mirror, w, o)
         _keep(o, min(WIDTH, count - start), rays, start, OF_REAL)
-    used, rows = _emit(items, 0, SINGLE, 0, count, 0, -1, 0.25 * np.pi, -1.0, 1.0), count
+    used, rows = _emit(items, 0, SINGLE, 0, count, 0, -1, (0.25 * np.pi, -1.0, 1.0)), count
     if mirror or n <= 0.0:
         return items[:used], rays[:, :rows]
-    end = 0.5 * np.pi if n >= 1.0 else np.arcsin(n)
-    spans, kappas, signs = np.empty((2, 2, 3), np.int64), np.empty(2), np.empty(2)
+    lanes, spans, kappas, signs = Lanes(beta, sine, w, o), np.empty((2, 2, 3), np.int64), np.empty(2), np.empty(2)
     for p in range(1, orders + 1):
-        last = turning(n, p, end)
-        bow, top, reach, least = -1.0, max(last, 0.0), 0.0, np.inf
-        curve = abs(last) / max(2.0 * abs(p / n - 1.0), 1e-6) / end, 0.0
-        if p >= 2 and 1.0 < n < p:
-            bow = np.arccos(np.sqrt((n * n - 1.0) / (p * p - 1.0)))
-            top = turning(n, p, bow)
-            # where the largest dark side has faded: exponent zeta^(3/2) 2/3, near the rainbow, with a margin
-            h = 2.0 * (p * p - 1.0) / (p * p) * np.tan(bow)
-            curve = np.sqrt(2.0 * top / h) / bow, np.sqrt(2.0 * (top - last) / h) / (end - bow)
-            if rainbow:
-                reach = min(REACH, (1.5 * FADED / x) ** (2.0 / 3.0) * np.cbrt(0.5 * h / np.cos(bow) ** 2))
-                least = top - APART
-        signs[0], signs[1] = (1.0 if bow > 0.0 or last > 0.0 else -1.0), -1.0
-        for turns in range(int(np.floor(min(last, 0.0) / np.pi)) - 1, int(np.ceil((top + reach) / np.pi)) + 2):
-            pole = turns - p + 1
-            forward = pole % 2 == 0
+        order = _order(eta, p, x, rainbow)
+        signs[0], signs[1] = (1.0 if order.bow > 0.0 or order.last > 0.0 else -1.0), -1.0
+        for turns in range(int(np.floor(min(order.last, 0.0) / np.pi)) - 1, int(np.ceil((order.top + order.reach) / np.pi)) + 2):
+            forward = (turns - p + 1) % 2 == 0
             first, stop = (0, half) if forward else (half, count)
-            middle, kind = turns * np.pi, FOCUS if turns == 0 else SINGLE
             items, rays = _roomier(items, used, rays, rows, stop - first)
+            pole = Pole(spans, kappas, signs, FOCUS if turns == 0 else SINGLE, 1.0 if forward else -1.0, rainbow, axis)
             for side in range(2):
-                sign = 1.0 if side == 0 else -1.0
-                q, fold = (sign, pole // 2) if forward else (-sign, (pole + 1) // 2 if side == 0 else (pole - 1) // 2)
-                kappas[side] = 0.5 * np.pi * (1.0 + p - 2.0 * fold - 0.5 * q)
-                if reach > 0.0:
-                    a, b = _stretch(beta, first, stop, middle, sign, np.nextafter(top, 10.0 + top), top + reach)
-                    if b > a:
-                        c, d = _dark(eta, p, beta, sine, a, b, turns, sign, top, bow, x, w, o, rays, rows)
-                        used = _emit(items, used, DARK, c, d - c, rows + c - a, -1, kappas[side], 1.0, 1.0 if forward else -1.0)
-                        rows += b - a
-                for part in range(2):
-                    if part == 1 and bow < 0.0:
-                        spans[part, side, 0], spans[part, side, 1] = -1, -1
-                        continue
-                    far = 0.0 if part == 0 and bow > 0.0 else last  # the anchor: the rainbow, or the axis
-                    low, high = (min(far, top), top) if bow > 0.0 else (min(last, 0.0), max(last, 0.0))
-                    a, b = _stretch(beta, first, stop, middle, sign, low, high)
-                    spans[part, side, 0], spans[part, side, 1], spans[part, side, 2] = a, b, rows
-                    if b > a:
-                        segment = (bow, top, end if part == 1 else 0.0, far) if bow > 0.0 else (0.0, 0.0, end, last)
-                        _lit(eta, p, beta, sine, a, b, turns, sign, least, segment, bow > 0.0, part == 0 and turns == 0,
-                             min(curve[part], 2.0), w, o, rays, rows)
-                        rows += b - a
-            used = _gather(spans, kappas, signs, kind, 1.0 if forward else -1.0, rainbow, axis, first, stop, rays, items, used)
+                used, rows = _half_ring(order, lanes, pole, Target(first, stop, turns, 1.0 if side == 0 else -1.0), x,
+                                        items, used, rays, rows)
+            used = _gather(pole, first, stop, rays, items, used)
     return items[:used], rays[:, :rows]

@@ -11,7 +11,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from bakery.physics.mie._vector import fma
+from bakery.physics.mie.vector import fma
 from bakery.system.compiled import njit
 
 STRICT = dict(cache=True, nogil=True, error_model="numpy")

@@ -2,7 +2,6 @@
 
 The state of the rays is one float32 array (FIELDS, rays), some rows of which hold int32: a row below is that of the first of
 three where it belongs to the axes.
-numba's disk cache does not see changes of this file: touch the kernels that use it after an edit.
 """
 
 from __future__ import annotations
@@ -54,8 +53,8 @@ class _Vectors:
         self.builder.store(value, self.at(row, value.type), align=4)
 
     def fill(self, scalar, kind):
-        one = self.builder.insert_element(ir.Constant(kind, ir.Undefined), scalar, ir.Constant(_32, 0))
-        return self.builder.shuffle_vector(one, one, ir.Constant(self.int, [0] * self.width))
+        single = self.builder.insert_element(ir.Constant(kind, ir.Undefined), scalar, ir.Constant(_32, 0))
+        return self.builder.shuffle_vector(single, single, ir.Constant(self.int, [0] * self.width))
 
     def number(self, value):
         kind = self.int if isinstance(value, int) else self.float
@@ -85,14 +84,14 @@ def leap(typingctx, state, stride, at, leaps, nx, ny, nz):
         b, kinds = builder, signature.args
         v = _Vectors(b, RAYS, _data(context, b, kinds[0], args[0]), args[1], args[2])
         table, count = _data(context, b, kinds[3], args[3]), [v.fill(b.trunc(n, _32), v.int) for n in args[4:7]]
-        zero, one = v.number(0), v.number(1)
+        zero, unit = v.number(0), v.number(1)
         before, far = v.ints(STATE), v.ints(LEAP)
         moves = b.icmp_signed("==", before, v.number(MOVES))
         origin, direction, over, cell, up, ahead, behind, time = [], [], [], [], [], [], [], []
         for axis in range(3):
             o, r, c = v.floats(ORIGIN + axis), v.floats(INVERSE + axis), v.ints(CELL + axis)
             positive, plus, minus = b.fcmp_ordered(">", r, v.number(0.0)), b.add(c, far), b.sub(c, far)
-            wall = b.sitofp(b.select(positive, plus, b.add(minus, one)), v.float)
+            wall = b.sitofp(b.select(positive, plus, b.add(minus, unit)), v.float)
             for row, value in zip((origin, direction, over, cell, up, ahead, behind, time), (
                     o, v.floats(DIRECTION + axis), r, c, positive, plus, minus, b.fmul(b.fsub(wall, o), r))):
                 row.append(value)
@@ -106,8 +105,8 @@ def leap(typingctx, state, stride, at, leaps, nx, ny, nz):
         for k in range(3):
             # rounding takes nobody out of the cells leapt over, nor out of the grid
             place = b.fptosi(b.fadd(origin[k], b.fmul(exit_, direction[k])), v.int)
-            low = b.select(up[k], cell[k], b.add(behind[k], one))
-            high = v.smaller(b.select(up[k], b.sub(ahead[k], one), cell[k]), b.sub(count[k], one))
+            low = b.select(up[k], cell[k], b.add(behind[k], unit))
+            high = v.smaller(b.select(up[k], b.sub(ahead[k], unit), cell[k]), b.sub(count[k], unit))
             place = v.smaller(v.larger(v.larger(place, low), zero), high)
             place = b.select(through[k], b.select(up[k], ahead[k], behind[k]), place)
             new.append(b.select(moved, place, cell[k]))
@@ -138,8 +137,8 @@ def confirm(typingctx, state, stride, at, margin):
         v = _Vectors(b, RAYS, _data(context, b, signature.args[0], args[0]), args[1], args[2])
         before, nearest, margin, off = v.ints(STATE), v.floats(NEAREST), v.fill(args[3], v.float), v.number(0.0)
         for axis in range(3):
-            place = b.fadd(v.floats(SEEN + axis), b.fmul(nearest, v.floats(DIRECTION + axis)))
-            off = v.larger(off, v.larger(place, b.fsub(v.number(0.0), place)))
+            within = b.fadd(v.floats(SEEN + axis), b.fmul(nearest, v.floats(DIRECTION + axis)))
+            off = v.larger(off, v.larger(within, b.fsub(v.number(0.0), within)))
         inside = b.fcmp_ordered("<", off, b.fsub(v.number(0.5), margin))
         at_cell = b.icmp_signed("==", before, v.number(AT))
         v.store(STATE, b.select(at_cell, b.select(inside, v.number(OUT), v.number(MOVES)), before))
@@ -150,7 +149,7 @@ def confirm(typingctx, state, stride, at, margin):
 
 
 @intrinsic
-def those(typingctx, state, stride, at, what):
+def those(typingctx, state, stride, at, action):
     """Bits of the rays at ... at + 15 whose STATE is `what`."""
 
     def codegen(context, builder, signature, args):
@@ -171,14 +170,14 @@ def passed(typingctx, state, stride, ray, blocks, block):
     def codegen(context, builder, signature, args):
         b, kinds = builder, signature.args
         base = b.gep(_data(context, b, kinds[3], args[3]), [b.mul(args[4], ir.Constant(_64, BLOCK))])
-        one = _Vectors(b, 1, _data(context, b, kinds[0], args[0]), args[1], args[2])
+        ray = _Vectors(b, 1, _data(context, b, kinds[0], args[0]), args[1], args[2])
         v = _Vectors(b, TRIANGLES)
 
         def number(row, kind):
-            return b.load(one.at(row, kind))
+            return b.load(ray.at(row, kind))
 
-        def of(place, kind):
-            return b.load(b.bitcast(b.gep(base, [place]), kind.as_pointer()), align=1)
+        def of(at, kind):
+            return b.load(b.bitcast(b.gep(base, [at]), kind.as_pointer()), align=1)
 
         axes = [b.sext(number(AXES + k, _32), _64) for k in range(3)]
         units = of(ir.Constant(_64, UNITS), ir.FloatType())
@@ -187,7 +186,7 @@ def passed(typingctx, state, stride, ray, blocks, block):
         start = []
         for axis in axes:
             index = b.add(args[2], b.mul(args[1], b.add(axis, ir.Constant(_64, SEEN))))
-            start.append(v.fill(b.fmul(b.load(b.gep(one.rows, [index])), units), v.float))
+            start.append(v.fill(b.fmul(b.load(b.gep(ray.rows, [index])), units), v.float))
         corner = []
         for k in range(3):
             x, y, z = (b.fsub(b.sitofp(b.sext(of(b.add(b.mul(axis, ir.Constant(_64, 3 * TRIANGLES)), ir.Constant(
@@ -202,7 +201,7 @@ def passed(typingctx, state, stride, ray, blocks, block):
         low, high = v.smaller(v.smaller(u, w), t), v.larger(v.larger(u, w), t)
         inside = b.or_(b.fcmp_ordered(">=", low, b.fsub(v.number(0.0), slack)), b.fcmp_ordered("<=", high, slack))
         names = of(ir.Constant(_64, NAMES), v.int)
-        there = b.and_(b.icmp_signed(">=", names, v.number(0)), b.icmp_signed("!=", names, v.fill(number(SKIP, _32), v.int)))
-        return v.bits(b.and_(inside, there))
+        exists = b.and_(b.icmp_signed(">=", names, v.number(0)), b.icmp_signed("!=", names, v.fill(number(SKIP, _32), v.int)))
+        return v.bits(b.and_(inside, exists))
 
     return _I8(state, _I8, _I8, blocks, _I8), codegen

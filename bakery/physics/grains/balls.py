@@ -11,20 +11,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bakery.physics.grains._walk import _FAINT, _drawn, _enter, _frame, _uniform, coat, stream
+from bakery.physics.grains.sampling import FAINT, coat, enter, next_uniform, stream, surface_frame, uniforms_of_meeting
 from bakery.physics.grains.scatterometer import EDGES, Statistics, measure
 from bakery.physics.grains.sphere import Ball, ball
-from bakery.physics.grains.surface import DIELECTRIC, Surface, left, turned
+from bakery.physics.grains.surface import DIELECTRIC, Surface, at_surface, surface_share
 from bakery.physics.grains.walk import ABSORBED, CUT, EVENTS_MAX, LEFT, MISSED, Paths
 from bakery.system.compiled import njit
 
 _GRAZING = 1e-12  # least cosine to the normal on entry: a ray that only touches is reflected
 
 
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _meet(coat, x, y, z, stream, pool, carried):
+    """New unit direction for wi = (x, y, z) and share left of all light; what each channel carries is multiplied by its own."""
+    u, v, w = uniforms_of_meeting(coat.kind, coat.roughness, stream, pool)
+    x, y, z, through, cosine = at_surface(coat.kind, coat.index, coat.roughness, x, y, z, u, v, w)
+    for c in range(len(carried)):
+        carried[c] *= surface_share(coat.kind, coat.channels, c, cosine)
+    over = 1.0 / math.sqrt(x * x + y * y + z * z)
+    return x * over, y * over, z * over, through
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _walk(radius, coat, events_max, uniform, numbers, paths):
-    """Fill `Paths` for the rays `uniform` (n, 4); numbers: `_walk.Stream`."""
-    kind, index, roughness, channels, mu = coat
+    """Fill `Paths` for the rays `uniform` (n, 4); numbers: `sampling.Stream`."""
+    kind, mu = coat.kind, coat.mu
     first, replicate, key0, key1 = numbers
     status, start, leave, incoming, outgoing, inside, weight, events = paths
     pool, stream = np.empty(4), np.zeros(5, np.uint64)
@@ -33,7 +44,7 @@ def _walk(radius, coat, events_max, uniform, numbers, paths):
     beside = (1.0 - radius) * (1.0 + radius)
     for i in range(len(uniform)):
         stream[2], stream[4] = np.uint64(first + i), np.uint64(0)
-        half = _enter(uniform[i], start[i], incoming[i])
+        half = enter(uniform[i], start[i], incoming[i])
         dx, dy, dz = incoming[i]
         outgoing[i] = incoming[i]
         status[i], events[i], inside[i] = MISSED, 0, 0.0
@@ -54,25 +65,20 @@ def _walk(radius, coat, events_max, uniform, numbers, paths):
                 state = CUT
                 break
             count += 1
-            sx, sy, sz, tx, ty, tz = _frame(nx, ny, nz)
+            sx, sy, sz, tx, ty, tz = surface_frame(nx, ny, nz)
             x, y = -(dx * sx + dy * sy + dz * sz), -(dx * tx + dy * ty + dz * tz)
-            u, v, w = _drawn(kind, roughness, stream, pool)
-            x, y, z, through, cosine = turned(kind, index, roughness, x, y, z, u, v, w)
+            x, y, z, through = _meet(coat, x, y, z, stream, pool, carried)
             factor *= through
-            for c in range(len(carried)):
-                carried[c] *= left(kind, channels, c, cosine)
-            over = 1.0 / math.sqrt(x * x + y * y + z * z)
-            x, y, z = x * over, y * over, z * over
             dx, dy, dz = x * sx + y * tx + z * nx, x * sy + y * ty + z * ny, x * sz + y * tz + z * nz
             ox, oy, oz = radius * nx, radius * ny, radius * nz
             strongest = factor if kind == DIELECTRIC else factor * np.max(carried)
             if least > 0.0:
                 strongest *= math.exp(-least * path_inside)
-            if strongest < _FAINT:
-                if _uniform(stream, pool) * _FAINT >= strongest:
+            if strongest < FAINT:
+                if next_uniform(stream, pool) * FAINT >= strongest:
                     state = ABSORBED
                     break
-                factor *= _FAINT / strongest
+                factor *= FAINT / strongest
             if z >= 0.0:  # out: a ball is not met twice
                 break
             chord = -2.0 * radius * z

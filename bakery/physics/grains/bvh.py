@@ -12,8 +12,8 @@ from collections import OrderedDict
 
 import numpy as np
 
-from bakery.physics.grains._lanes import BLOCK, BOXES, NODE, TRIANGLES, boxes_hit, fetch, lowest, triangles_hit
 from bakery.physics.grains.grid import Grid, laid
+from bakery.physics.grains.lanes import BLOCK, BOXES, NODE, TRIANGLES, boxes_hit, fetch, lowest, triangles_hit
 from bakery.physics.shapes.solid import arrays, faults
 from bakery.system.compiled import njit
 
@@ -44,6 +44,36 @@ def _bounds(boxes, order, start, end, low, high):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _cut(number, edge, scale):
+    """Axis and bin (the last below) of the cut with the least area times leaves; axis -1 where there is none."""
+    best, best_axis, best_bin = np.inf, -1, 0
+    right, low, high = np.empty(_BINS), np.empty(3), np.empty(3)
+    for axis in range(3):
+        if not 0 < scale[axis] < np.inf:
+            continue
+        low[:], high[:] = np.inf, -np.inf
+        count = 0
+        for b in range(_BINS - 1, 0, -1):
+            count += number[axis, b]
+            for c in range(3):
+                low[c] = min(low[c], edge[axis, b, c])
+                high[c] = max(high[c], edge[axis, b, 3 + c])
+            right[b] = _half_area(low, high) * ((count + TRIANGLES - 1) // TRIANGLES) if count else np.inf
+        low[:], high[:] = np.inf, -np.inf
+        count = 0
+        for b in range(_BINS - 1):
+            count += number[axis, b]
+            for c in range(3):
+                low[c] = min(low[c], edge[axis, b, c])
+                high[c] = max(high[c], edge[axis, b, 3 + c])
+            if count:
+                cost = _half_area(low, high) * ((count + TRIANGLES - 1) // TRIANGLES) + right[b + 1]
+                if cost < best:
+                    best, best_axis, best_bin = cost, axis, b
+    return best_axis, best_bin
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _split(boxes, order, start, end, by_number, spare):
     """Reorder order[start:end] into two parts and return where the second begins: least area times leaves over binned cuts."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -59,7 +89,7 @@ def _split(boxes, order, start, end, by_number, spare):
     for axis in range(3):
         if high[axis] > low[axis]:
             scale[axis] = _BINS * (1 - 1e-9) / (high[axis] - low[axis])
-    best, best_axis, best_bin = np.inf, -1, 0
+    best_axis, best_bin = -1, 0
     if not by_number:
         for i in range(start, end):
             k = order[i]
@@ -69,29 +99,7 @@ def _split(boxes, order, start, end, by_number, spare):
                 for c in range(3):
                     edge[axis, b, c] = min(edge[axis, b, c], boxes[k, c])
                     edge[axis, b, 3 + c] = max(edge[axis, b, 3 + c], boxes[k, 3 + c])
-        right = np.empty(_BINS)
-        for axis in range(3):
-            if not 0 < scale[axis] < np.inf:
-                continue
-            low[:], high[:] = np.inf, -np.inf  # no longer needed as bounds of the middles on the axes before this one
-            count = 0
-            for b in range(_BINS - 1, 0, -1):
-                count += number[axis, b]
-                for c in range(3):
-                    low[c] = min(low[c], edge[axis, b, c])
-                    high[c] = max(high[c], edge[axis, b, 3 + c])
-                right[b] = _half_area(low, high) * ((count + TRIANGLES - 1) // TRIANGLES) if count else np.inf
-            low[:], high[:] = np.inf, -np.inf
-            count = 0
-            for b in range(_BINS - 1):
-                count += number[axis, b]
-                for c in range(3):
-                    low[c] = min(low[c], edge[axis, b, c])
-                    high[c] = max(high[c], edge[axis, b, 3 + c])
-                if count:
-                    cost = _half_area(low, high) * ((count + TRIANGLES - 1) // TRIANGLES) + right[b + 1]
-                    if cost < best:
-                        best, best_axis, best_bin = cost, axis, b
+        best_axis, best_bin = _cut(number, edge, scale)
     if best_axis < 0:
         return (start + end) // 2
     origin = np.inf
@@ -142,13 +150,13 @@ def _build(boxes, margin):
             area[parts] = _bounds(boxes, order, start[parts], end[parts], low, high)
             parts += 1
         if nodes + parts > len(planes):
-            more, fewer = np.empty((2 * len(planes), 6, BOXES), np.float32), np.zeros((2 * len(planes), BOXES), np.int32)
+            wider, fewer = np.empty((2 * len(planes), 6, BOXES), np.float32), np.zeros((2 * len(planes), BOXES), np.int32)
             for n in range(nodes):
                 for b in range(BOXES):
                     fewer[n, b] = children[n, b]
                     for k in range(6):
-                        more[n, k, b] = planes[n, k, b]
-            planes, children = more, fewer
+                        wider[n, k, b] = planes[n, k, b]
+            planes, children = wider, fewer
         if used + parts > len(leaves):
             longer = np.empty((2 * len(leaves), 2), np.int64)
             for n in range(used):
@@ -187,18 +195,42 @@ def _fill(vertices, faces, leaves, order, blocks, names):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def scratch():
-    """Memory of one thread for `nearest`: four arrays, overwritten at each call."""
+def mesh_scratch():
+    """Memory of one thread for `nearest_triangle`: four arrays, overwritten at each call."""
     return np.empty(_PENDING, np.int32), np.empty(_PENDING, np.float32), np.empty(BOXES, np.float32), np.empty(TRIANGLES)
 
 
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _nearest_child(nodes, children, blocks, at, child, lane, bits, scratch, top):
+    """The child that a ray enters first, of that in `lane` and those in `bits`, and how many are pending: the others on top."""
+    pending, reach, enter, _ = scratch
+    t, base = enter[lane], top
+    while bits:
+        lane = lowest(bits)
+        bits &= bits - 1
+        second, far = np.int64(children[at + lane]), enter[lane]
+        if far < t:
+            child, second, t, far = second, child, far, t
+        if second < 0:
+            fetch(blocks, ~second * BLOCK, _BLOCK_LINES)
+        else:
+            fetch(nodes, second * NODE, _NODE_LINES)
+        j = top
+        while j > base and reach[j - 1] < far:  # the nearest comes on top
+            reach[j], pending[j] = reach[j - 1], pending[j - 1]
+            j -= 1
+        reach[j], pending[j] = far, second
+        top += 1
+    return child, top
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def nearest(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, room):
+def nearest_triangle(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, scratch):
     """Place (4 block + lane) of the first triangle along unit d from o, and its distance; (-1, inf) where there is none.
 
-    skip : place of the triangle that the ray starts on, or -1;  room : from `scratch`.
+    skip : place of the triangle that the ray starts on, or -1;  scratch : from `mesh_scratch`.
     """
-    pending, reach, enter, distance = room
+    pending, reach, enter, distance = scratch
     kx, ky, kz = 0, 1, 2
     if abs(dx) >= abs(dy) and abs(dx) >= abs(dz):
         kx, ky, kz = 1, 2, 0
@@ -214,7 +246,7 @@ def nearest(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, room):
     rz = np.float32(1.0 / math.copysign(max(abs(dz), 1e-18), dz))
     x, y, z = np.float32(ox), np.float32(oy), np.float32(oz)
     near_x, near_y, near_z = 3 * BOXES * (rx < 0), 3 * BOXES * (ry < 0), 3 * BOXES * (rz < 0)
-    best, limit, place = np.inf, np.float32(np.inf), -1
+    best, limit, triangle = np.inf, np.float32(np.inf), -1
     child, top = np.int64(0), 0
     while True:
         if child < 0:
@@ -224,7 +256,7 @@ def nearest(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, room):
                 lane = lowest(bits)
                 bits &= bits - 1
                 if distance[lane] < best and TRIANGLES * block + lane != skip:
-                    best, place = distance[lane], TRIANGLES * block + lane
+                    best, triangle = distance[lane], TRIANGLES * block + lane
                     limit = np.float32(best) * np.float32(1.0000003)
         else:
             at = child * NODE
@@ -234,26 +266,8 @@ def nearest(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, room):
                 lane = lowest(bits)
                 bits &= bits - 1
                 child = np.int64(children[at + lane])
-                if bits == 0:  # the usual case: straight on, nothing to sort
-                    continue
-                t = enter[lane]
-                base = top
-                while bits:
-                    lane = lowest(bits)
-                    bits &= bits - 1
-                    other, far = np.int64(children[at + lane]), enter[lane]
-                    if far < t:
-                        child, other, t, far = other, child, far, t
-                    if other < 0:
-                        fetch(blocks, ~other * BLOCK, _BLOCK_LINES)
-                    else:
-                        fetch(nodes, other * NODE, _NODE_LINES)
-                    j = top
-                    while j > base and reach[j - 1] < far:  # the nearest comes on top
-                        reach[j], pending[j] = reach[j - 1], pending[j - 1]
-                        j -= 1
-                    reach[j], pending[j] = far, other
-                    top += 1
+                if bits:  # else the usual case: straight on, nothing to sort
+                    child, top = _nearest_child(nodes, children, blocks, at, child, lane, bits, scratch, top)
                 continue
         while top > 0 and reach[top - 1] > limit:
             top -= 1
@@ -261,13 +275,13 @@ def nearest(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, room):
             break
         top -= 1
         child = np.int64(pending[top])
-    return place, best
+    return triangle, best
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def normal(blocks, place):
+def triangle_normal(blocks, triangle):
     """Unit normal (x, y, z) of a triangle, outward where corners run counterclockwise seen from outside."""
-    at = (place // TRIANGLES) * BLOCK + place % TRIANGLES
+    at = (triangle // TRIANGLES) * BLOCK + triangle % TRIANGLES
     ax, ay, az = blocks[at], blocks[at + 3 * TRIANGLES], blocks[at + 6 * TRIANGLES]
     ux, vx = blocks[at + TRIANGLES] - ax, blocks[at + 2 * TRIANGLES] - ax
     uy, vy = blocks[at + 4 * TRIANGLES] - ay, blocks[at + 5 * TRIANGLES] - ay
@@ -279,11 +293,11 @@ def normal(blocks, place):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _rays(nodes, children, blocks, names, origin, direction, face, distance):
-    room = scratch()
+    scratch = mesh_scratch()
     for i in range(len(origin)):
-        place, t = nearest(nodes, children, blocks, origin[i, 0], origin[i, 1], origin[i, 2], direction[i, 0], direction[i, 1],
-                           direction[i, 2], np.int64(-1), room)
-        face[i], distance[i] = names[place] if place >= 0 else -1, t
+        triangle, t = nearest_triangle(nodes, children, blocks, origin[i, 0], origin[i, 1], origin[i, 2],
+                                    direction[i, 0], direction[i, 1], direction[i, 2], np.int64(-1), scratch)
+        face[i], distance[i] = names[triangle] if triangle >= 0 else -1, t
 
 
 class Mesh:
@@ -325,7 +339,7 @@ class Mesh:
 
     @property
     def tree(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Nodes (64 K,) float32, the same memory as int32, blocks (36 M,) and names (4 M,): what `nearest` takes."""
+        """Nodes (64 K,) float32, the same memory as int32, blocks (36 M,) and names (4 M,): what `nearest_triangle` takes."""
         return self._kept(_planted)
 
     @property

@@ -10,11 +10,12 @@ import functools
 import hashlib
 import threading
 from collections import OrderedDict
+from dataclasses import dataclass
 
 import numpy as np
 
 from bakery.errors import UsageError
-from bakery.physics.grains._walk import _AHEAD, _FAINT, _enter
+from bakery.physics.grains.sampling import AHEAD, FAINT, enter
 from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, Surface
 from bakery.physics.grains.walk import ABSORBED, CONTRADICTED, CUT, EVENTS_MAX, LEFT, MISSED, Paths
 from bakery.system import llvm
@@ -96,8 +97,8 @@ class MitsubaWalker:
             if self.threads is not None and dr.thread_count() != self.threads:
                 dr.set_thread_count(self.threads)
             if self._ready is None:
-                self._ready = (*_scene(self.vertices, self.faces), _bsdf(self.surface))
-            ends, marks, carried = _launch(*self._ready, self.surface, float(np.min(self.mu)), self.events_max, rays, key)
+                self._ready = _Loop(*_scene(self.vertices, self.faces), self.surface)
+            ends, marks, carried = self._ready.launch(float(np.min(self.mu)), self.events_max, rays, key)
             dr.eval(ends, marks, *carried)
             dr.sync_thread()
             carried = np.stack([c.numpy() for c in carried], axis=-1) if carried else np.empty((len(rays), 0), np.float32)
@@ -179,97 +180,133 @@ def _bsdf(surface: Surface):
     return bsdf
 
 
-def _launch(scene, table, bsdf, surface, least, events_max, rays, key):
-    """What `_run` returns, as arrays of Dr.Jit.  What differs from call to call is opaque: a literal would be compiled anew."""
-    mi, dr = _modules()
-    context = mi.BSDFContext()
-    context.mode = mi.TransportMode.Importance  # energy: no factor index^2 on refraction
-    total, count_max = dr.opaque(mi.UInt32, len(rays)), dr.opaque(mi.UInt32, events_max)
-    key, least = dr.opaque(mi.UInt64, int(key[0]) | int(key[1]) << 32), dr.opaque(mi.Float, least)
-    counter, rays = dr.opaque(mi.UInt32, 0), mi.Float(rays.ravel())
-    metals, brightest = [], None
-    if surface.kind == CONDUCTOR:
-        n, k = surface.channels
-        perfect = np.isinf(n)  # 0 + i reflects all
-        metals = [mi.Complex2f(dr.opaque(mi.Float, float(a)), dr.opaque(mi.Float, float(b)))
-                  for a, b in zip(np.where(perfect, 0.0, n), np.where(perfect, 1.0, k))]
-    elif surface.kind == DIFFUSE:
-        brightest = dr.opaque(mi.Float, float(surface.channels[0].max()))
-    number = dr.width(rays) // 8
-    ends, marks = dr.empty(mi.Float, 8 * number), dr.empty(mi.UInt32, number)
-    weights = [dr.empty(mi.Float, number) for _ in metals]
+@dataclass
+class _Path:
+    """A lane of the loop: whether it has a path, whether that has ended, its place in the list, the numbers of its random stream,
+    its ray, whether that is inside, its way there, meetings, weight, and what it carries in each channel."""
 
-    def load(at, active):
-        a, b = dr.gather(mi.Vector4f, rays, 2 * at, active), dr.gather(mi.Vector4f, rays, 2 * at + 1, active)
-        return (mi.Point3f(a.x, a.y, a.z), mi.Vector3f(b.x, b.y, b.z), dr.reinterpret_array(mi.UInt32, a.w),
-                dr.reinterpret_array(mi.UInt32, b.w))
+    live: object
+    ended: object
+    at: object
+    number: object
+    replicate: object
+    o: object
+    d: object
+    within: object
+    path_inside: object
+    count: object
+    factor: object
+    carried: list
 
-    def meeting(live, ended, at, path, replicate, o, d, within, path_inside, count, factor, carried):
-        # lanes whose path has ended take the next one
-        at = dr.select(ended, dr.scatter_inc(counter, mi.UInt32(0), live & ended), at)
-        live = live & (at < total)
-        new = live & ended
-        first = load(at, new)
-        o, d = dr.select(new, first[0], o), dr.select(new, first[1], d)
-        path, replicate = dr.select(new, first[2], path), dr.select(new, first[3], replicate)
-        within = within & ~new
-        path_inside, count, factor = dr.select(new, 0.0, path_inside), dr.select(new, 0, count), dr.select(new, 1.0, factor)
-        carried = [dr.select(new, 1.0, c) for c in carried]
-        # the next meeting with the surface
-        intersection = scene.ray_intersect_preliminary(mi.Ray3f(o, d), coherent=False, active=live)
-        hit = live & (intersection.t < dr.inf)
-        a, b, c = (dr.gather(mi.Vector4f, table, 4 * intersection.prim_index + k, hit) for k in range(3))
+
+class _Loop:
+    """The kernel that follows paths.  What differs from call to call is opaque: a literal would be compiled anew."""
+
+    def __init__(self, scene, table, surface):
+        mi, _ = _modules()
+        self.scene, self.table, self.bsdf, self.surface = scene, table, _bsdf(surface), surface
+        self.context = mi.BSDFContext()
+        self.context.mode = mi.TransportMode.Importance  # energy: no factor index^2 on refraction
+
+    def launch(self, least, events_max, rays, key):
+        """What `MitsubaWalker._run` returns, as arrays of Dr.Jit."""
+        mi, dr = _modules()
+        self.total, self.events_max = dr.opaque(mi.UInt32, len(rays)), dr.opaque(mi.UInt32, events_max)
+        self.key, self.least = dr.opaque(mi.UInt64, int(key[0]) | int(key[1]) << 32), dr.opaque(mi.Float, least)
+        self.counter, self.rays = dr.opaque(mi.UInt32, 0), mi.Float(rays.ravel())
+        self.metals, self.brightest = [], None
+        if self.surface.kind == CONDUCTOR:
+            n, k = self.surface.channels
+            perfect = np.isinf(n)  # 0 + i reflects all
+            self.metals = [mi.Complex2f(dr.opaque(mi.Float, float(a)), dr.opaque(mi.Float, float(b)))
+                           for a, b in zip(np.where(perfect, 0.0, n), np.where(perfect, 1.0, k))]
+        elif self.surface.kind == DIFFUSE:
+            self.brightest = dr.opaque(mi.Float, float(self.surface.channels[0].max()))
+        number = dr.width(self.rays) // 8
+        self.ends, self.marks = dr.empty(mi.Float, 8 * number), dr.empty(mi.UInt32, number)
+        self.weights = [dr.empty(mi.Float, number) for _ in self.metals]
+        idle, zero = dr.full(mi.Bool, True, _LANES), mi.UInt32(0)
+        channels = [mi.Float(1) for _ in self.metals or [self.brightest] if _ is not None]
+        first = _Path(idle, mi.Bool(True), zero, zero, zero, mi.Point3f(0), mi.Vector3f(0, 0, 1), mi.Bool(False), mi.Float(0),
+                      zero, mi.Float(1), channels)
+        dr.while_loop((first,), lambda path: path.live, lambda path: (self.meeting(path),), mode="symbolic")
+        return self.ends, self.marks, self.weights
+
+    def meeting(self, path):
+        """One meeting of each path with the surface; lanes whose path has ended take the next one first."""
+        mi, dr = _modules()
+        path = self._next(path)
+        intersection = self.scene.ray_intersect_preliminary(mi.Ray3f(path.o, path.d), coherent=False, active=path.live)
+        hit = path.live & (intersection.t < dr.inf)
+        a, b, c = (dr.gather(mi.Vector4f, self.table, 4 * intersection.prim_index + k, hit) for k in range(3))
         normal, (u, v) = mi.Normal3f(a.w, b.w, c.w), intersection.prim_uv
         p = dr.fma(v, mi.Point3f(c.x, c.y, c.z), dr.fma(u, mi.Point3f(b.x, b.y, b.z), mi.Point3f(a.x, a.y, a.z)))
-        z = -dr.dot(d, normal)
-        wrong = (hit & (((z < 0) != within) | (z == 0))) | (live & ~hit & within)
+        z = -dr.dot(path.d, normal)
+        wrong = (hit & (((z < 0) != path.within) | (z == 0))) | (path.live & ~hit & path.within)
         go = hit & ~wrong
-        path_inside = dr.select(go & within, path_inside + intersection.t, path_inside)
-        cut = go & (count == count_max)
+        path.path_inside = dr.select(go & path.within, path.path_inside + intersection.t, path.path_inside)
+        cut = go & (path.count == self.events_max)
         go = go & ~cut
-        count = dr.select(go, count + 1, count)
-        # a new direction from the BSDF, with the random numbers of this meeting
-        one, two, three, four = mi.Philox4x32(key, path, replicate, count, 10).next_float32x4()
+        path.count = dr.select(go, path.count + 1, path.count)
+        go = self._turn(path, p, normal, go)
+        path.ended = path.live & ~go
+        state = dr.select(hit, dr.select(cut, CUT, ABSORBED), dr.select(path.count > 0, LEFT, MISSED))
+        self._record(path, mi.UInt32(dr.select(wrong, CONTRADICTED, state)))
+        return path
+
+    def _next(self, path):
+        """Lanes whose path has ended take the next one."""
+        mi, dr = _modules()
+        at = dr.select(path.ended, dr.scatter_inc(self.counter, mi.UInt32(0), path.live & path.ended), path.at)
+        live = path.live & (at < self.total)
+        new = live & path.ended
+        a, b = dr.gather(mi.Vector4f, self.rays, 2 * at, new), dr.gather(mi.Vector4f, self.rays, 2 * at + 1, new)
+        o, d = dr.select(new, mi.Point3f(a.x, a.y, a.z), path.o), dr.select(new, mi.Vector3f(b.x, b.y, b.z), path.d)
+        number = dr.select(new, dr.reinterpret_array(mi.UInt32, a.w), path.number)
+        replicate = dr.select(new, dr.reinterpret_array(mi.UInt32, b.w), path.replicate)
+        return _Path(live, path.ended, at, number, replicate, o, d, path.within & ~new, dr.select(new, 0.0, path.path_inside),
+                     dr.select(new, 0, path.count), dr.select(new, 1.0, path.factor),
+                     [dr.select(new, 1.0, c) for c in path.carried])
+
+    def _turn(self, path, p, normal, go):
+        """A new direction from the BSDF, with the random numbers of this meeting; which of the paths `go` on still."""
+        mi, dr = _modules()
+        u0, u1, u2, u3 = mi.Philox4x32(self.key, path.number, path.replicate, path.count, 10).next_float32x4()
         frame = mi.Frame3f(normal)
         at_surface = dr.zeros(mi.SurfaceInteraction3f)
-        at_surface.wi = frame.to_local(-d)
+        at_surface.wi = frame.to_local(-path.d)
         # middles of steps: at 0 a reflectance of 0 would reflect
-        sample, weight = bsdf.sample(context, at_surface, one + 2.0**-24, mi.Point2f(two, three), go)
-        factor = dr.select(go, factor * weight.x, factor)
-        if metals:
+        sample, weight = self.bsdf.sample(self.context, at_surface, u0 + 2.0**-24, mi.Point2f(u1, u2), go)
+        factor, carried = dr.select(go, path.factor * weight.x, path.factor), path.carried
+        if self.metals:
             facet = dr.normalize(at_surface.wi + sample.wo)
             cosine = dr.clip(dr.dot(at_surface.wi, facet), 0.0, 1.0)
-            carried = [dr.select(go & (factor > 0), c * mi.fresnel_conductor(cosine, m), c) for c, m in zip(carried, metals)]
-        elif brightest is not None:
-            carried = [dr.select(go, carried[0] * brightest, carried[0])]
+            carried = [dr.select(go & (factor > 0), c * mi.fresnel_conductor(cosine, metal), c)
+                       for c, metal in zip(carried, self.metals)]
+        elif self.brightest is not None:
+            carried = [dr.select(go, carried[0] * self.brightest, carried[0])]
         # faint paths go on by chance
         strongest = factor * functools.reduce(dr.maximum, carried, mi.Float(0)) if carried else factor
-        strongest = strongest * dr.exp(-least * path_inside)
-        faint = go & (strongest < _FAINT)
-        dead = faint & (four * _FAINT >= strongest)
-        factor = dr.select(faint & ~dead, factor * (_FAINT / strongest), factor)
+        strongest = strongest * dr.exp(-self.least * path.path_inside)
+        faint = go & (strongest < FAINT)
+        dead = faint & (u3 * FAINT >= strongest)
+        path.factor, path.carried = dr.select(faint & ~dead, factor * (FAINT / strongest), factor), carried
         go = go & ~dead
         inward = sample.wo.z < 0
-        within = dr.select(go, inward, within)
-        o = dr.select(go, dr.fma(dr.select(inward, -_OFF, _OFF), normal, p), o)
-        d = dr.select(go, dr.normalize(frame.to_world(sample.wo)), d)
-        # the record of a path that has ended
-        ended = live & ~go
-        state = dr.select(hit, dr.select(cut, CUT, ABSORBED), dr.select(count > 0, LEFT, MISSED))
-        state = mi.UInt32(dr.select(wrong, CONTRADICTED, state))
-        dr.scatter(ends, mi.Vector4f(o.x, o.y, o.z, path_inside), 2 * at, ended)
-        dr.scatter(ends, mi.Vector4f(d.x, d.y, d.z, factor), 2 * at + 1, ended)
-        dr.scatter(marks, count | (state << _COUNT), at, ended)
-        for target, c in zip(weights, carried):
-            dr.scatter(target, c, at, ended)
-        return live, ended, at, path, replicate, o, d, within, path_inside, count, factor, carried
+        path.within = dr.select(go, inward, path.within)
+        path.o = dr.select(go, dr.fma(dr.select(inward, -_OFF, _OFF), normal, p), path.o)
+        path.d = dr.select(go, dr.normalize(frame.to_world(sample.wo)), path.d)
+        return go
 
-    idle = dr.full(mi.Bool, True, _LANES)
-    zero = mi.UInt32(0)
-    dr.while_loop((idle, mi.Bool(True), zero, zero, zero, mi.Point3f(0), mi.Vector3f(0, 0, 1), mi.Bool(False), mi.Float(0), zero,
-                   mi.Float(1), [mi.Float(1) for _ in metals or [brightest] if _ is not None]),
-                  lambda live, *_: live, meeting, mode="symbolic")
-    return ends, marks, weights
+    def _record(self, path, state):
+        """Write down the paths that have ended."""
+        mi, dr = _modules()
+        o, d = path.o, path.d
+        dr.scatter(self.ends, mi.Vector4f(o.x, o.y, o.z, path.path_inside), 2 * path.at, path.ended)
+        dr.scatter(self.ends, mi.Vector4f(d.x, d.y, d.z, path.factor), 2 * path.at + 1, path.ended)
+        dr.scatter(self.marks, path.count | (state << _COUNT), path.at, path.ended)
+        for target, carried in zip(self.weights, path.carried):
+            dr.scatter(target, carried, path.at, path.ended)
 
 
 # ---- double precision at both ends
@@ -287,9 +324,9 @@ def _aligned(*shape):
 def _begin(uniform, first, replicate, start, incoming, rays, words):
     """Entries, and for the kernel (n, 8): starts a little outside with the path's number, directions with the replicate's."""
     for i in range(len(uniform)):
-        _enter(uniform[i], start[i], incoming[i])
+        enter(uniform[i], start[i], incoming[i])
         for k in range(3):
-            rays[i, k] = start[i, k] - _AHEAD * incoming[i, k]
+            rays[i, k] = start[i, k] - AHEAD * incoming[i, k]
             rays[i, 4 + k] = incoming[i, k]
         words[i, 3], words[i, 7] = first + np.uint32(i), replicate
 

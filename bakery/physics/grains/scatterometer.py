@@ -14,7 +14,7 @@ import numpy as np
 
 from bakery import rng
 from bakery.physics.grains.bvh import Mesh
-from bakery.physics.grains.figures import WithErrors
+from bakery.physics.grains.figures import WithErrors, in_order
 from bakery.physics.grains.points import points, scrambled
 from bakery.physics.grains.surface import Surface
 from bakery.physics.grains.walk import ABSORBED, CONTRADICTED, CUT, MISSED, Paths, Walker
@@ -128,27 +128,27 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
     tracer = tracer or Walker(mesh, surface, mu)
     map = map or _in_turn
     key = rng.key(seed, "grains.walk", stream)
-    sums = None
+    sums = np.zeros((REPLICATES, len(mu) + 1, _BINS + len(edges) - 1))
     first, count = 0, _FIRST
     while True:
         parts = [(replicate, start, min(_BLOCK, first + count - start))
                  for replicate in range(REPLICATES) for start in range(first, first + count, _BLOCK)]
-        few = max(1, getattr(tracer, "batch", 1) // parts[0][2])
-        tasks = [(tracer, edges, (seed, stream), key, parts[i : i + few]) for i in range(0, len(parts), few)]
-        sums_by_task = np.concatenate(map(blocks, tasks)).reshape(REPLICATES, -1, len(mu) + 1, _BINS + len(edges) - 1)
-        new = np.zeros_like(sums_by_task[:, 0])
-        for part in range(sums_by_task.shape[1]):  # in order: not a sum whose order NumPy chooses
-            new += sums_by_task[:, part]
-        sums = new if sums is None else sums + new
+        together = max(1, getattr(tracer, "batch", 1) // parts[0][2])
+        tasks = [(tracer, edges, (seed, stream), key, parts[i : i + together]) for i in range(0, len(parts), together)]
+        sums += in_order(np.concatenate(map(blocks, tasks)).reshape(REPLICATES, -1, *sums.shape[1:]))
         first += count
         result = _result(sums, edges, tolerance, asked)
         if report is not None:
             report(min(1.0, (tolerance / max(result.achieved_error, 1e-300)) ** 2), result.achieved_error)
         if (result.hits >= HITS_MIN and result.reached) or first * REPLICATES >= paths_max:
             return result
-        # as many as the errors ask for, if they fall with the square root of the paths, in steps of a quarter
-        wanted = math.ceil(4 * ((result.achieved_error / tolerance) ** 2 - 1)) if result.hits >= HITS_MIN else 4
-        count = first * min(max(wanted, 1), 4) // 4
+        count = first * _quarters(result, tolerance) // 4
+
+
+def _quarters(result, tolerance):
+    """How much is added, in quarters of the paths: as errors ask for, if they fall with the root of the paths, 1 to 4."""
+    wanted = math.ceil(4 * ((result.achieved_error / tolerance) ** 2 - 1)) if result.hits >= HITS_MIN else 4
+    return min(max(wanted, 1), 4)
 
 
 # Where a block's sums stand in its array of (C + 1, 8 + B): row 0 is common to all channels, bins of theta follow in the others.

@@ -181,7 +181,7 @@ def at_dielectric(x, y, z, index, alpha, u, v, w):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def turned(kind, index, alpha, x, y, z, u, v, w):
+def at_surface(kind, index, alpha, x, y, z, u, v, w):
     """One meeting with a surface: new direction for wi = (x, y, z), share left of all light, cosine to the facet.
 
     u, v, w : uniform numbers: a smooth dielectric takes u, a rough one all, a diffuse surface and a rough conductor u and v
@@ -206,7 +206,7 @@ def turned(kind, index, alpha, x, y, z, u, v, w):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def left(kind, channels, c, cosine):
+def surface_share(kind, channels, c, cosine):
     """Share that is left in channel c besides: reflectance of a diffuse surface, Fresnel's of a conductor."""
     if kind == DIELECTRIC:
         return 1.0
@@ -214,9 +214,9 @@ def left(kind, channels, c, cosine):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def towards(kind, index, alpha, x, y, z, ox, oy, oz):
-    """What `turned` makes of a direction (ox, oy, oz) for wi = (x, y, z): its density, 1/sr, share left of all light, cosine to
-    the facet.  The density is 0 where it cannot come about, and for smooth surfaces, whose directions have none.
+def surface_density(kind, index, alpha, x, y, z, ox, oy, oz):
+    """What `at_surface` makes of a direction (ox, oy, oz) for wi = (x, y, z): its density, 1/sr, share left of all light,
+    cosine to the facet.  The density is 0 where it cannot come about, and for smooth surfaces, whose directions have none.
 
     Source: Walter, Marschner, Li & Torrance, EGSR 2007, eqs. 13, 16 and 17; Heitz & d'Eon 2014, eq. 2.
     """

@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bakery.physics.grains._walk import ABSORBED, CONTRADICTED, CUT, LEFT, MISSED, coat, followed, philox, stream
+from bakery.physics.grains._walk import followed
 from bakery.physics.grains.bvh import Mesh
+from bakery.physics.grains.sampling import ABSORBED, CONTRADICTED, CUT, LEFT, MISSED, coat, philox, stream
 from bakery.physics.grains.surface import Surface
 
 __all__ = ["ABSORBED", "CONTRADICTED", "CUT", "EVENTS_MAX", "LEFT", "MISSED", "Paths", "Walker", "philox"]

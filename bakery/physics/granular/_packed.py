@@ -1,20 +1,18 @@
-"""Loops of `packed`: flights through a periodic tile, one meeting with a grain, whole walks.
-
-A flight steps through a grid of cells that list the images of spheres; where it leaves the tile it enters the next copy, whose
-number it keeps, so nothing is cut at the tile's faces.  A sphere is known by its number and its copy: what is left out at the
-start of a flight is that image, not the sphere.
-"""
+"""Loops of `packed`: one meeting with a grain, whole walks."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from bakery.physics.grains._walk import _drawn, _frame, _uniform
-from bakery.physics.grains.bvh import nearest, normal, scratch
-from bakery.physics.grains.surface import turned
-from bakery.physics.packing.instances import kind, matrix, rotation, uniforms
+from bakery.physics.grains.bvh import mesh_scratch, nearest_triangle, triangle_normal
+from bakery.physics.grains.sampling import next_uniform, surface_frame, uniforms_of_meeting
+from bakery.physics.grains.surface import at_surface
+from bakery.physics.granular.flights import flight_to_sphere
+from bakery.physics.lent import lent
+from bakery.physics.packing.instances import kind, rotation, rotation_matrix, uniforms
 from bakery.system.compiled import njit
 
 MISSED, LEFT, LOST, CONTRADICTED, CUT = range(5)
@@ -28,85 +26,80 @@ FAR = 1 << 30  # walks start in copies of the tile with numbers up to this
 SUMS = 19
 
 
-# inlined, so that arrays are not counted in and out at each call: a fifth of the time of a walk among balls
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def flight(o, d, left, cell, m, start, image, owner, limit, met, to):
-    """Distance along unit d (3,) from o (3,), outside of all spheres, to the first sphere; `limit` where none comes before it.
+class Tile(NamedTuple):
+    """A periodic tile of spheres: centers (N, 3), radii (N,), cumulated shares of the surface (N,), the first five arguments of
+    `flight_to_sphere` that are not of a ray, longest flight between two spheres."""
 
-    o : in the frame of the copy left[1:];  left : (4,) sphere that the ray has just left, or -1, and the tile's copy
-    met : (4,) becomes the sphere and its copy;  to : (3,) becomes the vector from o to its centre
-    """
-    h0, h1, h2 = cell[0] / m[0], cell[1] / m[1], cell[2] / m[2]
-    skip, far_i, far_j, far_k = left[0], left[1], left[2], left[3]
-    i, j, k = math.floor(o[0] / cell[0]), math.floor(o[1] / cell[1]), math.floor(o[2] / cell[2])
-    ox, oy, oz = o[0] - i * cell[0], o[1] - j * cell[1], o[2] - k * cell[2]
-    i, j, k = i + far_i, j + far_j, k + far_k
-    dx, dy, dz = d[0], d[1], d[2]
-    a, b, c = min(int(ox / h0), m[0] - 1), min(int(oy / h1), m[1] - 1), min(int(oz / h2), m[2] - 1)
-    u, v, w = 1 if dx > 0 else -1, 1 if dy > 0 else -1, 1 if dz > 0 else -1
-    # a direction along which nothing moves: its wall is never reached
-    wall_x = ((a + (dx > 0)) * h0 - ox) / dx if dx != 0 else np.inf
-    wall_y = ((b + (dy > 0)) * h1 - oy) / dy if dy != 0 else np.inf
-    wall_z = ((c + (dz > 0)) * h2 - oz) / dz if dz != 0 else np.inf
-    every_x = h0 / abs(dx) if dx != 0 else np.inf
-    every_y = h1 / abs(dy) if dy != 0 else np.inf
-    every_z = h2 / abs(dz) if dz != 0 else np.inf
-    best = limit
-    while True:
-        here = (a * m[1] + b) * m[2] + c
-        for s in range(start[here], start[here + 1]):
-            x, y, z = image[s, 0] - ox, image[s, 1] - oy, image[s, 2] - oz
-            along = x * dx + y * dy + z * dz
-            if along > 0:
-                # from the distance of the line to the centre: far away, |oc|^2 - along^2 would lose its digits
-                p, q, r = x - along * dx, y - along * dy, z - along * dz
-                inside = image[s, 3] - (p * p + q * q + r * r)
-                if inside > 0:
-                    t = max(along - math.sqrt(inside), 0.0)
-                    if t < best and not (owner[s, 0] == skip and owner[s, 1] + i == far_i and owner[s, 2] + j == far_j
-                                         and owner[s, 3] + k == far_k):
-                        best = t
-                        to[0], to[1], to[2] = x, y, z
-                        met[0], met[1], met[2], met[3] = owner[s, 0], owner[s, 1] + i, owner[s, 2] + j, owner[s, 3] + k
-        # the tile repeats: beyond its faces the ray goes on inside, seen from an origin one tile further back
-        if wall_x <= wall_y and wall_x <= wall_z:
-            if best <= wall_x:
-                return best
-            wall_x += every_x
-            a += u
-            if a == m[0] or a < 0:
-                a, i, ox = a - u * m[0], i + u, ox - u * cell[0]
-        elif wall_y <= wall_z:
-            if best <= wall_y:
-                return best
-            wall_y += every_y
-            b += v
-            if b == m[1] or b < 0:
-                b, j, oy = b - v * m[1], j + v, oy - v * cell[1]
-        else:
-            if best <= wall_z:
-                return best
-            wall_z += every_z
-            c += w
-            if c == m[2] or c < 0:
-                c, k, oz = c - w * m[2], k + w, oz - w * cell[2]
+    centers: np.ndarray
+    radii: np.ndarray
+    area: np.ndarray
+    grid: tuple
+    limit: float
+
+
+class Grains(NamedTuple):
+    """Types of grain as `exemplars.Exemplars` has them, their cumulated shares (T,), seed of their hash (uint64), meetings with a
+    surface after which a hit is drawn again."""
+
+    shares: np.ndarray
+    table: np.ndarray
+    offset: np.ndarray
+    nodes: np.ndarray
+    children: np.ndarray
+    blocks: np.ndarray
+    seed: np.uint64
+    depth: int
+
+
+class Kind(NamedTuple):
+    """A type of grain: its surface, and its radius if it is a ball (else 0)."""
+
+    matter: int
+    index: float
+    roughness: float
+    radius: float
+
+
+class Draws(NamedTuple):
+    """Random numbers of a walk, `sampling.next_uniform`'s arguments."""
+
+    stream: np.ndarray
+    pool: np.ndarray
+
+
+class Walk(NamedTuple):
+    """Where a walk is: the sphere (number, copy of the tile) and the one before, entry into it (on the unit sphere) and
+    direction, vector to its centre, origin of the flight, way since the last hit, `meet`'s ray, sums, places after hits."""
+
+    sphere: np.ndarray
+    left_behind: np.ndarray
+    entry: np.ndarray
+    d: np.ndarray
+    to: np.ndarray
+    o: np.ndarray
+    since_hit: np.ndarray
+    ray: np.ndarray
+    row: np.ndarray
+    position: np.ndarray
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _turned(matter, index, roughness, dx, dy, dz, nx, ny, nz, stream, pool):
+def _turned(grain, dx, dy, dz, nx, ny, nz, draws):
     """Direction after a meeting with the surface, its part along the outward normal, and the share of the light that leaves."""
-    sx, sy, sz, tx, ty, tz = _frame(nx, ny, nz)
+    draws = lent(draws)
+    sx, sy, sz, tx, ty, tz = surface_frame(nx, ny, nz)
     x, y, z = -(dx * sx + dy * sy + dz * sz), -(dx * tx + dy * ty + dz * tz), -(dx * nx + dy * ny + dz * nz)
-    u, v, w = _drawn(matter, roughness, stream, pool)
-    x, y, z, share, _ = turned(matter, index, roughness, x, y, z, u, v, w)
+    u, v, w = uniforms_of_meeting(grain.matter, grain.roughness, draws.stream, draws.pool)
+    x, y, z, share, _ = at_surface(grain.matter, grain.index, grain.roughness, x, y, z, u, v, w)
     dx, dy, dz = x * sx + y * tx + z * nx, x * sy + y * ty + z * ny, x * sz + y * tz + z * nz
     over = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)  # keeps rounding from growing over many reflections
     return dx * over, dy * over, dz * over, z, share
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def ball(radius, matter, index, roughness, ray, depth, stream, pool):
+def ball(grain, ray, depth, draws):
     """Follow `ray` (6,) (place on the unit sphere, direction) through a smooth or rough ball; what became of it, and meetings."""
+    draws, radius = lent(draws), grain.radius
     ox, oy, oz, dx, dy, dz = ray[0], ray[1], ray[2], ray[3], ray[4], ray[5]
     along = -(ox * dx + oy * dy + oz * dz)
     px, py, pz = ox + along * dx, oy + along * dy, oz + along * dz
@@ -124,8 +117,8 @@ def ball(radius, matter, index, roughness, ray, depth, stream, pool):
         if count == depth:
             return CUT, count
         count += 1
-        dx, dy, dz, z, share = _turned(matter, index, roughness, dx, dy, dz, nx, ny, nz, stream, pool)
-        if share < 1.0 and _uniform(stream, pool) >= share:
+        dx, dy, dz, z, share = _turned(grain, dx, dy, dz, nx, ny, nz, draws)
+        if share < 1.0 and next_uniform(draws.stream, draws.pool) >= share:
             return LOST, count
         if z > 0.0:
             break
@@ -148,14 +141,15 @@ def _leave(ray, ox, oy, oz, dx, dy, dz):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def mesh(nodes, children, blocks, matter, index, roughness, ray, depth, stream, pool, room):
+def mesh(tree, grain, ray, depth, draws, scratch):
     """Follow `ray` (6,) (place on the unit sphere, direction) through a mesh; what became of it, and meetings."""
+    draws, scratch, (nodes, children, blocks) = lent(draws), lent(scratch), lent(tree)
     dx, dy, dz = ray[3], ray[4], ray[5]
     ox, oy, oz = ray[0] - AHEAD * dx, ray[1] - AHEAD * dy, ray[2] - AHEAD * dz
-    within, place, count = False, np.int64(-1), 0
+    within, triangle, count = False, np.int64(-1), 0
     while True:
-        place, t = nearest(nodes, children, blocks, ox, oy, oz, dx, dy, dz, place, room)
-        if place < 0:
+        triangle, t = nearest_triangle(nodes, children, blocks, ox, oy, oz, dx, dy, dz, triangle, scratch)
+        if triangle < 0:
             if within:
                 return CONTRADICTED, count
             if count == 0:  # the chord: from its middle, where rounding is least
@@ -164,45 +158,47 @@ def mesh(nodes, children, blocks, matter, index, roughness, ray, depth, stream, 
             _leave(ray, ox, oy, oz, dx, dy, dz)
             return (LEFT if count else MISSED), count
         ox, oy, oz = ox + t * dx, oy + t * dy, oz + t * dz
-        nx, ny, nz = normal(blocks, place)
+        nx, ny, nz = triangle_normal(blocks, triangle)
         z = -(dx * nx + dy * ny + dz * nz)
         if (z < 0.0) != within or z == 0.0:
             return CONTRADICTED, count
         if count == depth:
             return CUT, count
         count += 1
-        dx, dy, dz, z, share = _turned(matter, index, roughness, dx, dy, dz, nx, ny, nz, stream, pool)
-        if share < 1.0 and _uniform(stream, pool) >= share:
+        dx, dy, dz, z, share = _turned(grain, dx, dy, dz, nx, ny, nz, draws)
+        if share < 1.0 and next_uniform(draws.stream, draws.pool) >= share:
             return LOST, count
         within = z < 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def meet(met, entry, d, shares, table, offset, nodes, children, blocks, seed, depth, stream, pool, room, ray, row):
+def meet(sphere, entry, d, grains, draws, scratch, ray, row):
     """Follow a ray that enters the sphere `met` until it leaves, again from the same entry where its light is lost.
 
     entry, d : (3,) place on the unit sphere and direction;  ray : (6,) becomes those with which it leaves
     Returns what became of it and how often it met the surface.
     """
+    grains, draws = lent(grains), lent(draws)
+    table, offset, depth = grains.table, grains.offset, grains.depth
     which, b, c, e = 0, 0.0, 0.0, 0.0
-    if len(shares) > 1 or table[0, 3] == 0.0:
-        a, b, c, e = uniforms(seed, met[1], met[2], met[3], met[0])
-        which = kind(a, shares)
-    matter, index, roughness, radius = int(table[which, 0]), table[which, 1], table[which, 2], table[which, 3]
+    if len(grains.shares) > 1 or table[0, 3] == 0.0:
+        a, b, c, e = uniforms(grains.seed, sphere[1], sphere[2], sphere[3], sphere[0])
+        which = kind(a, grains.shares)
+    grain = Kind(int(table[which, 0]), table[which, 1], table[which, 2], table[which, 3])
     state, count, spent = LOST, 0, 0
-    if radius > 0.0:  # a ball: nobody sees how it is turned
+    if grain.radius > 0.0:  # a ball: nobody sees how it is turned
         while state > LEFT and spent < 10 * depth + RETRIES:
             for k in range(3):
                 ray[k], ray[3 + k] = entry[k], d[k]
-            state, count = ball(radius, matter, index, roughness, ray, depth, stream, pool)
+            state, count = ball(grain, ray, depth, draws)
             if state > LEFT:
                 row[LOSSES + state - LOST] += 1
             spent += count + 1
         return state, count
     qx, qy, qz, qw = rotation(b, c, e)
-    xx, xy, xz, yx, yy, yz, zx, zy, zz = matrix(qx, qy, qz, qw)
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = rotation_matrix(qx, qy, qz, qw)
     low, high = offset[which, 0], offset[which + 1, 0]
-    own_nodes, own_children, own_blocks = nodes[low:high], children[low:high], blocks[offset[which, 1] : offset[which + 1, 1]]
+    tree = grains.nodes[low:high], grains.children[low:high], grains.blocks[offset[which, 1] : offset[which + 1, 1]]
     while state > LEFT and spent < 10 * depth + RETRIES:
         ray[0] = xx * entry[0] + yx * entry[1] + zx * entry[2]
         ray[1] = xy * entry[0] + yy * entry[1] + zy * entry[2]
@@ -212,7 +208,7 @@ def meet(met, entry, d, shares, table, offset, nodes, children, blocks, seed, de
         ray[5] = xz * d[0] + yz * d[1] + zz * d[2]
         over = 1.0 / math.sqrt(ray[3] * ray[3] + ray[4] * ray[4] + ray[5] * ray[5])
         ray[3], ray[4], ray[5] = ray[3] * over, ray[4] * over, ray[5] * over
-        state, count = mesh(own_nodes, own_children, own_blocks, matter, index, roughness, ray, depth, stream, pool, room)
+        state, count = mesh(tree, grain, ray, depth, draws, scratch)
         if state > LEFT:
             row[LOSSES + state - LOST] += 1
         spent += count + 1
@@ -225,22 +221,23 @@ def meet(met, entry, d, shares, table, offset, nodes, children, blocks, seed, de
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _isotropic(v, stream, pool):
-    v[2] = 2.0 * _uniform(stream, pool) - 1.0
-    across, phi = math.sqrt(max(1.0 - v[2] * v[2], 0.0)), 2.0 * math.pi * _uniform(stream, pool)
+def _isotropic(v, draws):
+    """A uniform direction."""
+    v[2] = 2.0 * next_uniform(draws.stream, draws.pool) - 1.0
+    across, phi = math.sqrt(max(1.0 - v[2] * v[2], 0.0)), 2.0 * math.pi * next_uniform(draws.stream, draws.pool)
     v[0], v[1] = across * math.cos(phi), across * math.sin(phi)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _enter(area, met, entry, d, stream, pool):
+def _enter(area, sphere, entry, d, draws):
     """A ray of uniform isotropic radiance where it enters a sphere: number, copy, place on the unit sphere, direction."""
-    met[0] = min(np.searchsorted(area, _uniform(stream, pool), "right"), len(area) - 1)
+    sphere[0] = min(np.searchsorted(area, next_uniform(draws.stream, draws.pool), "right"), len(area) - 1)
     for k in range(1, 4):
-        met[k] = int((2.0 * _uniform(stream, pool) - 1.0) * FAR)
+        sphere[k] = int((2.0 * next_uniform(draws.stream, draws.pool) - 1.0) * FAR)
     length = 0.0
     while length < 1e-12:  # the normal plus a point of the unit sphere has the cosine distribution about the normal
-        _isotropic(entry, stream, pool)
-        _isotropic(d, stream, pool)
+        _isotropic(entry, draws)
+        _isotropic(d, draws)
         length = 0.0
         for k in range(3):
             d[k] -= entry[k]
@@ -251,110 +248,137 @@ def _enter(area, met, entry, d, stream, pool):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def walks(centers, radii, area, grid, kinds, trees, seed, depth, limit, key0, key1, replicate, first, count, length, warm):
+def walks(tile, grains, key, replicate, first, count, length, warm):
     """Sums over walks first ... first + count - 1 of a replicate, each of `length` hits after the first `warm` ones.
 
-    area : (N,) cumulated shares of the surface;  limit : longest flight between two spheres
+    key : two words of 32 bits, uint64
     Returns (SUMS + W,), W = 1 + the logarithm of length/4 to base 2: the rows above, then for windows of 1, 2, 4, ... hits the
     mean square displacement over all windows of a walk, added up over the walks.
     """
-    cell, m, starts, image, owner = grid
-    shares, table, offset = kinds
-    nodes, children, blocks = trees
     windows = 1
     while 1 << (windows + 1) < length:
         windows += 1
-    out, row = np.zeros(SUMS + windows), np.zeros(SUMS)
-    room, pool, stream = scratch(), np.empty(4), np.zeros(5, np.uint64)
-    stream[0], stream[1], stream[3] = key0, key1, replicate
-    met, left = np.empty(4, np.int64), np.empty(4, np.int64)
-    entry, d, to, o, start, ray = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(6)
-    place = np.zeros((length + 1, 3))
+    out, draws = np.zeros(SUMS + windows), Draws(np.zeros(5, np.uint64), np.empty(4))
+    draws.stream[0], draws.stream[1], draws.stream[3] = key[0], key[1], replicate
+    walk = Walk(np.empty(4, np.int64), np.empty(4, np.int64), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3),
+                np.empty(6), np.zeros(SUMS), np.zeros((length + 1, 3)))
+    scratch = mesh_scratch()
     for walker in range(count):
-        stream[2], stream[4] = np.uint64(first + walker), np.uint64(0)
-        row[:] = 0.0
-        hits, state = -1, MISSED
-        while state == MISSED:
-            _enter(area, met, entry, d, stream, pool)
-            state, events = meet(met, entry, d, shares, table, offset, nodes, children, blocks, seed, depth, stream, pool, room,
-                                 ray, row)
-            row[DRAWN] += 1
-        free, last = 0.0, 0.0
-        start[:] = 0.0
-        while state <= LEFT:
-            radius = radii[met[0]]
-            if state == LEFT:  # a hit is over: the step that ends here began where the hit before it ended
-                hits += 1
-                at = hits - warm
-                if at > 0:
-                    along = across = square = cosine = 0.0
-                    for k in range(3):
-                        displacement = radius * (ray[k] - entry[k])
-                        along += displacement * d[k]
-                        across += displacement * ray[3 + k]
-                        square += displacement * displacement
-                        cosine += d[k] * ray[3 + k]
-                        place[at, k] = place[at - 1, k] + start[k] + displacement
-                    row[HITS] += 1
-                    row[FLIGHT] += free
-                    row[FLIGHT2] += free * free
-                    row[NEXT] += free * last  # of the step before: 0 at first, counted below
-                    row[ALONG] += along
-                    row[ACROSS] += across
-                    row[SQUARE] += square
-                    row[COSINE] += cosine
-                    row[EVENTS] += events
-                    last = free
-                    if at == length:
-                        break
-                free = 0.0
-                start[:] = 0.0
-            else:
-                chord = 0.0
-                for k in range(3):
-                    displacement = radius * (ray[k] - entry[k])
-                    start[k] += displacement
-                    chord += displacement * d[k]
-                free += chord
-            for k in range(4):
-                left[k] = met[k]
-            for k in range(3):
-                d[k] = ray[3 + k]
-                o[k] = centers[left[0], k] + radius * ray[k]
-            z = flight(o, d, left, cell, m, starts, image, owner, limit, met, to)
-            if z >= limit:
-                break
-            free += z
-            radius = radii[met[0]]
-            length2 = 0.0
-            for k in range(3):
-                start[k] += z * d[k]
-                entry[k] = z * d[k] - to[k]
-                length2 += entry[k] * entry[k]
-            over = 1.0 / math.sqrt(length2)
-            for k in range(3):
-                entry[k] *= over
-            if hits >= warm:
-                row[VOIDS] += 1
-                row[VOID] += z
-                row[VOID2] += z * z
-                row[ENTRIES] += 1
-            state, events = meet(met, entry, d, shares, table, offset, nodes, children, blocks, seed, depth, stream, pool, room,
-                                 ray, row)
-        row[WALKS] = 1
-        if hits < warm + length:
-            row[GIVEN_UP] = 1
-            for k in range(EVENTS + 1):
-                row[k] = 0.0
+        draws.stream[2], draws.stream[4] = np.uint64(first + walker), np.uint64(0)
+        walk.row[:] = 0.0
+        if _walk(tile, grains, walk, draws, scratch, length, warm):
+            _add_displacements(out, walk.position, windows)
         else:
-            for j in range(windows):
-                n = 1 << j
-                step, total, number = max(n // 8, 1), 0.0, 0  # windows that overlap by more than 7/8 tell nothing new
-                for t in range(0, length + 1 - n, step):
-                    x, y, z = place[t + n, 0] - place[t, 0], place[t + n, 1] - place[t, 1], place[t + n, 2] - place[t, 2]
-                    total += x * x + y * y + z * z
-                    number += 1
-                out[SUMS + j] += total / number
+            walk.row[: EVENTS + 1] = 0.0
+            walk.row[GIVEN_UP] = 1
+        walk.row[WALKS] = 1
         for k in range(SUMS):
-            out[k] += row[k]
+            out[k] += walk.row[k]
     return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _walk(tile, grains, walk, draws, scratch, length, warm):
+    """One walk; whether it came to its end."""
+    tile, grains, walk, draws, scratch = lent(tile), lent(grains), lent(walk), lent(draws), lent(scratch)
+    row, hits, state, events = walk.row, -1, MISSED, 0
+    while state == MISSED:
+        _enter(tile.area, walk.sphere, walk.entry, walk.d, draws)
+        state, events = meet(walk.sphere, walk.entry, walk.d, grains, draws, scratch, walk.ray, row)
+        row[DRAWN] += 1
+    free, last = 0.0, 0.0
+    walk.since_hit[:] = 0.0
+    while state <= LEFT:
+        radius = tile.radii[walk.sphere[0]]
+        if state == LEFT:  # a hit is over: the step that ends here began where the hit before it ended
+            hits += 1
+            if hits > warm:
+                _add_step(walk, radius, hits - warm, free, last, events)
+                last = free
+                if hits - warm == length:
+                    break
+            free = 0.0
+            walk.since_hit[:] = 0.0
+        else:
+            free += _pass(walk, radius)
+        z = _next_sphere(tile, walk, radius)
+        if z >= tile.limit:
+            break
+        free += z
+        if hits >= warm:
+            row[VOIDS] += 1
+            row[VOID] += z
+            row[VOID2] += z * z
+            row[ENTRIES] += 1
+        state, events = meet(walk.sphere, walk.entry, walk.d, grains, draws, scratch, walk.ray, row)
+    return hits == warm + length
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _add_step(walk, radius, hit, free, last, events):
+    """Add the step that ends with a hit to the sums.  free, last : paths between hits, of this step and the one before."""
+    row, along, across, square, cosine = walk.row, 0.0, 0.0, 0.0, 0.0
+    for k in range(3):
+        displacement = radius * (walk.ray[k] - walk.entry[k])
+        along += displacement * walk.d[k]
+        across += displacement * walk.ray[3 + k]
+        square += displacement * displacement
+        cosine += walk.d[k] * walk.ray[3 + k]
+        walk.position[hit, k] = walk.position[hit - 1, k] + walk.since_hit[k] + displacement
+    row[HITS] += 1
+    row[FLIGHT] += free
+    row[FLIGHT2] += free * free
+    row[NEXT] += free * last  # of the step before: 0 at first, counted below
+    row[ALONG] += along
+    row[ACROSS] += across
+    row[SQUARE] += square
+    row[COSINE] += cosine
+    row[EVENTS] += events
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _pass(walk, radius):
+    """Path through a sphere whose grain was missed, added to the way."""
+    chord = 0.0
+    for k in range(3):
+        displacement = radius * (walk.ray[k] - walk.entry[k])
+        walk.since_hit[k] += displacement
+        chord += displacement * walk.d[k]
+    return chord
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _next_sphere(tile, walk, radius):
+    """Flight from a sphere to the next one, which is entered; the limit where none comes."""
+    cell, m, start, image, owner = tile.grid
+    for k in range(4):
+        walk.left_behind[k] = walk.sphere[k]
+    for k in range(3):
+        walk.d[k] = walk.ray[3 + k]
+        walk.o[k] = tile.centers[walk.left_behind[0], k] + radius * walk.ray[k]
+    z = flight_to_sphere(walk.o, walk.d, walk.left_behind, cell, m, start, image, owner, tile.limit, walk.sphere, walk.to)
+    if z >= tile.limit:
+        return z
+    length2 = 0.0
+    for k in range(3):
+        walk.since_hit[k] += z * walk.d[k]
+        walk.entry[k] = z * walk.d[k] - walk.to[k]
+        length2 += walk.entry[k] * walk.entry[k]
+    over = 1.0 / math.sqrt(length2)
+    for k in range(3):
+        walk.entry[k] *= over
+    return z
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_displacements(out, position, windows):
+    """Add a walk's mean square displacements over 1, 2, 4, ... hits."""
+    for j in range(windows):
+        n = 1 << j
+        step, total, number = max(n // 8, 1), 0.0, 0  # windows that overlap by more than 7/8 tell nothing new
+        for t in range(0, len(position) - n, step):
+            end, begin = position[t + n], position[t]
+            x, y, z = end[0] - begin[0], end[1] - begin[1], end[2] - begin[2]
+            total += x * x + y * y + z * z
+            number += 1
+        out[SUMS + j] += total / number

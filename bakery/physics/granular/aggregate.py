@@ -12,12 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bakery.physics.grains.bvh import Mesh, nearest, normal
-from bakery.physics.grains.bvh import scratch as mesh_scratch
-from bakery.physics.granular._packed import flight
-from bakery.physics.granular._voxels import CLASS, INSIDE, NEAR, OUTSIDE, PARTIAL, classified, inside
-from bakery.physics.granular.field import Field, between, largest, sampled, uniform, value
-from bakery.physics.packing._cells import cells, counts
+from bakery.physics.grains.bvh import Mesh, mesh_scratch, nearest_triangle, triangle_normal
+from bakery.physics.granular.field import Field, between, largest, sampled, uniform_field, value
+from bakery.physics.granular.flights import flight_to_sphere
+from bakery.physics.granular.voxels import CLASS, INSIDE, NEAR, OUTSIDE, PARTIAL, classified, inside
+from bakery.physics.packing.cells import counts, tile_grid
 from bakery.physics.packing.instances import left_out
 from bakery.system.compiled import njit
 
@@ -30,8 +29,8 @@ class Aggregate(NamedTuple):
     """A tile and the mesh that its copies fill, laid out for compiled loops.
 
     centers (N, 3), radii (N,), cell (3,) : the tile
-    m (3,), start, image, owner : its grid (`packing._cells.cells`)
-    low, edge (3,), voxels (X, Y, Z) uint8 : where the mesh is (`_voxels`)
+    m (3,), start, image, owner : its grid (`packing.cells.cells`)
+    low, edge (3,), voxels (X, Y, Z) uint8 : where the mesh is (`voxels`)
     tree : nodes, children, blocks of the mesh in units of `scale` about `middle` (3,)
     share : which share of the spheres is there, 0 to 1; empty: all are.  seed (uint64) of the hash that says which
     """
@@ -81,8 +80,8 @@ def aggregate(centers, radii, cell, vertices, faces, share=None, seed=0) -> Aggr
     if share is not None:
         _clear_empty(voxels, low, edge, share)
     m = counts(cell, len(radii))
-    return Aggregate(centers, radii, cell, m, *cells(centers, radii, cell, m), low, edge, voxels, tree, middle, scale,
-                     share or uniform(), np.uint64(seed))
+    return Aggregate(centers, radii, cell, m, *tile_grid(centers, radii, cell, m), low, edge, voxels, tree, middle, scale,
+                     share or uniform_field(), np.uint64(seed))
 
 
 def _clear_empty(voxels, low, edge, share):
@@ -94,7 +93,7 @@ def _clear_empty(voxels, low, edge, share):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def scratch():
+def aggregate_scratch():
     """Memory of one thread for `first_sphere` and `exists`, overwritten at each call."""
     return mesh_scratch(), np.empty(3), np.empty(4, np.int64), np.empty(3)
 
@@ -109,13 +108,13 @@ def share_at(aggregate, x, y, z):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def exists(aggregate, met, room):
+def exists(aggregate, sphere, scratch):
     """Whether the sphere `met` (4,) (number, copy of the tile) is there: its centre is inside of the mesh, and it is not among
     those that are left out."""
     low, edge, voxels = aggregate.low, aggregate.edge, aggregate.voxels
-    x = aggregate.centers[met[0], 0] + met[1] * aggregate.cell[0]
-    y = aggregate.centers[met[0], 1] + met[2] * aggregate.cell[1]
-    z = aggregate.centers[met[0], 2] + met[3] * aggregate.cell[2]
+    x = aggregate.centers[sphere[0], 0] + sphere[1] * aggregate.cell[0]
+    y = aggregate.centers[sphere[0], 1] + sphere[2] * aggregate.cell[1]
+    z = aggregate.centers[sphere[0], 2] + sphere[3] * aggregate.cell[2]
     i, j, k = math.floor((x - low[0]) / edge[0]), math.floor((y - low[1]) / edge[1]), math.floor((z - low[2]) / edge[2])
     if not (0 <= i < voxels.shape[0] and 0 <= j < voxels.shape[1] and 0 <= k < voxels.shape[2]):
         return False
@@ -124,50 +123,50 @@ def exists(aggregate, met, room):
         return False
     if aggregate.share.values.size > 0:
         share = share_at(aggregate, x, y, z)
-        if share < 1.0 and left_out(aggregate.seed, met[1], met[2], met[3], met[0], share):
+        if share < 1.0 and left_out(aggregate.seed, sphere[1], sphere[2], sphere[3], sphere[0], share):
             return False
-    return inside(aggregate.tree, aggregate.middle, aggregate.scale, x, y, z, room[0]) if kind == PARTIAL else True
+    return inside(aggregate.tree, aggregate.middle, aggregate.scale, x, y, z, scratch[0]) if kind == PARTIAL else True
 
 
 # the same lines: paths among balls took a tenth longer when `exists` called this
 @njit(cache=True, nogil=True, error_model="numpy")
-def holds(aggregate, x, y, z, room):
+def in_mesh(aggregate, x, y, z, scratch):
     """Whether a point is inside of the mesh."""
     low, edge, voxels = aggregate.low, aggregate.edge, aggregate.voxels
     i, j, k = math.floor((x - low[0]) / edge[0]), math.floor((y - low[1]) / edge[1]), math.floor((z - low[2]) / edge[2])
     if not (0 <= i < voxels.shape[0] and 0 <= j < voxels.shape[1] and 0 <= k < voxels.shape[2]):
         return False
     kind = voxels[i, j, k] & CLASS
-    return inside(aggregate.tree, aggregate.middle, aggregate.scale, x, y, z, room[0]) if kind == PARTIAL else kind > PARTIAL
+    return inside(aggregate.tree, aggregate.middle, aggregate.scale, x, y, z, scratch[0]) if kind == PARTIAL else kind > PARTIAL
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def enclosing_sphere(aggregate, p, met, room):
-    """Whether p (3,) lies in a sphere that exists: met (4,) becomes it, or -1 and a copy of the tile."""
+def enclosing_sphere(aggregate, p, sphere, scratch):
+    """Whether p (3,) lies in a sphere that exists: sphere (4,) becomes it, or -1 and a copy of the tile."""
     m, cell = aggregate.m, aggregate.cell
     i, j, k = math.floor(p[0] / cell[0]), math.floor(p[1] / cell[1]), math.floor(p[2] / cell[2])
     x, y, z = p[0] - i * cell[0], p[1] - j * cell[1], p[2] - k * cell[2]
     a, b = min(int(x / cell[0] * m[0]), m[0] - 1), min(int(y / cell[1] * m[1]), m[1] - 1)
     c = min(int(z / cell[2] * m[2]), m[2] - 1)
-    here, image, owner = (a * m[1] + b) * m[2] + c, aggregate.image, aggregate.owner
-    for s in range(aggregate.start[here], aggregate.start[here + 1]):
+    index, image, owner = (a * m[1] + b) * m[2] + c, aggregate.image, aggregate.owner
+    for s in range(aggregate.start[index], aggregate.start[index + 1]):
         if (image[s, 0] - x) ** 2 + (image[s, 1] - y) ** 2 + (image[s, 2] - z) ** 2 < image[s, 3]:
-            met[0], met[1], met[2], met[3] = owner[s, 0], owner[s, 1] + i, owner[s, 2] + j, owner[s, 3] + k
-            if exists(aggregate, met, room):
+            sphere[0], sphere[1], sphere[2], sphere[3] = owner[s, 0], owner[s, 1] + i, owner[s, 2] + j, owner[s, 3] + k
+            if exists(aggregate, sphere, scratch):
                 return True
-    met[0], met[1], met[2], met[3] = -1, i, j, k
+    sphere[0], sphere[1], sphere[2], sphere[3] = -1, i, j, k
     return False
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def first_sphere(aggregate, p, d, begin, end, left, met, room):
+def first_sphere(aggregate, p, d, begin, end, left_behind, sphere, scratch):
     """Distance along unit d (3,) from p (3,) to the first sphere that exists; inf where none begins between `begin` and `end`.
 
     p + begin d lies in no sphere that exists, but for `left` (4,), a sphere (number, copy of the tile), or -1, that the ray has
-    just left.  met (4,) becomes the sphere.
+    just left.  sphere (4,) becomes the sphere.
     """
     low, edge, voxels, cell = aggregate.low, aggregate.edge, aggregate.voxels, aggregate.cell
-    _, o, last, to = room
+    _, o, last, to = scratch
     t, stop = begin, end
     for axis in range(3):
         high = low[axis] + voxels.shape[axis] * edge[axis]
@@ -185,7 +184,7 @@ def first_sphere(aggregate, p, d, begin, end, left, met, room):
     wall_x = (low[0] + (a + (d[0] > 0)) * edge[0] - p[0]) / d[0] if d[0] != 0 else np.inf
     wall_y = (low[1] + (b + (d[1] > 0)) * edge[1] - p[1]) / d[1] if d[1] != 0 else np.inf
     wall_z = (low[2] + (c + (d[2] > 0)) * edge[2] - p[2]) / d[2] if d[2] != 0 else np.inf
-    last[0], last[1], last[2], last[3] = left[0], left[1], left[2], left[3]
+    last[0], last[1], last[2], last[3] = left_behind[0], left_behind[1], left_behind[2], left_behind[3]
     while True:
         leave = min(min(wall_x, wall_y), min(wall_z, stop))
         near = voxels[a, b, c] & NEAR
@@ -195,16 +194,17 @@ def first_sphere(aggregate, p, d, begin, end, left, met, room):
                     last[1 + axis] = math.floor((p[axis] + t * d[axis]) / cell[axis])
             for axis in range(3):
                 o[axis] = p[axis] + t * d[axis] - last[1 + axis] * cell[axis]
-            way = flight(o, d, last, cell, aggregate.m, aggregate.start, aggregate.image, aggregate.owner, leave - t, met, to)
-            if way >= leave - t:
+            flight = flight_to_sphere(o, d, last, cell, aggregate.m, aggregate.start, aggregate.image, aggregate.owner,
+                                   leave - t, sphere, to)
+            if flight >= leave - t:
                 break
-            if exists(aggregate, met, room):
-                return t + way
+            if exists(aggregate, sphere, scratch):
+                return t + flight
             # on from the far side of what is not there, in the same cell
             along = to[0] * d[0] + to[1] * d[1] + to[2] * d[2]
             x, y, z = to[0] - along * d[0], to[1] - along * d[1], to[2] - along * d[2]
-            t += along + math.sqrt(max(aggregate.radii[met[0]] ** 2 - (x * x + y * y + z * z), 0.0))
-            last[0], last[1], last[2], last[3] = met[0], met[1], met[2], met[3]
+            t += along + math.sqrt(max(aggregate.radii[sphere[0]] ** 2 - (x * x + y * y + z * z), 0.0))
+            last[0], last[1], last[2], last[3] = sphere[0], sphere[1], sphere[2], sphere[3]
         t = max(t, leave)
         if t >= stop:
             return np.inf
@@ -256,7 +256,7 @@ def within_reach(aggregate, p, d, begin):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def boundary(aggregate, p, d, place, room):
+def mesh_boundary(aggregate, p, d, triangle, scratch):
     """The mesh along unit d (3,) from p (3,), which lies on its triangle `place`, or -1: distance, triangle, whether outward.
 
     The distance is inf where the mesh lies behind.  Outward: the ray is inside up to there.
@@ -273,15 +273,15 @@ def boundary(aggregate, p, d, place, room):
             return np.inf, -1, False
         ahead = along - math.sqrt(half)
         x, y, z = x + ahead * d[0], y + ahead * d[1], z + ahead * d[2]
-    place, t = nearest(nodes, children, blocks, x, y, z, d[0], d[1], d[2], place, room[0])
-    if place < 0:
+    triangle, t = nearest_triangle(nodes, children, blocks, x, y, z, d[0], d[1], d[2], triangle, scratch[0])
+    if triangle < 0:
         return np.inf, -1, False
-    x, y, z = normal(blocks, place)
-    return (ahead + t) * scale, place, x * d[0] + y * d[1] + z * d[2] > 0.0
+    x, y, z = triangle_normal(blocks, triangle)
+    return (ahead + t) * scale, triangle, x * d[0] + y * d[1] + z * d[2] > 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def deep(aggregate, p, d, t):
+def deep_in_mesh(aggregate, p, d, t):
     """Whether all voxels on the way of length t from p (3,) along d (3,) are inside of the mesh; False where it is not known."""
     low, edge, voxels = aggregate.low, aggregate.edge, aggregate.voxels
     a, b, c = (math.floor((p[0] - low[0]) / edge[0]), math.floor((p[1] - low[1]) / edge[1]),
@@ -303,7 +303,7 @@ def deep(aggregate, p, d, t):
     return False
 
 
-def depth(aggregate):
+def depth_in_mesh(aggregate):
     """(X, Y, Z) for each voxel a lower bound of its distance to what is not inside, in units; 0 for voxels not inside.
 
     Where less than half as many spheres are left as elsewhere counts as outside.

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import eigvalsh_tridiagonal
 
-from bakery.physics.granular._distance import distance
-from bakery.physics.granular.aggregate import clearance, depth
+from bakery.physics.granular.aggregate import clearance, depth_in_mesh
+from bakery.physics.granular.distance import distance_to_triangles
 from bakery.physics.multiple.legendre import moments as legendre
 from bakery.system.compiled import njit
 
@@ -74,7 +74,7 @@ def decay(albedo, moments):
                                           select_range=(len(h) - 1, len(h) - 1))[0])
 
 
-def diffuse(aggregate, sigma_t, albedo, v, phase, occupied) -> Diffuse:
+def diffuse_in_mesh(aggregate, sigma_t, albedo, v, phase, occupied) -> Diffuse:
     """Diffusion in a medium in the mesh of an aggregate.
 
     Parameters
@@ -88,9 +88,9 @@ def diffuse(aggregate, sigma_t, albedo, v, phase, occupied) -> Diffuse:
     near is 1.5/sigma_t', skin 0.5/sigma_t', of the wavelength where that is most.  Meng et al. 2015, section 5, take
     min(1/sigma_t', 0.5/sigma_tr) and no skin; `python benchmarks/diffusion.py` shows what both do.
     """
-    moments = [legendre(2 * np.arcsin(np.sqrt(np.clip(v / 2, 0, 1))), one, _MOMENTS) for one in phase]
-    k = np.array([decay(*one) for one in zip(albedo, moments)])
-    g = np.array([one[1] for one in moments])
+    moments = [legendre(2 * np.arcsin(np.sqrt(np.clip(v / 2, 0, 1))), row, _MOMENTS) for row in phase]
+    k = np.array([decay(*row) for row in zip(albedo, moments)])
+    g = np.array([row[1] for row in moments])
     with np.errstate(divide="ignore"):
         longest = float(np.max(1 / (sigma_t * (1 - albedo * g))))
     ahead = 0.0
@@ -99,18 +99,18 @@ def diffuse(aggregate, sigma_t, albedo, v, phase, occupied) -> Diffuse:
         D = np.where(k > 0, (1 - albedo) / np.where(k > 0, k, 1) ** 2, 1 / (3 * (1 - g))) / sigma_t
         ahead = np.average(3 * g * D, weights=albedo)
     free = clearance(occupied > 0, aggregate.edge) if occupied.any() else np.zeros((0, 0, 0))
-    return Diffuse(_NEAR * longest, _SKIN * longest, float(ahead), sigma_t * k, depth(aggregate).astype(np.float32),
+    return Diffuse(_NEAR * longest, _SKIN * longest, float(ahead), sigma_t * k, depth_in_mesh(aggregate).astype(np.float32),
                    free.astype(np.float32))
 
 
-def never(sigma_t) -> Diffuse:
+def never_diffuse(sigma_t) -> Diffuse:
     """No diffusion at wavelengths (L,)."""
     none = np.zeros((0, 0, 0), np.float32)
     return Diffuse(math.inf, 0.0, 0.0, np.zeros(len(sigma_t)), none, none)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def clear(aggregate, diffuse, p, enough, room):
+def clear_in_mesh(aggregate, diffuse, p, enough, scratch):
     """Radius of a sphere around p (3,), a point inside, that is inside too and meets nothing else.
 
     0 where the voxels tell that it would be less than `enough`.
@@ -124,12 +124,13 @@ def clear(aggregate, diffuse, p, enough, room):
     if min(radius + 2.0 * diagonal, free) < enough:
         return 0.0
     if radius < _COARSE * diagonal:
-        radius = distance(aggregate.tree, aggregate.middle, aggregate.scale, p, min(radius + 2.0 * diagonal, free), room[0])
+        radius = distance_to_triangles(aggregate.tree, aggregate.middle, aggregate.scale, p,
+                                       min(radius + 2.0 * diagonal, free), scratch[0])
     return min(radius, free) * _INSIDE
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def decayed(x):
+def diffuse_share(x):
     """x / sinh x, x >= 0: what is left of diffuse light from a sphere of radius x / sigma_tr at its middle."""
     if x < 1e-3:
         return 1.0 - x * x / 6.0  # off by less than x^4/50: 2e-14

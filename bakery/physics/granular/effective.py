@@ -132,12 +132,12 @@ def mixed_of_sizes(values, errors, weights, radii, shares, lossless=False) -> Me
     parts, numbers, sizes = [], [], []
     for weight, value, error in zip(weights, values, errors):
         for s, (radius, share) in enumerate(zip(radii, shares)):
-            own, off = {name: x[s] for name, x in value.items()}, {name: x[s] for name, x in error.items()}
+            figures, off = {name: x[s] for name, x in value.items()}, {name: x[s] for name, x in error.items()}
             for name in ("hit_probability", "lambda_delta"):
-                own[name], off[name] = float(own[name][0]), float(off[name][0])
+                figures[name], off[name] = float(figures[name][0]), float(off[name][0])
             if lossless:
-                own["albedo"], off["albedo"] = np.ones_like(own["g"]), np.zeros_like(own["g"])
-            parts.append(Means(**own, errors=off))
+                figures["albedo"], off["albedo"] = np.ones_like(figures["g"]), np.zeros_like(figures["g"])
+            parts.append(Means(**figures, errors=off))
             numbers.append(weight * share)
             sizes.append(radius)
     return mixed(parts, numbers, sizes)
@@ -208,13 +208,13 @@ def flight(hit_probability, lambda_delta, missed_square, void_chord, second_mome
     beta = np.asarray(hit_probability, float)
     with np.errstate(divide="ignore"):
         misses = np.where(beta > 0, (1 - beta) / np.where(beta > 0, beta, 1.0), np.inf)
-    both = void_chord + lambda_delta
-    mean = void_chord + misses * both
+    free = void_chord + lambda_delta
+    mean = void_chord + misses * free
     if second_moment is None:
         return mean, 2 * mean**2
     square = 2 * second_moment * void_chord**2
-    return mean, square + misses * (2 * void_chord * both + square + 2 * void_chord * lambda_delta + missed_square
-                                    + 2 * misses * both**2)
+    return mean, square + misses * (2 * void_chord * free + square + 2 * void_chord * lambda_delta + missed_square
+                                    + 2 * misses * free**2)
 
 
 def step(mean, square, lambda_s, mean_square, g, albedo=1.0):
@@ -236,8 +236,8 @@ def step(mean, square, lambda_s, mean_square, g, albedo=1.0):
     2 (z_1 + a lambda_s)^2/(1 - a g) + a <T^2>: the albedo in Eq. 4 is in its place.
     """
     a = np.asarray(albedo, float)
-    own = square + a * (2 * mean * lambda_s + mean_square)
-    return (1 - a * g) * own + 2 * a * (mean + a * lambda_s) * (mean * g + lambda_s)
+    diagonal = square + a * (2 * mean * lambda_s + mean_square)
+    return (1 - a * g) * diagonal + 2 * a * (mean + a * lambda_s) * (mean * g + lambda_s)
 
 
 @dataclass(frozen=True)
@@ -310,7 +310,7 @@ def effective(means: Means, void_chord: float, second_moment: float | None = Non
             least, most = limits.get(name, (-math.inf, math.inf))
             low, high = (_figures(void_chord, **figures | {name: np.clip(value + e, least, most)}) for e in (-error, error))
             moved = (np.maximum(_distance(a, at), _distance(b, at)) for at, a, b in zip(values, low, high))
-            errors = [total + more for total, more in zip(errors, moved)]
+            errors = [total + added for total, added in zip(errors, moved)]
     values, errors = ({name: float(x) if x.ndim == 0 else x for name, x in zip(_FIGURES, column)} for column in (values, errors))
     return Effective(void_chord=float(void_chord), **values, errors=errors)
 

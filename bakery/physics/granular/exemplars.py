@@ -22,7 +22,7 @@ class Exemplars(NamedTuple):
     blocks: np.ndarray
 
 
-def layout(grains) -> Exemplars:
+def exemplars(grains) -> Exemplars:
     """Of grains (T) with `surface`, `mesh` (None: an exact ball) and `radius` of the ball, as `packed.Grain` has them."""
     table, offset, trees = [], [(0, 0)], []
     for grain in grains:

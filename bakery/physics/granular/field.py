@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bakery.physics.packing.instances import rotation, uniforms
 from bakery.system.compiled import njit
 
 
@@ -30,7 +31,7 @@ def field(low, high, values) -> Field:
     return Field(low, (np.array(high, float) - low) / shape, values)
 
 
-def uniform() -> Field:
+def uniform_field() -> Field:
     """Of what does not vary."""
     return Field(np.zeros(3), np.ones(3), np.zeros((0, 0, 0, 0), np.float32))
 
@@ -71,25 +72,32 @@ def first_above(field, where, u):
     return last
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def instance_of(seed, i, j, k, sphere, mixture, x, y, z):
+    """As `instance`, with the cumulated shares of a `Field` at the sphere's centre; compiled."""
+    a, b, c, d = uniforms(seed, i, j, k, sphere)
+    return first_above(mixture, between(mixture, x, y, z), a), rotation(b, c, d)
+
+
 def largest(field, low, edge, shape):
     """(X, Y, Z) upper bounds of a field's first number in boxes of a lattice: corner low (3,), edges (3,), shape (3,)."""
-    found = field.values[..., 0]
+    bounds_of = field.values[..., 0]
     for axis in range(3):
         bounds = (low[axis] + np.arange(shape[axis] + 1) * edge[axis] - field.low[axis]) / field.edge[axis] - 0.5
-        first = np.clip(np.floor(bounds[:-1]), 0, found.shape[axis] - 1).astype(int)
-        last = np.clip(np.ceil(bounds[1:]), 0, found.shape[axis] - 1).astype(int)
-        found = np.stack([found.take(range(a, b + 1), axis).max(axis) for a, b in zip(first, last)], axis)
-    return found
+        first = np.clip(np.floor(bounds[:-1]), 0, bounds_of.shape[axis] - 1).astype(int)
+        last = np.clip(np.ceil(bounds[1:]), 0, bounds_of.shape[axis] - 1).astype(int)
+        bounds_of = np.stack([bounds_of.take(range(a, b + 1), axis).max(axis) for a, b in zip(first, last)], axis)
+    return bounds_of
 
 
 def sampled(field, x, y, z):
     """A field's first number (X, Y, Z) on a lattice of coordinates x (X,), y (Y,), z (Z,)."""
-    found = field.values[..., 0].astype(float)
+    values = field.values[..., 0].astype(float)
     for axis, at in enumerate((x, y, z)):
-        count = found.shape[axis]
+        count = values.shape[axis]
         u = np.clip((at - field.low[axis]) / field.edge[axis] - 0.5, 0, count - 1)
         first = u.astype(int)
         weight = (u - first).reshape([-1 if k == axis else 1 for k in range(3)])
-        low, high = found.take(first, axis), found.take(np.minimum(first + 1, count - 1), axis)
-        found = low + weight * (high - low)
-    return found
+        low, high = values.take(first, axis), values.take(np.minimum(first + 1, count - 1), axis)
+        values = low + weight * (high - low)
+    return values

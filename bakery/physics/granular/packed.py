@@ -16,13 +16,13 @@ import numpy as np
 
 from bakery import rng
 from bakery.physics.grains.bvh import Mesh
-from bakery.physics.grains.figures import WithErrors
+from bakery.physics.grains.figures import WithErrors, in_order
 from bakery.physics.grains.surface import DIELECTRIC, Surface
 from bakery.physics.grains.walk import EVENTS_MAX
 from bakery.physics.granular import _packed as kernel
-from bakery.physics.granular.exemplars import layout
-from bakery.physics.packing._cells import cells, counts
-from bakery.physics.packing.instances import cumulated
+from bakery.physics.granular.exemplars import exemplars
+from bakery.physics.packing.cells import counts, tile_grid
+from bakery.physics.packing.instances import cumulated_shares
 from bakery.physics.packing.structure import fraction, smallest_gap
 from bakery.physics.packing.theory import mean_chord
 
@@ -154,30 +154,26 @@ def walk(centers, radii, cell, grains, weights=None, *, seed, tolerance, hits=No
     most = HITS_MAX if hits is None else max(int(hits), 1)
     warm = _WARM if any(g.surface.roughness > 0 for g in scene.grains) else 0
     endless = _endless(scene)
-    length, done, sums = _LENGTH, 0, None
-    count = 2  # walks of a replicate in this round
+    length, done, sums, count = _LENGTH, 0, None, 2  # count: walks of a replicate in this round
     while True:
         block = max(1, _BLOCK // (length + warm))
         tasks = [(scene, replicate, start, min(block, done + count - start), length, warm)
                  for replicate in range(REPLICATES) for start in range(done, done + count, block)]
-        sums_by_task = np.stack(map(run, tasks)).reshape(REPLICATES, -1, len(_windows(length)) + kernel.SUMS)
-        new = np.zeros_like(sums_by_task[:, 0])
-        for part in range(sums_by_task.shape[1]):  # in order: not a sum whose order NumPy chooses
-            new += sums_by_task[:, part]
+        new = in_order(np.stack(map(run, tasks)).reshape(REPLICATES, -1, len(_windows(length)) + kernel.SUMS))
         sums, done = (new if sums is None else sums + new), done + count
         walks, short = _result(sums, length, scene, tolerance, endless)
         if report is not None:
             report(min(1.0, (tolerance / max(walks.achieved_error, 1e-300)) ** 2), walks.achieved_error)
-        room = most // REPLICATES - done * length  # hits of a replicate that may still be walked
+        remaining = most // REPLICATES - done * length  # hits of a replicate that may still be walked
         if walks.reached or endless or walks.given_up == 1:
             return walks
-        if short and length < _LENGTH_MAX and room >= 2 * _LONGER * length and not _straight(walks.g):
+        if short and length < _LENGTH_MAX and remaining >= 2 * _LONGER * length and not _straight(walks.g):
             length, done, sums, count = _LONGER * length, 0, None, 2
             continue
-        if room < length or walks.achieved_error == math.inf:
+        if remaining < length or walks.achieved_error == math.inf:
             return walks
         missing = math.ceil(done * min(1.0, 1.1 * (walks.achieved_error / tolerance) ** 2 - 1))
-        count = max(1, min(missing, room // length))
+        count = max(1, min(missing, remaining // length))
 
 
 def run(scene, replicate, first, count, length, warm):
@@ -334,17 +330,17 @@ class _Scene:
         """Arguments of `kernel.walks` before those that tell walks apart."""
         with self._lock:
             if self._arrays is None:
-                self._arrays = self._made()
+                self._arrays = self._tile_grains_key()
         return self._arrays
 
-    def _made(self):
+    def _tile_grains_key(self):
         m = counts(self.cell, len(self.radii))
-        grid = (self.cell, m, *cells(self.centers, self.radii, self.cell, m))
-        table, offset, *trees = layout(self.grains)
+        grid = (self.cell, m, *tile_grid(self.centers, self.radii, self.cell, m))
         area = np.cumsum(self.radii**2) / np.sum(self.radii**2)
         key = rng.key(self.seed, "granular.walk")
-        return (self.centers, self.radii, area, grid, (self.shares, table, offset), tuple(trees), np.uint64(self.seed),
-                self.depth, _LIMIT * self.exact, np.uint64(key[0]), np.uint64(key[1]))
+        return (kernel.Tile(self.centers, self.radii, area, grid, _LIMIT * self.exact),
+                kernel.Grains(self.shares, *exemplars(self.grains), np.uint64(self.seed), self.depth),
+                (np.uint64(key[0]), np.uint64(key[1])))
 
     def __getstate__(self):
         return self.centers, self.radii, self.cell, self.grains, self.shares, self.seed, self.depth
@@ -372,7 +368,7 @@ def _checked(centers, radii, cell, grains, weights, seed, tolerance, depth):
     for grain in grains:
         if grain.mesh is None and not 0 < grain.radius <= 1:
             raise ValueError(f"a ball of radius {grain.radius:g}: more than 0 and up to 1 (the bounding sphere) is possible")
-    shares = cumulated(np.ones(len(grains)) if weights is None else weights)
+    shares = cumulated_shares(np.ones(len(grains)) if weights is None else weights)
     if len(shares) != len(grains):
         raise ValueError(f"{len(shares)} weights for {len(grains)} types of grain")
     if not 0 <= int(seed) < 1 << 64:

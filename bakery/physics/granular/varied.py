@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.physics.granular.effective import mixed_of_sizes
-from bakery.physics.granular.field import Field, between, uniform, value
+from bakery.physics.granular.field import Field, between, uniform_field, value
 from bakery.physics.medium.phase import with_delta
 from bakery.system.compiled import njit
 
@@ -56,12 +56,12 @@ class Varied(NamedTuple):
     most: float
 
 
-def unvaried() -> Varied:
+def unvaried_medium() -> Varied:
     """Of a homogeneous medium."""
-    return Varied(uniform(), uniform(), 0.0, 0.0, np.zeros((1, 1)), np.zeros((1, 1)), np.zeros(1), 0.0)
+    return Varied(uniform_field(), uniform_field(), 0.0, 0.0, np.zeros((1, 1)), np.zeros((1, 1)), np.zeros(1), 0.0)
 
 
-def component(theta, figures, radii, shares) -> Component:
+def medium_component(theta, figures, radii, shares) -> Component:
     """A component of the grains' statistics.
 
     Parameters
@@ -70,49 +70,49 @@ def component(theta, figures, radii, shares) -> Component:
     figures : name as in `effective.Means` -> (S, ...) over its sizes
     radii, shares : (S,) bounding radii, in whose unit lengths are; shares of the number
     """
-    one = mixed_of_sizes([figures], [{name: np.zeros_like(x) for name, x in figures.items()}], [1.0], radii, shares)
-    beta, albedo = one.hit_probability, np.clip(one.albedo, 0.0, 1.0)
-    return Component(beta, (1 - beta) * one.lambda_delta + beta * albedo * one.lambda_s, albedo,
-                     with_delta(theta, one.phase, one.forward_delta))
+    mixed = mixed_of_sizes([figures], [{name: np.zeros_like(x) for name, x in figures.items()}], [1.0], radii, shares)
+    beta, albedo = mixed.hit_probability, np.clip(mixed.albedo, 0.0, 1.0)
+    return Component(beta, (1 - beta) * mixed.lambda_delta + beta * albedo * mixed.lambda_s, albedo,
+                     with_delta(theta, mixed.phase, mixed.forward_delta))
 
 
-def whole(hit_probability, sigma_t_mean_flight, void_chord, albedo, phase) -> Component:
+def whole_medium(hit_probability, sigma_t_mean_flight, void_chord, albedo, phase) -> Component:
     """All grains of a medium as one component, from sigma_t by Eq. 4 (L,) and the mean chord between its spheres."""
     return Component(hit_probability, hit_probability / sigma_t_mean_flight - void_chord, albedo, phase)
 
 
-def extinction(void, fraction, hits, along, shares=(1.0,)):
+def extinction_at_fraction(void, fraction, hits, along, shares=(1.0,)):
     """sigma_t (L,) of the formula above at a fraction, 0 to 1; hits, along (C, L), shares (C,)."""
     shares = np.asarray(shares, float)
     return fraction * (shares @ hits) / (void * (1 - fraction) + fraction * (shares @ along))
 
 
-def varied(share, mixture, fraction, void, hits, along, excess) -> Varied:
+def varied_medium(share, mixture, fraction, void, hits, along, excess) -> Varied:
     """Parameters as those of `Varied`."""
     densest = float(share.values.max()) if share.values.size else 1.0
     # more grains are more extinction; of mixtures, a quotient of two means, one component alone has the most
-    most = np.maximum(1.0, 1.0 + densest * excess) * [extinction(void, fraction * densest, hits, along, one)
-                                                      for one in np.eye(len(hits))]
+    most = np.maximum(1.0, 1.0 + densest * excess) * [extinction_at_fraction(void, fraction * densest, hits, along, single)
+                                                      for single in np.eye(len(hits))]
     return Varied(share, mixture, fraction, void, hits, along, excess, float(most.max()))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def extinctions(varied, x, y, z, found):
+def extinctions_at(varied, x, y, z, out):
     """Extinction of each component at a point: found (C, L), in the inverse unit of length."""
-    hits, along, left = varied.hits, varied.along, 1.0
+    hits, along, present = varied.hits, varied.along, 1.0
     count, waves = hits.shape
     if varied.share.values.size > 0:
-        left = value(varied.share, between(varied.share, x, y, z), 0)
-    fraction = varied.fraction * left
+        present = value(varied.share, between(varied.share, x, y, z), 0)
+    fraction = varied.fraction * present
     where, before = between(varied.mixture, x, y, z) if count > 1 else (0, 0, 0, 0.0, 0.0, 0.0), 0.0
     for c in range(count):
         upto = value(varied.mixture, where, c) if c < count - 1 else 1.0
         for w in range(waves):
-            found[c, w] = fraction * (upto - before)
+            out[c, w] = fraction * (upto - before)
         before = upto
     for w in range(waves):
         path = varied.void * (1.0 - fraction)
         for c in range(count):
-            path += found[c, w] * along[c, w]
+            path += out[c, w] * along[c, w]
         for c in range(count):
-            found[c, w] *= hits[c, w] * (1.0 + left * varied.excess[w]) / path
+            out[c, w] *= hits[c, w] * (1.0 + present * varied.excess[w]) / path

@@ -79,10 +79,10 @@ def common_angles(grids: Sequence[np.ndarray]) -> np.ndarray:
 
 def tabulated(axes: Sequence[np.ndarray], media: Sequence[Optics | None]) -> Tables:
     """Tables of media at all points of the axes, the last axis fastest; None where there is none, of which not all are."""
-    known = [medium for medium in media if medium is not None]
-    theta = common_angles([medium.theta for medium in known])
+    present = [medium for medium in media if medium is not None]
+    theta = common_angles([medium.theta for medium in present])
     shape = tuple(len(axis) for axis in axes)
-    count, (wavelengths, kinds, _) = len(media), known[0].elements.shape
+    count, (wavelengths, kinds, _) = len(media), present[0].elements.shape
     sigma_s, sigma_a = np.zeros((2, count, wavelengths))
     table, ratios = np.zeros((count, wavelengths, len(theta))), np.zeros((count, wavelengths, kinds - 1, len(theta)))
     for i, medium in enumerate(media):
@@ -90,8 +90,8 @@ def tabulated(axes: Sequence[np.ndarray], media: Sequence[Optics | None]) -> Tab
             sigma_s[i], sigma_a[i] = medium.sigma_s, medium.sigma_a
             first, others = medium.elements[:, :1], medium.elements[:, 1:]
             shares = np.divide(others, first, out=np.zeros_like(others), where=first > 0)
-            table[i] = phase.normalised(theta, phase.evaluate(medium.theta, first[:, 0], theta))[0]
-            ratios[i] = phase.evaluate(medium.theta, shares, theta)
+            table[i] = phase.normalised(theta, phase.phase_at(medium.theta, first[:, 0], theta))[0]
+            ratios[i] = phase.phase_at(medium.theta, shares, theta)
     missing = np.array([medium is None for medium in media])
     arrays = (array.reshape(shape + array.shape[1:]) for array in (sigma_s, sigma_a, table, ratios, missing))
     return Tables(tuple(axes), theta, *arrays)
@@ -105,8 +105,8 @@ def cell(tables: Tables, at: Sequence[float]) -> tuple[slice, ...]:
 def hole(tables: Tables, at: Sequence[float]) -> tuple[int, ...] | None:
     """The first missing point that a medium at these coordinates would need; None where there is none."""
     cells = cell(tables, at)
-    found = np.argwhere(tables.missing[cells])
-    return tuple(int(nodes.start + i) for nodes, i in zip(cells, found[0], strict=True)) if len(found) else None
+    holes = np.argwhere(tables.missing[cells])
+    return tuple(int(nodes.start + i) for nodes, i in zip(cells, holes[0], strict=True)) if len(holes) else None
 
 
 def interpolated(tables: Tables, at: Sequence[float], method: str) -> Optics:
@@ -162,15 +162,15 @@ def difference(medium: Optics, truth: Optics, integrated: bool) -> float:
     errors = [_relative(medium.sigma_s, truth.sigma_s),
               _relative(medium.sigma_s + medium.sigma_a, truth.sigma_s + truth.sigma_a),
               float(np.abs(_albedo(medium) - _albedo(truth)).max())]
-    one, other = (phase.mean_cosine(each.theta, each.elements[:, 0]) for each in (medium, truth))
-    errors.append(float(np.abs(one - other).max()))
+    g, g_true = (phase.mean_cosine(table.theta, table.elements[:, 0]) for table in (medium, truth))
+    errors.append(float(np.abs(g - g_true).max()))
     theta = np.union1d(medium.theta, truth.theta)
-    at, right = (phase.evaluate(each.theta, each.elements, theta) for each in (medium, truth))
+    at, right = (phase.phase_at(table.theta, table.elements, theta) for table in (medium, truth))
     gap = np.abs(at - right)
     if integrated:
-        return max(*errors, float(phase.integral(theta, gap).max()))
-    known = 0.0 if truth.bias is None else phase.evaluate(truth.theta, truth.bias, theta)[:, None]
-    return max(*errors, _largest(np.maximum(gap - known, 0.0), np.broadcast_to(right[:, :1], gap.shape)))
+        return max(*errors, float(phase.phase_integral(theta, gap).max()))
+    bias = 0.0 if truth.bias is None else phase.phase_at(truth.theta, truth.bias, theta)[:, None]
+    return max(*errors, _largest(np.maximum(gap - bias, 0.0), np.broadcast_to(right[:, :1], gap.shape)))
 
 
 def _albedo(medium: Optics) -> np.ndarray:

@@ -134,77 +134,115 @@ def refine(theta, evaluate, tolerance, crest=None, earlier=None, limit=LIMIT, fi
     Few sizes leave ripples of single spheres, which are errors of the values and no structure of their average.  Resolving them
     took 11,896 angles for hail (0.5 to 3 mm) at 3 % of the light; bisecting only what exceeds them takes 504.
     """
-    values, error, tag = evaluate(theta, None) if earlier is None else earlier
-    channels = values.shape[0]
-    reach = np.zeros(channels) if crest is None else np.asarray(crest, float)
-    cells = len(theta) - 1
-    between, worst, undecided = np.zeros((channels, cells)), np.zeros((channels, cells)), np.ones(cells, bool)
-    excess = np.zeros((channels, cells))
+    table = _Bisected(theta, evaluate(theta, None) if earlier is None else earlier, crest)
     for _ in range(_ROUNDS):
-        cell = np.flatnonzero(undecided)
-        new = middle(theta[cell], theta[cell + 1])
-        # neighbours in double precision, or as good as
-        undecided[cell[(new <= theta[cell]) | (new >= theta[cell + 1]) | (theta[cell + 1] - theta[cell] < finest)]] = False
-        cell = np.flatnonzero(undecided)
+        cell = table.next_cells(finest)
         if not len(cell):
             break
-        if len(theta) + len(cell) > 2 * limit:
+        if len(table.theta) + len(cell) > 2 * limit:
             raise TooManyAngles(f"more than {limit} angles")
-        new = middle(theta[cell], theta[cell + 1])
-        at_new, error_new, tag_new = evaluate(new, np.maximum(tag[:, cell], tag[:, cell + 1]))
-        reference = _reference(theta, values[:, 0], new, at_new[:, 0], reach)
-        miss = np.abs((values[:, :, cell] + values[:, :, cell + 1]) / 2 - at_new).max(axis=1)
-        value_error = error_new * at_new[:, 0]
-        # in a sum over cells independent errors add in squares; where each counts, they may have the same sign
-        between[:, cell] = np.hypot(miss, value_error) if integrated else miss + value_error
-        worst[:, cell] = np.divide(between[:, cell], reference, out=np.zeros_like(miss), where=reference > 0)
-        counted = np.minimum(value_error, most * reference) if most < math.inf else value_error
-        judged = np.divide(miss + counted, reference, out=np.zeros_like(miss), where=reference > 0)
-        if integrated:
-            node_error = error * values[:, 0]
-            at_ends = np.maximum(node_error[:, cell], node_error[:, cell + 1])
-            excess[:, cell] = np.maximum(miss - np.maximum(value_error, at_ends), 0.0)
-            shares = excess * _light(theta, values[:, 0])
-            if (shares.sum(axis=1) <= tolerance).all():
-                break
-            judged = shares[:, cell] * cells
-        bad = judged > tolerance
-        uneven = bad & (tag[:, cell] != tag[:, cell + 1])
-        failing = np.zeros(cells, bool)
-        failing[cell] = bad.any(axis=0) & ~uneven.any(axis=0)
-        # a cell may pass by accident: it passes only with its neighbours
-        failing[cell] |= (np.roll(failing, 1) | np.roll(failing, -1))[cell] & ~uneven.any(axis=0)
-        split = np.flatnonzero(failing)
-        undecided[:] = False
-        step = cell[uneven.any(axis=0)]
-        if len(step):
-            # a jump between values made at different levels is no structure: make both at the higher one instead of bisecting it
-            level = tag.copy()
-            for end, other in ((step, step + 1), (step + 1, step)):
-                np.maximum.at(level, (slice(None), end), tag[:, other])
-            node = np.unique(np.concatenate([step, step + 1]))
-            values[:, :, node], error[:, node], tag[:, node] = evaluate(theta[node], level[:, node])
-            undecided[np.clip(np.concatenate([node - 1, node]), 0, cells - 1)] = True
-            undecided[split] = False
+        new = middle(table.theta[cell], table.theta[cell + 1])
+        middles = _Middles(cell, new, *evaluate(new, np.maximum(table.tag[:, cell], table.tag[:, cell + 1])))
+        judged = table.judged(middles, tolerance, most, integrated)
+        if judged is None:
+            break
+        split = table.failing(cell, judged > tolerance, evaluate)
         if not len(split):
             continue
-        if len(theta) + len(split) > limit:
+        if len(table.theta) + len(split) > limit:
             raise TooManyAngles(f"more than {limit} angles")
-        pick = np.searchsorted(cell, split)
-        where = split + 1
-        theta = np.insert(theta, where, new[pick])
-        values = np.insert(values, where, at_new[:, :, pick], axis=2)
-        error = np.insert(error, where, error_new[:, pick], axis=1)
-        tag = np.insert(tag, where, tag_new[:, pick], axis=1)
-        between = np.insert(between, where, between[:, split], axis=1)
-        worst = np.insert(worst, where, worst[:, split], axis=1)
-        excess = np.insert(excess, where, excess[:, split], axis=1)
-        undecided = np.insert(undecided, where, True)
-        undecided[split + np.arange(len(split))] = True
-        cells = len(theta) - 1
-    reference = _reference(theta, values[:, 0], theta, values[:, 0], reach)
-    value_error = np.divide(error * values[:, 0], reference, out=np.zeros_like(error), where=reference > 0)
-    return Refined(theta, values, error, tag, between, np.maximum(worst.max(axis=1), value_error.max(axis=1)))
+        table.split(split, middles)
+    return table.refined()
+
+
+@dataclass(frozen=True)
+class _Middles:
+    """Cells that are looked at (M,), angles in their middles, and values, error and tag there."""
+
+    cell: np.ndarray
+    theta: np.ndarray
+    values: np.ndarray
+    error: np.ndarray
+    tag: np.ndarray
+
+
+class _Bisected:
+    """A grid that is being bisected: values, error and tag at theta (A,), and of its cells (C, A - 1) what lies between the ends:
+    in all (`between`), relative to the reference (`worst`), beyond the values' own errors (`excess`)."""
+
+    def __init__(self, theta, at_nodes, crest):
+        self.theta, (self.values, self.error, self.tag) = theta, at_nodes
+        channels, cells = self.values.shape[0], len(theta) - 1
+        self.reach = np.zeros(channels) if crest is None else np.asarray(crest, float)
+        self.between, self.worst, self.excess = (np.zeros((channels, cells)) for _ in range(3))
+        self.undecided = np.ones(cells, bool)
+
+    def next_cells(self, finest):
+        """Cells that are still to be judged, but for those whose ends are neighbours in double precision, or as good as."""
+        theta, cell = self.theta, np.flatnonzero(self.undecided)
+        new = middle(theta[cell], theta[cell + 1])
+        self.undecided[cell[(new <= theta[cell]) | (new >= theta[cell + 1]) | (theta[cell + 1] - theta[cell] < finest)]] = False
+        return np.flatnonzero(self.undecided)
+
+    def judged(self, middles, tolerance, most, integrated):
+        """What is held to the tolerance, of each channel and cell; None where all of the table is good enough already."""
+        cell, at_middles = middles.cell, middles.values
+        reference = _reference(self.theta, self.values[:, 0], middles.theta, at_middles[:, 0], self.reach)
+        miss = np.abs((self.values[:, :, cell] + self.values[:, :, cell + 1]) / 2 - at_middles).max(axis=1)
+        value_error = middles.error * at_middles[:, 0]
+        # in a sum over cells independent errors add in squares; where each counts, they may have the same sign
+        self.between[:, cell] = np.hypot(miss, value_error) if integrated else miss + value_error
+        self.worst[:, cell] = np.divide(self.between[:, cell], reference, out=np.zeros_like(miss), where=reference > 0)
+        if not integrated:
+            counted = np.minimum(value_error, most * reference) if most < math.inf else value_error
+            return np.divide(miss + counted, reference, out=np.zeros_like(miss), where=reference > 0)
+        node_error = self.error * self.values[:, 0]
+        at_ends = np.maximum(node_error[:, cell], node_error[:, cell + 1])
+        self.excess[:, cell] = np.maximum(miss - np.maximum(value_error, at_ends), 0.0)
+        shares = self.excess * _light(self.theta, self.values[:, 0])
+        if (shares.sum(axis=1) <= tolerance).all():
+            return None
+        return shares[:, cell] * (len(self.theta) - 1)
+
+    def failing(self, cell, bad, evaluate):
+        """Cells to bisect, of those that are `bad` (C, M).  A jump between values made at different levels is no structure: such
+        values are made anew, both at the higher level."""
+        cells = len(self.theta) - 1
+        uneven = (bad & (self.tag[:, cell] != self.tag[:, cell + 1])).any(axis=0)
+        failing = np.zeros(cells, bool)
+        failing[cell] = bad.any(axis=0) & ~uneven
+        # a cell may pass by accident: it passes only with its neighbours
+        failing[cell] |= (np.roll(failing, 1) | np.roll(failing, -1))[cell] & ~uneven
+        split, step = np.flatnonzero(failing), cell[uneven]
+        self.undecided[:] = False
+        if len(step):
+            level = self.tag.copy()
+            for end, neighbour in ((step, step + 1), (step + 1, step)):
+                np.maximum.at(level, (slice(None), end), self.tag[:, neighbour])
+            node = np.unique(np.concatenate([step, step + 1]))
+            self.values[:, :, node], self.error[:, node], self.tag[:, node] = evaluate(self.theta[node], level[:, node])
+            self.undecided[np.clip(np.concatenate([node - 1, node]), 0, cells - 1)] = True
+            self.undecided[split] = False
+        return split
+
+    def split(self, cells, middles):
+        """Bisect cells, of those that were looked at; both halves are undecided."""
+        pick, at = np.searchsorted(middles.cell, cells), cells + 1
+        self.theta = np.insert(self.theta, at, middles.theta[pick])
+        self.values = np.insert(self.values, at, middles.values[:, :, pick], axis=2)
+        self.error = np.insert(self.error, at, middles.error[:, pick], axis=1)
+        self.tag = np.insert(self.tag, at, middles.tag[:, pick], axis=1)
+        self.between, self.worst, self.excess = (np.insert(array, at, array[:, cells], axis=1)
+                                                 for array in (self.between, self.worst, self.excess))
+        self.undecided = np.insert(self.undecided, at, True)
+        self.undecided[cells + np.arange(len(cells))] = True
+
+    def refined(self):
+        """The table as it is."""
+        reference = _reference(self.theta, self.values[:, 0], self.theta, self.values[:, 0], self.reach)
+        value_error = np.divide(self.error * self.values[:, 0], reference, out=np.zeros_like(self.error), where=reference > 0)
+        worst = np.maximum(self.worst.max(axis=1), value_error.max(axis=1))
+        return Refined(self.theta, self.values, self.error, self.tag, self.between, worst)
 
 
 def _light(theta, f):

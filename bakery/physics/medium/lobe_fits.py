@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bakery.physics.medium.lobes import PUBLISHED, Lobes, Misfit, draine, draine_mean_cosine, misfit, published, quadrature
-from bakery.physics.medium.phase import evaluate, mean_cosine, steps
+from bakery.physics.medium.phase import mean_cosine, phase_at, steps
 
 NARROWEST = 1e-8  # 1 - |g|
 # alpha.  A lobe is darker by 1 + alpha at 90 degrees than without: large values put a dark ring there, which is next to no light.
@@ -121,7 +121,7 @@ class _Search:
     def __init__(self, theta, phase, steepest: float = 1 - NARROWEST):
         self.steepest = math.atanh(steepest)
         self.at, self.solid = quadrature(theta, CELLS)
-        self.table = evaluate(theta, phase, self.at)
+        self.table = phase_at(theta, phase, self.at)
         self.grid = np.linspace(-self.steepest, self.steepest, 2 * math.ceil(self.steepest / _SCAN) + 1)
         self.rows = np.array([draine(self.at, *self._shape(u)) for u in self.grid])
 
@@ -130,24 +130,24 @@ class _Search:
         return _single(self._shape(_bounded(lambda u: self._misdirected(draine(self.at, *self._shape(u))),
                                             np.linspace(-self.steepest, self.steepest, 4 * len(self.grid) + 1))))
 
-    def one_draine(self, known: Lobes) -> Lobes:
+    def one_draine(self, start: Lobes) -> Lobes:
         """The best single lobe of Draine's; the `known` one where it is as good."""
         def loss(point):
             return self._misdirected(draine(self.at, *self._shape(*point)))
 
         starts = [(loss(point), point) for point in ((u, a) for u in self.grid for a in _ALPHAS)]
         point, least = _refined(loss, starts)
-        return _single(self._shape(*point)) if least < self._misdirected(known(self.at)) - GAIN else known
+        return _single(self._shape(*point)) if least < self._misdirected(start(self.at)) - GAIN else start
 
-    def two(self, known, g) -> Lobes:
+    def two(self, start, g) -> Lobes:
         """The best pair of HG lobes, with the mean cosine g if one is given; never worse than the `known` ones."""
         starts = []
         for i, u in enumerate(self.grid[1:], 1):
             _, loss = self._mixtures(self.rows[i], self.rows[:i], self._shape(u), [self._shape(v) for v in self.grid[:i]], g)
             starts += [(value, (u, v)) for v, value in zip(self.grid, loss.tolist(), strict=False)]
-        return self._pair(starts, known, g)
+        return self._pair(starts, start, g)
 
-    def two_draine(self, known, g) -> Lobes:
+    def two_draine(self, start, g) -> Lobes:
         """The best pair of an HG and a Draine lobe, likewise."""
         starts, coarse = [], self.grid[::2]
         shapes = [self._shape(u) for u in coarse]
@@ -155,11 +155,11 @@ class _Search:
             for u in coarse:
                 _, loss = self._mixtures(draine(self.at, *self._shape(u, a)), self.rows[::2], self._shape(u, a), shapes, g)
                 starts += [(value, (v, u, a)) for v, value in zip(coarse, loss.tolist(), strict=True)]
-        for lobes in known:
+        for lobes in start:
             if len(lobes.g) == 2:  # the pair of HG lobes, the second as Draine's, and the first
                 u, v = np.arctanh(lobes.g).tolist()
                 starts += [(-1.0, (u, v, 0.1)), (-1.0, (v, u, 0.1))]
-        return self._pair(starts, known, g)
+        return self._pair(starts, start, g)
 
     def diameter(self) -> float:
         """The diameter (um) whose published parameters misdirect least."""
@@ -184,7 +184,7 @@ class _Search:
         if g is None:
             weight = self._median(first, others)
         else:
-            mean, means = draine_mean_cosine(*shape), np.array([draine_mean_cosine(*other) for other in shapes])
+            mean, means = draine_mean_cosine(*shape), np.array([draine_mean_cosine(*candidate) for candidate in shapes])
             difference = mean - means
             weight = np.divide(g - means, difference, out=np.full_like(difference, np.nan), where=difference != 0)
         possible = (weight >= 0) & (weight <= 1)
@@ -201,7 +201,7 @@ class _Search:
         at = np.argmax(heavy >= 0.5 * heavy[:, -1:], axis=-1)[:, None]
         return np.clip(np.take_along_axis(ratio, np.take_along_axis(order, at, -1), -1)[:, 0], 0.0, 1.0)
 
-    def _pair(self, starts, known, g) -> Lobes:
+    def _pair(self, starts, start, g) -> Lobes:
         """Refines a pair (atanh g, atanh g, log(1 + alpha) of the second)."""
         def mixture(point):
             shapes = self._shape(point[0]), self._shape(*point[1:])
@@ -209,7 +209,7 @@ class _Search:
                                           g)
             return shapes, float(weight[0]), float(loss[0])
 
-        simpler = min(known, key=lambda lobes: self._misdirected(lobes(self.at)))
+        simpler = min(start, key=lambda lobes: self._misdirected(lobes(self.at)))
         point, loss = _refined(lambda point: min(mixture(point)[2], 2.0), starts)  # 2: above any share, where g is out of reach
         if loss > self._misdirected(simpler(self.at)) - GAIN:
             return simpler
@@ -241,9 +241,9 @@ def _refined(loss, starts):
     options = {"xatol": 1e-6, "fatol": 1e-9, "maxiter": 1000}
     chosen: list = []
     for _, point in sorted(starts):
-        if len(chosen) < _STARTS and all(max(abs(a - b) for a, b in zip(point, other, strict=True)) > 1.5 * _SCAN
-                                         for other in chosen):
+        if len(chosen) < _STARTS and all(max(abs(a - b) for a, b in zip(point, candidate, strict=True)) > 1.5 * _SCAN
+                                         for candidate in chosen):
             chosen.append(point)
-    best = min((minimize(loss, point, method="Nelder-Mead", options=options) for point in chosen), key=lambda found: found.fun)
+    best = min((minimize(loss, point, method="Nelder-Mead", options=options) for point in chosen), key=lambda fit: fit.fun)
     best = minimize(loss, best.x, method="Nelder-Mead", options=options)
     return best.x.tolist(), float(best.fun)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bakery.physics.medium.phase import evaluate, mean_cosine
+from bakery.physics.medium.phase import mean_cosine, phase_at
 
 FAINT = 1e-9  # 1/sr; smaller values count as this one in ratios: tables hold zeros, and a ratio to them says nothing
 PUBLISHED = (0.1, 50.0)  # um, diameters that `published` takes: the branch below is quoted in two versions, so left out
@@ -177,7 +177,7 @@ def misfit(theta, phase, lobes: Lobes) -> Misfit:
     """
     theta, phase = np.asarray(theta, float), np.asarray(phase, float)
     at, solid = quadrature(theta)
-    table, fit = evaluate(theta, phase, at), lobes(at)
+    table, fit = phase_at(theta, phase, at), lobes(at)
     log = np.log10(np.maximum(fit, FAINT) / np.maximum(table, FAINT))
     angle = solid / (2 * math.pi**2 * np.sin(at))  # d theta / pi
     ratio = np.maximum(lobes(theta), FAINT) / np.maximum(phase, FAINT)

@@ -26,7 +26,7 @@ def areas(theta):
     return (np.append(cells, 0.0) + np.insert(cells, 0, 0.0)) / 2
 
 
-def integral(theta, f):
+def phase_integral(theta, f):
     """2 pi times the integral of f over cos theta, (...,)."""
     f = np.asarray(f, float)
     return 2 * math.pi * np.sum((f[..., 1:] + f[..., :-1]) / 2 * steps(theta), axis=-1)
@@ -41,10 +41,10 @@ def normalised(theta, f):
     was : (...,) the integral before
     """
     f = np.asarray(f, float)
-    was = integral(theta, f)
+    was = phase_integral(theta, f)
     phase = f / was[..., None]
     # once more: the division leaves an error of a few units in the last place
-    return phase / integral(theta, phase)[..., None], was
+    return phase / phase_integral(theta, phase)[..., None], was
 
 
 def with_delta(theta, f, share):
@@ -90,7 +90,7 @@ def mean_cosine(theta, f):
     return 1 - 2 * math.pi * np.sum(cells, axis=-1)
 
 
-def evaluate(theta, f, at):
+def phase_at(theta, f, at):
     """The table at any angles.
 
     Parameters

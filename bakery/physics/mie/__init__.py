@@ -91,9 +91,9 @@ def amplitudes(m, x, theta):
     >>> bool(S1[0] == S2[0]), bool(abs(S1[1] + S2[1]) < 1e-14)
     (True, True)
     """
-    from bakery.physics.mie import _kernels
+    from bakery.physics.mie import kernels
 
-    shape, m, x = _checked(m, x)
+    shape, m, x = checked(m, x)
     theta = np.asarray(theta, dtype=np.float64)
     angles = np.ascontiguousarray(theta.reshape(-1))
     bad = ~((angles >= 0.0) & (angles <= np.pi))
@@ -101,10 +101,10 @@ def amplitudes(m, x, theta):
         raise ValueError(f"theta = {angles[bad][0]:g}: scattering angles are in radians, 0 (forward) to pi (backward)")
     s1, s2 = np.empty((2, x.size, angles.size), dtype=np.complex128)
     jobs = []
-    for index, places in _by_index(m, x):
+    for index, places in by_index(m, x):
         size = x[places]
         work = np.cumsum(size + 10.0) * max(angles.size, 1)
-        parts = _parts(work[-1] * 2e-10)
+        parts = parts_of_work(work[-1] * 2e-10)
         if places.size >= 4 * parts:  # radii among the threads; else angles
             pieces = np.split(places, np.searchsorted(work, work[-1] * np.arange(1, parts) / parts))
             jobs += [(index, piece, slice(None)) for piece in pieces if piece.size]
@@ -114,40 +114,40 @@ def amplitudes(m, x, theta):
 
     def run(job):
         index, places, part = job
-        piece = np.empty((min(places.size, _kernels.LANES), angles[part].size, 4))
-        for block in np.split(places, range(_kernels.LANES, places.size, _kernels.LANES)):  # few at a time: stays in the cache
-            _kernels.amplitude_block(index, x[block], angles[part], piece[:block.size])
+        piece = np.empty((min(places.size, kernels.LANES), angles[part].size, 4))
+        for block in np.split(places, range(kernels.LANES, places.size, kernels.LANES)):  # few at a time: stays in the cache
+            kernels.amplitude_block(index, x[block], angles[part], piece[:block.size])
             pair = piece[:block.size].view(np.complex128)
             s1[block, part], s2[block, part] = pair[..., 0], pair[..., 1]
 
-    _in_threads(run, jobs)
+    in_threads(run, jobs)
     return s1.reshape(shape + theta.shape)[()], s2.reshape(shape + theta.shape)[()]
 
 
 def _all_efficiencies(m, x):
     """q_ext, q_sca, q_abs, q_back, g of the broadcast shape."""
-    from bakery.physics.mie import _kernels
+    from bakery.physics.mie import kernels
 
-    shape, m, x = _checked(m, x)
+    shape, m, x = checked(m, x)
     out = np.empty((5, x.size))
     jobs = []
-    for index, places in _by_index(m, x):
+    for index, places in by_index(m, x):
         work = np.cumsum(x[places] + 10.0)
-        parts = min(_parts(work[-1] * 2e-9), places.size)
-        cuts = np.searchsorted(work, work[-1] * np.arange(1, parts) / parts) // _kernels.LANES * _kernels.LANES
+        parts = min(parts_of_work(work[-1] * 2e-9), places.size)
+        cuts = np.searchsorted(work, work[-1] * np.arange(1, parts) / parts) // kernels.LANES * kernels.LANES
         jobs += [(index, piece) for piece in np.split(places, cuts) if piece.size]
 
     def run(job):
         index, places = job
         piece = np.empty((5, places.size))
-        _kernels.efficiency_block(index, x[places], *piece)
+        kernels.efficiency_block(index, x[places], *piece)
         out[:, places] = piece
 
-    _in_threads(run, jobs)
+    in_threads(run, jobs)
     return tuple(row.reshape(shape)[()] if shape else float(row[0]) for row in out)
 
 
-def _checked(m, x):
+def checked(m, x):
     """Broadcast shape, m and x as flat arrays; raises ValueError on what no sphere has."""
     try:
         m, x = np.asarray(m, dtype=np.complex128), np.asarray(x, dtype=np.float64)
@@ -176,7 +176,7 @@ def _checked(m, x):
     return shape, m, x
 
 
-def _by_index(m, x):
+def by_index(m, x):
     """(index, places of its spheres in ascending order of x), one for each distinct index."""
     if m.size and np.all(m == m[0]):
         return [(complex(m[0]), np.argsort(x, kind="stable"))]
@@ -190,12 +190,12 @@ def _cores():
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _parts(seconds):
+def parts_of_work(seconds):
     """Into how many threads so much work is cut: one where starting them would cost more than it saves."""
     return _cores() if seconds > 1e-3 else 1
 
 
-def _in_threads(run, jobs):
+def in_threads(run, jobs):
     """Every job once; they write to disjoint places, so their order is of no consequence."""
     if len(jobs) < 2 or _cores() == 1:
         for job in jobs:

@@ -128,19 +128,20 @@ def clebsch(l, j, lam, v):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def columns(j, k, c, uncounted, stream_up, stream_down, scatter_down, alone, closed, hankel, k0, r, out):
+def columns(j, k, c, uncounted, pivots, events, transform, k0, out):
     """Elements (l <= j, j) of the sum over events, as functions of r; element (l, m) at l (l + 1)/2 + m of `out`.
 
     Parameters
     ----------
     k : (N,) wave numbers, logarithmic;  c : (L + 1,) albedo p_l
     uncounted : (L + 1,) of each order, light that is turned and not counted
-    stream_up, stream_down, scatter_down : (L + 1, L + 1, N), `pivots` of each M
-    alone : flights taken one by one before the last;  closed : whether the last solve sums over all further events
-    hankel : (2 L + 1, 2 N) transform of k f(k) for each lam, at sums of the indices of k and r
-    k0 : decay of diffuse light;  r : (R,)
+    pivots : of streaming up and down, and of scattering down, each (L + 1, L + 1, N), for each M
+    events : flights taken one by one before the last, and whether the last solve sums over all further events
+    transform : r (R,), and of k f(k) for each lam, (2 L + 1, 2 N), at sums of the indices of k and r
+    k0 : decay of diffuse light
     out : (P, R), r^2 T
     """
+    (stream_up, stream_down, scatter_down), (alone, closed), (r, hankel) = pivots, events, transform
     L, N = len(c) - 1, len(k)
     R = out.shape[1]
     x = np.empty((L + 1, N))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from bakery.physics.medium._kernels import evaluated, sampled, turned
+from bakery.physics.lent import lent
+from bakery.physics.medium.kernels import phase_sample, phase_value, turned_direction
 from bakery.physics.multiple.frame import CORE
 from bakery.physics.multiple.kinds import POINT
 from bakery.system.compiled import njit
@@ -15,6 +17,17 @@ BOXES = 64  # of u = arsinh(r / CORE) up to the extent
 _LOW, _HIGH = 0.25, 4.0  # of the weight that belongs to a distance
 _STACK = 256  # photons of one history that wait
 _CLOSE = 1.0  # mfp: flights that stay farther from the source get no second point
+
+
+class Boxes(NamedTuple):
+    """Sums (N, B, B, M) and (N, B) of N boxes of distance; edges of the bins of direction, 1 - cos; where boxes end (mfp),
+    and the decay of light (1/mfp)."""
+
+    edges: np.ndarray
+    extent: float
+    k0: float
+    sums: np.ndarray
+    marginal: np.ndarray
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -38,7 +51,7 @@ def means(v_nodes, steps, f, angles, edges, turns, wide, out):
                 for i in range(turns):
                     v = min(max(1 - c * cj - s * sj * cosines[1, i] if M > 1
                                 else 1 - c * cj - s * sj * math.cos(math.pi * (i + 0.5) / turns), 0.0), 2.0)
-                    ring[i] = evaluated(v_nodes, steps, f, v)
+                    ring[i] = phase_value(v_nodes, steps, f, v)
                 for m in range(M):
                     total = 0.0
                     row = cosines[m]
@@ -71,7 +84,9 @@ def fold(sums, first, last, turns, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _add(px, py, pz, ux, uy, uz, weight, edges, extent, k0, spread, sums, marginal):
+def _add(px, py, pz, ux, uy, uz, weight, spread, boxes):
+    """Add light that arrives at p along u; spread : boxes an arsinh of distance."""
+    edges, k0, sums, marginal = boxes.edges, boxes.k0, boxes.sums, boxes.marginal
     r = math.sqrt(px * px + py * py + pz * pz)
     s = r / CORE[POINT]
     s = math.log(s + math.sqrt(s * s + 1)) * spread
@@ -100,10 +115,38 @@ def _add(px, py, pz, ux, uy, uz, weight, edges, extent, k0, spread, sums, margin
         before, now = now, 2 * turn * now - before
 
 
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _from_rim(stream, nx, ny, nz, rim, g):
+    """Where light diffuses back to the rim from a point towards n, rim / g from the source, and its direction.
+
+    Places have the density of Poisson's kernel, directions inwards that of the cosine.
+    """
+    x = (1 - g * g) / (1 - g + 2 * g * stream.random())
+    qx, qy, qz = turned_direction(nx, ny, nz, min(max((2 * g - 1 - g * g + x * x) / (2 * g), 0.0), 2.0),
+                                  2 * math.pi * stream.random())
+    ux, uy, uz = turned_direction(-qx, -qy, -qz, 1 - math.sqrt(stream.random()), 2 * math.pi * stream.random())
+    return rim * qx, rim * qy, rim * qz, ux, uy, uz
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _split(waiting, count, wanted, photon):
+    """A photon in several of about the wanted weight: the weight of each, and how many wait when the others do."""
+    copies = min(int(photon[6] / wanted), _STACK - count + 1)
+    photon[6] /= copies
+    for _copy in range(copies - 1):
+        waiting[count] = photon
+        count += 1
+    return photon[6], count
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def follow(stream, photons, albedo, table, edges, extent, k0, rim, reached, sums, marginal):
-    """Every path starts along +z after its first event; flights after the second event arrive where they count."""
+def follow(stream, photons, albedo, table, boxes, rim, reached):
+    """Every path starts along +z after its first event; flights after the second event arrive where they count.
+
+    table : from `phase_layout`;  rim : beyond twice that far light comes back from it;  reached : see there
+    """
     v_nodes, steps, f, cdf = table
+    boxes, k0, extent = lent(boxes), boxes.k0, boxes.extent
     spread = BOXES / math.asinh(extent / CORE[POINT])
     waiting = np.empty((_STACK, 8))
     flights = 0
@@ -127,8 +170,8 @@ def follow(stream, photons, albedo, table, edges, extent, k0, rim, reached, sums
                     if t > 0:
                         density = close / (span * (close * close + (t - ahead) ** 2))
                         decayed = math.exp(-t)
-                        _add(px + t * ux, py + t * uy, pz + t * uz, ux, uy, uz, weight * decayed / (decayed + density), edges,
-                             extent, k0, spread, sums, marginal)
+                        _add(px + t * ux, py + t * uy, pz + t * uz, ux, uy, uz, weight * decayed / (decayed + density),
+                             spread, boxes)
                 t = -math.log1p(-stream.random())
                 px, py, pz = px + t * ux, py + t * uy, pz + t * uz
                 if event > 1:
@@ -136,22 +179,17 @@ def follow(stream, photons, albedo, table, edges, extent, k0, rim, reached, sums
                     if twice:
                         decayed = math.exp(-t)
                         share = decayed / (decayed + close / (span * (close * close + (t - ahead) ** 2)))
-                    _add(px, py, pz, ux, uy, uz, weight * share, edges, extent, k0, spread, sums, marginal)
+                    _add(px, py, pz, ux, uy, uz, weight * share, spread, boxes)
                 event = 2.0
                 r = math.sqrt(px * px + py * py + pz * pz)
                 if r > 2 * rim:
-                    # light diffuses back to the rim, to places with the density of Poisson's kernel, and inwards as the cosine
                     weight *= reached / r * math.exp(-k0 * (r - reached))
-                    g = rim / r
-                    x = (1 - g * g) / (1 - g + 2 * g * stream.random())
-                    qx, qy, qz = turned(px / r, py / r, pz / r, min(max((2 * g - 1 - g * g + x * x) / (2 * g), 0.0), 2.0),
-                                        2 * math.pi * stream.random())
-                    px, py, pz, r = rim * qx, rim * qy, rim * qz, rim
-                    ux, uy, uz = turned(-qx, -qy, -qz, 1 - math.sqrt(stream.random()), 2 * math.pi * stream.random())
+                    px, py, pz, ux, uy, uz = _from_rim(stream, px / r, py / r, pz / r, rim, rim / r)
+                    r = rim
                 else:
                     weight *= albedo
-                    v = sampled(v_nodes, steps, f, cdf, stream.random())
-                    ux, uy, uz = turned(ux, uy, uz, v, 2 * math.pi * stream.random())
+                    v = phase_sample(v_nodes, steps, f, cdf, stream.random())
+                    ux, uy, uz = turned_direction(ux, uy, uz, v, 2 * math.pi * stream.random())
                 if weight <= 0:
                     break
                 wanted = (1 + r) ** 2 * math.exp(-k0 * r if r < extent else -k0 * (2 * extent - r))
@@ -160,9 +198,5 @@ def follow(stream, photons, albedo, table, edges, extent, k0, rim, reached, sums
                         break
                     weight = wanted
                 elif weight > _HIGH * wanted and count < _STACK:
-                    copies = min(int(weight / wanted), _STACK - count + 1)
-                    weight /= copies
-                    for _copy in range(copies - 1):
-                        waiting[count] = np.array([px, py, pz, ux, uy, uz, weight, event])
-                        count += 1
+                    weight, count = _split(waiting, count, wanted, np.array([px, py, pz, ux, uy, uz, weight, event]))
     return flights

@@ -82,8 +82,8 @@ def _along(points, length, rho, z, sine, cosine, towards, aside, out):
                 for i in range(len(sine)):
                     for j in range(len(towards)):
                         side = sine[i] * towards[j]
-                        out[n, i, j] += factor * lookup.value(points, close, -away, cosine[i] * outwards - side * along,
-                                                              sine[i] * aside[j], cosine[i] * along + side * outwards)
+                        out[n, i, j] += factor * lookup.point_source(points, close, -away, cosine[i] * outwards - side * along,
+                                                                     sine[i] * aside[j], cosine[i] * along + side * outwards)
             t = last if last - t <= step else t + step
 
 

@@ -109,15 +109,15 @@ def solved(medium: Medium, orders: int | None) -> Solved:
     if delta >= _ALL:
         nothing = np.eye(1, len(p))[0]
         return Solved(solution.solve(0.0, nothing), min(delta, 1.0), phase, float(theta[1]))
-    rest = (p - delta) / (1 - delta)
-    rest[0] = 1.0
-    needed = legendre.order_needed(rest)
+    remaining = (p - delta) / (1 - delta)
+    remaining[0] = 1.0
+    needed = legendre.order_needed(remaining)
     most = orders or (_WHOLE if needed is not None and needed <= _WHOLE else _CUT)
     if needed is None or needed > most:
         clip = peaks.clipped(theta, phase, most)
         result = peaks.solve(albedo, clip, most)
         return Solved(result, clip.peak, clip.phase, clip.angle, peaks.effect(clip, result, build.extent_needed(result.medium)))
-    result = solution.solve(without_peak(albedo, delta)[0], rest, most=most)
+    result = solution.solve(without_peak(albedo, delta)[0], remaining, most=most)
     return Solved(result, delta, without_delta(theta, phase, delta), _angle(medium))
 
 
@@ -143,14 +143,14 @@ def by_photons(medium: Medium, kinds: Iterable[int], asked: Asked) -> dict[int, 
         albedo = 0.0
     counts = counted.build(albedo, medium.theta, phase, tuple(kinds), extent=asked.extent, length=asked.length,
                          tolerance=asked.tolerance, photons=asked.photons, seed=asked.seed)
-    both = {"photons": np.array([counts.photons]), "resolution": np.array([counts.resolution])}
+    members = {"photons": np.array([counts.photons]), "resolution": np.array([counts.resolution])}
     return {kind: Tabulated(table, albedo, extinction, medium.delta, phase, _angle(medium), 0.0,
-                            {"offset_error": counts.offset_error[kind]} | both) for kind, table in counts.tables.items()}
+                            {"offset_error": counts.offset_error[kind]} | members) for kind, table in counts.tables.items()}
 
 
 def error(tables: Iterable[Tabulated | None]) -> float:
     """The largest error of a wavelength's tables with what the solver contributes; infinite where one or all are missing."""
-    return max((math.inf if one is None else one.table.error_with_solver for one in tables), default=math.inf)
+    return max((math.inf if table is None else table.table.error_with_solver for table in tables), default=math.inf)
 
 
 def _angle(medium: Medium) -> float:

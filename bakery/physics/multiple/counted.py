@@ -78,17 +78,17 @@ def build(albedo, theta, phase, kinds=(POINT,), *, extent=None, length=LENGTH, t
     most = photons or MOST_FLIGHTS / sums.flights * sums.photons
     wanted = _FIRST / sums.flights * sums.photons
     for batch in range(1, _ROUNDS + 1):
-        more = min(wanted, most) - sums.photons
-        if more >= tally.BLOCKS:
-            sums = sums + tally.follow(medium, more, seed, batch)
+        photons_more = min(wanted, most) - sums.photons
+        if photons_more >= tally.BLOCKS:
+            sums = sums + tally.follow(medium, photons_more, seed, batch)
         fit = uniform.Fit(medium, tolerance, rng.generator(0, "multiple.fit"))
         points = _points(medium, sums, fit)
         biased, whole = points.table.error, points.table.error_with_solver
         if whole <= tolerance or sums.photons >= 0.99 * most:
             break
         # squares of noise fall as the number; what is left of a bias, and of its own scatter, does so at most
-        room = tolerance**2 - min(biased, 0.7 * tolerance) ** 2
-        wanted = sums.photons * float(np.clip(1.2 * whole**2 / room, 1.5, 20.0))
+        allowed_square = tolerance**2 - min(biased, 0.7 * tolerance) ** 2
+        wanted = sums.photons * float(np.clip(1.2 * whole**2 / allowed_square, 1.5, 20.0))
         if batch == _ROUNDS - 1:
             wanted *= 1.5
     tables, errors = {POINT: points.table}, {POINT: points.offset_error}
@@ -116,8 +116,9 @@ def agreement(photons: Table, offset_error, other: Table, nearest=_FROM):
     rho, z = frame.position(photons.kind, photons.length, photons.extent, u[these], v[these])
     shape = photons.basis.shape[1:]
     polar, azimuth = frame.polar(np.linspace(0, 1, shape[0])), np.linspace(0, np.pi, shape[1])
-    tabulated, reference = ((lookup.lobes(lookup.ready(one), rho, z, polar, azimuth) * frame.solid_angles(shape)).sum(axis=(1, 2))
-                        for one in (photons, other))
+    tabulated, reference = (
+        (lookup.lobes(lookup.ready(table), rho, z, polar, azimuth) * frame.solid_angles(shape)).sum(axis=(1, 2))
+        for table in (photons, other))
     return (tabulated / reference - 1) / offset_error[these]
 
 
@@ -144,7 +145,7 @@ def _points(medium, sums, fit) -> _Points:
     a, basis = fit.represent(halves.reshape(2, len(distance), -1), integral, distance >= _NEAREST)
     a[..., 0] += np.log(integral) - medium.k0 * distance
     packed = fit.pack(POINT, 0.0, medium, a[0], basis)
-    variants = [uniform.changed(lookup.ready(packed), packed, more) for more in a[1:] - a[0]]
+    variants = [uniform.changed(lookup.ready(packed), packed, shift) for shift in a[1:] - a[0]]
     packed, ahead = _measured(medium, sums, fit, packed, variants)
     return _Points(packed, variants, ahead, offset_error, np.moveaxis(deviations, 0, -1))
 
@@ -180,5 +181,5 @@ def _measured(medium, sums, fit, packed, variants):
 
 def _positive(integral):
     """Integrals (R, J): where photons are too few to tell, at least a tenth of what their neighbours have."""
-    wide = np.concatenate([integral[:1], integral, integral[-1:]])
-    return np.maximum(integral, 0.1 * np.maximum(np.maximum(wide[:-2], wide[2:]), 1e-12 * integral.max()))
+    padded = np.concatenate([integral[:1], integral, integral[-1:]])
+    return np.maximum(integral, 0.1 * np.maximum(np.maximum(padded[:-2], padded[2:]), 1e-12 * integral.max()))

@@ -87,6 +87,30 @@ def stencil(grid, x):
     return index, weight
 
 
+class _Solver:
+    """Pivots of the tridiagonal matrices of all orders M: of streaming up and down, of streaming and scattering down."""
+
+    def __init__(self, k, c, uncounted, whole):
+        self.k, self.uncounted, self.whole, self.orders = k, uncounted, whole, len(c)
+        self.pivots = tuple(np.empty((len(c), len(c), len(k))) for _ in range(3))
+
+    def prepare(self, M):
+        """Fill in those of order M."""
+        up, down, scattering_down = self.pivots
+        up[M], down[M] = (pivots[:self.orders] for pivots in _kernels.pivots(self.k, self.uncounted, M))
+        scattering_down[M] = _kernels.pivots(self.k, self.whole, M)[1][:self.orders]
+
+
+def _checked(albedo, p):
+    """Albedo and moments, to the last bit with p_0 = 1: with albedo 1 nothing may be lost or gained."""
+    albedo, p = float(albedo), np.ascontiguousarray(p, float)
+    if not 0 <= albedo <= 1:
+        raise ValueError(f"the albedo is {albedo:g}; it lies between 0 and 1")
+    if not abs(p[0] - 1) < 1e-6:
+        raise ValueError(f"the phase function integrates to {p[0]:.7g}; it must integrate to 1")
+    return albedo, p / p[0]
+
+
 def propagator(albedo, p, *, first=3, last=None, uncounted=None, threads=1, step=STEP, r_min=R_MIN, r_max=R_MAX) -> Propagator:
     """Solves for the events `first` .. `last` of light that enters its first collision at the origin.
 
@@ -110,12 +134,7 @@ def propagator(albedo, p, *, first=3, last=None, uncounted=None, threads=1, step
     0.02 <= r <= 100 and albedos up to 1 - 1e-9.  r ends where the light has fallen below 1e-11 of its largest (r ~ 25 / k0).
     Source: Case & Zweifel 1967 for the moments; Hamilton 2000 for the transform.
     """
-    albedo, p = float(albedo), np.ascontiguousarray(p, float)
-    if not 0 <= albedo <= 1:
-        raise ValueError(f"the albedo is {albedo:g}; it lies between 0 and 1")
-    if not abs(p[0] - 1) < 1e-6:
-        raise ValueError(f"the phase function integrates to {p[0]:.7g}; it must integrate to 1")
-    p = p / p[0]  # to the last bit: with albedo 1 nothing may be lost or gained
+    albedo, p = _checked(albedo, p)
     if first < 3 or last not in (None, first):
         raise ValueError("events: 3 or more, one of them or all from it on")
     order = len(p) - 1
@@ -131,26 +150,20 @@ def propagator(albedo, p, *, first=3, last=None, uncounted=None, threads=1, step
     k0 = decay(whole[0], whole / max(whole[0], 1e-300))
     if albedo == 0:
         return Propagator(albedo, p, k0, log_r, values)
-    shape = (order + 1, order + 1, len(k))
-    stream_up, stream_down, scatter_down = np.empty(shape), np.empty(shape), np.empty(shape)
-    bounds = [_kernels.packed(j, 0, 0) for j in range(order + 2)]
-
-    def prepare(M):
-        stream_up[M], stream_down[M] = (pivots[:order + 1] for pivots in _kernels.pivots(k, uncounted, M))
-        scatter_down[M] = _kernels.pivots(k, whole, M)[1][:order + 1]
+    solver = _Solver(k, c, uncounted, whole)
 
     def column(j):
-        _kernels.columns(j, k, c, uncounted, stream_up, stream_down, scatter_down, first - 3, last is None, hankel, k0, r,
-                         values[bounds[j]:bounds[j + 1]])
+        _kernels.columns(j, k, c, uncounted, solver.pivots, (first - 3, last is None), (r, hankel), k0,
+                         values[_kernels.packed(j, 0, 0):_kernels.packed(j + 1, 0, 0)])
 
     if threads == 1:
         for M in range(order + 1):
-            prepare(M)
+            solver.prepare(M)
         for j in range(order + 1):
             column(j)
     else:
         with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(prepare, range(order + 1)))
+            list(pool.map(solver.prepare, range(order + 1)))
             list(pool.map(column, range(order, -1, -1)))
     reached = values[0] > _FLOOR * values[0].max()
     reach = len(r) if reached.all() else max(int(np.argmin(reached)), _STENCIL)

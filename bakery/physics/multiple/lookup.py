@@ -16,8 +16,8 @@ from bakery.physics.lent import lent
 from bakery.physics.multiple import frame, locate
 from bakery.physics.multiple._blend import LANES
 from bakery.physics.multiple._elementary import asinh, exp
-from bakery.physics.multiple._look import add, emptied, total, value
 from bakery.physics.multiple.frame import CORE
+from bakery.physics.multiple.sums import add_look_up, no_look_ups, point_source, sum_of_look_ups
 from bakery.physics.multiple.table import RINGS, Table, margins
 from bakery.system.compiled import njit
 
@@ -86,13 +86,13 @@ def _upsampled(functions):
 
     A, B = functions.shape[1:]
     over = min(_OVERLAP, A - 1, B - 1)
-    other = functions[:, :, ::-1]
-    tall = np.concatenate([other[:, over:0:-1], functions, other[:, -2:-2 - over:-1]], axis=1)
+    mirrored = functions[:, :, ::-1]
+    tall = np.concatenate([mirrored[:, over:0:-1], functions, mirrored[:, -2:-2 - over:-1]], axis=1)
     rings = np.arange(-over, A + over)
     tall = CubicSpline(rings, tall, axis=1)(np.arange((A - 1) * UPSAMPLED + 1) / UPSAMPLED)
-    wide = np.concatenate([tall[:, :, over:0:-1], tall, tall[:, :, -2:-2 - over:-1]], axis=2)
-    wide = CubicSpline(np.arange(-over, B + over), wide, axis=2)(np.arange((B - 1) * UPSAMPLED + 1) / UPSAMPLED)
-    return np.moveaxis(wide, 0, -1)
+    padded = np.concatenate([tall[:, :, over:0:-1], tall, tall[:, :, -2:-2 - over:-1]], axis=2)
+    padded = CubicSpline(np.arange(-over, B + over), padded, axis=2)(np.arange((B - 1) * UPSAMPLED + 1) / UPSAMPLED)
+    return np.moveaxis(padded, 0, -1)
 
 
 # ---- segments of any length
@@ -110,27 +110,27 @@ def piece(turn, t):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def any_length(points, segments, length, rho, z, x, y, along):
-    """`value` of a segment of any length >= 0 (mfp): whole tiles of the tabulated one, and the rest as an integral over points.
+def segment_source(points, segments, length, rho, z, x, y, along):
+    """`point_source` of a segment of any length >= 0 (mfp): whole tiles of the tabulated one, the rest an integral over points.
 
     So are tiles on whose ends or axis the position nearly lies: there the table of segments is too coarse.
     """
     points, segments = lent(points), lent(segments)
     if length == segments.length and not _touches(rho, z, length):
-        return value(segments, rho, z, x, y, along)
-    of_points, of_tiles = emptied(), emptied()
-    add_beam(of_points, of_tiles, points, segments, length, rho, z, x, y, along, 1.0)
-    return total(of_points, points) + total(of_tiles, segments)
+        return point_source(segments, rho, z, x, y, along)
+    of_points, of_tiles = no_look_ups(), no_look_ups()
+    add_segment_look_up(of_points, of_tiles, points, segments, length, rho, z, x, y, along, 1.0)
+    return sum_of_look_ups(of_points, points) + sum_of_look_ups(of_tiles, segments)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def add_beam(of_points, of_tiles, points, segments, length, rho, z, x, y, along, weight):
-    """Adds weight times `any_length` to a sum (`_look.emptied`) of the table of points and to one of the table of segments."""
+def add_segment_look_up(of_points, of_tiles, points, segments, length, rho, z, x, y, along, weight):
+    """Adds weight * `segment_source` to a sum (`sums.no_look_ups`) of the table of points and one of the table of segments."""
     points, segments = lent(points), lent(segments)
     tile = segments.length
     # whole tiles: nothing is left
-    gone = (math.floor(min(max(z, 0.0) + GONE, DEEP / (1 - segments.k0)) / tile) + 1) * tile
-    length = min(length, gone)
+    end = (math.floor(min(max(z, 0.0) + GONE, DEEP / (1 - segments.k0)) / tile) + 1) * tile
+    length = min(length, end)
     whole = int(length / tile * (1 + 1e-12))
     near, reaching, decay = rho < END, weight, exp(-tile)
     for n in range(whole):
@@ -138,7 +138,7 @@ def add_beam(of_points, of_tiles, points, segments, length, rho, z, x, y, along,
         if near and _touches(rho, z - start, tile):
             _add_integral(of_points, points, start, start + tile, rho, z, x, y, along, weight)
         else:
-            add(of_tiles, segments, rho, z - start, x, y, along, reaching)
+            add_look_up(of_tiles, segments, rho, z - start, x, y, along, reaching)
         reaching *= decay
     start = whole * tile
     if length - start > 1e-12 * tile:
@@ -166,7 +166,7 @@ def _add_integral(to, points, start, end, rho, z, x, y, along, weight):
         for n in range(GAUSS):
             up = exp(t + X[n] * step)
             away, cosh = close * 0.5 * (up - 1 / up), 0.5 * (up + 1 / up)
-            add(to, points, rho, -away, x, y, along, weight * WEIGHT[n] * step * close * cosh * exp(-(z + away)))
+            add_look_up(to, points, rho, -away, x, y, along, weight * WEIGHT[n] * step * close * cosh * exp(-(z + away)))
         t = last if last - t <= step else t + step
 
 
@@ -218,15 +218,15 @@ def _broadcast(*arrays):
 def _points(table, rho, z, theta, phi, out):
     for n in range(len(out)):
         sine = math.sin(theta[n])
-        out[n] = value(table, rho[n], z[n], sine * math.cos(phi[n]), sine * math.sin(phi[n]), math.cos(theta[n]))
+        out[n] = point_source(table, rho[n], z[n], sine * math.cos(phi[n]), sine * math.sin(phi[n]), math.cos(theta[n]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _segments(points, segments, rho, z, theta, phi, length, out):
     for n in range(len(out)):
         sine = math.sin(theta[n])
-        out[n] = any_length(points, segments, length[n], rho[n], z[n], sine * math.cos(phi[n]), sine * math.sin(phi[n]),
-                            math.cos(theta[n]))
+        out[n] = segment_source(points, segments, length[n], rho[n], z[n], sine * math.cos(phi[n]), sine * math.sin(phi[n]),
+                                math.cos(theta[n]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -237,5 +237,5 @@ def _lobes(table, rho, z, polar, azimuth, out):
             across, forward = math.sin(polar[i]), math.cos(polar[i])
             for j in range(len(azimuth)):
                 side = across * math.cos(azimuth[j])
-                out[n, i, j] = value(table, rho[n], z[n], forward * sine - side * cosine, across * math.sin(azimuth[j]),
-                                     forward * cosine + side * sine)
+                out[n, i, j] = point_source(table, rho[n], z[n], forward * sine - side * cosine, across * math.sin(azimuth[j]),
+                                            forward * cosine + side * sine)

@@ -100,21 +100,21 @@ def clipped(theta, phase, order, tolerance=TOLERANCE) -> Clipped:
         outer.insert(0, outer[0] + legendre.moments(theta[i:j + 1], phase[i:j + 1], top))
     least, cuts = math.inf, []
     for end, beyond in zip(ends, outer, strict=True):
-        rest = np.append(_cap(theta[:end + 1], phase[:end + 1], beyond, order), phase[end + 1:])
-        share = float(tables.integral(theta, rest))
-        p = beyond + legendre.moments(theta[:end + 1], rest[:end + 1], top)
-        left = np.abs(p[order + 1:]).max() / share if share > 0 else math.inf
-        cuts.append((left, end, share, rest, p))
-        least = min(least, left)
-        if left <= tolerance:
+        outside_cap = np.append(_cap(theta[:end + 1], phase[:end + 1], beyond, order), phase[end + 1:])
+        share = float(tables.phase_integral(theta, outside_cap))
+        p = beyond + legendre.moments(theta[:end + 1], outside_cap[:end + 1], top)
+        unresolved = np.abs(p[order + 1:]).max() / share if share > 0 else math.inf
+        cuts.append((unresolved, end, share, outside_cap, p))
+        least = min(least, unresolved)
+        if unresolved <= tolerance:
             break
     enough = tolerance if least <= tolerance else _NEARLY * least
-    left, end, share, rest, p = next(one for one in cuts if one[0] <= enough)
+    unresolved, end, share, outside_cap, p = next(cut for cut in cuts if cut[0] <= enough)
     legendre.refuse_backward(p / p[0], order)
     peak = max(1 - share, 0.0)
     deflection = (whole - p) / (whole[0] - p[0]) if peak > _NONE else np.ones_like(p)
-    rest, _ = tables.normalised(theta, rest)
-    return Clipped(peak, float(theta[end]), rest, p / p[0], deflection)
+    outside_cap, _ = tables.normalised(theta, outside_cap)
+    return Clipped(peak, float(theta[end]), outside_cap, p / p[0], deflection)
 
 
 def _cap(theta, phase, beyond, order):
@@ -155,13 +155,13 @@ def deflected(albedo, clip: Clipped, order) -> fourier.Propagator:
     """
     if albedo == 0:
         return fourier.propagator(0.0, clip.moments[:order + 1])
-    own, rate = clip.albedo(albedo), albedo * clip.peak / clip.extinction(albedo)  # of deflections, a mean free path
+    scattered, rate = clip.albedo(albedo), albedo * clip.peak / clip.extinction(albedo)  # of deflections, a mean free path
     stretch = 1 + rate * (1 - clip.deflection[-1])
     uncounted = rate * (clip.deflection - clip.deflection[-1]) / stretch  # to orders that are coupled to, but not scattered into
-    stretched = fourier.propagator(own / stretch, clip.moments[:order + 1], uncounted=uncounted, r_min=fourier.R_MIN * stretch,
-                               r_max=fourier.R_MAX * stretch)
+    stretched = fourier.propagator(scattered / stretch, clip.moments[:order + 1], uncounted=uncounted,
+                               r_min=fourier.R_MIN * stretch, r_max=fourier.R_MAX * stretch)
     # T goes as stretch^3 for the volume, and once more for three events but two flights; r as 1/stretch
-    return fourier.Propagator(own, clip.moments[:order + 1], stretched.k0 * stretch, stretched.log_r - math.log(stretch),
+    return fourier.Propagator(scattered, clip.moments[:order + 1], stretched.k0 * stretch, stretched.log_r - math.log(stretch),
                               stretched.scaled * stretch**3)
 
 
@@ -176,13 +176,13 @@ def solve(albedo, clip: Clipped, order) -> solution.Solution:
     """
     needed = legendre.order_needed(clip.moments)
     order = order if needed is None else min(order, needed)
-    few, _ = solution.coarser(clip.moments, order)
+    coarse, _ = solution.coarser(clip.moments, order)
     # a cap leaves as much far beyond the order as next to it: all moments count, as they do in a square over directions.  The
     # true error was then 0.1 to 2 times the estimate (fog, g = 0.95 .. 0.999, 24 to 64 orders); by the largest moment up to 5
     square = (2 * np.arange(len(clip.moments)) + 1) * clip.moments**2
-    left, lost = (math.sqrt(square[n + 1:].sum()) for n in (order, few))
-    cut = left / lost if lost > 0 else 0.0
-    return solution.Solution(deflected(albedo, clip, order), deflected(albedo, clip, few), cut, clip.peak,
+    beyond, lost = (math.sqrt(square[n + 1:].sum()) for n in (order, coarse))
+    cut = beyond / lost if lost > 0 else 0.0
+    return solution.Solution(deflected(albedo, clip, order), deflected(albedo, clip, coarse), cut, clip.peak,
                              float(clip.extinction(albedo)))
 
 
@@ -202,7 +202,7 @@ def effect(clip: Clipped, solved: solution.Solution, reach) -> float:
     if clip.peak <= _NONE or true.albedo == 0:
         return 0.0
     unscattered = fourier.propagator(true.albedo, true.p)
-    far = min(reach, *(_SOLVED * math.exp(one.log_r[-1]) for one in (unscattered, true)))
+    far = min(reach, *(_SOLVED * math.exp(propagation.log_r[-1]) for propagation in (unscattered, true)))
     r = np.geomspace(min(0.1, far / 2), far, _DISTANCES)[:, None]
     angles = (np.arange(_ANGLES) + 0.5) * math.pi / _ANGLES
     exact = point.coefficients(true, r, angles)

@@ -10,12 +10,13 @@ import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from bakery import rng
 from bakery.physics.medium import phase as tables
-from bakery.physics.medium._kernels import evaluated, layout, sampled, turned
+from bakery.physics.medium.kernels import phase_layout, phase_sample, phase_value, turned_direction
 from bakery.system.compiled import njit
 
 BLOCKS = 32  # random streams, and samples of each mean
@@ -78,14 +79,14 @@ def trace(albedo, theta, phase, rho, z, directions, photons, *, seed=0, length=N
     lobes = np.asarray(directions, float).reshape(-1, 2)
     sine = np.sin(lobes[:, 0])
     lobes = np.column_stack([sine * np.cos(lobes[:, 1]), sine * np.sin(lobes[:, 1]), np.cos(lobes[:, 0])])
-    table = layout(theta, phase)
+    table = phase_layout(theta, phase)
     each = -(-int(photons) // BLOCKS)
 
     def block(index):
         stream = rng.generator(seed, "multiple.photons", index)
         sums = np.zeros((len(rho) - 1, len(z) - 1, len(lobes) + 1))
-        _follow(stream, each, float(albedo), table, rho, z, lobes, -1.0 if length is None else float(length), first,
-                2**62 if last is None else last, float(rim), sums)
+        _follow(stream, each, float(albedo), table, _Cells(rho, z, lobes, sums), -1.0 if length is None else float(length),
+                first, 2**62 if last is None else last, float(rim))
         return sums
 
     with ThreadPoolExecutor(threads) as pool:
@@ -113,8 +114,18 @@ def cell_averages(source: Callable, rho, z, directions, points=5):
     return np.einsum("rzabd,ra,b->rzd", values, weights, weight / 2)
 
 
+class _Cells(NamedTuple):
+    """Edges (R + 1,) and (Z + 1,), directions (D, 3), sums (R, Z, D + 1)."""
+
+    rho: np.ndarray
+    z: np.ndarray
+    lobes: np.ndarray
+    sums: np.ndarray
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def _follow(stream, photons, albedo, table, rho, z, lobes, length, first, last, rim, sums):
+def _follow(stream, photons, albedo, table, cells, length, first, last, rim):
+    """Photons of a block, added to the cells; length < 0: a point source."""
     v_nodes, steps, f, cdf = table
     entering = 1.0 if length < 0 else -math.expm1(-length)
     for _ in range(photons):
@@ -125,7 +136,7 @@ def _follow(stream, photons, albedo, table, rho, z, lobes, length, first, last, 
         weight, event = entering, 1
         while True:
             if event >= first:
-                _add(px, py, pz, ux, uy, uz, weight * albedo, table, rho, z, lobes, sums)
+                _add(px, py, pz, ux, uy, uz, weight * albedo, table, cells)
                 if event >= last:
                     break
             weight *= albedo
@@ -134,8 +145,8 @@ def _follow(stream, photons, albedo, table, rho, z, lobes, length, first, last, 
                     break
                 weight = _KEPT * entering
             # new direction: 1 - cos and azimuth about the old one
-            v = sampled(v_nodes, steps, f, cdf, stream.random())
-            ux, uy, uz = turned(ux, uy, uz, v, 2 * math.pi * stream.random())
+            v = phase_sample(v_nodes, steps, f, cdf, stream.random())
+            ux, uy, uz = turned_direction(ux, uy, uz, v, 2 * math.pi * stream.random())
             flight = -math.log1p(-stream.random())
             px, py, pz = px + flight * ux, py + flight * uy, pz + flight * uz
             event += 1
@@ -144,7 +155,9 @@ def _follow(stream, photons, albedo, table, rho, z, lobes, length, first, last, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add(px, py, pz, ux, uy, uz, weight, table, rho, z, lobes, sums):
+def _add(px, py, pz, ux, uy, uz, weight, table, cells):
+    """Add what an event at p, of light along u, sends into the directions of its cell."""
+    rho, z, lobes, sums = cells
     r = math.sqrt(px * px + py * py)
     if r < rho[0] or r >= rho[-1] or pz < z[0] or pz >= z[-1]:
         return
@@ -153,5 +166,5 @@ def _add(px, py, pz, ux, uy, uz, weight, table, rho, z, lobes, sums):
     x, y = (ux * px + uy * py) / r, (uy * px - ux * py) / r
     for d in range(len(lobes)):
         v = 1 - (x * lobes[d, 0] + y * lobes[d, 1] + uz * lobes[d, 2])
-        cell[d] += weight * evaluated(table[0], table[1], table[2], v)
+        cell[d] += weight * phase_value(table[0], table[1], table[2], v)
     cell[-1] += weight

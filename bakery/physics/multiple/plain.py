@@ -51,13 +51,13 @@ def integral(ready: Plain, rho, z):
         coarse = _thinned(coarse, axis, min(coarse.shape[axis], _DIRECTIONS[axis - 1]))
     basis = coarse.astype(np.float32).reshape(len(coarse), -1)
     weight = frame.solid_angles(coarse.shape[1:]).ravel().astype(np.float32)
-    found = np.empty(len(scale))
-    for some in (slice(i, i + _AT_ONCE) for i in range(0, len(scale), _AT_ONCE)):
-        lobes = np.repeat(basis[:1], len(a[some]), axis=0)
-        for coefficient, function in zip(a[some].astype(np.float32).T, basis[1:], strict=True):
+    sums = np.empty(len(scale))
+    for part in (slice(i, i + _AT_ONCE) for i in range(0, len(scale), _AT_ONCE)):
+        lobes = np.repeat(basis[:1], len(a[part]), axis=0)
+        for coefficient, function in zip(a[part].astype(np.float32).T, basis[1:], strict=True):
             lobes += coefficient[:, None] * function  # not by BLAS, whose waiting threads take ten times the processor's time
-        found[some] = (np.exp(lobes) * weight).sum(axis=1)
-    return scale * found
+        sums[part] = (np.exp(lobes) * weight).sum(axis=1)
+    return scale * sums
 
 
 def in_plane(ready: Plain, rho, z, turn):
@@ -120,11 +120,11 @@ def _interpolated(ready: Plain, m, v):
     u = np.arcsinh(m / core) / math.asinh(ready.table.extent / core) * (grid.shape[0] - 3)
     v = v * (grid.shape[1] - 3)
     i, j = (np.minimum(at.astype(int), size - 4) for at, size in ((u, grid.shape[0]), (v, grid.shape[1])))
-    found = np.zeros((len(u), grid.shape[2]))
+    total = np.zeros((len(u), grid.shape[2]))
     for n, down in enumerate(_catmull_rom(u - i)):
         for k, across in enumerate(_catmull_rom(v - j)):
-            found += (down * across)[:, None] * grid[i + n, j + k]
-    return found
+            total += (down * across)[:, None] * grid[i + n, j + k]
+    return total
 
 
 def _thinned(values, axis, count):
@@ -133,11 +133,11 @@ def _thinned(values, axis, count):
     at = np.linspace(0, last, count)
     first = np.minimum(at.astype(int), last - 1)
     shape = [-1 if k == axis else 1 for k in range(values.ndim)]
-    found = np.zeros([count if k == axis else size for k, size in enumerate(values.shape)])
+    coarse = np.zeros([count if k == axis else size for k, size in enumerate(values.shape)])
     for n, weight in enumerate(_catmull_rom(at - first)):
-        place = last - np.abs(last - np.abs(first + n - 1))
-        found += weight.reshape(shape) * np.take(values, place, axis)
-    return found
+        index = last - np.abs(last - np.abs(first + n - 1))
+        coarse += weight.reshape(shape) * np.take(values, index, axis)
+    return coarse
 
 
 def _catmull_rom(t):

@@ -18,8 +18,8 @@ import numpy as np
 from bakery.physics.lent import lent
 from bakery.physics.multiple import frame, lookup
 from bakery.physics.multiple._elementary import asinh, exp
-from bakery.physics.multiple._look import add, emptied, total, value
-from bakery.physics.multiple.lookup import Ready, add_beam, any_length, gauss, piece
+from bakery.physics.multiple.lookup import Ready, add_segment_look_up, gauss, piece, segment_source
+from bakery.physics.multiple.sums import add_look_up, no_look_ups, point_source, sum_of_look_ups
 from bakery.system.compiled import njit
 
 _GAUSS = 4  # points of a piece of a line of sight
@@ -61,14 +61,14 @@ def point_to_segment(points: Ready, vertex, incoming, eye, view, distance):
     (...) mfp^-2 sr^-1; the sum over samples is within 1e-4 of the integral over the table
     """
     vectors, (distance,), out = _arrays((vertex, incoming, eye, view), (distance,))
-    _to_segment(points, points, False, *vectors, np.zeros_like(distance), distance, out.reshape(-1))
+    _to_segment(points, points, False, tuple(vectors), np.zeros_like(distance), distance, out.reshape(-1))
     return out
 
 
 def segment_to_segment(points: Ready, segments: Ready, origin, direction, length, eye, view, distance):
     """Radiance at the eye from a beam: as `point_to_segment`, with segment_to_point under the integral."""
     vectors, (length, distance), out = _arrays((origin, direction, eye, view), (length, distance))
-    _to_segment(points, segments, True, *vectors, length, distance, out.reshape(-1))
+    _to_segment(points, segments, True, tuple(vectors), length, distance, out.reshape(-1))
     return out
 
 
@@ -107,7 +107,7 @@ def _point_to_point(points, vertex, incoming, target, outgoing, out):
     for n in range(len(out)):
         p, q = _vector(target, n), _vector(vertex, n)
         rho, z, x, y, along = _local(p[0] - q[0], p[1] - q[1], p[2] - q[2], _vector(incoming, n), _vector(outgoing, n), 1.0)
-        out[n] = value(points, rho, z, x, y, along)
+        out[n] = point_source(points, rho, z, x, y, along)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -115,17 +115,18 @@ def _segment_to_point(points, segments, origin, direction, target, outgoing, len
     for n in range(len(out)):
         p, q = _vector(target, n), _vector(origin, n)
         rho, z, x, y, along = _local(p[0] - q[0], p[1] - q[1], p[2] - q[2], _vector(direction, n), _vector(outgoing, n), 1.0)
-        out[n] = any_length(points, segments, length[n], rho, z, x, y, along)
+        out[n] = segment_source(points, segments, length[n], rho, z, x, y, along)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _to_segment(points, segments, beam, origin, direction, eye, view, length, distance, out):
+def _to_segment(points, segments, beam, vectors, length, distance, out):
+    origin, direction, eye, view = vectors
     for n in range(len(out)):
         o, e, v, axis = _vector(origin, n), _vector(eye, n), _vector(view, n), _vector(direction, n)
         if beam:
-            out[n] = segment_seen(points, segments, length[n], o, axis, e, v, distance[n])
+            out[n] = segment_source_seen(points, segments, length[n], o, axis, e, v, distance[n])
         else:
-            out[n] = point_seen(points, o, axis, e, v, distance[n])
+            out[n] = point_source_seen(points, o, axis, e, v, distance[n])
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -134,25 +135,25 @@ def _vector(array, n):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def point_seen(points, vertex, incoming, eye, view, distance):
+def point_source_seen(points, vertex, incoming, eye, view, distance):
     """`point_to_segment` of one line of sight: vectors are tuples of three floats."""
-    points, to = lent(points), emptied()
+    points, to = lent(points), no_look_ups()
     middle, close, low, high = _sight(vertex, eye, view, distance)
     while low < high:
         step = _step(points, close, low, high)
         for i in range(_GAUSS):
             t, weight = _sample(middle, close, low, step, i)
             rho, z, x, y, along = _seen_from(vertex, incoming, eye, view, t)
-            add(to, points, rho, z, x, y, along, weight)
+            add_look_up(to, points, rho, z, x, y, along, weight)
         low += step
-    return total(to, points)
+    return sum_of_look_ups(to, points)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def segment_seen(points, segments, length, origin, direction, eye, view, distance):
+def segment_source_seen(points, segments, length, origin, direction, eye, view, distance):
     """`segment_to_segment` of one line of sight."""
     points, segments = lent(points), lent(segments)
-    of_points, of_tiles = emptied(), emptied()
+    of_points, of_tiles = no_look_ups(), no_look_ups()
     # the place of the source that the line of sight passes closest
     cosine, s = _dot(direction, view), 0.0
     if cosine * cosine < 1:
@@ -165,9 +166,9 @@ def segment_seen(points, segments, length, origin, direction, eye, view, distanc
         for i in range(_GAUSS):
             t, weight = _sample(middle, close, low, step, i)
             rho, z, x, y, along = _seen_from(origin, direction, eye, view, t)
-            add_beam(of_points, of_tiles, points, segments, length, rho, z, x, y, along, weight)
+            add_segment_look_up(of_points, of_tiles, points, segments, length, rho, z, x, y, along, weight)
         low += step
-    return total(of_points, points) + total(of_tiles, segments)
+    return sum_of_look_ups(of_points, points) + sum_of_look_ups(of_tiles, segments)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)

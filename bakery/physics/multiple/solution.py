@@ -65,25 +65,25 @@ def solve(albedo, p, *, tolerance=TOLERANCE, most=MOST, threads=1) -> Solution:
     ValueError : the moments end before the tolerance; a narrow peak backward, which only photons can follow
     """
     p = np.asarray(p, float)
-    order, peak, rest = legendre.order_needed(p, tolerance), 0.0, p
+    order, peak, moments = legendre.order_needed(p, tolerance), 0.0, p
     if order is None or order > most:
         if len(p) < most + 4:
             raise ValueError(f"{len(p)} moments, of which the last is {abs(p[-1]):.2g}; {most + 4} are needed, or a last one "
                              f"below {tolerance:g}")
         without = legendre.truncated(p, most)
-        order, peak, rest = most, without.peak, without.moments
+        order, peak, moments = most, without.peak, without.moments
         of, extinction = without.albedo(albedo), without.extinction(albedo)
     else:
         of, extinction = albedo, 1.0
-    few, cut = coarser(rest, order)
-    return Solution(propagator(of, rest[:order + 1], threads=threads), propagator(of, rest[:few + 1], threads=threads),
+    coarse, cut = coarser(moments, order)
+    return Solution(propagator(of, moments[:order + 1], threads=threads), propagator(of, moments[:coarse + 1], threads=threads),
                     cut, peak, float(extinction))
 
 
 def coarser(p, order):
     """Order of the second solution beside one of the moments p up to `order`, and `Solution.cut` of the two."""
-    few = int(_COARSE * order)
+    coarse = int(_COARSE * order)
     # without a peak nothing is left beyond the last moment, so that the last ones stand for what was cut
-    left = np.abs(p[order + 1:order + 1 + _LOOK] if len(p) > order + 1 else p[-2:]).max(initial=0.0)
-    lost = np.abs(p[few + 1:few + 1 + _LOOK]).max(initial=0.0)
-    return few, float(left / lost) if lost > 0 else 0.0
+    beyond = np.abs(p[order + 1:order + 1 + _LOOK] if len(p) > order + 1 else p[-2:]).max(initial=0.0)
+    lost = np.abs(p[coarse + 1:coarse + 1 + _LOOK]).max(initial=0.0)
+    return coarse, float(beyond / lost) if lost > 0 else 0.0

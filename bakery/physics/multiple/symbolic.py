@@ -1,6 +1,6 @@
 """Look-ups of tables of multiple scattering on arrays of Dr.Jit: the queries of `queries`, inside of a renderer's own kernels.
 
-The same tables, constants and rules as in `lookup`, `_look` and `queries`; look-ups are loops of the kernel that is recorded, so
+The same tables, constants and rules as in `lookup`, `sums` and `queries`; look-ups are loops of the kernel that is recorded, so
 any number of them is compiled once.  Values are those of numba's to 1e-6 (root mean square; 5e-6 at worst) with double positions,
 to 2e-6 (5e-5; 4e-4 where a line of sight begins on the source) with single ones.
 """
@@ -100,8 +100,8 @@ class Tables:
                 at = low + self._at(self._sight, i, 1) * step
                 t = middle + close * dr.sinh(at)
                 weight = self._at(self._sight, i, 2) * step * close * dr.cosh(at) * dr.exp(-t)
-                here = self._local(eye + t * v - origin, axis, v, -1.0)
-                q = self._points.value(*here) if length is None else self._from_beam(length, *here)
+                at_eye = self._local(eye + t * v - origin, axis, v, -1.0)
+                q = self._points.value(*at_eye) if length is None else self._from_beam(length, *at_eye)
                 return i + 1, total + weight * q
 
             total = self._repeated(self._sight[0], sample, total)
@@ -134,7 +134,7 @@ class Tables:
         deep = lookup.DEEP / max(1 - self._segments.table.k0, _LEAST)
         length = dr.minimum(length, (dr.floor(dr.minimum(dr.maximum(z, 0) + lookup.GONE, deep) / tile) + 1) * tile)
         whole = dr.floor(length / tile * (1 + self._rounding))
-        rest = length - whole * tile > self._rounding * tile
+        remainder = length - whole * tile > self._rounding * tile
 
         def one(n, total):
             alone = ~self._touches(rho, z - n * tile, tile)
@@ -150,7 +150,7 @@ class Tables:
             n = dr.select(i == 0, whole, following + (i - 2))
             start = n * tile
             stop = dr.minimum(start + tile, length)
-            wanted = dr.select(i == 0, rest, (n >= 0) & (n < whole) & self._touches(rho, z - start, tile))
+            wanted = dr.select(i == 0, remainder, (n >= 0) & (n < whole) & self._touches(rho, z - start, tile))
             return i + 1, total + self._integral(start, dr.select(wanted, stop, start), rho, z, x, y, along)
 
         return dr.while_loop((Float(0), total), lambda i, total: i < 3, integrated)[1]
@@ -166,9 +166,9 @@ class Tables:
             step = dr.minimum(step, last - t)
 
             def sample(i, total):
-                there = t + self._at(self._beam, i, 1) * step
-                away = close * dr.sinh(there)
-                weight = self._at(self._beam, i, 2) * step * close * dr.cosh(there) * dr.exp(-(z + away))
+                at_source = t + self._at(self._beam, i, 1) * step
+                away = close * dr.sinh(at_source)
+                weight = self._at(self._beam, i, 2) * step * close * dr.cosh(at_source) * dr.exp(-(z + away))
                 return i + 1, total + weight * self._points.value(rho, -away, x, y, along)
 
             total = self._repeated(self._beam[0], sample, total)
@@ -178,7 +178,7 @@ class Tables:
 
 
 class _Table:
-    """One table: as in `_look`."""
+    """One table: as in `sums`."""
 
     def __init__(self, dr, table, Float):
         self.dr, self.table, self.Float = dr, table, Float
@@ -197,7 +197,7 @@ class _Table:
         return i, dr.float32_array_t(self.Float)(x - self.Float(i))
 
     def value(self, rho, z, x, y, along):
-        """`_look.value`."""
+        """`sums.point_source`."""
         dr, table = self.dr, self.table
         rho = dr.maximum(rho, frame.CLOSEST)
         m, tangent, singular, sine, cosine = self._place(rho, z)
@@ -216,10 +216,10 @@ class _Table:
         beyond = dr.maximum(m - table.extent, 0)
         share = beyond / dr.maximum(m, table.extent) * (frame.INSIDE / (1 - frame.INSIDE))
         inner, p_inner = self._cell(self._outwards(self.Float((frame.INSIDE * table.extent) ** 2)), U - 4)
-        found = self._blended((i, inner), (_catmull_rom(u), _catmull_rom(p_inner)), j, _catmull_rom(v), k * B + l,
-                              _bilinear(s, t), dr.float32_array_t(self.Float)(share))
+        value_there = self._blended((i, inner), (_catmull_rom(u), _catmull_rom(p_inner)), j, _catmull_rom(v), k * B + l,
+                                    _bilinear(s, t), dr.float32_array_t(self.Float)(share))
         shift = share * table.k0 * (1 - frame.INSIDE) * table.extent - table.k0 * beyond
-        return table.power * singular * dr.exp(self.Float(found) + shift)
+        return table.power * singular * dr.exp(self.Float(value_there) + shift)
 
     def _place(self, rho, z):
         """As `locate.place`."""
@@ -237,7 +237,7 @@ class _Table:
         singular = dr.select(beyond > 2 * length, 2 * dr.atanh(length / (length + beyond)), dr.log(1 + 2 * length / beyond))
         return m, dr.sqrt((minus1 + minus2) / (plus1 + plus2)), singular, rho / r1, z / r1
 
-    def _blended(self, i, p, j, w, there, f, share):
+    def _blended(self, i, p, j, w, column, f, share):
         """As `_blend.blend`; beyond the extent twice: (1 + share) times that of the rows i[0] less share times that of i[1]."""
         dr = self.dr
         Index = dr.int32_array_t(self.Float)
@@ -255,7 +255,7 @@ class _Table:
                 return sum(weight * dr.gather(self.Packed, source, (base + m) * packs + k) for m, weight in enumerate(weights))
 
             a = sum(weights[m] * corners(self.grid, first + m * V, w) for m in range(4))
-            b = corners(self.basis, there, f[:2]) + corners(self.basis, there + ring, f[2:])
+            b = corners(self.basis, column, f[:2]) + corners(self.basis, column + ring, f[2:])
             # k = 0 is added, the others are multiplied
             products = a * b
             products.x = dr.select(k == 0, a.x + b.x, products.x)
@@ -306,3 +306,14 @@ def _catmull_rom(t):
 
 def _bilinear(s, t):
     return (1 - s) * (1 - t), (1 - s) * t, s * (1 - t), s * t
+
+
+def drjit_tables(points, segments, Float):
+    """Tables of one wavelength, from `asset.multiple.segment.tables()`, for look-ups in kernels of Dr.Jit.
+
+    points, segments : of both sources; None for segments where only points are asked;  Float : `mitsuba.Float`, or of Dr.Jit
+
+    Returns `Tables` with `point_to_point`, `segment_to_point`, `point_to_segment` and
+    `segment_to_segment`.  Raises UsageError where Dr.Jit, or an LLVM for it, is missing.
+    """
+    return Tables(points, segments, Float)

@@ -27,7 +27,7 @@ import numpy as np
 
 from bakery import rng
 from bakery.physics.medium import phase as tables
-from bakery.physics.medium._kernels import layout
+from bakery.physics.medium.kernels import phase_layout
 from bakery.physics.multiple import _tally, legendre
 from bakery.physics.multiple._tally import BOXES
 from bakery.physics.multiple.fourier import decay
@@ -132,8 +132,8 @@ def _edges(ahead, behind):
 
 def follow(medium: Medium, photons, seed, batch) -> Sums:
     """Follows photons (rounded up to a multiple of `BLOCKS`) with the random numbers of this batch."""
-    bins, each = len(medium.edges) - 1, -(-int(photons) // BLOCKS)
-    table = layout(medium.theta, medium.phase)
+    bins, per_block = len(medium.edges) - 1, -(-int(photons) // BLOCKS)
+    table = phase_layout(medium.theta, medium.phase)
     halves = np.zeros((2, BOXES + _MORE, bins, bins, medium.orders))
     blocks = np.zeros((BLOCKS, BOXES + _MORE, bins))
     free = 1 / max(1 - medium.g, 1e-3)  # length of diffusion
@@ -141,9 +141,9 @@ def follow(medium: Medium, photons, seed, batch) -> Sums:
     flights = 0
     for block in range(BLOCKS):
         stream = rng.generator(seed, "multiple.tally", batch, block)
-        flights += _tally.follow(stream, each, medium.albedo, table, 2 * np.sin(medium.edges / 2) ** 2, medium.extent, medium.k0,
-                                 rim, rim - _MILNE * free, halves[block % 2], blocks[block])
-    return Sums(each * BLOCKS, flights, halves / (each * BLOCKS / 2), blocks / each)
+        boxes = _tally.Boxes(2 * np.sin(medium.edges / 2) ** 2, medium.extent, medium.k0, halves[block % 2], blocks[block])
+        flights += _tally.follow(stream, per_block, medium.albedo, table, boxes, rim, rim - _MILNE * free)
+    return Sums(per_block * BLOCKS, flights, halves / (per_block * BLOCKS / 2), blocks / per_block)
 
 
 def far(medium: Medium, box):
@@ -181,8 +181,8 @@ def at_even(sums):
     first = np.maximum(1.6 * first - 0.6 * smooth[0], 0.5 * first) if first.ndim < 2 else 1.6 * first - 0.6 * smooth[0]
     # the mean over the three has the second moment 7/12 boxes squared
     beyond = 2 * smooth[-1] - smooth[-2]
-    wide = np.concatenate([first[None], smooth, beyond[None]])
-    return np.concatenate([first[None], wide[1:-1] - 7 / 96 * (wide[2:] - 2 * wide[1:-1] + wide[:-2])])
+    padded = np.concatenate([first[None], smooth, beyond[None]])
+    return np.concatenate([first[None], padded[1:-1] - 7 / 96 * (padded[2:] - 2 * padded[1:-1] + padded[:-2])])
 
 
 def lobes(medium: Medium, arrivals, first, last, azimuth):
@@ -234,9 +234,9 @@ def broadened(theta, phase, width):
     def at(angle):
         """Value there and light below."""
         i = min(int(np.searchsorted(theta, angle, side="right")) - 1, len(theta) - 2)
-        more = 2 * math.sin((angle + theta[i]) / 2) * math.sin((angle - theta[i]) / 2)
-        value = phase[i] + (phase[i + 1] - phase[i]) / (v[i + 1] - v[i]) * more
-        return value, light[i] + math.pi * more * (phase[i] + value)
+        rise = 2 * math.sin((angle + theta[i]) / 2) * math.sin((angle - theta[i]) / 2)
+        value = phase[i] + (phase[i + 1] - phase[i]) / (v[i + 1] - v[i]) * rise
+        return value, light[i] + math.pi * rise * (phase[i] + value)
 
     (ahead, below), (behind, most) = at(width), at(math.pi - width)
     between = (theta > width * (1 + 2e-6)) & (theta < (math.pi - width) * (1 - 2e-6))

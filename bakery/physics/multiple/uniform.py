@@ -54,7 +54,7 @@ class Fit:
         """Of products (..., A', B') of deviations of lobes, relative to the squares of lobes."""
         return (self.test_weight * product).sum(axis=(-2, -1)) / (self.test_weight * lobe**2).sum(axis=(-2, -1))
 
-    def represent(self, halves, integral, usable, room=0.5):
+    def represent(self, halves, integral, usable, margin=0.5):
         """Basis and coefficients of lobes.
 
         Parameters
@@ -62,7 +62,7 @@ class Fit:
         halves : (2, N, D) estimates of lobes
         integral : (N,) of the lobes over directions
         usable : (N,) whether a place may be among those that the basis is made of
-        room : share of the tolerance that the basis may miss
+        margin : share of the tolerance that the basis may miss
 
         Returns
         -------
@@ -75,12 +75,12 @@ class Fit:
         logs, weight = np.log(lobe), bases.weights(lobe, self.solid_angle)
         # what each half says of the logarithm, to first order; where it is dark noise may exceed the lobe many times
         apart = np.clip((halves[0] - halves[1]) / (2 * integral[:, None] * lobe), -1.0, 1.0)
-        basis = self.basis(logs, apart, weight, np.flatnonzero(usable), room)
-        a, more = _in_basis(logs, apart, weight, basis)
+        basis = self.basis(logs, apart, weight, np.flatnonzero(usable), margin)
+        a, apart_weights = _in_basis(logs, apart, weight, basis)
         a[:, 0] = 0.0
-        return np.stack([a, a + more, a - more]), basis
+        return np.stack([a, a + apart_weights, a - apart_weights]), basis
 
-    def basis(self, logs, apart, weight, usable, room):
+    def basis(self, logs, apart, weight, usable, margin):
         """Functions (K + 1, D): as few as miss `room` of the tolerance, or else those that miss least with their noise."""
         noise = (weight * apart**2).sum(axis=1)
         sample = np.sort(self.random.choice(usable, min(_SAMPLE, len(usable)), replace=False))
@@ -91,15 +91,15 @@ class Fit:
         best = np.inf, first[:1]
         for count in build.COUNTS:
             basis = quantised(bases.improved(first[:count + 1], logs, weight * of_row[:, None]))
-            a, more = _in_basis(logs, apart, weight, basis)
-            rest = logs - basis[0] - bases.combine(a, _with_one(basis))
-            left = apart - bases.combine(more, _with_one(basis))
+            a, apart_weights = _in_basis(logs, apart, weight, basis)
+            residual = logs - basis[0] - bases.combine(a, _with_one(basis))
+            apart_residual = apart - bases.combine(apart_weights, _with_one(basis))
             # of the product of both halves' residuals the noise has mean 0
-            missed = max(float(((rest + left) * (rest - left) * weight).sum(axis=1).mean()), 0.0)
-            if missed < (self.tolerance * room) ** 2:
+            missed = max(float(((residual + apart_residual) * (residual - apart_residual) * weight).sum(axis=1).mean()), 0.0)
+            if missed < (self.tolerance * margin) ** 2:
                 return basis
-            noisy = float((bases.combine(more, _with_one(basis)) ** 2 * weight).sum(axis=1).mean())
-            best = min(best, (missed + noisy, basis), key=lambda one: one[0])
+            noisy = float((bases.combine(apart_weights, _with_one(basis)) ** 2 * weight).sum(axis=1).mean())
+            best = min(best, (missed + noisy, basis), key=lambda candidate: candidate[0])
         return best[1]
 
     def pack(self, kind, length, medium, a, basis) -> Table:
@@ -136,10 +136,10 @@ def _tree():
     for _ in range(DEPTH):
         first = len(bounds)
         for leaf in leaves:
-            left, right, low, high = bounds[leaf]
+            lower, right, low, high = bounds[leaf]
             child[leaf] = len(bounds)
-            middle, centre = (left + right) / 2, (low + high) / 2
-            bounds += [(x, x + middle - left, y, y + centre - low) for x in (left, middle) for y in (low, centre)]
+            middle, centre = (lower + right) / 2, (low + high) / 2
+            bounds += [(x, x + middle - lower, y, y + centre - low) for x in (lower, middle) for y in (low, centre)]
             child += [-1] * 4
         leaves = range(first, len(bounds))
     return np.array(bounds, np.float32), np.array(child, np.int32)

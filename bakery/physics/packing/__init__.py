@@ -177,8 +177,8 @@ def _checked(fraction, radii, cell, limit):
     top = limit(radii)
     if fraction > top + 1e-12:
         kind = "equal spheres" if np.ptp(radii) <= 1e-9 * radii.max() else "spheres of these sizes"
-        more = "; ask for several sizes of spheres to fill more" if kind == "equal spheres" else ""
-        raise ValueError(f"fraction {fraction:g}: {kind} at random reach {top:.3g}{more}")
+        advice = "; ask for several sizes of spheres to fill more" if kind == "equal spheres" else ""
+        raise ValueError(f"fraction {fraction:g}: {kind} at random reach {top:.3g}{advice}")
     radii = radii / radii.mean()
     edges = cell * (4 / 3 * np.pi * np.sum(radii**3) / (fraction * np.prod(cell))) ** (1 / 3)
     diameter = 2 * radii.max()
@@ -218,7 +218,7 @@ def _attempt(fraction, radii, edges, plan, stretch, rng, report, budget):
             report(min(spheres.fraction, fraction), spheres.pressure, min(spheres.collisions / expected, 0.99))
 
     spheres = Spheres(radii[descending], edges, rng, tell)
-    rest = _rest(fraction, plan)
+    pause = _rest(fraction, plan)
     status, reason = "reached", ""
     try:
         spheres.budget = int(budget * radii.size * _LIGHT) + 1_000_000, int(budget * radii.size)
@@ -229,8 +229,8 @@ def _attempt(fraction, radii, edges, plan, stretch, rng, report, budget):
                 reason = f"jammed at {spheres.fraction:.6g}, reduced pressure {spheres.pressure:.3g}"
                 break
         else:
-            if rest:
-                spheres.rest(rest)
+            if pause:
+                spheres.rest(pause)
     except OutOfBudget:
         status = "budget"
         reason = f"stopped at {spheres.fraction:.6g} after {spheres.collisions / radii.size:.0f} collisions a sphere"
@@ -281,5 +281,5 @@ def _collisions(fraction, plan, count) -> float:
 
 def _microseconds(fraction, count, spread) -> float:
     """Time of a collision with all that goes with it."""
-    left = max(0.47 * fraction**-0.65 - 0.6, 0.0)  # bubbles left a collision: 0.13 at 0.5, 2.1 at 0.1, 43 at 0.001
-    return (0.42 + 0.25 * spread + 1.7 * left) * (1.0 + 0.4 * max(np.log10(count / 1e4), 0.0))
+    bubbles = max(0.47 * fraction**-0.65 - 0.6, 0.0)  # bubbles left a collision: 0.13 at 0.5, 2.1 at 0.1, 43 at 0.001
+    return (0.42 + 0.25 * spread + 1.7 * bubbles) * (1.0 + 0.4 * max(np.log10(count / 1e4), 0.0))

@@ -1,4 +1,4 @@
-"""Lines through a periodic tile of spheres, whose images lie in a grid of cells (`_cells`)."""
+"""Lines through a periodic tile of spheres, whose images lie in a grid of cells (`cells`)."""
 
 from __future__ import annotations
 

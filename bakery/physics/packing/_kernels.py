@@ -214,9 +214,9 @@ def insert(st, begin, uniform):
 def best_of(st, node):
     """Which of a node's four times is the first."""
     k = st.tree
-    left = 1 if k[node, 1] < k[node, 0] else 0
+    child = 1 if k[node, 1] < k[node, 0] else 0
     right = 3 if k[node, 3] < k[node, 2] else 2
-    return right if k[node, right] < k[node, left] else left
+    return right if k[node, right] < k[node, child] else child
 
 
 @njit(**INNER)
@@ -244,25 +244,62 @@ def leaf_of(st, i):
 
 
 @njit(**INNER)
+def _leaving(st, i, x, y, z, scale):
+    """Time until sphere i, now at (x, y, z), leaves its bubble: |q + v tau| = w - g tau, the first root after now."""
+    vx, vy, vz, radius = st.sphere[i, V], st.sphere[i, V + 1], st.sphere[i, V + 2], st.sphere[i, R]
+    qx, qy, qz = x - st.bubble[i, 0], y - st.bubble[i, 1], z - st.bubble[i, 2]
+    w, g = st.bubble[i, 3] - radius * scale, radius * st.clock[RATE]
+    a = vx * vx + vy * vy + vz * vz - g * g
+    b = qx * vx + qy * vy + qz * vz + w * g
+    c = qx * qx + qy * qy + qz * qz - w * w
+    root = np.sqrt(max(b * b - a * c, 0.0))
+    if b > 0.0:
+        return max(-c / (b + root), 0.0)
+    if a > 0.0:
+        return max((root - b) / a, 0.0)
+    return np.inf  # at rest and not growing
+
+
+@njit(**INNER)
+def _touching(a, b, c):
+    """The first tau >= 0 at which c + 2 b tau + a tau^2 falls below 0; inf where it never does."""
+    if c <= 0.0:  # in touch, within rounding
+        if b < 0.0:
+            return 0.0
+        return -2.0 * b / a if a < 0.0 else np.inf  # growth overtakes: when they are as far apart again as now
+    d = b * b - a * c
+    if d < 0.0:
+        return np.inf
+    if b < 0.0:
+        return c / (np.sqrt(d) - b)
+    return (-b - np.sqrt(d)) / a if a < 0.0 else np.inf
+
+
+@njit(**INNER)
+def _agree(st, i, choice, agreed, due):
+    """Enter the next event of sphere i, for its partner too; partners that they had before have to look again."""
+    if choice >= 0:
+        j = choice >> 5
+        if agreed >= 0:
+            st.index[agreed >> 5, PARTNER] = CHECK
+        if st.index[j, PARTNER] >= 0:
+            st.index[st.index[j, PARTNER] >> 5, PARTNER] = CHECK
+        st.index[j, PARTNER] = 32 * i + CODES - 1 - (choice & 31)
+        reschedule(st, j, due)
+    elif agreed >= 0:
+        st.index[agreed >> 5, PARTNER] = CHECK
+    st.index[i, PARTNER] = choice
+    reschedule(st, i, due)
+
+
+@njit(**INNER)
 def predict(st, i, t):
     """Find i's next event after t and enter it, for its partner too; one that a partner has already agreed on is a candidate."""
     scale, rate = st.clock[SCALE] + st.clock[RATE] * t, st.clock[RATE]
     vx, vy, vz, radius = st.sphere[i, V], st.sphere[i, V + 1], st.sphere[i, V + 2], st.sphere[i, R]
     x, y, z = st.sphere[i, X] + vx * t, st.sphere[i, X + 1] + vy * t, st.sphere[i, X + 2] + vz * t
 
-    # leaving the bubble: |q + v tau| = w - g tau, the first root after now
-    qx, qy, qz = x - st.bubble[i, 0], y - st.bubble[i, 1], z - st.bubble[i, 2]
-    w, g = st.bubble[i, 3] - radius * scale, radius * rate
-    a = vx * vx + vy * vy + vz * vz - g * g
-    b = qx * vx + qy * vy + qz * vz + w * g
-    c = qx * qx + qy * qy + qz * qz - w * w
-    root = np.sqrt(max(b * b - a * c, 0.0))
-    if b > 0.0:
-        soon = max(-c / (b + root), 0.0)
-    elif a > 0.0:
-        soon = max((root - b) / a, 0.0)
-    else:
-        soon = np.inf  # at rest and not growing
+    soon = _leaving(st, i, x, y, z, scale)
     choice = LEAVE
     agreed = st.index[i, PARTNER]
     if agreed >= 0 and st.sphere[i, DUE] - t <= soon:
@@ -286,42 +323,14 @@ def predict(st, i, t):
         # c + 2 b tau + a tau^2 = 0 has no root before `until` where even this bound from below stays positive
         if c > 0.0 and c + until * (2.0 * b + until * min(a, 0.0)) >= 0.0:
             continue
-        if c <= 0.0:  # in touch, within rounding
-            if b < 0.0:
-                tau = 0.0
-            elif a < 0.0:
-                tau = -2.0 * b / a  # growth overtakes: when they are as far apart again as now
-            else:
-                continue
-        else:
-            d = b * b - a * c
-            if d < 0.0:
-                continue
-            if b < 0.0:
-                tau = c / (np.sqrt(d) - b)
-            elif a < 0.0:
-                tau = (-b - np.sqrt(d)) / a
-            else:
-                continue
+        tau = _touching(a, b, c)
         if tau < until:
             soon = tau
             choice = entry
 
     if choice == agreed and agreed >= 0:
         return
-    due = t + soon
-    if choice >= 0:
-        j = choice >> 5
-        if agreed >= 0:
-            st.index[agreed >> 5, PARTNER] = CHECK
-        if st.index[j, PARTNER] >= 0:
-            st.index[st.index[j, PARTNER] >> 5, PARTNER] = CHECK
-        st.index[j, PARTNER] = 32 * i + CODES - 1 - (choice & 31)
-        reschedule(st, j, due)
-    elif agreed >= 0:
-        st.index[agreed >> 5, PARTNER] = CHECK
-    st.index[i, PARTNER] = choice
-    reschedule(st, i, due)
+    _agree(st, i, choice, agreed, t + soon)
 
 
 @njit(**INNER)
@@ -471,7 +480,7 @@ def run(st, stop, collisions, events):
         i = int(st.tree[0, 4 + first])
         st.clock[TIME] = t
         partner = st.index[i, PARTNER]
-        other = -1
+        partner_left = -1
         if deep:
             if i != ahead:
                 call_neighbours(st, i)
@@ -484,23 +493,23 @@ def run(st, stop, collisions, events):
                 if st.index[second, PARTNER] >= 0:
                     call_neighbours(st, st.index[second, PARTNER] >> 5)
         if partner >= 0:
-            other = partner >> 5
-            collide(st, i, other, partner & 31, t)
+            partner_left = partner >> 5
+            collide(st, i, partner_left, partner & 31, t)
             st.tally[COLLISIONS] += 1
             st.index[i, PARTNER] = NONE
-            st.index[other, PARTNER] = NONE
+            st.index[partner_left, PARTNER] = NONE
             st.sphere[i, DUE] = np.inf
-            st.sphere[other, DUE] = np.inf
+            st.sphere[partner_left, DUE] = np.inf
         elif partner == LEAVE:
             st.tally[LEAVES] += 1
             if not relist(st, i, t):
                 return FULL
         else:
             st.tally[CHECKS] += 1
-        first_changed, second_changed = i, other
+        first_changed, second_changed = i, partner_left
         while i >= 0:  # one call of `predict` in the code, for it is compiled in place
             predict(st, i, t)
-            i, other = other, -1
+            i, partner_left = partner_left, -1
         if deep:
             while first_changed >= 0:
                 call_ahead(st, first_changed)

@@ -2,12 +2,12 @@
 
 Any ray, thread or renderer gets the same answer.  All arithmetic is modulo 2^64; indices count as two's complement:
 
-    mix(h):  h ^= h >> 30;  h *= 0xBF58476D1CE4E5B9;  h ^= h >> 27;  h *= 0x94D049BB133111EB;  h ^= h >> 31
-    h = mix(seed + G);  for w in i, j, k, s:  h = mix((h ^ w) + G);  with G = 0x9E3779B97F4A7C15
-    u_n = ((mix(h + n G) >> 12) + 1/2) / 2^52,  n = 0 ... 4
+    hashed(h):  h ^= h >> 30;  h *= 0xBF58476D1CE4E5B9;  h ^= h >> 27;  h *= 0x94D049BB133111EB;  h ^= h >> 31
+    h = hashed(seed + G);  for w in i, j, k, s:  h = hashed((h ^ w) + G);  with G = 0x9E3779B97F4A7C15
+    u_n = ((hashed(h + n G) >> 12) + 1/2) / 2^52,  n = 0 ... 4
 
-`mix` and G are those of SplitMix64 (Steele, Lea & Flood 2014).  u_0 picks the grain, u_1, u_2, u_3 its rotation; where a part of
-the spheres is left out, u_4 says which.
+`hashed` and G are those of SplitMix64 (Steele, Lea & Flood 2014).  u_0 picks the grain, u_1, u_2, u_3 its rotation; where a
+part of the spheres is left out, u_4 says which.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def mix(h):
+def hashed(h):
     """A bijection of uint64 in which every bit of h decides on every bit of the result."""
     h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     h = (h ^ (h >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -32,11 +32,11 @@ def mix(h):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _word(seed, i, j, k, s):
     """h of a sphere."""
-    h = mix(seed + _GOLDEN)
-    h = mix((h ^ np.uint64(i)) + _GOLDEN)
-    h = mix((h ^ np.uint64(j)) + _GOLDEN)
-    h = mix((h ^ np.uint64(k)) + _GOLDEN)
-    return mix((h ^ np.uint64(s)) + _GOLDEN)
+    h = hashed(seed + _GOLDEN)
+    h = hashed((h ^ np.uint64(i)) + _GOLDEN)
+    h = hashed((h ^ np.uint64(j)) + _GOLDEN)
+    h = hashed((h ^ np.uint64(k)) + _GOLDEN)
+    return hashed((h ^ np.uint64(s)) + _GOLDEN)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -44,17 +44,17 @@ def uniforms(seed, i, j, k, s):
     """Four uniform numbers in (0, 1) of sphere s (int64) in copy i, j, k (int64) of a tile, seed uint64: u_0 ... u_3."""
     h = _word(seed, i, j, k, s)
     bits, unit = np.uint64(12), 2.0**-52
-    a = ((mix(h) >> bits) + 0.5) * unit
-    b = ((mix(h + _GOLDEN) >> bits) + 0.5) * unit
-    c = ((mix(h + np.uint64(2) * _GOLDEN) >> bits) + 0.5) * unit
-    d = ((mix(h + np.uint64(3) * _GOLDEN) >> bits) + 0.5) * unit
+    a = ((hashed(h) >> bits) + 0.5) * unit
+    b = ((hashed(h + _GOLDEN) >> bits) + 0.5) * unit
+    c = ((hashed(h + np.uint64(2) * _GOLDEN) >> bits) + 0.5) * unit
+    d = ((hashed(h + np.uint64(3) * _GOLDEN) >> bits) + 0.5) * unit
     return a, b, c, d
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def left_out(seed, i, j, k, s, share):
     """Whether a sphere is none of the `share` of all, 0 to 1, that are there: u_4 is not below it."""
-    return ((mix(_word(seed, i, j, k, s) + np.uint64(4) * _GOLDEN) >> np.uint64(12)) + 0.5) * 2.0**-52 >= share
+    return ((hashed(_word(seed, i, j, k, s) + np.uint64(4) * _GOLDEN) >> np.uint64(12)) + 0.5) * 2.0**-52 >= share
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -75,14 +75,14 @@ def rotation(u, v, w):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def matrix(x, y, z, w):
+def rotation_matrix(x, y, z, w):
     """Rows of the rotation matrix of a unit quaternion, nine numbers; it turns the grain's frame into the world's."""
     return (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w),
             2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w),
             2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y))
 
 
-def cumulated(weights):
+def cumulated_shares(weights):
     """Cumulated shares (T,) of the number, the last one exactly 1, from weights >= 0 (T,)."""
     weights = np.asarray(weights, float)
     if weights.ndim != 1 or not weights.size or not np.all((weights >= 0) & np.isfinite(weights)) or not weights.sum() > 0:
@@ -90,6 +90,19 @@ def cumulated(weights):
     shares = np.cumsum(weights / weights.sum())
     shares[np.flatnonzero(weights)[-1]:] = 1.0  # rounding must not reach a type of weight 0
     return shares
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def instance(seed, i, j, k, sphere, shares):
+    """Type and rotation of the grain at a sphere of copy (i, j, k) of a tile; compiled.
+
+    seed : uint64;  i, j, k, sphere : int64;  shares : (T,) from `cumulated_shares`
+
+    Returns the type, 0 to T - 1, and the quaternion (x, y, z, w) that turns the grain's frame into the world's; the same as
+    `asset.packing`'s instances and the random walks of the bake.
+    """
+    a, b, c, d = uniforms(seed, i, j, k, sphere)
+    return kind(a, shares), rotation(b, c, d)
 
 
 def instances(seed, tile, sphere, weights=(1.0,)):
@@ -119,7 +132,7 @@ def instances(seed, tile, sphere, weights=(1.0,)):
     """
     if not 0 <= int(seed) < 1 << 64:
         raise ValueError(f"seed {seed}: 0 to 2^64 - 1 is possible")
-    shares = cumulated(weights)
+    shares = cumulated_shares(weights)
     tile, sphere = np.asarray(tile, np.int64), np.asarray(sphere, np.int64)
     if tile.shape[-1:] != (3,):
         raise ValueError(f"tile of shape {tile.shape}: (..., 3) whole numbers are needed")

@@ -295,14 +295,14 @@ def chord_lengths(centers, radii, cell, tolerance: float, stream: Callable, map_
     A line that leaves a sphere does so uniformly in area and with the cosine of the angle: chords are started that way and
     followed to the next sphere, through as many repeats of the tile as it takes.  There is no bias from ends of lines.
     """
-    from bakery.physics.packing import _cells, _chords
+    from bakery.physics.packing import _chords, cells
 
     centers, radii, cell = (np.ascontiguousarray(a, float) for a in (np.mod(centers, cell), radii, cell))
     exact = float(mean_chord(fraction(radii, cell), radii))
     edges, limit = chord_edges(exact), 1000 * exact
     m = np.maximum(np.floor(cell / (0.8 * (np.prod(cell) / len(radii)) ** (1 / 3))), 1).astype(np.int64)
     share = np.cumsum(radii**2) / np.sum(radii**2)
-    grid = (centers, radii, share, cell, m, *_cells.cells(centers, radii, cell, m)[:2], edges, limit)
+    grid = (centers, radii, share, cell, m, *cells.tile_grid(centers, radii, cell, m)[:2], edges, limit)
     map_tasks = map_tasks or (lambda function, tasks: [function(*task) for task in tasks])
     counts, sums, longest, cut, tasks = np.zeros(edges.size - 1, np.int64), np.zeros(_chords.MOMENTS), 0.0, 0, 0
     target = 8

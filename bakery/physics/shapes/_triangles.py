@@ -73,11 +73,11 @@ def _overlap_flat(p, one, two):
             a, b, c = first[k], first[(k + 1) % 3], first[(k + 2) % 3]
             ex, ey = p[b, i] - p[a, i], p[b, j] - p[a, j]
             l, r = ex * (p[c, j] - p[a, j]), ey * (p[c, i] - p[a, i])
-            own = l - r
-            apart = abs(own) > _BOUND * (abs(l) + abs(r))  # a triangle seen from its edge separates nothing
+            excess = l - r
+            apart = abs(excess) > _BOUND * (abs(l) + abs(r))  # a triangle seen from its edge separates nothing
             for d in second:
                 l, r = ex * (p[d, j] - p[a, j]), ey * (p[d, i] - p[a, i])
-                if (l - r) * own > 0 and abs(l - r) > _BOUND * (abs(l) + abs(r)):
+                if (l - r) * excess > 0 and abs(l - r) > _BOUND * (abs(l) + abs(r)):
                     apart = False
             if apart:
                 return False
@@ -85,35 +85,35 @@ def _overlap_flat(p, one, two):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _cross(p, one, two):
+def _cross(p, a, b):
     """Whether two triangles share more than the corners and the edge that they have in common."""
     shared = 0
     lone_one, lone_two = -1, -1  # with one shared corner: its place in each
     for i in range(3):
         for j in range(3):
-            if one[i] == two[j]:
+            if a[i] == b[j]:
                 shared += 1
                 lone_one, lone_two = i, j
     flat = True
     sides_one, sides_two = 0, 0
     for i in range(3):
-        if one[i] != two[0] and one[i] != two[1] and one[i] != two[2]:
-            s = _side(p, two[0], two[1], two[2], one[i])
+        if a[i] != b[0] and a[i] != b[1] and a[i] != b[2]:
+            s = _side(p, b[0], b[1], b[2], a[i])
             flat &= s == 0
             sides_one += s
-        if two[i] != one[0] and two[i] != one[1] and two[i] != one[2]:
-            s = _side(p, one[0], one[1], one[2], two[i])
+        if b[i] != a[0] and b[i] != a[1] and b[i] != a[2]:
+            s = _side(p, a[0], a[1], a[2], b[i])
             flat &= s == 0
             sides_two += s
     if flat:
-        return _overlap_flat(p, one, two)
+        return _overlap_flat(p, a, b)
     if shared >= 2 or abs(sides_one) == 3 - shared or abs(sides_two) == 3 - shared:
         return False
     for i in range(3):
-        if (shared == 0 or i == (lone_one + 1) % 3) and _pierces(p, one[i], one[(i + 1) % 3], two[0], two[1], two[2]) \
-                or (shared == 0 or i == (lone_two + 1) % 3) and _pierces(p, two[i], two[(i + 1) % 3], one[0], one[1], one[2]):
+        if (shared == 0 or i == (lone_one + 1) % 3) and _pierces(p, a[i], a[(i + 1) % 3], b[0], b[1], b[2]) \
+                or (shared == 0 or i == (lone_two + 1) % 3) and _pierces(p, b[i], b[(i + 1) % 3], a[0], a[1], a[2]):
             # where all is flat to rounding, signs of 0 look like a rim that is met
-            return _overlap_flat(p, one, two)
+            return _overlap_flat(p, a, b)
     return False
 
 
@@ -126,10 +126,10 @@ def self_crossings(vertices, faces, order, box, limit):
     stack = np.empty(_STACK, np.int64)
     low, high = np.empty(3), np.empty(3)
     for i in range(len(order)):
-        one = (faces[order[i], 0], faces[order[i], 1], faces[order[i], 2])
+        corners = (faces[order[i], 0], faces[order[i], 1], faces[order[i], 2])
         for k in range(3):
-            low[k] = min(vertices[one[0], k], vertices[one[1], k], vertices[one[2], k])
-            high[k] = max(vertices[one[0], k], vertices[one[1], k], vertices[one[2], k])
+            low[k] = min(vertices[corners[0], k], vertices[corners[1], k], vertices[corners[2], k])
+            high[k] = max(vertices[corners[0], k], vertices[corners[1], k], vertices[corners[2], k])
         stack[0] = 1
         top = 1
         while top:
@@ -150,7 +150,7 @@ def self_crossings(vertices, faces, order, box, limit):
                 continue
             for j in range(max((node - leaves) * LEAF, i + 1), min((node - leaves + 1) * LEAF, len(order))):
                 two = (faces[order[j], 0], faces[order[j], 1], faces[order[j], 2])
-                if _cross(vertices, one, two):
+                if _cross(vertices, corners, two):
                     pairs[number, 0], pairs[number, 1] = order[i], order[j]
                     number += 1
                     if number == limit:

@@ -79,7 +79,7 @@ class _Text:
         self.at = end + 1
         return line
 
-    def words(self, what):
+    def words(self, noun):
         """Words of the next line that holds some, comments aside."""
         begin = _BLANK.match(self.data, self.at).end()  # over empty lines at once: a file may be nothing else
         self.number += self.data.count(b"\n", self.at, begin)
@@ -88,24 +88,24 @@ class _Text:
             words = line.split(b"#", 1)[0].split()
             if words:
                 return words
-        raise ValueError(f"the file ends after line {self.number}, before {what}")
+        raise ValueError(f"the file ends after line {self.number}, before {noun}")
 
     def wrong(self, text):
         return ValueError(f"line {self.number}: {text}")
 
-    def floats(self, words, what="a vertex"):
+    def floats(self, words, noun="a vertex"):
         try:
             if len(words) < 3:
                 raise ValueError
             return float(words[0]), float(words[1]), float(words[2])
         except ValueError:
-            raise self.wrong(f"three numbers expected for {what}, found {_shown(words)}") from None
+            raise self.wrong(f"three numbers expected for {noun}, found {_shown(words)}") from None
 
-    def indices(self, words, what="corners of a polygon"):
+    def indices(self, words, noun="corners of a polygon"):
         try:
             return [int(word) for word in words]
         except ValueError:
-            raise self.wrong(f"whole numbers expected for the {what}, found {_shown(words)}") from None
+            raise self.wrong(f"whole numbers expected for the {noun}, found {_shown(words)}") from None
 
 
 class _Faces:
@@ -114,11 +114,11 @@ class _Faces:
     def __init__(self):
         self.data, self.polygons = array("i"), 0
 
-    def add(self, corners, place):
+    def add(self, corners, where):
         if not 3 <= len(corners) <= CORNERS:
-            raise ValueError(f"{place}: a polygon of {len(corners)} corners; it takes 3 to {CORNERS}")
+            raise ValueError(f"{where}: a polygon of {len(corners)} corners; it takes 3 to {CORNERS}")
         if max(corners) >= 1 << 31 or min(corners) < 0:
-            raise ValueError(f"{place}: no vertex has the index {max(corners) if min(corners) >= 0 else min(corners)}")
+            raise ValueError(f"{where}: no vertex has the index {max(corners) if min(corners) >= 0 else min(corners)}")
         for i in range(1, len(corners) - 1):
             self.data.extend((corners[0], corners[i], corners[i + 1]))
         self.polygons += 1
@@ -128,10 +128,10 @@ class _Faces:
         return np.array(self.data, np.int32).reshape(-1, 3)
 
 
-def _few(count, what="triangles"):
-    limit = FACES[1] if what == "triangles" else 3 * FACES[1]
+def _few(count, noun="triangles"):
+    limit = FACES[1] if noun == "triangles" else 3 * FACES[1]
     if count > limit:
-        raise ValueError(f"{count:,} {what}; at most {limit:,} (simplify the mesh first)")
+        raise ValueError(f"{count:,} {noun}; at most {limit:,} (simplify the mesh first)")
 
 
 def _stl(data):
@@ -173,12 +173,12 @@ def _obj(data):
         elif line.startswith(b"f ") or line.startswith(b"f\t"):
             if line.rstrip().endswith(b"\\"):
                 raise text.wrong("lines that go on in the next are not read")
-            known = len(vertex) // 3
+            vertices_known = len(vertex) // 3
             corners = text.indices([word.split(b"/", 1)[0] for word in line.split(b"#", 1)[0].split()[1:]])
-            if any(i == 0 or i < -known for i in corners):
-                bad = next(i for i in corners if i == 0 or i < -known)
+            if any(i == 0 or i < -vertices_known for i in corners):
+                bad = next(i for i in corners if i == 0 or i < -vertices_known)
                 raise text.wrong(f"no vertex has the index {bad}; they count from 1, or from -1 backwards")
-            faces.add([i - 1 if i > 0 else known + i for i in corners], f"line {text.number}")
+            faces.add([i - 1 if i > 0 else vertices_known + i for i in corners], f"line {text.number}")
         elif b"\0" in line:
             raise text.wrong("binary data; obj files are text")
     if not vertex:
@@ -266,10 +266,10 @@ class _Binary:
     def __init__(self, data, start, order):
         self.data, self.at, self.order = data, start, order
 
-    def take(self, dtype, count, what):
+    def take(self, dtype, count, noun):
         size = dtype.itemsize * count
         if self.at + size > len(self.data):
-            raise ValueError(f"the file ends {self.at + size - len(self.data):,} bytes before the end of {what}")
+            raise ValueError(f"the file ends {self.at + size - len(self.data):,} bytes before the end of {noun}")
         values = np.frombuffer(self.data, dtype, count, self.at)
         self.at += size
         return values
@@ -320,31 +320,31 @@ def _ply_faces(body, count, properties):
     return faces
 
 
-def _ply_record(body, properties, what):
+def _ply_record(body, properties, noun):
     """One element: for each property its number or its list of whole numbers."""
     values = []
     if isinstance(body, _Binary):
         for _, kind, number in properties:
-            length = int(body.take(np.dtype(body.order + number), 1, what)[0]) if number else 1
+            length = int(body.take(np.dtype(body.order + number), 1, noun)[0]) if number else 1
             if length < 0:
-                raise ValueError(f"{what}: a list of {length} entries")
-            taken = body.take(np.dtype(body.order + kind), length, what).tolist()
+                raise ValueError(f"{noun}: a list of {length} entries")
+            taken = body.take(np.dtype(body.order + kind), length, noun).tolist()
             values.append(taken if number else taken[0])
         return values
-    words = body.words(what)
+    words = body.words(noun)
     for _, kind, number in properties:
         length = body.indices(words[:1], "length of a list")[0] if number and words else 1
         words = words[1:] if number else words
         if not 0 <= length <= len(words):
-            raise body.wrong(f"{what}: {length} entries expected, found {len(words)}")
+            raise body.wrong(f"{noun}: {length} entries expected, found {len(words)}")
         taken, words = words[:length], words[length:]
         values.append((body.indices(taken) if kind[0] != "f" else taken) if number else taken)
     return values
 
 
-def _fits(least, there, what):
-    if least > there:
-        raise ValueError(f"the header tells of {what}, at least {least:,} bytes; only {there:,} follow")
+def _fits(least, length, noun):
+    if least > length:
+        raise ValueError(f"the header tells of {noun}, at least {least:,} bytes; only {length:,} follow")
 
 
 def _shown(words):

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bakery.physics.shapes.files import triangles
 from bakery.physics.shapes.quality import FACES, area, around, body_volumes, double_normals, self_crossings, tree, volume
 from bakery.physics.shapes.solid import arrays, more, point
 
@@ -49,6 +50,22 @@ def mended(vertices, faces):
     return mesh.result()
 
 
+def closed_mesh(data, kind):
+    """Vertices (V, 3) and triangles (F, 3) of a mesh file, a solid with outward normals.
+
+    data : bytes of the file;  kind : its ending, such as ply
+
+    Raises ValueError, in words, where it is no such file, or no closed mesh.
+    """
+    return solid(*triangles(data, kind))
+
+
+def solid(vertices, faces):
+    """Vertices (V, 3) and triangles (F, 3) of a closed mesh with outward normals, equal vertices made one; as `closed_mesh`."""
+    vertices, faces, _ = mended(vertices, faces)
+    return vertices, faces
+
+
 def checked(vertices, faces):
     """Arrays with sane numbers: vertices (V, 3) float64 and faces (F, 3) int32."""
     vertices, faces = arrays(vertices, faces)
@@ -76,9 +93,9 @@ class _Mesh:
 
         first, same = unique_rows((self.v + 0.0).view(np.int64))  # + 0.0: -0 is 0
         order = np.argsort(first)
-        gone = len(self.v) - len(first)
-        if gone:
-            self.notes.append(f"{_count(gone, 'vertices')} merged with others")
+        merged = len(self.v) - len(first)
+        if merged:
+            self.notes.append(f"{_count(merged, 'vertices')} merged with others")
             self.v, self.vertex = self.v[first[order]], self.vertex[first[order]]
             self.f = np.argsort(order)[same][self.f].astype(np.int32)
 
@@ -105,10 +122,10 @@ class _Mesh:
         self._closed()
         number = len(self.f)
         pair, edge = face_adjacency(self.f, return_edges=True)
-        one, two = (((self.f[side] == edge[:, :1]) & (np.roll(self.f[side], -1, axis=1) == edge[:, 1:])).any(axis=1)
-                    for side in pair.T)
+        first, second = (((self.f[side] == edge[:, :1]) & (np.roll(self.f[side], -1, axis=1) == edge[:, 1:])).any(axis=1)
+                         for side in pair.T)
         # each triangle stands there as it is and, F later, turned: what must be wound alike is linked
-        against = number * (one == two)
+        against = number * (first == second)
         links = np.concatenate([np.stack([pair[:, 0], pair[:, 1] + against], axis=1),
                                 np.stack([pair[:, 0] + number, pair[:, 1] + number - against], axis=1)])
         label = connected_component_labels(links, 2 * number).reshape(2, number)
@@ -125,8 +142,8 @@ class _Mesh:
 
     def outward(self, body):
         """Bodies wound outward, cavities inward; and no crossings, which would leave that open."""
-        own = body_volumes(self.v, self.f, body)
-        number = len(own)
+        volumes = body_volumes(self.v, self.f, body)
+        number = len(volumes)
         if number > BODIES:
             raise ValueError(f"{number:,} separate bodies; at most {BODIES} (remove the specks)")
         pairs = self_crossings(tree(self.v, self.f), 100)
@@ -137,7 +154,7 @@ class _Mesh:
         cavity = around(self.v, self.f, body) % 2 == 1
         if cavity.any():
             self.notes.append(f"{int(cavity.sum())} of {number} bodies lie inside another: taken as cavities")
-        wrong = (own < 0) != cavity
+        wrong = (volumes < 0) != cavity
         if wrong.any():
             self.f[wrong[body]] = self.f[wrong[body]][:, ::-1]
             self.notes.append("turned inside out" if number == 1 else f"{int(wrong.sum())} of {number} bodies turned inside out")
@@ -169,20 +186,20 @@ class _Mesh:
                 named = np.sort(self.face[index[which == k]])
                 a, b = edge[first[k]]
                 open_ = "" if count[k] > 1 else "not closed: "
-                what = f"{count[k]} triangles (faces {', '.join(map(str, named[:6]))})" if count[k] > 1 else f"face {named[0]}"
-                raise Unsound(f"{open_}{what} {words} the edge of the vertices {self.vertex[a]} and {self.vertex[b]} at "
+                at = f"{count[k]} triangles (faces {', '.join(map(str, named[:6]))})" if count[k] > 1 else f"face {named[0]}"
+                raise Unsound(f"{open_}{at} {words} the edge of the vertices {self.vertex[a]} and {self.vertex[b]} at "
                               f"{point(0.5 * (self.v[a] + self.v[b]))}; an edge of a solid has two"
                               f"{more(np.flatnonzero(bad), 'edge')}")
 
-    def _keep(self, keep, what):
+    def _keep(self, keep, words):
         if not keep.all():
-            self.notes.append(f"{_count((~keep).sum(), 'triangles')} {what}")
+            self.notes.append(f"{_count((~keep).sum(), 'triangles')} {words}")
             self.f, self.face = self.f[keep], self.face[keep]
 
     def _middle(self, i):
         return point(self.v[self.f[i]].mean(axis=0))
 
 
-def _count(number, what):
-    one = {"vertices": "vertex"}.get(what, what[:-1])
-    return f"{int(number):,} {one if number == 1 else what}"
+def _count(number, noun):
+    singular = {"vertices": "vertex"}.get(noun, noun[:-1])
+    return f"{int(number):,} {singular if number == 1 else noun}"

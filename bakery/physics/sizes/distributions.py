@@ -25,7 +25,7 @@ def laws() -> dict[str, type[Law]]:
     """Every declared law by its name."""
     from importlib import import_module
 
-    places = (place.partition(":") for place in LAWS)
+    places = (entry.partition(":") for entry in LAWS)
     return {law.name: law for law in (getattr(import_module(module), name) for module, _, name in places)}
 
 
@@ -110,16 +110,16 @@ def _parts(size):
         for share, inner in size.of:
             pieces = _parts(inner)
             total = math.fsum(weight for weight, *_ in pieces)
-            uncut += [(share * weight / total, *rest) for weight, *rest in pieces]
+            uncut += [(share * weight / total, *shape) for weight, *shape in pieces]
     else:
         uncut = [(1.0, _law(size), 0.0, math.inf)]
     cut = []
     for weight, law, lower, upper in uncut:
         before = law.moment(0, lower, upper)
         lower, upper = max(lower, low), min(upper, high)
-        left = law.moment(0, lower, upper) if lower <= upper else 0.0
-        if weight > 0 and left > _NOTHING:
-            cut.append((weight * left / before, law, lower, upper))
+        share_left = law.moment(0, lower, upper) if lower <= upper else 0.0
+        if weight > 0 and share_left > _NOTHING:
+            cut.append((weight * share_left / before, law, lower, upper))
     if not cut:
         raise ValueError(f"no particle has a radius between min = {low:g} um and max = {high:g} um; a wider interval would do"
                          + (", or distribution: single" if low == high else ""))
@@ -127,7 +127,7 @@ def _parts(size):
 
 
 def _law(size):
-    known = laws()
-    if size.distribution not in known:
+    by_name = laws()
+    if size.distribution not in by_name:
         raise ValueError(f"unknown size distribution {size.distribution!r}")
-    return known[size.distribution].of(size)
+    return by_name[size.distribution].of(size)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bakery.physics.medium.phase import evaluate
+from bakery.physics.medium.phase import phase_at
 from bakery.physics.surfaces import fresnel, single
 from bakery.physics.surfaces.covered import Covered, covered
 from bakery.physics.surfaces.cut import Cut, cut
@@ -90,7 +90,7 @@ class Solution:
         smooth = np.sum(factors * terms * np.cos(np.arange(len(orders))[:, None] * phi), axis=0)
         depth = slab.depth * self.cut.shrinks
         shape = single.upward if side < 0 else single.downward
-        phase = 4 * math.pi * evaluate(slab.theta, slab.phase, single.turned(inner, inner0, phi, side))
+        phase = 4 * math.pi * phase_at(slab.theta, slab.phase, single.turned(inner, inner0, phi, side))
         twice = single.interacts(inner, depth) * single.interacts(inner0, depth)
         once = 0.25 * slab.albedo / self.cut.shrinks * phase * shape(inner, inner0, depth)
         if side < 0 and slab.base and depth < math.inf:

@@ -56,14 +56,14 @@ def pictures(root: Group) -> Iterator:
     if not {"depth", "ratio", *SHOWN} <= group.members.keys():
         return
     um = root["wavelength"].data
-    lit = [int(k) for k in np.argsort(um, kind="stable") if group["forward"].data[k].any()]
-    if not lit:
+    wavelengths = [int(k) for k in np.argsort(um, kind="stable") if group["forward"].data[k].any()]
+    if not wavelengths:
         return
-    shown = looked_up(group, um, lit[len(lit) // 2])
+    shown = looked_up(group, um, wavelengths[len(wavelengths) // 2])
     yield maps(shown)
     yield sections(shown)
     if {f"{name}_{end}" for name in MEASURES for end in ("rms", "noise")} <= group.members.keys():
-        yield errors(group, um, lit)
+        yield errors(group, um, wavelengths)
 
 
 def looked_up(group: Group, um, k: int) -> Shown:
@@ -78,7 +78,7 @@ def looked_up(group: Group, um, k: int) -> Shown:
     depth = deepest * np.arange(1, _CELLS + 1) / _CELLS
     ring = np.pi * (edges[1:] + edges[:-1])
     error = {name: float(group[f"{name}_rms"].data[k]) for name in SHOWN if f"{name}_rms" in group.members}
-    return Shown(float(um[k]), depth, edges, {name: ring * made.rings(depth, edges) for name, made in tables.items()}, error)
+    return Shown(float(um[k]), depth, edges, {name: ring * table.rings(depth, edges) for name, table in tables.items()}, error)
 
 
 def maps(shown: Shown):
@@ -106,13 +106,14 @@ def maps(shown: Shown):
         figure.colorbar(shade, ax=panels, shrink=0.85, pad=0.015, label="2π r Ψ (1/mfp)", extend="both")
         figure.suptitle(f"Spread of a narrow beam: {shown.um:g} µm", x=0.01, ha="left", fontsize=10.5, fontweight="bold")
 
-    said = ("Scattered light in rings around a beam of power 1 that enters at the left, from the asset's tables: that of all "
-            "directions, that which goes on forward as fluence and as power through a surface across the beam (flux), and the "
-            "small-angle model.")
-    said += "  Percent: root mean square difference from photons that the bake counted, less their noise." if shown.error else ""
+    caption = ("Scattered light in rings around a beam of power 1 that enters at the left, from the asset's tables: that of all "
+               "directions, that which goes on forward as fluence and as power through a surface across the beam (flux), and the "
+               "small-angle model.")
+    if shown.error:
+        caption += "  Percent: root mean square difference from photons that the bake counted, less their noise."
     z, r = np.meshgrid(shown.depth, shown.radius, indexing="ij")
     columns = (("z [mfp]", z), ("r [mfp]", r), *((f"{SHOWN[name][0]} [1/mfp]", value) for name, value in shown.spread.items()))
-    return Picture("beam_maps", "Narrow beam", said, (8.6, 5.8), draw,
+    return Picture("beam_maps", "Narrow beam", caption, (8.6, 5.8), draw,
                    tuple((head, column.ravel()) for head, column in columns))
 
 
@@ -139,14 +140,14 @@ def sections(shown: Shown):
                    "from the asset's tables, averaged over rings.", (9.6, 3.9), draw, columns)
 
 
-def errors(group: Group, um, lit: list[int]):
+def errors(group: Group, um, wavelengths: list[int]):
     """The errors against photons that the bake stored, at each wavelength."""
-    values = {name: tuple(100 * group[f"{name}_{end}"].data[lit] for end in ("rms", "noise")) for name in MEASURES}
-    ink = colours(um[lit])
+    values = {name: tuple(100 * group[f"{name}_{end}"].data[wavelengths] for end in ("rms", "noise")) for name in MEASURES}
+    ink = colours(um[wavelengths])
 
     def draw(figure):
         axes = figure.subplots()
-        at = -np.arange(len(lit), dtype=float)
+        at = -np.arange(len(wavelengths), dtype=float)
         for name, mark, shift in zip(MEASURES, _MARKS, (0.2, 0.0, -0.2), strict=True):
             error, noise = values[name]
             axes.hlines(at + shift, _LEAST, np.maximum(noise, _LEAST), color=FAINT, linewidth=5, zorder=1)
@@ -155,7 +156,7 @@ def errors(group: Group, um, lit: list[int]):
         axes.plot([], [], color=FAINT, linewidth=5, label="noise of the photons")
         most = max(value.max() for pair in values.values() for value in pair)
         axes.set(xscale="log", xlim=(_LEAST, 2 * max(most, 5 * _LEAST)), ylim=(at[-1] - 0.5, 0.5), xlabel="error (%)")
-        axes.set_yticks(at, [f"{x:g} µm" for x in um[lit]])
+        axes.set_yticks(at, [f"{x:g} µm" for x in um[wavelengths]])
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
         axes.xaxis.set_minor_formatter(lambda value, _: "")
         axes.grid(axis="y", visible=False)
@@ -163,12 +164,12 @@ def errors(group: Group, um, lit: list[int]):
         axes.set_title("Errors of the tables")
         figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
 
-    columns = [("wavelength [um]", um[lit])]
+    columns = [("wavelength [um]", um[wavelengths])]
     columns += [(f"{SHOWN[name][0]} {end} [%]", column) for name, pair in values.items()
                 for end, column in zip(("error", "noise"), pair, strict=True)]
     return Picture("beam_errors", "Narrow beam: errors", "Root mean square difference of 2π r Ψ from the photons that the bake "
                    f"counted, relative, less their noise (grey; what lies in it may be 0).  Below {_LEAST:g} % drawn there.",
-                   (7.0, 1.5 + 0.4 * len(lit)), draw, tuple(columns))
+                   (7.0, 1.5 + 0.4 * len(wavelengths)), draw, tuple(columns))
 
 
 def _percent(share: float) -> str:

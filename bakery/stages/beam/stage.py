@@ -20,8 +20,8 @@ _SAID = {"fluence": "scattered light of all directions", "forward": "of the dire
 OUTPUTS = (
     Output("depth", "(D,)", "1", "depths in mean free paths, equal steps of the logarithm"),
     Output("ratio", "(U,)", "1", "distance from the axis over the depth, equal steps of the logarithm"),
-    *(Output(name, "(L, D, U)", "1", f"r depth kernel, {said}; the kernel is per squared mean free path and unit power")
-      for name, said in _SAID.items()),
+    *(Output(name, "(L, D, U)", "1", f"r depth kernel, {description}; the kernel is per squared mean free path and unit power")
+      for name, description in _SAID.items()),
     Output("model", "(L,)", "1", "what fluence, forward and flux are computed with", choices=MODELS),
     *(Output(f"m{n}", "(L, D)", "1", f"moment of r^{n} of the small-angle kernel, mean free paths^{n}") for n in (0, 2, 4)),
     Output("alpha", "(L, D)", "1", "of the error-function kernel with m0 and m2: alpha/r G(r/beta), per mean free path"),
@@ -60,19 +60,20 @@ def compute(inputs: dict, context) -> Result:
         tabulated += context.map(choice.tabulated, tasks[start:start + _TOGETHER])
         context.report(len(tabulated) / count)
     z = nodes[0]
-    values = {"depth": z, "ratio": nodes[1], "photons": np.array([one.photons for one in tabulated]),
-              "model": np.array([MODELS.index(one.model) for one in tabulated], np.int8),
-              "gaussian_b": np.array([one.B for one in tabulated])}
-    values |= {name: np.stack([one.values[name] for one in tabulated]).astype(np.float32) for name in _SAID}
+    values = {"depth": z, "ratio": nodes[1], "photons": np.array([table.photons for table in tabulated]),
+              "model": np.array([MODELS.index(table.model) for table in tabulated], np.int8),
+              "gaussian_b": np.array([table.B for table in tabulated])}
+    values |= {name: np.stack([table.values[name] for table in tabulated]).astype(np.float32) for name in _SAID}
     albedo, B = inputs["albedo"][:, None], values["gaussian_b"][:, None]
     levers = moments.levers(z, albedo)
     for name, value in zip(("m0", "m2", "m4"), moments.moments(*levers, (1 - albedo) * z, B)):
         values[name] = value
     values["alpha"], values["beta"] = kernels.erf_parameters(values["m0"], moments.mean_square(levers[0], levers[1], B))
     for name in MEASURES:
-        values[name + "_rms"], values[name + "_noise"] = (np.array([one.errors[name][i] for one in tabulated]) for i in (0, 1))
+        values[name + "_rms"], values[name + "_noise"] = (
+            np.array([table.errors[name][i] for table in tabulated]) for i in (0, 1))
     notes = [f"wavelength number {k}: too narrow a phase function for transport; the small-angle model stands in"
-             for k, one in enumerate(tabulated) if one.model != "transport"]
+             for k, table in enumerate(tabulated) if table.model != "transport"]
     # the photons' noise could hide as much as it makes
     error, noise = values["fluence_rms"], values["fluence_noise"]
     reached, worst = float((error + noise).max()), int(np.argmax(error + noise))
@@ -130,8 +131,8 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
         pairs = zip(tables_of(group, name), tables_of(reference, name))
         planes, edges = choice.counted_at(group["depth"].data[-1])
         errors = []
-        for own, true in pairs:
-            a, b = own.rings(planes, edges), true.rings(planes, edges)
+        for mine, true in pairs:
+            a, b = mine.rings(planes, edges), true.rings(planes, edges)
             weight = 0.5 * (edges[1:] + edges[:-1])
             errors.append(np.sqrt(np.sum(((a - b) * weight) ** 2) / max(np.sum((b * weight) ** 2), 1e-300)))
         worst[name] = float(max(errors))

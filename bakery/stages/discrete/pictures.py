@@ -41,7 +41,7 @@ def slab(group: Group) -> Picture:
     half = min(0.5, 0.5 * _SHOWN / len(position)) * box[depth]
     middle = float(np.median(position[:, depth][:10**6])) if "density" in group.members else 0.5 * box[depth]
     inside = np.flatnonzero(np.abs(position[:, depth] - middle) <= half)
-    place, size, kind = position[inside].astype(float), radius[inside] * 1e-6, component[inside]
+    centre, size, kind = position[inside].astype(float), radius[inside] * 1e-6, component[inside]
     scale, unit = _unit(box[[across, up]].max())
     area = np.pi * float(np.sum(size**2)) / (box[across] * box[up])
     factor = max(1.0, math.sqrt(_COVER / area)) if area > 0 else 1.0
@@ -56,7 +56,7 @@ def slab(group: Group) -> Picture:
         width = 2 * factor * size[order] * scale
         colours = np.array([_colour(c) for c in range(len(names))])[kind[order].astype(int)]
         axes.add_collection(EllipseCollection(width, width, np.zeros(len(width)), units="x", facecolors=colours, alpha=0.75,
-                                              linewidths=0, offsets=place[order][:, [across, up]] * scale,
+                                              linewidths=0, offsets=centre[order][:, [across, up]] * scale,
                                               offset_transform=axes.transData))
         for c, name in enumerate(names[:12]):
             axes.plot([], [], "o", color=_colour(c), alpha=0.75, linestyle="none", label=name)
@@ -66,11 +66,11 @@ def slab(group: Group) -> Picture:
             figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
 
     thick = 2 * half * scale
-    said = (f"Particles whose centres lie in a layer {thick:.3g} {unit} thick across {'xyz'[depth]}, "
-            + ("in their true sizes." if factor == 1 else f"their radii drawn {factor:.3g} times as large as they are."))
+    caption = (f"Particles whose centres lie in a layer {thick:.3g} {unit} thick across {'xyz'[depth]}, "
+               + ("in their true sizes." if factor == 1 else f"their radii drawn {factor:.3g} times as large as they are."))
     high = 5.6 * min(1.6, max(0.35, box[up] / box[across]))
-    columns = tuple((f"{name} [m]", place[:, axis]) for axis, name in enumerate("xyz"))
-    return Picture("discrete_slab", "A layer of the realisation", said, (6.4 + (len(names) > 1), high), draw,
+    columns = tuple((f"{name} [m]", centre[:, axis]) for axis, name in enumerate("xyz"))
+    return Picture("discrete_slab", "A layer of the realisation", caption, (6.4 + (len(names) > 1), high), draw,
                    (*columns, ("radius [um]", 1e6 * size), ("component", kind)))
 
 
@@ -80,20 +80,20 @@ def sizes(group: Group) -> Picture:
     total = len(group["position"].data)
     number = np.zeros(len(classes.radius))
     for c in range(len(classes.names)):
-        own = np.flatnonzero(classes.component == c)
+        chosen = np.flatnonzero(classes.component == c)
         held, count = np.unique(group["radius"].data[group["component"].data == c], return_counts=True)
-        number[own[np.searchsorted(classes.radius[own].astype(np.float32), held)]] = count
+        number[chosen[np.searchsorted(classes.radius[chosen].astype(np.float32), held)]] = count
     law = total * classes.share
     mean, area = (float(np.sum(number * value) / total) for value in (classes.radius, np.pi * classes.radius**2))
 
     def draw(figure):
         axes = figure.subplots()
         for c, name in enumerate(classes.names[:12]):
-            own = classes.component == c
-            axes.errorbar(classes.radius[own], law[own], np.sqrt(law[own] * (1 - classes.share[own])), fmt="none", ecolor=FAINT,
-                          elinewidth=5, zorder=1)
-            axes.plot(classes.radius[own], law[own], "-", color=_colour(c), linewidth=1.2, zorder=2)
-            axes.plot(classes.radius[own], np.where(number[own] > 0, number[own], np.nan), _MARKS[c % len(_MARKS)],
+            chosen = classes.component == c
+            axes.errorbar(classes.radius[chosen], law[chosen], np.sqrt(law[chosen] * (1 - classes.share[chosen])),
+                          fmt="none", ecolor=FAINT, elinewidth=5, zorder=1)
+            axes.plot(classes.radius[chosen], law[chosen], "-", color=_colour(c), linewidth=1.2, zorder=2)
+            axes.plot(classes.radius[chosen], np.where(number[chosen] > 0, number[chosen], np.nan), _MARKS[c % len(_MARKS)],
                       color=_colour(c), markersize=4.5, label=name, zorder=3)
         axes.set(xlabel="radius of the class (µm)", ylabel="particles")
         positive_axis(axes, law)
@@ -106,9 +106,9 @@ def sizes(group: Group) -> Picture:
         if len(classes.names) > 1:
             axes.legend()
 
-    said = (f"Marks: particles that are there, mean radius {mean:.4g} µm, mean cross section {area:.4g} µm².  Lines: what the "
-            "law of sizes expects; grey: one standard deviation.")
-    return Picture("discrete_sizes", "Sizes of the particles", said, (6.0, 4.0), draw,
+    caption = (f"Marks: particles that are there, mean radius {mean:.4g} µm, mean cross section {area:.4g} µm².  Lines: what the "
+               "law of sizes expects; grey: one standard deviation.")
+    return Picture("discrete_sizes", "Sizes of the particles", caption, (6.0, 4.0), draw,
                    (("radius [um]", classes.radius), ("component", classes.component), ("particles", number), ("expected", law)))
 
 
@@ -133,20 +133,20 @@ def counts(group: Group) -> Picture:
         axes.set_title("Counts in cells")
         axes.legend()
 
-    said = (f"Particles in {seen.sum():,.0f} cells, and the Poisson law of their expectations with the deviation that chance "
-            f"brings.  Variance over its expectation {value:.4g}, by chance 1 ± {error:.2g}.")
-    return Picture("discrete_counts", "Counts of particles", said, (6.0, 3.8), draw,
+    caption = (f"Particles in {seen.sum():,.0f} cells, and the Poisson law of their expectations with the deviation that chance "
+               f"brings.  Variance over its expectation {value:.4g}, by chance 1 ± {error:.2g}.")
+    return Picture("discrete_counts", "Counts of particles", caption, (6.0, 3.8), draw,
                    (("from", edges[:-1]), ("cells", seen), ("expected", law)))
 
 
 def grains(group: Group, um) -> Picture:
     """Relative deviation of a pixel against the distance of the medium."""
     from bakery.physics.discrete import graininess
-    from bakery.physics.medium.phase import evaluate
+    from bakery.physics.medium.phase import phase_at
 
     classes, density, box = classes_of(group), float(group["number_density"].data[0]), group["box"].data
     k = int(np.argsort(um, kind="stable")[len(um) // 2])
-    table = evaluate(classes.theta, classes.phase[k].astype(float), np.radians(_ANGLES))
+    table = phase_at(classes.theta, classes.phase[k].astype(float), np.radians(_ANGLES))
     mean, square = graininess.mixture_moments(classes.share, classes.scattering[k:k + 1], classes.spread[k:k + 1], table[None])
     deep = float(box.max())
     sigma_t = density * float(group["law_extinction"].data[k]) * 1e-12
@@ -170,11 +170,11 @@ def grains(group: Group, um) -> Picture:
         axes.set_title(f"Graininess: {um[k]:g} µm")
         axes.legend(title="scattering angle")
 
-    said = (f"Relative standard deviation, over realisations, of a pixel that looks through {deep:.3g} m of the medium (optical "
-            f"depth {sigma_t * deep:.3g}), by Campbell's theorem: single scattering of a light from afar that arrives "
-            f"unweakened, pixels of {1e3 * math.sqrt(pixel):.3g} mrad (field of view {math.degrees(_FIELD):g}°, {_PIXELS} "
-            "pixels).  Grey: there the largest disc is wider than a pixel, and pixels deviate less than drawn.")
-    return Picture("discrete_graininess", "Predicted graininess", said, (6.4, 4.2), draw,
+    caption = (f"Relative standard deviation, over realisations, of a pixel that looks through {deep:.3g} m of the medium "
+               f"(optical depth {sigma_t * deep:.3g}), by Campbell's theorem: single scattering of a light from afar that "
+               f"arrives unweakened, pixels of {1e3 * math.sqrt(pixel):.3g} mrad (field of view {math.degrees(_FIELD):g}°, "
+               f"{_PIXELS} pixels).  Grey: there the largest disc is wider than a pixel, and pixels deviate less than drawn.")
+    return Picture("discrete_graininess", "Predicted graininess", caption, (6.4, 4.2), draw,
                    (("distance [m]", near), *((f"deviation at {angle} deg", row) for angle, row in zip(_ANGLES, deviation))))
 
 
@@ -184,5 +184,5 @@ def _colour(component: int) -> str:
 
 def _unit(length: float) -> tuple[float, str]:
     """A unit in which a length in m is a handy number."""
-    return next((found for least, *found in ((1.0, 1.0, "m"), (0.01, 100.0, "cm"), (1e-3, 1e3, "mm")) if length >= least),
+    return next((scaled for least, *scaled in ((1.0, 1.0, "m"), (0.01, 100.0, "cm"), (1e-3, 1e3, "mm")) if length >= least),
                 [1e6, "µm"])

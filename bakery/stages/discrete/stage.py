@@ -154,10 +154,10 @@ def cost(recipe) -> Cost:
                             recipe.discrete.tolerance, rays=settings["rays"], remember=optics.remember)
     number = settings["number_density"] * settings["region"].volume
     stored = number if settings["method"] == "stored" else 0.0
-    of_classes = sum(len(each.radius) for each in settings["classes"])
+    of_classes = sum(len(bins.radius) for bins in settings["classes"])
     tables = 4.0 * expectation.angles * of_classes * len(settings["wavelength"])
     placing = (_PLACING if settings["region"].whole else _REJECTING) * stored
-    kernels = ("discrete._places", "mie._kernels") + ("grains.bvh", "discrete.region") * (not settings["region"].whole)
+    kernels = ("discrete._places", "mie.kernels") + ("grains.bvh", "discrete.region") * (not settings["region"].whole)
     return Cost(2 * expectation.seconds + placing, expectation.memory + tables * 4 + (_STORING + _WRITING) * stored + 1e8,
                 _FILE * stored + tables, f"{number:.3g} particles {settings['method']}, {of_classes} classes of radii, about "
                 f"{expectation.angles} angles" + f"; {_STORING:g} bytes a particle while they are drawn, {_STORING + _WRITING:g} "
@@ -190,7 +190,7 @@ def compute(inputs: dict, context) -> Result:
     if region.vertices is not None:
         members |= datasets(OUTPUTS, {"mesh_vertices": region.vertices, "mesh_faces": region.faces})
     members |= _components(inputs, averaged)
-    share = np.concatenate([f * each.share for f, each in zip(inputs["fraction"], inputs["classes"])])
+    share = np.concatenate([f * bins.share for f, bins in zip(inputs["fraction"], inputs["classes"])])
     extinction = np.concatenate([of.extinction for of in averaged], axis=1)
     notes = list(_notes(inputs))
     if inputs["method"] == "stored":
@@ -207,11 +207,11 @@ def compute(inputs: dict, context) -> Result:
 
 def _components(inputs, averaged) -> dict[str, Group]:
     out = {}
-    for i, (component, each, of) in enumerate(zip(inputs["components"], inputs["classes"], averaged)):
+    for i, (component, bins, of) in enumerate(zip(inputs["components"], inputs["classes"], averaged)):
         n, k = inputs["index"][i]
         out[component.name] = Group(datasets(OUTPUTS, {
-            "index": np.array([i]), "fraction": [inputs["fraction"][i]], "radius": each.radius, "edge": each.edge,
-            "share": each.share, "extinction": of.extinction, "scattering": of.scattering, "spread": of.spread,
+            "index": np.array([i]), "fraction": [inputs["fraction"][i]], "radius": bins.radius, "edge": bins.edge,
+            "share": bins.share, "extinction": of.extinction, "scattering": of.scattering, "spread": of.spread,
             "phase": of.phase, "n": n, "k": k}, "COMPONENT/"))
     return out
 
@@ -233,8 +233,8 @@ def _stored(inputs, share, extinction, context) -> dict[str, Dataset]:
         position = realise.realised(region, number, inputs["seed"], context.map, lambda done: context.report(0.7 + 0.2 * done))
     except realise.NoRoom as fault:
         raise StageError(f"discrete: the place of the particles {fault}") from None
-    radius = np.concatenate([each.radius for each in inputs["classes"]]).astype(np.float32)
-    of = np.repeat(np.arange(len(inputs["classes"]), dtype=np.uint8), [len(each.radius) for each in inputs["classes"]])
+    radius = np.concatenate([bins.radius for bins in inputs["classes"]]).astype(np.float32)
+    of = np.repeat(np.arange(len(inputs["classes"]), dtype=np.uint8), [len(bins.radius) for bins in inputs["classes"]])
     mean, error, law = statistics.mean_cross_section(number, share, extinction)
     values = {"number": [float(len(position))], "position": position, "radius": np.repeat(radius, number),
               "component": np.repeat(of, number), "law_extinction": law}
@@ -254,23 +254,23 @@ def _stored(inputs, share, extinction, context) -> dict[str, Dataset]:
 def _against_medium(inputs, theta, averaged) -> float:
     """Largest relative difference of the sum over classes from the continuous medium: cross sections, integral of the phase."""
     worst, table, weight = 0.0, 0.0, 0.0
-    for i, (each, of) in enumerate(zip(inputs["classes"], averaged)):
+    for i, (bins, of) in enumerate(zip(inputs["classes"], averaged)):
         for name in ("extinction", "scattering"):
             mean = inputs["means"][name][i]
-            worst = max(worst, float(np.max(np.abs(getattr(of, name) @ each.share / mean - 1))))
-        scattered = inputs["fraction"][i] * of.scattering * each.share
+            worst = max(worst, float(np.max(np.abs(getattr(of, name) @ bins.share / mean - 1))))
+        scattered = inputs["fraction"][i] * of.scattering * bins.share
         table = table + np.einsum("lr,lra->la", scattered, of.phase.astype(float))
         weight = weight + scattered.sum(axis=1)
     return max(worst, _difference(theta, table / weight[:, None], inputs["medium_theta"], inputs["medium_phase"]))
 
 
-def _difference(theta, f, other_theta, other) -> float:
+def _difference(theta, f, other_theta, g) -> float:
     """Largest integral of the difference of two phase functions (L, A) over the sphere."""
     from bakery.physics.medium import phase
 
-    both = np.union1d(theta, other_theta)
-    tables = phase.evaluate(theta, f, both), phase.evaluate(other_theta, other, both)
-    return float(measures.integrated_difference(both, *tables).max())
+    angles = np.union1d(theta, other_theta)
+    tables = phase.phase_at(theta, f, angles), phase.phase_at(other_theta, g, angles)
+    return float(measures.integrated_difference(angles, *tables).max())
 
 
 # ---- rules
@@ -336,7 +336,7 @@ def _check_component(group: Group, theta) -> Iterable[str]:
         yield "share does not add up to 1"
     if (v["scattering"] > v["extinction"] * (1 + 1e-12)).any():
         yield "scattering above extinction"
-    off = np.abs(phase.integral(theta, v["phase"].astype(float)) - 1).max()
+    off = np.abs(phase.phase_integral(theta, v["phase"].astype(float)) - 1).max()
     if not off <= _FLOAT32:
         yield f"phase integrates to 1 with an error of {off:.1g}, not {_FLOAT32:g}"
 
@@ -353,8 +353,8 @@ def _check_places(group: Group) -> Iterable[str]:
         yield "component does not ascend"
     classes = classes_of(group)
     for start, end in zip(of, [*of[1:], len(component)]):
-        known = classes.radius[classes.component == component[start]].astype(np.float32)
-        if not np.isin(np.unique(radius[start:end]), known).all():
+        radii = classes.radius[classes.component == component[start]].astype(np.float32)
+        if not np.isin(np.unique(radius[start:end]), radii).all():
             yield "a radius that is none of its component's classes"
 
 

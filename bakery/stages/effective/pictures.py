@@ -25,49 +25,49 @@ def pictures(root: Group) -> Iterator[Picture]:
 
 def extinction(medium: Group, um):
     """sigma_t of packed grains: by the mean flight (Eq. 4), by the second moment, by a walk through explicit grains."""
-    ways = {said: _stored(medium, f"sigma_t_{name}") for name, said in WAYS.items() if f"sigma_t_{name}" in medium.members}
+    ways = {words: _stored(medium, f"sigma_t_{name}") for name, words in WAYS.items() if f"sigma_t_{name}" in medium.members}
     used = medium["sigma_t"].data
     taken = [name for name, (value, _) in ways.items() if np.allclose(value, used, rtol=1e-6)]
     base = "walk through grains" if "walk through grains" in ways else next(iter(ways))
-    marks, inks = (dict(zip(WAYS.values(), each, strict=True)) for each in (("o", "s", "D"), NEUTRAL))
+    marks, inks = (dict(zip(WAYS.values(), style, strict=True)) for style in (("o", "s", "D"), NEUTRAL))
     walk = _walk(medium)
     shifts = dict(zip(ways, np.linspace(0.22, -0.22, len(ways)) if len(ways) > 1 else [0.0], strict=True))
 
     def draw(figure):
-        left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.15, 1))
+        panel, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.15, 1))
         at = -np.arange(len(um), dtype=float)
         for name, (value, error) in ways.items():
             style = {"fmt": marks[name], "color": inks[name], "markersize": 6 if name in taken else 4.6, "capsize": 3,
                      "elinewidth": 1.2, "linestyle": "none"}
             label = name + ("  — taken" if name in taken else "")
-            left.errorbar(1e-3 * value, at + shifts[name], xerr=1e-3 * error, label=label, **style)
+            panel.errorbar(1e-3 * value, at + shifts[name], xerr=1e-3 * error, label=label, **style)
             reference, unsure = ways[base]
             ratio = reference / value - 1  # as a length scale
             error = np.where(name == base, unsure / reference, error / value)
             right.errorbar(100 * ratio, at + shifts[name], xerr=100 * error, **style)
         spread = np.concatenate([1e-3 * (value + sign * error) for value, error in ways.values() for sign in (-1, 1)])
-        room = max(0.12 * np.ptp(spread), 0.02 * spread.max())
-        left.set(xlabel="σt (1/mm)", xlim=(spread.min() - room, spread.max() + room), ylim=(at[-1] - 0.6, 0.6))
-        left.set_yticks(at, [f"{x:g} µm" for x in um])
-        for label, tint in zip(left.get_yticklabels(), colours(um), strict=True):
+        margin = max(0.12 * np.ptp(spread), 0.02 * spread.max())
+        panel.set(xlabel="σt (1/mm)", xlim=(spread.min() - margin, spread.max() + margin), ylim=(at[-1] - 0.6, 0.6))
+        panel.set_yticks(at, [f"{x:g} µm" for x in um])
+        for label, tint in zip(panel.get_yticklabels(), colours(um), strict=True):
             label.set_color(tint)
         right.axvline(0, color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
         right.set_xlabel(f"1/σt against the {base} (%)")
-        left.set_title("Extinction coefficient")
+        panel.set_title("Extinction coefficient")
         right.set_title("As a length scale")
-        for axes in (left, right):
+        for axes in (panel, right):
             axes.grid(axis="y", visible=False)
             axes.tick_params(axis="y", length=0)
-        figure.legend(*left.get_legend_handles_labels(), loc="outside right upper")
+        figure.legend(*panel.get_legend_handles_labels(), loc="outside right upper")
         if walk:
             figure.supxlabel("\n".join(textwrap.wrap(walk, 130)), x=0.01, ha="left", fontsize=8.2, color=QUIET)
 
-    said = [f"What continuous medium spreads light as the grains do: {len(ways)} answers.  Bars: standard errors."]
+    sentences = [f"What continuous medium spreads light as the grains do: {len(ways)} answers.  Bars: standard errors."]
     reached = medium.attributes.get("achieved_error")
     if isinstance(reached, float) and "random_walk" in medium.members:
-        said.append(f"The medium's σt is off by {100 * reached:.2g} % as a length scale.")
-    said += [walk] if walk else []
-    return Picture("extinction", "Extinction of the packed grains", "  ".join(said), (9.2, 1.6 + 0.62 * len(um)), draw,
+        sentences.append(f"The medium's σt is off by {100 * reached:.2g} % as a length scale.")
+    sentences += [walk] if walk else []
+    return Picture("extinction", "Extinction of the packed grains", "  ".join(sentences), (9.2, 1.6 + 0.62 * len(um)), draw,
                    (("wavelength [um]", um), *((f"{name}{end} [1/m]", values) for name, pair in ways.items()
                                                for end, values in zip(("", " standard error"), pair, strict=True))))
 
@@ -89,12 +89,12 @@ def _walk(medium: Group) -> str:
         return concise(scale * float(group[name].data[0]), scale * float(error.data[0]) if isinstance(error, Dataset) else 0.0)
 
     at = f" at {walk['wavelength'].data[0]:g} µm" if "wavelength" in walk.members else ""
-    said = [f"Walk through grains{at}, nothing absorbed: {whole(walk['hits'].data[0])} hits"]
+    sentences = [f"Walk through grains{at}, nothing absorbed: {whole(walk['hits'].data[0])} hits"]
     if {"void_chord", "flight"} <= walk.members.keys():
-        said.append(f"free path between spheres {of(walk, 'void_chord', 1e3)} mm"
-                    + (f" (Eq. 1: {of(medium, 'void_chord', 1e3)})" if "void_chord" in medium.members else ""))
-        said.append(f"between hits {of(walk, 'flight', 1e3)} mm"
-                    + (f" (Eq. 3: {of(medium, 'lambda_beta', 1e3)})" if "lambda_beta" in medium.members else ""))
+        sentences.append(f"free path between spheres {of(walk, 'void_chord', 1e3)} mm"
+                         + (f" (Eq. 1: {of(medium, 'void_chord', 1e3)})" if "void_chord" in medium.members else ""))
+        sentences.append(f"between hits {of(walk, 'flight', 1e3)} mm"
+                         + (f" (Eq. 3: {of(medium, 'lambda_beta', 1e3)})" if "lambda_beta" in medium.members else ""))
     if "correlation" in walk.members:
-        said.append(f"correlation of successive flights {of(walk, 'correlation')}")
-    return "; ".join(said) + "."
+        sentences.append(f"correlation of successive flights {of(walk, 'correlation')}")
+    return "; ".join(sentences) + "."

@@ -78,11 +78,11 @@ def inputs(recipe, upstream) -> dict:
     def rows(name, figure, lossless=False):
         """Values and errors (S, L, …)."""
         part = group[name]
-        place = part["lossless"] if lossless and figure in LOSSLESS else part
+        source = part["lossless"] if lossless and figure in LOSSLESS else part
         if not lossless and "by_radius" in part.members and figure in (*BY_RADIUS, "phase"):
-            place = part["by_radius"]
-            return np.asarray(place[figure].data, float), np.asarray(place[figure + "_error"].data, float)
-        value, error = (np.asarray(place[figure + end].data, float) for end in ("", "_error"))
+            source = part["by_radius"]
+            return np.asarray(source[figure].data, float), np.asarray(source[figure + "_error"].data, float)
+        value, error = (np.asarray(source[figure + end].data, float) for end in ("", "_error"))
         return np.repeat(value[None], sizes, axis=0), np.repeat(error[None], sizes, axis=0)
 
     figures = (*_NAMES, "phase")
@@ -141,8 +141,8 @@ def compute(inputs: dict, context) -> Result:
     if not match.walked:
         notes.append(f"the random walk gives no mean square displacement: {walks.reason}")
     elif abs(match.farther) > max(3 * match.spread, context.tolerance):
-        how = "farther" if match.farther > 0 else "less far"
-        missed.append(f"light among the grains themselves spreads {abs(match.farther):.0%} {how} than sigma_t says; "
+        direction = "farther" if match.farther > 0 else "less far"
+        missed.append(f"light among the grains themselves spreads {abs(match.farther):.0%} {direction} than sigma_t says; "
                       "effective_medium.sigma_t: random_walk matches it")
     if match.walked and inputs["walks"] is None and not walks.reached:
         missed.append(f"the random walk's mean square displacement is known to {2 * match.spread:.2g} only: {walks.reason}")
@@ -244,7 +244,7 @@ def cost(recipe) -> Cost:
     rows = len(recipe.wavelength)
     return Cost(seconds, 1e8 + 300.0 * recipe.scatterometer.triangles * number, 8 * 4 * 190 * rows + 2e4,
                 f"about {hits:.2g} hits of a random walk through explicit grains", _LOADING + 0.1 * number,
-                kernels=("granular._packed", "packing._cells", "packing.instances"), kind="of grains")
+                kernels=("granular._packed", "packing.cells", "packing.instances"), kind="of grains")
 
 
 def measures(group: Group, reference: Group) -> Mapping[str, float]:

@@ -12,7 +12,7 @@ from bakery.draw.axes import labels, legend_beside, sentences
 from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, QUIET, colours
 from bakery.draw.table import Table
-from bakery.physics.medium.phase import integral
+from bakery.physics.medium.phase import phase_integral
 from bakery.stages.grains.view import Exemplar, components_of, exemplar
 from bakery.stages.medium.pictures import around, band_of, by_angle, over_angles
 from bakery.store.tree import Dataset, Group
@@ -38,16 +38,16 @@ _EXACT = 1e-9  # an error below this has no digits to show
 def pictures(root: Group) -> Iterator:
     """Every picture of a `grains` group: the grains, their statistics, phase functions, figures by size."""
     grains, um = root["grains"], root["wavelength"].data
-    found = components_of(grains)
-    meshes = {name: exemplar(part) for name, part in found.items() if {"vertices", "faces"} <= part.members.keys()}
+    components = components_of(grains)
+    meshes = {name: exemplar(part) for name, part in components.items() if {"vertices", "faces"} <= part.members.keys()}
     if meshes:
-        yield shapes(meshes, found, grains)
-    if any("hit_probability" in part.members for part in found.values()):
-        yield statistics(found, um)
-    scattered = {name: part for name, part in found.items() if "phase" in part.members}
+        yield shapes(meshes, components, grains)
+    if any("hit_probability" in part.members for part in components.values()):
+        yield statistics(components, um)
+    scattered = {name: part for name, part in components.items() if "phase" in part.members}
     if scattered and "theta" in grains.members:
         yield scattering(scattered, grains["theta"], um)
-    sized = {name: part["by_radius"] for name, part in found.items() if isinstance(part.members.get("by_radius"), Group)}
+    sized = {name: part["by_radius"] for name, part in components.items() if isinstance(part.members.get("by_radius"), Group)}
     if sized and "radius" in grains.members and all("albedo" in part.members for part in sized.values()):
         yield by_radius(sized, grains["radius"].data, um)
 
@@ -62,7 +62,7 @@ def shapes(meshes: Mapping[str, Exemplar], parts: Mapping[str, Group], grains: G
     def draw(figure):
         from matplotlib.patches import Circle
 
-        from bakery.draw._meshes import rendered
+        from bakery.draw.meshes import rendered
 
         panels = np.atleast_1d(figure.subplots(down, across)).ravel()
         for axes in panels:
@@ -108,19 +108,19 @@ def statistics(parts: Mapping[str, Group], um):
         dots = []
         for column, figure_name in enumerate(names):
             symbol, words, _ = FIGURES[figure_name]
-            left, (low, high) = column * (1 + _GAP), tops[figure_name]
-            _write(axes, left, 1.2, symbol, (0, 26), fontsize=10, fontweight="bold", va="bottom")
-            _write(axes, left, 1.2, textwrap.fill(words, 16), (0, 24), fontsize=7.8, color=QUIET, va="top")
+            x_left, (low, high) = column * (1 + _GAP), tops[figure_name]
+            _write(axes, x_left, 1.2, symbol, (0, 26), fontsize=10, fontweight="bold", va="bottom")
+            _write(axes, x_left, 1.2, textwrap.fill(words, 16), (0, 24), fontsize=7.8, color=QUIET, va="top")
             for y, (_, part, k) in zip(at, rows, strict=True):
                 (value, error), common = _value(part, figure_name, k), _common(part, figure_name)
                 if value is None or (k and common):
                     continue
                 tint = INK if common else ink[k]
-                dots.append((left + (value - low) / (high - low), error / (high - low), y, tint))
-                _write(axes, left + 1, y, concise(value, error), (0, 3.2), fontsize=7.6, color=tint, ha="right", va="bottom")
-        place, error, height, tints = zip(*dots, strict=True)
-        axes.hlines(height, np.subtract(place, error), np.add(place, error), colors=tints, linewidth=1.1, zorder=3)
-        axes.scatter(place, height, s=18, c=tints, linewidths=0, zorder=4, clip_on=False)
+                dots.append((x_left + (value - low) / (high - low), error / (high - low), y, tint))
+                _write(axes, x_left + 1, y, concise(value, error), (0, 3.2), fontsize=7.6, color=tint, ha="right", va="bottom")
+        position, error, height, tints = zip(*dots, strict=True)
+        axes.hlines(height, np.subtract(position, error), np.add(position, error), colors=tints, linewidth=1.1, zorder=3)
+        axes.scatter(position, height, s=18, c=tints, linewidths=0, zorder=4, clip_on=False)
         for y, (name, _, k) in zip(at, rows, strict=True):
             if k == 0:
                 _write(axes, 0, y + 0.72, name, (-4, 0), fontsize=9.5, fontweight="bold", ha="right", va="center")
@@ -143,11 +143,11 @@ def _frames(axes, ranges: Sequence[tuple[float, float]], foot: float, between: S
 
     lines, scales = [], []
     for column, (low, high) in enumerate(ranges):
-        left = column * (1 + _GAP)
-        lines += [[(left + share, foot), (left + share, 1.2)] for share in (0.0, 0.5, 1.0)]
-        scales += [[(left, y), (left + 1, y)] for y in (foot, *between)]
+        x_left = column * (1 + _GAP)
+        lines += [[(x_left + share, foot), (x_left + share, 1.2)] for share in (0.0, 0.5, 1.0)]
+        scales += [[(x_left, y), (x_left + 1, y)] for y in (foot, *between)]
         for share, value in ((0.0, low), (1.0, high)):
-            _write(axes, left + share, foot, f"{value:g}", (0, -4), ha="center", va="top")
+            _write(axes, x_left + share, foot, f"{value:g}", (0, -4), ha="center", va="top")
     axes.add_collection(LineCollection(lines, colors=FAINT, linewidths=0.7, zorder=1))
     axes.add_collection(LineCollection(scales, colors=QUIET, linewidths=0.8, zorder=2, clip_on=False))
 
@@ -168,11 +168,11 @@ def scattering(parts: Mapping[str, Group], theta: Dataset, um) -> Picture:
 
     def draw(figure):
         rows = figure.subplots(len(views), 2, width_ratios=(1.6, 1), squeeze=False)
-        for (wide, lobe), (name, view) in zip(rows, views.items(), strict=True):
-            over_angles(wide, view, um)
-            wide.set_title(name)
+        for (whole_range, lobe), (name, view) in zip(rows, views.items(), strict=True):
+            over_angles(whole_range, view, um)
+            whole_range.set_title(name)
             around(lobe, view, um)
-        legend_beside(figure, wide)
+        legend_beside(figure, whole_range)
         if notes:
             figure.supxlabel("\n".join(notes), x=0.01, ha="left", fontsize=8.2, color=QUIET)
 
@@ -187,15 +187,15 @@ def scattering(parts: Mapping[str, Group], theta: Dataset, um) -> Picture:
 
 def _of_bins(name: str, part: Group, theta: Dataset) -> str:
     """What stands below the phase function of a component: its noise, and the peak that is not drawn."""
-    said = []
+    parts = []
     if "phase_error" in part.members:
-        spread = 50 * np.max(integral(theta.data, part["phase_error"].data))
-        said.append(f"standard errors of the bins together: {spread:.2g} % of the light")
+        spread = 50 * np.max(phase_integral(theta.data, part["phase_error"].data))
+        parts.append(f"standard errors of the bins together: {spread:.2g} % of the light")
     delta = part.members.get("forward_delta")
     if delta is not None and np.max(delta.data) > 0:
         shares = dict.fromkeys(f"{100 * value:.3g} %" for value in delta.data)
-        said.append(f"{', '.join(shares)} of the light is unscattered (delta) transmission: that peak at 0° is not drawn")
-    return f"{name}: {'; '.join(said)}" if said else ""
+        parts.append(f"{', '.join(shares)} of the light is unscattered (delta) transmission: that peak at 0° is not drawn")
+    return f"{name}: {'; '.join(parts)}" if parts else ""
 
 
 def by_radius(parts: Mapping[str, Group], radius, um):
@@ -250,8 +250,8 @@ def table(grains: Group, um) -> tuple[list[str], list[list[str]]]:
     rows = []
     for component, part in parts.items():
         for k, x in enumerate(um):
-            found = [_value(part, name, k) for name in names]
-            rows.append([component, f"{x:g}", *("" if value is None else concise(value, error) for value, error in found)])
+            cells = [_value(part, name, k) for name in names]
+            rows.append([component, f"{x:g}", *("" if value is None else concise(value, error) for value, error in cells)])
     return head, rows
 
 
@@ -270,8 +270,8 @@ def legend() -> str:
 
 def _shown(parts: Mapping[str, Group]) -> list[str]:
     """The figures that the components hold; delta transmission and paths inside only where there are any."""
-    found = [name for name in FIGURES if any(name in part.members for part in parts.values())]
-    return [name for name in found if name not in ("forward_delta", "inner_path")
+    names = [name for name in FIGURES if any(name in part.members for part in parts.values())]
+    return [name for name in names if name not in ("forward_delta", "inner_path")
             or any(name in part.members and part[name].data.any() for part in parts.values())]
 
 
@@ -307,8 +307,8 @@ def _radii(grains: Group) -> str:
         return "bounding radius"
     radius = np.sort(member.data.ravel())
     scale, unit = (1e3, "mm") if radius[-1] >= 1e-4 else (1e6, "µm")
-    said = f"{scale * radius[0]:.3g}" + (f" to {scale * radius[-1]:.3g}" if radius[-1] > radius[0] * (1 + 1e-9) else "")
-    return f"{said} {unit}"
+    text = f"{scale * radius[0]:.3g}" + (f" to {scale * radius[-1]:.3g}" if radius[-1] > radius[0] * (1 + 1e-9) else "")
+    return f"{text} {unit}"
 
 
 def _share(part: Group) -> str:
@@ -325,10 +325,10 @@ def _effort(name: str, part: Group) -> str:
 
     if not of("paths")[0]:
         return f"{name}: in closed form, no paths"
-    said = [f"{whole(of('paths')[0])} paths", f"{whole(of('hits')[0])} hits",
-            f"{np.max(of('events')):.3g} surface interactions a hit", f"{_part(np.max(of('contradicted')))} inconsistent",
-            f"{_part(np.max(of('lost')))} cut off"]
-    return f"{name}: {', '.join(said)}"
+    parts = [f"{whole(of('paths')[0])} paths", f"{whole(of('hits')[0])} hits",
+             f"{np.max(of('events')):.3g} surface interactions a hit", f"{_part(np.max(of('contradicted')))} inconsistent",
+             f"{_part(np.max(of('lost')))} cut off"]
+    return f"{name}: {', '.join(parts)}"
 
 
 def whole(number) -> str:
@@ -370,10 +370,10 @@ def _columns(parts, names, um) -> tuple:
     rows = [(name, part, k) for name, part in parts.items() for k in range(len(um))]
     columns = [("component", [name for name, _, _ in rows]), ("wavelength [um]", np.array([um[k] for _, _, k in rows]))]
     for name in names:
-        found = [_value(part, name, k) for _, part, k in rows]
+        cells = [_value(part, name, k) for _, part, k in rows]
         units = next(part[name].units for part in parts.values() if name in part.members)
-        columns.append((f"{name} [{units}]", np.array([np.nan if value is None else value for value, _ in found])))
-        columns.append((f"standard error of {name} [{units}]", np.array([error for _, error in found])))
+        columns.append((f"{name} [{units}]", np.array([np.nan if value is None else value for value, _ in cells])))
+        columns.append((f"standard error of {name} [{units}]", np.array([error for _, error in cells])))
     return tuple(columns)
 
 

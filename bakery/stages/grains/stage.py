@@ -160,8 +160,8 @@ def _group(component, grain, traced, measured, own, at, table):
     for name in (*FIGURES, "phase"):
         value, error = traces.figures(traced, measured, name)
         if name == "phase":
-            value, _ = phase.normalised(table, phase.evaluate(theta, value, table))
-            error = phase.evaluate(theta, error, table)
+            value, _ = phase.normalised(table, phase.phase_at(theta, value, table))
+            error = phase.phase_at(theta, error, table)
         tables[name] = value, error
         values[name], values[name + "_error"] = value[own], error[own]
     walks = _walks(measured)

@@ -20,7 +20,7 @@ from bakery.draw.lobe import polar
 from bakery.draw.picture import Picture
 from bakery.draw.style import INK, NEUTRAL, QUIET, colours
 from bakery.draw.table import Table
-from bakery.physics.medium.phase import evaluate
+from bakery.physics.medium.phase import phase_at
 from bakery.stages.coordinates import BIAS, ERROR, stated_error
 from bakery.stages.optics import methods
 from bakery.store.tree import Dataset, Group
@@ -71,20 +71,20 @@ def phase_function(medium: Group, um, remarks: Sequence[str] = ()) -> Picture:
     """
     theta, phase, error = _curves(medium)
     largest = _largest(phase, error)
-    left = _start_of_zoom(np.degrees(theta), phase)
-    near = np.union1d(np.geomspace(left, 30, 300), np.degrees(theta[(theta > np.radians(left)) & (theta < np.radians(30))]))
+    start = _start_of_zoom(np.degrees(theta), phase)
+    near = np.union1d(np.geomspace(start, 30, 300), np.degrees(theta[(theta > np.radians(start)) & (theta < np.radians(30))]))
 
     def draw(figure):
-        wide, zoom = figure.subplots(1, 2, width_ratios=(1.7, 1), sharey=True)
-        over_angles(wide, medium, um)
-        for row, band, colour in zip(*(evaluate(theta, values, np.radians(near)) for values in (phase, error)), colours(um),
+        all_angles, zoom = figure.subplots(1, 2, width_ratios=(1.7, 1), sharey=True)
+        over_angles(all_angles, medium, um)
+        for row, band, colour in zip(*(phase_at(theta, values, np.radians(near)) for values in (phase, error)), colours(um),
                                      strict=True):
             _curve(zoom, near, row, band if largest > _SEEN else None, colour)
-        wide.set_title("All angles")
-        zoom.set(xscale="log", xlim=(left, 30), xlabel="θ (°), logarithmic")
+        all_angles.set_title("All angles")
+        zoom.set(xscale="log", xlim=(start, 30), xlabel="θ (°), logarithmic")
         zoom.set_title("Forward peak")
         plain_decades(zoom.xaxis)
-        legend_beside(figure, wide)
+        legend_beside(figure, all_angles)
         if remarks:
             figure.supxlabel("\n".join(remarks), x=0.01, ha="left", fontsize=8.5, color=QUIET)
 
@@ -146,10 +146,11 @@ def lobe(medium: Group, um) -> Picture:
         axes.set_title("Phase function (1/sr), logarithmic radius")
         legend_beside(figure, axes)
 
-    said = "The same phase function around the particle; light travels to the right, 0° is straight on."
-    said += f"  The inner circle stands for {10**bottom:g} and less" + (
+    caption = "The same phase function around the particle; light travels to the right, 0° is straight on."
+    caption += f"  The inner circle stands for {10**bottom:g} and less" + (
         f", the outer one for {10**top:g} and more: the forward peak rises to {medium['phase'].data.max():.3g}." if cut else ".")
-    return Picture("lobe", "Lobe", said, (6.4, 5.2), draw, by_angle(medium, um, "phase at {:g} um [1/sr]", medium["phase"].data))
+    return Picture("lobe", "Lobe", caption, (6.4, 5.2), draw,
+                   by_angle(medium, um, "phase at {:g} um [1/sr]", medium["phase"].data))
 
 
 def around(axes, medium: Group, um) -> None:
@@ -193,7 +194,7 @@ def coefficients(medium: Group, um) -> Picture:
     """Extinction, scattering and absorption, albedo and mean cosine against wavelength."""
     order = np.argsort(um)
     names = [name for name in ("sigma_t", "sigma_s", "sigma_a") if name in medium.members]
-    said = {"sigma_t": "extinction σt", "sigma_s": "scattering σs", "sigma_a": "absorption σa"}
+    titles = {"sigma_t": "extinction σt", "sigma_s": "scattering σs", "sigma_a": "absorption σa"}
     style = {"sigma_t": "-", "sigma_s": (0, (5, 2.5)), "sigma_a": "-"}
 
     absorbed = medium.members.get("sigma_a")  # 1 - albedo has lost its digits where little is absorbed
@@ -206,7 +207,7 @@ def coefficients(medium: Group, um) -> Picture:
             values = medium[name].data[order]
             if (values > 0).any():
                 first.plot(um[order], positive(values), color=ink, linestyle=style[name], marker="o", markersize=4,
-                           label=said[name])
+                           label=titles[name])
         positive_axis(first, np.concatenate([medium[name].data for name in names]))
         first.set_title("Coefficients (1/m)")
         first.legend(loc="best")

@@ -62,14 +62,14 @@ def pictures(root: Group) -> Iterator:
     um = group["wavelength"].data
     kinds = [kind for kind in KINDS if kind in group.members]
     tables = {kind: tables_of(group, kind) for kind in kinds}
-    lit = [k for k in np.argsort(um, kind="stable") if not all(tables[kind][k].empty for kind in kinds)]
-    if not lit:
+    wavelengths = [k for k in np.argsort(um, kind="stable") if not all(tables[kind][k].empty for kind in kinds)]
+    if not wavelengths:
         return
-    k = int(lit[len(lit) // 2])
+    k = int(wavelengths[len(wavelengths) // 2])
     for kind in kinds:
         if not tables[kind][k].empty:
             yield plane(Shown(kind, float(um[k]), tables[kind][k], float(group["albedo"].data[k])))
-    yield errors(group, kinds, lit)
+    yield errors(group, kinds, wavelengths)
 
 
 # ---- the plane
@@ -96,8 +96,8 @@ def plane(shown: Shown):
         names = ("Around the source", "Whole table")
         for axes, size, (*_, scaled), (places, outlines), name in zip(panels, sizes, images, lobes, names, strict=True):
             norm = LogNorm(max(scaled.min(), 1e-8 * scaled.max()), scaled.max())
-            both = np.concatenate([scaled[::-1], scaled])
-            shade = axes.imshow(both, extent=(middle - size, middle + size, -size, size), origin="lower", norm=norm,
+            mirrored = np.concatenate([scaled[::-1], scaled])
+            shade = axes.imshow(mirrored, extent=(middle - size, middle + size, -size, size), origin="lower", norm=norm,
                                 cmap="viridis", interpolation="bilinear", zorder=0)
             seen = lines[(np.abs(lines[:, :, 0] - middle) < size).any(axis=1) & (lines[:, :, 1] < size).any(axis=1)]
             gaps = np.insert(seen, seen.shape[1], np.nan, axis=1).reshape(-1, 2)  # one path: hundreds take ten times as long
@@ -122,12 +122,12 @@ def plane(shown: Shown):
             figure.colorbar(shade, ax=axes, shrink=0.82, pad=0.02, label=f"integral over directions × {factor} (mfp⁻²)")
         figure.suptitle(f"Third and later events: {shown.words}", x=0.01, ha="left", fontsize=10.5, fontweight="bold")
 
-    said = ("Colour: light of the third and later scattering events, all directions together, over its singular part.  "
-            f"Above the axis the {len(bounds)} cells of the quadtree, below it lobes in this plane, all drawn equally long; "
+    caption = ("Colour: light of the third and later scattering events, all directions together, over its singular part.  "
+               f"Above the axis the {len(bounds)} cells of the quadtree, below it lobes in this plane, all drawn equally long; "
             f"light enters along +z (red).  Outside the white line, {extent:.3g} mean free paths, the table goes on as diffuse "
             "light does.")
     heads = ("z [mfp]", "rho [mfp]", "integral over directions [mfp^-3]", "over the singular part [mfp^-2]")
-    return Picture(f"multiple_{shown.kind}", f"Multiple scattering, {shown.kind} source", said, (11.4, 4.9), draw,
+    return Picture(f"multiple_{shown.kind}", f"Multiple scattering, {shown.kind} source", caption, (11.4, 4.9), draw,
                    tuple((head, np.concatenate([image[k].ravel() for image in images])) for k, head in enumerate(heads)))
 
 
@@ -163,10 +163,10 @@ def _lobes(shown: Shown, size: float):
 # ---- error
 
 
-def errors(group: Group, kinds: list[str], lit: list[int]):
+def errors(group: Group, kinds: list[str], wavelengths: list[int]):
     """The errors that the tables state, of each kind of source at each wavelength."""
-    um = group["wavelength"].data[lit]
-    stated = {kind: {name: np.array([100 * float(group[f"{kind}/w{k}"][name].data[0]) for k in lit]) for name in _STATED}
+    um = group["wavelength"].data[wavelengths]
+    stated = {kind: {name: np.array([100 * float(group[f"{kind}/w{k}"][name].data[0]) for k in wavelengths]) for name in _STATED}
               for kind in kinds}
     rows = [(kind, x) for kind in kinds for x in um]
     values = {name: np.concatenate([stated[kind][name] for kind in kinds]) for name in _STATED}

@@ -52,7 +52,8 @@ OUTPUTS = (
     Output("k0", "(L,)", "1", "decay of diffuse light beyond the extent, per mean free path"),
     Output("extent", "(L,)", "1", "where the tables end, mean free paths"),
     Output("length", "(1,)", "1", "of the tabulated segment, mean free paths"),
-    *(Output(f"{kind}/{name}", "(bytes,)", "utf-8", said, optional=True) for kind in KINDS for name, said in _TEXTS),
+    *(Output(f"{kind}/{name}", "(bytes,)", "utf-8", description, optional=True)
+      for kind in KINDS for name, description in _TEXTS),
     *(replace(o, path=f"{kind}/WAVELENGTH/{o.path}", optional=True) for kind in KINDS for o in _ARRAYS),
 )
 _OF_PHOTONS = ("offset_error", "photons", "resolution")
@@ -96,7 +97,7 @@ def counted(number, kinds, medium, asked):
     from bakery.physics.multiple import choice
 
     tabulated = choice.by_photons(medium, map(KINDS.index, kinds), asked)
-    return [(number, KINDS[kind], one) for kind, one in tabulated.items()]
+    return [(number, KINDS[kind], table) for kind, table in tabulated.items()]
 
 
 def with_photons(inputs, media, results, asked, context):
@@ -115,7 +116,7 @@ def with_photons(inputs, media, results, asked, context):
     from bakery.physics.multiple import choice
 
     def error(done):
-        return choice.error(None if isinstance(one, str) else one for *_, one in done)
+        return choice.error(None if isinstance(table, str) else table for *_, table in done)
 
     solvers = {k: [attempt for attempt in results if attempt[0] == k] for k in range(len(media))}
     poor = [k for k, done in solvers.items() if error(done) > choice.POOR]
@@ -127,7 +128,7 @@ def with_photons(inputs, media, results, asked, context):
             notes.append(f"{um}: the solver's tables have an error of {error(solver):.2g}, photons' would have {error(done):.2g}")
             continue
         photons, resolution = (done[0][2].counted[name][0] for name in ("photons", "resolution"))
-        why = [one for *_, one in solver if isinstance(one, str)] or [
+        why = [table for *_, table in solver if isinstance(table, str)] or [
             f"the solver's tables would have an error of {error(solver):.2g}"]
         notes.append(f"{um}: tables are made of {photons} photons" + (f"; {why[0]}" if solver else ""))
         if resolution > 0:
@@ -149,7 +150,7 @@ def compute(inputs: dict, context) -> Result:
     results: list = []
     for start in range(0, len(tasks) if method != "photons" else 0, _TOGETHER):  # a few at a time, so that progress is reported
         results += context.map(tabulated if method == "solver" else attempted, tasks[start:start + _TOGETHER])
-        errors = [one.table.error_with_solver for *_, one in results if not isinstance(one, str)]
+        errors = [table.table.error_with_solver for *_, table in results if not isinstance(table, str)]
         context.report(len(results) / len(tasks), max(errors, default=None))
     results, notes = with_photons(inputs, media, results, asked, context)
     values = {name: np.zeros(count) for name in (*_OF_MEDIUM, "k0", "extent")}
@@ -197,8 +198,8 @@ def sound(group: Group) -> Iterable[str]:
         yield "holds neither point nor segment"
     for kind in kinds:
         for k in range(len(group["wavelength"].data)):
-            place = group[kind].members.get(f"w{k}")
-            members = place.members if isinstance(place, Group) else {}
+            tables = group[kind].members.get(f"w{k}")
+            members = tables.members if isinstance(tables, Group) else {}
             missing = [output.path for output in _ARRAYS if output.path not in members and output.path not in _OF_PHOTONS]
             if missing:
                 yield f"{kind}/w{k}: {', '.join(missing)} missing"
@@ -228,8 +229,8 @@ def check(group: Group) -> Iterable[str]:
         except (KeyError, ValueError) as fault:
             yield f"{kind}: {fault}"
             continue
-        for k, one in enumerate(stored):
-            if one.empty and v["albedo"][k] > 0:
+        for k, table in enumerate(stored):
+            if table.empty and v["albedo"][k] > 0:
                 yield f"{kind}/w{k}: empty although something is scattered"
 
 
@@ -276,11 +277,11 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
     for kind in KINDS:
         if kind not in group.members or kind not in reference.members:
             continue
-        for own, true in zip(tables_of(group, kind), tables_of(reference, kind)):
+        for mine, true in zip(tables_of(group, kind), tables_of(reference, kind)):
             if true.empty:
                 continue
-            of, exact = (lookup.lobes(lookup.ready(one), r * np.sin(angle), r * np.cos(angle), polar, azimuth)
-                         for one in (own, true))
+            of, exact = (lookup.lobes(lookup.ready(table), r * np.sin(angle), r * np.cos(angle), polar, azimuth)
+                         for table in (mine, true))
             square = np.mean((of - exact) ** 2, axis=(1, 2)) / np.mean(exact**2, axis=(1, 2))
             whole = np.mean(of, axis=(1, 2)) / np.mean(exact, axis=(1, 2)) - 1
             errors = {"error": max(errors["error"], float(np.sqrt(square.mean()))),
@@ -289,7 +290,7 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
 
 
 _TOGETHER = 2
-_KERNELS = tuple(f"multiple.{name}" for name in ("_kernels", "_plane", "basis", "locate", "legendre", "lookup", "_look", "point"))
+_KERNELS = tuple(f"multiple.{name}" for name in ("_kernels", "_plane", "basis", "locate", "legendre", "lookup", "sums", "point"))
 _KERNELS_OF_PHOTONS = ("multiple._tally",)
 _COUNTED = 30.0  # seconds of one core for the tables of a wavelength by photons
 _FEW, _MORE, _MANY = 0.2, 1.5, 520.0  # seconds of one core for a table: at g up to 0.5; times g - 0.5; times (g - 0.5)^5

@@ -68,10 +68,10 @@ class Multiple(Members):
                                "multiple_scattering: {sources: [point, segment]}")
         answers = []
         for point, segment, stretch in self._sources[kind].tables():
-            (one, other), lasting = (np.multiply(place, stretch) for place in places), [np.multiply(x, stretch) for x in lengths]
+            (vertex, end), lasting = (np.multiply(p, stretch) for p in places), [np.multiply(x, stretch) for x in lengths]
             # a beam's length stands behind its direction, that of a line of sight behind its own
-            first = [one, directions[0], *lasting[:kind == "segment"]]
-            last = [other, directions[1], *lasting[kind == "segment":]]
+            first = [vertex, directions[0], *lasting[:kind == "segment"]]
+            last = [end, directions[1], *lasting[kind == "segment":]]
             tables = (point,) if kind == "point" else (point, segment)
             answers.append(getattr(queries, name)(*tables, *first, *last) * stretch ** (3 if target == "point" else 2))
         return np.stack(answers)
@@ -109,8 +109,8 @@ class Source:
             if self.kind == "point":
                 value = lookup.point(point, *at)
             else:
-                own = None if length is None else length * stretch
-                value = lookup.segment(point, segment, *at, own)
+                stretched = None if length is None else length * stretch
+                value = lookup.segment(point, segment, *at, stretched)
             values.append(value * stretch**3)
         return np.stack(values)
 
@@ -139,10 +139,10 @@ def tables_of(group: Group, kind: str) -> list:
 
     tables = []
     for k in range(len(group["wavelength"].data)):
-        place = group[f"{kind}/w{k}"]
+        group_of = group[f"{kind}/w{k}"]
         tables.append(table.from_arrays(
-            {name: place[name].data for name in table.ARRAYS}, kind=KINDS.index(kind),
+            {name: group_of[name].data for name in table.ARRAYS}, kind=KINDS.index(kind),
             length=float(group["length"].data[0]) if kind == "segment" else 0.0, extent=float(group["extent"].data[k]),
-            k0=float(group["k0"].data[k]), error=float(place["error"].data[0]),
-            error_with_solver=float(place["error_with_solver"].data[0]), worst=float(place["error_worst"].data[0])))
+            k0=float(group["k0"].data[k]), error=float(group_of["error"].data[0]),
+            error_with_solver=float(group_of["error_with_solver"].data[0]), worst=float(group_of["error_worst"].data[0])))
     return tables

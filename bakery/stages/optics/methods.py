@@ -62,7 +62,7 @@ def boundaries(name: str, component: Group, wavelength) -> list[Boundary]:
         if not rays.any():
             continue
         others = [choice for j, choice in enumerate(method.choices) if choice != RAYS and (method.data[i] == j).any()]
-        limits.append(Boundary(name, float(um), float(radius[rays].min()), " and ".join(_NAMES.get(one, one) for one in others),
+        limits.append(Boundary(name, float(um), float(radius[rays].min()), " and ".join(_NAMES.get(key, key) for key in others),
                               _at(component, "switch", i), _at(component, "ray_difference", i)))
     return limits
 
@@ -75,12 +75,12 @@ def _at(component: Group, name: str, i: int) -> float | None:
     return value if np.isfinite(value) and (value > 0 or name != "switch") else None
 
 
-def sentence(limits: Sequence[Boundary], some: bool) -> str:
+def sentence(limits: Sequence[Boundary], partly: bool) -> str:
     """The boundaries of one component in a line; `some` where other wavelengths have none."""
-    where = f" at {_list(b.wavelength for b in limits)} um" if some else ""
+    where = f" at {_list(b.wavelength for b in limits)} um" if partly else ""
     radii = _list(b.radius for b in limits)
-    known = [b.size_parameter for b in limits if b.size_parameter is not None]
-    x = f" (x = {_list(known)})" if known else ""
+    size_parameters = [b.size_parameter for b in limits if b.size_parameter is not None]
+    x = f" (x = {_list(size_parameters)})" if size_parameters else ""
     head = f"{limits[0].below} below {radii} um{x}, rays above" if limits[0].below else f"rays throughout, from {radii} um{x}"
     errors = [b.error for b in limits if b.error is not None]
     differ = f"; rays differ by {'up to ' if len(errors) > 1 else ''}{100 * max(errors):.2g} %" if errors else ""
@@ -95,8 +95,8 @@ def remarks(root: Group, path: str, letters: Sequence[str], arguments: Mapping) 
     if "radius" in arguments:
         return _of_nodes(root, path, arguments["radius"], wanted)
     um = root["wavelength"].data
-    return [Remark(sentence(each, len(each) < len(rows(um, wanted))), tuple(boundary.as_dict() for boundary in each))
-            for each in concerned(root, path, letters, wanted)]
+    return [Remark(sentence(limits, len(limits) < len(rows(um, wanted))), tuple(boundary.as_dict() for boundary in limits))
+            for limits in concerned(root, path, letters, wanted)]
 
 
 def sentences_of(root: Group, path: str, letters: Sequence[str]) -> list[str]:
@@ -123,7 +123,7 @@ def concerned(root: Group, path: str, letters: Sequence[str], wanted=None) -> li
     Only what depends on how light is spread over the angles has any.  `wanted`: wavelengths (um) that were asked for; the stored
     ones on either side count.
     """
-    group, _, rest = path.partition("/")
+    group, _, member = path.partition("/")
     wavelength = root.members.get("wavelength")
     if group not in ("medium", "optics") or not isinstance(wavelength, Dataset) \
             or not (tuple(letters) == ("L", "A") or path.rpartition("/")[2] in _BY_LIGHT):
@@ -131,9 +131,9 @@ def concerned(root: Group, path: str, letters: Sequence[str], wanted=None) -> li
     um = wavelength.data
     near = set(um[rows(um, wanted)].tolist())
     by_component = [boundaries(name, component, um) for name, component in components(root)
-                    if group == "medium" or rest.startswith(f"{name}/")]
-    chosen = [[b for b in each if b.wavelength in near] for each in by_component]
-    return [each for each in chosen if each]
+                    if group == "medium" or member.startswith(f"{name}/")]
+    chosen = [[b for b in boundaries_of if b.wavelength in near] for boundaries_of in by_component]
+    return [boundaries_of for boundaries_of in chosen if boundaries_of]
 
 
 def of_spheres(methods: Iterable[str]) -> str:

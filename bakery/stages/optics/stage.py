@@ -14,7 +14,7 @@ from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, da
 from bakery.stages.optics.section import PARTICLES, PHASE, sizes
 from bakery.store.tree import Dataset, Group, read_text, text
 
-_KERNELS = ("mie._kernels",)
+_KERNELS = ("mie.kernels",)
 _OF_RAYS = tuple(f"goa._{name}" for name in ("asymptotic", "edge", "field", "rays", "solve", "special", "surface"))
 # the rates are those of an AMD EPYC (Zen 5), of which an Intel Xeon with AVX-512 has less than half: a machine in between
 _SLOWER = 1.5

@@ -44,7 +44,7 @@ def rendered(centers, radii, cell, pixels: int = 640) -> tuple[np.ndarray, tuple
     extent : left, right, bottom, top in the plane of the view, same unit as the cell
     corners : (8, 2) corners of the cell in that plane, the nearest one last
     """
-    from bakery.draw import _spheres
+    from bakery.draw import spheres as drawing
 
     centers, radii, cell = (np.asarray(a, float) for a in (centers, radii, cell))
     shifts = np.array([(0, 0, 0), (-1, 0, 0), (0, -1, 0), (-1, -1, 0)]) * cell
@@ -60,7 +60,7 @@ def rendered(centers, radii, cell, pixels: int = 640) -> tuple[np.ndarray, tuple
     low, high = low - margin, high + margin
     pixel = (high[0] - low[0]) / pixels
     height = int(np.ceil((high[1] - low[1]) / pixel))
-    index, depth = _spheres.depths(seen, radius, low, pixel, pixels, height)
+    picture = drawing.Buffer(*drawing.depths(seen, radius, low, pixel, pixels, height), low, pixel)
 
     sun = np.array([-0.42, 0.62, 0.66])
     sun /= np.linalg.norm(sun)
@@ -70,15 +70,16 @@ def rendered(centers, radii, cell, pixels: int = 640) -> tuple[np.ndarray, tuple
     shadow_high = (from_sun[:, :2] + radius[:, None]).max(0)
     shadow_pixel = (shadow_high - shadow_low).max() / pixels
     size = np.ceil((shadow_high - shadow_low) / shadow_pixel).astype(int) + 1
-    _, shadow = _spheres.depths(from_sun, radius, shadow_low, shadow_pixel, int(size[0]), int(size[1]))
+    shadow = drawing.Buffer(*drawing.depths(from_sun, radius, shadow_low, shadow_pixel, int(size[0]), int(size[1])), shadow_low,
+                            shadow_pixel)
 
     visible = np.zeros(len(radius), bool)
-    visible[index[index >= 0]] = True
-    near = _spheres.neighbours(seen, visible, 6 * radius.max(), _NEAR)
-    image = _spheres.shaded(index, depth, seen, radius, colour, near, low, pixel, sun, to_sun, shadow, shadow_low, shadow_pixel)
+    visible[picture.index[picture.index >= 0]] = True
+    near = drawing.neighbours(seen, visible, 6 * radius.max(), _NEAR)
+    image = drawing.shaded(drawing.Spheres(seen, radius, colour, near), picture, sun, to_sun, shadow)
     top = low[1] + height * pixel
     box = np.array(np.meshgrid(*[(0, 1)] * 3, indexing="ij")).reshape(3, -1).T * cell
-    return finished(image, index, 1.25), (low[0], high[0], low[1], top), (box @ view.T)[:, :2]
+    return finished(image, picture.index, 1.25), (low[0], high[0], low[1], top), (box @ view.T)[:, :2]
 
 
 def spheres(tile: Group):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from renderers.declaration import SceneMethod, table
+from renderers.scene.declaration import SceneMethod, table
 
 METHODS = (
     "renderers.mixed.declared.auto:METHOD",

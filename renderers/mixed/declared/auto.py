@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from renderers.declaration import SceneMethod
+from renderers.scene.declaration import SceneMethod
 
 METHOD = SceneMethod(name="auto", kind="medium", words="paths", exact=True, candidates=("paths",), brings="as paths")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from renderers.declaration import SceneMethod
+from renderers.scene.declaration import SceneMethod
 
 METHOD = SceneMethod(
     name="paths", kind="medium", words="event by event", exact=True, beside=True,

@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from bakery.physics.medium.phase import evaluate, normalised
+from bakery.physics.medium.phase import normalised, phase_at
 from bakery.physics.surfaces import fresnel, layer, nodes, orders, single
 from bakery.physics.surfaces.refine import refined
 from bakery.physics.surfaces.slab import Slab
@@ -93,7 +93,7 @@ def test_thin_layers_scatter_once():
     depth = 1e-9
     solution = solve(Slab(theta, phase, 0.8, depth), 0.7 ** np.arange(33.0), 32)
     mu, mu0, phi = (part[1:, 1:] for part in EVERYWHERE)
-    lobe = 4 * math.pi * evaluate(theta, phase, single.turned(mu, mu0, phi, -1))
+    lobe = 4 * math.pi * phase_at(theta, phase, single.turned(mu, mu0, phi, -1))
     np.testing.assert_allclose(solution.reflection(mu, mu0, phi), 0.8 * lobe * depth / (4 * mu * mu0), rtol=1e-7)
 
 

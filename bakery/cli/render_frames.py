@@ -1,0 +1,46 @@
+"""`bake render SCENE --frames NUMBERS`: frames of a sequence, a film and a contact sheet."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from pathlib import Path
+
+from bakery.cli.options import print_json, print_paths, status_of_missed
+from bakery.errors import UsageError
+
+
+def rendered(source, frames, address, options, as_json, quiet) -> int:
+    """Renders, prints and gives the exit status.
+
+    Parameters
+    ----------
+    source : path of a scene, as the user gave it
+    frames : their numbers, or None
+    address : of a Dask scheduler, or None
+    options : of `renderers.sequence.render`
+    """
+    from bakery.run import compiling, dask
+    from bakery.run.progress import choose
+    from renderers import sequence
+    from renderers.scene.frames import numbers
+
+    if Path(source).suffix.lower() not in (".yaml", ".yml"):
+        raise UsageError(f"{'--cluster' if frames is None else '--frames'}: {source} is no scene (.yaml), which alone has frames")
+    if frames is None:
+        raise UsageError("--cluster: shares the frames of a sequence; --frames 1-48 beside it would do")
+    asked = numbers(frames)
+    progress = choose(quiet)
+    try:
+        workers = nullcontext() if address is None else dask.cluster(address, progress.say)
+        with workers as cluster, compiling.watched(("renderers",), progress.compiling):
+            report = sequence.render(source, numbers=asked, progress=progress, cluster=cluster, **options)
+    finally:
+        progress.close()
+    if as_json:
+        print_json(report)
+    else:
+        print_paths(sequence.files(report))
+        for line in sequence.describe(report):
+            progress.say(line)
+    missed = [status_of_missed(row["files"][0], row["missed"]) for row in report["frames"]]
+    return max(*missed, status_of_missed(report["scene"], report["missed"]))

@@ -1,0 +1,79 @@
+"""Sources of compiled kernels: a hash of a file and of all that it imports of these packages."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import os
+from functools import cache
+from pathlib import Path
+
+PACKAGES = ("bakery", "renderers")
+
+
+def stamp(file: Path) -> str:
+    """Hash of the contents of a file of a package and of all that it imports of the package's neighbours in `PACKAGES`."""
+    digest = hashlib.sha256()
+    for source in sorted(with_imports(file), key=str):
+        digest.update(_content(source)[0])
+    return digest.hexdigest()
+
+
+def kept(file: Path, function: str) -> bool:
+    """Whether this machine keeps kernels of a function of a file as it stands; says so without loading numba."""
+    from platformdirs import user_cache_path
+
+    setting = os.environ.get("NUMBA_CACHE_DIR")
+    # numba keeps them beside the source, or for the user where that cannot be written; the index has the stamp in it
+    for root in [Path(setting)] if setting else [file.parent / "__pycache__", user_cache_path("numba", appauthor=False)]:
+        folders = [root] if root.name == "__pycache__" else root.glob(f"{file.parent.name}_*")
+        for folder in folders:
+            if any(stamp(file).encode() in path.read_bytes() for path in folder.glob(f"{file.stem}.{function}-*.nbi")):
+                return True
+    return False
+
+
+def with_imports(file: Path) -> set[Path]:
+    """A file and those that it imports, directly or not."""
+    sources, waiting = set(), [file]
+    while waiting:
+        source = waiting.pop()
+        if source not in sources:
+            sources.add(source)
+            waiting += _content(source)[1]
+    return sources
+
+
+@cache
+def _content(file: Path) -> tuple[bytes, list[Path]]:
+    """Hash of a file, and the files that it imports by itself, at its top: what functions import is nothing that kernels see."""
+    code, root = file.read_bytes(), _root(file)
+    names = []
+    for node in ast.parse(code).body:
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and not node.level:  # neighbours import each other by their whole names
+            modules = [f"{node.module}.{alias.name}" for alias in node.names]
+            names += [module if _module(root, module) else node.module for module in modules]
+    known = (*PACKAGES, package(file))
+    found = [_module(root, name) for name in dict.fromkeys(names) if name.split(".")[0] in known]
+    return hashlib.sha256(code).digest(), [one for one in found if one]
+
+
+def _module(root: Path, name: str) -> Path | None:
+    """The file of a module or a package, or None."""
+    place = root.joinpath(*name.split("."))
+    return next((one for one in (place.with_name(f"{place.name}.py"), place / "__init__.py") if one.is_file()), None)
+
+
+def _root(file: Path) -> Path:
+    """The folder of the outermost package that a file is in."""
+    folder = file.parent
+    while (folder / "__init__.py").is_file():
+        folder = folder.parent
+    return folder
+
+
+def package(file: Path) -> str:
+    """The name of that package; of a file in none, its own."""
+    return file.relative_to(_root(file)).parts[0]

@@ -1,0 +1,243 @@
+"""What a render of a scene will take and give, by pilots: small pictures of a few passes, or a few passes of a filter's picture.
+
+A pass takes a time that is nearly linear in the number of pixels: two sizes give it.  What comes before the passes takes as long
+as in the larger pilot, and noise is its, at as many samples a pixel: where it goes by the width of a pixel, or where light is
+found late, the forecast is off.  Memory is at most what the larger pilot held a pixel, and what the process had.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import tempfile
+import tracemalloc
+from collections.abc import Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+from bakery.system import resources
+from renderers import choice
+from renderers.pictures import denoise, reached
+from renderers.pictures.engine import TRUSTED
+from renderers.pictures.pace import shared_out
+
+TINY, SMALL, LARGE = 16**2, 48**2, 96**2  # pixels: to compile, and of the pilots; smaller ones are not linear yet
+SECONDS = 2.0  # of the passes of each
+
+
+class Forecast(NamedTuple):
+    """What a picture is expected to be.
+
+    Attributes
+    ----------
+    size : pixels (width, height)
+    seconds : of the clock, of the whole render; without compiling and bakes
+    passes : of these, those of the passes
+    noise : relative, of what the scene's `measure` says; None where it is not known
+    wanted : noise that ends the passes; None where none does
+    spread : standard error of the logarithm of the time to a noise
+    stopped_by : `noise`, `samples` or `time`; "" of a renderer without passes
+    memory : bytes of the process at its peak
+    method : of the renderer
+    missed : sentences, what the scene asks for and will not get
+    remarks : sentences, what it gets less of than by default
+    pilot : what was measured: `size`, `passes`, `seconds`, `noise`
+    choice : sentences, how `auto` chose the method; () where it did not
+    """
+
+    size: tuple[int, int]
+    seconds: float
+    passes: float
+    noise: float | None
+    wanted: float | None
+    spread: float
+    stopped_by: str
+    memory: float
+    method: str
+    missed: tuple[str, ...]
+    remarks: tuple[str, ...]
+    pilot: dict
+    choice: tuple[str, ...] = ()
+
+
+class _Pilot(NamedTuple):
+    """A picture that was rendered."""
+
+    report: dict
+    pixels: int
+
+
+def forecast(scene, *, quality=None, variant=None, seed=None) -> Forecast:
+    """Renders pilots of a scene.
+
+    Parameters
+    ----------
+    scene : `renderers.scene.Scene` with its assets
+    quality, variant, seed : as renderers take them
+
+    Raises
+    ------
+    BakeryError : as the renderer
+    """
+    taken = choice.of_scene(scene, quality, variant)
+    if taken is not None:
+        chosen = forecast(choice.with_method(scene, taken.method), quality=quality, variant=variant, seed=seed)
+        return chosen._replace(choice=tuple(taken.reasons))
+    stop = choice.stop_of(scene, quality)
+    options = {"variant": variant, "seed": seed}
+    with tempfile.TemporaryDirectory(prefix="bakery-pilot-") as folder:
+        if scene.rules.RESUMES:
+            return _by_passes(scene, stop, quality, options, Path(folder, "pilot.png"))
+        return _of_filter(scene, stop, quality, options, Path(folder, "pilot.png"))
+
+
+# ---- of a renderer by passes
+
+
+def _by_passes(scene, stop, quality, options, picture_path):
+    width, height = _size(scene, options["variant"])
+    tiny, middle, larger = (_smaller(width, height, pixels) for pixels in (TINY, SMALL, LARGE))
+    shortest = {"samples": 1}
+    _drawn(scene, tiny, shortest, options, picture_path)  # compiles
+    small, large = (_drawn(scene, size, {"time": SECONDS}, options, picture_path) for size in (middle, larger))
+    each_pixel = _held(scene, larger, shortest, options, picture_path)
+    memory = resources.peak_memory() + each_pixel * max(width * height - large.pixels, 0)
+    report, parts = large.report, _scaled(small, large, width * height)
+    ends = _ends(parts, stop, report)
+    stopped_by, (passes, noise) = min(ends.items(), key=lambda end: end[1][0])
+    noise *= _of_pixels(report) if stop.pixels else 1.0
+    spread = shared_out(parts, _spent(parts))[2]
+    setup = report["seconds"]["total"] - report["seconds"].get("passes", 0.0)
+    return _forecast(scene, quality, stop, report, _Predicted((width, height), setup + passes, passes, noise, spread, stopped_by,
+                                                              memory))
+
+
+def _size(scene, variant):
+    film = scene.values.film
+    if film.width:
+        return film.width, film.height
+    from renderers.mitsuba.world import World
+
+    height, width = World.of(scene, variant).size
+    return width, height
+
+
+def _smaller(width, height, pixels):
+    """The size of a picture of the same shape with so many pixels, or of this one where it has fewer."""
+    shrink = min(1.0, math.sqrt(pixels / (width * height)))
+    return max(2, round(shrink * width)), max(2, round(shrink * height))
+
+
+def _drawn(scene, size, stop, options, picture_path) -> _Pilot:
+    """A pilot of a scene, which stops as `stop` says and not by its noise."""
+    values = scene.values
+    stop = values.stop.model_copy(update={"noise": 0.0, "time": None, "samples": None} | stop)
+    film = values.film.model_copy(update=dict(zip(("width", "height"), size)))
+    small = denoise.without(dataclasses.replace(scene, values=values.model_copy(update={"stop": stop, "film": film})))
+    return _Pilot(import_module(scene.renderer).render(small, picture_path, **options), size[0] * size[1])
+
+
+def _held(scene, size, stop, options, picture_path) -> float:
+    """Bytes a pixel that a pilot holds at most from its first pass on; not timed, as Python then notes each array."""
+    start = []
+
+    def passed(_fraction, _noise=None):
+        if not start:
+            start.append(tracemalloc.get_traced_memory()[0])
+            tracemalloc.reset_peak()
+
+    tracemalloc.start()
+    try:
+        pixels = _drawn(scene, size, stop, options | {"progress": passed}, picture_path).pixels
+        return (tracemalloc.get_traced_memory()[1] - start[0]) / pixels
+    finally:
+        tracemalloc.stop()
+
+
+def _scaled(small, large, pixels) -> dict[str, Mapping]:
+    """What `renderers.pictures.progressive` reports of its parts, as if the larger pilot had so many pixels."""
+    scale = (pixels - large.pixels) / (large.pixels - small.pixels) if pixels > large.pixels > small.pixels else 0.0
+    first, second = (pilot.report["parts"] for pilot in (small, large))
+    return {name: part | {"seconds": part["seconds"] + scale * max(part["seconds"] - first[name]["seconds"], 0.0)}
+            for name, part in second.items()}
+
+
+def _spent(parts):
+    return sum(part["passes"] * part["seconds"] for part in parts.values())
+
+
+def _of_pixels(report):
+    """Noise of 99 of 100 pixels over that of the picture."""
+    return report["pixel_noise"] / report["noise"] if report["noise"] else 1.0
+
+
+def _ends(parts, stop, report) -> dict[str, tuple[float, float]]:
+    """Seconds of passes, and noise of the picture then, for whatever may end them."""
+    least, rate, _ = shared_out(parts, _spent(parts))
+    least, one_each = max(least, 1e-6), max(least, 1e-6) / 2
+
+    def after(seconds):
+        return seconds, math.sqrt(rate / max(seconds, least))
+
+    noise = stop.noise / (_of_pixels(report) if stop.pixels else 1.0)
+    ends = {"noise": after(max(rate / noise**2 if noise else math.inf, TRUSTED * one_each))}
+    if stop.time is not None:
+        ends["time"] = after(max(stop.time, least))
+    if stop.samples is not None:
+        counts = {name: max(2, math.ceil(stop.samples / part["samples"])) for name, part in parts.items()}
+        variance = sum(part["noise"] ** 2 * part["passes"] / counts[name] for name, part in parts.items())
+        ends["samples"] = sum(counts[name] * part["seconds"] for name, part in parts.items()), math.sqrt(variance)
+    return ends
+
+
+# ---- of a filter
+
+
+def _of_filter(scene, stop, quality, options, picture_path):
+    """Of a renderer that does not go on by passes: a picture of full size, in which Mitsuba gets little time."""
+    values = scene.values
+    short = dataclasses.replace(scene, values=values.model_copy(update={
+        "stop": values.stop.model_copy(update={"time": SECONDS})}))
+    of_files = getattr(values, "picture", None) is not None and not hasattr(values.picture, "mitsuba")
+    for _ in range(1 if of_files else 2):  # the first one compiles
+        resources.reset_peak()
+        report = import_module(scene.renderer).render(short, picture_path, overwrite=True, **({} if of_files else options))
+    picture, seconds, noise = report.get("picture", {}), report["seconds"]["total"], report["noise"]
+    if not noise or not picture.get("at_most"):
+        return _forecast(scene, quality, stop, report, _Predicted(tuple(report["size"]), seconds, 0.0, noise, 0.0, "",
+                                                                  resources.peak_memory()))
+    a_sample = report["seconds"]["picture"] / report["samples"]
+    ends = {"samples": max(1, round(picture["at_most"] / reached.coarser(quality) ** 2))}
+    if reached.asked(values):
+        ends["noise"] = report["samples"] * (noise / stop.noise) ** 2
+    if stop.time is not None:
+        ends["time"] = max(stop.time / a_sample, 2)
+    stopped_by = min(ends, key=ends.get)
+    passes = a_sample * ends[stopped_by]
+    return _forecast(scene, quality, stop, report, _Predicted(
+        tuple(report["size"]), seconds - a_sample * report["samples"] + passes, passes,
+        noise * math.sqrt(report["samples"] / ends[stopped_by]), 0.0, stopped_by, resources.peak_memory()))
+
+
+class _Predicted(NamedTuple):
+    """The figures of a `Forecast`."""
+
+    size: tuple[int, int]
+    seconds: float
+    passes: float
+    noise: float | None
+    spread: float
+    stopped_by: str
+    memory: float
+
+
+def _forecast(scene, quality, stop, report, predicted: _Predicted) -> Forecast:
+    wanted = stop.noise if scene.rules.RESUMES or reached.asked(scene.values) else None
+    unreached = ()
+    if predicted.noise is not None:
+        unreached = reached.unreached(predicted.stopped_by, wanted, predicted.noise, stop.pixels)
+    missed, remarks = reached.verdict(scene.values, quality, unreached, report["bias"])
+    measured = {"size": list(report["size"]), "samples": report["samples"], "noise": report["noise"],
+                "seconds": report["seconds"]["total"]}
+    return Forecast(**predicted._asdict(), wanted=wanted, method=report["method"], missed=missed, remarks=remarks, pilot=measured)

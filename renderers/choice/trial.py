@@ -1,0 +1,272 @@
+"""Pilots of methods: a few passes of two small pictures of a scene, and what they say of the picture that is asked for.
+
+A pass costs a fixed time and a time for each pixel, which two sizes tell apart.  Noise that pixels share is told from their own
+by the means of regions.  Light is compared by regions and by orders of scattering, each with its standard error.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+import time
+from collections.abc import Callable, Container, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.errors import Interrupted
+from renderers import colour
+from renderers.pictures.engine import Passes, Stop
+from renderers.pictures.means import tiled
+
+TINY, SMALL = 24**2, 64**2  # pixels of the two pictures
+ORDERS = ("", "order0", "order1", "order2", "orders")  # layers that are compared; "" is the picture
+LAMP = "light."  # layers of light from each lamp, by this and its name
+_SEED = 0x9170  # of all pilots: no seed of a picture decides how it is made
+_BLACK = 1e-6  # of the light that others have found; less counts as that
+_MANY = 16  # passes of which a bright spot is no chance any more (`renderers.pictures.pace`)
+
+
+class Cost(NamedTuple):
+    """One kind of pass of the larger pilot.
+
+    Attributes
+    ----------
+    fixed, by_pixel : processor seconds of a pass, and of each of its pixels
+    samples : of a pixel, in a pass
+    pixel : variance of a pixel by a pass over the squared mean of the picture, mean over pixels
+    region : the same of what the means of regions have beyond that of independent pixels
+    spread : relative standard error of `pixel`
+    grows : power of the number of pixels with which `pixel` grows: 0, or up to 1 of light that comes from places smaller than a
+        pixel, such as particles
+    """
+
+    fixed: float
+    by_pixel: float
+    samples: int
+    pixel: float
+    region: float
+    spread: float
+    grows: float = 0.0
+
+
+class Light(NamedTuple):
+    """Means (rows, columns) of the luminance over regions, and their variances."""
+
+    mean: np.ndarray
+    variance: np.ndarray
+
+
+class Trial(NamedTuple):
+    """What a pilot showed.
+
+    Attributes
+    ----------
+    setup : processor seconds before the passes
+    costs : of each kind of pass
+    light : by layer, of `ORDERS` and of lamps
+    pixels, passes : of the larger picture, and of the kind that has fewest
+    seconds : of the clock, that the pilot took but for compiling
+    """
+
+    setup: float
+    costs: tuple[Cost, ...]
+    light: dict[str, Light]
+    pixels: int
+    passes: int
+    seconds: float
+
+    @property
+    def level(self) -> float:
+        """Mean luminance."""
+        return float(self.light[""].mean.mean())
+
+    @property
+    def spread(self) -> float:
+        """Standard error of the logarithm of the seconds to a noise."""
+        roots = np.sqrt([cost.pixel * (cost.fixed + cost.by_pixel * self.pixels) for cost in self.costs])
+        return float(np.linalg.norm(roots * [cost.spread for cost in self.costs])) / max(float(roots.sum()), 1e-300)
+
+    def rate(self, pixels: int, missing: float = 0.0) -> float:
+        """Processor seconds of passes, times noise^2, of a picture of so many pixels, its kinds of passes shared out best.
+
+        missing : light, over that of the picture, that others have found and this has not: it counts as if the next pass brought
+            it, in one pixel
+        """
+        seconds = np.array([cost.fixed + cost.by_pixel * pixels for cost in self.costs])
+        of_pixels = np.array([cost.pixel * max(pixels / self.pixels, 1.0) ** cost.grows for cost in self.costs])
+        unseen = missing**2 * self.passes / len(self.costs)
+        return max(float(np.sqrt((of_pixels + unseen * self.pixels) * seconds).sum()),
+                   float(np.sqrt((np.array([each.region for each in self.costs]) + unseen) * seconds).sum())) ** 2
+
+    def of_samples(self, pixels: int, samples: int) -> float:
+        """Processor seconds of passes with so many samples a pixel."""
+        return sum((cost.fixed + cost.by_pixel * pixels) * max(samples / cost.samples, 2.0) for cost in self.costs)
+
+
+class Bias(NamedTuple):
+    """How the light of a pilot differs from another's, over the mean luminance of that.
+
+    Attributes
+    ----------
+    size, error : root mean square over the regions beneath the noise, and what two standard errors of it may add
+    resolved : whether it stands out of the noise by three standard errors
+    by_order : layer -> difference of its mean, and its standard error
+    """
+
+    size: float
+    error: float
+    resolved: bool
+    by_order: dict[str, tuple[float, float]]
+
+
+NO_BIAS = Bias(0.0, 0.0, False, {})  # of a method without an error of its own
+
+
+def smaller(world, pixels: int):
+    """A world with the same view on a film of at most so many pixels."""
+    height, width = world.size
+    shrink = min(1.0, math.sqrt(pixels / (width * height)))
+    size = max(2, round(shrink * height)), max(2, round(shrink * width))
+    other = copy.copy(world)
+    other.camera, other.size = world.camera.refitted(height, width, *size), size
+    other.whole, other.coarser = world, math.sqrt(height * width / (size[0] * size[1]))
+    return other
+
+
+def of(prepare: Callable, world, seconds: float | None, samples: int | None = None) -> Trial:
+    """The pilot of a method.
+
+    Parameters
+    ----------
+    prepare : (world, seed) -> what has `parts`, as `renderers.pictures.passes.Method`
+    world : of the picture
+    seconds : of the passes of both sizes, but for two of each kind that there have to be; what compiles comes to that
+    samples : a pixel, after which they end, so that no clock decides how many
+
+    Raises
+    ------
+    BakeryError : the scene cannot be rendered so, or the pilot was interrupted
+    """
+    small = _Run(prepare, smaller(world, TINY), Stop(time=seconds and 0.3 * seconds, samples=samples), compiles=True)
+    large = _Run(prepare, smaller(world, SMALL), Stop(time=seconds and 0.7 * seconds, samples=samples))
+    level = max(float(large.light[""].mean.mean()), 1e-100)
+    costs = []
+    for part in large.passes.parts:
+        mean, first, second = large.passes.means[part.name], small.of_pass(part), large.of_pass(part)
+        (own, spread), coarse = _of_pixels(mean), _of_pixels(small.passes.means[part.name])
+        regions = mean.regions / (mean.count - 1)
+        shared = max(float(np.mean(regions)) - own * regions.size / large.pixels, 0.0)
+        more = large.pixels - small.pixels
+        by_pixel = (max(second - first, 0.0) / more if more else 0.0) or second / large.pixels
+        costs.append(Cost(max(second - by_pixel * large.pixels, 0.0), by_pixel, part.samples, own / level**2, shared / level**2,
+                          spread, _growth(own / max(coarse[0], 1e-300), math.hypot(spread, coarse[1]),
+                                          large.pixels / small.pixels)))
+    passes = min(mean.count for mean in large.passes.means.values())
+    return Trial(large.setup, tuple(costs), large.light, large.pixels, passes, small.clock + large.clock)
+
+
+def _of_pixels(mean):
+    """Mean variance of a pixel by a pass, and its relative standard error."""
+    pixel = mean.square[..., 3] / (mean.count - 1)
+    even = float(np.linalg.norm(pixel)) / max(float(pixel.sum()), 1e-300)
+    return float(pixel.mean()), even * math.sqrt(min(1.0, _MANY / mean.count))
+
+
+def _growth(times, spread, pixels) -> float:
+    """`Cost.grows` where so many times the pixels have so many times the variance, as far as that is sure."""
+    if not times > 0 or pixels <= 1:
+        return 0.0
+    return float(np.clip((math.log(times) - 2 * spread) / math.log(pixels), 0.0, 1.0))
+
+
+class _Run:
+    """Passes of one small picture."""
+
+    def __init__(self, prepare, world, stop, compiles=False):
+        self.pixels, clock, begin = world.size[0] * world.size[1], time.process_time(), time.monotonic()
+        parts = prepare(world, _SEED).parts
+        self.setup, self.clock = time.process_time() - clock, time.monotonic() - begin
+        for part in parts if compiles else ():
+            part.render(1 << 30)
+        begin = time.monotonic()
+        self._regions: dict[str, list] = {part.name: [] for part in parts}
+        self.passes = Passes([part._replace(render=self._noted(part)) for part in parts])
+        clock = time.process_time()
+        self.passes.run(stop)
+        spent = time.process_time() - clock
+        self.clock += time.monotonic() - begin
+        counted = sum(mean.count * mean.expected for mean in self.passes.means.values())
+        self._processors = spent / max(counted, 1e-9)  # passes run on several
+        if self.passes.signal:
+            fault = Interrupted("interrupted before there was a picture; nothing was written")
+            fault.exit_status = 128 + self.passes.signal
+            raise fault
+        every = dict.fromkeys([*ORDERS, *(layer for passes in self._regions.values() for layer in passes[0])])
+        self.light = {layer: self._light(layer) for layer in every}
+
+    def of_pass(self, part) -> float:
+        """Processor seconds of a pass."""
+        return self.passes.means[part.name].expected * self._processors
+
+    def _noted(self, part):
+        def render(number):
+            layers = part.render(number)
+            self._regions[part.name].append({name: tiled(np.asarray(image, float) @ colour.LUMINANCE) for name, image
+                                             in layers.items() if name in ORDERS or name.startswith(LAMP)})
+            return layers
+
+        return render
+
+    def _light(self, layer):
+        black = np.zeros_like(next(iter(self._regions.values()))[0][""])
+        by_part = [np.array([regions.get(layer, black) for regions in passes]) for passes in self._regions.values()]
+        return Light(sum(each.mean(axis=0) for each in by_part), sum(each.var(axis=0, ddof=1) / len(each) for each in by_part))
+
+
+def missing(trial: Trial, others: Mapping[str, Trial], exact: Container[str]) -> float:
+    """Light, over its own, that a pilot lacks by three standard errors of what one of some others has found: of all light where
+    that is without an error; of a lamp, and of what has scattered, only what is found less than half of, as others may be off.
+
+    others : by the names of their methods;  exact : names of those without an error
+    """
+    lacks = [0.0]
+    for name, other in others.items():
+        scattered = [layer for layer in ORDERS[2:] if layer in other.light]
+        whole = [[""]] if name in exact else []
+        for layers, share in [*((each, 1.0) for each in whole),
+                              *(([layer], 0.5) for layer in other.light if layer.startswith(LAMP)), (scattered, 0.5)]:
+            (own, error), (found, its) = _mean(trial, layers), _mean(other, layers)
+            if share * found - own > 3 * math.hypot(error, its):
+                lacks.append((found - own) / max(trial.level, _BLACK * other.level))
+    return max(lacks)
+
+
+def _mean(trial, layers):
+    """Of the light of layers together, and its standard error."""
+    lights = [trial.light[layer] for layer in layers if layer in trial.light]
+    return (sum(float(each.mean.mean()) for each in lights),
+            math.sqrt(sum(float(each.variance.sum()) / each.mean.size**2 for each in lights)))
+
+
+def bias(trial: Trial, reference: Trial) -> Bias:
+    """How much the light of a pilot is off, by one of a method without an error.
+
+    Notes
+    -----
+    The mean squared difference of regions less its variance; the standard error of that is known from the scatter over regions.
+    """
+    level = max(reference.level, 1e-100)
+    here, there = trial.light[""], reference.light[""]
+    variance = (here.variance + there.variance) / level**2
+    excess = ((here.mean - there.mean) / level) ** 2 - variance
+    # of few regions the scatter may be small by chance: no less than that of normal noise alone
+    scatter = max(float(excess.std()), math.sqrt(2) * float(variance.mean()))
+    square, deviation = float(excess.mean()), scatter / math.sqrt(excess.size)
+    size = math.sqrt(max(square, 0.0))
+    by_order = {}
+    for layer in ORDERS[1:]:
+        one, other = trial.light[layer], reference.light[layer]
+        by_order[layer] = (float((one.mean - other.mean).mean()) / level,
+                           math.sqrt(one.variance.sum() + other.variance.sum()) / one.mean.size / level)
+    return Bias(size, math.sqrt(max(square, 0.0) + 2 * deviation) - size, square > 3 * deviation, by_order)

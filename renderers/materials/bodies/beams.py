@@ -1,0 +1,141 @@
+"""Beams of light that are joined with lines of sight where they pass close by (photon beams; Jarosz et al. 2011).
+
+Light of lamps that comes in through a boundary which turns it is found by beams of light samples.  Paths find it by chance; the
+balance heuristic joins both, by how likely each is to bring it, as among points, beams and paths (Krivanek et al. 2014).  Of a
+path that scatters on a line of sight the likelihood is that of the flight and of the phase function; of beams it is how many come
+in a square metre and steradian, times the width over which each is spread.  Shares may be those of any function that both
+know, so the likelihoods leave out what only one of them would have to look up: how light that comes in varies over the boundary,
+the cosine to its normal, what it reflects, and that the width goes down from pass to pass.
+
+The width is that of `half_widths` for the first pass and goes with the number of the pass to the power of -1/5, which makes the
+squared error of the mean of n passes as small as may be, n^(-4/5): its variance is as n^(-1) over the width, its bias as the
+square of the width (Kaplanyan and Dachsbacher, ACM Trans. Graph. 32, 2013).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from renderers.materials.bodies import _beams, _dipole, light, transport
+from renderers.materials.bodies._beams import Cells, Lit
+from renderers.threads import run
+
+_WIDTH, _FREE = 0.01, 0.2  # half the width over which beams are spread: of a body's size; mfp, of those that begin at events
+_CELLS = 48  # along the longest edge of the box around a body
+_NUMBERS = 1 << 30  # passes whose places light comes in at are numbered from here
+
+
+def half_widths(setup):
+    """Half the widths (bodies,) m over which beams are spread in the first pass: of those that come in, and that begin at
+    events."""
+    size = np.array([np.ptp(body.vertices, axis=0).max() for body in setup.bodies])
+    return _WIDTH * size, np.minimum(_WIDTH * size, _FREE / setup.sigma_t.max(axis=1))
+
+
+def narrower(number):
+    """Width of beams in a pass over that in the first one."""
+    return (1 + number) ** -0.2
+
+
+def rivals_of(setup, entries, places):
+    """(bodies,) m sr, of so many beams in each body: a m^2 of the boundary, times the width over which they are spread."""
+    dense = np.array([np.sum(np.diff(drawn.total, prepend=0.0) * drawn.density) for drawn in entries])
+    index = np.array([body.index for body in setup.bodies])
+    return np.where(setup.matched, 0.0, places * dense * index**2 * 2 * half_widths(setup)[0])
+
+
+def lit(setup, number, entries, places, pass_number, seed) -> tuple[Lit, Lit]:
+    """Beams of light samples that come in through the boundary of body `number` in a pass, and those that their first events
+    begin; none where the boundary does not turn light.
+
+    setup : `transport.Transport`;  entries : `light.Entries`;  places : that are drawn on the boundary
+    """
+    body, waves = setup.bodies[number], len(setup.colours.to_waves)
+    if body.matched:
+        none = np.zeros((0, 3))
+        return (of(none, none, none, np.zeros(0), np.zeros((0, waves)), np.zeros(0), 0),) * 2
+    states, numbers = light.drawn(number, places, _NUMBERS + pass_number, seed)
+    triangle, point, normal, sample, cosine = light.sampled(setup, body, entries, numbers)
+    power = sample.radiance * cosine[:, None] @ setup.colours.to_waves.T / (places * entries.density[triangle])[:, None]
+    bright = np.flatnonzero((power > 0).any(axis=1))
+    towards = sample.direction[bright].astype(float)
+    goes, paths, power = light.refracted(setup, body, point[bright], towards, power[bright], states[bright])
+    within, far, ahead = transport.located(setup.geometry, paths)
+    inside = within == number
+    bright, paths, far, ahead = bright[goes[inside]], paths.of(inside), far[inside], ahead[inside]
+    paths.weight = power = power[inside]
+    # moved along its boundary a beam may be longer, which matters where nothing else ends it
+    longer = far + (2 * half_widths(setup)[0][number] if body.convex else 0.0)
+    first = of(paths.origin, paths.direction, normal[bright], longer, power.copy(),
+               np.where(sample.delta, np.inf, sample.density)[bright], 0)
+    turned, _ = light.turned(setup, number, paths, far, ahead)
+    far = transport.located(setup.geometry, turned)[1]
+    return first, begun(turned.origin, turned.direction, far, turned.weight, np.ones(len(turned), np.int64))
+
+
+def walked(beams) -> Lit:
+    """Those of `_gather.Beams` that begin at events."""
+    events = beams.begun
+    return begun(*(values[events] for values in (beams.origin, beams.direction, beams.length, beams.power, beams.before)))
+
+
+def begun(origin, direction, length, power, before):
+    """`Lit` that begins at events."""
+    n = len(length)
+    return of(origin, direction, np.zeros((n, 3)), length, power, np.full(n, np.inf), before)
+
+
+def of(origin, direction, normal, length, power, density, before) -> Lit:
+    """`Lit` of arrays of any layout."""
+    return Lit(*map(np.ascontiguousarray, (np.concatenate([origin, direction], axis=1), normal, length, power,
+                                           np.asarray(density, float), np.broadcast_to(np.int64(before), len(length)))))
+
+
+class Joins(NamedTuple):
+    """How lines of sight gather beams that pass close by (as `transport.Gather`).
+
+    sets : of tuples of lit (`Lit`), cells (`Cells`), radius (m), rival (m sr, of `rivals_of`), each of every body
+    every : whether flights after events gather, too; of `sets` then no beam begins at an event
+    """
+
+    sets: list
+    every: bool = False
+
+    def __call__(self, setup, paths, number, far, sums):
+        """Adds what beams send to lines of sight in body `number`: those that come from a surface, or all."""
+        rows = np.flatnonzero(((paths.events == 0) | self.every) & (paths.weight > 0).any(axis=1))
+        if not len(rows):
+            return
+        lines, lengths, medium = paths.of(rows), far[rows], setup.bodies[number].medium
+        brought, facing = np.zeros((3, *lines.weight.shape)), np.empty((len(rows), 3))
+        run(_dipole.boundary_normals, len(rows), setup.geometry, lines.origin, lines.direction, facing)
+        for its in self.sets:
+            beams, cells, radius, rival = (one[number] for one in its)
+            run(_beams.join, len(rows), medium, beams, cells, radius, rival, lines.origin, lines.direction, facing, lengths,
+                brought, block=64)
+        for order, values in enumerate(brought):
+            sums.add(lines, values * lines.weight @ setup.colours.to_rgb.T, order + 1)
+
+
+def joins(setup, sets, every=False) -> Joins:
+    """`Joins` of tuples of lit (`Lit`), radius (m) and, where paths find the same light, rival (m sr), each of every body."""
+    none = np.zeros(len(setup.bodies))
+    return Joins([(beams, [_cells(*values) for values in zip(setup.bodies, beams, radius, strict=True)], radius, *(rival or
+                  [none])) for beams, radius, *rival in sets], every)
+
+
+def _cells(body, beams, radius) -> Cells:
+    low, high = body.vertices.min(axis=0) - radius, body.vertices.max(axis=0) + radius
+    edge = float((high - low).max()) / _CELLS
+    shape = np.maximum(np.ceil((high - low) / edge), 1).astype(np.int64)
+    begin = np.zeros(int(np.prod(shape)) + 1, np.int64)
+    # beyond light is left out as on lines of sight; of lengths some have no end
+    length = np.minimum(beams.length, np.minimum(_beams.DEEP / body.medium.sigma_t.min(), 2 * np.linalg.norm(high - low)))
+    within, cells = 1.000001 * radius, (low, edge, shape)
+    _beams.entered(beams.ray, length, within, *cells, begin, np.empty(0, np.int32))
+    begin = np.concatenate([[0], np.cumsum(begin[:-1])])
+    names = np.empty(begin[-1], np.int32)
+    _beams.entered(beams.ray, length, within, *cells, begin.copy(), names)
+    return Cells(low, edge, shape, begin, names)

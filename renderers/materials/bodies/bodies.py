@@ -1,0 +1,174 @@
+"""The bodies of a scene: their boundaries among the shapes of the Mitsuba scene, their media, and the triangles that rays in
+them meet."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery import kernels
+from renderers.materials.bodies import _geometry
+from renderers.materials.bodies._geometry import Geometry
+from renderers.materials.bodies._shells import Shells
+from renderers.materials.bodies.scene import index_fault
+from renderers.threads import run
+from renderers.transport import solids
+from renderers.transport.scattering import Scatterer, scatterer
+
+_VOXELS = 64  # along the longest edge of the box around all bodies
+
+
+class Body(NamedTuple):
+    """A body of a translucent material.
+
+    name : of its shape
+    vertices, faces : (V, 3) m, (F, 3), closed, outward
+    index : refractive index inside over that outside; 1 where there is no boundary to light
+    smooth : whether Fresnel's equations are all that its boundary does to light
+    medium : `Scatterer`, of the events that the tables count
+    tables : of each wavelength those of points and of segments, ready for look-ups
+    convex : whether no straight way between two of its points leaves it, or meets another surface
+    shells : `Shells`, through which paths jump in it
+    """
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    index: float
+    smooth: bool
+    medium: Scatterer
+    tables: list
+    convex: bool
+    shells: Shells
+
+    @property
+    def matched(self):
+        """Whether light crosses the boundary as if there were none."""
+        return self.index == 1.0
+
+
+def solid_shape(shapes, name, index, wrong):
+    """The shape of a name, its vertices and faces those of a closed mesh, wound outward.
+
+    shapes : of `renderers.mitsuba.world.World.shapes`
+    index : refractive index that a scene says, or None
+    wrong : function of (key of the entry, message) -> the exception to raise where no medium can fill it
+    """
+    named = [shape for shape in shapes if shape.name == name]
+    if len(named) != 1:
+        names = ", ".join(sorted(filter(None, (shape.name for shape in shapes)))) or "none"
+        raise wrong("where.shape", f"found {name!r}; expected the id of a shape of the Mitsuba scene: {names}")
+    shape = named[0]
+    if shape.faces is None:
+        raise wrong("where.shape", f"{name} is no mesh; a closed mesh would do")
+    try:
+        vertices, faces = kernels.solid(shape.vertices, shape.faces)
+    except ValueError as fault:
+        raise wrong("where.shape", f"{name} is no closed mesh: {fault}") from None
+    if shape.index is None:
+        raise wrong("where.shape", f"the BSDF of {name} lets no light in; dielectric, roughdielectric or null would do")
+    if fault := index_fault(name, index, shape.index):
+        raise wrong("boundary.index", fault)
+    return shape._replace(vertices=vertices, faces=faces)
+
+
+def has_tables(asset) -> bool:
+    """Whether an asset has the stage multiple."""
+    return "multiple" in asset.stages
+
+
+def medium_of(asset) -> Scatterer:
+    """The asset's medium, without the forward peak of its phase function where its tables do without it."""
+    events = asset.multiple
+    return scatterer(np.asarray(asset.medium.sigma_t) * np.asarray(events.extinction), np.asarray(events.albedo),
+                     np.asarray(asset.medium.theta, float), np.asarray(events["phase"], float))
+
+
+def untabled(asset) -> Scatterer:
+    """The asset's medium with all of its phase function."""
+    medium = asset.medium
+    return scatterer(np.asarray(medium.sigma_t), np.asarray(medium.albedo), np.asarray(medium.theta, float),
+                     np.asarray(medium["phase"], float))
+
+
+def laid_out(world, bodies, wrong) -> tuple[list[Body], Geometry]:
+    """Bodies, with `convex` as the scene has it, and the layout for their rays.
+
+    bodies : list of `Body`
+    wrong : function of (number of a body, what of it, message) -> the exception to raise where a surface that is no mesh reaches
+        into one
+    """
+    boxes = [np.array([body.vertices.min(axis=0), body.vertices.max(axis=0)]) for body in bodies]
+    names = [body.name for body in bodies]
+    corners = [body.vertices[body.faces] for body in bodies]
+    owners = [np.full(len(body.faces), number) for number, body in enumerate(bodies)]
+    crowded = np.zeros(len(bodies), bool)
+    for shape in world.shapes():
+        if shape.name in names:
+            continue
+        triangles = None if shape.faces is None else shape.vertices[shape.faces]
+        for number, box in enumerate(boxes):
+            if not np.all((shape.box[0] <= box[1]) & (shape.box[1] >= box[0])):
+                continue
+            if triangles is None:
+                if _reaches(shape.box, bodies[number]):
+                    raise wrong(number, "where.shape",
+                                f"{shape.name} reaches into {names[number]} and is no mesh; a mesh would do")
+                continue
+            near = np.all((triangles.min(axis=1) <= box[1]) & (triangles.max(axis=1) >= box[0]), axis=1)
+            crowded[number] |= bool(near.any())
+            corners.append(triangles[near])
+            owners.append(np.full(int(near.sum()), -1))
+    for number, box in enumerate(boxes):
+        crowded[number] |= any(np.all((other_box[0] <= box[1]) & (other_box[1] >= box[0]))
+                               for position, other_box in enumerate(boxes) if position != number)
+    corners, owners = np.concatenate(corners), np.concatenate(owners)
+    bodies = [body._replace(convex=not full and _is_convex(body.vertices, body.faces)) for body, full in zip(bodies, crowded)]
+    return bodies, _laid_in_voxels(corners, owners, np.concatenate([body.vertices for body in bodies]))
+
+
+def _reaches(box, body):
+    """Whether a box, less the rounding of single precision, reaches into a body."""
+    low, high = box + 1e-5 * float(np.ptp(body.vertices, axis=0).max()) * np.array([[1.0], [-1.0]])
+    if not np.all(low < high):
+        return False
+    met, vertices = np.zeros((1, 1, 1), np.uint8), np.ascontiguousarray(body.vertices, float)
+    kernels.mark_voxels(met, low, high - low, vertices, body.faces.astype(np.int64), 0.0, np.uint8(1))
+    return bool(met.any()) or holds(body, (low + high) / 2)
+
+
+def holds(body, point):
+    """Whether a point (3,) is in a body."""
+    return solids.holds(body.vertices, body.faces, point)
+
+
+def _laid_in_voxels(corners, owners, vertices):
+    low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
+    centre, scale = (low + high) / 2, float(np.linalg.norm(high - low)) / 2 * (1 + 1e-9)
+    points = (corners.reshape(-1, 3) - centre) / scale
+    faces = np.arange(3 * len(corners)).reshape(-1, 3)
+    nodes, children, blocks, names = kernels.Mesh(points, faces).tree
+    owner = np.full(len(names), -1, np.int64)
+    owner[names >= 0] = owners[names[names >= 0]]
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    size = float((high - low).max())
+    count = np.maximum(1, np.ceil(_VOXELS * (high - low) / size)).astype(int)
+    edge = np.maximum(high - low, 1e-6 * size) / count
+    geometry = Geometry(nodes, children, blocks, centre, scale, owner, low, edge, np.empty(count, np.float32))
+    run(_geometry.measure, geometry.clear.size, geometry)
+    return geometry
+
+
+def _is_convex(vertices, faces, share=1e-4):
+    """Whether no vertex lies outside of the plane of a face by more than a share of the mesh's size."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    size = float(np.ptp(vertices, axis=0).max())
+    level = np.einsum("fk,fk->f", normal, a)
+    for begin in range(0, len(faces), 1024):
+        rows = slice(begin, begin + 1024)
+        if np.any(vertices @ normal[rows].T - level[rows] > share * size):
+            return False
+    return True

@@ -1,0 +1,263 @@
+"""Light of lights without extent that comes to its first event by several smooth surfaces: turned back inside of glass, or from
+one body to another.
+
+No path finds such a light behind a smooth surface, and `refraction` looks for it through one boundary alone.  So all other ways
+are followed from the light: at smooth surfaces both ways, through bodies without an event, with what the medium leaves.  Each
+straight way in a body is a beam, and lines of sight gather beams that pass close by, as in `beams`.  Which lines do says which
+light is whose: every light that has had its first event by such a way is brought by one line of sight and no other.
+
+What is left out stands in `left_out`: light whose first smooth surface bounds no body, or that surfaces beside bodies get.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bakery.kernels import stream_key
+from renderers.materials.bodies import _dipole, _geometry, _walk, beams, light, transport
+from renderers.materials.bodies.paths import Paths, joined
+from renderers.materials.bodies.transport import Sums
+from renderers.threads import run
+from renderers.transport import wavefront
+
+_FIRST = 8192  # places that tell where light comes into a body, where only what is left out is looked for
+_RAYS = 4096  # of light in a pass: places on each boundary, and rays of each light inside of a body
+_NUMBERS = 1 << 29  # passes whose places light comes in at are numbered from here
+_APART = 1 << 28  # random streams of lights are so far apart
+_SHARPER = 0.5  # width over which beams are spread a second time, over the first: what that changes tells the error of it
+
+
+class Gathering:
+    """Lines of sight gather beams of a pass, once spread as wide as they are and once half as wide (as `transport.Gather`).
+
+    wide, sharp : `transport.Sums` of what they bring
+    """
+
+    def __init__(self, setup, beams_of_bodies, width, width_of_events, pixels, every):
+        self.wide, self.sharp = Sums(pixels), Sums(pixels)
+        direct, events = beams_of_bodies
+        self._joins = [beams.joins(setup, [(direct, width * factor), (events, width_of_events * factor)], every)
+                       for factor in (1.0, _SHARPER)]
+
+    def __call__(self, *args):
+        *args, _ = args
+        for gather, sums in zip(self._joins, (self.wide, self.sharp), strict=True):
+            gather(*args, sums)
+
+
+def gathering(setup, entries, number, seed, every, events) -> Gathering:
+    """What gathers the beams of a pass.
+
+    setup : `transport.Transport`;  entries : `light.Entries` of each body
+    every : whether all flights gather them; else those that come from surfaces alone
+    events : whether beams count that begin at the first events of these
+    number, seed : of the pass: its random numbers
+    """
+    beams_of_bodies = _Collected(setup, events)
+    paths, power, joined_directly = _arriving(setup, entries, number, seed)
+    _follow(setup, paths, power, joined_directly, beams_of_bodies)
+    widths = [half_width * beams.narrower(number) for half_width in beams.half_widths(setup)]
+    return Gathering(setup, beams_of_bodies.concatenated(), *widths, int(np.prod(setup.world.size)), every)
+
+
+def left_out(setup, seed) -> tuple[np.ndarray | None, list[str]]:
+    """Light of lights without extent that no method brings: what it would add to the mean of the picture, (3,) linear sRGB, None
+    where that is not known; and sentences."""
+    named = {body.name for body in setup.bodies}
+    panes = [shape.name for shape in setup.world.shapes() if shape.specular and shape.name not in named]
+    if panes and setup.world.without_extent:
+        examples = ", ".join(panes[:3]) + (", …" if len(panes) > 3 else "")
+        return None, [f"light without extent that comes by way of mirrors and panes of glass ({examples}) is left out, and how "
+                      "much is not measured; of a small sphere that shines in its place it would be found"]
+    if not setup.chained:
+        return np.zeros(3), []
+    missing = caustics(setup, [light.entries_of(setup, body, _FIRST, seed) for body in range(len(setup.bodies))], seed)
+    return missing, ["light without extent that bodies of smooth glass throw on other surfaces (caustics) is left out, and "
+                     "counts as bias; of a small sphere that shines in its place it would be found"] if missing.any() else []
+
+
+# ---- light up to its first smooth surface
+
+
+def _arriving(setup, entries, number, seed):
+    """Light behind its first smooth surface: paths, the power (n,) W that a weight of 1 stands for by their `pixel`, and whether
+    (n,) events are joined with the light through that surface."""
+    parts, powers, refracted, offset = [], [], [], 0
+    for body, places in zip(range(len(setup.bodies)), entries, strict=True):
+        if setup.points and setup.bodies[body].smooth and not setup.bodies[body].matched:
+            parts.append(_to_boundary(setup, body, places, number, seed))
+    parts += [_from_inside(setup, source, number, seed) for source in setup.enclosed]
+    behind = []
+    for paths, power in parts:
+        before, _, triangle = transport.located(setup.geometry, paths)
+        owner = np.where(triangle >= 0, setup.geometry.owner[triangle], -1)
+        paths.seen[:], paths.pixel = True, np.arange(len(paths))
+        beyond = transport.shaded(setup, paths, Sums(0, by_paths=False), power=True)
+        beyond = beyond.of(beyond.single)  # from rough surfaces a light sample finds the light
+        within = transport.located(setup.geometry, beyond)[0]
+        rays = beyond.pixel
+        refracted.append((within >= 0) & (within == owner[rays]) & (before[rays] != within))
+        beyond.pixel = rays + offset
+        offset += len(power)
+        behind.append(beyond)
+        powers.append(power)
+    none = Paths.begun(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, len(setup.colours.to_waves))), np.zeros(0, np.uint64),
+                       np.arange(0))
+    return joined([*behind, none]), np.concatenate([*powers, np.zeros(0)]), np.concatenate([*refracted, np.zeros(0, bool)])
+
+
+def _to_boundary(setup, number, entries, pass_number, seed):
+    """Paths on which light meets the boundary of body `number` straight from lights outside, and their power (n,) W."""
+    body = setup.bodies[number]
+    states, numbers = light.drawn(number, _RAYS, _NUMBERS + pass_number, seed)
+    triangle, point, normal = light.on_boundary(body, entries, numbers)
+    power, towards = np.zeros((_RAYS, len(setup.colours.to_waves))), normal.copy()
+    chosen = (numbers[:, 3] * len(setup.points)).astype(int)
+    for which, source in enumerate(setup.points):
+        rows = np.flatnonzero(chosen == which)
+        sample = setup.world.from_light(source.number, point[rows])
+        towards[rows] = sample.direction
+        cosine = np.einsum("nk,nk->n", towards[rows], normal[rows])
+        start = point[rows] + setup.off * towards[rows]
+        bright = (sample.radiance > 0).any(axis=1) & (cosine > 0)
+        inside, seen = transport.in_between(setup, start, towards[rows], sample.distance, bright)
+        arrives = np.where(seen, cosine, 0.0) * len(setup.points) / (_RAYS * entries.density[triangle[rows]])
+        power[rows] = (sample.radiance @ setup.colours.to_waves.T) * np.exp(-np.where(seen[:, None], inside, 0) @ setup.sigma_t) \
+            * arrives[:, None]
+    return _scaled(Paths.begun(point + light.LOOK * setup.geometry.scale * towards, -towards, power, states, np.arange(_RAYS)))
+
+
+def _from_inside(setup, source, pass_number, seed):
+    """Paths on which a light that stands in a body sends light to its first surface, and their power (n,) W."""
+    states, numbers = np.empty(_RAYS, np.uint64), np.empty((_RAYS, 5))
+    wavefront.begin_streams(stream_key(seed, "render.chains", pass_number), source.number * _APART, states)
+    wavefront.draw(states, numbers)
+    origin, direction, power = setup.world.light_rays(source.number, numbers)
+    paths = Paths.begun(origin + setup.off * direction, direction, power @ setup.colours.to_waves.T / _RAYS, states,
+                        np.arange(_RAYS))
+    arrived = []
+    while len(paths):
+        paths, far, triangle, turns = _ahead(setup, paths)
+        # what leaves no body meets no smooth surface of one first
+        arrived.append(paths.of(turns))
+        paths = transport.crossed(setup, paths.of(~turns), far[~turns], triangle[~turns])
+    return _scaled(joined(arrived)) if arrived else _scaled(paths)
+
+
+def _ahead(setup, paths):
+    """Paths in bodies that have a surface ahead, with what the medium leaves of them there, distance (n,) m and triangle of it,
+    and whether (n,) it turns light."""
+    within, far, triangle = transport.located(setup.geometry, paths)
+    goes = np.flatnonzero((within >= 0) & np.isfinite(far))
+    paths, within, far, triangle = paths.of(goes), within[goes], far[goes], triangle[goes]
+    for number in np.unique(within):
+        in_body = within == number
+        weight = paths.weight[in_body]
+        run(_walk.straight, len(weight), setup.bodies[number].medium, weight, far[in_body])
+        paths.weight[in_body] = weight
+    owner = setup.geometry.owner[triangle]
+    return paths, far, triangle, ~((owner >= 0) & setup.matched[np.maximum(owner, 0)])
+
+
+def _scaled(paths):
+    """Those that carry light, with weights of at most 1, and the power (n,) W that a weight of 1 stands for."""
+    paths = paths.of((paths.weight > 0).any(axis=1))
+    power = paths.weight.max(axis=1)
+    paths.weight /= power[:, None]
+    return paths, power
+
+
+# ---- beams behind it
+
+
+class _Collected:
+    """Beams of all bodies, as they are made."""
+
+    def __init__(self, setup, events):
+        waves = len(setup.colours.to_waves)
+        none = beams.of(*np.zeros((3, 0, 3)), np.zeros(0), np.zeros((0, waves)), np.zeros(0), 0)
+        self._setup, self._events, self._width = setup, events, beams.half_widths(setup)[0]
+        self._parts = [([none], [none]) for _ in setup.bodies]
+
+    def add(self, number, paths, far, triangle, power):
+        """Straight ways of paths in body `number`;  power (n,) W, of a weight of 1."""
+        if not len(paths):
+            return
+        setup, normal = self._setup, np.empty((len(paths), 3))
+        run(_dipole.boundary_normals, len(paths), setup.geometry, paths.origin, paths.direction, normal)
+        # moved along its boundary a beam may be longer, as in `beams.lit`
+        longer = far + (2 * self._width[number] if setup.bodies[number].convex else 0.0)
+        direct, events = self._parts[number]
+        direct.append(beams.of(paths.origin, paths.direction, normal, longer, paths.weight * power[:, None],
+                               np.full(len(paths), np.inf), 0))
+        if self._events:
+            paths = paths.of(np.arange(len(paths)))
+            paths.weight *= power[:, None]
+            wavefront.skip(paths.states, 1 << 42)
+            turned, _ = light.turned(setup, number, paths, far.copy(), triangle.copy())
+            ahead = transport.located(setup.geometry, turned)[1]
+            events.append(beams.begun(turned.origin, turned.direction, ahead, turned.weight, np.ones(len(turned), np.int64)))
+
+    def concatenated(self):
+        """`Lit` of each body, of the ways themselves and of their first events."""
+        return [[type(parts[kind][0])(*map(np.concatenate, zip(*parts[kind], strict=True))) for parts in self._parts]
+                for kind in range(2)]
+
+
+def _follow(setup, paths, power, joined_directly, collected):
+    """Adds the beams of paths, but for those whose events are joined with the light itself, up to their end."""
+    while len(paths):
+        within, far, triangle = transport.located(setup.geometry, paths)
+        for number in np.unique(within[within >= 0]):
+            in_body = (within == number) & ~joined_directly
+            collected.add(number, paths.of(in_body), far[in_body], triangle[in_body], power[paths.pixel[in_body]])
+        parts = [light.outside(setup, paths.of(within == _geometry.OUTSIDE), far, triangle, within)]
+        paths, far, triangle, turns = _ahead(setup, paths.of(within >= 0))
+        parts.append(transport.crossed(setup, paths.of(~turns), far[~turns], triangle[~turns]))
+        parts.append(transport.shaded(setup, paths.of(turns), Sums(0, by_paths=False), power=True))
+        paths = joined(parts)
+        joined_directly = np.zeros(len(paths), bool)
+
+
+# ---- what no method brings
+
+
+def caustics(setup, entries, seed) -> np.ndarray:
+    """What light that smooth boundaries send on to other surfaces would add to the mean of the picture, (3,) linear sRGB.
+
+    No method brings it.  Measured from the light: as seen by the camera directly, from surfaces that reflect it evenly; what they
+    send on to others is left out.
+    """
+    paths, power, _ = _arriving(setup, entries, 0, seed)
+    mean = np.zeros(3)
+    while len(paths):
+        within, far, triangle = transport.located(setup.geometry, paths)
+        outside = light.outside(setup, paths.of(within == _geometry.OUTSIDE), far, triangle, within)
+        paths, far, triangle, turns = _ahead(setup, paths.of(within >= 0))
+        crossed = transport.crossed(setup, paths.of(~turns), far[~turns], triangle[~turns])
+        turned = transport.shaded(setup, paths.of(turns), Sums(0, by_paths=False), power=True)
+        paths = joined([outside, turned])
+        spread = paths.of(~paths.single)
+        mean += _seen(setup.world, spread.origin) @ (spread.weight * power[spread.pixel, None]) @ setup.colours.to_rgb.T
+        paths = joined([paths.of(paths.single), crossed])
+    return mean
+
+
+def _seen(world, points):
+    """Mean of the picture for each watt that surfaces at points (n, 3) m reflect evenly, 1/(m^2 sr)."""
+    camera, (height, width) = world.camera, world.size
+    axis = np.cross(camera.right, camera.down)
+    pixel = np.linalg.norm(axis)
+    away = points - camera.origin
+    distance = np.linalg.norm(away, axis=1)
+    depth = away @ axis / pixel
+    with np.errstate(divide="ignore", invalid="ignore"):
+        on_film = away / depth[:, None] - camera.corner
+    column, row = (on_film @ side / (side @ side) for side in (camera.right, camera.down))
+    shown = np.flatnonzero((depth > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height))
+    first, cosine = world.first_surface(np.broadcast_to(camera.origin, (len(shown), 3)), away[shown] / distance[shown, None])
+    brightness = np.zeros(len(points))
+    # a pixel's solid angle is its area on the image plane times the third power of the cosine to the axis
+    brightness[shown] = np.where(first < distance[shown] * (1 - 1e-4), 0.0, cosine * distance[shown] / depth[shown] ** 3) \
+        / (np.pi * pixel * height * width)
+    return brightness

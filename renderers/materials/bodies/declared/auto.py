@@ -1,0 +1,11 @@
+"""The cheapest method that keeps the tolerance, by pilots."""
+
+from __future__ import annotations
+
+from renderers.materials.bodies.declaration import BodyMethod
+from renderers.materials.bodies.declared import vrl_tables
+
+METHOD = BodyMethod(
+    name="auto", words="the cheapest of paths, vrl+tables, shells and vrl that keeps the tolerance, by pilots; else paths",
+    keeps=True, keys=("boundary.tables",), candidates=("paths", "vrl+tables", "shells", "vrl"), points=(),
+    error=vrl_tables.METHOD.error, brings="as the method that it takes")

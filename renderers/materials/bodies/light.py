@@ -1,0 +1,293 @@
+"""Light in bodies as straight beams: light that comes in through the boundary, and what walks on from there.
+
+Places on the boundary are drawn; light comes to them from a light sample, and from a direction in which a path looks for light.
+Both begin a beam inside.  Light walks on from some of them, and where it meets the boundary after k events it
+
+- begins a beam of negative power outside, as far as the infinite medium of the tables goes: its later events are those of light
+  that has left, which the tables of the other beams count and the body does not;
+- begins a beam of what is reflected, from which light walks on, as from the first.
+
+What leaves walks on outside, and where it comes into a body again it is light that comes in.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.kernels import stream_key
+from renderers.materials.bodies import _geometry, _light, _walk, transport, within
+from renderers.materials.bodies._gather import Beams
+from renderers.materials.bodies.paths import Paths, joined
+from renderers.materials.bodies.transport import UNLIMITED, Sums
+from renderers.threads import run
+from renderers.transport import wavefront
+
+_PILOT, _ROUNDS = 0xFFFFFFF0, 3  # numbers of the passes that find where light comes in
+_GROUPS, _EVEN = 512, 0.25  # of triangles that have one density; share of the places that are spread evenly
+_APART = 1 << 28  # random streams of bodies are so far apart
+LOOK = 1e-5  # of the size of all bodies, from where a ray goes to the boundary which it shall enter
+
+
+class Entries(NamedTuple):
+    """How places on a boundary are drawn where light comes in.
+
+    total : (F,) cumulated probability of each triangle, up to 1;  density : (F,) 1/m^2, of points in each
+    """
+
+    total: np.ndarray
+    density: np.ndarray
+
+
+def entries_of(setup, number, places, seed) -> Entries:
+    """Places on the boundary of body `number` in proportion to the light that comes in there (root mean square of what it is in
+    a group of triangles), as a few rounds of so many places find it."""
+    body = setup.bodies[number]
+    area = areas(body)
+    entries = even = Entries(np.cumsum(area) / area.sum(), np.full(len(area), 1 / area.sum()))
+    groups = np.empty(len(area), np.int64)
+    order = transport.by_place(body.vertices[body.faces].mean(axis=1), body.vertices)
+    groups[order] = np.minimum(np.cumsum(area[order]) / area.sum() * _GROUPS, _GROUPS - 1).astype(np.int64)
+    whole = np.maximum(np.bincount(groups, area, _GROUPS), 1e-300)
+    for number_of_round in range(_ROUNDS):
+        triangle, _, power = _entered(setup, number, entries, places, _PILOT + number_of_round, seed)
+        # of W/m^2, over the area
+        square = np.bincount(groups[triangle], power.max(axis=1) ** 2 * places * entries.density[triangle], _GROUPS) / whole
+        light = np.sqrt(square)[groups] * area
+        if not light.sum() > 0:
+            return even
+        share = (1 - _EVEN) * light / light.sum() + _EVEN * area / area.sum()
+        entries = Entries(np.cumsum(share), share / np.maximum(area, 1e-300))
+    return entries
+
+
+def beams(setup, entries, places, walks, boundary, by_events, number, seed) -> list[Beams]:
+    """Beams in each body in a pass.
+
+    setup : `transport.Transport`
+    entries : `Entries` of each body;  places : of each boundary that are drawn, two beams each
+    walks : of the light, from some of those beams
+    boundary : whether light that leaves is taken away (negative beams)
+    by_events : whether every way between two events is a beam (virtual ray lights); then no beam is negative
+    number, seed : of the pass: its random numbers
+    """
+    collected, parts, powers = [_Made(not body.convex) for body in setup.bodies], [], []
+    for body, its in enumerate(entries):
+        _, paths, power = _entered(setup, body, its, places, number, seed)
+        inside = transport.located(setup.geometry, paths)[0] == body
+        parts.append(paths.of(inside))
+        powers.append(power[inside])
+    for paths, power in within.emitted(setup, places, number, seed):
+        parts.append(paths)
+        powers.append(power)
+    power = np.concatenate(powers)
+    if len(power):
+        chosen, scale = _chosen(joined(parts), power, walks)
+        wavefront.begin_streams(stream_key(seed, "render.light", number), 0, chosen.states)
+        if boundary or by_events:
+            _walk_on(setup, chosen, scale, collected, by_events)
+        else:
+            _begun(setup, chosen, np.ones(walks, bool), scale, collected)
+    return [one.beams(len(setup.colours.to_waves)) for one in collected]
+
+
+class _Made:
+    """Beams, as they are made."""
+
+    def __init__(self, real):
+        self._real, self._parts = real, []
+
+    def add(self, origin, direction, length, power, before, begun=False, real=True):
+        n = len(origin)
+        self._parts.append((origin.copy(), direction.copy(), np.broadcast_to(length, n).astype(float), power,
+                            np.broadcast_to(before, n).astype(np.int64), np.full(n, begun), np.full(n, real and self._real)))
+
+    def beams(self, waves):
+        none = (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, waves)), np.zeros(0, np.int64), np.zeros(0, bool),
+                np.zeros(0, bool))
+        collected = [np.concatenate(arrays) for arrays in zip(none, *self._parts, strict=True)]
+        # neighbours one after another, as `_choice` wants them
+        order = transport.by_place(collected[0], collected[0]) if len(collected[0]) else np.zeros(0, np.int64)
+        return Beams(*(np.ascontiguousarray(values[order]) for values in collected))
+
+
+# ---- light that comes in
+
+
+def _entered(setup, number, entries, places, pass_number, seed):
+    """Triangles (n,) of the boundary where light comes in, paths just inside, and their power (n, L), W."""
+    body, waves = setup.bodies[number], len(setup.colours.to_waves)
+    states, numbers = drawn(number, places, pass_number, seed)
+    triangle, point, normal, sample, cosine = sampled(setup, body, entries, numbers)
+    outside = point + LOOK * setup.geometry.scale * normal
+    from_lamps = sample.radiance * (sample.share(cosine / np.pi) * cosine)[:, None] @ setup.colours.to_waves.T
+    # light from all other ways that it can come
+    direction = _about(normal, numbers[:, 5:7])
+    looking = Paths.begun(outside, direction, np.ones((places, waves)), states, np.arange(places))
+    looking.density[:] = np.einsum("nk,nk->n", direction, normal) / np.pi
+    looking.single[:] = False
+    seen = Sums(places)
+    while len(looking):
+        # what has been in a body comes by walks
+        within, far, ahead = transport.located(setup.geometry, looking)
+        out = within == _geometry.OUTSIDE
+        looking = transport.at_surfaces(setup, looking.of(out), seen, far[out], ahead[out])
+    from_paths = seen.by_order.sum(axis=0) @ setup.colours.to_waves.T * np.pi
+    towards, power = np.concatenate([sample.direction.astype(float), direction]), np.concatenate([from_lamps, from_paths])
+    bright = np.flatnonzero((power > 0).any(axis=1))
+    at = bright % places
+    power = power[bright] / (places * entries.density[triangle[at]])[:, None]
+    goes, paths, power = refracted(setup, body, point[at], towards[bright], power, states[at])
+    return triangle[at][goes], paths, power
+
+
+def drawn(number, places, pass_number, seed):
+    """Random streams (places,) of places on the boundary of body `number` in a pass, and their first numbers (places, 10)."""
+    states, numbers = np.empty(places, np.uint64), np.empty((places, 10))
+    wavefront.begin_streams(stream_key(seed, "render.entries", pass_number), number * _APART, states)
+    wavefront.draw(states, numbers)
+    return states, numbers
+
+
+def sampled(setup, body, entries, numbers):
+    """Triangles (n,) where light comes in, points (n, 3) m and outward normals there, a light sample each, and its cosine."""
+    triangle, point, normal = on_boundary(body, entries, numbers)
+    sample = setup.world.lights(point + LOOK * setup.geometry.scale * normal, numbers[:, 3:])
+    return triangle, point, normal, sample, np.maximum(np.einsum("nk,nk->n", sample.direction, normal), 0.0)
+
+
+def refracted(setup, body, point, towards, power, states):
+    """Which of points on a boundary light from directions goes in at, the paths, and their power."""
+    paths = Paths.begun(point, -towards, np.ones_like(power), states, np.arange(len(point)))
+    if body.matched or not len(paths):
+        paths.origin += setup.off * paths.direction
+        return np.arange(len(paths)), paths, power
+    numbers = np.empty((len(paths), 6))
+    wavefront.draw(paths.states, numbers)
+    shading = setup.world.shade(point + LOOK * setup.geometry.scale * towards, -towards, numbers, paths.density, paths.single,
+                              power=True)
+    paths.origin, paths.direction = shading.origin, shading.direction.astype(float)
+    goes = np.flatnonzero(shading.hit & (shading.weight > 0).any(axis=1))
+    return goes, paths.of(goes), (power * shading.weight[:, :1])[goes]
+
+
+def on_boundary(body, entries, numbers):
+    """Triangles (n,) of a boundary, points (n, 3) m on them, and their outward normals."""
+    n = len(numbers)
+    at = np.searchsorted(entries.total, (np.arange(n) + numbers[:, 0]) / n, side="right")
+    at = np.minimum(at, len(body.faces) - 1)
+    a, b, c = (body.vertices[body.faces[at, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    root = np.sqrt(numbers[:, 1])
+    u, v = 1 - root, numbers[:, 2] * root
+    return at, a + u[:, None] * (b - a) + v[:, None] * (c - a), normal / np.linalg.norm(normal, axis=1)[:, None]
+
+
+def areas(body):
+    """(F,) m^2, of triangles."""
+    a, b, c = (body.vertices[body.faces[:, k]] for k in range(3))
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
+def _about(normal, numbers):
+    """Directions (n, 3) in proportion to the cosine to normals."""
+    radius, turn = np.sqrt(numbers[:, 0]), 2 * np.pi * numbers[:, 1]
+    side = np.cross(normal, np.where(np.abs(normal[:, :1]) < 0.5, [[1.0, 0, 0]], [[0, 1.0, 0]]))
+    side /= np.linalg.norm(side, axis=1)[:, None]
+    across = np.cross(normal, side)
+    directions = (radius * np.cos(turn))[:, None] * side + (radius * np.sin(turn))[:, None] * across \
+        + np.sqrt(1 - numbers[:, :1]) * normal
+    return directions / np.linalg.norm(directions, axis=1)[:, None]
+
+
+# ---- light that walks on
+
+
+def _chosen(paths, power, walks):
+    """So many paths, drawn in proportion to their power, and the power (n,) W that a weight of 1 stands for."""
+    most = power.max(axis=1)
+    total = np.cumsum(most)
+    first = np.empty((1, 1))
+    wavefront.draw(paths.states[:1], first)
+    at = np.minimum(np.searchsorted(total, (np.arange(walks) + first[0, 0]) / walks * total[-1], side="right"), len(total) - 1)
+    chosen = paths.of(at)
+    chosen.weight = power[at] / most[at][:, None]
+    return chosen, total[-1] / walks
+
+
+def _walk_on(setup, paths, scale, collected, by_events):
+    """Adds the beams of light that walks on through bodies and what is between them."""
+    fresh = np.ones(len(paths), bool)
+    while len(paths):
+        within, far, triangle = _begun(setup, paths, fresh, scale, collected)
+        parts = [outside(setup, paths.of(within == _geometry.OUTSIDE), far, triangle, within)]
+        kept = [np.ones(len(parts[0]), bool)]
+        for body in np.unique(within[within >= 0]):
+            here = within == body
+            go_on = _ways if by_events else _walked
+            for part, still_walks in go_on(setup, body, paths.of(here), far[here], triangle[here], scale, collected[body]):
+                parts.append(part)
+                kept.append(np.full(len(part), not still_walks))
+        fresh = np.concatenate(kept)
+        paths = joined(parts)
+
+
+def _begun(setup, paths, fresh, scale, collected):
+    """Adds beams of paths where they are in bodies and begin one, `fresh` (n,) bool; what `transport.located` says."""
+    within, far, triangle = transport.located(setup.geometry, paths)
+    for body in np.unique(within[within >= 0]):
+        new = fresh & (within == body)
+        begins = paths.of(new)
+        collected[body].add(begins.origin, begins.direction, far[new], scale * begins.weight, begins.order, begins.events > 0)
+    return within, far, triangle
+
+
+def _walked(setup, number, paths, far, triangle, scale, collected):
+    """Takes walks on in a body: parts of those that go on, and whether the beam of the next way is there."""
+    body, n, waves = setup.bodies[number], len(paths), paths.weight.shape[1]
+    leaving, turned = np.empty((n, _light.MEETINGS, 7 + waves)), np.empty((n, _light.MEETINGS, 8 + waves))
+    status, alive = np.empty(n, np.int64), np.empty(n, bool)
+    run(_light.walk, n, setup.geometry, body.medium, number, body.index if body.smooth else 0.0, paths.origin, paths.direction,
+        paths.weight, paths.states, far, triangle, paths.start, paths.events, paths.order, paths.bounces, leaving, turned, status,
+        alive, block=256)
+    leaving, turned = leaving[leaving[..., 6] > 0], turned[turned[..., 7] >= 0]
+    collected.add(leaving[:, :3], leaving[:, 3:6], np.inf, -scale * leaving[:, 7:], leaving[:, 6], real=False)
+    collected.add(turned[:, :3], turned[:, 3:6], turned[:, 6], scale * turned[:, 8:], turned[:, 7])
+    beyond = paths.of(status == _light.OUTSIDE)
+    beyond.origin += setup.off * beyond.direction
+    return [(paths.of(status == _light.MORE), True), (beyond, False), (_turned(setup, paths.of(status == _light.SURFACE)), False)]
+
+
+def _ways(setup, number, paths, far, triangle, _scale, _made):
+    """The same, up to the next event or surface."""
+    scattered, met = turned(setup, number, paths, far, triangle)
+    meets, owner = paths.of(met), setup.geometry.owner[triangle[met]]
+    crosses = (owner >= 0) & setup.matched[np.maximum(owner, 0)]
+    return [(scattered, False), (transport.crossed(setup, meets.of(crosses), far[met][crosses], triangle[met][crosses]), False),
+            (_turned(setup, meets.of(~crosses)), False)]
+
+
+def turned(setup, number, paths, far, triangle):
+    """Paths in body `number` after their next event, and which (n,) have met a surface before it."""
+    status = transport.through(setup, number, paths, far, triangle, UNLIMITED, True)
+    turns = paths.of(status == _walk.EVENT)
+    alive = np.empty(len(turns), bool)
+    run(_walk.scatter, len(turns), setup.bodies[number].medium, turns.origin, turns.direction, turns.weight, turns.states,
+        turns.drawn, turns.density, turns.single, turns.bounces, alive)
+    return turns.of(alive), status == _walk.CONTACT
+
+
+def outside(setup, paths, far, triangle, within):
+    """Walks outside of bodies after their next surface."""
+    far, triangle = far[within == _geometry.OUTSIDE], triangle[within == _geometry.OUTSIDE]
+    owner = np.where(triangle >= 0, setup.geometry.owner[triangle], -1)
+    crosses = (owner >= 0) & setup.matched[np.maximum(owner, 0)]
+    crosses[crosses] = ~(setup.world.trace(paths.origin[crosses], paths.direction[crosses], far[crosses] * (1 - 1e-4)) < np.inf)
+    return joined([transport.crossed(setup, paths.of(crosses), far[crosses], triangle[crosses]), _turned(setup,
+    paths.of(~crosses))])
+
+
+def _turned(setup, paths):
+    """Walks after Mitsuba has turned them at the surface that they meet."""
+    return transport.shaded(setup, paths, Sums(0, by_paths=False), power=True) if len(paths) else paths

@@ -1,0 +1,312 @@
+"""The methods of a scene: which passes make its picture, and what is to be said of them."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery import kernels
+from bakery.grammar import fields
+from renderers import colour
+from renderers.materials.bodies import beams, chains, dipole, light, refraction, shells, smooth, thin, transport
+from renderers.materials.bodies.bias import CLOSER, SHARPER
+from renderers.materials.bodies.bodies import Body, has_tables, holds, laid_out, medium_of, solid_shape, untabled
+from renderers.materials.bodies.declaration import DIFFUSED, FEW, GATHERED, JOINED
+from renderers.materials.bodies.declared import methods
+from renderers.materials.bodies.thin import WALKS
+from renderers.materials.bodies.transport import UNLIMITED, Colours, Gather, Transport
+from renderers.pictures.engine import Part
+from renderers.pictures.passes import Method
+from renderers.scene.declaration import settled
+
+ENTRIES, PICKS, _LEAST, _ALONE = 16384, 64, 4, 32
+_LIT = 1 << 15  # places on each boundary where beams begin that lines of sight meet
+_FIRST = 8192  # places that tell where light comes into a body
+_LATER = 1 << 31  # passes of lines of sight that gather beams are numbered from here
+_BESIDE = 3 << 30  # and of those that meet beams
+_MOST = 31  # bodies of which one loop keeps in which a path is
+_BEYOND = 1e-3  # share of the light beyond the tables that is worth a word
+_NOISES = ("noise", "noise_mean", "noise_region")  # of a report
+_UNLIT = "lights shine, and no pass found any: how far the picture is off is not known"
+_UNLIT_METHOD = "paths"  # of scenes in which nothing shines: needs neither beams nor tables
+_LAYERS = ("order0", "order1", "order2", "orders")
+
+
+def prepare(job, world, seed) -> Method:
+    """The method that a scene asks for; `job` is a `renderers.pictures.running.Render`, `world` the surfaces and lights
+    around."""
+    values, assets = job.scene.values, job.assets
+    if any(not np.array_equal(asset.wavelength, assets[0].wavelength) for asset in assets):
+        raise job.scene.wrong("materials", "the assets have different wavelengths; assets of the same ones would do")
+    entries = values.materials
+    setup = transport_of(world, [entry.where.shape for entry in entries], assets, [entry.index for entry in entries],
+                       lambda number, key, message: job.scene.wrong(f"materials[{number}].{key}", message), values.method)
+    name, kinds = of(setup, values.method, entries[0].tables, seed)
+    if world.dark:
+        return Method(name, kinds, [], lambda estimate: {"bias": None})
+    declared = methods()[name]
+    reasons = _reasons(assets, setup.bodies, declared)
+    reasons += shells.reasons(shells.laid(setup)) if declared.spheres else []
+    missing, sentences = chains.left_out(setup, seed)
+
+    def after(estimate):
+        # how far off some methods are, or how much light is left out, nobody states; what else is known would pass for all of it
+        measurable = declared.measured is not None and missing is not None
+        bias = declared.measured(estimate.means.values(), estimate.rgb, missing) if measurable else None
+        unlit = {} if np.any(estimate.rgb) else dict.fromkeys(_NOISES) | {"reasons": [_UNLIT]}
+        return {"bias": bias, "left_out": sentences} | unlit
+
+    return Method(name, kinds, [*reasons, *sentences], after, features=lambda: features_of(setup, seed))
+
+
+def features_of(setup, seed):
+    """What the camera sees, `renderers.pictures.denoise.Features`; None of more bodies than a loop keeps apart."""
+    from renderers.transport import features
+
+    return features.first_hits(setup.world, setup.bodies, setup.colours, seed) if len(setup.bodies) <= _MOST else None
+
+
+def of(setup, name, boundary, seed):
+    """The method of a name, which is another where that chooses, and its parts; parameters as those of `parts`."""
+    name = settled(methods(), name)
+    if setup.world.dark:
+        # no beams begin, and tables and spheres need not be there
+        return name, parts(setup, _UNLIT_METHOD, boundary, seed)
+    return name, parts(shells.laid(setup) if methods()[name].spheres else setup, name, boundary, seed)
+
+
+def transport_of(world, names, assets, indices, wrong, name="vrl+tables") -> Transport:
+    """How light goes in a scene.
+
+    names : of the shapes that are bodies;  assets : of each;  indices : refractive index of each, or None
+    wrong : function of (number of a body, what of it, message) -> the exception to raise where something is wrong
+    name : of the method; assets have to hold the tables that it looks up
+    """
+    shapes = world.shapes()
+    bodies = [_body(shapes, *entry, lambda key, message, number=number: wrong(number, key, message),
+                    _UNLIT_METHOD if world.dark else name)
+              for number, entry in enumerate(zip(names, assets, indices, strict=True))]
+    bodies, geometry = laid_out(world, bodies, wrong)
+    waves = np.asarray(assets[0].wavelength, float)
+    colours = Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
+    panes = any(shape.index is not None and shape.smooth and shape.name not in names for shape in shapes)
+    lights = world.ideal_lights() if world.without_extent else []
+    enclosed = [any(not body.matched and holds(body, light.place) for body in bodies) and not light.distant for light in lights]
+    lamps = frozenset(number for number, body in enumerate(bodies)
+                      if world.lights_in([np.array([body.vertices.min(axis=0), body.vertices.max(axis=0)])]))
+    return Transport(world, bodies, geometry, colours, [refraction.bent(world, body, shapes) for body in bodies], panes=panes,
+                     points=tuple(light for light, inside in zip(lights, enclosed, strict=True) if not inside),
+                     enclosed=tuple(light for light, inside in zip(lights, enclosed, strict=True) if inside), lamps=lamps)
+
+
+def _body(shapes, name, asset, index, wrong, method):
+    """The body that a shape is."""
+    shape = solid_shape(shapes, name, index, wrong)
+    vertices, faces = shape.vertices, shape.faces
+    medium = medium_of(asset) if has_tables(asset) else untabled(asset)
+    declared = methods()[method]
+    if fault := _too_wide(name, vertices, faces, smooth.reduced(medium), declared):
+        raise wrong("where.shape", fault)
+    tabled = has_tables(asset) or declared.reads_tables
+    if tabled and not hasattr(asset.multiple, "segment"):
+        raise wrong("asset", "its stage multiple holds no tables of segments; multiple_scattering: {sources: [point, segment]} "
+                             "in its recipe would do")
+    tables = [(points, segments) for points, segments, _ in asset.multiple.segment.tables()] if tabled else []
+    return Body(name, vertices, faces, shape.index, shape.smooth, medium, tables, False, shells.none(len(medium.sigma_t)))
+
+
+def _too_wide(name, vertices, faces, reduced, method):
+    """What is wrong with a method by beams for a body of so many transport mean free paths; "" where nothing is."""
+    density = thin.density(vertices, faces, reduced)
+    if density >= method.fewest_beams:
+        return ""
+    wide = float(np.ptp(vertices, axis=0).max() * np.max(reduced))
+    able = fields.one_of([name for name, declared in methods().items() if not declared.fewest_beams])
+    return (f"{name} is {wide:.3g} transport mean free paths wide: to a square one of its boundary come {density:.1g} beams of a "
+            f"pass, and method {method.name} needs {method.fewest_beams:g}; {able} would do")
+
+
+def parts(setup, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
+    """The parts of a method, as `renderers.pictures.progressive` takes them.
+
+    setup : `transport.Transport`;  name, boundary : method and boundary as a scene names them
+    places, walks : places where light comes in, and walks
+    picks : beams that are drawn for a place of a body: by all lines of sight together that share their light, `_LEAST` by each;
+        with tables `_ALONE` by those that do not
+    """
+    method = methods()[name]
+    if method.in_one_loop and in_one_loop(setup):
+        from renderers.transport import passes
+
+        return (passes.part(name, setup.world, setup.bodies, setup.colours, seed),)
+    if method.joined:
+        # they bring lights without extent, too
+        setup = setup._replace(bent=[[] for _ in setup.bodies])
+    kinds = _Passes(setup, method, boundary, seed, _Counts(places, walks, picks))
+    passes_of = {FEW: kinds.by_paths, GATHERED: kinds.gathered, DIFFUSED: kinds.diffused, JOINED: kinds.joined}
+    return tuple(Part(kind, passes_of[kind]) for kind in method.parts) or (Part(name, kinds.by_paths),)
+
+
+class _Counts(NamedTuple):
+    """Of a pass: places where light comes in, walks of it, beams that are drawn."""
+
+    places: int
+    walks: int
+    picks: int
+
+
+class _Passes:
+    """Passes of a method: functions of their number, which give layers (H, W, 3) by name."""
+
+    def __init__(self, setup, method, boundary, seed, counts):
+        self._setup, self._method, self._seed, self._counts = setup, method, seed, counts
+        self._size = setup.world.size
+        self._negative, self._mirrored = (method.tabled and boundary == kind for kind in ("negative", "mirrored"))
+        self._second = [method.second(setup.world, body) for body in setup.bodies]
+        self._most = [UNLIMITED if not method.parts else 1 if joins else 2 for joins in self._second]
+
+    def by_paths(self, number):
+        """Light that paths find by themselves, and that of lights without extent which they cannot find."""
+        setup, method = self._setup, self._method
+        gather = chains.gathering(setup, self._entries, number, self._seed, not method.parts, method.beams_of_events) \
+            if setup.chained else None
+        if method.joined:
+            setup = setup._replace(rivals=self._rivals)
+        sums = transport.from_eye(setup, self._most, gather, number, self._seed)
+        if gather:
+            sums.by_order += gather.wide.by_order
+        if method.diffused:
+            # what scatters again where a boundary turns it back
+            sums.by_order[2:] = 0.0
+        layers = self._images(sums)
+        if gather:
+            layers[SHARPER] = (gather.sharp.by_order - gather.wide.by_order).sum(axis=0).reshape(*self._size, 3)
+        return layers
+
+    def diffused(self, number):
+        """Light of beams by diffusion."""
+        beams_in = self._beams(number)
+        number += _LATER
+        view = self._view(number)
+        later = dipole.seen(self._setup, beams_in, self._counts.picks, number, self._seed).reshape(*self._size, 3)
+        every = np.ones(self._size, bool)
+        half, later = smooth.smoothed(later, every, view, 0.5), smooth.smoothed(later, every, view)
+        return {"": later, "orders": later, CLOSER: half - later}
+
+    def gathered(self, number):
+        """Light of beams by lines of sight: by tables, or from virtual ray lights."""
+        setup, tabled, picks = self._setup, self._method.tabled, self._counts.picks
+        beams_in = self._beams(number, negative=self._negative, by_events=not tabled)
+        beyond = [_beyond(body, self._mirrored) for body in setup.bodies]
+        number += _LATER
+        view = self._view(number) if tabled else None
+        gathers = self._gathers(view, number) if tabled else None
+        if tabled:
+            gather = Gather(beams_in, True, self._second, _ALONE, self._shared_picks, view.body.ravel(), beyond)
+        else:
+            nobody = np.full(self._size[0] * self._size[1], -1)
+            gather = Gather(beams_in, False, self._second, picks, [picks] * len(setup.bodies), nobody, beyond)
+        sums = transport.from_eye(setup, self._most, gather, number, self._seed, by_paths=False, chosen=gathers)
+        layers, later = self._images(sums), sums.gathered.reshape(*self._size, 3)
+        if tabled:
+            half, later = smooth.smoothed(later, gathers, view, 0.5), smooth.smoothed(later, gathers, view)
+            layers |= {CLOSER: half - later}
+        layers[""], layers["orders"] = layers[""] + later, layers["orders"] + later
+        return layers
+
+    def joined(self, number):
+        """Light of beams that lines of sight cross."""
+        setup = self._setup
+        width = [widths * beams.narrower(number) for widths in beams.half_widths(setup)]
+        entered, begun = zip(*(beams.lit(setup, body, entries, _LIT, number, self._seed)
+                               for body, entries in enumerate(self._entries)))
+        if not self._method.tabled:
+            begun = [beams.walked(walks) for walks in self._beams(number, by_events=True)]
+        gather = beams.joins(setup, [(entered, width[0], self._rivals), (begun, width[1])])
+        return self._images(transport.from_eye(setup, self._most, gather, number + _BESIDE, self._seed, by_paths=False))
+
+    def _images(self, sums):
+        by_order = [image.reshape(*self._size, 3) for image in sums.by_order]
+        return {"": sum(by_order)} | dict(zip(_LAYERS, by_order))
+
+    def _beams(self, number, *, negative=False, by_events=False):
+        return light.beams(self._setup, self._entries, self._counts.places, self._counts.walks, negative, by_events, number,
+                           self._seed)
+
+    def _view(self, number):
+        """What the camera sees of bodies in a pass."""
+        paths = transport.begin(self._setup, np.arange(self._size[0] * self._size[1]), number, self._seed)
+        return smooth.seen(self._setup, paths)
+
+    def _gathers(self, view, number):
+        """Pixels that gather; all where what they find is not shared."""
+        return np.ones(self._size, bool) if any(self._second) else smooth.chosen(view, number)
+
+    @cached_property
+    def _entries(self):
+        """`light.Entries` of each body."""
+        return [light.entries_of(self._setup, body, _FIRST, self._seed) for body in range(len(self._setup.bodies))]
+
+    @cached_property
+    def _shared_picks(self):
+        """Beams of a line of sight that shares what it gathers, in each body."""
+        view = self._view(_LATER)
+        shares = smooth.sharing(view, self._gathers(view, 0), len(self._setup.bodies))
+        return [min(max(math.ceil(self._counts.picks / share), _LEAST), _ALONE) for share in shares]
+
+    @property
+    def _rivals(self):
+        return beams.rivals_of(self._setup, self._entries, _LIT)
+
+
+def in_one_loop(setup) -> bool:
+    """Whether `renderers.transport` can follow the paths of a scene: it finds no lights without extent through glass."""
+    return not (setup.chained or any(setup.bent)) and setup.rivals is None and len(setup.bodies) <= _MOST
+
+
+def _beyond(body, mirrored):
+    """Distances (L,) m of the extrapolated boundary outside of a body's, 2 A D; inf where nothing is mirrored.
+
+    D = 1 / (3 sigma_t'), A = (1 + R2) / (1 - R1) with R1 = 2 int R c dc, R2 = 3 int R c^2 dc, R the reflectance from inside.
+    """
+    medium = body.medium
+    if not mirrored:
+        return np.full(len(medium.sigma_t), np.inf)
+    x, weight = np.polynomial.legendre.leggauss(64)
+    c, weight = (x + 1) / 2, weight / 2
+    r = np.array([kernels.fresnel(cosine, 1 / body.index)[0] for cosine in c]) if not body.matched else np.zeros(64)
+    a = (1 + 3 * np.sum(weight * r * c**2)) / (1 - 2 * np.sum(weight * r * c))
+    return 2 * a / (3 * smooth.reduced(medium))
+
+
+def _reasons(assets, bodies, method):
+    tabled = [asset for asset in assets if has_tables(asset)]
+    notes = [method.leaves_out] if method.leaves_out else []
+    if any(np.any(np.asarray(asset.multiple.peak) > 0) for asset in tabled):
+        notes.append("light in the forward peak of the phase function counts as not scattered, as in the tables")
+    notes += [f"the tables of {body.name} end at {reach:.3g} mean free paths, and it is {size:.3g} wide: beyond them light "
+              "decays as diffusion has it"
+              for body, asset in zip(bodies, assets, strict=True) for reach, size in _too_short(body, asset)]
+    turned = any(not body.matched for body in bodies)
+    if method.blurred[0 if turned else 1]:
+        notes.append("light that scatters in a body is blurred: that of lamps and one event over 1 % of the body's size, that of "
+                    "more over 0.2 mean free paths to both sides, less in each pass; by mirrors and glass it comes by chance")
+    elif turned:
+        notes.append("light that scatters once reaches the eye through refracting boundaries by chance; that of lights without "
+                    "extent is looked for from where it scatters, straight through one smooth boundary; what smooth boundaries "
+                    "turn more than once is spread over 1 % of the body's size to both sides, less in each pass")
+    return notes
+
+
+def _too_short(body, asset):
+    """Extent of the tables and size of the body, mean free paths, where light that matters (1e-3 of it) goes beyond."""
+    if not has_tables(asset):
+        return []
+    reach, k0 = np.asarray(asset.multiple.extent), np.asarray(asset.multiple.k0)
+    size = np.ptp(body.vertices, axis=0).max() * body.medium.sigma_t
+    beyond = (1 + k0 * reach) * np.exp(-k0 * reach) * (reach > 0)
+    worst = int(np.argmax(beyond * (size > reach)))
+    return [(reach[worst], size[worst])] if size[worst] > reach[worst] and beyond[worst] > _BEYOND else []

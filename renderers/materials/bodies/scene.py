@@ -1,0 +1,38 @@
+"""What a scene of the renderer of translucent bodies may say: its methods, and what they take."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bakery.errors import Problem
+from bakery.grammar.text import Mapping
+from renderers.materials.bodies.declared import methods
+from renderers.scene import declaration
+from renderers.scene.common import differing
+
+METHODS = methods()
+NEEDS = ("medium", "multiple")  # stages of the asset
+UNUSED = {"film.wavelengths": "none: bodies are rendered at the wavelengths of the asset"}  # common keys
+RESUMES = True
+CHOICE = "method", tuple(METHODS)  # the key of the method, and what it may be
+# of `bake trade`: without an error of their own; within the scene's tolerance by tables as it requires them; all that are tried
+EXACT, KEPT, POINTS = declaration.points(METHODS)
+PACE = 3e-4  # s of a core that a pixel takes to a relative variance of 1: 1e-4 to 3e-3 in shipped scenes
+
+
+def approximations(values, tolerance: float) -> float:
+    """Error that the method states."""
+    return METHODS[values.method].error(tolerance)
+
+
+def index_fault(shape: str, index: float | None, own: float) -> str:
+    """What is wrong with the index that a scene says of a shape whose BSDF has `own`; "" where it is that, or none is said."""
+    if index is None or abs(index - own) <= 1e-3 * index:
+        return ""
+    return f"found {index:g}, and the BSDF of {shape} has {own:g}; the same would do"
+
+
+def problems(root: Mapping, values: dict) -> Iterator[Problem]:
+    """What has to hold between keys of the entries, which have one method."""
+    yield from declaration.unused(root, values, METHODS)
+    yield from differing(root, values, "boundary.tables", "negative")

@@ -1,0 +1,10 @@
+"""From grain to grain first, then in the medium."""
+
+from __future__ import annotations
+
+from renderers.materials.grains.declaration import GrainMethod
+
+METHOD = GrainMethod(
+    name="ept+vpt", words="from grain to grain first, then in the medium", medium=True, keys=("spread",), points=("", "spread=1"),
+    error=lambda tolerance: 0.024,  # largest of eight scenes
+    brings="light at grains up to where paths of neighbouring pixels come apart, later light in the medium")

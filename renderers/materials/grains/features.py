@@ -1,0 +1,71 @@
+"""What the camera sees of grains, whatever the light: which way their surfaces are turned, and how far they are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from renderers.pictures.denoise import Features
+from renderers.transport import features, regions
+from renderers.transport.scattering import scatterer
+
+_PLACES = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])  # in a pixel, row and column
+_STEP = 1.0 / 64  # pixels: between rays whose ends tell how a surface is turned
+_NARROW = 0.25  # pixels: grains of less width are seen as their mean
+_SIDES = np.array([[0.0, 0.0], [_STEP, 0.0], [0.0, _STEP]])
+
+
+def first_hits(world, scene, assets, meshes, seed) -> Features:
+    """Of the grain that each ray meets first, or of the mesh, where a medium stands for the grains from the beginning.
+
+    Parameters
+    ----------
+    world : `renderers.mitsuba.world.World`
+    scene : `renderers.materials.grains.transport.Transport`
+    assets, meshes : of its bodies
+    seed : of the surfaces around
+
+    Notes
+    -----
+    Grains have the albedo of a meeting with one of their body, and are seen along straight rays: behind glass it is the medium
+    which stands for them that counts, and that has no normals.  Pixels show detail where grains are wider than a quarter of them.
+    """
+    media = [regions.Medium(regions.Mesh(*mesh), _scatterer(asset)) for asset, mesh in zip(assets, meshes)]
+    around = features.first_hits(world, media, scene.colours, seed)
+    to_rgb, to_waves = scene.colours.to_rgb, scene.colours.to_waves
+    colours = np.array([to_rgb @ (medium.scatterer.albedo * to_waves.sum(axis=1)) for medium in media])
+    seen = [_at(world, scene, offset) for offset in _PLACES]
+    share = np.mean([body >= 0 for body, _, _ in seen], axis=0)
+    albedo = np.mean([np.where((body >= 0)[..., None], np.clip(colours[body], 0, 1), 0) for body, _, _ in seen], axis=0)
+    normal = np.mean([normal for _, normal, _ in seen], axis=0)
+    distance = np.quantile([distance for *_, distance in seen], 0.5, axis=0, method="lower")
+    without_grains = (1 - share)[..., None]
+    radius = max(body.radius for body in scene.bodies)
+    resolved = 2 * radius > _NARROW * world.camera.angle(*world.size) * distance
+    return Features(albedo + without_grains * around.albedo, normal + without_grains * around.normal,
+                    np.where(np.isfinite(distance), distance, around.distance), np.where(resolved, share, 0.0))
+
+
+def _scatterer(asset):
+    medium = asset.medium
+    return scatterer(np.asarray(medium.sigma_t), np.asarray(medium.albedo), np.asarray(medium.theta, float),
+                     np.asarray(medium["phase"], float))
+
+
+def _at(world, scene, offset):
+    """Body (H, W) whose grain is seen at a place in each pixel, -1 for none, its normal (H, W, 3) and distance (H, W) m."""
+    height, width = world.size
+    row, column = np.divmod(np.arange(height * width), width)
+    pixels = np.repeat(np.stack([row, column], axis=1), len(_SIDES), axis=0)
+    origin, direction = world.camera_rays(np.tile(offset + _SIDES, (height * width, 1)), pixels)
+    far = world.trace(origin, direction, np.inf)
+    interactors = [scene.interactor(body, scene.technique) for body in range(len(scene.bodies))]
+    entries = np.array([interactor.entry(origin, direction, far) for interactor in interactors])
+    nearest = entries.min(axis=0).reshape(-1, len(_SIDES))
+    body = np.where(np.isfinite(nearest).all(axis=1), entries.argmin(axis=0).reshape(-1, len(_SIDES))[:, 0], -1)
+    reached = np.where(np.isfinite(nearest), nearest, 0.0)[..., None] * direction.reshape(-1, len(_SIDES), 3)
+    normal = np.cross(reached[:, 1] - reached[:, 0], reached[:, 2] - reached[:, 0])
+    length = np.linalg.norm(normal, axis=1)
+    turned = -np.sign(np.einsum("nk,nk->n", normal, direction[::len(_SIDES)]))
+    normal *= np.where((body >= 0) & (length > 0), turned / np.maximum(length, 1e-300), 0.0)[:, None]
+    return (body.reshape(height, width), normal.reshape(height, width, 3),
+            np.where(body >= 0, nearest[:, 0], np.inf).reshape(height, width))

@@ -1,0 +1,250 @@
+"""What an asset and a scene say of the grains, laid out for the loops."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bakery import kernels
+from renderers import colour
+from renderers.materials.grains._grains import Grains
+from renderers.materials.grains._medium import Medium
+from renderers.materials.grains.local import UNIFORM
+from renderers.materials.grains.paths import SELDOM, Colours
+
+_FIGURES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "forward_delta", "phase")
+_PEAK = np.radians(5.0)  # light that a grain turns by less may count as not turned: it meets ten more
+_NONE = 1e-12  # share of light below which it is rounding
+SEED = 0  # of the hash that places grains: the same in all pictures of a scene
+
+
+def meshes_of(scene):
+    """Vertices (V, 3) m and triangles (F, 3) of the mesh of each of the scene's bodies.
+
+    Raises UsageError, with the key, where one is no closed mesh, what is wrong, and where; or where two of them overlap.
+    """
+    return [mesh_of(scene, number) for number in range(len(scene.values.materials))]
+
+
+def mesh_of(scene, number):
+    """Vertices (V, 3) m and triangles (F, 3) of the mesh of an entry; UsageError with the key where it is no closed mesh."""
+    where = scene.values.materials[number].where
+    path = scene.file(where.mesh)
+    try:
+        vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
+    except ValueError as fault:
+        raise scene.wrong(f"materials[{number}].where.mesh", fault) from None
+    return where.unit * vertices, faces
+
+
+def overlap(grains, meshes):
+    """Two bodies, the second with a corner of its mesh in the first, and how deep, m: more than a radius.  None if none."""
+    for outer, body in enumerate(grains):
+        for inner, (vertices, _) in enumerate(meshes):
+            if inner != outer:
+                corners = np.array(vertices / body.unit, order="C")
+                deep = body.unit * kernels.deepest_in_mesh(body.aggregate, corners, kernels.aggregate_scratch())
+                if deep > radius_of(body):
+                    return outer, inner, deep
+    return None
+
+
+def radius_of(grains) -> float:
+    """Of a body's largest sphere, m."""
+    return grains.unit * float(grains.aggregate.radii.max())
+
+
+def colours_of(asset) -> Colours:
+    """From and to the asset's wavelengths."""
+    waves = np.asarray(asset.wavelength, float)
+    return Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
+
+
+def medium_of(asset, grains):
+    """The asset's effective medium in the mesh of its grains, without the forward peak of its phase functions.
+
+    Panes such as two faces of a cube let light go on as it came.  Samples of lights would hardly ever find it.
+
+    Returns
+    -------
+    medium : `_medium.Medium`
+    varied, met_by : `bakery.kernels.Varied` of it and of the light that its grains meet, which passes where it is in the peak
+    """
+    theta = np.asarray(asset.medium.theta, float)
+    parts = _components(asset) if grains.mixture.values.size > 0 else [_whole(asset)]
+    cut = [without_peak(np.ones(len(part.albedo)), part.albedo, theta, part.phase) for part in parts]
+    turned, albedo, phase = (list(figures) for figures in zip(*cut))
+    turned = np.array(turned)
+    sigma_t, varied, met_by = _extinction(asset, grains, parts, turned)
+    layouts = [kernels.phase_layout(theta, row) for rows in phase for row in rows]
+    return Medium(grains.aggregate, grains.unit, sigma_t, np.concatenate(albedo), layouts[0][0], layouts[0][1],
+                  np.array([row[2] for row in layouts]), np.array([row[3] for row in layouts]),
+                  seldom(grains.aggregate, sigma_t.min()), turned=np.concatenate(turned)), varied, met_by
+
+
+def _extinction(asset, grains, parts, turned):
+    """sigma_t (L,) 1/unit, the most where it varies, how it does, and how all light does that meets grains.
+
+    parts : `bakery.kernels.Component` of each of C components;  turned : (C, L) of their extinction, without the peak
+    """
+    same = kernels.unvaried_medium()
+    unit, share = grains.unit, grains.aggregate.share
+    baked, alone = unit * np.array(asset.medium.sigma_t, float), grains.mixture.values.size == 0
+    if alone and share.values.size == 0:
+        return baked * turned[0], same, same
+    fraction, void = fraction_of(asset), _void(asset) / unit
+    hits = np.array([np.full(len(baked), part.hit_probability) for part in parts])
+    along = np.array([part.along for part in parts]) / unit
+    weights = (1.0,) if alone else np.diff(grains.shares, prepend=0.0)
+    excess = baked / kernels.extinction_at_fraction(void, fraction, hits, along, weights) - 1
+    if alone and share.values.min() == share.values.max():
+        every = float(share.values.flat[0])
+        thin = kernels.extinction_at_fraction(void, fraction * every, hits, along) * (1 + every * excess)
+        return thin * turned[0], same, same
+    varied = kernels.varied_medium(share, grains.mixture, fraction, void, hits * turned, along, excess)
+    return np.full(len(baked), varied.most), varied, varied._replace(hits=hits)
+
+
+def _whole(asset):
+    """All grains of an asset as one `bakery.kernels.Component`; lengths in m."""
+    group = asset.medium
+    return kernels.whole_medium(float(group.hit_probability[0]), np.asarray(group.sigma_t_mean_flight, float),
+                                float(group.void_chord[0]), np.array(group.albedo, float), np.asarray(group.phase, float))
+
+
+def _components(asset):
+    """Each component of an asset's grains as a `bakery.kernels.Component`; lengths in m."""
+    group, components = asset.grains, []
+    radii, shares = np.asarray(group.radius, float), np.asarray(group.radius_share, float)
+    for name in group.exemplars:
+        part = group[name]
+        places = {figure: part.by_radius if "by_radius" in part and figure in part.by_radius else part for figure in _FIGURES}
+        figures = {figure: np.asarray(source[figure], float) for figure, source in places.items()}
+        figures = {figure: value if places[figure] is not part else np.repeat(value[None], len(radii), axis=0)
+                   for figure, value in figures.items()}
+        components.append(kernels.medium_component(np.asarray(group.theta, float), figures, radii, shares))
+    return components
+
+
+def _void(asset):
+    """Mean chord between the asset's spheres over (1 - f)/f, m."""
+    fraction = float(asset.medium.fraction[0])
+    return float(asset.medium.void_chord[0]) * fraction / (1 - fraction)
+
+
+def fraction_of(asset) -> float:
+    """Share of the volume in the spheres of the tile that a body is filled with."""
+    _, radii, cell = _tile(asset)
+    return float(4 / 3 * np.pi * np.sum(radii**3) / np.prod(cell))
+
+
+def without_peak(sigma_t, albedo, theta, phase):
+    """The same (L,), (L,), (L, A) where what phase functions have above their value at `_PEAK`, within it, is not scattered."""
+    cut = np.where(theta < _PEAK, np.minimum(phase, kernels.phase_at(theta, phase, np.array([_PEAK]))), phase)
+    kept = kernels.phase_integral(theta, cut)
+    scattered, extinction = albedo * kept, 1 - albedo * (1 - kept)
+    # grains of the host's index turn nothing: what does not scatter has any phase function, what takes nothing any albedo
+    straight, taken = kept <= _NONE, extinction > _NONE
+    cut[straight], kept[straight] = 1.0, 4 * np.pi
+    albedo = np.divide(scattered, extinction, out=np.zeros_like(scattered), where=taken)
+    return sigma_t * np.where(taken, extinction, 0.0), albedo, cut / kept[:, None]
+
+
+def seldom(aggregate, sigma_t):
+    """Chance (X, Y, Z) of a light sample in each voxel, less far inside, where hardly any light gets to; sigma_t in 1/unit."""
+    return np.maximum(np.exp(-sigma_t * kernels.depth_in_mesh(aggregate)), SELDOM).astype(np.float32)
+
+
+def grains_of(asset, vertices, faces, local=UNIFORM) -> Grains:
+    """The asset's grains in a mesh, vertices (V, 3) m; local : of `local.local_of`, what varies in it."""
+    group, middle = asset.grains, len(asset.wavelength) // 2
+    unit = float(np.sum(np.asarray(group.radius) * np.asarray(group.radius_share)))
+    types = [_Grain(exemplar, middle) for exemplar in group.exemplars.values()]
+    parts = [group[name] for name in group.exemplars]
+    share, mixture = (field and field._replace(low=field.low / unit, edge=field.edge / unit) for field in local)
+    aggregate = kernels.aggregate(*_tile(asset), vertices / unit, faces, share, SEED)
+    sigma_t = unit * float(np.min(asset.medium.sigma_t)) * (float(share.values.max()) if share else 1.0)
+    return Grains(aggregate, unit, np.uint64(SEED),
+                  kernels.cumulated_shares([float(part.weight[0]) for part in parts]), kernels.exemplars(types),
+                  np.array([_channels(exemplar.surface, len(asset.wavelength)) for exemplar in group.exemplars.values()]),
+                  np.array([unit * np.asarray(part.interior, float) for part in parts]),
+                  seldom(aggregate, sigma_t), mixture or kernels.uniform_field())
+
+
+class _Grain:
+    """What `bakery.kernels.exemplars` takes of an exemplar; its index is that at one wavelength."""
+
+    def __init__(self, exemplar, wavelength):
+        surface = exemplar.surface
+        if surface["type"] == "dielectric":
+            self.surface = kernels.dielectric(surface["index"][wavelength], surface["roughness"])
+        elif surface["type"] == "diffuse":
+            self.surface = kernels.diffuse(surface["reflectance"])
+        else:
+            self.surface = kernels.conductor(_complex(surface), surface["roughness"])
+        self.mesh = None if exemplar.ball else kernels.Mesh(exemplar.vertices, exemplar.faces)
+        self.radius = 1.0
+
+
+def _complex(surface):
+    return np.array(surface["n"], float) + 1j * np.array(surface["k"], float)
+
+
+def _channels(surface, waves):
+    """(2, L), as `bakery.kernels.surface_share` takes them."""
+    if surface["type"] == "dielectric":
+        return np.zeros((2, waves))
+    matter = kernels.diffuse(surface["reflectance"]) if surface["type"] == "diffuse" else kernels.conductor(_complex(surface))
+    return np.array(np.broadcast_to(matter.channels, (2, waves)))
+
+
+def _tile(asset):
+    """Centres, radii and cell: the least dense tile that is as dense as the medium, widened until it is just that."""
+    packing, wished = asset.packing, float(asset.medium.fraction[0])
+    tiles = [packing] if "centers" in packing else [tile for tile in packing.values() if "centers" in tile]
+    fractions = np.array([float(tile.fraction[0]) for tile in tiles])
+    dense = fractions >= wished * (1 - 1e-9)
+    tile = tiles[np.argmin(np.where(dense, fractions, np.inf)) if dense.any() else np.argmax(fractions)]
+    wider = max(float(tile.fraction[0]) / wished, 1.0) ** (1 / 3)
+    return np.asarray(tile.centers) * wider, np.asarray(tile.radii), np.asarray(tile.cell) * wider
+
+
+def occupied_by(world, aggregate, unit, others=()):
+    """Voxels (X, Y, Z) uint8 of an aggregate that surfaces of the scene pass through, or that spheres of other bodies reach.
+
+    Empty where there are none.
+
+    others : of the bodies, triples of vertices (V, 3) m, triangles (F, 3), radius of the largest sphere, m
+    """
+    voxels = np.zeros(aggregate.voxels.shape, np.uint8)
+    triangles, boxes = (extent / unit for extent in world.extents())
+    faces = np.arange(3 * len(triangles)).reshape(-1, 3)
+    meshes = [(triangles.reshape(-1, 3), faces, 1e-6 * float(aggregate.edge.max()))]
+    meshes += [(vertices / unit, faces, radius / unit) for vertices, faces, radius in others]
+    for vertices, faces, reach in meshes:
+        kernels.mark_voxels(voxels, aggregate.low, aggregate.edge, np.array(vertices, order="C"), np.array(faces, np.int64),
+                            reach, np.uint8(1))
+    for low, high in boxes:
+        first, last = ((np.floor((corner - aggregate.low) / aggregate.edge + shift)).astype(int)
+                       for corner, shift in ((low, -1e-6), (high, 1e-6)))
+        if np.all(last >= 0):
+            voxels[tuple(slice(max(a, 0), b + 1) for a, b in zip(first, last))] = 1
+    return voxels if voxels.any() else np.zeros((0, 0, 0), np.uint8)
+
+
+def reasons_of(asset) -> list[str]:
+    """Sentences about what paths among its grains leave out."""
+    surfaces = [exemplar.surface for exemplar in asset.grains.exemplars.values()]
+    sentences = []
+    if any(surface["type"] == "dielectric" and len(set(surface["index"])) > 1 for surface in surfaces):
+        sentences.append("grains refract all wavelengths as the middle one")
+    if any(surface["type"] != "diffuse" and surface["roughness"] == 0 for surface in surfaces):
+        sentences.append("light reaches smooth grains by chance: lights without extent do not show in them")
+    return sentences
+
+
+def reasons_of_medium(asset) -> list[str]:
+    """Sentences about what the medium that stands for its grains leaves out."""
+    sentences = ["the medium that stands for the grains: no grain is to be seen"]
+    if any(exemplar.surface["type"] != "dielectric" for exemplar in asset.grains.exemplars.values()):
+        sentences.append("packed opaque grains reflect more than a medium, dark ones twice as much (docs/granular.md)")
+    return sentences

@@ -1,0 +1,79 @@
+"""Paths in the continuous medium that stands for grains, in their mesh, whose boundary is none to light."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bakery import kernels
+from renderers.materials.grains import _medium
+from renderers.materials.grains._paths import Event, Walk
+from renderers.materials.grains.paths import Seldom, streams_of
+from renderers.threads import run
+
+
+class Continuous:
+    """As `paths.Explicit`, among scatterings of a medium.
+
+    medium : `_medium.Medium`;  occupied, colours : as in `paths.Explicit`
+    varied : `bakery.kernels.Varied` of a medium of which there is more in some places than in others
+    met_by : the same of all light that its grains meet, if they let some of it pass
+    diffuse : whether light far inside, after its second scattering, diffuses (`bakery.physics.granular.diffusion`); in a medium
+        that varies it does not
+    """
+
+    def __init__(self, medium, occupied, colours, diffuse=False, varied=None, met_by=None):
+        self.medium, self.occupied, self.colours = medium, occupied, colours
+        self.varied = varied or kernels.unvaried_medium()
+        self.met_by = met_by or self.varied
+        self.diffuse = kernels.never_diffuse(medium.sigma_t)
+        if diffuse and not self.varies:
+            self.diffuse = kernels.diffuse_in_mesh(medium.aggregate, medium.sigma_t, medium.albedo, medium.v, medium.phase,
+                                                   occupied)
+        self._seldom = Seldom(medium)
+
+    @property
+    def varies(self):
+        """Whether there is more of the medium in some places than in others."""
+        return self.varied.most > 0.0
+
+    def sample_lights(self, share):
+        """As `paths.Explicit.sample_lights`."""
+        self.medium = self._seldom.by(share)
+
+    @property
+    def content(self):
+        """What loops take of it."""
+        return _medium.Content(self.medium, self.varied, self.diffuse)
+
+    def advance(self, paths):
+        """As `paths.Explicit.advance`; the kinds of events are components that scatter, or `_medium.DIFFUSE`."""
+        event = Event.empty(paths.count)
+        run(_medium.advance, paths.count, self.content, self.occupied, Walk.of(paths), paths.technique, event)
+        return event
+
+    def next_event(self, paths, event, sample, added):
+        """What light samples send by way of scatterings, added (n, 3)."""
+        run(_medium.next_event, paths.count, self.content, self.colours, Walk.of(paths), event, sample, added)
+
+    def scatter(self, paths, event):
+        """Turns paths at scatterings; event.alive becomes whether they go on."""
+        paths.single[:] = False
+        run(_medium.scatter, paths.count, self.medium, Walk.of(paths), event)
+
+    def transmittance(self, point, direction, distance, share):
+        """Share (n, L) of light that gets from points along directions to a distance; the same for the same way."""
+        streams = streams_of(point, direction, distance)
+        run(_medium.transmit, len(point), self.content, streams, point, direction, distance, share)
+
+    def entry(self, point, direction, far, inside=True):
+        """Distances (n,) m to where rays come into the mesh before far (n,) m, inf where they do not; `inside`: 0 for those that
+        start in it."""
+        t = np.empty(len(point))
+        run(_medium.entry, len(point), self.medium, point, direction, far, inside, t)
+        return t
+
+    def arrive(self, paths):
+        """Makes scatterings of the grains that paths have met: their events, LIGHT, TURNS or PASSES."""
+        event = Event.empty(paths.count)
+        run(_medium.arrive, paths.count, self.medium, self.met_by, Walk.of(paths), event)
+        return event

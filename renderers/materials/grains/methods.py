@@ -1,0 +1,165 @@
+"""The methods of a scene: which passes make its picture, and what is to be said of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bakery import kernels
+from renderers.materials.grains import bundles, local, material, medium, transport
+from renderers.materials.grains.declared import methods
+from renderers.materials.grains.transport import GRAINS, MEDIUM, Body, Transport
+from renderers.pictures.engine import Part
+from renderers.pictures.passes import Method
+from renderers.scene import budget
+from renderers.scene.budget import percent
+from renderers.scene.declaration import settled
+from renderers.transport.scattering import Scatterer
+
+_LAYERS = ("order0", "order1", "order2", "orders")
+_TECHNIQUES = ("ept", "vpt", "da")
+_MOST = 32  # media of the loop: `renderers.transport.scene.MOST`, which cannot be imported before Mitsuba is there
+_PATHS = 1 << 16  # of a pass, at most, where a pixel has several: those that go on together
+_SAMPLES = 16  # a pixel and pass, at most: the noise of small pictures is known from several passes
+_LATER = 1 << 31  # passes of the light after the switch are numbered from here
+
+
+def prepare(job, world, seed) -> Method:
+    """The method that a scene asks for; `job` is a `renderers.pictures.running.Render`, `world` the surfaces and lights
+    around."""
+    values, assets, meshes = job.scene.values, job.assets, material.meshes_of(job.scene)
+    if any(not np.array_equal(asset.wavelength, assets[0].wavelength) for asset in assets):
+        raise job.scene.wrong("materials", "the assets have different wavelengths; assets of the same ones would do")
+    varies = [local.local_of(job.scene, body, asset, material.fraction_of(asset), vertices)
+              for body, (asset, (vertices, _)) in enumerate(zip(assets, meshes))]
+    grains = [material.grains_of(asset, *mesh, varied) for asset, mesh, varied in zip(assets, meshes, varies)]
+    if reaching := material.overlap(grains, meshes):
+        outer, inner, deep = reaching
+        raise job.scene.wrong(f"materials[{inner}].where.mesh", f"reaches {deep:.2g} m into the mesh of materials[{outer}]; "
+                              "meshes that do not overlap, but may touch, would do")
+    tolerance = values.tolerance or budget.DEFAULT
+    return of(values.method, world, assets, meshes, grains, seed, values.materials[0].spread, tolerance)
+
+
+def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.DEFAULT) -> Method:
+    """The method of a name, which is another where that chooses.
+
+    assets, meshes, grains : of the bodies, in their order; meshes of vertices (V, 3) m and triangles (F, 3)
+    spread, tolerance : as in a scene
+    """
+    name = settled(methods(), name)
+    declared = methods()[name]
+    scene, reasons = transport_of(name, world, assets, meshes, grains, spread)
+    if stated := declared.error(tolerance):
+        reasons.append(f"how far {name} is off is not measured: in eight scenes by up to {percent(stated)}")
+    if scene.switch is not None and declared.diffuses and any(body.medium.varies for body in scene.bodies):
+        reasons.append("no light diffuses in bodies whose fraction or mixture varies")
+    number = sum(_expected(packed.aggregate, vertices / packed.unit, faces) for packed, (vertices, faces) in zip(grains, meshes))
+    # Light before the switch and after it by paths of their own: each gets the passes that take most variance away in their time.
+    # Ending some paths by chance at the switch (section 5 of the paper) adds the variance of that chance.
+    kinds = [(name, transport.ALL)] if scene.switch is None else [("grains", transport.BEFORE), ("medium", transport.AFTER)]
+    # when paths switch depends on how close the pixels of a bundle are: pilots of all methods look through the same pixels
+    view = bundles.as_close(world)
+    loop = medium_part(scene.bodies, meshes, scene.colours, view, seed) if scene.technique == MEDIUM else None
+    parts = (loop,) if loop else tuple(part(view, scene, kind, seed, which) for kind, which in kinds)
+
+    def after(estimate):
+        return {"grains": number, "layers": _switches(estimate.means.values()), "bias": None}
+
+    return Method(name, parts, reasons, after, features=lambda: _features(world, scene, assets, meshes, seed),
+                  apart=(kinds[0][0],) if scene.technique == GRAINS else (), entry=scene.entry)
+
+
+def _features(*scene):
+    from renderers.materials.grains import features
+
+    return features.first_hits(*scene)
+
+
+def transport_of(name, world, assets, meshes, grains, spread=4.0):
+    """How light goes by a method, a `Transport`, and sentences about it; parameters as those of `of`."""
+    declared = methods()[name]
+    colours, reasons, bodies = material.colours_of(assets[0]), [], []
+    reach = [material.radius_of(packed) for packed in grains]
+    for number, (asset, packed) in enumerate(zip(assets, grains)):
+        others = [(*mesh, reach[other_body]) for other_body, mesh in enumerate(meshes) if other_body != number]
+        around = material.occupied_by(world, packed.aggregate, packed.unit, others), colours
+        ways = declared.grains(packed, *around), None
+        if declared.medium:
+            stands, varied, met_by = material.medium_of(asset, packed)
+            ways = ways[0], medium.Continuous(stands, *around, declared.diffuses, varied, met_by)
+        bodies.append(Body(*ways, reach[number]))
+    for asset in assets:
+        reasons += material.reasons_of_medium(asset) if declared.continuous else material.reasons_of(asset)
+    switch = bundles.Switch(spread) if declared.switches else None
+    start = MEDIUM if declared.continuous else GRAINS
+    return Transport(tuple(bodies), colours, start, switch), list(dict.fromkeys([*filter(None, [declared.leaves_out]), *reasons]))
+
+
+def medium_part(bodies, meshes, colours, world, seed):
+    """Passes of paths through the media that stand for grains, by the loop of `renderers.transport`.
+
+    None where fraction or mixture vary in a body: its extinction there is no multiple of that at one fraction, and its phase
+    function another.
+
+    bodies : of a `Transport`;  meshes, colours, world, seed : as those of `of`
+    """
+    if len(bodies) > _MOST or any(body.medium.varies for body in bodies):
+        return None
+    from renderers.transport import passes, regions
+
+    entries = []
+    for body, mesh in zip(bodies, meshes):
+        stands = body.medium.medium
+        scatterer = Scatterer(stands.sigma_t / stands.unit, stands.albedo, stands.v, stands.steps, stands.phase, stands.cdf)
+        entries.append(regions.Medium(regions.Mesh(*mesh), scatterer))
+    return passes.part("vpt", world, entries, colours, seed, by_light=True)
+
+
+def part(world, scene, name, seed, which=transport.ALL) -> Part:
+    """Passes by a `Transport`, with layers of orders, lights and techniques.
+
+    Paths from grain to grain alone go through shapes of a Mitsuba scene where the grains are few enough (`shapes`), else in
+    wavefronts.  Small pictures have several samples a pass: each call of Mitsuba's takes a ms of its own, for however few paths.
+    """
+    height, width = world.size
+    if scene.switch is None and scene.technique == GRAINS:
+        from renderers.materials.grains import shapes
+
+        if shapes.fit(world, [body.grains for body in scene.bodies]):
+            return shapes.part(name, world, [body.grains.grains for body in scene.bodies], scene.colours, seed)
+    samples = 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
+
+    def one(number):
+        # other paths than those of the other part
+        number += _LATER if which == transport.AFTER else 0
+        sums = transport.one_pass(world, scene, world.camera, world.size, number, seed, which, world.corners, samples)
+        return _layers(sums, world, scene)
+
+    return Part(name, one, samples)
+
+
+def _layers(sums, world, scene):
+    """Layers of a pass by name, as `Part` takes them."""
+    height, width = world.size
+    images = {"": sums.by_order.sum(axis=0)} | dict(zip(_LAYERS, sums.by_order))
+    images |= {f"light.{name}": image for name, image in zip(world.light_names, sums.by_light)}
+    if scene.switch is not None:
+        images |= {SWITCHED: sums.switched}
+        images |= {name: image for name, image in zip(_TECHNIQUES, sums.by_technique) if image.any()}
+    return {name: image.reshape(height, width, 3) for name, image in images.items()}
+
+
+SWITCHED = "switched"  # layer: grains met before the switch, and whether there was one
+
+
+def _switches(means) -> dict:
+    """Layer `switch` (H, W), grains that paths have met when they switch, on average, 0 where none does; of means of passes."""
+    switched = sum(mean.count * mean.layers[SWITCHED].astype(float) for mean in means if SWITCHED in mean.layers)
+    return {} if np.ndim(switched) == 0 else {"switch": switched[..., 0] / np.maximum(switched[..., 1], 1e-30)}
+
+
+def _expected(aggregate, vertices, faces):
+    """Number of spheres in the mesh's volume."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    volume = float(np.sum(a * np.cross(b, c))) / 6 * kernels.mean_share(aggregate)
+    return volume * len(aggregate.radii) / float(np.prod(aggregate.cell))

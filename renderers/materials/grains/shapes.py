@@ -1,0 +1,269 @@
+"""Explicit path tracing among grains that are shapes of a Mitsuba scene: a loop of Dr.Jit, one kernel a pass.
+
+Spheres and meshes stand for the grains, so that one ray finds the next surface, whatever it is.  That is meant for bodies of few
+grains: each shape takes time whenever the loop is traced, and each triangle memory.  Surfaces of grains are Mitsuba's white
+ones; what they leave of each wavelength is a factor beside them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import drjit as dr
+import numpy as np
+
+from bakery.kernels import CONDUCTOR, DIELECTRIC, DIFFUSE
+from renderers.materials.grains.listed import exemplar_mesh, listed
+from renderers.materials.grains.paths import Explicit
+from renderers.transport import loop, passes
+from renderers.transport.scene import View
+
+import mitsuba as mi  # isort: skip
+
+# bounces after which paths end one time in twenty: in heaps of clear grains many are as long as some hundred grains, and what
+# ends them earlier makes the others bright
+_FAR = 1024
+# Of all bodies: balls, each a shape through which the loop is traced, 0.25 ms a pass; triangles, some 300 bytes each
+_BALLS, _TRIANGLES = 2048, 1 << 20
+_SEARCHED = 1 << 17  # grains in the box around a body, up to which they are counted
+_SAMPLES, _PATHS = 64, 1 << 19  # a pixel and pass, at most, where a pixel has several; of a pass: a second or two
+
+
+@dataclass
+class Path(loop.Path):
+    """As `loop.Path`, with `inside` the type of grain around, from 1; grain : number of the one that each is on, 0 for none."""
+
+    grain: mi.UInt32
+
+
+@dataclass
+class Meeting:
+    """Of paths with surfaces.
+
+    meets, misses, surface : as in `loop.Event`
+    kind : the type of grain, from 1; 0 of what is none
+    sample, factor : next direction by the BSDF, and its weight
+    """
+
+    meets: mi.Bool
+    misses: mi.Bool
+    surface: mi.SurfaceInteraction3f
+    kind: mi.UInt32
+    sample: mi.BSDFSample3f = None
+    factor: mi.Color3f = None
+
+
+class Scene(View):
+    """A view with bodies of grains; types of grain are counted through all of them."""
+
+    def __init__(self, world, bodies, colours):
+        """world : `renderers.mitsuba.world.World`;  bodies : list of `renderers.materials.grains._grains.Grains`;  colours :
+        `Colours`"""
+        around = [*world.scene.shapes(), *(light for light in world.scene.emitters() if light.get_shape() is None)]
+        names = [thing.id() for thing in around]
+        packed, types = {}, 0
+        for grains in bodies:
+            packed |= _shapes(grains, world.unit, types)
+            types += len(grains.exemplars.table)
+        shapes = {name: entry[0] for name, entry in packed.items()}
+        kept = {f"around_{number}": thing for number, thing in enumerate(around)}
+        scene = mi.load_dict({"type": "scene"} | kept | shapes, optimize=False)
+        for thing, name in zip(around, names):  # which loading has changed
+            thing.set_id(name)
+        super().__init__(world, scene, colours)
+        self._grains = _numbered(scene, {name: entry[1:] for name, entry in packed.items()})
+        table = np.concatenate([grains.exemplars.table for grains in bodies])
+        self._surfaces = {int(kind) for kind in table[:, 0]}
+        self._surface, self._index = mi.UInt32(table[:, 0].astype(np.uint32)), mi.Float(table[:, 1].astype(np.float32))
+        channels = np.concatenate([grains.channels for grains in bodies]).astype(float)
+        perfect = ~np.isfinite(channels).all(axis=1)
+        channels[:, 0][perfect], channels[:, 1][perfect] = 0.0, 1.0  # reflects all light, at any angle
+        absorption = np.concatenate([grains.absorption * world.unit / grains.unit for grains in bodies])
+        self._channels = [[mi.Float(column.astype(np.float32)) for column in rows.T] for rows in np.moveaxis(channels, 1, 0)]
+        self._absorption = [mi.Float(column.astype(np.float32)) for column in absorption.T] if absorption.any() else None
+
+    def met(self, surface, active):
+        """Numbers, from 1, and types, from 1, of the grains that are met; 0 of other surfaces."""
+        shape = dr.reinterpret_array(mi.UInt32, surface.shape)
+        first, kind, triangles = (dr.gather(mi.UInt32, column, shape, active) for column in self._grains)
+        return dr.select(kind > 0, first + surface.prim_index // dr.maximum(triangles, 1), 0), kind
+
+    def absorbed(self, throughput, kind, distance):
+        """Throughput after a distance in grains of a type, from 1; 0: in none."""
+        if self._absorption is None:
+            return throughput
+        return [weight * dr.exp(-dr.gather(mi.Float, column, kind - 1, kind > 0) * distance)
+                for weight, column in zip(throughput, self._absorption)]
+
+    def shares(self, meeting, towards):
+        """What surfaces of grains leave of light at each wavelength besides what their white BSDFs say; towards : in the frame
+        of the surface.  Grains carry energy: what refraction changes of radiance is taken back."""
+        is_grain, ahead = meeting.kind > 0, meeting.surface.wi
+        surface = dr.gather(mi.UInt32, self._surface, meeting.kind - 1, is_grain)
+        shares = [mi.Float(1)] * self.waves
+        if DIELECTRIC in self._surfaces:
+            index = dr.gather(mi.Float, self._index, meeting.kind - 1, is_grain)
+            index = dr.select(ahead.z > 0, index, dr.rcp(index))
+            refracted = is_grain & (surface == DIELECTRIC) & (ahead.z * towards.z < 0)
+            shares = [dr.select(refracted, index * index, 1)] * self.waves
+        for kind, share in ((DIFFUSE, lambda first, second: first),
+                            (CONDUCTOR, lambda n, k: mi.fresnel_conductor(dr.dot(ahead, dr.normalize(ahead + towards)),
+                                                                          mi.Complex2f(n, k)))):
+            if kind in self._surfaces:
+                of_kind = is_grain & (surface == kind)
+                shares = [dr.select(of_kind, share(*(dr.gather(mi.Float, row[wave], meeting.kind - 1, of_kind)
+                                                     for row in self._channels)), before) for wave, before in enumerate(shares)]
+        return shares
+
+
+def _numbered(scene, packed):
+    """By Dr.Jit's numbers of shapes: the number of the first grain in each, from 1, its type, from 1, and the triangles of a
+    grain; 0 of shapes that are no grains.  packed : type and triangles of a grain, by names of shapes"""
+    shapes = scene.shapes()
+    places = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in shapes]
+    columns, first = np.zeros((3, max(places, default=0) + 1), np.uint32), 1
+    for number, shape in zip(places, shapes):
+        if shape.id() in packed:
+            kind, triangles = packed[shape.id()]
+            columns[:, number] = first, 1 + kind, triangles
+            first += shape.primitive_count() // triangles
+    return [mi.UInt32(column) for column in columns]
+
+
+def _shapes(grains, unit, first):
+    """Shapes of the grains of a body, by names, each with its type, counted from `first`, and the triangles of a grain.
+
+    Balls are spheres; stones of a type are one mesh, whose triangles are those of one after the other: the loop is traced through
+    each shape of the scene, and through an instance takes some 5 ms.
+    """
+    packed, scale, shapes = listed(grains), grains.unit / unit, {}
+    for kind, row in enumerate(grains.exemplars.table):
+        bsdf, corners = mi.load_dict(_bsdf(*row[:3])), exemplar_mesh(grains, kind)
+        centre, radius, _, turn = (values[packed.kind == kind] for values in packed)
+        centre, radius = scale * centre, scale * radius
+        if corners is None:
+            for number, (point, size) in enumerate(zip(centre.tolist(), radius * row[3])):
+                ball = {"type": "sphere", "center": point, "radius": float(size), "bsdf": bsdf}
+                shapes[f"grain_{first + kind}_{number}"] = ball, first + kind, 1
+        elif len(radius):
+            vertices, faces = np.unique(corners.reshape(-1, 3).astype(np.float32), axis=0, return_inverse=True)
+            placed = np.einsum("nab,vb->nva", radius[:, None, None] * turn, vertices) + centre[:, None]
+            every = faces.reshape(-1) + len(vertices) * np.arange(len(radius))[:, None]
+            mesh = _mesh(placed.reshape(-1, 3), every.reshape(-1, 3), bsdf)
+            shapes[f"grains_{first + kind}"] = mesh, first + kind, len(corners)
+    return shapes
+
+
+def _bsdf(surface, index, roughness):
+    """Of a white surface."""
+    rough = {"distribution": "ggx", "alpha": float(roughness)} if roughness > 0.0 else {}
+    if surface == DIFFUSE:
+        return {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}
+    if surface == CONDUCTOR:
+        return {"type": "roughconductor" if rough else "conductor", "material": "none"} | rough
+    return {"type": "roughdielectric" if rough else "dielectric", "int_ior": float(index), "ext_ior": 1.0} | rough
+
+
+def _mesh(vertices, faces, bsdf):
+    """Mitsuba's mesh."""
+    properties = mi.Properties()
+    properties["mesh_bsdf"] = bsdf
+    mesh = mi.Mesh("grains", len(vertices), len(faces), props=properties)
+    values = mi.traverse(mesh)
+    values["vertex_positions"], values["faces"] = vertices.astype(np.float32).ravel(), faces.astype(np.uint32).ravel()
+    values.update()
+    return mesh
+
+
+def fit(world, bodies) -> bool:
+    """Whether grains that paths meet one by one, `renderers.materials.grains.paths.Explicit` of all bodies, can be shapes of a
+    world."""
+    if any(shape.class_name() == "Instance" for shape in world.scene.shapes()):  # their groups cannot be asked for
+        return False
+    balls = triangles = 0
+    for body in bodies:
+        if type(body) is not Explicit or _most(body.grains) > _SEARCHED:
+            return False
+        table, grains = body.grains.exemplars.table, body.grains
+        if np.any((table[:, 0] == DIELECTRIC) & (table[:, 1] == 1.0) & (table[:, 2] > 0.0)):  # Mitsuba has no such facets
+            return False
+        numbers = np.bincount(listed(grains).kind, minlength=len(table))
+        balls += int(numbers[table[:, 3] > 0.0].sum())
+        triangles += sum(int(number) * len(exemplar_mesh(grains, kind)) for kind, number in enumerate(numbers)
+                         if number and table[kind, 3] == 0.0)
+    return balls <= _BALLS and triangles <= _TRIANGLES
+
+
+def _most(grains):
+    """Grains in the box around a body: there are no more."""
+    aggregate = grains.aggregate
+    return len(aggregate.radii) * float(np.prod(aggregate.voxels.shape * aggregate.edge / aggregate.cell))
+
+
+# ---- the loop
+
+
+def begin(scene, path):
+    """The camera's paths, on no grain."""
+    return Path(**vars(path), grain=dr.zeros(mi.UInt32, dr.width(path.alive)))
+
+
+def advance(scene, path):
+    """Paths after a flight to the next surface, and which."""
+    ray = mi.Ray3f(path.origin, path.direction)
+    hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=path.alive)
+    meets = path.alive & hit.is_valid()
+    surface = hit.compute_surface_interaction(ray, mi.RayFlags.All, path.alive)
+    number, kind = scene.met(surface, meets)
+    leaves = dr.dot(ray.d, surface.n) > 0
+    around = dr.select(kind > 0, dr.select(leaves, kind, 0), path.inside)
+    path.throughput = scene.absorbed(path.throughput, around, dr.select(meets, hit.t, 0))
+    path.order += dr.select((number > 0) & (number != path.grain), mi.UInt32(1), mi.UInt32(0))
+    path.grain = number
+    return path, Meeting(meets, path.alive & ~meets, surface, kind)
+
+
+def next_event(scene, path, meeting):
+    """Light of light samples by way of surfaces, linear sRGB, and its emitters; draws the next directions of the paths, too."""
+    surface, bsdf = meeting.surface, meeting.surface.bsdf()
+    active = meeting.meets & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    u = [path.random.next_float32() for _ in range(5)]
+    light, radiance = scene.scene.sample_emitter_direction(surface, mi.Point2f(*u[:2]), True, active)
+    active &= (light.pdf > 0) & dr.any(radiance > 0)
+    towards = surface.to_local(light.d)
+    value, by_bsdf, meeting.sample, meeting.factor = bsdf.eval_pdf_sample(mi.BSDFContext(), surface, towards, u[2],
+                                                                          mi.Point2f(*u[3:]), meeting.meets)
+    radiance *= value * dr.select(light.delta, 1, loop.balance(light.pdf, by_bsdf))
+    weight = [share * throughput for share, throughput in zip(scene.shares(meeting, towards), path.throughput)]
+    return scene.seen(weight, radiance, active), light.emitter
+
+
+def turned(scene, path, meeting):
+    """Paths with a new direction, from where they have come to, or ended."""
+    surface, sample, factor = meeting.surface, meeting.sample, meeting.factor
+    factor = scene.reflectance(dr.select(dr.all(dr.isfinite(factor)), factor, 0))
+    path.throughput = [weight * share * f for weight, share, f in
+                       zip(path.throughput, scene.shares(meeting, sample.wo), factor)]
+    ray = surface.spawn_ray(surface.to_world(sample.wo))
+    path.origin, path.direction, path.drawn = ray.o, ray.d, mi.Point3f(ray.o)
+    path.inside = dr.select(meeting.kind > 0, dr.select(sample.wo.z < 0, meeting.kind, 0), path.inside)
+    path.single, path.density = ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Smooth), sample.pdf
+    path.bounces += mi.UInt32(1)
+    path.alive &= meeting.meets
+    path = loop.roulette(path, path.bounces > _FAR, mi.Float(1), path.random.next_float32())
+    path.grain = dr.select(path.alive, path.grain, 0)
+    return path
+
+
+TURN = loop.Turn(begin, advance, next_event, turned)
+
+
+def part(name, world, bodies, colours, seed):
+    """Passes of paths among grains that are shapes; parameters as those of `Scene`, seed of the random numbers of all passes."""
+    scene = cache(lambda: Scene(world, bodies, colours))  # with the first pass
+
+    def traced(*arguments):
+        return loop.trace(scene(), *arguments, TURN)
+
+    return passes.of_loop(name, world, traced, seed, True, _SAMPLES, _PATHS)

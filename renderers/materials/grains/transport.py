@@ -1,0 +1,349 @@
+"""Camera paths through grains, the media that stand for them, and the surfaces and lights around.
+
+All paths of a pass go on together: compiled loops take each through one body until it needs a light, a surface of the scene,
+another body or the other paths; Mitsuba answers for all that do.  A path begins among explicit grains and may switch: the grain
+that it meets next is then a scattering of the medium, in which it goes on (`bundles` says when).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.kernels import stream_key
+from renderers.materials.grains import _paths, bundles
+from renderers.materials.grains._grains import UNKNOWN
+from renderers.materials.grains._paths import GRAINS, MEDIUM
+from renderers.materials.grains.paths import NEVER, Colours, Explicit, Paths
+from renderers.mitsuba.world import LightSample
+from renderers.threads import run
+from renderers.transport import wavefront
+from renderers.transport.paths import joined
+
+_ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
+_MANY, _SHARE = 4096, 1 / 16  # where fewer paths than that, and than that share of them, are left, lights are sampled less often
+ALL, BEFORE, AFTER = range(3)  # which light a pass brings: all, that before the switch, that after it
+
+
+class Body(NamedTuple):
+    """Grains that fill a mesh, and the medium that stands for them; None where no path goes through it.
+
+    radius : m, of the largest sphere
+    """
+
+    grains: Explicit | None
+    medium: object
+    radius: float
+
+
+class Transport(NamedTuple):
+    """How light goes.
+
+    bodies : tuple of `Body`;  colours : `Colours`
+    technique : with which paths begin, GRAINS or MEDIUM
+    switch : `bundles.Switch`, or None where paths do not switch
+    """
+
+    bodies: tuple[Body, ...]
+    colours: Colours
+    technique: int = GRAINS
+    switch: bundles.Switch | None = None
+
+    def interactor(self, body, technique):
+        """The loops of a body: those of its grains or those of its medium."""
+        return self.bodies[body].grains if technique == GRAINS else self.bodies[body].medium
+
+    def entry(self, origin, direction, far):
+        """Distances (n,) m along rays to the first grain before far (n,) m, or to the mesh where paths begin in the medium; inf
+        where there is none."""
+        interactors = (self.interactor(body, self.technique) for body in range(len(self.bodies)))
+        return np.min([interactor.entry(origin, direction, far) for interactor in interactors], axis=0)
+
+
+class Sums:
+    """Light that a pass has brought, linear sRGB.
+
+    by_order, by_technique : (ORDERS, pixels, 3);  by_light : (lights, pixels, 3)
+    switched : (pixels, 3) grains met before the switch, and whether there was one
+    which : ALL, BEFORE or AFTER;  many : paths for which a call of Mitsuba's is worth its time
+    pixels, samples : of the picture, and paths of each; the arrays are means over those once `one_pass` is over
+    """
+
+    def __init__(self, pixels, lights, which, samples=1):
+        self.pixels, self.samples = pixels, samples
+        self.which, self.many = which, min(_MANY, _SHARE * min(pixels * samples, _ALL))
+        self.by_order, self.by_technique = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((wavefront.ORDERS, pixels, 3))
+        self.by_light, self.switched = np.zeros((lights, pixels, 3)), np.zeros((pixels, 3))
+
+    def add(self, paths, light, added):
+        """What paths bring, added (n, 3), from lights (n,)."""
+        if self.skips(paths):
+            return
+        pixel = paths.pixel % self.pixels
+        wavefront.accumulate(added, paths.order, light, pixel, self.by_order, self.by_light)
+        wavefront.accumulate(added, paths.technique, light, pixel, self.by_technique, self.by_light[:0])
+
+    def add_switches(self, paths):
+        """Of paths that switch: grains met, and that they do."""
+        np.add.at(self.switched, paths.pixel % self.pixels, np.stack([paths.order, paths.order > -1, 0 * paths.order], axis=1))
+
+    def average(self):
+        """Makes means over the samples of the sums."""
+        for sums in (self.by_order, self.by_technique, self.by_light, self.switched):
+            sums /= self.samples
+
+    def skips(self, paths):
+        """Whether the light of paths, all of one technique, is left to other passes."""
+        return self.which == AFTER and paths.count > 0 and bool(paths.technique[0] == GRAINS)
+
+
+def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=None, samples=1) -> Sums:
+    """Camera paths, so many `samples` for each pixel, all together.
+
+    Parameters
+    ----------
+    world : `renderers.mitsuba.world.World`
+    transport : `Transport`
+    camera : `renderers.camera.Camera`
+    size : height and width of the picture;  number, seed : of the pass: its random numbers
+    which : light it brings: ALL, that BEFORE the switch or that AFTER it
+    corners : (H W, 2) x and y of the pixels' upper left corners, in pixels of the camera's film; those of a film of H x W if None
+    """
+    height, width = size
+    order = bundles.by_bundle(height, width, samples)
+    sums = Sums(height * width, len(world.light_names), which, samples)
+    if corners is None:
+        corners = np.stack([np.arange(height * width) % width, np.arange(height * width) // width], axis=1)
+    started, paths = 0, _begin(transport, camera, corners, order[:0], number, seed, 0)
+    while started < len(order) or paths.count:
+        if started < len(order) and paths.count < _ALL // 2:
+            new = _begin(transport, camera, corners, order[started : started + _ALL], number, seed, started)
+            started += new.count
+            ready = new if transport.switch is None else _until_switched(world, transport, new, size, sums)
+            paths = joined([paths, ready])
+        if paths.count:
+            paths, _ = _on(world, transport, paths, sums)
+    sums.average()
+    return sums
+
+
+def _begin(transport, camera, corners, pixel, number, seed, first):
+    n = len(pixel)
+    states, offset = np.empty(n, np.uint64), np.empty((n, 2))
+    wavefront.begin_streams(stream_key(seed, "render.grains", number), first, states)
+    wavefront.draw(states, offset)
+    x, y = (corners[pixel % len(corners)] + offset).T
+    direction = camera.corner + x[:, None] * camera.right + y[:, None] * camera.down
+    direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
+    return Paths.begun(np.tile(camera.origin, (n, 1)), direction, len(transport.colours.to_waves), states, pixel,
+                       transport.technique)
+
+
+def _until_switched(world, transport, paths, size, sums):
+    """Takes paths on from grain to grain, all of a bundle together, until they have switched: those that have, and go on."""
+    stage, switched = 0, [paths.of(slice(0, 0))]
+    while paths.count:
+        stage, waiting = stage + 1, []
+        paths.stage[:] = stage
+        while paths.count:
+            paths, waits = _on(world, transport, paths, sums)
+            switched.append(paths.of(paths.technique != GRAINS))
+            waiting.append(waits)
+            paths = paths.of(paths.technique == GRAINS)
+        paths = joined(waiting)
+        radius = np.array([body.radius for body in transport.bodies])[paths.body]
+        paths.switching[:] |= transport.switch.due(paths.pixel, paths.last, radius, size)
+    return joined(switched)
+
+
+def _on(world, transport, paths, sums):
+    """Paths after what each needed next, those that go on, and those that wait."""
+    _look_ahead(world, transport, paths, np.flatnonzero(np.isnan(paths.far) & (paths.sphere[:, 0] == UNKNOWN)))
+    onward, waiting = [], []
+    for body, technique in _groups(paths):
+        group = paths if technique is None else paths.of(
+            (paths.body == body) & ((paths.technique == GRAINS) == (technique == GRAINS)))
+        parts, waits = _through(world, transport, group, body, sums)
+        onward += parts
+        waiting.append(waits)
+    return joined(onward), joined(waiting)
+
+
+def _groups(paths):
+    """Bodies and techniques of paths; (body, None) where all are the same."""
+    kinds = np.unique(2 * paths.body + (paths.technique != GRAINS))
+    return [(kind // 2, kind % 2 if len(kinds) > 1 else None) for kind in kinds]
+
+
+def _through(world, transport, paths, body, sums):
+    """Parts of the paths of one body and technique after what each needed next, and those that wait."""
+    if body < 0:  # nothing but surfaces of the scene ahead
+        return [_at_surfaces(world, transport, paths, sums)], paths.of(slice(0, 0))
+    interactor = transport.interactor(body, paths.technique[0])
+    interactor.sample_lights(min(1.0, 2.0 ** math.floor(math.log2(max(paths.count / sums.many, 1e-9)))))
+    event = interactor.advance(paths)
+    status = event.status
+    near = np.flatnonzero(status == _paths.TRACE)
+    _look_ahead(world, transport, paths, near)
+    leaves, sampled = np.flatnonzero(status == _paths.LEAVES), np.flatnonzero(status == _paths.LIGHT)
+    onward = _into_next(world, transport, paths, leaves)
+    return [paths.of(near), paths.of(leaves[onward]),
+            _at_events(world, transport, interactor, paths.of(sampled), event.of(sampled), sums),
+            _at_surfaces(world, transport, paths.of(leaves[~onward]), sums),
+            *_switched(world, transport, paths.of(status == _paths.SWITCHES), sums)], paths.of(status == _paths.WAITS)
+
+
+# ---- what is ahead
+
+
+def _look_ahead(world, transport, paths, at):
+    """Finds how far it is for paths `at` (m,) to the first surface of the scene or to what is of another body than theirs, and
+    the body of those that have none."""
+    if not len(at):
+        return
+    surface = world.trace(paths.origin[at], paths.direction[at], np.inf)
+    if len(transport.bodies) == 1:
+        paths.far[at], paths.body[at] = surface, 0
+        return
+    _choose(paths, at, surface, _entries(transport, paths, at, surface), paths.body[at] < 0)
+
+
+def _entries(transport, paths, at, limit):
+    """(m, bodies) m, to where paths come into each body before a limit (m,); of their own body, into its mesh again."""
+    t = np.full((len(at), len(transport.bodies)), np.inf)
+    grains, current = paths.technique[at] == GRAINS, paths.body[at]
+    for body in range(len(transport.bodies)):
+        for technique, mine in ((GRAINS, grains), (MEDIUM, ~grains)):
+            for inside in (True, False):
+                rows = np.flatnonzero(mine & ((current != body) == inside))
+                if len(rows):
+                    interactor = transport.interactor(body, technique)
+                    t[rows, body] = interactor.entry(paths.origin[at[rows]], paths.direction[at[rows]], limit[rows], inside)
+    return t
+
+
+def _choose(paths, at, surface, entries, anew):
+    """Puts paths `at` that choose anew (m,) into the body that comes first; far and beyond are what comes next."""
+    rows = np.arange(len(at))
+    first = np.argmin(entries, axis=1)
+    enters = anew & np.isfinite(entries[rows, first])
+    paths.body[at[anew]] = np.where(enters, first, -1)[anew]
+    entries[rows[enters], first[enters]] = np.inf
+    following = np.argmin(entries, axis=1)
+    t = entries[rows, following]
+    paths.far[at], paths.beyond[at] = np.minimum(t, surface), np.where(t < surface, following, -1)
+
+
+def _into_next(world, transport, paths, at):
+    """Which of the paths `at` that leave their body go on into another one, and puts them there."""
+    onward = np.zeros(len(at), bool)
+    if len(transport.bodies) == 1 or not len(at):
+        return onward
+    ask = np.isnan(paths.far[at]) | (paths.beyond[at] >= 0)
+    asked = at[ask]
+    surface = world.trace(paths.origin[asked], paths.direction[asked], np.inf)
+    entries = _entries(transport, paths, asked, surface)
+    onward[ask] = np.isfinite(entries).any(axis=1)
+    _choose(paths, asked, surface, entries, np.ones(len(asked), bool))
+    moved = at[onward]
+    paths.sphere[moved], paths.triangle[moved] = UNKNOWN, -1
+    return onward
+
+
+def transmittance(transport, technique, point, direction, distance, apart=-1):
+    """Share (n, L) of light that gets through all bodies but one, for paths of a technique."""
+    share = np.ones((len(point), len(transport.colours.to_waves)))
+    passed = np.empty(share.shape)
+    for body in range(len(transport.bodies)):
+        if body != apart:
+            transport.interactor(body, technique).transmittance(point, direction, distance, passed)
+            share *= passed
+    return share
+
+
+# ---- events
+
+
+def _switched(world, transport, paths, sums):
+    """Parts of paths that go on in the medium, with a scattering where they have met a grain."""
+    sums.add_switches(paths)
+    parts = []
+    if not paths.count or sums.which == BEFORE:
+        return parts
+    paths.technique[:], paths.stage[:], paths.switching[:] = MEDIUM, NEVER, False
+    for body in np.unique(paths.body):
+        group, interactor = paths.of(paths.body == body), transport.interactor(body, MEDIUM)
+        interactor.sample_lights(1.0)
+        event = interactor.arrive(group)
+        sampled, turns = event.status == _paths.LIGHT, event.status == _paths.TURNS
+        parts += [_at_events(world, transport, interactor, group.of(sampled), event.of(sampled), sums),
+                  _turned(interactor, group.of(turns), event.of(turns)), group.of(event.status == _paths.PASSES)]
+    return parts
+
+
+def _at_events(world, transport, interactor, paths, event, sums):
+    """Paths that go on from where light samples are taken, after those have been added."""
+    n = paths.count
+    if n == 0 or sums.skips(paths):
+        return _turned(interactor, paths, event)
+    numbers, added = np.empty((n, 3)), np.empty((n, 3))
+    wavefront.draw(paths.states, numbers)
+    sample = world.lights(paths.origin, numbers)
+    lighted = paths
+    if len(transport.bodies) > 1:
+        passed = transmittance(transport, paths.technique[0], paths.origin, sample.direction, sample.distance, paths.body[0])
+        lighted = paths.of(slice(None))._replace(throughput=paths.throughput * passed)
+    interactor.next_event(lighted, event, sample, added)
+    sums.add(paths, sample.light, added)
+    return _turned(interactor, paths, event)
+
+
+def _turned(interactor, paths, event):
+    """Paths that go on in new directions."""
+    if not paths.count:
+        return paths
+    interactor.scatter(paths, event)
+    return paths.of(event.alive)
+
+
+def _at_surfaces(world, transport, paths, sums):
+    """Paths that go on from surfaces of the scene, after their light has been added."""
+    n, colours = paths.count, transport.colours
+    if n == 0:
+        return paths
+    numbers, added = np.empty((n, 6)), np.empty((n, 3))
+    wavefront.draw(paths.states, numbers)
+    shading = world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single)
+    wavefront.emitted(colours, paths.throughput, paths.order, shading.emitted, added)
+    sums.add(paths, shading.source, added)
+    hit = np.flatnonzero(shading.hit)
+    m, paths = len(hit), paths.of(hit)
+    if m == 0:
+        return paths
+    paths.bounces[:] += 1
+    _next_event(transport, paths, shading.point[hit], LightSample(*(values[hit] for values in shading.light)), sums)
+    run(wavefront.reflect, m, colours, paths.throughput, shading.weight[hit])
+    paths.origin[:], paths.direction[:] = shading.origin[hit], shading.direction[hit]
+    paths.sphere[:], paths.triangle[:], paths.far[:], paths.body[:], paths.beyond[:] = UNKNOWN, -1, np.nan, -1, -1
+    paths.density[:], paths.single[:] = shading.density[hit], shading.delta[hit]
+    # nobody tells grains apart in light that a matt surface has scattered
+    paths.switching[:] |= (transport.switch is not None) & (paths.technique == GRAINS) & (paths.order > 0) & ~paths.single
+    alive = np.empty(m, bool)
+    run(wavefront.roulette, m, paths.throughput, paths.states, paths.bounces, alive)
+    return paths.of(alive)
+
+
+def _next_event(transport, paths, point, sample, sums):
+    """Adds what light samples send by way of surfaces of the scene, through what is between the grains."""
+    if sums.skips(paths):
+        return
+    bright = (sample.radiance > 0).any(axis=1)
+    for technique in np.unique(paths.technique[bright]):
+        rows = np.flatnonzero(bright & (paths.technique == technique))
+        group, light = paths.of(rows), LightSample(*(values[rows] for values in sample))
+        added = np.empty((len(rows), 3))
+        passed = transmittance(transport, technique, point[rows], light.direction, light.distance)
+        wavefront.emitted(transport.colours, group.throughput * passed, group.order, light.radiance, added)
+        sums.add(group, light.light, added)

@@ -1,0 +1,187 @@
+"""Continuous media: homogeneous, or with a density on a grid."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bakery import kernels
+from bakery.kernels import lent, mesh_scratch, relative_density
+from bakery.system.compiled import njit
+from renderers.mitsuba.world import FAR
+from renderers.threads import run
+from renderers.transport import wavefront
+from renderers.transport.paths import ENDED, EVENT, REACHED
+from renderers.transport.scattering import Scatterer, flight, flown, mean_cosines, mean_phase, scattered
+from renderers.transport.wavefront import to_rgb, uniform
+
+_EVERYWHERE = kernels.region_box(np.zeros(3), np.ones(3))  # in place of a grid; nobody reads it
+_DIM, _GOES_ON = 0.1, 0.5  # transmittance below which an estimate of it ends by chance, and the share that goes on
+
+
+class Medium:
+    """A continuous medium.
+
+    scatterer : `renderers.transport.scattering.Scatterer`;  colours : to_rgb (3, L), to_waves (L, 3)
+    density : `bakery.kernels.Region` of relative densities, 0 to 1, of a medium whose sigma_t is that at 1; None: 1 everywhere
+    sampled : whether light samples reach its events
+    extent : middle (3,) m and radius m of the scene, of a medium without end; None of another
+    """
+
+    solid, walks = False, False
+
+    def __init__(self, scatterer: Scatterer, colours, density=None, sampled=True, extent=None):
+        self.scatterer, self.colours, self.sampled, self._extent = scatterer, colours, sampled, extent
+        self._density = density or _EVERYWHERE
+        self._decay = _decay(scatterer)
+        self._most = float(np.max(scatterer.sigma_t)) if density is not None else 0.0
+
+    def light_chance(self, share):
+        """Of a light sample at an event, where a share of them is wanted."""
+        return share if self.sampled else 0.0
+
+    def advance(self, paths, stop):
+        status = np.empty(paths.count, np.int64)
+        run(fly, paths.count, self.scatterer, self._density, self._most, paths, stop, status)
+        paths.left_out[status == EVENT] = np.nan
+        if self._extent:
+            self._end_far_out(paths, status)
+        return status, ()
+
+    def _end_far_out(self, paths, status):
+        """Roulette of paths at events of a medium without end, by their throughput times the share of light that comes back from
+        out there: by diffusion exp(-k (r - R)) R/r.  Changes the throughput, and the status to ENDED."""
+        middle, radius = self._extent
+        far = np.linalg.norm(paths.origin - middle, axis=1)
+        at = np.flatnonzero((status == EVENT) & (far > radius))
+        chance = np.minimum(1.0, paths.throughput[at].max(axis=1) * np.exp(self._decay * (radius - far[at])) * radius / far[at])
+        numbers, states = np.empty((len(at), 1)), paths.states[at]
+        wavefront.draw(states, numbers)
+        paths.states[at] = states
+        paths.throughput[at] /= np.maximum(chance, 1e-300)[:, None]
+        status[at[numbers[:, 0] >= chance]] = ENDED
+
+    def transmittance(self, states, origin, direction, distance, left_out, share):
+        run(transmit, len(share), self.scatterer, self._density, self._most, states, origin, direction, distance, share)
+
+    def next_event(self, paths, event, sample, passed, clear, added):
+        run(light, paths.count, self.scatterer, self.colours, paths, *sample[:1], *sample[2:5], passed, added)
+
+    def scatter(self, paths, event):
+        run(turn, paths.count, self.scatterer, paths)
+
+
+def _decay(scatterer):
+    """How quickly diffuse light decays with distance, 1/m: of the wavelength that gets farthest."""
+    albedo = scatterer.albedo
+    diffuse = np.sqrt(3 * (1 - albedo) * (1 - albedo * mean_cosines(scatterer)))
+    return float(np.min(scatterer.sigma_t * np.minimum(diffuse, 1.0)))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _collision(medium, density, most, paths, i, stop, room):
+    """Distance to a scattering of path i before `stop`, or `stop`; by collisions with as much medium as there is anywhere."""
+    sigma, weight, states = medium.sigma_t, paths.throughput, paths.states
+    t = 0.0
+    while True:
+        t -= math.log1p(-uniform(states, i)) / most
+        if t >= stop:
+            return stop
+        rho = relative_density(density, paths.origin[i, 0] + t * paths.direction[i, 0],
+                               paths.origin[i, 1] + t * paths.direction[i, 1], paths.origin[i, 2] + t * paths.direction[i, 2],
+                               room)
+        total, stopped = 0.0, 0.0
+        for w in range(len(sigma)):
+            total += weight[i, w]
+            stopped += weight[i, w] * sigma[w]
+        chance = rho * stopped / (total * most) if total > 0.0 else 1.0
+        ends = chance >= 1.0 or uniform(states, i) < chance
+        for w in range(len(sigma)):
+            real = rho * sigma[w] / most
+            weight[i, w] *= real / chance if ends else (1.0 - real) / (1.0 - chance)
+        if ends:
+            return t
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fly(medium, density, most, paths, stop, status, begin, end):
+    """Takes paths begin to end to their next scattering, or to stop (n,) m; status (n,) becomes EVENT or REACHED.
+
+    density, most : where there is how much of the medium, and its largest extinction; most = 0: as much everywhere
+    """
+    medium, density, paths = lent(medium), lent(density), lent(paths)
+    room = mesh_scratch()
+    for i in range(begin, end):
+        if most > 0.0:
+            t = _collision(medium, density, most, paths, i, stop[i], room)
+        else:
+            t = flight(medium, paths.throughput, paths.states, i)
+            flown(medium, paths.throughput, i, min(t, stop[i], FAR), t < stop[i])
+        status[i] = REACHED
+        if t < stop[i]:
+            status[i] = EVENT
+            for k in range(3):
+                paths.origin[i, k] += t * paths.direction[i, k]
+            paths.order[i] += 1
+            paths.bounces[i] += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def transmit(medium, density, most, states, origin, direction, distance, share, begin, end):
+    """Multiplies share (n, L) by what a medium leaves of light on ways (n,) m; where it varies, by an estimate of that."""
+    medium, density = lent(medium), lent(density)
+    sigma, room = medium.sigma_t, mesh_scratch()
+    for i in range(begin, end):
+        if most == 0.0:
+            for w in range(len(sigma)):
+                share[i, w] *= math.exp(-sigma[w] * min(distance[i], FAR))
+            continue
+        t, passed = 0.0, 1.0  # what an estimate that ends by chance is made of
+        while passed > 0.0:
+            t -= math.log1p(-uniform(states, i)) / most
+            if t >= distance[i]:
+                break
+            rho = relative_density(density, origin[i, 0] + t * direction[i, 0], origin[i, 1] + t * direction[i, 1],
+                                   origin[i, 2] + t * direction[i, 2], room)
+            brightest = 0.0
+            for w in range(len(sigma)):
+                share[i, w] *= 1.0 - rho * sigma[w] / most
+                brightest = max(brightest, share[i, w])
+            if brightest < _DIM:
+                passed = 1.0 / _GOES_ON if uniform(states, i) < _GOES_ON else 0.0
+                for w in range(len(sigma)):
+                    share[i, w] *= passed
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def light(medium, colours, paths, towards, radiance, sampled, delta, passed, added, begin, end):
+    """What light samples send by way of scatterings: added (n, 3), linear sRGB.
+
+    towards, radiance, sampled, delta : direction, radiance, density and delta of `LightSample`;  passed : (n, L)
+    """
+    medium, paths = lent(medium), lent(paths)
+    values = np.empty(paths.throughput.shape[1])
+    for i in range(begin, end):
+        added[i] = 0.0
+        if not (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
+            continue
+        square = 0.0
+        for k in range(3):
+            square += (paths.direction[i, k] - towards[i, k]) ** 2
+        mean = mean_phase(medium, 0, paths.throughput, i, min(0.5 * square, 2.0), values)
+        balance = 1.0 if delta[i] else sampled[i] / (sampled[i] + mean)
+        for w in range(len(values)):
+            values[w] *= paths.throughput[i, w] * medium.albedo[w] * balance * passed[i, w]
+        to_rgb(colours, values, radiance[i], added[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def turn(medium, paths, begin, end):
+    """New directions of paths at scatterings, and their densities."""
+    medium, paths = lent(medium), lent(paths)
+    values = np.empty(paths.throughput.shape[1])
+    for i in range(begin, end):
+        x, y, z = paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2]
+        x, y, z, paths.density[i] = scattered(medium, 0, x, y, z, paths.throughput, paths.states, i, values)
+        paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2] = x, y, z

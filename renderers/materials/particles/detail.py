@@ -1,0 +1,132 @@
+"""Where particles can be told apart: the depth, by pixel, up to which they have to be particles.
+
+Campbell's theorem gives mean and variance of a pixel over realisations before anything is rendered: with w what one particle
+adds to it, mean = integral of n <w>, variance = integral of n <w^2>, along what the pixel sees.  Beyond the depth behind which
+the rest of the variance is below (tolerance x mean)^2 the continuous medium does as well.  A particle adds the light that it
+scatters, and takes away what is behind its disc; a disc larger than the pixel adds to it only its part.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bakery.kernels import phase_value, region_densities, stream_key
+from bakery.system.compiled import njit
+from renderers import colour
+from renderers.threads import run
+from renderers.transport import wavefront
+
+_PROBES = 2048  # pixels that are looked at; depths between them are the largest around
+_DEPTHS = 40
+_NEAREST = 1e-4  # of the farthest depth: where looking begins, and particles are particles in any case
+
+
+def depths(world, medium, camera, height, width, tolerance, seed):
+    """Depths (H, W) in m up to which particles stop camera rays as particles; 0 where nowhere, inf where everywhere.
+
+    tolerance : relative deviation of a pixel that may be lost
+
+    Notes
+    -----
+    Light is what one sample of the lights brings to each depth, weakened by the mean medium; surfaces behind it shine as their
+    emission and one sample of the lights make them.  Light that is scattered more than once is not counted: it makes pixels
+    smoother than predicted.
+    """
+    if not world.light_names:
+        return np.zeros((height, width))
+    stride = max(1, math.ceil(math.sqrt(height * width / _PROBES)))
+    rows, columns = (np.minimum(np.arange(0, side + stride, stride), side - 1) for side in (height, width))
+    pixel = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
+    states = np.empty(len(pixel), np.uint64)
+    wavefront.begin_streams(stream_key(seed, "render.detail"), 0, states)
+    origin, direction = world.camera_rays(np.full((len(pixel), 2), 0.5), pixel)
+    begin, end = inside(medium.discs.region, origin, direction, world.trace(origin, direction, np.full(len(pixel), np.inf)))
+    numbers = np.empty((len(pixel), 6))
+    wavefront.draw(states, numbers)
+    shading = world.shade(origin, direction, numbers, np.zeros(len(pixel)), np.ones(len(pixel), bool))
+    behind = np.maximum((shading.emitted + shading.light.radiance) @ colour.LUMINANCE, 0.0).astype(float)
+    edges = _edges(begin, end)
+    middle = (edges[:, 1:] + edges[:, :-1]) / 2
+    solid = float(np.linalg.norm(np.cross(camera.right, camera.down))) \
+        * (direction @ _axis(camera)) ** 3
+    mean, variance = _along(world, medium, origin, direction, middle, np.diff(edges, axis=1), behind, solid, states)
+    # what is left of the variance from each edge on
+    remaining = np.concatenate([np.cumsum(variance[:, ::-1], axis=1)[:, ::-1], np.zeros((len(pixel), 1))], axis=1)
+    enough = remaining <= (tolerance * mean[:, None]) ** 2
+    first = enough.argmax(axis=1)
+    depth = np.where(first == 0, 0.0, np.take_along_axis(edges, first[:, None], axis=1)[:, 0])
+    depth = np.where((first == enough.shape[1] - 1) | (begin >= end), np.where(begin >= end, 0.0, np.inf), depth)
+    # between probes the largest of those around
+    around = np.pad(depth.reshape(len(rows), len(columns)), 1, mode="edge")
+    grid = np.lib.stride_tricks.sliding_window_view(around, (3, 3)).max(axis=(2, 3))
+    return grid.repeat(stride, axis=0).repeat(stride, axis=1)[:height, :width]
+
+
+def _axis(camera):
+    across = np.cross(camera.right, camera.down)
+    return across / np.linalg.norm(across) * np.sign(across @ camera.corner)
+
+
+def inside(region, origin, direction, far):
+    """Where rays enter and leave the region's box before `far`, (n,) m; begin >= end where they miss it."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a, b = (region.lo - origin) / direction, (region.hi - origin) / direction
+    a, b = np.nan_to_num(a, nan=-np.inf), np.nan_to_num(b, nan=np.inf)
+    return np.maximum(np.minimum(a, b).max(axis=1), 0.0), np.minimum(np.maximum(a, b).min(axis=1), far)
+
+
+def _edges(begin, end):
+    """Depths (n, _DEPTHS + 1), equal in ratio, from the box's near to its far side."""
+    end = np.maximum(end, begin * (1 + 1e-9) + 1e-300)
+    near = np.maximum(begin, _NEAREST * end)
+    return near[:, None] * (end / near)[:, None] ** np.linspace(0, 1, _DEPTHS + 1)
+
+
+def _along(world, medium, origin, direction, middle, thick, behind, solid, states):
+    """Mean luminance (n,) and its variance from each depth (n, _DEPTHS)."""
+    n, depths = middle.shape
+    region, share = medium.discs.region, colour.LUMINANCE @ medium.to_rgb
+    point = (origin[:, None] + middle[..., None] * direction[:, None]).reshape(-1, 3)
+    rho = np.asarray(region_densities(region, point)).reshape(n, -1)
+    numbers = np.empty((len(point), 3))
+    streams = np.repeat(states, depths) + np.tile(np.arange(depths, dtype=np.uint64), n)
+    wavefront.draw(streams, numbers)
+    sample = world.lights(point, numbers)
+    light = np.maximum(sample.radiance.astype(float) @ medium.to_waves.T, 0.0)
+    a, b = inside(region, point, sample.direction.astype(float), sample.distance)
+    column = np.cumsum(rho * thick, axis=1)
+    thickness, out = np.cumsum(thick, axis=1) - thick / 2, np.maximum(b - a, 0.0)
+    passed = np.exp(-medium.sigma_t * (column - rho * thick / 2).reshape(-1, 1) - medium.host * thickness.reshape(-1, 1))
+    arrives = np.exp(-medium.sigma_t * (rho.reshape(-1) * out)[:, None] - medium.host * out[:, None])
+    towards = sample.direction.astype(float) - np.repeat(direction, depths, axis=0)
+    v = np.minimum(0.5 * (towards**2).sum(axis=1), 2.0)
+    mean, variance = np.empty(len(point)), np.empty(len(point))
+    background = behind * np.exp(-(medium.sigma_t @ share) * column[:, -1])
+    area = (middle**2 * solid[:, None]).reshape(-1)
+    run(_moments, len(point), medium, share, v, light, passed, arrives, np.repeat(background, depths), area, mean, variance)
+    weight = rho * thick
+    return (mean.reshape(n, -1) * weight).sum(axis=1) + background, variance.reshape(n, -1) * weight
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _moments(medium, share, v, light, passed, arrives, behind, area, mean, variance, begin, end):
+    """Mean and variance of luminance a metre of depth at full density, from all classes of particles.
+
+    area : (n,) m^2, what a pixel sees at the depth;  behind : (n,) luminance that arrives from behind the medium
+    """
+    classes, waves = medium.discs.square.shape
+    for i in range(begin, end):
+        mean[i], variance[i] = 0.0, 0.0
+        for k in range(classes):
+            bright, free, reach = 0.0, 0.0, 0.0
+            for w in range(waves):
+                size = math.pi * medium.discs.square[k, w]
+                value = phase_value(medium.v, medium.steps, medium.phase[k, w], v[i])
+                bright += share[w] * size * medium.albedo[k, w] * value * light[i, w]
+                free += share[w] * passed[i, w] * arrives[i, w]
+                reach = max(reach, size)
+            over = max(area[i], reach)
+            mean[i] += medium.density[k] * bright * free
+            variance[i] += medium.density[k] * (bright * bright * free + (reach * behind[i]) ** 2) / over

@@ -1,0 +1,361 @@
+"""Single scattering as a sum: every particle that the camera can see adds to its pixel what the lights send by way of it.
+
+A camera pencil is stopped by a particle if it passes the centre, at distance D, under an angle whose sine is below rho / D: the
+cone of such directions is what the particle takes of the picture.  Pencils are drawn in that cone, evenly: a particle is spread
+over the pixels that its disc covers, and one smaller than a pixel needs one pencil.  Chance decides only which parts of discs
+others hide, and on places on lights.  The sum is the mean of `walk` over camera paths that scatter once.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.kernels import BOX, disc_cells, discs_of_cell, hashed, mesh_scratch, open_wavelengths, stream_key, turned_direction
+from bakery.system.compiled import njit
+from renderers.materials.particles import _transport, shadow
+from renderers.materials.particles._transport import Events
+from renderers.threads import run
+from renderers.transport import wavefront
+
+CHUNK = 1 << 17  # particles at a time
+_MOST = 4096  # pencils to one particle in a pass
+_DENSE = 8.0  # pencils to a pixel of a disc
+_TRACED, _DRAWN = 1 << 16, 1 << 22  # particles in a pass: a second or two
+_TOGETHER = 100.0  # discs, as large as those that hide most, in a pixel where nobody can tell which one hides what
+# steps of a sequence that fills a square evenly (Roberts 2018): powers of 1 over the root of x^3 = x + 1
+_EVENLY = np.array([0.7548776662466927, 0.5698402909980532])
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_BLOCK, _BLOCKS = 8, 1 << 18  # cells along an edge of what is compared with the view; fewer where blocks would be few
+
+
+class Plan(NamedTuple):
+    """How single scattering is summed.
+
+    shares : passes that make up a sum over all particles; each takes every so many a block of cells, for as many
+    drawn : whether particles that cannot be told apart are hidden by chance, as often as the mean medium hides them, rather than
+        by the discs of others; of the same mean and variance, and many times quicker
+    samples : places on lights for each pencil
+    """
+
+    shares: int = 1
+    drawn: bool = False
+    samples: int = 1
+
+
+def plan(medium, camera, height, width, depth, drawn) -> Plan:
+    """A plan whose passes take seconds; arguments as in `one_pass` and `Plan`."""
+    solid = camera.angle(height, width) ** 2
+    lo, hi = medium.discs.region.lo, medium.discs.region.hi
+    farthest = np.linalg.norm(np.maximum(abs(lo - camera.origin), abs(hi - camera.origin)))
+    seen = medium.density.sum() * min(float(np.sum(solid * np.minimum(depth, farthest) ** 3)) / 3, float((hi - lo).prod()))
+    return Plan(max(1, math.ceil(seen / (_DRAWN if drawn else _TRACED))), drawn)
+
+
+def one_pass(world, discs, camera, height, width, number, seed, *, discrete, lights):
+    """A share of the particles, and one pencil, or more for large discs, to each.
+
+    Parameters
+    ----------
+    discs : pair of `renderers.materials.particles.medium.Medium` and `Plan`
+    others : as in `walk.one_pass`
+
+    Returns
+    -------
+    by_order : (ORDERS, H, W, 3), of which only order 1 is filled;  by_light : (lights, H, W, 3) linear sRGB
+    """
+    plan = discs[1]
+    pixels = height * width
+    by_order, by_light = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
+    view = View(camera, height, width)
+    share = np.array([number % plan.shares, plan.shares, stream_key(seed, "render.blocks")], np.uint64)
+    for serial, chunk in enumerate(_particles(discs[0].discs, view, discrete, share)):
+        _add(world, discs, view, chunk, discrete, (seed, number, serial), by_order, by_light)
+    by_order[1] *= plan.shares  # the others stay untouched, and take no memory
+    by_light *= plan.shares
+    return by_order.reshape(-1, height, width, 3), by_light.reshape(-1, height, width, 3)
+
+
+class Chunk(NamedTuple):
+    """Particles: place (n, 3) m, class kind (n,), identity (n,) uint64."""
+
+    place: np.ndarray
+    kind: np.ndarray
+    identity: np.ndarray
+
+
+class Pencils(NamedTuple):
+    """Of the camera, n of them.
+
+    direction : (n, 3) unit;  far : (n,) m, to the disc;  throughput : (n, L);  pixel : (n,), -1 where it meets none
+    states : (n,) uint64, random streams
+    """
+
+    direction: np.ndarray
+    far: np.ndarray
+    throughput: np.ndarray
+    pixel: np.ndarray
+    states: np.ndarray
+
+    def of(self, chosen):
+        """Some of them."""
+        return Pencils(*(field[chosen] for field in self))
+
+
+class View:
+    """The camera laid out for kernels.
+
+    origin, axis : (3,);  inverse : (3, 3), turns a direction into s (1, column, row);  area : of a pixel at unit distance
+    sides : (4, 3) normals of the sides of the pyramid of view, inwards
+    frame : what `_aim` takes of it
+    """
+
+    def __init__(self, camera, height, width):
+        self.height, self.width = height, width
+        self.origin = np.array(camera.origin, float)
+        self.inverse = np.linalg.inv(np.array([camera.corner, camera.right, camera.down], float))
+        across = np.cross(camera.right, camera.down)
+        self.area = float(np.linalg.norm(across))
+        self.axis = across / self.area * np.sign(across @ camera.corner)
+        self.frame = self.origin, self.inverse, self.axis, self.area, height, width
+        corners = [camera.corner + i * width * camera.right + j * height * camera.down
+                   for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        normals = np.array([np.cross(a, b) for a, b in zip(corners, [*corners[1:], corners[0]])])
+        normals *= np.sign(normals @ self.axis)[:, None]
+        self.sides = normals / np.linalg.norm(normals, axis=1)[:, None]
+
+
+def _particles(discs, view, discrete, share):
+    """Chunks of particles that may be in the picture and nearer than `discrete` somewhere, of a share of the blocks of cells.
+
+    share : (3,) uint64, which of the shares, how many there are, and the key by which blocks belong to them, one for all passes
+
+    Yields `Chunk`.
+    """
+    for level in range(len(discs.reach)):
+        bounds, farthest = disc_cells(discs, level), float(discrete.max())
+        edge = _BLOCK
+        while edge > 1 and np.prod(bounds[3:] - bounds[:3] + 1.0) < _BLOCKS * edge**3:
+            edge //= 2
+        blocks = _blocks_in_view(discs, level, bounds, edge, view.origin, view.sides, farthest, share)
+        state = np.zeros(3, np.int64)  # block, cell in it, particle in that
+        while state[0] < len(blocks):
+            points, kind, identity = np.empty((CHUNK, 3)), np.empty(CHUNK, np.int64), np.empty(CHUNK, np.uint64)
+            filled = _gather(discs, level, blocks, edge, state, bounds, points, kind, identity)
+            if filled:
+                yield Chunk(points[:filled], kind[:filled], identity[:filled])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _blocks_in_view(discs, level, bounds, edge, origin, sides, farthest, share):
+    """First cells (n, 3) of blocks of edge^3 cells that a pyramid of view, normals sides (4, 3) inwards, may touch.
+
+    Of a share of them, see `_particles`, by chance: what is left out has no pattern.
+    """
+    counts = (bounds[3:] - bounds[:3]) // edge + 1
+    step, corner = discs.step[level], discs.region.lo + discs.shift[level]
+    radius = 0.5 * edge * math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2) + discs.reach[level]
+    out = np.empty((64, 3), np.int64)
+    n = 0
+    for i in range(counts[0]):
+        for j in range(counts[1]):
+            for k in range(counts[2]):
+                block = np.uint64((i * counts[1] + j) * counts[2] + k)
+                if hashed(share[2] ^ block * _GOLDEN) % share[1] != share[0]:
+                    continue
+                a, b, c = bounds[0] + i * edge, bounds[1] + j * edge, bounds[2] + k * edge
+                x = corner[0] + (a + 0.5 * edge) * step[0] - origin[0]
+                y = corner[1] + (b + 0.5 * edge) * step[1] - origin[1]
+                z = corner[2] + (c + 0.5 * edge) * step[2] - origin[2]
+                inside = x * x + y * y + z * z < (farthest + radius) ** 2
+                for s in range(4):
+                    inside = inside and sides[s, 0] * x + sides[s, 1] * y + sides[s, 2] * z > -radius
+                if inside:
+                    if n == len(out):
+                        larger = np.empty((2 * n, 3), np.int64)
+                        larger[:n] = out
+                        out = larger
+                    out[n, 0], out[n, 1], out[n, 2] = a, b, c
+                    n += 1
+    return out[:n]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gather(discs, level, blocks, edge, state, bounds, points, kind, identity):
+    """Fills place, kind and identity with the particles of blocks from `state` on, which is moved on; how many they are."""
+    scratch, filled = mesh_scratch(), np.int64(0)  # a literal 0 would be compiled for as well
+    while state[0] < len(blocks):
+        cell = state[1]
+        i = blocks[state[0], 0] + cell // (edge * edge)
+        j = blocks[state[0], 1] + cell // edge % edge
+        k = blocks[state[0], 2] + cell % edge
+        remaining = -1
+        if i <= bounds[3] and j <= bounds[4] and k <= bounds[5]:
+            filled, remaining = discs_of_cell(discs, level, i, j, k, state[2], points, kind, identity, filled, scratch)
+        if remaining >= 0:
+            state[2] = remaining
+            return filled
+        state[2] = 0
+        state[1] += 1
+        if state[1] == edge**3:
+            state[0] += 1
+            state[1] = 0
+    return filled
+
+
+def _add(world, discs, view, chunk, discrete, streams, by_order, by_light):
+    """Adds the particles of one chunk to the picture; `streams` are (seed, pass, chunk)."""
+    (medium, plan), n = discs, len(chunk.kind)
+    seed, number, serial = streams
+    numbers, states, pencils_of = np.empty((n, 4)), np.empty(n, np.uint64), np.empty(n, np.int64)
+    wavefront.draw(chunk.identity ^ stream_key(seed, "render.aims"), numbers)  # the same in all passes
+    wavefront.begin_streams(stream_key(seed, "render.splat", number), serial * CHUNK, states)
+    run(_pencils, n, medium, view.origin, view.area, view.axis, chunk.place, chunk.kind, pencils_of)
+    who = np.repeat(np.arange(n), pencils_of)
+    points, kind, numbers, m = chunk.place[who], chunk.kind[who], numbers[who], len(who)
+    # a stream for each pencil: those of one particle go apart at their first number
+    part = np.arange(m) - np.repeat(np.cumsum(pencils_of) - pencils_of, pencils_of)
+    states = states[who] + part.astype(np.uint64) * np.uint64(0xD1B54A32D192ED03)
+    # pencils of one particle and of all passes spread over its disc evenly
+    aims = (numbers[:, :2] + (number // plan.shares * pencils_of[who] + part)[:, None] * _EVENLY) % 1.0
+    pencils = Pencils(np.empty((m, 3)), np.empty(m), np.empty((m, len(medium.sigma_t))), np.empty(m, np.int64), states)
+    run(_aim, m, medium, view.frame, discrete.reshape(-1), (points, kind, pencils_of[who]), aims, pencils)
+    kept = np.flatnonzero(pencils.pixel >= 0)
+    if len(kept):
+        far = world.trace(np.tile(view.origin, (len(kept), 1)), pencils.direction[kept], pencils.far[kept])
+        kept = kept[~np.isfinite(far)]
+    points, kind, numbers, pencils = points[kept], kind[kept], numbers[kept], pencils.of(kept)
+    chances = _chances(medium, plan, view, pencils, numbers[:, 2:])
+    seen = np.empty(len(kept), bool)
+    run(_visible, len(kept), medium, view.origin, pencils, points, chances[0], seen)
+    events = Events(kind[seen], points[seen], np.empty(0))
+    _light(world, discs, view, events, pencils.of(seen), chances[1][seen], by_order[1], by_light)
+
+
+def _light(world, discs, view, events, pencils, chance, picture, by_light):
+    """Adds what lights send by way of particles that are seen to the picture (pixels, 3), and by light."""
+    (medium, plan), m = discs, len(pencils.pixel)
+    if not m:
+        return
+    pencils.throughput[:] /= plan.samples
+    for _ in range(plan.samples):
+        numbers = np.empty((m, 3))
+        wavefront.draw(pencils.states, numbers)
+        sample = world.lights(events.place, numbers)
+        added = np.zeros((m, 3))
+        together = np.ones(pencils.throughput.shape)
+        if np.isfinite(chance).any():
+            ends = view.origin + pencils.far[:, None] * pencils.direction
+            together = shadow.factors(medium, view.origin, ends, sample.direction.astype(float), sample.distance,
+                                      events.place - ends)
+        run(_transport.light_alone, m, medium, events, pencils, chance, together, sample, added)
+        _sum(added, pencils.pixel, sample.light, picture, by_light)
+
+
+def _chances(medium, plan, view, pencils, numbers):
+    """Numbers (2, n) in [0, 1) by which pencils, and light to them, are hidden; nan where discs hide them."""
+    if not plan.drawn or medium.discs.region.kind != BOX:
+        return np.full((2, len(numbers)), np.nan)
+    area = medium.discs.square.max(axis=1) * math.pi
+    typical = float(np.sum(medium.density * area**2) / max(float(np.sum(medium.density * area)), 1e-300))
+    pixel = pencils.far**2 * view.area * (pencils.direction @ view.axis) ** 3
+    return np.ascontiguousarray(np.where(pixel > _TOGETHER * typical, numbers.T, np.nan))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sum(added, pixel, index, picture, by_light):
+    for i in range(len(pixel)):
+        for c in range(3):
+            picture[pixel[i], c] += added[i, c]
+            if 0 <= index[i] < len(by_light):
+                by_light[index[i], pixel[i], c] += added[i, c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _cone(medium, kind, x, y, z):
+    """Distance of a particle from the camera, and 1 - cos of the cone that its largest disc covers."""
+    distance = math.sqrt(x * x + y * y + z * z)
+    sine = math.sqrt(medium.discs.largest[kind]) / distance if distance > 0 else 1.0
+    if sine >= 1:
+        return distance, 1.0
+    return distance, sine * sine / (1 + math.sqrt(1 - sine * sine))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _pencils(medium, origin, area, axis, points, kind, pencils, begin, end):
+    """How many pencils each particle gets: by the pixels that its disc covers."""
+    for i in range(begin, end):
+        x, y, z = points[i, 0] - origin[0], points[i, 1] - origin[1], points[i, 2] - origin[2]
+        distance, v = _cone(medium, kind[i], x, y, z)
+        along = max(x * axis[0] + y * axis[1] + z * axis[2], 0.1 * distance)
+        covered = 2 * math.pi * v / (area * (along / distance) ** 3) if along > 0 else 1e9
+        pencils[i] = min(max(math.ceil(covered * _DENSE), 1), _MOST)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _aim(medium, frame, discrete, particles, aims, pencils, begin, end):
+    """A pencil in the cone of each particle: direction, distance, weights over the solid angle of its pixel; pixel -1: none.
+
+    particles : place (n, 3) m, class (n,), and how many pencils each of them gets (n,)
+    """
+    origin, inverse, axis, area, height, width = frame
+    points, kind, shares = particles
+    weight, pixel = pencils.throughput, pencils.pixel
+    for i in range(begin, end):
+        x, y, z = points[i, 0] - origin[0], points[i, 1] - origin[1], points[i, 2] - origin[2]
+        distance, v = _cone(medium, kind[i], x, y, z)
+        pixel[i] = -1
+        if distance == 0:
+            continue
+        chosen = v * aims[i, 0]
+        dx, dy, dz = turned_direction(x / distance, y / distance, z / distance, chosen,
+                                      2 * math.pi * aims[i, 1])
+        ahead = dx * axis[0] + dy * axis[1] + dz * axis[2]
+        if ahead <= 0:
+            continue
+        # on the plane of the picture: direction = s (corner + column right + row down)
+        s = dx * inverse[0, 0] + dy * inverse[1, 0] + dz * inverse[2, 0]
+        column = (dx * inverse[0, 1] + dy * inverse[1, 1] + dz * inverse[2, 1]) / s
+        row = (dx * inverse[0, 2] + dy * inverse[1, 2] + dz * inverse[2, 2]) / s
+        if not (0 <= column < width and 0 <= row < height):
+            continue
+        to = int(row) * width + int(column)
+        t = distance * (1 - chosen)
+        if t >= discrete[to]:
+            continue
+        d2 = distance * distance * chosen * (2 - chosen)
+        share = 2 * math.pi * v / (area * ahead**3 * shares[i])
+        open = False
+        for w in range(weight.shape[1]):
+            weight[i, w] = share if d2 < medium.discs.square[kind[i], w] else 0.0
+            open = open or weight[i, w] > 0
+        if open:
+            pixel[i], pencils.far[i] = to, t
+            pencils.direction[i, 0], pencils.direction[i, 1], pencils.direction[i, 2] = dx, dy, dz
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _visible(medium, origin, pencils, points, chance, seen, begin, end):
+    """What others' discs, or chance, leave of pencils: weights become 0 where they are stopped; seen: whether any is left."""
+    direction, weight, far = pencils.direction, pencils.throughput, pencils.far
+    scratch, open = mesh_scratch(), np.empty(weight.shape[1], np.uint8)
+    for i in range(begin, end):
+        ray = origin[0], origin[1], origin[2], direction[i, 0], direction[i, 1], direction[i, 2]
+        _transport.absorbed(medium, ray, far[i], weight[i])
+        if chance[i] >= 0:
+            seen[i] = False
+            column = _transport.in_box(medium.discs.region, ray, far[i])
+            for w in range(len(open)):
+                if chance[i] >= math.exp(-medium.others * medium.sigma_t[w] * column):
+                    weight[i, w] = 0.0
+                seen[i] = seen[i] or weight[i, w] > 0
+            continue
+        for w in range(len(open)):
+            open[w] = weight[i, w] > 0
+        seen[i] = open_wavelengths(medium.discs, origin[0], origin[1], origin[2], direction[i, 0], direction[i, 1],
+                                   direction[i, 2], 0.0, far[i], points[i, 0], points[i, 1], points[i, 2], open, scratch) > 0
+        for w in range(len(open)):
+            if not open[w]:
+                weight[i, w] = 0.0

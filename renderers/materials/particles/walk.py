@@ -1,0 +1,242 @@
+"""The walk from particle to particle: camera paths of all orders, with next-event estimation to the lights.
+
+One pass is one camera path a pixel, whose first particle sends several on.  All paths go on together, bounce by bounce: kernels
+for particles, Mitsuba for surfaces and lights.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.kernels import NO_DISC, stream_key
+from renderers.materials.particles import _transport, shadow
+from renderers.materials.particles._transport import Events, Guide
+from renderers.mitsuba.world import FAR, LightSample
+from renderers.threads import run
+from renderers.transport import wavefront
+
+# ways on from the first particle, which takes as long to find as the next one: some four take least time to an error; passes of
+# the first picture take one each, as that comes sooner
+_SPLIT, _BEGINNING = 4, 2
+_SMALL = 1.0  # 1/sr: density of places on lights from which on their direction is worth following
+_PARTS = 16  # of a box along each axis, in which rays are gathered
+_SPREAD = np.array([sum((i >> bit & 1) << 3 * bit for bit in range(4)) for i in range(_PARTS)])  # bits with two free ones between
+ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
+
+
+class Paths(NamedTuple):
+    """Camera paths on their way, n of them.
+
+    origin, direction : (n, 3) m, unit;  throughput : (n, L);  states : (n,) random streams;  pixel : (n,)
+    left_out : (n, 3) m, the particle that the ray starts at, or nan
+    density : (n,) 1/sr, with which the direction was drawn;  single : (n,) whether light sampling cannot take it
+    order : (n,) scatterings by particles so far;  bounces : (n,) these and surfaces
+    discrete : (n,) m, up to where particles stop the ray
+    seen : (n,) whether what `splat` takes of the path's next light is left out here
+    ways : (n,) ways on from its next particle
+    """
+
+    origin: np.ndarray
+    direction: np.ndarray
+    throughput: np.ndarray
+    states: np.ndarray
+    pixel: np.ndarray
+    left_out: np.ndarray
+    density: np.ndarray
+    single: np.ndarray
+    order: np.ndarray
+    bounces: np.ndarray
+    discrete: np.ndarray
+    seen: np.ndarray
+    ways: np.ndarray
+
+    def of(self, chosen):
+        """Some of the paths."""
+        return Paths(*(field[chosen] for field in self))
+
+    @property
+    def count(self):
+        """Of paths."""
+        return len(self.pixel)
+
+
+class Discs:
+    """How particles stop rays and scatter: as discs, or as the continuous medium that they make on average.
+
+    medium : `renderers.materials.particles.medium.Medium`
+    later : m, distance up to which particles stop rays that are not the camera's: inf or 0
+    splatted : whether single scattering by particles, straight from a light and straight to the camera, is left out
+    eye : (3,) m, of the camera, where the continuous medium stands for particles, which hide what is seen from there and from a
+        light beside it together (`renderers.materials.particles.shadow`); None: it stands for itself
+    """
+
+    def __init__(self, medium, later=np.inf, splatted=False, eye=None):
+        self.medium, self.later, self.splatted, self.eye = medium, later, splatted, eye
+
+    def collide(self, paths, far):
+        """The next scattering of each path before `far` (n,) m: class (n,) or NO_DISC, distance (n,) and place (n, 3) m."""
+        n = paths.count
+        kind, distance, point = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
+        run(_transport.collide, n, self.medium, paths, far, paths.discrete, kind, distance, point)
+        return kind, distance, point
+
+    def scattered(self, world, paths, kind, point, by_order, by_light):
+        """Paths that go on from a scattering, after light from there has been added."""
+        n, medium = paths.count, self.medium
+        particle = kind < len(medium.albedo) - 1
+        first = (paths.bounces == 0) & particle & self.splatted
+        numbers = np.empty((n, 6 if self.eye is None else 8))
+        wavefront.draw(paths.states, numbers)
+        # two places on lights, in one call: one to connect to, and one whose direction guides the path
+        samples = world.lights(np.concatenate([point, point]), np.concatenate([numbers[:, :3], numbers[:, 3:6]]))
+        sample, guide_sample = (LightSample(*(values[part] for values in samples)) for part in (slice(n), slice(n, None)))
+        guide = Guide(guide_sample.direction.astype(float),
+                      (guide_sample.radiance > 0).any(axis=1) & (guide_sample.delta | (guide_sample.density > _SMALL)))
+        added = np.empty((n, 3))
+        together = _together(self, (paths.bounces == 0) & ~particle, point, sample.direction, sample.distance, numbers[:, 6:])
+        sample.radiance[first] = 0.0
+        run(_transport.light, n, medium, Events(kind, point, paths.discrete), paths, guide, together, sample, added)
+        wavefront.accumulate(added, paths.order, sample.light, paths.pixel, by_order, by_light)
+        paths = paths._replace(origin=point, left_out=point.copy(), single=np.zeros(n, bool), seen=first)
+        copies = np.repeat(np.arange(n), paths.ways)
+        paths = _split(paths, copies)
+        run(_transport.scatter, paths.count, medium, kind[copies], paths, Guide(*(values[copies] for values in guide)))
+        return paths
+
+
+def _together(method, straight, seen, towards, distance, numbers=None):
+    """Factors (n, L) of `shadow` for light in places that are seen straight from the camera, bool (n,); 1 elsewhere.
+
+    numbers : (n, 2) uniform, of places where the continuous medium scatters; None of surfaces
+    """
+    together = np.ones((len(seen), len(method.medium.sigma_t)))
+    chosen = np.flatnonzero(straight) if method.eye is not None else []
+    if len(chosen):
+        light = method.medium, method.eye, seen[chosen], towards[chosen].astype(float), distance[chosen]
+        together[chosen] = shadow.factors(*light, np.zeros((len(chosen), 3))) if numbers is None \
+            else shadow.of_continuum(*light, numbers[chosen])
+    return together
+
+
+def _split(paths, copies):
+    """Paths copies (n,), equal ones in a row: they share their weight, and their random streams part."""
+    shares, part = np.bincount(copies)[copies], np.zeros(len(copies), np.uint64)
+    for step in range(1, _SPLIT):
+        part[step:][copies[step:] == copies[:-step]] = step
+    split = paths.of(copies)
+    split.throughput[:] /= shares[:, None]
+    split.ways[:] = 1
+    split.states[:] += part * np.uint64(0xD1B54A32D192ED03)
+    return split
+
+
+def one_pass(world, method, camera, height, width, number, seed, *, discrete, lights):
+    """One camera path for each pixel; those of `Discs` part at their first particle.
+
+    Parameters
+    ----------
+    world : `renderers.mitsuba.world.World`
+    method : `Discs` or another one with its attributes and methods
+    camera : `renderers.camera.Camera`
+    number, seed : of the pass: its random numbers
+    discrete : (H, W) m, depth up to which particles stop camera rays
+    lights : number of lights
+
+    Returns
+    -------
+    by_order : (ORDERS, H, W, 3), by_light : (lights, H, W, 3) linear sRGB
+    """
+    pixels = height * width
+    by_order, by_light = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
+    for first in range(0, pixels, ALL):
+        paths = _begin(method.medium, camera, width, np.arange(first, min(first + ALL, pixels)), number, seed, discrete)
+        while paths.count:
+            paths = _bounce(world, method, paths, by_order, by_light)
+    return by_order.reshape(-1, height, width, 3), by_light.reshape(-1, height, width, 3)
+
+
+def _begin(medium, camera, width, pixel, number, seed, discrete):
+    n, waves = len(pixel), len(medium.sigma_t)
+    states = np.empty(n, np.uint64)
+    wavefront.begin_streams(stream_key(seed, "render.walk", number), int(pixel[0]), states)
+    offset = np.empty((n, 2))
+    wavefront.draw(states, offset)
+    direction = camera.corner + (pixel % width + offset[:, 0])[:, None] * camera.right \
+        + (pixel // width + offset[:, 1])[:, None] * camera.down
+    direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
+    return Paths(np.tile(camera.origin, (n, 1)), direction, np.ones((n, waves)), states, pixel, np.full((n, 3), np.nan),
+                 np.zeros(n), np.ones(n, bool), np.zeros(n, np.int64), np.zeros(n, np.int64), discrete.reshape(-1)[pixel],
+                 np.zeros(n, bool), np.full(n, 1 if number < _BEGINNING else _SPLIT))
+
+
+def _bounce(world, method, paths, by_order, by_light):
+    """Paths after their next scattering or surface, those that go on."""
+    far = world.trace(paths.origin, paths.direction, np.full(paths.count, np.inf))
+    kind, distance, point = method.collide(paths, far)
+    stopped = kind != NO_DISC
+    run(_transport.absorb, paths.count, method.medium, paths, np.where(stopped, distance, far))
+    parts = [_among_particles(world, method, paths.of(stopped), kind[stopped], point[stopped], by_order, by_light),
+             _at_surfaces(world, method, paths.of(~stopped), by_order, by_light)]
+    together = Paths(*map(np.concatenate, zip(*parts)))
+    alive = np.empty(together.count, bool)
+    run(wavefront.roulette, together.count, together.throughput, together.states, together.bounces, alive)
+    chosen = np.flatnonzero(alive)
+    region = method.medium.discs.region
+    return together.of(chosen[_coherent(region.lo, region.hi, together.origin[chosen], together.direction[chosen])])
+
+
+def _coherent(lo, hi, origin, direction):
+    """An order of rays in which those that go alike from the same part of a box follow each other.
+
+    What one has read of the lattice is in the cache for the next.
+    """
+    cell = np.clip((origin - lo) * (_PARTS / (hi - lo)), 0, _PARTS - 1).astype(np.int64)
+    voxel = _SPREAD[cell[:, 0]] | _SPREAD[cell[:, 1]] << 1 | _SPREAD[cell[:, 2]] << 2
+    octant = (direction > 0) @ np.array([1, 2, 4])
+    main = np.argmax(abs(direction), axis=1)
+    return np.argsort((main * 8 + octant) * _PARTS**3 + voxel, kind="stable")
+
+
+def _among_particles(world, method, paths, kind, point, by_order, by_light):
+    if not paths.count:
+        return paths
+    paths.order[:] += 1
+    paths.discrete[:] = method.later
+    paths = method.scattered(world, paths, kind, point, by_order, by_light)
+    paths.bounces[:] += 1
+    return paths
+
+
+def _at_surfaces(world, method, paths, by_order, by_light):
+    n, medium = paths.count, method.medium
+    if n == 0:
+        return paths
+    numbers = np.empty((n, 6 if method.eye is None else 8))
+    wavefront.draw(paths.states, numbers)
+    shading = world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single)
+    added = np.empty((n, 3))
+    arriving = paths.throughput
+    if method.eye is not None:
+        # what light sampling finds from the same places counts as much
+        far = np.where(shading.hit, np.sqrt(((shading.point - paths.origin) ** 2).sum(axis=1)), FAR)
+        once, light = paths.bounces == 1, (paths.origin, paths.direction, far)
+        arriving = arriving * _together(method, once & (paths.order == 0), *light) \
+            * _together(method, once & (paths.order == 1), *light, numbers[:, 6:])
+    wavefront.emitted(medium, arriving, np.where(paths.seen, -1, paths.order), shading.emitted, added)
+    wavefront.accumulate(added, paths.order, shading.source, paths.pixel, by_order, by_light)
+    hit = np.flatnonzero(shading.hit)
+    m, paths = len(hit), paths.of(hit)
+    paths.bounces[:] += 1
+    paths.ways[:] = 1
+    paths.discrete[:] = method.later
+    sample = LightSample(*(values[hit] for values in shading.light))
+    together = _together(method, paths.bounces == 1, shading.point[hit], sample.direction, sample.distance)
+    events = Events(np.full(m, NO_DISC), shading.point[hit], paths.discrete)
+    run(_transport.light, m, medium, events, paths, Guide(paths.direction, np.zeros(m, bool)), together, sample, added)
+    wavefront.accumulate(added[:m], paths.order, sample.light, paths.pixel, by_order, by_light)
+    run(wavefront.reflect, m, medium, paths.throughput, shading.weight[hit])
+    return paths._replace(origin=shading.origin[hit], direction=shading.direction[hit].astype(float),
+                          left_out=np.full((m, 3), np.nan), density=shading.density[hit].astype(float),
+                          single=shading.delta[hit], seen=np.zeros(m, bool))

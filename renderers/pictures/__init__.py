@@ -1,0 +1,1 @@
+"""From passes to pictures: noise, what ends passes, files, denoising, comparison."""

@@ -1,0 +1,202 @@
+"""Pictures without their noise, by Intel Open Image Denoise (package `mitsuba-oidn`), held to the noise that was measured.
+
+The network takes differences of neighbouring pixels for noise where colour, normal and distance of what they show do not explain
+them.  What it makes of a pixel is then held to what the scatter of the passes allows: lamps, whose light is known, stay as they
+are, and with more samples the picture goes to the one without a filter, and not to the network's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+from typing import NamedTuple
+
+import numpy as np
+
+from renderers import colour
+from renderers.scene.budget import percent
+
+PACKAGE, EXTRA = "mitsuba-oidn", 'pip install ".[denoise]" in the folder of bakery\'s sources'
+PREFIX = "denoised."  # of the channels of the EXR
+TEXT = "bakery_denoised"  # attribute of both files
+_COARSE = ("draft", "preview")  # qualities whose pictures have their noise taken out unless a scene says otherwise
+_ALLOWED = 2.0  # standard errors by which the filter may move a value
+_NEAR = 5  # pixels: side of the square whose mean a value may be
+_AROUND = 9  # pixels: side of the square over which the scatter of few passes is averaged
+
+
+class Features(NamedTuple):
+    """What pixels show of a scene, whatever its light.
+
+    Attributes
+    ----------
+    albedo : (H, W, 3) 0 to 1
+    normal : (H, W, 3) in the scene's axes, turned to the camera; a mean over the pixel, shorter than 1 at edges
+    distance : (H, W) m, inf where there is nothing
+    detail : (H, W), share of the pixel in which parts of the picture count that are kept from the filter; None: all of it
+    """
+
+    albedo: np.ndarray
+    normal: np.ndarray
+    distance: np.ndarray
+    detail: np.ndarray | None = None
+
+    def channels(self) -> dict[str, np.ndarray]:
+        """Of the EXR, by name."""
+        layers = {f"albedo.{name}": self.albedo[..., i] for i, name in enumerate("RGB")}
+        layers |= {f"normal.{name}": self.normal[..., i] for i, name in enumerate("XYZ")}
+        return layers | {"distance.Z": self.distance}
+
+
+class Denoised(NamedTuple):
+    """A picture without its noise.
+
+    Attributes
+    ----------
+    rgb : (H, W, 3) linear sRGB, 0 or more
+    channels : (H, W) of the EXR by name
+    text : attributes of the files
+    figures : `filter` and its version; `features`, names of the layers that it saw; `apart`, parts of the picture that it did
+        not; `mean_change`, of the mean luminance, relative
+    """
+
+    rgb: np.ndarray
+    channels: dict[str, np.ndarray]
+    text: dict[str, str]
+    figures: dict
+
+
+def fault() -> str:
+    """Why the package cannot be used; "" where it can."""
+    try:
+        import mitsuba_oidn  # noqa: F401
+    except ImportError as error:  # it is not there, or what it needs
+        return str(error).splitlines()[0]
+    return ""
+
+
+def refuse_absent(scene) -> None:
+    """Raises UsageError where a scene says `denoise: yes` and the package is not there: before any work, not after it."""
+    if getattr(scene.values, "denoise", "no") == "yes" and (why := fault()):
+        raise scene.wrong("denoise", f"found yes, which takes the package {PACKAGE} ({why}); {EXTRA}, or denoise: auto, would do")
+
+
+def without(scene):
+    """The same `renderers.scene.Scene` for a picture whose noise is looked at."""
+    if not hasattr(scene.values, "denoise"):
+        return scene
+    return dataclasses.replace(scene, values=scene.values.model_copy(update={"denoise": "no"}))
+
+
+def chosen(values, quality, shared) -> tuple[bool, list[str]]:
+    """Whether the noise of a picture is to be taken out, and what is to be said of it.
+
+    Parameters
+    ----------
+    values : of the scene
+    quality : its name, None: final
+    shared : sentence, why pixels share their noise; "" where they do not
+    """
+    wish = getattr(values, "denoise", "no")
+    if wish == "no" or wish == "auto" and quality not in _COARSE:
+        return False, []
+    if why := fault():
+        return False, [f"the noise is not taken out: that takes the package {PACKAGE} ({why}); {EXTRA} would do"]
+    if wish == "auto" and shared:
+        return False, [f"the noise is not taken out: {shared} (denoise: yes does so all the same)"]
+    return True, [f"the filter leaves blotches of the noise: {shared}"] if shared else []
+
+
+def denoised(parts, apart=(), features=None) -> Denoised:
+    """A picture without its noise.
+
+    Parameters
+    ----------
+    parts : by name, what adds up to the picture: pairs of (H, W, 3) linear sRGB and of its variance (H, W, 3), None where that is
+        not known
+    apart : names of those that the filter does not see, as it would take their detail for noise
+    features : `Features`, or None
+
+    Notes
+    -----
+    What the filter sees has a mean of 1: it loses light below 1e-8.  It computes on the processor, also where there is a GPU, so
+    that the same picture gives the same bytes.
+    """
+    rgb = sum(image for image, _ in parts.values())
+    kept = [image for name, (image, _) in parts.items() if name in apart]
+    rest = [part for name, part in parts.items() if name not in apart]
+    whole = np.maximum(sum(kept) + (_cleared(rest, features) if rest else 0.0), 0.0)
+    if kept and features is not None and features.detail is not None:
+        share = features.detail[..., None]
+        whole = share * whole + (1 - share) * _cleared(list(parts.values()), features)
+    before, after = (float(np.mean(np.maximum(image, 0.0) @ colour.LUMINANCE)) for image in (rgb, whole))
+    how = f"Open Image Denoise {_version()}"
+    figures = {"filter": how, "features": [] if features is None else ["albedo", "normal"], "apart": list(apart),
+               "mean_change": after / before - 1 if before > 0 else 0.0}
+    channels = {f"{PREFIX}{name}": whole[..., i] for i, name in enumerate("RGB")}
+    return Denoised(whole, channels | ({} if features is None else features.channels()), {TEXT: how}, figures)
+
+
+def sentence(figures) -> str:
+    """What is said of a picture without its noise; figures : of `Denoised`."""
+    change = f"{'-' * (figures['mean_change'] < 0)}{percent(abs(figures['mean_change']))}"
+    shown = f"the PNG has its noise taken out ({figures['filter']}), which changes the mean by {change}"
+    if figures["apart"]:
+        shown += f"; {', '.join(figures['apart'])}, whose detail looks like noise, is not filtered where that is seen"
+    return f"{shown}; noise is that of R, G and B of the EXR, which are not filtered, and not the error of what is shown"
+
+
+def _version():
+    import mitsuba_oidn
+
+    return f"{mitsuba_oidn.oidn_version()} ({PACKAGE} {importlib.metadata.version(PACKAGE)})"
+
+
+def _cleared(parts, features):
+    """(H, W, 3), the sum of pairs of a picture and its variance, without its noise."""
+    seen = np.maximum(sum(image for image, _ in parts), 0.0)
+    level = float(np.mean(seen @ colour.LUMINANCE))
+    if not level > 0:
+        return seen
+    filtered, variances = level * _filtered(seen / level, features), [variance for _, variance in parts]
+    return _held(seen, filtered, None if any(variance is None for variance in variances) else sum(variances))
+
+
+def _filtered(picture, features):
+    """The filter's picture (H, W, 3); picture : of mean 1."""
+    import mitsuba_oidn
+
+    guides = {} if features is None else {"albedo": _single(features.albedo), "normal": _single(features.normal)}
+    return np.array(mitsuba_oidn.denoise(_single(picture), **guides, hdr=True, device=_processor()), float)
+
+
+_devices: list = []  # the processor's, once
+
+
+def _processor():
+    import mitsuba_oidn
+
+    if not _devices:
+        _devices.append(mitsuba_oidn.Device(mitsuba_oidn.DeviceType.CPU))
+    return _devices[0]
+
+
+def _single(image):
+    return np.ascontiguousarray(image, np.float32)
+
+
+def _held(seen, filtered, variance):
+    """The filter's picture where it is what a mean can be, else as near to that.
+
+    A mean lies between the least and the most of what is near, and no further from the picture than its noise allows: that of the
+    pixel or of its neighbourhood, as a peak makes value and variance large together, and what no path has reached has neither.
+    """
+    from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
+
+    near = (_NEAR, _NEAR, 1)
+    lowest, highest = minimum_filter(seen, near, mode="nearest"), maximum_filter(seen, near, mode="nearest")
+    if variance is not None:
+        usual = uniform_filter(variance, (_AROUND, _AROUND, 1), mode="nearest")
+        allowed = _ALLOWED * np.sqrt(np.maximum(variance, usual))
+        lowest, highest = np.maximum(lowest, seen - allowed), np.minimum(highest, seen + allowed)
+    return np.clip(np.where(np.isfinite(filtered), filtered, seen), lowest, highest)

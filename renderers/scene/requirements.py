@@ -1,0 +1,350 @@
+"""What scenes need of a recipe, before anything is baked: which stages, which of their knobs, and the number that decided each.
+
+A renderer declares it in its module `requirements`, `needs(about) -> list[Need]`, from a scene and a recipe: by closed formulas,
+and by rays that measure the scene.  Here is what the rules of all renderers work with, and the union over scenes.  A renderer
+without that module needs the stages `NEEDS` of its module `scene`, with the recipe's own knobs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.errors import BakeryError, RecipeError
+from renderers import scene as scenes
+from renderers.scene import budget
+from renderers.scene.inputs import sources_of
+
+
+class Knob(NamedTuple):
+    """A value of a recipe that a scene decides.
+
+    Attributes
+    ----------
+    key : of the recipe
+    value : as `recipe.leaves` has it: a number in base units, or a word
+    text : the same as a recipe says it
+    why : with the number that decided it
+    larger : whether larger numbers ask for more; of tolerances smaller ones do
+    words : of words, from the one that asks for least
+    """
+
+    key: str
+    value: float | str
+    text: str
+    why: str
+    larger: bool = True
+    words: tuple[str, ...] = ()
+
+    def demand(self, value) -> float:
+        """What a value asks for: more where it is larger; nan of a value that cannot be compared."""
+        if value in self.words:
+            return self.words.index(value)
+        return math.nan if not isinstance(value, (int, float)) else float(value) if self.larger else -float(value)
+
+
+class Need(NamedTuple):
+    """Whether a scene needs a stage, and why.
+
+    Attributes
+    ----------
+    stage : its name
+    needed : whether the renderer reads it
+    why : with the number that decided it
+    knobs : what the scene decides of it; the others stay as the recipe has them
+    lacking : what the scene asks for and the stage cannot give, and by how much; "" where it can
+    """
+
+    stage: str
+    needed: bool
+    why: str
+    knobs: tuple[Knob, ...] = ()
+    lacking: str = ""
+
+    def of(self, name: str) -> Need:
+        """The same with a scene's name behind each reason."""
+        knobs = (knob._replace(why=f"{knob.why} ({name})") for knob in self.knobs)
+        return self._replace(why=f"{self.why} ({name})", knobs=tuple(knobs), lacking=self.lacking and f"{self.lacking} ({name})")
+
+    def as_dict(self) -> dict:
+        """The same for machines (`--json`)."""
+        return self._asdict() | {"knobs": [{"key": one.key, "value": one.text, "why": one.why} for one in self.knobs]}
+
+
+class Required(NamedTuple):
+    """What scenes need of one recipe.
+
+    Attributes
+    ----------
+    needs : of each stage that a scene speaks of
+    remarks : scenes that could not be measured, and why; tolerances that are out of reach
+    share : of the tolerance's square that tables may take, see `renderers.scene.budget`; of one scene
+    read : files that the scenes are made of, but for their assets
+    """
+
+    needs: tuple[Need, ...]
+    remarks: tuple[str, ...] = ()
+    share: float = budget.HALF
+    read: tuple[Path, ...] = ()
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """Names of the stages that are needed."""
+        return tuple(one.stage for one in self.needs if one.needed)
+
+    @property
+    def settings(self) -> dict[str, str]:
+        """Recipe key -> text, of the stages that are needed."""
+        return {knob.key: knob.text for one in self.needs if one.needed for knob in one.knobs}
+
+
+class About:
+    """A scene and a recipe, as rules see them.
+
+    Attributes
+    ----------
+    scene : `renderers.scene.Scene`; its assets need not be there
+    recipe : checked values of the recipe
+    bodies : of the scene that the recipe is the material of, positions in `scene.materials`; all, where it is none of theirs
+    guessed : whether it is none of theirs
+    split : `renderers.scene.budget.Split` of the tolerance; a rule is asked with several
+    """
+
+    def __init__(self, scene, recipe, medium: Callable, bodies: Sequence[int] | None = None):
+        self.scene, self.recipe, self._medium, self._measured = scene, recipe, medium, {}
+        self._whole = self
+        self.split = budget.of(scene, budget.HALF)
+        own = _bodies(scene, recipe) if bodies is None else list(bodies)
+        self.guessed = not own
+        self.bodies = own or list(range(len(scene.materials)))
+
+    def only(self, bodies: Sequence[int], method: str) -> About:
+        """The same of some of its bodies, rendered by a method."""
+        values = self.scene.values
+        listed = [entry.model_copy(update={"method": method}) if number in bodies else entry
+                  for number, entry in enumerate(values.materials)]
+        part = copy(self)
+        part.scene = dataclasses.replace(self.scene, values=values.model_copy(update={"materials": listed, "method": method}))
+        part.bodies, part._measured = list(bodies), self._measured.setdefault((tuple(bodies), method), {})
+        return part
+
+    @property
+    def entry(self):
+        """Of the scene's `materials`, the first one that the recipe is the material of."""
+        return self.scene.values.materials[self.bodies[0]]
+
+    @property
+    def tolerance(self) -> float:
+        """Of the picture."""
+        return self.split.tolerance
+
+    @property
+    def tables(self) -> float:
+        """What tables of the asset may change the picture by."""
+        return budget.of_tables(self.split, self.scene.values)
+
+    def measured(self, measure: Callable):
+        """What a function of this measures of scene and recipe, once: nothing that goes by the tolerance."""
+        if measure not in self._measured:
+            self._measured[measure] = measure(self)
+        return self._measured[measure]
+
+    @property
+    def share(self) -> str:
+        """What tables may take, in words."""
+        said = f"tables may take {100 * self.tables:.3g} % of the picture's {100 * self.tolerance:.3g} %"
+        return f"{said}: {self.split.why}" if self.split.why else said
+
+    @property
+    def medium(self):
+        """The medium by a draft bake: `wavelength` (L,) um, `sigma_t` (L,) 1/m, `albedo`, `g` (L,)."""
+        return self._whole.measured(_medium)
+
+    @property
+    def world(self):
+        """Surfaces, lights and camera, `renderers.mitsuba.world.World`."""
+        return self._whole.measured(_world)
+
+    @property
+    def dark(self) -> bool:
+        """Whether nothing in the scene shines."""
+        return self.world.dark
+
+    def pixel(self) -> float:
+        """Angle of a pixel in the middle of the picture, rad; the scene has a camera."""
+        camera = self.world.camera
+        if camera is None:
+            raise self.scene.no_camera()
+        return float(np.sqrt(np.linalg.norm(camera.right) * np.linalg.norm(camera.down)))
+
+
+def _medium(about):
+    return about._medium()
+
+
+def _world(about):
+    from renderers.mitsuba.world import World
+
+    return World.of(about.scene)
+
+
+def of(paths: Sequence, recipe, medium: Callable, seconds: Callable, settings: Mapping[str, str] | None = None) -> Required:
+    """What the union of some scenes needs of a recipe.
+
+    Parameters
+    ----------
+    paths : of scenes (YAML, or Mitsuba's XML)
+    recipe : checked values of the recipe (`bakery.recipe`)
+    medium : () -> its medium by a draft bake, see `About.medium`; called where a rule asks for it
+    seconds : (Required) -> what a bake of it takes, of one core
+    settings : overrides of the scenes' values, dotted key -> text
+
+    Raises
+    ------
+    UsageError, RecipeError : a path is no scene, or names no renderer
+    """
+    found = [_of_scene(Path(path), recipe, medium, seconds, settings or {}) for path in paths]
+    if len(found) > 1:
+        found = [one._replace(needs=tuple(need.of(Path(path).name) for need in one.needs))
+                 for path, one in zip(paths, found, strict=True)]
+    return Required(merged([one.needs for one in found], recipe.leaves), tuple(remark for one in found for remark in one.remarks),
+                    read=tuple(dict.fromkeys(file for one in found for file in one.read)))
+
+
+def of_scene(scene, recipe, medium: Callable, seconds: Callable) -> Required:
+    """The same of one scene that is read already.
+
+    Raises BakeryError where it cannot be measured.
+    """
+    about = About(scene, recipe, medium)
+    return _shared_out(about, _rules(scene), seconds)._replace(read=tuple(scene.sources))
+
+
+def of_scenes(listed: Sequence, recipe, medium: Callable, seconds: Callable) -> Required:
+    """The same of several that are read already, such as frames of one sequence; the share is the largest that any gives."""
+    required = [of_scene(scene, recipe, medium, seconds) for scene in listed]
+    if len(required) == 1:
+        return required[0]
+    remarks, files = (tuple(dict.fromkeys(item for asked in required for item in getattr(asked, name)))
+                      for name in ("remarks", "read"))
+    return Required(merged([asked.needs for asked in required], recipe.leaves), remarks, max(asked.share for asked in required),
+                    files)
+
+
+def _shared_out(about, rules, seconds) -> Required:
+    """The needs by the split that takes least.
+
+    A scene that names an asset is rendered as if its tables had half: whoever baked them, the renderer does not ask.
+    """
+    def needs(split):
+        about.split = split
+        said = [f"{about.scene.path}: nothing in it is made of {about.recipe.path}, which is taken for all"] * about.guessed
+        return Required(tuple(rules(about)), (*said, *_out_of_reach(about)), split.share)
+
+    scene = about.scene
+    pace, named = getattr(scene.rules, "PACE", None), [one.asset for one in scene.materials]
+    if pace is None or any(named) or about.dark:
+        return needs(about.split)
+    height, width = about.world.size
+
+    def baking(split):
+        required = needs(split)
+        return math.inf if any(one.lacking for one in required.needs) else seconds(required)
+
+    return needs(budget.cheapest(scene, height * width, pace, baking))
+
+
+def _out_of_reach(about):
+    """What noise and approximations alone leave no room for."""
+    scene, split = about.scene, about.split
+    noise = scene.values.stop.noise
+    if noise is not None and noise > split.tolerance:
+        yield f"{scene.path}: noise (stop.noise) of {100 * noise:.3g} % leaves the tolerance of {100 * split.tolerance:.3g} % " \
+              f"out of reach, {budget.as_much(noise / split.tolerance)}"
+        return
+    if split.lacking:
+        yield from (f"{scene.path}: {said}" for said in split.lacking)
+        return
+    if (all_of_it := math.hypot(split.approximations, split.tables, split.noise)) > 1.001 * split.tolerance:
+        yield f"{scene.path}: noise (stop.noise) of {100 * split.noise:.3g} % leaves too little of the tolerance of " \
+              f"{100 * split.tolerance:.3g} % to tables: with theirs the picture is within {100 * all_of_it:.3g} %"
+
+
+def _of_scene(path, recipe, medium, seconds, settings) -> Required:
+    stages = scenes.needs(path)
+    if path.suffix.lower() not in scenes.SUFFIXES:
+        return Required(tuple(Need(stage, True, "bakery's plugins for Mitsuba read it") for stage in stages),
+                        read=tuple(sources_of(path)))
+    try:
+        scene = scenes.load(path, settings, assets=False)
+    except RecipeError as fault:
+        if not scenes.unfinished(fault):
+            raise
+        return _unmeasured(stages, path, fault)._replace(read=(path,))
+    try:
+        return of_scene(scene, recipe, medium, seconds)
+    except BakeryError as fault:
+        return _unmeasured(stages, path, fault)._replace(read=tuple(scene.sources))
+
+
+def _unmeasured(stages, path, fault) -> Required:
+    """The stages alone; what is wrong with the scene is said, not passed over."""
+    return Required(tuple(Need(stage, True, "the renderer reads it") for stage in stages),
+                    (f"{path}: knobs stay as the recipe has them, as the scene could not be measured: {fault}",))
+
+
+def _rules(scene) -> Callable:
+    """`needs` of the scene's renderer."""
+    place = f"{scene.renderer}.requirements"
+    if find_spec(place) is None:
+        return lambda about: [Need(stage, True, "the renderer reads it") for stage in scene.rules.NEEDS]
+    return import_module(place).needs
+
+
+def _bodies(scene, recipe) -> list[int]:
+    """Positions of the materials that are made of a recipe: it is theirs, or an asset of its name."""
+    found = []
+    for number, one in enumerate(scene.materials):
+        same = one.recipe and scene.file(one.recipe).resolve() == Path(recipe.path).resolve()
+        if same or one.asset and Path(one.asset).stem in (recipe.name, Path(recipe.path).stem):
+            found.append(number)
+    return found
+
+
+# ---- the union
+
+
+def merged(each: Sequence[Sequence[Need]], leaves: Mapping) -> tuple[Need, ...]:
+    """The union: stages that any needs, and of each knob the value that asks for most.
+
+    leaves : values of the recipe, which hold where one of the scenes that need a stage leaves a knob to it
+    """
+    stages = list(dict.fromkeys(one.stage for needs in each for one in needs))
+    return tuple(_union([one for needs in each for one in needs if one.stage == stage], leaves) for stage in stages)
+
+
+def _union(needs: Sequence[Need], leaves) -> Need:
+    wanted = [one for one in needs if one.needed] or list(needs)
+    by_key: dict[str, list[Knob]] = {}
+    for one in wanted:
+        for knob in one.knobs:
+            by_key.setdefault(knob.key, []).append(knob)
+    knobs = [_most(same, len(wanted), leaves.get(key)) for key, same in by_key.items()]
+    said, lacking = (dict.fromkeys(getattr(one, name) for one in wanted) for name in ("why", "lacking"))
+    return Need(wanted[0].stage, wanted[0].needed, "; ".join(said), tuple(filter(None, knobs)), "; ".join(filter(None, lacking)))
+
+
+def _most(knobs: Sequence[Knob], scenes_: int, own) -> Knob | None:
+    """The knob that asks for most; None where the recipe's own value, which holds for the other scenes, asks for as much."""
+    best = max(knobs, key=lambda knob: knob.demand(knob.value))
+    if len(knobs) < scenes_ and not best.demand(best.value) > best.demand(own):
+        return None  # also where the recipe leaves the value to the stage
+    return best

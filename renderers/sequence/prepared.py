@@ -1,0 +1,198 @@
+"""What has to be known of a sequence before its first frame is rendered: its frames, checked, with assets and method."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Sequence as Several
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import bakery
+from bakery.errors import Problem, RecipeError, UsageError
+from renderers import choice, scene
+from renderers.pictures import denoise, running
+from renderers.pictures.progressive import fingerprint, made_of
+from renderers.scene import assets
+from renderers.scene.frames import NOISE
+from renderers.sequence import outputs
+
+MEASURED = 3  # frames that say what an asset has to hold: the first, the last, and between
+CHECKED = 500  # frames of sequences that are checked whole, a second for 100; of longer ones those that are asked for
+_LIBRARIES = ("mitsuba", "drjit", "numba", "numpy", "scipy", denoise.PACKAGE)
+
+
+class Frame(NamedTuple):
+    """A frame that is to be there.
+
+    Attributes
+    ----------
+    number : from 1
+    scene : `renderers.scene.Scene` with its assets, its choice of method and its mark
+    pair : paths (PNG, EXR)
+    options : quality, variant, seed, as the renderer takes them
+    """
+
+    number: int
+    scene: scene.Scene
+    pair: tuple[Path, Path]
+    options: dict
+
+
+class Sequence(NamedTuple):
+    """Frames that were asked for.
+
+    Attributes
+    ----------
+    path, settings : of the scene, and dotted key -> text of what was set by hand
+    frames : of `Frame`
+    output : `X.png` or `X.exr`
+    rate : frames a second
+    noise : same or fresh random numbers in each frame
+    overwrite : replace also files of another kind
+    remarks : sentences
+    """
+
+    path: Path
+    settings: dict[str, str]
+    frames: tuple[Frame, ...]
+    output: Path
+    rate: float
+    noise: str
+    overwrite: bool
+    remarks: tuple[str, ...]
+
+
+def of(path, output, numbers: Several[int] | None, *, overrides, options, overwrite, progress) -> Sequence:
+    """Checks all frames of a scene, sees to their assets and decides by which method they are rendered.
+
+    numbers : of the frames that are asked for; all if None
+    options : dict of quality, variant and seed, where they are given
+
+    Raises RecipeError with the problems of all frames, UsageError where there is no such frame or a picture cannot be written.
+    """
+    settings = dict(overrides or {})
+    quality, variant, seed = (options.get(name) for name in ("quality", "variant", "seed"))
+    section, loaded = _loaded(path, settings, numbers)
+    numbers = tuple(range(1, section.count + 1)) if numbers is None else tuple(numbers)
+    first, asked = loaded[1], [loaded[number] for number in numbers]
+    output = Path(output or first.picture)
+    pairs = outputs.pairs(output, numbers, {file: None for frame in loaded.values() for file in frame.inputs}, overwrite)
+    running.refuse_too_large(first)
+    for frame in asked:
+        denoise.refuse_absent(frame)
+    measured = _spread(section.count, MEASURED)
+    first, *asked = assets.together([first, *asked], progress, [loaded[number] for number in measured])
+    with progress.during("method"):
+        taken = choice.of_scene(first, quality, variant)
+    marks, frames = _Marks(quality, variant_of(variant)), []
+    for number, shot, pair in zip(numbers, asked, pairs):
+        own_seed = _seed(seed, section.noise, number)
+        shot = dataclasses.replace(shot, choice=taken if choice.candidates(shot) else None)
+        shot = dataclasses.replace(shot, mark=marks.of(shot, own_seed))
+        frames.append(Frame(number, shot, pair, {"quality": quality, "variant": variant, "seed": own_seed}))
+    remarks = [f"frames {', '.join(map(str, measured))} say what the assets of all frames have to hold"] \
+        if section.count > MEASURED and any(assets.recipe_of(first, entry)[0] for entry in first.materials) else []
+    remarks += [f"{taken.sentence}; decided in frame 1, for all frames"] if taken else []
+    return Sequence(Path(path), settings, tuple(frames), output, section.rate, section.noise, overwrite, tuple(remarks))
+
+
+def _loaded(path, settings, numbers):
+    """The section `frames`, and number -> scene of each frame: those that are asked for, those that say what assets have to hold,
+    and of short sequences all, so that a fault in the last one is told at once."""
+    section = scene.frames_of(path, settings)
+    count = max(section.count, 1)  # of a section with a fault the first frame says it
+    if numbers and section.count and numbers[-1] > count:
+        raise UsageError(f"--frames: found frame {numbers[-1]}; {path} has frames 1 to {count} (frames.count)")
+    every = range(1, count + 1)
+    loaded, wrong = {}, {}
+    for number in every if numbers is None or count <= CHECKED else sorted({*_spread(count, MEASURED), *numbers}):
+        try:
+            loaded[number] = scene.load(path, settings, frame=number)
+        except RecipeError as fault:
+            wrong[number] = fault.problems
+    if wrong:
+        raise RecipeError(_described(wrong, len(wrong) + len(loaded)))
+    return section, loaded
+
+
+def _described(wrong: dict[int, list[Problem]], count: int) -> list[Problem]:
+    """The problems of all frames; of one place those of the first frame that has any there, and in how many there are some."""
+    frames: dict[tuple, list[int]] = {}
+    told: dict[tuple, list[Problem]] = {}
+    for number, problems in wrong.items():
+        for problem in problems:
+            spot = problem.file, problem.line, problem.column, problem.key
+            if number not in frames.setdefault(spot, []):
+                frames[spot].append(number)
+            if frames[spot] == [number]:
+                told.setdefault(spot, []).append(problem)
+    return [problem if _same(problem, frames[spot], wrong, count) else
+            dataclasses.replace(problem, found=f"{problem.found}, in frame {frames[spot][0]}{_others(len(frames[spot]) - 1)}")
+            for spot, problems in told.items() for problem in problems]
+
+
+def _same(problem, numbers, wrong, count: int) -> bool:
+    """Whether a problem is that of every frame, in the same words."""
+    return len(numbers) == count and all(problem in wrong[number] for number in numbers)
+
+
+def _others(count: int) -> str:
+    return f" and {count} other{'s' * (count > 1)}" if count else ""
+
+
+def _spread(count: int, most: int) -> list[int]:
+    """Numbers of some of so many frames, the first and the last among them."""
+    return sorted(set(np.linspace(1, count, min(most, count)).round().astype(int).tolist()))
+
+
+def _seed(seed, noise: str, number: int):
+    """Of a frame; None where nobody gave one and none is needed."""
+    return seed if noise == NOISE[0] else (seed or 0) + number
+
+
+def variant_of(variant) -> str:
+    """The variant of Mitsuba that renders here, where users name one or none."""
+    from renderers.mitsuba import variants
+
+    return variant or variants.choose("rgb").names[0]
+
+
+def versions() -> dict[str, str]:
+    """Of what decides the bytes of a picture."""
+    return {"bakery": bakery.__version__} | {name: _version(name) for name in _LIBRARIES}
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
+
+
+class _Marks:
+    """What tells a frame from others: the hash of all that its pictures depend on."""
+
+    def __init__(self, quality, variant: str):
+        self._common = quality or "final", variant, versions()
+        self._files: dict[Path, str] = {}
+        self._assets: dict[Path, str] = {}
+
+    def of(self, shot, seed) -> str:
+        told, *files = made_of(shot)
+        shown = shot.values.model_dump(mode="json", include={"stop", "display", "denoise"}, warnings=False)
+        return fingerprint(told, shown, [self._file(file) for file in files], [self._asset(file) for file in shot.assets],
+                           shot.share, shot.choice and shot.choice.method, seed or 0, *self._common)
+
+    def _file(self, path: Path) -> str:
+        if path not in self._files:
+            self._files[path] = hashlib.sha256(path.read_bytes()).hexdigest()
+        return self._files[path]
+
+    def _asset(self, path: Path) -> str:
+        if path not in self._assets:
+            self._assets[path] = bakery.open(path).content_hash
+        return self._assets[path]

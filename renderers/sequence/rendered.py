@@ -1,0 +1,58 @@
+"""Frames that have to be rendered: one after the other here, or on the workers of a cluster."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from bakery.errors import BakeryError
+from renderers.pictures import images
+from renderers.sequence import far, kept
+from renderers.sequence.frame import drawn
+from renderers.sequence.prepared import variant_of, versions
+
+
+def locally(sequence, frames, resume, progress, _cluster=None) -> Iterator[tuple[int, dict]]:
+    """(number, row of the report) of each frame; arguments as of `renderers.sequence.render`."""
+    for position, frame in enumerate(frames):
+        progress.stage(f"frame {frame.number}", f"{position + 1} of {len(frames)}", 0.0, 0.0)
+        began = time.monotonic()
+        report, resumed = drawn(frame.scene, frame.pair[0], frame.options | {"overwrite": sequence.overwrite},
+                                resume and frame.pair[1].is_file(), progress.update)
+        yield frame.number, kept.of(frame, report, "resumed" if resumed else "rendered", time.monotonic() - began)
+
+
+def on_cluster(sequence, frames, resume, progress, cluster) -> Iterator[tuple[int, dict]]:
+    """The same on the workers of a `bakery.run.dask.Cluster`: pictures come back as bytes, and are written here."""
+    if not frames:
+        return
+    common, besides = far.bundles(frames)
+    progress.stage(f"{len(frames)} frames", "on the cluster", 0.0, 0.0)
+    tasks = [far.Task(frame.number, str(frame.scene.path), sequence.settings, _options(frame), _handed(frame.scene), versions(),
+                      frame.pair[1].read_bytes() if resume and frame.pair[1].is_file() else None) for frame in frames]
+    finished = 0
+    for position, answer in cluster.arriving(far.rendered, [common] * len(frames), besides, tasks):
+        if answer.fault:
+            raise _fault(frames[position].number, answer)
+        frame, finished = frames[position], finished + 1
+        images.write([(path, lambda temporary, data=data: Path(temporary).write_bytes(data))
+                      for path, data in zip(frame.pair, answer.pictures)])
+        progress.update(finished / len(frames), None, f"{finished} of {len(frames)}")
+        yield frame.number, kept.of(frame, answer.figures, "resumed" if answer.resumed else "rendered", answer.seconds)
+
+
+def _options(frame) -> dict:
+    """As the renderer takes them, with the variant that would render here: another one has other bytes.  Filters take none."""
+    return frame.options | ({"variant": variant_of(frame.options["variant"])} if frame.scene.rules.RESUMES else {})
+
+
+def _handed(scene) -> dict:
+    """What a frame's scene has besides what its file says."""
+    return {"assets": [str(path) for path in scene.assets], "share": scene.share, "mark": scene.mark, "choice": scene.choice}
+
+
+def _fault(number, answer) -> BakeryError:
+    fault = BakeryError(f"frame {number}: {answer.fault}")
+    fault.exit_status = answer.status
+    return fault

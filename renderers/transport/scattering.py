@@ -1,0 +1,120 @@
+"""Flights and scatterings of paths with one weight a wavelength, for compiled loops.
+
+A flight or a direction is drawn for one wavelength, chosen by the weights, and counted for all that might have been chosen
+(balance heuristic), so weights stay as they are where all wavelengths scatter alike.  A medium is a `Scatterer`, or has its
+fields.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.kernels import phase_layout, phase_sample, phase_value, turned_direction
+from bakery.system.compiled import njit
+from renderers.transport.wavefront import uniform
+
+
+class Scatterer(NamedTuple):
+    """A homogeneous medium.
+
+    sigma_t, albedo : (L,) 1/m, 1
+    v, steps (A,), (A - 1,), phase, cdf (L, A) : as `bakery.kernels.phase_layout` has them
+    """
+
+    sigma_t: np.ndarray
+    albedo: np.ndarray
+    v: np.ndarray
+    steps: np.ndarray
+    phase: np.ndarray
+    cdf: np.ndarray
+
+
+def scatterer(sigma_t, albedo, theta, phase) -> Scatterer:
+    """A medium of sigma_t, albedo (L,) 1/m, 1 and phase functions (L, A) 1/sr over angles theta (A,) rad."""
+    layouts = [phase_layout(theta, row) for row in np.asarray(phase, float)]
+    return Scatterer(np.array(sigma_t, float), np.array(albedo, float), *layouts[0][:2],
+                     *(np.array([one[k] for one in layouts]) for k in (2, 3)))
+
+
+def mean_cosines(medium) -> np.ndarray:
+    """(L,) mean cosines of the phase functions, which are linear in v = 1 - cos theta between their nodes."""
+    a, b, p, q = 1 - medium.v[:-1], 1 - medium.v[1:], medium.phase[:, :-1], medium.phase[:, 1:]
+    return 2 * np.pi / 6 * np.sum(np.diff(medium.v) * (2 * p * a + p * b + q * a + 2 * q * b), axis=1)
+
+
+# forceinline: a call would hand over every array of the tuple
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def flight(medium, weight, states, i):
+    """Length (m) of a flight of path i with weights (n, L); inf where nothing ends it."""
+    sigma, total = medium.sigma_t, 0.0
+    for w in range(len(sigma)):
+        total += weight[i, w]
+    chosen, one = uniform(states, i) * total, len(sigma) - 1
+    for w in range(len(sigma)):
+        chosen -= weight[i, w]
+        if chosen < 0.0:
+            one = w
+            break
+    u = uniform(states, i)
+    return -math.log1p(-u) / sigma[one] if sigma[one] > 0.0 else np.inf
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def flown(medium, weight, i, t, ends):
+    """Changes the weights of path i for a flight of length t (m) that `ends` with a scattering, or goes on."""
+    sigma, total, density = medium.sigma_t, 0.0, 0.0
+    for w in range(len(sigma)):
+        total += weight[i, w]
+        density += weight[i, w] * math.exp(-sigma[w] * t) * (sigma[w] if ends else 1.0)
+    for w in range(len(sigma)):
+        weight[i, w] *= math.exp(-sigma[w] * t) * (sigma[w] if ends else 1.0) * total / density if density > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def left(medium, weight, i, t):
+    """Changes the weights of path i by what a medium leaves of light along t (m)."""
+    for w in range(weight.shape[1]):
+        weight[i, w] *= math.exp(-medium.sigma_t[w] * t)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def mean_phase(medium, first, weight, i, v, values):
+    """Mean (1/sr) of phase functions, by what they scatter, at an angle of 1 - cos = v; values (L,) become each of them.
+
+    first : row of the medium's albedo and phase that is of wavelength 0; 0 unless it has several components
+    """
+    total, mean = 0.0, 0.0
+    for w in range(len(values)):
+        values[w] = phase_value(medium.v, medium.steps, medium.phase[first + w], v)
+        total += weight[i, w] * medium.albedo[first + w]
+        mean += weight[i, w] * medium.albedo[first + w] * values[w]
+    return mean / total if total > 0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def scattered(medium, first, x, y, z, weight, states, i, values):
+    """A direction after a scattering of path i along the unit vector x, y, z, and its density (1/sr); changes the weights.
+
+    first : as in `mean_phase`
+    """
+    total = 0.0
+    for w in range(len(values)):
+        total += weight[i, w] * medium.albedo[first + w]
+    if not total > 0.0:
+        weight[i] = 0.0
+        return x, y, z, 0.0
+    chosen, one = uniform(states, i) * total, len(values) - 1
+    for w in range(len(values)):
+        chosen -= weight[i, w] * medium.albedo[first + w]
+        if chosen < 0.0:
+            one = w
+            break
+    v = phase_sample(medium.v, medium.steps, medium.phase[first + one], medium.cdf[first + one], uniform(states, i))
+    x, y, z = turned_direction(x, y, z, v, 2 * math.pi * uniform(states, i))
+    density = mean_phase(medium, first, weight, i, v, values)
+    for w in range(len(values)):
+        weight[i, w] *= medium.albedo[first + w] * values[w] / density if density > 0.0 else 0.0
+    return x, y, z, density

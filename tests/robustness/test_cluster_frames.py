@@ -1,0 +1,91 @@
+"""Frames on a Dask cluster: the bytes of one machine, whichever workers live, and their faults in the words of the renderer."""
+
+from __future__ import annotations
+
+import os
+import signal
+from types import SimpleNamespace
+
+import pytest
+
+from bakery.errors import BakeryError
+from bakery.run import dask
+from renderers import sequence
+from renderers.sequence import far, film, prepared
+from tests.cli.test_frames import bake, content, lay_out
+from tests.robustness.test_cluster import running
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def scheduler():
+    with running() as (_, address):
+        yield address
+
+
+@pytest.fixture(scope="module")
+def baked(tmp_path_factory):
+    return bake(tmp_path_factory.mktemp("assets"))
+
+
+@pytest.fixture
+def place(baked, tmp_path, monkeypatch):
+    monkeypatch.setattr(film, "program", lambda: None)
+    return lay_out(tmp_path, baked)
+
+
+class Killing:
+    """Progress that kills a worker when the first frame is there."""
+
+    def __init__(self, workers):
+        self._workers, self.killed = workers, []
+
+    def update(self, fraction, error=None, state=""):
+        if self.killed:
+            return
+        busy = next(address for address, keys in self._workers._client.processing().items() if keys)
+        pid = self._workers._client.run(os.getpid, workers=[busy])[busy]
+        self.killed.append(pid)
+        os.kill(pid, signal.SIGKILL)
+
+    def __getattr__(self, name):
+        return getattr(sequence._Silent(), name)
+
+
+def test_frames_of_workers_have_the_bytes_of_one_machine(call, place, scheduler):
+    """As a user calls it; the second call finds them all, and goes on with none."""
+    assert call("render", place / "s.yaml", "--frames", "1-3")[0] == 0
+    near = content(place)
+    status, out, err = call("render", place / "s.yaml", "-o", place / "apart" / "drift.png", "--frames", "1-3", "--cluster",
+                            scheduler)
+    assert status == 0, err
+    assert content(place / "apart") == near and out.count("drift.0") == 6
+    again = call("render", place / "s.yaml", "-o", place / "apart" / "drift.png", "--frames", "1-3", "--cluster", scheduler)
+    assert again[0] == 0 and "3 left as they are" in again[2]
+
+
+def test_a_frame_of_a_killed_worker_is_done_by_another(call, place, scheduler):
+    scene = place / "s.yaml"
+    scene.write_text(scene.read_text().replace("samples: 2", "samples: 24").replace("[3, 4, 5]", "[3, 4, 5, 6, 7]"))
+    with dask.cluster(scheduler) as workers:
+        killing = Killing(workers)
+        report = sequence.render(scene, place / "apart" / "drift.png", progress=killing, cluster=workers)
+    assert len(killing.killed) == 1 and [row["status"] for row in report["frames"]] == ["rendered"] * 5
+    assert call("render", scene, "--frames", "2,5")[0] == 0
+    near, distant = content(place), content(place / "apart")
+    assert len(distant) == 10 and all(distant[name] == near[name] for name in near)
+
+
+def test_faults_of_a_worker(place, scheduler):
+    """A worker that lacks what a frame needs says so in one sentence with the number of the frame and the status."""
+    (place / "lamp.xml").write_text("<scene $panel")
+    with dask.cluster(scheduler) as workers, pytest.raises(BakeryError) as fault:
+        sequence.render(place / "s.yaml", place / "apart" / "drift.png", (2,), cluster=workers)
+    assert fault.value.exit_status == 2 and "Mitsuba cannot load this scene" in str(fault.value)
+
+
+def test_a_worker_with_another_mitsuba_is_refused():
+    task = SimpleNamespace(versions=prepared.versions() | {"mitsuba": "2.0"})
+    answer = far.rendered({}, {}, task)
+    assert answer.pictures is None and answer.status == 2 and "instead of 2.0; equal versions give equal pictures" in answer.fault
