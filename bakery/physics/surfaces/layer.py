@@ -154,8 +154,8 @@ def _doubled(even, odd, mu, half: float):
     for _ in range(doublings):
         alike0, opposite0 = np.tanh(h / mu), 1 / np.tanh(h / mu)
         E, O, total = _plus(alike, alike0), _plus(opposite, opposite0), alike0 + opposite0
-        both = np.concatenate([alike * (opposite0 / total), opposite * (alike0 / total)], axis=1)
-        first, second = np.split(_inverse_times(E + O, both), 2, axis=1)
+        changes = np.concatenate([alike * (opposite0 / total), opposite * (alike0 / total)], axis=1)
+        first, second = np.split(_inverse_times(E + O, changes), 2, axis=1)
         alike, opposite, h = _symmetric(2 * (O @ first + E @ second)), 0.5 * (alike + opposite), 2 * h
     return alike, opposite
 

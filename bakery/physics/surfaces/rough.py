@@ -76,8 +76,8 @@ def facets(mu, flux, at, index: float, roughness: float, orders: int) -> Facets:
 def _balanced(matrix, rows, columns, root):
     """A matrix that turns `root` into `rows`, and its transpose into `columns`: what it lacks is spread like isotropic light."""
     rows, columns = rows - matrix @ root, columns - matrix.T @ root
-    both = 0.5 * (rows + columns) @ root
-    return matrix + np.outer(rows, root) + np.outer(root, columns) - both * np.outer(root, root)
+    twice = 0.5 * (rows + columns) @ root
+    return matrix + np.outer(rows, root) + np.outer(root, columns) - twice * np.outer(root, root)
 
 
 def _averages(mu, root, at, index: float, roughness: float, orders: int):
@@ -116,9 +116,9 @@ def _seen(cosine: float, z, turn, index: float, roughness: float):
     for share, seen in ((mirrored, 2 * onto * normal - direction),
                         (1 - mirrored, (onto / index - under) * normal - direction / index)):
         cosines = np.clip(seen[2] if share is mirrored else -seen[2], 0.0, 1.0)
-        lit = cosines > 1e-12
-        cosines = np.where(lit, cosines, 1.0)
-        yield np.where(lit, share * _visible(cosines, roughness), 0.0), cosines, np.arctan2(seen[1], -seen[0])
+        visible = cosines > 1e-12
+        cosines = np.where(visible, cosines, 1.0)
+        yield np.where(visible, share * _visible(cosines, roughness), 0.0), cosines, np.arctan2(seen[1], -seen[0])
 
 
 def _visible(cosine, roughness):

@@ -79,11 +79,11 @@ class Solution:
             raise ValueError("cosines of directions lie above 0 and do not exceed 1")
         slab, n = self.slab, self.slab.index
         through = (1 - fresnel.reflected(mu, n)) * (1 - fresnel.reflected(mu0, n)) / n**2
-        lit = through > 0
+        entering = through > 0
         result = np.zeros(mu.shape)
-        if not lit.any():
+        if not entering.any():
             return result
-        mu, mu0, phi, through = mu[lit], mu0[lit], phi[lit], through[lit]
+        mu, mu0, phi, through = mu[entering], mu0[entering], phi[entering], through[entering]
         inner, inner0 = fresnel.inside(mu, n), fresnel.inside(mu0, n)
         terms = self._terms(orders, mu, mu0)
         factors = np.where(np.arange(len(orders)) == 0, 1.0, 2.0)[:, None]
@@ -95,7 +95,7 @@ class Solution:
         once = 0.25 * slab.albedo / self.cut.shrinks * phase * shape(inner, inner0, depth)
         if side < 0 and slab.base and depth < math.inf:
             once = once + slab.base * np.exp(-depth * (1 / inner + 1 / inner0))
-        result[lit] = through * (smooth * twice / (inner + inner0) + once)
+        result[entering] = through * (smooth * twice / (inner + inner0) + once)
         return result
 
 
@@ -121,7 +121,7 @@ def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution 
         if order == 0:
             albedo, passed = _shares(slab, directions, layer, upward, downward)
         orders.append(_several_times(slab, without, directions, order, layer, upward, downward, even, odd))
-        largest = [max(np.abs(part).max() for part in both) for both in orders]
+        largest = [max(np.abs(part).max() for part in pair) for pair in orders]
         small = small + 1 if largest[-1] <= _NEGLIGIBLE * tolerance * largest[0] else 0
         if small == 2:
             break
