@@ -17,6 +17,7 @@ STAGES = (
     "bakery.stages.multiple.stage:STAGE",
     "bakery.stages.beam.stage:STAGE",
     "bakery.stages.discrete.stage:STAGE",
+    "bakery.stages.surface.stage:STAGE",
 )
 
 

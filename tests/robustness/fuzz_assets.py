@@ -62,6 +62,7 @@ tolerance: 10%
 medium: {albedo: [0.98, 0.9], mean_free_path: 1 mm, phase: {type: hg, g: 0.3}}
 multiple_scattering: {sources: [point, segment], tolerance: 10%}
 beam: {photons: 20000}
+surface: {thickness: 1 mm, boundary: {index: 1.3, roughness: 0.3}, base: {albedo: 0.5}}
 """,
     "sand": """\
 bakery: 1

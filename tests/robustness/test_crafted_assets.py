@@ -36,6 +36,7 @@ tolerance: 10%
 medium: {albedo: [0.9, 0.5], mean_free_path: 1 mm, phase: {type: isotropic}}
 multiple_scattering: {sources: [point], extent: 4, tolerance: 10%}
 beam: {depth: 2, photons: 5000, tolerance: 30%}
+surface: {thickness: "[0, 1] mm"}
 """,
     "shot": """\
 bakery: 1

@@ -65,6 +65,8 @@ BASES = {
     "hg": _medium({"type": "hg", "g": 0.5}, multiple_scattering={
         "sources": ["point"], "extent": 2, "length": 1, "tolerance": 0.1, "orders": 8, "method": "solver", "photons": "auto"}),
     "beam": _medium({"type": "hg", "g": 0.5}, beam={"depth": 1, "photons": 1000, "tolerance": 0.5}),
+    "surface": _medium({"type": "hg", "g": 0.5}, surface={
+        "thickness": "1 mm", "boundary": {"index": 1.3, "roughness": 0.2}, "base": {"albedo": 0.5}, "tolerance": 0.1}),
     "photons": _medium(NOTHING, multiple_scattering={"method": "photons", "photons": 1000}),
     "isotropic": {"medium": {"sigma_s": "1 /mm", "sigma_a": "1 /mm", "phase": NOTHING}},
     "rayleigh": _medium({"type": "rayleigh"}),

@@ -24,7 +24,7 @@ particles:
 MILK = "bakery: 1\nname: milk\nmedium:\n  albedo: 0.9\n  mean_free_path: 1 mm\n  phase: {type: hg, g: 0.7}\n"
 TOP = (
     "bakery, name, description, wavelengths, seed, tolerance, measure, sweep, particles, grains, medium, phase, packing, "
-    "scatterometer, effective_medium, multiple_scattering, beam or discrete"
+    "scatterometer, effective_medium, multiple_scattering, beam, discrete or surface"
 )
 
 

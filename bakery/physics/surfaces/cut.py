@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +39,11 @@ def cut(moments, albedo: float, count: int) -> Cut:
     """
     moments = np.asarray(moments, float)
     share = max(float(moments[count]), 0.0)
+    return replace(without_peak(albedo, share), moments=(moments[:count] - share) / (1 - share))
+
+
+def without_peak(albedo: float, share: float) -> Cut:
+    """The medium without a given share of its scattered light; moments are not known."""
     # lossless media stay lossless to the last digit
-    left = 1.0 if albedo == 1 else albedo * (1 - share) / (1 - albedo * share)
-    return Cut((moments[:count] - share) / (1 - share), share, left, 1 - albedo * share)
+    remaining = 1.0 if albedo == 1 else albedo * (1 - share) / (1 - albedo * share)
+    return Cut(np.empty(0), share, remaining, 1 - albedo * share)

@@ -3,12 +3,15 @@
 Radiance has terms in mu ln mu at grazing angles, which Gauss nodes over mu resolve poorly: in s = sqrt(mu) they are s^2 ln s, and
 a polynomial in s through n nodes is within n^-4 of them.  Under a boundary of an index above 1 the kernel jumps at the critical
 angle, so that directions that leave (images of the nodes in air) and those that are totally reflected have nodes of their own.
+What leaves is then smooth in the cosine in air itself, and nodes over that keep their digits: weights of grazing nodes over s are
+some 1e-12, and light scattered into them would drown in the rounding of what is not.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -27,7 +30,7 @@ class Nodes:
     flux : (N + C,) shares of the flux of isotropic light, 2 mu times weight, that add up to 1
     air : (N,) cosines in air of those that leave
     reflected : (N + C,) share of the light that the boundary sends back into the medium, 1 where it is total
-    at : (N,) coordinates s of the directions that leave: between them what leaves is a polynomial
+    at : (N,) `coordinate` of the directions that leave: between them what leaves is a polynomial
     index : of the medium, over that of the air
     """
 
@@ -58,28 +61,34 @@ def nodes(count: int, index: float = 1.0) -> Nodes:
     count : of the directions that leave
     index : 1 for no boundary
     """
-    mu, weight, s = grazing(count)
     if index <= 1:
+        mu, weight, s = grazing(count)
         air = fresnel.outside(mu, index)
         return Nodes(mu, 2 * mu * weight, air, fresnel.reflected(air, index), s, index)
-    limit = fresnel.critical(index)
+    x, weight = np.polynomial.legendre.leggauss(count)
+    mu, weight, limit = 0.5 * (1 + x), 0.5 * weight, fresnel.critical(index)
     trapped, trapped_weight, _ = grazing(max(8, math.ceil(count * limit)), limit)
     return Nodes(np.concatenate([fresnel.inside(mu, index), trapped]),
                  # mu dmu is n^2 times smaller inside
                  np.concatenate([2 * mu * weight / index**2, 2 * trapped * trapped_weight]),
-                 mu, np.concatenate([fresnel.reflected(mu, index), np.ones(len(trapped))]), s, index)
+                 mu, np.concatenate([fresnel.reflected(mu, index), np.ones(len(trapped))]), mu, index)
 
 
 def coordinate(mu, index: float):
-    """Coordinates s of directions in air of cosine mu, like mu."""
-    return np.sqrt(mu if index >= 1 else fresnel.inside(mu, index))
+    """Where directions in air of cosine mu lie between the nodes, like mu: 0 to 1."""
+    return mu if index > 1 else np.sqrt(fresnel.inside(mu, index))
+
+
+@lru_cache(maxsize=16)
+def _barycentric(count: int):
+    x, gauss = np.polynomial.legendre.leggauss(count)
+    return np.where(np.arange(count) % 2, -1.0, 1.0) * np.sqrt((1 - x * x) * gauss)
 
 
 def interpolation(s, at):
-    """(..., N) weights of values at the nodes s (N,) that give their polynomial at any coordinates (...,)."""
+    """(..., N) weights of values at the nodes s (N,), Gauss's of (0, 1), that give their polynomial at any coordinates (...,)."""
     at = np.asarray(at, float)
-    x, gauss = np.polynomial.legendre.leggauss(len(s))
-    barycentric = np.where(np.arange(len(s)) % 2, -1.0, 1.0) * np.sqrt((1 - x * x) * gauss)
+    barycentric = _barycentric(len(s))
     distance = at[..., None] - s
     hit = np.abs(distance) < 1e-15
     share = barycentric / np.where(hit, 1.0, distance)

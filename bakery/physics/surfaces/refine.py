@@ -1,4 +1,4 @@
-"""Twice the moments until the answer no longer changes by more than what is asked for."""
+"""Half as many moments again until the answer no longer changes by more than what is asked for."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ import math
 import numpy as np
 
 from bakery.physics.multiple.legendre import moments
-from bakery.physics.surfaces.solution import Slab, Solution, solve
+from bakery.physics.surfaces.slab import Slab
+from bakery.physics.surfaces.solution import Covered, Solution, solve
 
 FEWEST, MOST = 16, 256  # Legendre moments
-_FLOOR = 1e-3  # of the largest value: below, errors count as if relative to that
+_FLOOR = 1e-3  # of the median: below, errors count as if relative to that (values at grazing angles are a thousand times larger)
 _COSINES = np.array([math.cos(math.radians(89.9)), 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0])
 _AZIMUTHS = np.linspace(0, math.pi, 5)
 
 
-def refined(slab: Slab, tolerance: float, most: int = MOST) -> tuple[Solution, float]:
-    """The solution, and its relative change from half the moments: largest over angles from 0 to 89.9 degrees.
+def refined(slab: Slab, tolerance: float, most: int = MOST) -> tuple[Solution | Covered, float]:
+    """The solution, and its relative change from two thirds of the moments: largest over angles from 0 to 89.9 degrees.
 
     The change is above the tolerance where `most` moments do not reach it.
     """
@@ -27,12 +28,12 @@ def refined(slab: Slab, tolerance: float, most: int = MOST) -> tuple[Solution, f
         values = _values(solution)
         if before is not None:
             error = max(map(_change, values, before))
-        if error <= tolerance or 2 * count > most:
+        if error <= tolerance or 3 * count // 2 > most:
             return solution, error
-        before, count = values, 2 * count
+        before, count = values, 3 * count // 2
 
 
-def _values(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
+def _values(solution: Solution | Covered) -> tuple[np.ndarray, np.ndarray]:
     """Reflection and transmission at the angles of the test."""
     at = np.meshgrid(_COSINES, _COSINES, _AZIMUTHS, indexing="ij")
     # where the peak is cut off, transmitted light is not told
@@ -41,5 +42,5 @@ def _values(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _change(values, before) -> float:
-    scale = np.maximum(np.abs(values), _FLOOR * np.abs(values).max())
+    scale = np.maximum(np.abs(values), _FLOOR * np.median(np.abs(values)))
     return float(np.max(np.divide(np.abs(values - before), scale, out=np.zeros_like(scale), where=scale > 0)))

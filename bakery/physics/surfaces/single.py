@@ -26,6 +26,11 @@ def downward(mu, mu0, depth: float):
     return x * x0 * depth * np.exp(-depth * np.minimum(x, x0)) * mean
 
 
+def interacts(mu, depth: float):
+    """Share of light that does not pass a layer unscattered; no smaller than 1e-150, so that products stay above 0."""
+    return np.maximum(-np.expm1(-depth / mu), 1e-150)
+
+
 def turned(mu, mu0, phi, side: int):
     """Scattering angle, rad, from light that goes down at mu0 to what leaves upward (side -1) or downward (+1) at mu and phi."""
     sines = np.sqrt(np.maximum((1 - mu * mu) * (1 - mu0 * mu0), 0.0))

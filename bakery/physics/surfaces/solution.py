@@ -1,4 +1,4 @@
-"""A plane layer of a medium over a base, solved at nodes, and looked up at any angles.
+"""A plane layer of a medium under a smooth boundary, or none, solved at nodes, and looked up at any angles.
 
 The part that is scattered once is exact: at the nodes that of the cut phase function is taken out, and where it is looked up that
 of the full one is put in, with optical depths without the peak (TMS, Nakajima and Tanaka 1988).  What is left is smooth.
@@ -13,34 +13,15 @@ import numpy as np
 
 from bakery.physics.medium.phase import phase_at
 from bakery.physics.surfaces import fresnel, single
+from bakery.physics.surfaces.covered import Covered, covered
 from bakery.physics.surfaces.cut import Cut, cut
-from bakery.physics.surfaces.layer import between, homogeneous
+from bakery.physics.surfaces.layer import Layer, between, homogeneous
 from bakery.physics.surfaces.nodes import Nodes, coordinate, interpolation, nodes
 from bakery.physics.surfaces.orders import phase_matrices
+from bakery.physics.surfaces.slab import Slab
 
 _LEAST_NODES, _SPARE_NODES = 24, 8
-_NEGLIGIBLE = 0.01  # of the tolerance: a Fourier order below that twice in a row ends their sum
-
-
-@dataclass(frozen=True)
-class Slab:
-    """What is solved: one wavelength of a layer.
-
-    Attributes
-    ----------
-    theta, phase : (A,) rad and 1/sr, the phase function, linear in cos theta in between
-    albedo : single-scattering albedo
-    depth : optical depth, 0 to infinity
-    index : of the medium over that of the air, 1 for no boundary; smooth, on top, and below too where there is no base
-    base : albedo of a Lambertian base in contact with the medium; None for air
-    """
-
-    theta: np.ndarray
-    phase: np.ndarray
-    albedo: float
-    depth: float
-    index: float = 1.0
-    base: float | None = None
+_NEGLIGIBLE = 1e-3  # of the tolerance: a Fourier order below that twice in a row ends their sum
 
 
 @dataclass(frozen=True)
@@ -50,7 +31,8 @@ class Solution:
     Attributes
     ----------
     reflected, transmitted : (M, N, N) Fourier orders of what is scattered more than once, inside of the boundary, times the sum
-        of the cosines inside
+        of the cosines inside, over `single.interacts` of both and, of odd orders, over both sines: smooth, however thin the
+        layer is, and near normal incidence too
     albedo : (N,) share of light from the nodes' directions in air that comes back, mirrored light included
     passed : (N,) share that leaves below, unscattered light included; 0 over a base
     """
@@ -74,14 +56,22 @@ class Solution:
         return self._value(self.reflected, mu, mu0, phi, -1)
 
     def transmission(self, mu, mu0, phi):
-        """The same of light that leaves below; unscattered light left out.
+        """The same of light that leaves below, 0 over a base; unscattered light left out.
 
         Notes
         -----
         Within the peak that is cut off (`cut.share` of the light) it counts light that the peak deflects several times as if
         once.
         """
-        return self._value(self.transmitted, mu, mu0, phi, 1)
+        return self._value(self.transmitted, mu, mu0, phi, 1) * (self.slab.base is None)
+
+    def _terms(self, orders, mu, mu0):
+        """Fourier orders (M, K) at pairs of cosines (K,) in air, each cosine interpolated once."""
+        (out, row), (into, column) = (np.unique(cosine, return_inverse=True) for cosine in (mu, mu0))
+        out, into = (interpolation(self.nodes.at, coordinate(cosine, self.slab.index)) for cosine in (out, into))
+        terms = np.stack([np.einsum("ki,ki->k", (out @ order)[row], into[column]) for order in orders])
+        terms[1::2] *= np.sqrt((1 - mu * mu) * (1 - mu0 * mu0)) / self.slab.index**2
+        return terms
 
     def _value(self, orders, mu, mu0, phi, side: int):
         mu, mu0, phi = np.broadcast_arrays(*(np.asarray(value, float) for value in (mu, mu0, phi)))
@@ -89,27 +79,27 @@ class Solution:
             raise ValueError("cosines of directions lie above 0 and do not exceed 1")
         slab, n = self.slab, self.slab.index
         through = (1 - fresnel.reflected(mu, n)) * (1 - fresnel.reflected(mu0, n)) / n**2
-        lit = through > 0
+        entering = through > 0
         result = np.zeros(mu.shape)
-        if not lit.any():
+        if not entering.any():
             return result
-        mu, mu0, phi, through = mu[lit], mu0[lit], phi[lit], through[lit]
-        out, into = (interpolation(self.nodes.at, coordinate(cosine, n)) for cosine in (mu, mu0))
-        terms = np.einsum("...i,mij,...j->m...", out, orders, into, optimize=True)
+        mu, mu0, phi, through = mu[entering], mu0[entering], phi[entering], through[entering]
+        inner, inner0 = fresnel.inside(mu, n), fresnel.inside(mu0, n)
+        terms = self._terms(orders, mu, mu0)
         factors = np.where(np.arange(len(orders)) == 0, 1.0, 2.0)[:, None]
         smooth = np.sum(factors * terms * np.cos(np.arange(len(orders))[:, None] * phi), axis=0)
-        inner, inner0 = fresnel.inside(mu, n), fresnel.inside(mu0, n)
         depth = slab.depth * self.cut.shrinks
         shape = single.upward if side < 0 else single.downward
         phase = 4 * math.pi * phase_at(slab.theta, slab.phase, single.turned(inner, inner0, phi, side))
+        twice = single.interacts(inner, depth) * single.interacts(inner0, depth)
         once = 0.25 * slab.albedo / self.cut.shrinks * phase * shape(inner, inner0, depth)
         if side < 0 and slab.base and depth < math.inf:
             once = once + slab.base * np.exp(-depth * (1 / inner + 1 / inner0))
-        result[lit] = through * (smooth / (inner + inner0) + once)
+        result[entering] = through * (smooth * twice / (inner + inner0) + once)
         return result
 
 
-def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution:
+def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution | Covered:
     """The slab with a given number of Legendre moments.
 
     Parameters
@@ -118,6 +108,8 @@ def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution:
     count : that are carried
     tolerance : relative; Fourier orders that matter less are left out
     """
+    if slab.roughness and slab.index != 1:
+        return covered(slab, moments, count, tolerance)
     without = cut(moments, slab.albedo, count)
     directions = nodes(max(_LEAST_NODES, count + _SPARE_NODES), slab.index)
     depth = slab.depth * without.shrinks if slab.depth else 0.0
@@ -125,12 +117,11 @@ def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution:
     for order in range(count):
         even, odd = phase_matrices(without.moments, directions.mu, order)
         layer = homogeneous(even, odd, directions.mu, directions.flux, without.albedo, depth)
-        upward, downward = between(layer, _below(slab, directions, order), directions.reflected)
+        upward, downward = _scattered(slab, directions, order, layer)
         if order == 0:
-            albedo, passed = _shares(slab, directions, upward, downward)
-        direct = np.exp(-depth / directions.mu)
-        orders.append(_several_times(slab, without, directions, order, depth, direct, (upward, downward), (even, odd)))
-        largest = [max(np.abs(part).max() for part in both) for both in orders]
+            albedo, passed = _shares(slab, directions, layer, upward, downward)
+        orders.append(_several_times(slab, without, directions, order, layer, upward, downward, even, odd))
+        largest = [max(np.abs(part).max() for part in pair) for pair in orders]
         small = small + 1 if largest[-1] <= _NEGLIGIBLE * tolerance * largest[0] else 0
         if small == 2:
             break
@@ -138,40 +129,39 @@ def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution:
     return Solution(slab, directions, without, reflected, transmitted, albedo, passed)
 
 
-def _below(slab: Slab, directions: Nodes, order: int):
-    """What lies under the layer, as a reflection (N, N); None for nothing."""
-    if slab.base is None:
-        return np.diag(directions.reflected) if slab.index != 1 else None
-    flux = np.sqrt(directions.flux)
-    return slab.base * flux[:, None] * flux if order == 0 else None
+def _scattered(slab: Slab, directions: Nodes, order: int, layer: Layer):
+    """Light (N, N) inside of the boundary scattered upward at the top, and downward at the bottom.
 
-
-def _shares(slab: Slab, directions: Nodes, upward, downward):
-    """Shares (N,) of the light of the nodes that come back and that pass."""
-    leaving = directions.leaving
-    inward = 1 - directions.reflected[:leaving]
-    flux = np.sqrt(directions.flux[:leaving])
-    back, through = (inward * ((inward * flux) @ part[:leaving, :leaving]) / flux for part in (upward, downward))
-    return directions.reflected[:leaving] + back, through if slab.base is None else np.zeros(leaving)
-
-
-def _several_times(slab: Slab, without: Cut, directions: Nodes, order: int, depth: float, direct, light, phase):
-    """Upward and downward light of one order without what is mirrored or scattered once, each (N, N).
-
-    light : upward and downward;  phase : even and odd part
+    What the base sends back of light that is scattered nowhere else is left out.
     """
-    (upward, downward), (even, odd) = light, phase
+    if slab.base is None or slab.depth == math.inf:
+        return layer.scattered(directions.reflected)
+    flux = np.sqrt(directions.flux)
+    base = (slab.base if order == 0 else 0.0) * np.outer(flux, flux)
+    return between(layer, base, directions.reflected), np.zeros_like(base)
+
+
+def _shares(slab: Slab, directions: Nodes, layer: Layer, upward, downward):
+    """Shares (N,) of the light of the nodes that come back and that pass."""
     keep = slice(directions.leaving)
-    mu, flux, direct = directions.mu[keep], directions.flux[keep], direct[keep]
-    mirror = directions.reflected[keep] if slab.base is None else np.zeros(len(mu))
-    mirrored = direct / (1 - (mirror * direct) ** 2)
-    weight = np.sqrt(flux)[:, None] * np.sqrt(flux)
-    up = (upward[keep, keep] - np.diag(mirrored * mirror * direct)) / weight
-    down = (downward[keep, keep] - np.diag(mirrored)) / weight if slab.base is None else np.zeros_like(up)
+    inward, flux = 1 - directions.reflected[keep], np.sqrt(directions.flux[keep])
+    back, through = (inward * ((inward * flux) @ part[keep, keep]) / flux for part in (upward, downward))
+    back = directions.reflected[keep] + back
+    if slab.base is not None:
+        on = inward * layer.direct[keep]
+        return back + slab.base * on * (on @ directions.flux[keep]), through
+    mirrored, direct = (inward**2 * part[keep] for part in layer.unscattered(directions.reflected))
+    return back + mirrored, through + direct
+
+
+def _several_times(slab: Slab, without: Cut, directions: Nodes, order: int, layer: Layer, upward, downward, even, odd):
+    """Upward and downward light of one order without what is scattered once, each (N, N)."""
+    keep, depth = slice(directions.leaving), slab.depth * without.shrinks if slab.depth else 0.0
+    mu, flux = directions.mu[keep], np.sqrt(directions.flux[keep])
+    up, down = (part[keep, keep] / np.outer(flux, flux) for part in (upward, downward))
     out, into, quarter = mu[:, None], mu[None, :], 0.25 * without.albedo
-    up -= quarter * (even - odd)[keep, keep] * single.upward(out, into, depth)
+    up = up - quarter * (even - odd)[keep, keep] * single.upward(out, into, depth)
     if slab.base is None:
-        down -= quarter * (even + odd)[keep, keep] * single.downward(out, into, depth)
-    elif order == 0:
-        up -= slab.base * direct[:, None] * direct
-    return tuple(0.5 * (part + part.T) * (out + into) for part in (up, down))
+        down = down - quarter * (even + odd)[keep, keep] * single.downward(out, into, depth)
+    share = single.interacts(mu, depth) * (np.sqrt((1 - mu) * (1 + mu)) if order % 2 else 1.0)
+    return tuple(0.5 * (part + part.T) * ((out + into) / np.outer(share, share)) for part in (up, down))

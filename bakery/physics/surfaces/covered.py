@@ -1,0 +1,113 @@
+"""A plane layer of a medium under a rough boundary, solved at nodes, and looked up at any angles.
+
+What facets of the boundary reflect once is exact at every angle.  Light that comes out of the medium is smooth, and nothing is
+taken out of it: facets turn light once more where it enters and where it leaves.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from bakery.physics.surfaces import rough
+from bakery.physics.surfaces.cut import Cut, cut
+from bakery.physics.surfaces.layer import between, homogeneous
+from bakery.physics.surfaces.nodes import Nodes, interpolation, nodes
+from bakery.physics.surfaces.orders import phase_matrices
+from bakery.physics.surfaces.slab import Slab
+
+_LEAST_NODES, _SPARE_NODES = 32, 8
+_NEGLIGIBLE = 1e-3  # of the tolerance
+
+
+@dataclass(frozen=True)
+class Covered:
+    """Reflection of a slab under facets: radiance out = (1 / pi) int R mu0 L0 dmu0 dphi; the BRDF is R / pi.
+
+    Attributes
+    ----------
+    reflected : (M, N, N) Fourier orders of all but what facets reflect once; odd ones over both sines
+    albedo : (N,) share of light from the nodes' directions that comes back
+    """
+
+    slab: Slab
+    nodes: Nodes
+    cut: Cut
+    reflected: np.ndarray
+    albedo: np.ndarray
+
+    @property
+    def passed(self) -> np.ndarray:
+        return np.zeros_like(self.albedo)
+
+    @property
+    def spherical_albedo(self) -> float:
+        return float(self.nodes.flux @ self.albedo)
+
+    def reflection(self, mu, mu0, phi):
+        """R at cosines in air above 0 and azimuths (0: forward).  Arguments broadcast."""
+        mu, mu0, phi = np.broadcast_arrays(*(np.asarray(value, float) for value in (mu, mu0, phi)))
+        if not (((mu > 0) & (mu <= 1)).all() and ((mu0 > 0) & (mu0 <= 1)).all()):
+            raise ValueError("cosines of directions lie above 0 and do not exceed 1")
+        (out, row), (into, column) = (np.unique(cosine, return_inverse=True) for cosine in (mu, mu0))
+        out, into = (interpolation(self.nodes.at, np.sqrt(cosine)) for cosine in (out, into))
+        result = rough.reflected(mu, mu0, phi, self.slab.index, self.slab.roughness)
+        sines = np.sqrt((1 - mu * mu) * (1 - mu0 * mu0))
+        for m, order in enumerate(self.reflected):
+            term = np.einsum("...i,...i->...", (out @ order)[row.reshape(mu.shape)], into[column.reshape(mu.shape)])
+            result += (2.0 if m else 1.0) * term * np.cos(m * phi) * (sines if m % 2 else 1.0)
+        return result
+
+    def transmission(self, mu, mu0, phi):
+        """0: under the layer is a base, or more of it."""
+        return np.zeros(np.broadcast_shapes(*map(np.shape, (mu, mu0, phi))))
+
+
+@lru_cache(maxsize=4)  # the same for all wavelengths
+def _boundary(count: int, index: float, roughness: float) -> tuple[Nodes, rough.Facets]:
+    """Directions, and as many orders of the boundary between them: no fewer than there are moments."""
+    directions = nodes(count)
+    return directions, rough.facets(directions.mu, directions.flux, directions.at, index, roughness, count)
+
+
+def covered(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Covered:
+    """The slab with a given number of Legendre moments; arguments are those of `solution.solve`.
+
+    Raises
+    ------
+    ValueError : nothing under the layer
+    """
+    if slab.base is None and slab.depth < math.inf:
+        raise ValueError("a layer under a rough boundary has a base or is infinite")
+    without = cut(moments, slab.albedo, count)
+    directions, facets = _boundary(max(_LEAST_NODES, count + _SPARE_NODES), slab.index, slab.roughness)
+    identity, root = np.eye(len(directions.mu)), np.sqrt(directions.flux)
+    sines = np.sqrt((1 - directions.mu) * (1 + directions.mu))
+    depth, orders, small = slab.depth * without.shrinks if slab.depth else 0.0, [], 0
+    for order in range(count):
+        even, odd = phase_matrices(without.moments, directions.mu, order)
+        layer = homogeneous(even, odd, directions.mu, directions.flux, without.albedo, depth)
+        inside = _inside(slab, layer, root, order)
+        out = facets.inward[order].T @ inside @ np.linalg.solve(identity - facets.within[order] @ inside, facets.inward[order])
+        if order == 0:
+            albedo = facets.mirrored + out @ root / root
+            out = out + facets.again
+        share = root * sines if order % 2 else root
+        orders.append(0.5 * (out + out.T) / np.outer(share, share))
+        largest = [np.abs(part).max() for part in orders]
+        small = small + 1 if largest[-1] <= _NEGLIGIBLE * tolerance * largest[0] else 0
+        if small == 2:
+            break
+    return Covered(slab, directions, without, np.stack(orders), albedo)
+
+
+def _inside(slab: Slab, layer, root, order: int):
+    """Reflection (N, N) of the layer and what is under it, without a boundary."""
+    bare = np.zeros(len(root))
+    if slab.depth == math.inf:
+        return layer.scattered(bare)[0]
+    base = (slab.base if order == 0 else 0.0) * np.outer(root, root)
+    return between(layer, base, bare) + base * np.outer(layer.direct, layer.direct)

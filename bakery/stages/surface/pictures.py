@@ -1,0 +1,77 @@
+"""Pictures of surfaces: lobes at four incidences, albedo against the angle of incidence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bakery.draw.picture import Picture
+from bakery.draw.style import INK, colours
+from bakery.stages.surface.view import Surface, view
+from bakery.store.tree import Group
+
+INCIDENCES = (0.0, 30.0, 60.0, 80.0)  # degrees
+_STEEPEST = 89.0  # degrees that are drawn
+
+
+def pictures(root: Group) -> Iterator:
+    """Of the first thickness: lobes, and albedos at all wavelengths; lobes below it where light passes."""
+    surface, um = view(root), np.asarray(root["wavelength"].data, float)
+    yield lobes(surface, um, "reflectance", "surface_lobes", "Reflectance")
+    if "transmitted" in surface:
+        yield lobes(surface, um, "transmittance", "surface_transmitted", "Transmittance")
+    yield albedos(surface, um)
+
+
+def _first(surface: Surface, values):
+    """Of several thicknesses the first one."""
+    return values[:, 0] if len(surface["spherical_albedo"][0]) > 1 else values
+
+
+def lobes(surface: Surface, um, name: str, file: str, title: str):
+    """pi times the BRDF in the plane of incidence, a panel an incidence, a curve a wavelength."""
+    signed = np.linspace(-_STEEPEST, _STEEPEST, 179)
+    values = [_first(surface, getattr(surface, name)(np.radians(angle), np.radians(np.abs(signed)),
+                                                     np.where(signed < 0, np.pi, 0.0))) for angle in INCIDENCES]
+    ink = colours(um)
+
+    def draw(figure):
+        panels = figure.subplots(1, len(INCIDENCES), sharex=True, sharey=True)
+        for axes, angle, lobe in zip(panels, INCIDENCES, values, strict=True):
+            for colour, row, x in zip(ink, lobe, um, strict=True):
+                axes.plot(signed, row, color=colour, label=f"{x:g} µm")
+            axes.axvline(-angle, color=INK, linewidth=0.8, linestyle=(0, (2, 2)))
+            axes.set_title(f"from {angle:g}°")
+            axes.set_xticks([-60, 0, 60])
+        top = float(np.percentile(np.concatenate([lobe[:, 5:-5].ravel() for lobe in values]), 99.5))
+        panels[0].set(ylim=(0, 1.1 * top if top > 0 else 1.0), ylabel=title)
+        figure.supxlabel("angle of exitance (°); above 0: forward", fontsize=9.5)
+        if len(um) <= 8:
+            figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper")
+
+    columns = [("from [deg]", np.repeat(INCIDENCES, len(signed))), ("to [deg]", np.tile(signed, len(INCIDENCES)))]
+    columns += [(f"{title.lower()} [1] at {x:g} um", np.concatenate([lobe[k] for lobe in values])) for k, x in enumerate(um)]
+    caption = f"{title} in the plane of incidence: pi times the radiance over the irradiance, 1 for a white Lambertian surface.  "
+    caption += "Dashed: back to where the light comes from.  Light that a smooth boundary mirrors is left out."
+    return Picture(file, f"Surface: {title.lower()}", caption, (9.6, 3.2), draw, tuple(columns))
+
+
+def albedos(surface: Surface, um):
+    """Plane albedo over the angle of incidence."""
+    theta = np.append(np.linspace(0, 89, 90), 89.9)
+    values = _first(surface, surface.albedo(np.radians(theta)))
+    ink = colours(um)
+
+    def draw(figure):
+        axes = figure.subplots()
+        for colour, row, x in zip(ink, values, um, strict=True):
+            axes.plot(theta, row, color=colour, label=f"{x:g} µm")
+        axes.set(xlim=(0, 90), ylim=(0, 1.02), xlabel="angle of incidence (°)", ylabel="albedo")
+        axes.set_title("Albedo")
+        if len(um) <= 8:
+            figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
+
+    columns = (("theta_in [deg]", theta), *((f"albedo [1] at {x:g} um", row) for x, row in zip(um, values, strict=True)))
+    caption = "Share of the light from an angle that comes back, mirrored light included."
+    return Picture("surface_albedo", "Surface: albedo", caption, (6.0, 3.6), draw, columns)

@@ -1,0 +1,74 @@
+"""Recipe section `surface`: reflectance of a plane layer of the medium."""
+
+# no annotations from __future__: pydantic would have to compile each of them again, some 3 ms in all
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Discriminator, Field, Tag
+
+from bakery.grammar.fields import number, numbers, word
+from bakery.grammar.section import Section
+from bakery.grammar.text import Mapping
+from bakery.grammar.units import FRACTION, LENGTH
+from bakery.stages.declaration import RecipeSection
+
+if TYPE_CHECKING:
+    from bakery.recipe.checker import Checker
+
+INFINITE = "infinite"
+SMOOTHEST = 0.05  # roughness: lobes of smoother facets are narrower than the solver's directions can tell
+REACHED = 1e-4  # what the solver reaches within its moments: a default below that would miss itself
+MOST_LAYERS = 64
+
+
+class Boundary(Section):
+    """A refracting boundary between air and the medium."""
+
+    index: number(least=0.5, most=4) = Field(description="Refractive index of the medium over that of the air.")
+    roughness: number(least=0, most=1) = Field(0.0, description="GGX roughness of its facets, 0 (smooth) or 0.05 to 1.")
+
+
+class Base(Section):
+    """What the layer lies on: a Lambertian surface in contact with the medium."""
+
+    albedo: numbers(FRACTION, least=0, most=1) = Field(description="Its albedo; one value, or one a wavelength.")
+
+
+class Surface(Section):
+    """A plane layer of the medium."""
+
+    thickness: numbers(LENGTH, words={INFINITE: INFINITE}, most_entries=MOST_LAYERS, least=0, most=1e15) = Field(
+        INFINITE, description="Thickness such as 2 mm, a list of them, or infinite."
+    )
+    boundary: Annotated[
+        Annotated[word("none"), Tag("word")] | Annotated[Boundary, Tag("section")],
+        Discriminator(lambda node: "section" if isinstance(node, Mapping) else "word"),
+    ] = Field("none", description="Boundary on top, and below too where there is no base; none: the index of air.")
+    base: Base | None = Field(None, description="What the layer lies on; nothing but air if absent.")
+    tolerance: number(FRACTION, least=1e-5, most=0.5) | None = Field(
+        None, description="Relative error of the reflectance; the recipe's tolerance, but at least 0.01 %, if absent."
+    )
+
+
+def check(checker: "Checker", section: Mapping) -> None:
+    """Something scatters; facets are none or rough; a free layer has no rough boundary."""
+    checker.needs_scattering(section)
+    base, boundary = section.get("base"), section.get("boundary")
+    if isinstance(base, Mapping):
+        checker.one_each(base, "albedo")
+    infinite = "thickness" not in section or checker.value(section, "thickness") == INFINITE
+    if base is not None and infinite:
+        checker.report_section(base, "found a base under an infinite layer, which no light reaches",
+                               "expected a thickness, or no base")
+    rough = checker.value(boundary, "roughness") if isinstance(boundary, Mapping) else None
+    if rough and rough < SMOOTHEST:
+        checker.report(boundary["roughness"], f"found a roughness of {rough:g}", f"expected 0, or {SMOOTHEST:g} to 1")
+    elif rough and base is None and not infinite:
+        checker.report(boundary["roughness"], "found a rough boundary of a layer on nothing",
+                       "expected a base, thickness: infinite, or roughness: 0")
+
+
+def _completed(surface: Surface, recipe) -> Surface:
+    return surface.model_copy(update={"tolerance": surface.tolerance or max(recipe.tolerance, REACHED)})
+
+
+SURFACE = RecipeSection("surface", Surface, "Reflectance of a plane layer of the medium.", check, completed=_completed)

@@ -1,0 +1,187 @@
+"""What the group `surface` can be asked: reflectance, transmittance and albedo at any angles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from bakery.errors import UsageError
+from bakery.grammar.units import ANGLE
+from bakery.stages.declaration import Answer, Query, Remark
+from bakery.stages.members import Members, MissingStage
+from bakery.store.tree import Group
+
+_TOLD = {"reflected": Remark("pi times the BRDF: 1 for a white Lambertian surface; without light that a smooth boundary mirrors"),
+         "transmitted": Remark("pi times the BTDF; unscattered light is left out"),
+         "albedo": Remark("share of the light that comes back, mirrored light included")}
+
+
+def view(root: Group) -> Surface:
+    """The group as `bakery.open` gives it."""
+    medium = root.members.get("medium")
+    return Surface(root["surface"], medium if isinstance(medium, Group) else None)
+
+
+class Surface(Members):
+    """The group `surface`: how a plane layer of the medium reflects.
+
+    Angles are in rad from the normal, 0 to below pi/2; phi is the azimuth between the directions of travel, 0 for light that goes
+    on forward.  Where there are several thicknesses, values have an axis for them behind that of the wavelengths.
+    """
+
+    def __init__(self, group: Group, medium: Group | None):
+        super().__init__(group, "surface")
+        self._medium = medium
+
+    def reflectance(self, theta_in, theta_out, phi=0.0) -> np.ndarray:
+        """pi times the BRDF (L, ...), 1 for a white Lambertian surface; arguments broadcast.
+
+        Notes
+        -----
+        Light that a smooth boundary mirrors is left out, that of the facets of a rough one is not.
+        """
+        return self._looked_up("reflection", theta_in, theta_out, phi)
+
+    def transmittance(self, theta_in, theta_out, phi=0.0) -> np.ndarray:
+        """pi times the BTDF (L, ...), 0 over a base; unscattered light left out."""
+        return self._looked_up("transmission", theta_in, theta_out, phi)
+
+    def albedo(self, theta) -> np.ndarray:
+        """Share (L, ...) of light from an angle that comes back, mirrored light included."""
+        cosine = _cosine(theta)
+        values = albedo_at(self._group, cosine.ravel())
+        return self._layers(values.reshape(*values.shape[:2], *cosine.shape))
+
+    def _looked_up(self, name: str, theta_in, theta_out, phi) -> np.ndarray:
+        if "_solutions" not in self.__dict__:
+            if self._medium is None:
+                raise MissingStage("reflectance needs the group medium, which is missing; bake the recipe again")
+            self._solutions = solutions_of(self._group, self._medium)
+        at = _cosine(theta_out), _cosine(theta_in), np.asarray(phi, float)
+        return self._layers(np.stack([np.stack([getattr(solution, name)(*at) for solution in row]) for row in self._solutions]))
+
+    def _layers(self, values):
+        return values[:, 0] if values.shape[1] == 1 else values
+
+
+def _cosine(theta) -> np.ndarray:
+    theta = np.asarray(theta, float)
+    if not ((theta >= 0) & (theta < math.pi / 2)).all():
+        raise ValueError("angles from the normal are 0 or more, and below pi/2")
+    return np.cos(theta)
+
+
+def packed(orders, most: int) -> np.ndarray:
+    """(most, P) upper triangles of symmetric matrices (M, N, N), in double precision; orders behind M are 0."""
+    row, column = np.triu_indices(orders.shape[1])
+    result = np.zeros((most, len(row)))
+    result[:len(orders)] = orders[:, row, column]
+    return result
+
+
+def unpacked(triangles, count: int) -> np.ndarray:
+    """(M, N, N) from upper triangles (M, P)."""
+    row, column = np.triu_indices(count)
+    result = np.empty((len(triangles), count, count))
+    result[:, row, column] = result[:, column, row] = triangles
+    return result
+
+
+def _nodes(group: Group):
+    """The solver's directions: a function of their number and of the index."""
+    from bakery.physics.surfaces.nodes import nodes
+
+    rough = group["roughness"].data[0] > 0
+    return nodes(len(group["cosine"].data), 1.0 if rough else float(group["index"].data[0]))
+
+
+def albedo_at(group: Group, cosine) -> np.ndarray:
+    """Plane albedo (L, T, K) at cosines (K,) in air: a polynomial between the directions; 1 where light is totally reflected."""
+    from bakery.physics.surfaces import fresnel
+    from bakery.physics.surfaces.nodes import coordinate, interpolation
+
+    directions = _nodes(group)
+    index = directions.index
+    albedo = np.asarray(group["albedo"].data, float)
+    mirrored, at = fresnel.reflected(directions.air, index), fresnel.reflected(cosine, index)
+    # what enters is a share of what is not mirrored
+    entered = (albedo - mirrored) / (1 - mirrored)
+    values = entered @ interpolation(directions.at, coordinate(cosine, index)).T
+    return np.clip(at + (1 - at) * values, 0, 1)
+
+
+def solutions_of(group: Group, medium: Group) -> list[list]:
+    """Of each wavelength, the solution of each layer, as `bakery.physics.surfaces.solution.solve` gives it."""
+    from bakery.physics.medium.similarity import without_delta
+    from bakery.physics.surfaces.covered import Covered
+    from bakery.physics.surfaces.cut import without_peak
+    from bakery.physics.surfaces.slab import Slab
+    from bakery.physics.surfaces.solution import Solution
+
+    sigma_t, sigma_s, theta, phase = (np.asarray(medium[name].data, float) for name in ("sigma_t", "sigma_s", "theta", "phase"))
+    if "forward_delta" in medium.members:
+        sigma_t, sigma_s, phase = without_delta(sigma_t, sigma_s, theta, phase, np.asarray(medium["forward_delta"].data, float))
+    directions, index, roughness = _nodes(group), float(group["index"].data[0]), float(group["roughness"].data[0])
+    count, rows = len(directions.air), []
+    for k, layers in enumerate(group["reflected"].data):
+        albedo = float(sigma_s[k] / sigma_t[k]) if sigma_t[k] > 0 else 0.0
+        base = float(group["base"].data[k]) if "base" in group.members else None
+        peak, row = float(group["peak"].data[k]), []
+        for t, orders in enumerate(layers):
+            depth = float(group["depth"].data[k, t]) if "depth" in group.members else math.inf
+            slab = Slab(theta, phase[k], albedo, depth, index, base, roughness)
+            reflected = unpacked(orders, count)
+            cut, back = without_peak(albedo, peak), np.asarray(group["albedo"].data[k, t], float)
+            if roughness > 0 and index != 1:
+                row.append(Covered(slab, directions, cut, reflected, back))
+                continue
+            below = unpacked(group["transmitted"].data[k, t], count) if "transmitted" in group.members else 0 * reflected
+            passed = np.asarray(group["passed"].data[k, t], float)
+            row.append(Solution(slab, directions, cut, reflected, below, back, passed))
+        rows.append(row)
+    return rows
+
+
+# ---- queries
+
+
+def looked_up(asset, path: str, arguments: Mapping[str, float | tuple[float, ...]]) -> Answer:
+    """Reflectance, transmittance or albedo at angles.
+
+    Raises
+    ------
+    UsageError : an argument is missing, has no effect, or more than one is a list
+    """
+    name = path.rpartition("/")[2]
+    accepted = ("theta_in",) if name == "albedo" else ("theta_in", "theta_out", "phi")
+    useless = [key for key in arguments if key not in accepted]
+    if useless:
+        raise UsageError(f"{path}: {useless[0]} has no effect on it; {', '.join(accepted)} would")
+    missing = [key for key in accepted[:2] if key not in arguments]
+    if missing:
+        raise UsageError(f"{path}: {', '.join(missing)} missing; give " + " ".join(f"{key}=30deg" for key in accepted))
+    several = [key for key in arguments if np.ndim(arguments[key])]
+    if len(several) > 1:
+        raise UsageError(f"{path}: {' and '.join(several)} are lists; only one may be")
+    at = {key: np.asarray(value, float) for key, value in arguments.items()}
+    surface = asset.surface
+    try:
+        values = surface.albedo(*at.values()) if name == "albedo" else \
+            (surface.reflectance if name == "reflected" else surface.transmittance)(**at)
+    except ValueError as fault:
+        raise UsageError(f"{path}: {fault}") from None
+    axes = (("wavelength", "um", asset.wavelength),)
+    if len(surface["spherical_albedo"][0]) > 1:
+        axes += (("thickness", "um", surface["thickness"]),)
+    axes += tuple((key, "rad", at[key]) for key in several)
+    return Answer(path, "1", values, axes, None, (_TOLD[name],))
+
+
+_ANGLES = {"theta_in": ANGLE, "theta_out": ANGLE, "phi": ANGLE}
+QUERIES = (
+    Query("surface/reflected", _ANGLES, "theta_in=30deg, theta_out=60deg, phi=0deg", looked_up),
+    Query("surface/transmitted", _ANGLES, "theta_in=30deg, theta_out=60deg, phi=0deg", looked_up),
+    Query("surface/albedo", {"theta_in": ANGLE}, "theta_in=30deg", looked_up),
+)

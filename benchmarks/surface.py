@@ -1,0 +1,122 @@
+"""Plane layers: python -m benchmarks.surface [--small]
+
+Isotropic half spaces against Chandrasekhar's H functions; energy of lossless layers; moments, processor time and bytes that three
+half spaces take at 1 %, and the change that is stated against the true error; PythonicDISORT beside, where it is installed.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+
+from bakery.physics.medium import analytic
+from bakery.physics.multiple.legendre import moments
+from bakery.physics.surfaces.refine import refined
+from bakery.physics.surfaces.slab import Slab
+from bakery.physics.surfaces.solution import solve
+from benchmarks.sizes import sized
+
+ALBEDOS = sized((0.1, 0.5, 0.9, 0.99, 0.9999, 1.0), (0.9, 1.0))
+DEPTHS = sized((1e-6, 0.01, 1.0, 100.0, 1e6, math.inf), (1.0,))
+INDICES = sized((0.8, 1.0, 1.33, 1.5), (1.33,))
+LOBES = sized((0.0, 0.6, 0.75, 0.85, 0.9), (0.6,))
+COSINES = np.array([math.cos(math.radians(89.9)), 0.05, 0.2, 0.5, 0.8, 1.0])
+
+
+def henyey_greenstein(g):
+    theta, values, _, _ = analytic.tabulated("hg", 1e-3, 1, g=[g])
+    return theta, values[0]
+
+
+def h_function(albedo: float, mu, count: int = 400):
+    """Chandrasekhar's H by iteration over its non-linear equation, at any cosines."""
+    x, weight = np.polynomial.legendre.leggauss(count)
+    x, weight = (0.5 * (1 + x)) ** 3, 1.5 * (0.5 * (1 + x)) ** 2 * weight
+    root, H = math.sqrt(1 - albedo), np.ones(count)
+    for _ in range(20000):
+        new = 1 / (root + 0.5 * albedo * (x / (x[:, None] + x)) @ (weight * H))
+        if np.abs(new - H).max() < 1e-13:
+            break
+        H = 0.5 * (H + new)
+    return 1 / (root + 0.5 * albedo * (x / (mu[:, None] + x)) @ (weight * H))
+
+
+def half_spaces():
+    sphere = np.array([0.0, math.pi]), np.full(2, 0.25 / math.pi)
+    print("isotropic half space, 64 moments: largest relative error of the reflectance, angles to 89.9 degrees")
+    for albedo in ALBEDOS:
+        H = h_function(albedo, COSINES)
+        exact = albedo / 4 * H[:, None] * H / (COSINES[:, None] + COSINES)
+        value = solve(Slab(*sphere, albedo, math.inf), np.eye(65)[0], 64).reflection(COSINES[:, None], COSINES, 0.0)
+        print(f"  albedo {albedo:<7g} {np.abs(value / exact - 1).max():.1e}")
+
+
+def energy():
+    theta, phase = henyey_greenstein(0.85)
+    worst = 0.0
+    for depth in DEPTHS:
+        for index in INDICES:
+            solution = solve(Slab(theta, phase, 1.0, depth, index), moments(theta, phase, 49), 48, 1.0)
+            worst = max(worst, float(np.abs(solution.albedo + solution.passed - 1).max()))
+    print(f"lossless layers, {len(DEPTHS)} depths, {len(INDICES)} indices: energy holds to {worst:.1e}")
+
+
+def cost():
+    print("three half spaces (albedos 0.9, 0.99, 1) to 1 %: moments, orders, stated change, true error, CPU s, MB")
+    for g in LOBES:
+        theta, phase = henyey_greenstein(g)
+        slabs = [Slab(theta, phase, albedo, math.inf) for albedo in (0.9, 0.99, 1.0)]
+        start = time.process_time()
+        solutions = [refined(slab, 0.01) for slab in slabs]
+        seconds = time.process_time() - start
+        solution, change = solutions[-1]
+        count = len(solution.cut.moments)
+        at = np.meshgrid(COSINES, COSINES, np.linspace(0, math.pi, 5), indexing="ij")
+        finer = solve(slabs[-1], moments(theta, phase, 2 * count + 1), 2 * count, 1e-4).reflection(*at)
+        error = np.abs(solution.reflection(*at) / finer - 1).max()
+        nodes = len(solution.albedo)
+        size = 4e-6 * sum(len(each.reflected) for each, _ in solutions) * nodes * (nodes + 1) / 2
+        print(f"  g {g:<5g} {count:4d} {len(solution.reflected):4d}  {change:.1e}  {error:.1e}  {seconds:6.2f}  {size:.2f}")
+
+
+def peer():
+    if importlib.util.find_spec("PythonicDISORT") is None:
+        print("PythonicDISORT is not installed: left out")
+        return
+    from PythonicDISORT import pydisort
+
+    print("HG 0.75, albedo 0.9, depth 1, all azimuths, six incidences: CPU s, and plane albedo at 60 degrees")
+    theta, phase = henyey_greenstein(0.75)
+    lobe = 0.75 ** np.arange(65.0)
+    for count in sized((16, 32, 64), (16,)):
+        start = time.process_time()
+        solution = solve(Slab(theta, phase, 0.9, 1.0), lobe, count, 1e-4)
+        middle = time.process_time()
+        for mu in COSINES[::-1]:
+            _, upward, *_ = pydisort(np.ones(1), np.full(1, 0.9), count, lobe[None, :count], mu, 1.0, 0.0, f_arr=lobe[[count]])
+            if mu == 0.5:
+                theirs = float(upward(0.0)) / mu
+        end = time.process_time()
+        from bakery.physics.surfaces.nodes import interpolation
+
+        own = interpolation(solution.nodes.at, math.sqrt(0.5)) @ solution.albedo
+        print(f"  {count:3d} moments: bakery {middle - start:.3f} (every incidence), {own:.7f}; "
+              f"PythonicDISORT {end - middle:.3f}, {theirs:.7f}")
+
+
+def main() -> None:
+    half_spaces()
+    energy()
+    cost()
+    peer()
+
+
+if __name__ == "__main__":
+    main()

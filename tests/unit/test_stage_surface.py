@@ -1,0 +1,182 @@
+"""Stage `surface`: what an asset says of plane layers, against the solver, laws of conservation and each other."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import bakery
+from bakery.errors import RecipeError, UsageError
+from bakery.physics.multiple.legendre import moments
+from bakery.physics.surfaces.slab import Slab
+from bakery.physics.surfaces.solution import solve
+from bakery.recipe import load
+from bakery.stages.surface import stage as surface
+from bakery.stages.surface.files import csv_tables
+from bakery.store.tree import Dataset, Group
+
+RECIPE = """\
+bakery: 1
+name: layer
+wavelengths: [0.45, 0.65]
+tolerance: 2%
+medium: {albedo: [1, 0.9], mean_free_path: 1 mm, phase: {type: hg, g: 0.6}}
+surface: {options}
+"""
+THETA = np.radians([0.0, 20.0, 50.0, 75.0, 89.0])
+
+
+@pytest.fixture(scope="module")
+def bake(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("surface")
+
+    def bake(name, options):
+        (folder / "layer.yaml").write_text(RECIPE.replace("{options}", options))
+        return bakery.open(bakery.bake(folder / "layer.yaml", output=folder / f"{name}.h5"))
+
+    return bake
+
+
+@pytest.fixture(scope="module")
+def deep(bake):
+    return bake("deep", "{boundary: {index: 1.4}}")
+
+
+@pytest.fixture(scope="module")
+def thin(bake):
+    return bake("thin", '{thickness: "[0, 0.5, 3] mm"}')
+
+
+@pytest.fixture(scope="module")
+def based(bake):
+    return bake("based", "{thickness: 1 mm, boundary: {index: 1.3, roughness: 0.3}, base: {albedo: [1, 0.5]}}")
+
+
+def test_what_is_looked_up_is_the_solvers(deep, thin):
+    """To the rounding of what is stored in single precision."""
+    theta, phase = np.asarray(thin.medium.theta), np.asarray(thin.medium["phase"][1])
+    at = THETA[:, None], THETA, 1.0
+    cases = (deep, math.inf, 1.4, "reflectance"), (thin, 3.0, 1.0, "reflectance"), (thin, 3.0, 1.0, "transmittance")
+    for asset, depth, index, name in cases:
+        count = int(asset.surface.moments)
+        solution = solve(Slab(theta, phase, 0.9, depth, index), moments(theta, phase, count + 1), count, 0.02)
+        true = (solution.reflection if name == "reflectance" else solution.transmission)(np.cos(at[1]), np.cos(at[0]), at[2])
+        value = getattr(asset.surface, name)(*at)[1]
+        np.testing.assert_allclose(value if asset is deep else value[-1], true, rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["deep", "thin", "based"])
+def test_reciprocity(name, request):
+    layer = request.getfixturevalue(name).surface
+    for function in (layer.reflectance, layer.transmittance):
+        there, back = function(THETA[:, None], THETA, 0.7), function(THETA, THETA[:, None], 0.7)
+        np.testing.assert_allclose(there, back, rtol=1e-6, atol=1e-12)
+
+
+def test_energy(deep, thin, based):
+    """Nothing is lost at an albedo of 1, whatever the layer; and no light comes from nowhere."""
+    for asset in (deep, based):
+        np.testing.assert_allclose(asset.surface.albedo(THETA)[0], 1, atol=1e-6)
+    np.testing.assert_allclose(np.asarray(thin.surface["albedo"] + thin.surface["passed"])[0], 1, atol=1e-6)
+    assert (thin.surface.albedo(THETA)[1, 2, :4] < 0.5).all()
+
+
+def test_lobes_add_up_to_albedos(deep, thin):
+    """R times the cosine, over a fine grid of directions, is the albedo, within the tolerance."""
+    x, weight = np.polynomial.legendre.leggauss(60)
+    cosine, phi = 0.5 * (1 + x), math.pi * (np.arange(60) + 0.5) / 60
+    for asset, mirrored in ((deep, ((1.4 - 1) / (1.4 + 1)) ** 2), (thin, 0.0)):
+        lobe = asset.surface.reflectance(0.0, np.arccos(cosine)[:, None], phi)
+        back = mirrored + lobe.mean(axis=-1) @ (weight * cosine)
+        np.testing.assert_allclose(back, asset.surface.albedo(0.0), rtol=0.01, atol=1e-9)
+
+
+def test_layers(thin, based):
+    assert thin.surface.reflectance(0.3, THETA).shape == (2, 3, 5) and based.surface.reflectance(0.3, THETA).shape == (2, 5)
+    assert (thin.surface.reflectance(0.3, THETA)[:, 0] == 0).all() and (thin.surface["passed"][:, 0] == 1).all()
+    assert (np.diff(thin.surface["spherical_albedo"], axis=1) > 0).all()
+    assert (based.surface.transmittance(0.3, THETA) == 0).all() and "transmitted" not in based.surface
+    with pytest.raises(ValueError, match="below pi/2"):
+        thin.surface.albedo(math.pi / 2)
+
+
+def test_queries(thin):
+    answer = thin.query("surface/reflected", theta_in="30 deg", theta_out="[0, 60] deg")
+    np.testing.assert_array_equal(answer.values, thin.surface.reflectance(np.radians(30), np.radians([0, 60])))
+    assert [name for name, *_ in answer.axes] == ["wavelength", "thickness", "theta_out"]
+    assert thin.query("surface/albedo", theta_in="30 deg").values.shape == (2, 3)
+    with pytest.raises(UsageError, match="theta_out missing"):
+        thin.query("surface/reflected", theta_in="30 deg")
+    with pytest.raises(UsageError, match="below pi/2"):
+        thin.query("surface/albedo", theta_in="90 deg")
+
+
+def test_pictures_and_files(thin):
+    """Numbers of pictures and files are those that the asset gives."""
+    from bakery.stages.surface.pictures import pictures
+
+    shown = {picture.name: dict(picture.columns) for picture in pictures(thin.tree)}
+    assert set(shown) == {"surface_lobes", "surface_transmitted", "surface_albedo"}
+    column = shown["surface_albedo"]["albedo [1] at 0.65 um"]
+    assert column[30] == pytest.approx(thin.surface.albedo(np.radians(30.0))[1, 0])
+    files, told = csv_tables(thin.tree)
+    assert set(files) == {"surface_reflected.csv", "surface_transmitted.csv", "surface_albedo.csv"}
+    assert "surface/reflected" in told
+    assert files["surface_albedo.csv"].splitlines()[0].count("um thick") == 6
+
+
+@pytest.mark.parametrize("options, says", [
+    ("{base: {albedo: 0.5}}", "base under an infinite layer"),
+    ("{thickness: 1 mm, boundary: {index: 1.3, roughness: 0.2}}", "rough boundary of a layer on nothing"),
+    ("{boundary: {index: 1.3, roughness: 0.01}}", "expected 0, or 0.05 to 1"),
+    ("{thickness: 1 mm, base: {albedo: [0.1, 0.2, 0.3]}}", "3 values for 2 wavelengths"),
+    ("{thickness: -1 mm}", "at least 0"),
+    ("{boundary: {index: 0.1}}", "at least 0.5"),
+])
+def test_recipes_that_are_refused(tmp_path, options, says):
+    (tmp_path / "layer.yaml").write_text(RECIPE.replace("{options}", options))
+    with pytest.raises(RecipeError, match=says):
+        load(tmp_path / "layer.yaml")
+
+
+def test_a_missed_tolerance_is_said(tmp_path):
+    """A lobe so narrow that no number of moments tells light that grazes in and out."""
+    (tmp_path / "layer.yaml").write_text(RECIPE.replace("{options}", "{tolerance: 0.01%}").replace("g: 0.6", "g: 0.99")
+                                         .replace("[0.45, 0.65]", "[0.45]").replace("[1, 0.9]", "0.5"))
+    from bakery.physics.surfaces import refine
+
+    recipe = load(tmp_path / "layer.yaml")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(refine.refined, "__defaults__", (36,))
+        values = {"sigma_t": np.array([1e3]), "sigma_s": np.array([500.0]), "theta": np.array([0, 0.1, math.pi]),
+                  "phase": np.array([[20.0, 0.05, 0.05]]), "thickness": None, "index": 1.0, "roughness": 0.0, "base": None}
+
+        class Context:
+            tolerance = recipe.surface.tolerance
+            map = staticmethod(lambda function, tasks: [function(*task) for task in tasks])
+            report = staticmethod(lambda *_: None)
+
+        result = surface.compute(values, Context())
+    assert result.achieved_error > 1e-4 and "a larger surface.tolerance would do" in result.missed[0]
+
+
+def test_broken_groups_are_told(thin):
+    group = thin.tree["surface"]
+
+    def broken(**changes):
+        members = {name: Dataset(changes.get(name, member.data), member.units, member.description)
+                   for name, member in group.members.items()}
+        return list(surface.check(Group(members, dict(group.attributes))))
+
+    assert not broken()
+    assert broken(albedo=np.minimum(group["albedo"].data + 0.1, 1)) == ["more light leaves than enters",
+                                                                       "spherical_albedo is not the mean of albedo"]
+    assert broken(cosine=group["cosine"].data[::-1]) == ["cosine does not ascend from 0"]
+    assert broken(reflected=group["reflected"].data[..., 1:]) == ["reflected does not hold one value a pair of directions"]
+
+
+def test_measures(thin):
+    group = thin.tree["surface"]
+    assert surface.measures(group, group)["error"] < 1e-9
