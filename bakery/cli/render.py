@@ -80,7 +80,7 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, l
     folders, progress = ExitStack(), choose(quiet)
     try:
         if suffix in SCENES:
-            job = _of_scene(source, output, values, options | ({"resume": True} if resume else {}), progress)
+            job = _of_scene(source, output, values, options | ({"resume": True} if resume else {}), progress, live)
             if live:
                 from bakery.cli.live import shown
 
@@ -140,8 +140,8 @@ def _check(source, suffix, of_scenes, place) -> None:
             raise UsageError(f"{option}: {source} is no scene (.yaml); {_ANEW.get(option, 'leave the option out')}")
 
 
-def _of_scene(source, output, values, options, progress) -> _Job:
-    """A scene, its asset baked where that is due."""
+def _of_scene(source, output, values, options, progress, live) -> _Job:
+    """A scene, its asset baked where that is due; live : it is looked at while it is rendered."""
     from pathlib import Path
 
     from bakery.run import ahead
@@ -154,6 +154,10 @@ def _of_scene(source, output, values, options, progress) -> _Job:
     renderer, target, name = path.drawn_by, output or path.picture, path.values.name
     if "resume" in options and not path.rules.RESUMES:
         raise UsageError(f"--resume: the renderer {path.section} cannot go on from an EXR; leave the option out")
+    if live:
+        from renderers.pictures.live import refuse_other
+
+        refuse_other(path)
     ahead.expect(ahead.of_scene(path))
     if path.asset is None:
         images.output_pair(target, path.inputs, options["overwrite"])  # before a bake, not after it

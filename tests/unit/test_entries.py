@@ -51,7 +51,8 @@ def fault(load, *entries, **options):
 ])
 def test_the_kind_follows_from_place_and_asset(load, entry, kind, section):
     found = load(entry)
-    assert found.values.materials[0].kind == kind and found.section == section and found.renderer == f"renderers.{section}"
+    assert found.values.materials[0].kind == kind and found.section == section
+    assert found.renderer == f"renderers.materials.{kind.replace('body', 'bodies')}"
 
 
 @pytest.mark.parametrize("kinds, methods, name", [
