@@ -6,6 +6,8 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from bakery.kernels import stream_key
+from renderers.transport import wavefront
 
 import mitsuba as mi  # isort: skip
 
@@ -26,13 +28,12 @@ def drawn(scene, boundaries):
     Lamps are left out that no place sees, and those that are wide: their solid angle, averaged over places by itself, tells how
     wide they are where their light comes in.
     """
-    random = np.random.default_rng(0)
-    position, normal = _positions(boundaries, random)
+    position, normal = _positions(boundaries, _numbers(0, _PLACES, 3))
     shares = {}
-    for shape in scene.scene.shapes():
+    for number, shape in enumerate(scene.scene.shapes()):
         if not _is_lamp(shape):
             continue
-        angle, radiance = _seen(scene, position, normal, shape, random)
+        angle, radiance = _seen(scene, position, normal, shape, _numbers(1 + number, _PLACES * _POINTS, 2))
         angle = angle.reshape(_PLACES, _POINTS).mean(axis=1)
         if radiance > 0 and 0 < (angle**2).sum() < _WIDEST * angle.sum():
             shares[shape] = float(angle.mean() * radiance)
@@ -44,21 +45,34 @@ def _is_lamp(shape):
         and (shape.is_mesh() or shape.class_name() in _EVEN)
 
 
-def _positions(boundaries, random):
-    """Places and normals (3, n), each `_POINTS` times, evenly on meshes."""
+def _numbers(number, count, width):
+    """Uniform random numbers (count, width): those of a lamp by its number from 1, of places by 0; alike in all renders."""
+    states, numbers = np.empty(count, np.uint64), np.empty((count, width))
+    wavefront.begin_streams(stream_key(0, "render.solid_angles", number), 0, states)
+    wavefront.draw(states, numbers)
+    return numbers
+
+
+def _positions(boundaries, numbers):
+    """Places and normals (3, n), each `_POINTS` times, evenly on meshes, by numbers (n, 3)."""
     corners = np.concatenate([np.array(mesh.vertex_positions_buffer(), float).reshape(-1, 3)[
         np.array(mesh.faces_buffer(), np.int64).reshape(-1, 3)] for mesh in boundaries])
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normals, axis=1)
-    faces = random.choice(len(corners), _PLACES, p=area / area.sum())
-    positions = np.einsum("nk,nkc->nc", random.dirichlet(np.ones(3), _PLACES), corners[faces])
+    faces = np.minimum(np.searchsorted(np.cumsum(area), numbers[:, 0] * area.sum(), side="right"), len(area) - 1)
+    root = np.sqrt(numbers[:, 1])
+    weights = np.stack([1 - root, root * (1 - numbers[:, 2]), root * numbers[:, 2]], axis=1)
+    positions = np.einsum("nk,nkc->nc", weights, corners[faces])
     return [np.repeat(rows, _POINTS, axis=0).T for rows in (positions, normals[faces] / area[faces, None])]
 
 
-def _seen(scene, position, normal, lamp, random):
-    """Solid angles (n,) sr of a lamp, times the cosine, from places, each by one point on it; and its mean radiance there."""
+def _seen(scene, position, normal, lamp, numbers):
+    """Solid angles (n,) sr of a lamp, times the cosine, from places, each by one point on it; and its mean radiance there.
+
+    numbers : (n, 2), of the points
+    """
     position, normal = (kind(*map(mi.Float, rows)) for kind, rows in ((mi.Point3f, position), (mi.Vector3f, normal)))
-    point = lamp.sample_position(0.0, mi.Point2f(*(mi.Float(random.random(dr.width(position))) for _ in range(2))))
+    point = lamp.sample_position(0.0, mi.Point2f(*(mi.Float(column) for column in numbers.T.astype(np.float32))))
     distance, way = dr.norm(point.p - position), dr.normalize(point.p - position)
     angle = dr.maximum(dr.dot(normal, way), 0) * dr.maximum(-dr.dot(point.n, way), 0) / (point.pdf * dr.square(distance))
     surface = mi.SurfaceInteraction3f(point, dr.zeros(mi.Color0f))

@@ -107,7 +107,7 @@ def compared(ours, theirs, most=0.01):
 def test_media_and_bodies_as_the_loop_of_dr_jit(tmp_path, scene, most):
     """Which is held against Mitsuba's volpathmis in test_transport_media."""
     xml, entries, *_ = scene(tmp_path)
-    theirs = pictures(tmp_path, xml, entries, range(16))
+    theirs = pictures(tmp_path, xml, entries, range(64))
     world = World(tmp_path / "scene.xml")
     filled = [build.material_of(entry) if isinstance(entry, regions.Medium) else of_body(world, entry) for entry in entries]
     compared(averages(world, filled, range(8)), theirs, most)

@@ -11,11 +11,11 @@ import pytest
 from bakery.physics.surfaces import fresnel, nodes
 from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.solution import solve
+from tests.odds import sigmas
 from tests.physics.surfaces.test_layers import henyey_greenstein
 
 COUNT = 400_000
 EDGES = np.linspace(0, 1, 6)  # of the cosine in air
-SIGMAS = 4.9  # two-sided odds of 1e-6 for each figure
 
 
 def deflected(direction, g, rng):
@@ -73,13 +73,14 @@ def returned(solution, mu0: float) -> float:
 
 @pytest.mark.parametrize(("index", "g", "depth", "mu0"), [(1.5, 0.5, 2.0, 0.3), (1.33, -0.4, 0.5, 0.9), (0.8, 0.7, 3.0, 0.75)])
 def test_counted_photons(index, g, depth, mu0):
-    """Six figures a case, odds of a false alarm of 2e-5 in all; a base that is wrong by a tenth is seen."""
+    """Six figures a case; a base that is wrong by a tenth is seen."""
+    most = sigmas(comparisons=6)
     slab = Slab(*henyey_greenstein(g), 0.95, depth, index, 0.4)
     back = photons(slab, g, mu0, np.random.default_rng(7))
     solution = solve(slab, g ** np.arange(49.0), 48, 1e-4)
     entered, wrong = (returned(case, mu0) for case in (solution, solve(replace(slab, base=0.44), g ** np.arange(49.0), 48, 1.0)))
     sigma = math.sqrt(entered * (1 - entered) / COUNT)
-    assert abs(len(back) / COUNT - entered) < SIGMAS * sigma < abs(len(back) / COUNT - wrong)
+    assert abs(len(back) / COUNT - entered) < most * sigma < abs(len(back) / COUNT - wrong)
     x, weight = np.polynomial.legendre.leggauss(40)
     phi = math.pi * (np.arange(64) + 0.5) / 64
     counts = np.histogram(back, EDGES)[0] / COUNT
@@ -87,4 +88,4 @@ def test_counted_photons(index, g, depth, mu0):
         cosine = low + (high - low) * 0.5 * (1 + x)
         lobe = solution.reflection(cosine[:, None], mu0, phi).mean(axis=1)
         expected = float((high - low) * weight * cosine @ lobe)
-        assert abs(share - expected) < SIGMAS * math.sqrt(max(expected, 1 / COUNT) / COUNT) + 1e-4, (low, share, expected)
+        assert abs(share - expected) < most * math.sqrt(max(expected, 1 / COUNT) / COUNT) + 1e-4, (low, share, expected)
