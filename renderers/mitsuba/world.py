@@ -215,7 +215,7 @@ class World:
         """All surfaces of the scene."""
         import mitsuba as mi
 
-        found = []
+        shapes = []
         for shape in self._scene.shapes():
             vertices = faces = normals = None
             if shape.is_mesh():
@@ -226,9 +226,9 @@ class World:
             box = shape.bbox()
             box = self._unit * np.array([box.min, box.max], float).reshape(2, 3)
             smooth = not mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.GlossyTransmission)
-            found.append(Shape(shape.id(), vertices, faces, box, _index(shape.bsdf()), smooth, normals, _specular(shape.bsdf()),
+            shapes.append(Shape(shape.id(), vertices, faces, box, _index(shape.bsdf()), smooth, normals, _specular(shape.bsdf()),
                                shape.has_flipped_normals()))
-        return found
+        return shapes
 
     def extents(self):
         """Where surfaces are, m: triangles (T, 3, 3) of the meshes, and boxes (B, 2, 3) around the other shapes."""
@@ -243,15 +243,15 @@ class World:
     def _view(self, path, sensor, view, size):
         if sensor is None:
             sensor = next(iter(self._scene.sensors()), None)
-        own = None if sensor is None else tuple(int(side) for side in np.array(sensor.film().crop_size()).ravel()[::-1])
-        size = size or own
+        of_sensor = None if sensor is None else tuple(int(side) for side in np.array(sensor.film().crop_size()).ravel()[::-1])
+        size = size or of_sensor
         if view is not None and size is not None:
             return Camera.looking(**dict(view), height=size[0], width=size[1]), size
-        if own is None:
+        if of_sensor is None:
             return None, size
-        camera = camera_of(sensor, path, own[1], own[0])
+        camera = camera_of(sensor, path, of_sensor[1], of_sensor[0])
         camera = Camera(camera.origin * self._unit, camera.corner, camera.right, camera.down)
-        return camera.refitted(*own, *size), size
+        return camera.refitted(*of_sensor, *size), size
 
     def _name_lights(self, mi):
         """Names of emitters, and their positions by Dr.Jit's numbers for them."""
@@ -259,19 +259,19 @@ class World:
 
         emitters = self._scene.emitters()
         self.light_names = lights.names_of(emitters)
-        numbers = np.array([int(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(one))[0]) for one in emitters], int)
+        numbers = np.array([int(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(emitter))[0]) for emitter in emitters], int)
         positions = np.full(numbers.max(initial=0) + 1, -1, np.int32)
         positions[numbers] = np.arange(len(numbers))
-        infinite = [mi.has_flag(one.flags(), mi.EmitterFlags.Infinite) for one in emitters]
+        infinite = [mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite) for emitter in emitters]
         self._positions = mi.Int32(positions)
-        self.without_extent = any(mi.has_flag(one.flags(), flag) for one in emitters
+        self.without_extent = any(mi.has_flag(emitter.flags(), flag) for emitter in emitters
                                   for flag in (mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.DeltaDirection))
         self._infinite = np.array([*infinite, False])  # -1, no light, is the last one
 
     def camera_rays(self, random, pixel):
         """Rays through `pixel` (n, 2), row and column, at `random` (n, 2) places in it: origin (n, 3) m and direction (n, 3)."""
-        place = np.asarray(pixel) + np.asarray(random, float)
-        points = self.camera.corner + place[:, 1:] * self.camera.right + place[:, :1] * self.camera.down
+        position = np.asarray(pixel) + np.asarray(random, float)
+        points = self.camera.corner + position[:, 1:] * self.camera.right + position[:, :1] * self.camera.down
         return np.full(points.shape, self.camera.origin), points / length(points)[:, None]
 
     def trace(self, origin, direction, longest):
@@ -324,9 +324,9 @@ class World:
 
         if not len(point):
             return self._no_light
-        here = dr.zeros(mi.Interaction3f, len(point))
-        here.p = self._inside(mi, point)
-        sample, radiance = self._scene.sample_emitter_direction(here, mi.Point2f(*_uniform(mi, random, 0, 2)), hidden)
+        interaction = dr.zeros(mi.Interaction3f, len(point))
+        interaction.p = self._inside(mi, point)
+        sample, radiance = self._scene.sample_emitter_direction(interaction, mi.Point2f(*_uniform(mi, random, 0, 2)), hidden)
         return self._light(*_arrays(len(point), sample.d, sample.dist, _finite(radiance), sample.pdf, sample.delta,
                                     self.light_number(sample.emitter)))
 
@@ -346,29 +346,29 @@ class World:
 
     def lights_in(self, boxes) -> list[int]:
         """Positions in `light_names` of lights that stand in one of some boxes (2, 3) m, or reach into it."""
-        found = []
+        positions = []
         for position, emitter in enumerate(self._scene.emitters()):
             if self._infinite[position]:
                 continue
             its = (emitter.get_shape() or emitter).bbox()
             its = self._unit * np.array([its.min, its.max], float).reshape(2, 3)
             if any(np.all((its[0] <= box[1]) & (its[1] >= box[0])) for box in boxes):
-                found.append(position)
-        return found
+                positions.append(position)
+        return positions
 
-    def light_angles(self, place):
+    def light_angles(self, point):
         """Angle (lights,) rad that each light is seen as from a place (3,) m: across its box; pi of an even sky, 0 of lights
         without extent and of skies that are pictures."""
-        found = np.zeros(len(self.light_names))
+        angles = np.zeros(len(self.light_names))
         for position, emitter in enumerate(self._scene.emitters()):
             shape = emitter.get_shape()
             if shape is not None:
                 its = self._unit * np.array([shape.bbox().min, shape.bbox().max], float).reshape(2, 3)
                 across = np.sort(its[1] - its[0])[1]  # a rectangle's box has no thickness
-                found[position] = 2 * np.arctan2(across / 2, np.linalg.norm(its.mean(axis=0) - place))
+                angles[position] = 2 * np.arctan2(across / 2, np.linalg.norm(its.mean(axis=0) - point))
             elif emitter.class_name() == "ConstantBackgroundEmitter":
-                found[position] = np.pi
-        return found
+                angles[position] = np.pi
+        return angles
 
     def light_rays(self, light, random):
         """Rays on which a light (position in `light_names`) sends its power.
@@ -391,7 +391,7 @@ class World:
         """Lights without extent of which a light sample tells where they are."""
         import mitsuba as mi
 
-        found, middle = [], self.box.mean(axis=0, keepdims=True) if self.box is not None else np.zeros((1, 3))
+        ideal, middle = [], self.box.mean(axis=0, keepdims=True) if self.box is not None else np.zeros((1, 3))
         for number, emitter in enumerate(self._scene.emitters()):
             flags = emitter.flags()
             distant = mi.has_flag(flags, mi.EmitterFlags.Infinite)
@@ -400,8 +400,8 @@ class World:
             if beam or mi.has_flag(flags, mi.EmitterFlags.DeltaPosition):
                 sample = self.from_light(number, middle)
                 towards = sample.direction[0].astype(float)
-                found.append(IdealLight(number, towards if distant else middle[0] + sample.distance[0] * towards, distant))
-        return found
+                ideal.append(IdealLight(number, towards if distant else middle[0] + sample.distance[0] * towards, distant))
+        return ideal
 
     def from_light(self, number, point) -> LightSample:
         """A light without extent from each of n points (n, 3) m, whatever is in between."""
@@ -410,9 +410,9 @@ class World:
 
         if not len(point):
             return _empty(self.from_light(number, np.zeros((1, 3))))
-        here = dr.zeros(mi.Interaction3f, len(point))
-        here.p = self._inside(mi, point)
-        sample, radiance = self._scene.emitters()[number].sample_direction(here, mi.Point2f(0.5))
+        interaction = dr.zeros(mi.Interaction3f, len(point))
+        interaction.p = self._inside(mi, point)
+        sample, radiance = self._scene.emitters()[number].sample_direction(interaction, mi.Point2f(0.5))
         return self._light(*_arrays(len(point), sample.d, sample.dist, _finite(radiance), sample.pdf, sample.delta,
                                     mi.Int32(number)))
 
@@ -434,10 +434,10 @@ class World:
             return _empty(self.shade(np.zeros((1, 3)), np.eye(1, 3), np.zeros((1, 5)), np.ones(1), np.ones(1), power=power))
         places = self._inside(mi, origin)
         drawn = places if drawn is None else self._inside(mi, drawn)
-        hit, point, emitted, source, by_light, *sample, start, way, weight, by_next, smooth = _arrays(
+        hit, point, emitted, source, by_light, *sample, start, chosen, weight, by_next, smooth = _arrays(
             len(origin), *self._meets(power, self._scene, self._positions, places, mi.Vector3f(*_columns(mi, direction)), drawn,
                                              _uniform(mi, random, 0, LOBE + 3), _single(mi, density), _single(mi, delta)))
-        return Shading(hit, self._metres(point), emitted, source, by_light, self._light(*sample), self._metres(start), way,
+        return Shading(hit, self._metres(point), emitted, source, by_light, self._light(*sample), self._metres(start), chosen,
                        weight, by_next, ~smooth)
 
     @cached_property
@@ -491,15 +491,16 @@ def _met(power, scene, positions, origin, direction, drawn, random, by_ray, delt
     emitted = seen.emitter.eval(si) * dr.select(delta, 1, _share(dr, by_ray, by_light))
 
     bsdf = si.bsdf()
-    lit = valid & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-    light, radiance = scene.sample_emitter_direction(si, mi.Point2f(*random[:2]), True, lit)
+    sampled = valid & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    light, radiance = scene.sample_emitter_direction(si, mi.Point2f(*random[:2]), True, sampled)
     towards = si.to_local(light.d)
     value, by_bsdf, next_way, weight = bsdf.eval_pdf_sample(context, si, towards, random[LOBE], mi.Point2f(*random[LOBE + 1:]),
                                                             valid)
     radiance = radiance * value * dr.select(light.delta, 1, _share(dr, light.pdf, by_bsdf))
     away = si.spawn_ray(si.to_world(next_way.wo))
     return (valid, si.p, _finite(emitted), _number(positions, seen.emitter), by_light,
-            light.d, light.dist, _finite(dr.select(lit, radiance, 0)), light.pdf, light.delta, _number(positions, light.emitter),
+            light.d, light.dist, _finite(dr.select(sampled, radiance, 0)), light.pdf, light.delta,
+            _number(positions, light.emitter),
             away.o, away.d, _finite(dr.select(valid, weight, 0)), next_way.pdf,
             mi.has_flag(next_way.sampled_type, mi.BSDFFlags.Smooth))
 
@@ -511,7 +512,7 @@ def _index(bsdf):
     flags, values = bsdf.flags(), mi.traverse(bsdf)
     if mi.has_flag(flags, mi.BSDFFlags.Null):
         return None if len(values.keys()) else 1.0  # thin panes and masks have parameters
-    through = any(mi.has_flag(flags, one) for one in (mi.BSDFFlags.DeltaTransmission, mi.BSDFFlags.GlossyTransmission))
+    through = any(mi.has_flag(flags, flag) for flag in (mi.BSDFFlags.DeltaTransmission, mi.BSDFFlags.GlossyTransmission))
     return float(np.array(values["eta"]).ravel()[0]) if through and "eta" in values else None
 
 
@@ -526,9 +527,9 @@ def _specular(bsdf):
 
 def _single(mi, values):
     """(n,) numbers as Dr.Jit's, which takes NumPy's memory as it is and compiles anew for another alignment: always 64 bytes."""
-    room = np.empty(4 * len(values) + 64, np.uint8)
-    start = -room.ctypes.data % 64
-    aligned = room[start:start + 4 * len(values)].view(np.float32)
+    memory = np.empty(4 * len(values) + 64, np.uint8)
+    start = -memory.ctypes.data % 64
+    aligned = memory[start:start + 4 * len(values)].view(np.float32)
     aligned[:] = values
     return mi.Float(aligned)
 
@@ -543,9 +544,9 @@ def _uniform(mi, random, first, count):
     return _columns(mi, np.minimum(np.asarray(random)[:, first:first + count], 1 - 2.0**-24))
 
 
-def _share(dr, mine, other):
+def _share(dr, mine, rival):
     """The balance heuristic."""
-    total = mine + other
+    total = mine + rival
     return dr.select(total > 0, mine / total, 0)
 
 
@@ -566,7 +567,7 @@ def _arrays(count, *values):
     import drjit as dr
 
     dr.eval(*values)
-    return [np.stack([_row(count, one) for one in value], axis=1) if dr.depth_v(value) > 1 else _row(count, value)
+    return [np.stack([_row(count, column) for column in value], axis=1) if dr.depth_v(value) > 1 else _row(count, value)
             for value in values]
 
 

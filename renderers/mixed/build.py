@@ -37,21 +37,21 @@ class Material(NamedTuple):
     body: object = None
 
 
-def material_of(what) -> Material:
+def material_of(content) -> Material:
     """Of what an entry is (`renderers.mixed.contents`)."""
-    if isinstance(what, contents.Particles):
-        return Material(Region(what.region, _volume(what.region)), what.medium, "particles")
-    if isinstance(what, contents.Grains):
-        return Material(places.mesh(*what.region, solid=True), what.grains, "grains")
-    if isinstance(what, contents.Body):
-        region = places.mesh(what.vertices, what.faces, BLIND if what.matched else TURNS)
-        return Material(region, what.medium, body=what.shape)
-    if isinstance(what.region, regions.Everywhere):
-        return Material(places.EVERYWHERE, what.scatterer)
-    if isinstance(what.region, regions.Mesh):
-        return Material(places.mesh(*what.region), what.scatterer)
-    density = kernels.region_grid(*what.region) if isinstance(what.region, regions.Grid) else None
-    return Material(places.box(what.region.lo, what.region.hi), what.scatterer, density=density)
+    if isinstance(content, contents.Particles):
+        return Material(Region(content.region, _volume(content.region)), content.medium, "particles")
+    if isinstance(content, contents.Grains):
+        return Material(places.mesh(*content.region, solid=True), content.grains, "grains")
+    if isinstance(content, contents.Body):
+        region = places.mesh(content.vertices, content.faces, BLIND if content.matched else TURNS)
+        return Material(region, content.medium, body=content.shape)
+    if isinstance(content.region, regions.Everywhere):
+        return Material(places.EVERYWHERE, content.scatterer)
+    if isinstance(content.region, regions.Mesh):
+        return Material(places.mesh(*content.region), content.scatterer)
+    density = kernels.region_grid(*content.region) if isinstance(content.region, regions.Grid) else None
+    return Material(places.box(content.region.lo, content.region.hi), content.scatterer, density=density)
 
 
 def _volume(region):
@@ -62,21 +62,21 @@ def _volume(region):
 
 def scene_of(world, materials, colours) -> Scene:
     """What paths go through; materials : list of `Material`, whose positions are their numbers."""
-    where = Places([one.region for one in materials])
+    where = Places([material.region for material in materials])
     walked, geometry = _walked(world, materials, where)
     interactors = []
-    for number, one in enumerate(materials):
-        if one.kind == "particles":
-            interactors.append(Particles(one.content, _holder(where, number) if where.within(number) else None))
-        elif one.kind == "grains":
-            interactors.append(Grains(number, one.content, _occupied(world, one.content, where, number), colours))
+    for number, material in enumerate(materials):
+        if material.kind == "particles":
+            interactors.append(Particles(material.content, _holder(where, number) if where.within(number) else None))
+        elif material.kind == "grains":
+            interactors.append(Grains(number, material.content, _occupied(world, material.content, where, number), colours))
         elif number in walked:
-            blind = [materials[other].region.bounds == BLIND for other in walked]
-            interactors.append(Body(one.content, colours, geometry, blind, _sampled(world, one)))
+            blind = [materials[neighbour].region.bounds == BLIND for neighbour in walked]
+            interactors.append(Body(material.content, colours, geometry, blind, _sampled(world, material)))
         else:
-            extent = _extent(world, where) if one.region.layout is None else None
-            interactors.append(Medium(one.content, colours, one.density, _sampled(world, one), extent))
-    return Scene(world, tuple(interactors), where, colours, any(one.region.bounds == BLIND for one in materials))
+            extent = _extent(world, where) if material.region.layout is None else None
+            interactors.append(Medium(material.content, colours, material.density, _sampled(world, material), extent))
+    return Scene(world, tuple(interactors), where, colours, any(material.region.bounds == BLIND for material in materials))
 
 
 def _extent(world, where):
@@ -103,15 +103,15 @@ class _Crowded(Exception):
 
 def _walked(world, materials, where):
     """Numbers of bodies in which there are no other materials than such bodies, and the triangles in them."""
-    walked, geometry = [number for number, one in enumerate(materials) if one.body is not None], None
+    walked, geometry = [number for number, material in enumerate(materials) if material.body is not None], None
     while walked and geometry is None:
         alone = [number for number in walked if set(where.within(number)) <= set(walked)]
         if alone == walked:
             try:
                 geometry = bodies.laid_out(world, [_laid(materials[number]) for number in walked],
-                                           lambda place, key, message: _Crowded(place))[1]
+                                           lambda body, key, message: _Crowded(body))[1]
             except _Crowded as fault:
-                alone = [number for place, number in enumerate(walked) if place != fault.args[0]]
+                alone = [number for position, number in enumerate(walked) if position != fault.args[0]]
         walked = alone
     return walked, geometry
 
@@ -134,8 +134,8 @@ def _occupied(world, grains, where, number):
         occupied = np.zeros(aggregate.voxels.shape, np.uint8)
     if where.around_of(number):
         occupied[kernels.depth_in_mesh(aggregate) <= 0] = 1
-    for other in others:
-        low, high = (where.regions[other].box / grains.unit - aggregate.low) / aggregate.edge
+    for inner in others:
+        low, high = (where.regions[inner].box / grains.unit - aggregate.low) / aggregate.edge
         first, last = np.maximum(np.floor(low).astype(int), 0), np.floor(high).astype(int) + 1
         occupied[tuple(slice(a, max(b, 0)) for a, b in zip(first, last))] = 1
     return occupied

@@ -20,24 +20,24 @@ def prepare(job, world, seed) -> Method:
     """The method of a scene; `job` is a `renderers.pictures.running.Render`, `world` the surfaces and lights around."""
     scene, assets = job.scene, job.assets
     spectra = Spectra.of(assets)
-    found = [contents.of(scene, world, asset, spectra, number) for number, asset in enumerate(assets)]
-    _refuse_overlap(scene, found)
-    _refuse_twins(scene, found)
-    reasons = [BANDS] * spectra.bands + [reason for one in found for reason in one.reasons]
+    filled = [contents.of(scene, world, asset, spectra, number) for number, asset in enumerate(assets)]
+    _refuse_overlap(scene, filled)
+    _refuse_twins(scene, filled)
+    reasons = [BANDS] * spectra.bands + [reason for content in filled for reason in content.reasons]
     entries = [chosen(entry.kind, entry.method) for entry in scene.values.materials]
     stand_ins = [declared(entry.kind)[name].continuous for entry, name in zip(scene.values.materials, entries, strict=True)]
-    listed = [{"kind": entry.kind, "method": name, "bias": None if stand_in else 0.0, "reasons": list(one.reasons),
+    listed = [{"kind": entry.kind, "method": name, "bias": None if stand_in else 0.0, "reasons": list(content.reasons),
                "pilot": None}
-              for entry, name, stand_in, one in zip(scene.values.materials, entries, stand_ins, found, strict=True)]
+              for entry, name, stand_in, content in zip(scene.values.materials, entries, stand_ins, filled, strict=True)]
     exact = not spectra.bands and not any(stand_ins)
     figures = {"materials": listed, "bias": 0.0 if exact else None}
     name = " and ".join(dict.fromkeys(entries))
-    what = [one.what for one in found]
-    explicit = [number for number, one in enumerate(what) if isinstance(one, contents.Particles | contents.Grains)]
-    if not explicit and len(what) <= MOST_IN_A_LOOP:
-        return _in_one_loop(name, world, what, spectra.colours, seed, reasons, figures)._replace(unmeasured=spectra.bands)
-    room = build.scene_of(world, [build.material_of(one) for one in what], spectra.colours)
-    part, shares = wavefronts.part("paths", room, seed), []
+    materials = [content.what for content in filled]
+    explicit = [number for number, content in enumerate(materials) if isinstance(content, contents.Particles | contents.Grains)]
+    if not explicit and len(materials) <= MOST_IN_A_LOOP:
+        return _in_one_loop(name, world, materials, spectra.colours, seed, reasons, figures)._replace(unmeasured=spectra.bands)
+    around = build.scene_of(world, [build.material_of(content) for content in materials], spectra.colours)
+    part, shares = wavefronts.part("paths", around, seed), []
 
     def after(estimate):
         shares.append(wavefronts.first_shares(estimate.means.values()))
@@ -45,11 +45,11 @@ def prepare(job, world, seed) -> Method:
 
     def features():
         # what is told apart looks like noise: there the picture stays as it is
-        return _features(world, [one.stands for one in found], spectra.colours, seed)._replace(
+        return _features(world, [content.stands for content in filled], spectra.colours, seed)._replace(
             detail=shares[0][..., explicit].sum(axis=-1))
 
-    seen = features if len(what) <= MOST_IN_A_LOOP else None
-    return Method(name, (part,), reasons, after, features=seen, apart=("paths",) if explicit else (), entry=_entry(what),
+    seen = features if len(materials) <= MOST_IN_A_LOOP else None
+    return Method(name, (part,), reasons, after, features=seen, apart=("paths",) if explicit else (), entry=_entry(materials),
                   unmeasured=spectra.bands)
 
 
@@ -69,39 +69,39 @@ def _features(world, entries, colours, seed):
     return features.first_hits(world, entries, colours, seed)
 
 
-def _in_one_loop(name, world, what, colours, seed, reasons, figures):
+def _in_one_loop(name, world, materials, colours, seed, reasons, figures):
     from renderers.transport import passes
 
-    part = passes.part("paths", world, what, colours, seed, by_light=True)
+    part = passes.part("paths", world, materials, colours, seed, by_light=True)
 
     def after(estimate):
-        return figures | {"layers": {"material": passes.materials(world, what, colours, seed, _MATERIAL).astype("float32")}}
+        return figures | {"layers": {"material": passes.materials(world, materials, colours, seed, _MATERIAL).astype("float32")}}
 
-    return Method(name, (part,), reasons, after, features=lambda: _features(world, what, colours, seed))
+    return Method(name, (part,), reasons, after, features=lambda: _features(world, materials, colours, seed))
 
 
-def _refuse_twins(scene, found):
+def _refuse_twins(scene, filled):
     """UsageError where a box, or a grid's, is that of an entry before: which of them is the innermost nobody could say."""
     boxes: list[tuple[int, np.ndarray]] = []
-    for number, one in enumerate(found):
-        region = getattr(one.what, "region", None)
+    for number, content in enumerate(filled):
+        region = getattr(content.what, "region", None)
         if not hasattr(region, "lo") or hasattr(region, "nodes") and region.nodes.size > 1:
             continue
         box = np.array([region.lo, region.hi], float)
-        for other, known in boxes:
-            if np.allclose(box, known, rtol=0, atol=1e-9 * float(np.ptp(known, axis=0).max())):
-                raise scene.wrong(f"materials[{number}].where", f"found the box of materials[{other}], so that neither is inside "
-                                  "of the other; a larger or a smaller one would do")
+        for earlier, earlier_box in boxes:
+            if np.allclose(box, earlier_box, rtol=0, atol=1e-9 * float(np.ptp(earlier_box, axis=0).max())):
+                raise scene.wrong(f"materials[{number}].where", f"found the box of materials[{earlier}], so that neither is "
+                                  "inside of the other; a larger or a smaller one would do")
         boxes.append((number, box))
 
 
-def _refuse_overlap(scene, found):
+def _refuse_overlap(scene, filled):
     """UsageError where grains of one entry reach into the mesh of another's by more than a radius."""
     from renderers.materials.grains import material
 
-    numbers = [number for number, one in enumerate(found) if isinstance(one.what, contents.Grains)]
-    packed = [found[number].what for number in numbers]
-    if both := material.overlap([one.grains for one in packed], [tuple(one.region) for one in packed]):
-        outer, inner, deep = both
+    numbers = [number for number, content in enumerate(filled) if isinstance(content.what, contents.Grains)]
+    packed = [filled[number].what for number in numbers]
+    if reaching := material.overlap([content.grains for content in packed], [tuple(content.region) for content in packed]):
+        outer, inner, deep = reaching
         raise scene.wrong(f"materials[{numbers[inner]}].where.mesh", f"reaches {deep:.2g} m into the mesh of "
                           f"materials[{numbers[outer]}]; meshes that do not overlap, but may touch, would do")

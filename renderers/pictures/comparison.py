@@ -106,30 +106,30 @@ def jobs(path, names: Sequence[str], folder, settings, seed=None) -> list[Job]:
     RecipeError : with every problem of the scene, also of a method's
     """
     loaded = scene.load(path, settings)
-    rules, (key, known) = loaded.rules, loaded.rules.CHOICE
+    rules, (key, methods) = loaded.rules, loaded.rules.CHOICE
     listed = len(loaded.materials) if loaded.section in scene.OF_MATERIALS else 0
-    if given := [one for one in settings if one == key or listed and _OWN.fullmatch(one)]:
+    if given := [setting for setting in settings if setting == key or listed and _OWN.fullmatch(setting)]:
         raise UsageError(f"--set {given[0]}: the methods are those of --methods; leave it out")
-    own, stems = {name: _settings(name, key, known, listed) for name in names}, [_stem(name) for name in names]
+    of_method, stems = {name: _settings(name, key, methods, listed) for name in names}, [_stem(name) for name in names]
     for name, stem in zip(names, stems):
         if stems.count(stem) > 1:
             raise UsageError(f"found {name} twice; each method once would do")
     # a filter has no passes: with the same noise in what it filters its methods compare best
-    seeds = [(seed or 0) + _place(name, own[name][key], known) if rules.RESUMES else seed for name in names]
-    loaded = [denoise.without(scene.load(path, {**settings, **own[name]})) for name in names]
-    return [Job(name, each, tuple(Path(folder, stem + suffix) for suffix in (".png", ".exr")), own_seed)
-            for name, stem, each, own_seed in zip(names, stems, loaded, seeds)]
+    seeds = [(seed or 0) + _place(name, of_method[name][key], methods) if rules.RESUMES else seed for name in names]
+    loaded = [denoise.without(scene.load(path, {**settings, **of_method[name]})) for name in names]
+    return [Job(name, of_scene, tuple(Path(folder, stem + suffix) for suffix in (".png", ".exr")), own_seed)
+            for name, stem, of_scene, own_seed in zip(names, stems, loaded, seeds)]
 
 
-def _settings(name, key, known, listed) -> dict[str, str]:
+def _settings(name, key, methods, listed) -> dict[str, str]:
     """Dotted key -> value of `METHOD:KEY=VALUE:…`; keys of entries are set in all of them, of which there are `listed`."""
-    method, *more = name.split(":")
-    if method not in known:
-        raise UsageError(f'found "{method}", which is no method of this scene; {fields.one_of(known)} would do'
-                         f"{fields.nearest(method, known)}")
+    method, *further = name.split(":")
+    if method not in methods:
+        raise UsageError(f'found "{method}", which is no method of this scene; {fields.one_of(methods)} would do'
+                         f"{fields.nearest(method, methods)}")
     settings, section = {key: method}, key.rpartition(".")[0]
-    for one in more:
-        beside, equals, value = one.partition("=")
+    for setting in further:
+        beside, equals, value = setting.partition("=")
         if not equals or not beside:
             raise UsageError(f'found "{name}"; METHOD:KEY=VALUE would do, of a key beside {key}')
         if listed and re.split(r"[.\[]", beside)[0] in entries.Entry.model_fields:
@@ -144,9 +144,9 @@ def _stem(name) -> str:
     return re.sub(r"[^\w.+=-]", "_", name)
 
 
-def _place(name, method, known) -> int:
+def _place(name, method, methods) -> int:
     """A number for each name, which does not depend on what it is compared with."""
-    return known.index(method) + (0 if name == method else len(known) * (1 + crc32(name.encode()) % 1_000_000))
+    return methods.index(method) + (0 if name == method else len(methods) * (1 + crc32(name.encode()) % 1_000_000))
 
 
 def render(job: Job, *, quality=None, variant=None, resume=False, force=False, overwrite=False, progress=None,

@@ -96,25 +96,26 @@ def between(picture: Picture, reference: Picture) -> Difference | None:
     if level <= 0:
         return None
     shift = (picture.luminance - reference.luminance) / level
-    known = [one.variance / level**2 for one in (picture, reference) if one.variance is not None]
-    variance = sum(known, np.zeros(shift.shape))
+    variances = [shown.variance / level**2 for shown in (picture, reference) if shown.variance is not None]
+    variance = sum(variances, np.zeros(shift.shape))
     excess = shift**2 - variance
     square, deviation = float(excess.mean()), _standard_error(excess)
     ratio = float(picture.luminance.mean()) / level
-    errors = [scale * one.mean_error / level for one, scale in ((picture, 1.0), (reference, ratio)) if one.mean_error is not None]
+    errors = [scale * shown.mean_error / level for shown, scale in ((picture, 1.0), (reference, ratio))
+              if shown.mean_error is not None]
     return Difference(
-        map=shift, rms=float(np.sqrt(np.mean(shift**2))), noise=float(np.sqrt(variance.mean())) if known else None,
+        map=shift, rms=float(np.sqrt(np.mean(shift**2))), noise=float(np.sqrt(variance.mean())) if variances else None,
         error=max(square, 0.0) ** 0.5, most=(max(square, 0.0) + _SURE * deviation) ** 0.5, resolved=square > _SURE * deviation,
         bias=ratio - 1, bias_error=float(np.linalg.norm(errors)) if errors else None,
-        left_in=tuple(one.name for one in (picture, reference) if one.variance is None))
+        left_in=tuple(shown.name for shown in (picture, reference) if shown.variance is None))
 
 
 def _standard_error(values):
     """Of the mean of (H, W), from sums over blocks."""
     block = max(1, min(_BLOCK, min(values.shape) // 4))
     starts = [np.arange(0, size, block) for size in values.shape]
-    sums, counts = (np.add.reduceat(np.add.reduceat(one, starts[0], axis=0), starts[1], axis=1)
-                    for one in (values, np.ones(values.shape)))
+    sums, counts = (np.add.reduceat(np.add.reduceat(array, starts[0], axis=0), starts[1], axis=1)
+                    for array in (values, np.ones(values.shape)))
     apart = sums - values.mean() * counts
     return float(np.sqrt(apart.size / max(apart.size - 1, 1) * np.sum(apart**2))) / values.size
 
@@ -139,9 +140,9 @@ def flip(shown, reference) -> tuple[float, np.ndarray]:
     """
     import flip_evaluator
 
-    pair = [np.ascontiguousarray(one, dtype=np.float32) for one in (reference, shown)]
-    found, mean, _ = flip_evaluator.evaluate(*pair, "LDR", applyMagma=False, parameters={"ppd": PIXELS_PER_DEGREE})
-    return float(mean), np.array(found, dtype=float).reshape(shown.shape[:2] + (-1,))[..., 0]
+    pair = [np.ascontiguousarray(picture, dtype=np.float32) for picture in (reference, shown)]
+    per_pixel, mean, _ = flip_evaluator.evaluate(*pair, "LDR", applyMagma=False, parameters={"ppd": PIXELS_PER_DEGREE})
+    return float(mean), np.array(per_pixel, dtype=float).reshape(shown.shape[:2] + (-1,))[..., 0]
 
 
 @dataclass(frozen=True)
@@ -173,16 +174,16 @@ def compared(pictures, reference, display, *, with_flip: bool = True) -> list[Co
     display : dict, `display` of the scene: how pictures are shown
     with_flip : whether FLIP is measured, where it is installed
     """
-    with_flip, found = with_flip and not flip_missing(), []
+    with_flip, listed = with_flip and not flip_missing(), []
     background = images.shown(reference.rgb, **display)[0]
     for picture in pictures:
         shown = background if picture is reference else images.shown(picture.rgb, **display)[0]
         if picture is reference:
-            found.append(Compared(picture.name, shown))
+            listed.append(Compared(picture.name, shown))
             continue
         seen = flip(shown, background) if with_flip else (None, None)
-        found.append(Compared(picture.name, shown, between(picture, reference), *seen))
-    return found
+        listed.append(Compared(picture.name, shown, between(picture, reference), *seen))
+    return listed
 
 
 def same_size(picture: Picture, reference: Picture, place) -> None:

@@ -192,8 +192,8 @@ def _squares(values, shape):
 def fingerprint(*what) -> str:
     """Sixteen hexadecimal digits of what is in texts, numbers, lists, dicts, and files, for which paths stand."""
     digest = hashlib.sha256()
-    for one in what:
-        content = one.read_bytes() if isinstance(one, Path) else json.dumps(one, sort_keys=True).encode()
+    for part in what:
+        content = part.read_bytes() if isinstance(part, Path) else json.dumps(part, sort_keys=True).encode()
         digest.update(hashlib.sha256(content).digest())
     return digest.hexdigest()[:16]
 
@@ -205,12 +205,12 @@ def made_of(scene):
     Returns a tuple of a dict and of paths.
     """
     values = scene.values
-    apart = {scene.path, *(scene.file(name) for one in scene.materials for name in (one.asset, one.recipe) if name)}
+    apart = {scene.path, *(scene.file(name) for entry in scene.materials for name in (entry.asset, entry.recipe) if name)}
     # no warnings: they are about tuples in place of lists
     told = values.model_dump(mode="json", exclude={"stop", "display", "denoise", "name", "description", "frames"}, warnings=False)
     if told.get("scene") and told["scene"]["parameters"] is None:
         del told["scene"]["parameters"]  # pictures of scenes without any are gone on with, also those of earlier versions
-    return told, *(one for one in scene.inputs if one not in apart)
+    return told, *(file for file in scene.inputs if file not in apart)
 
 
 def _channels(prefix, layers, variance):

@@ -127,8 +127,8 @@ class Render:
 
     def _materials(self, method, bias, reasons, pilots):
         """Of each entry what made it; `pilot` is what its method was chosen by, None where by none."""
-        return [{"kind": one.kind, "method": method, "bias": bias, "reasons": reasons, "pilot": pilots}
-                for one in getattr(self.scene.values, "materials", ())]
+        return [{"kind": entry.kind, "method": method, "bias": bias, "reasons": reasons, "pilot": pilots}
+                for entry in getattr(self.scene.values, "materials", ())]
 
 
 def _of_frame(mark, method, samples, noise, missed, denoised) -> dict[str, str]:
@@ -150,11 +150,11 @@ def describe(report, more=None) -> list[str]:
 
 
 def _made(report):
-    said = [f"method: {report['method']}"]
-    said += [f"{report['samples']} samples a pixel"] if report["samples"] is not None else []
-    said += [f"noise {percent(report['noise'])}{_of_pixels(report)}{_of_means(report)}"] if report["noise"] is not None else []
-    said += [f"bias {percent(report['bias'])}"] if report["bias"] is not None else []
-    return ["; ".join(said), *report["reasons"]]
+    facts = [f"method: {report['method']}"]
+    facts += [f"{report['samples']} samples a pixel"] if report["samples"] is not None else []
+    facts += [f"noise {percent(report['noise'])}{_of_pixels(report)}{_of_means(report)}"] if report["noise"] is not None else []
+    facts += [f"bias {percent(report['bias'])}"] if report["bias"] is not None else []
+    return ["; ".join(facts), *report["reasons"]]
 
 
 def _of_means(report):

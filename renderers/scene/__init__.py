@@ -174,10 +174,10 @@ def load(path, settings: MappingType[str, str] | None = None, *, assets: bool = 
     source, tree = _read(path)
     problems = tree.problems + overrides.apply(source, tree, settings or {})[1]
     if not isinstance(tree.root, Mapping):
-        found = "nothing" if tree.root is None else fields.describe(tree.root)
+        content = "nothing" if tree.root is None else fields.describe(tree.root)
         expected = f"expected `key: value` lines; a scene starts with `bakery_scene: {FORMAT}`"
-        place = None if tree.root is None else tree.root.place.begin
-        raise RecipeError([*problems, source.problem(place, "", f"found {found}", expected)])
+        position = None if tree.root is None else tree.root.place.begin
+        raise RecipeError([*problems, source.problem(position, "", f"found {content}", expected)])
     settings = dict(settings or {})
     if frame is not None:
         texts, wrong = _framed(path, source, tree.root, frame, settings)
@@ -186,29 +186,30 @@ def load(path, settings: MappingType[str, str] | None = None, *, assets: bool = 
     if not section:
         raise RecipeError([*problems, problem])
     method = settings.get("method")  # of the command line: that of all entries
-    known = entries.known(tree.root, path.parent, method) if section == "materials" else []
-    if known:
-        section = renderer_of([one.kind for one in known], [one.method for one in known])
+    written = entries.known(tree.root, path.parent, method) if section == "materials" else []
+    if written:
+        section = renderer_of([entry.kind for entry in written], [entry.method for entry in written])
     model = entries.SceneFile if section in OF_MATERIALS or section == "materials" else _rules(section).SceneFile
     values: dict = {}
     try:
         parsed = model.model_validate(tree.root, context=values)
     except ValidationError as error:
         parsed = None
-        problems += [problem for one in error.errors(include_url=False) for problem in translate(one)
-                     if not (known and problem.key in entries.OF_ENTRIES)]
+        problems += [problem for fault in error.errors(include_url=False) for problem in translate(fault)
+                     if not (written and problem.key in entries.OF_ENTRIES)]
     if section == "materials":  # it has no entries
         raise RecipeError(distinct(problems))
-    problems += _files(path, tree.root, values, _keys_of_files(section, len(known), lambda key: node_at(tree.root, key)), assets)
-    problems += entries.problems(tree.root, values, known) if known else common.asset_problems(tree.root)
-    problems += _of_renderer(tree.root, values, section, known)
+    keys = _keys_of_files(section, len(written), lambda key: node_at(tree.root, key))
+    problems += _files(path, tree.root, values, keys, assets)
+    problems += entries.problems(tree.root, values, written) if written else common.asset_problems(tree.root)
+    problems += _of_renderer(tree.root, values, section, written)
     problems += values["frames"].problems if "frames" in values else ()
     if problems:
         raise RecipeError(distinct(problems))
-    where = {place.key: str(place) for place in places(tree.root)}
-    parsed = _decided(parsed, known)
-    named = [one.asset and path.parent / one.asset for one in (parsed.materials if known else [parsed])]
-    asset = None if any(one is None or beside(one) for one in named) else named[0]
+    where = {position.key: str(position) for position in places(tree.root)}
+    parsed = _decided(parsed, written)
+    named = [entry.asset and path.parent / entry.asset for entry in (parsed.materials if written else [parsed])]
+    asset = None if any(file is None or beside(file) for file in named) else named[0]
     return Scene(path, section, _package(section), parsed, settings, asset, where, frame=frame)
 
 
@@ -255,30 +256,30 @@ def _rules(section: str):
     return import_module(f"{_package(section)}.scene")
 
 
-def _of_renderer(root: Mapping, values: dict, section: str, known: list) -> Iterator[Problem]:
+def _of_renderer(root: Mapping, values: dict, section: str, written: list) -> Iterator[Problem]:
     """What the renderer of a scene says of it."""
     rules = _rules(section)
-    for i, one in enumerate(known):
-        values |= {f"materials[{i}].as": one.kind, f"materials[{i}].method": one.method}
-    values |= {"method": known[0].method} if len({one.method for one in known}) == 1 else {}
+    for i, entry in enumerate(written):
+        values |= {f"materials[{i}].as": entry.kind, f"materials[{i}].method": entry.method}
+    values |= {"method": written[0].method} if len({entry.method for entry in written}) == 1 else {}
     yield from common.problems(root, values, section, rules.UNUSED)
     yield from rules.problems(root, values)
 
 
-def _decided(values: Every, known: list) -> Every:
+def _decided(values: Every, written: list) -> Every:
     """The values of a scene with the kind and method of each entry, and the method of all, where they have one."""
-    if not known:
+    if not written:
         return values
-    methods = {one.method for one in known}
-    listed = [entry.model_copy(update={"as": one.kind, "method": one.method})
-              for entry, one in zip(values.materials, known, strict=True)]
+    methods = {entry.method for entry in written}
+    listed = [model.model_copy(update={"as": entry.kind, "method": entry.method})
+              for model, entry in zip(values.materials, written, strict=True)]
     return values.model_copy(update={"materials": listed, "method": methods.pop() if len(methods) == 1 else None})
 
 
 def beside(asset: Path) -> Path | None:
     """The recipe from which an asset that is not there can be baked: the YAML file of its name beside it; None: there is none."""
-    found = [asset.with_suffix(suffix) for suffix in SUFFIXES if asset.with_suffix(suffix).is_file()]
-    return found[0] if found and not asset.exists() else None
+    recipes = [asset.with_suffix(suffix) for suffix in SUFFIXES if asset.with_suffix(suffix).is_file()]
+    return recipes[0] if recipes and not asset.exists() else None
 
 
 def unfinished(fault: RecipeError) -> bool:
@@ -297,8 +298,8 @@ def needs(path) -> tuple[str, ...]:
     Raises UsageError or RecipeError where the file is no scene.
     """
     if not Path(path).is_file() or Path(path).suffix.lower() not in (*SUFFIXES, ".xml"):
-        there = "no scene" if Path(path).exists() and str(path) else "there is no such scene"
-        raise UsageError(f"{text.label_of(path)}: {there}; give the path of a scene (NAME.yaml or NAME.xml)")
+        fault = "no scene" if Path(path).exists() and str(path) else "there is no such scene"
+        raise UsageError(f"{text.label_of(path)}: {fault}; give the path of a scene (NAME.yaml or NAME.xml)")
     path = Path(path)
     if path.suffix.lower() == ".xml":
         return _of_plugins(path)
@@ -310,7 +311,7 @@ def needs(path) -> tuple[str, ...]:
         raise RecipeError([problem])
     if section != "materials":
         return _rules(section).NEEDS
-    kinds = [one.kind for one in entries.known(tree.root, path.parent)]
+    kinds = [entry.kind for entry in entries.known(tree.root, path.parent)]
     return tuple(dict.fromkeys(stage for kind in kinds for stage in entries.stages(kind)))
 
 
@@ -321,9 +322,9 @@ def _of_plugins(path: Path) -> tuple[str, ...]:
     except (OSError, ElementTree.ParseError) as error:
         raise UsageError(f"{text.label_of(path)}: cannot be read as a Mitsuba scene: {error}") from None
     kinds = {f"bakery_{name}": _rules(name).NEEDS for name in (*RENDERERS, *OF_MATERIALS)}
-    found = [stage for file in files_of(path) if file.suffix.lower() == ".xml" for one in integrators(file)
-             for stage in kinds.get(one, ())]
-    return tuple(dict.fromkeys(found)) or ("medium",)
+    stages = [stage for file in files_of(path) if file.suffix.lower() == ".xml" for kind in integrators(file)
+             for stage in kinds.get(kind, ())]
+    return tuple(dict.fromkeys(stages)) or ("medium",)
 
 
 def _section(source: text.Source, root: Node | None) -> tuple[str, Problem | None]:
@@ -336,8 +337,8 @@ def _section(source: text.Source, root: Node | None) -> tuple[str, Problem | Non
         return named[0], None
     expected = f"expected {fields.one_of(names)}"
     if named:
-        place = root.names[max(named, key=keys.index)]
-        return "", place.problem(f"found {' beside '.join(named)}", f"{expected}, one of them")
+        last = root.names[max(named, key=keys.index)]
+        return "", last.problem(f"found {' beside '.join(named)}", f"{expected}, one of them")
     near = [fields.closest(key, names) for key in keys if key not in common.Common.model_fields]
     return next(filter(None, near), ""), source.problem(None, "", "found neither materials nor a renderer's section", expected)
 
@@ -361,10 +362,10 @@ def _parsed(path: Path) -> tuple[text.Source, text.Tree]:
                   "(`bake new scene` writes one)"
         raise RecipeError([source.problem(None, "", "is a recipe", instead)])
     if isinstance(tree.root, Mapping) and not tree.problems and (anew := former.converted(source.text, tree.root)):
-        place = tree.root.names.get("bakery_scene") or tree.root.place
-        said = place.problem("found a scene of an earlier form", f"expected its text in format {FORMAT}, to be saved in its "
+        where = tree.root.names.get("bakery_scene") or tree.root.place
+        problem = where.problem("found a scene of an earlier form", f"expected its text in format {FORMAT}, to be saved in its "
                              f"place:\n\n{anew}")
-        raise RecipeError([dataclasses.replace(said, excerpt="")])
+        raise RecipeError([dataclasses.replace(problem, excerpt="")])
     return source, text.Tree(tree.root, list(map(_of_scenes, tree.problems)))
 
 
@@ -375,10 +376,10 @@ def _of_scenes(problem: Problem) -> Problem:
 def _keys_of_files(section: str, count: int, at) -> list[str]:
     """Keys of files of a scene with so many entries; at(key): what stands there, or None."""
     if section in OF_MATERIALS:
-        own = [f"materials[{i}].{key}" for i in range(count) for key in entries.FILES]
+        of_section = [f"materials[{i}].{key}" for i in range(count) for key in entries.FILES]
     else:
-        own = ["asset", "recipe", *_rules(section).FILES]
-    return [*common.FILES, *(named for key in own for named in _by_name(key, at))]
+        of_section = ["asset", "recipe", *_rules(section).FILES]
+    return [*common.FILES, *(named for key in of_section for named in _by_name(key, at))]
 
 
 def _by_name(key: str, at) -> list[str]:

@@ -241,7 +241,7 @@ def _known(entry: Mapping, folder: File, method: str | None, default: str) -> Kn
     if claimed in KINDS:
         kind = claimed
         if held is not None and kind not in held and (folder / _text(entry, "asset")).is_file():  # of recipes bakes say it
-            contradiction = f"its asset holds {fields.one_of([KINDS[one] for one in held]) or 'no such stage'}"
+            contradiction = f"its asset holds {fields.one_of([KINDS[holds] for holds in held]) or 'no such stage'}"
     else:
         fitting = [kind for kind in able if held is None or kind in held] or able
         kind = "body" if "body" in fitting else next(iter(fitting), "medium")  # a body rather than the medium in a shape
@@ -324,11 +324,11 @@ def _of_kind(root: Mapping, entry: Mapping, of: Known, key: str) -> Iterator[Pro
                 yield entry.names[name].problem(f"found {name}, which {called} {does} not have",
                                                 f"expected it with {KINDS[kind]}")
     if of.method not in (accepted := methods(of.kind)):
-        node = next((one["method"] for one in (entry, root) if _text(one, "method") == of.method), None)
-        found = f"found {show(of.method)}"
+        node = next((asking["method"] for asking in (entry, root) if _text(asking, "method") == of.method), None)
+        reason = f"found {show(of.method)}"
         expected = f"expected {fields.one_of(accepted)}, the methods of {called}{_hint(of.method, accepted)}"
-        yield node.place.problem(found, expected) if isinstance(node, Scalar) else \
-            owner(entry).problem(found, expected, key=f"{key}.method")
+        yield node.place.problem(reason, expected) if isinstance(node, Scalar) else \
+            owner(entry).problem(reason, expected, key=f"{key}.method")
 
 
 def _words(kind: str) -> list[str]:

@@ -76,7 +76,7 @@ class Need(NamedTuple):
 
     def as_dict(self) -> dict:
         """The same for machines (`--json`)."""
-        return self._asdict() | {"knobs": [{"key": one.key, "value": one.text, "why": one.why} for one in self.knobs]}
+        return self._asdict() | {"knobs": [{"key": knob.key, "value": knob.text, "why": knob.why} for knob in self.knobs]}
 
 
 class Required(NamedTuple):
@@ -98,12 +98,12 @@ class Required(NamedTuple):
     @property
     def stages(self) -> tuple[str, ...]:
         """Names of the stages that are needed."""
-        return tuple(one.stage for one in self.needs if one.needed)
+        return tuple(need.stage for need in self.needs if need.needed)
 
     @property
     def settings(self) -> dict[str, str]:
         """Recipe key -> text, of the stages that are needed."""
-        return {knob.key: knob.text for one in self.needs if one.needed for knob in one.knobs}
+        return {knob.key: knob.text for need in self.needs if need.needed for knob in need.knobs}
 
 
 class About:
@@ -122,9 +122,9 @@ class About:
         self.scene, self.recipe, self._medium, self._measured = scene, recipe, medium, {}
         self._whole = self
         self.split = budget.of(scene, budget.HALF)
-        own = _bodies(scene, recipe) if bodies is None else list(bodies)
-        self.guessed = not own
-        self.bodies = own or list(range(len(scene.materials)))
+        made_of_it = _bodies(scene, recipe) if bodies is None else list(bodies)
+        self.guessed = not made_of_it
+        self.bodies = made_of_it or list(range(len(scene.materials)))
 
     def only(self, bodies: Sequence[int], method: str) -> About:
         """The same of some of its bodies, rendered by a method."""
@@ -160,8 +160,8 @@ class About:
     @property
     def share(self) -> str:
         """What tables may take, in words."""
-        said = f"tables may take {100 * self.tables:.3g} % of the picture's {100 * self.tolerance:.3g} %"
-        return f"{said}: {self.split.why}" if self.split.why else said
+        words = f"tables may take {100 * self.tables:.3g} % of the picture's {100 * self.tolerance:.3g} %"
+        return f"{words}: {self.split.why}" if self.split.why else words
 
     @property
     def medium(self):
@@ -211,12 +211,13 @@ def of(paths: Sequence, recipe, medium: Callable, seconds: Callable, settings: M
     ------
     UsageError, RecipeError : a path is no scene, or names no renderer
     """
-    found = [_of_scene(Path(path), recipe, medium, seconds, settings or {}) for path in paths]
-    if len(found) > 1:
-        found = [one._replace(needs=tuple(need.of(Path(path).name) for need in one.needs))
-                 for path, one in zip(paths, found, strict=True)]
-    return Required(merged([one.needs for one in found], recipe.leaves), tuple(remark for one in found for remark in one.remarks),
-                    read=tuple(dict.fromkeys(file for one in found for file in one.read)))
+    each_scene = [_of_scene(Path(path), recipe, medium, seconds, settings or {}) for path in paths]
+    if len(each_scene) > 1:
+        each_scene = [required._replace(needs=tuple(need.of(Path(path).name) for need in required.needs))
+                      for path, required in zip(paths, each_scene, strict=True)]
+    return Required(merged([required.needs for required in each_scene], recipe.leaves),
+                    tuple(remark for required in each_scene for remark in required.remarks),
+                    read=tuple(dict.fromkeys(file for required in each_scene for file in required.read)))
 
 
 def of_scene(scene, recipe, medium: Callable, seconds: Callable) -> Required:
@@ -246,18 +247,18 @@ def _shared_out(about, rules, seconds) -> Required:
     """
     def needs(split):
         about.split = split
-        said = [f"{about.scene.path}: nothing in it is made of {about.recipe.path}, which is taken for all"] * about.guessed
-        return Required(tuple(rules(about)), (*said, *_out_of_reach(about)), split.share)
+        strangers = [f"{about.scene.path}: nothing in it is made of {about.recipe.path}, which is taken for all"] * about.guessed
+        return Required(tuple(rules(about)), (*strangers, *_out_of_reach(about)), split.share)
 
     scene = about.scene
-    pace, named = getattr(scene.rules, "PACE", None), [one.asset for one in scene.materials]
+    pace, named = getattr(scene.rules, "PACE", None), [entry.asset for entry in scene.materials]
     if pace is None or any(named) or about.dark:
         return needs(about.split)
     height, width = about.world.size
 
     def baking(split):
         required = needs(split)
-        return math.inf if any(one.lacking for one in required.needs) else seconds(required)
+        return math.inf if any(need.lacking for need in required.needs) else seconds(required)
 
     return needs(budget.cheapest(scene, height * width, pace, baking))
 
@@ -271,7 +272,7 @@ def _out_of_reach(about):
               f"out of reach, {budget.as_much(noise / split.tolerance)}"
         return
     if split.lacking:
-        yield from (f"{scene.path}: {said}" for said in split.lacking)
+        yield from (f"{scene.path}: {reason}" for reason in split.lacking)
         return
     if (all_of_it := math.hypot(split.approximations, split.tables, split.noise)) > 1.001 * split.tolerance:
         yield f"{scene.path}: noise (stop.noise) of {100 * split.noise:.3g} % leaves too little of the tolerance of " \
@@ -303,48 +304,49 @@ def _unmeasured(stages, path, fault) -> Required:
 
 def _rules(scene) -> Callable:
     """`needs` of the scene's renderer."""
-    place = f"{scene.renderer}.requirements"
-    if find_spec(place) is None:
+    module = f"{scene.renderer}.requirements"
+    if find_spec(module) is None:
         return lambda about: [Need(stage, True, "the renderer reads it") for stage in scene.rules.NEEDS]
-    return import_module(place).needs
+    return import_module(module).needs
 
 
 def _bodies(scene, recipe) -> list[int]:
     """Positions of the materials that are made of a recipe: it is theirs, or an asset of its name."""
-    found = []
-    for number, one in enumerate(scene.materials):
-        same = one.recipe and scene.file(one.recipe).resolve() == Path(recipe.path).resolve()
-        if same or one.asset and Path(one.asset).stem in (recipe.name, Path(recipe.path).stem):
-            found.append(number)
-    return found
+    numbers = []
+    for number, entry in enumerate(scene.materials):
+        same = entry.recipe and scene.file(entry.recipe).resolve() == Path(recipe.path).resolve()
+        if same or entry.asset and Path(entry.asset).stem in (recipe.name, Path(recipe.path).stem):
+            numbers.append(number)
+    return numbers
 
 
 # ---- the union
 
 
-def merged(each: Sequence[Sequence[Need]], leaves: Mapping) -> tuple[Need, ...]:
+def merged(listed: Sequence[Sequence[Need]], leaves: Mapping) -> tuple[Need, ...]:
     """The union: stages that any needs, and of each knob the value that asks for most.
 
     leaves : values of the recipe, which hold where one of the scenes that need a stage leaves a knob to it
     """
-    stages = list(dict.fromkeys(one.stage for needs in each for one in needs))
-    return tuple(_union([one for needs in each for one in needs if one.stage == stage], leaves) for stage in stages)
+    stages = list(dict.fromkeys(need.stage for needs in listed for need in needs))
+    return tuple(_union([need for needs in listed for need in needs if need.stage == stage], leaves) for stage in stages)
 
 
 def _union(needs: Sequence[Need], leaves) -> Need:
-    wanted = [one for one in needs if one.needed] or list(needs)
+    wanted = [need for need in needs if need.needed] or list(needs)
     by_key: dict[str, list[Knob]] = {}
-    for one in wanted:
-        for knob in one.knobs:
+    for need in wanted:
+        for knob in need.knobs:
             by_key.setdefault(knob.key, []).append(knob)
     knobs = [_most(same, len(wanted), leaves.get(key)) for key, same in by_key.items()]
-    said, lacking = (dict.fromkeys(getattr(one, name) for one in wanted) for name in ("why", "lacking"))
-    return Need(wanted[0].stage, wanted[0].needed, "; ".join(said), tuple(filter(None, knobs)), "; ".join(filter(None, lacking)))
+    reasons, lacking = (dict.fromkeys(getattr(need, name) for need in wanted) for name in ("why", "lacking"))
+    return Need(wanted[0].stage, wanted[0].needed, "; ".join(reasons), tuple(filter(None, knobs)),
+                "; ".join(filter(None, lacking)))
 
 
-def _most(knobs: Sequence[Knob], scenes_: int, own) -> Knob | None:
+def _most(knobs: Sequence[Knob], scenes_: int, as_written) -> Knob | None:
     """The knob that asks for most; None where the recipe's own value, which holds for the other scenes, asks for as much."""
     best = max(knobs, key=lambda knob: knob.demand(knob.value))
-    if len(knobs) < scenes_ and not best.demand(best.value) > best.demand(own):
+    if len(knobs) < scenes_ and not best.demand(best.value) > best.demand(as_written):
         return None  # also where the recipe leaves the value to the stage
     return best

@@ -100,12 +100,12 @@ def one_pass(scene, size, number, seed, samples=1) -> Sums:
     number, seed : of the pass: its random numbers
     """
     pixels = size[0] * size[1]
-    begun, total = 0, samples * pixels
+    started, total = 0, samples * pixels
     sums, paths = Sums(pixels, scene, total), _begin(scene, size, 0, 0, number, seed)
-    while begun < total or paths.count:
-        if begun < total and paths.count < ALL // 2:
-            paths = joined([paths, _begin(scene, size, begun, min(begun + ALL, total), number, seed)])
-            begun = min(begun + ALL, total)
+    while started < total or paths.count:
+        if started < total and paths.count < ALL // 2:
+            paths = joined([paths, _begin(scene, size, started, min(started + ALL, total), number, seed)])
+            started = min(started + ALL, total)
         paths = step(scene, paths, sums)
     return sums
 
@@ -125,8 +125,8 @@ def step(scene, paths, sums) -> Paths:
     ahead = look(scene, paths)
     events, reached = [], []
     for number in np.unique(ahead.material):
-        here = ahead.material == number
-        group, its = paths.of(here), ahead.of(here)
+        inside = ahead.material == number
+        group, its = paths.of(inside), ahead.of(inside)
         if number == NOWHERE:
             reached.append((group, its))
             continue
@@ -135,15 +135,15 @@ def step(scene, paths, sums) -> Paths:
         chance = material.light_chance(min(max(share, _LEAST), 1.0))
         status, event = _advance(material, group, its)
         sums.scattered_by(group, number)
-        met = np.flatnonzero(status == EVENT)
-        events.append((material, group.of(met), tuple(values[met] for values in event), chance))
-        there = np.flatnonzero(status == REACHED)
-        reached.append((group.of(there), its.of(there)))
+        meets = np.flatnonzero(status == EVENT)
+        events.append((material, group.of(meets), tuple(values[meets] for values in event), chance))
+        arrives = np.flatnonzero(status == REACHED)
+        reached.append((group.of(arrives), its.of(arrives)))
     paths = joined([group for group, _ in reached])
     ahead = Ahead(*map(np.concatenate, zip(*(its for _, its in reached))))
-    onward, met, at_surface = _into_grains(scene, paths, ahead, sums)
+    onward, meets, at_surface = _into_grains(scene, paths, ahead, sums)
     crossing = (ahead.cause == BOUNDARY) | (ahead.cause == BLIND)
-    return joined([*onward, _across(scene, paths.of(crossing), ahead.of(crossing)), at_events(scene, paths, events + met, sums),
+    return joined([*onward, _across(scene, paths.of(crossing), ahead.of(crossing)), at_events(scene, paths, events + meets, sums),
                    at_surfaces(scene, joined([paths.of(ahead.cause == SURFACE), *at_surface]), sums)])
 
 
@@ -152,8 +152,8 @@ def _advance(material, paths, ahead):
     if not material.walks:
         return material.advance(paths, ahead.stop)
     status, event, far, blind = material.walk(paths)
-    there = status == REACHED
-    ahead.stop[there], ahead.cause[there] = far[there], np.where(blind, BLIND, SURFACE)[there]
+    arrives = status == REACHED
+    ahead.stop[arrives], ahead.cause[arrives] = far[arrives], np.where(blind, BLIND, SURFACE)[arrives]
     return status, event
 
 
@@ -164,7 +164,7 @@ def look(scene, paths) -> Ahead:
     """What is ahead of paths."""
     n = paths.count
     material, stop, blind = scene.places.find(paths.origin, paths.direction)
-    walks = np.array([*(one.walks for one in scene.materials), False])  # the last one is NOWHERE
+    walks = np.array([*(material.walks for material in scene.materials), False])  # the last one is NOWHERE
     unknown = np.flatnonzero(np.isnan(paths.far) & ~walks[material])
     paths.far[unknown] = scene.world.trace(paths.origin[unknown], paths.direction[unknown], np.inf)
     # surfaces that lie in boundaries come first, but for those that are blind ones
@@ -203,13 +203,13 @@ def _into_grains(scene, paths, ahead, sums):
     """Of paths that come to grains: those that go on, events, and those that come to surfaces inside of grains."""
     onward, events, at_surface = [], [], []
     for number in np.unique(ahead.grains[ahead.cause == GRAIN]):
-        material, here = scene.materials[number], np.flatnonzero((ahead.cause == GRAIN) & (ahead.grains == number))
-        group = paths.of(here)
+        material, rows = scene.materials[number], np.flatnonzero((ahead.cause == GRAIN) & (ahead.grains == number))
+        group = paths.of(rows)
         material.light_chance(min(max(2.0 ** math.floor(math.log2(group.count / sums.many)), _LEAST), 1.0))
-        status, event = material.enter(group, np.where(ahead.within[here], group.far, np.inf))
+        status, event = material.enter(group, np.where(ahead.within[rows], group.far, np.inf))
         sums.scattered_by(group, number)
-        met = np.flatnonzero(status == EVENT)
-        events.append((material, group.of(met), tuple(values[met] for values in event), 1.0))
+        meets = np.flatnonzero(status == EVENT)
+        events.append((material, group.of(meets), tuple(values[meets] for values in event), 1.0))
         onward.append(_ended(group.of(status < 0), _FAR_IN_GRAINS))
         at_surface.append(group.of(status == REACHED))
     return onward, events, at_surface
@@ -218,46 +218,47 @@ def _into_grains(scene, paths, ahead, sums):
 # ---- light
 
 
-def transmittance(scene, paths, origin, direction, distance, own=None, traced=False):
+def transmittance(scene, paths, origin, direction, distance, departed=None, traced=False):
     """What of light gets through from origins (n, 3) along directions to distances (n,) m.
 
     Parameters
     ----------
-    own : (n,) material of the grain at which each way begins, or -1
+    departed : (n,) material of the grain at which each way begins, or -1
     traced : surfaces of the scene hide light, but for blind boundaries
 
     Returns
     -------
     passed : (n, L)
-    clear : (n,) m, to the first boundary: up to there grains of `own` have not been looked for
+    clear : (n,) m, to the first boundary: up to there grains of `departed` have not been looked for
     """
     n, places = len(origin), scene.places
     passed, clear, states = np.ones((n, len(scene.colours.to_waves))), np.empty(n), paths.states.copy()
-    left, point, own = np.array(distance, float), np.array(origin, float), np.full(n, -1) if own is None else own
-    active, begun = np.arange(n), True
+    remaining, point = np.array(distance, float), np.array(origin, float)
+    departed = np.full(n, -1) if departed is None else departed
+    active, at_start = np.arange(n), True
     while len(active):
-        here, ways = point[active], direction[active]
-        material, stop, blind = places.find(here, ways)
-        length = np.minimum(stop, left[active])
+        origins, ways = point[active], direction[active]
+        material, stop, blind = places.find(origins, ways)
+        length = np.minimum(stop, remaining[active])
         share, streams = passed[active], states[active]
         if traced:
-            free = np.where(blind | (left[active] <= stop), length * _ALMOST, length + places.off)
-            share[scene.world.trace(here, ways, free) < np.inf] = 0.0
+            free = np.where(blind | (remaining[active] <= stop), length * _ALMOST, length + places.off)
+            share[scene.world.trace(origins, ways, free) < np.inf] = 0.0
         for number in np.unique(material):
-            _taken(scene, number, material == number, (streams, here, ways, length, paths.left_out[active]), share)
+            _taken(scene, number, material == number, (streams, origins, ways, length, paths.left_out[active]), share)
         for number in scene.solids:
             open_to = places.rank[material] >= places.rank[number]
-            if begun:
-                open_to &= own[active] != number
-            some, values = np.flatnonzero(open_to), share[open_to]
-            scene.materials[number].hides(here[some], ways[some], length[some], values)
-            share[some] = values
-        if begun:
-            clear[:], begun = length, False
+            if at_start:
+                open_to &= departed[active] != number
+            rows, values = np.flatnonzero(open_to), share[open_to]
+            scene.materials[number].hides(origins[rows], ways[rows], length[rows], values)
+            share[rows] = values
+        if at_start:
+            clear[:], at_start = length, False
         passed[active], states[active] = share, streams
         point[active] += (length + places.off)[:, None] * ways
-        left[active] -= length + places.off
-        active = active[(left[active] > 0) & share.any(axis=1)]
+        remaining[active] -= length + places.off
+        active = active[(remaining[active] > 0) & share.any(axis=1)]
     paths.states[:] = states
     return passed, clear
 
@@ -266,27 +267,27 @@ def _taken(scene, number, chosen, ways, share):
     """Multiplies share (n, L) of those chosen (n,) by what a material leaves of light on its ways; changes their streams."""
     if number == NOWHERE:
         return
-    some, values = [one[chosen] for one in ways], share[chosen]
-    scene.materials[number].transmittance(*some, values)
-    ways[0][chosen], share[chosen] = some[0], values
+    taken, values = [values[chosen] for values in ways], share[chosen]
+    scene.materials[number].transmittance(*taken, values)
+    ways[0][chosen], share[chosen] = taken[0], values
 
 
 def at_events(scene, reached, events, sums) -> Paths:
     """Paths that go on from events, quadruples of (material, paths, what it needs, chance of a light sample)."""
-    events = [one for one in events if one[1].count]
+    events = [event for event in events if event[1].count]
     if not events:
         return reached.of(slice(0, 0))
-    paths, firsts = joined([one[1] for one in events]), np.cumsum([0, *(one[1].count for one in events)])
-    chance = np.concatenate([np.full(one[1].count, one[3]) for one in events])
+    paths, firsts = joined([event[1] for event in events]), np.cumsum([0, *(event[1].count for event in events)])
+    chance = np.concatenate([np.full(event[1].count, event[3]) for event in events])
     numbers = np.empty((paths.count, 4))
     wavefront.draw(paths.states, numbers)
-    lit = np.flatnonzero(numbers[:, 3] < chance)
-    sample, bright = _samples(scene, paths, lit, numbers, chance)
-    some = paths.of(bright)
-    own = np.where(np.repeat([one[0].solid for one in events], np.diff(firsts))[bright], some.grains, -1)
-    passed, clear = transmittance(scene, some, some.origin, sample.direction.astype(float), sample.distance, own,
-                                  traced=scene.crossed)
-    paths.states[bright] = some.states
+    drawn = np.flatnonzero(numbers[:, 3] < chance)
+    sample, bright = _samples(scene, paths, drawn, numbers, chance)
+    bright_paths = paths.of(bright)
+    departed = np.where(np.repeat([event[0].solid for event in events], np.diff(firsts))[bright], bright_paths.grains, -1)
+    passed, clear = transmittance(scene, bright_paths, bright_paths.origin, sample.direction.astype(float), sample.distance,
+                                  departed, traced=scene.crossed)
+    paths.states[bright] = bright_paths.states
     onward = []
     for (material, _, event, share), first, last in zip(events, firsts[:-1], firsts[1:]):
         group, rows = paths.of(slice(first, last)), np.flatnonzero((bright >= first) & (bright < last))
@@ -304,15 +305,15 @@ def at_events(scene, reached, events, sums) -> Paths:
     return joined(onward)
 
 
-def _samples(scene, paths, lit, numbers, chance):
-    """Light samples from events `lit`, over their chances, of those that are bright, and which paths these are."""
-    here = {"hidden": False} if scene.crossed else {}
-    sample = scene.world.lights(paths.origin[lit], numbers[lit], **here)
+def _samples(scene, paths, drawn, numbers, chance):
+    """Light samples from events `drawn`, over their chances, of those that are bright, and which paths these are."""
+    options = {"hidden": False} if scene.crossed else {}
+    sample = scene.world.lights(paths.origin[drawn], numbers[drawn], **options)
     bright = np.flatnonzero((sample.radiance > 0).any(axis=1))
     sample = LightSample(*(values[bright] for values in sample))
-    over = chance[lit[bright]].astype(np.float32)
+    over = chance[drawn[bright]].astype(np.float32)
     density = np.where(sample.delta, sample.density, sample.density * over)
-    return sample._replace(radiance=sample.radiance / over[:, None], density=density), lit[bright]
+    return sample._replace(radiance=sample.radiance / over[:, None], density=density), drawn[bright]
 
 
 def at_surfaces(scene, paths, sums) -> Paths:
@@ -340,12 +341,12 @@ def at_surfaces(scene, paths, sums) -> Paths:
 def _next_event(scene, paths, point, sample, sums):
     """Adds what light samples send by way of surfaces of the scene."""
     bright = np.flatnonzero((sample.radiance > 0).any(axis=1))
-    some, sample = paths.of(bright), LightSample(*(values[bright] for values in sample))
+    bright_paths, sample = paths.of(bright), LightSample(*(values[bright] for values in sample))
     towards, added = sample.direction.astype(float), np.empty((len(bright), 3))
-    passed, _ = transmittance(scene, some, point[bright] + scene.places.off * towards, towards, sample.distance)
-    paths.states[bright] = some.states
-    wavefront.emitted(scene.colours, some.throughput * passed, some.order, sample.radiance, added)
-    sums.add(some, sample.light, added)
+    passed, _ = transmittance(scene, bright_paths, point[bright] + scene.places.off * towards, towards, sample.distance)
+    paths.states[bright] = bright_paths.states
+    wavefront.emitted(scene.colours, bright_paths.throughput * passed, bright_paths.order, sample.radiance, added)
+    sums.add(bright_paths, sample.light, added)
 
 
 def _survivors(paths):
