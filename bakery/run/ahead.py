@@ -39,7 +39,7 @@ def recorded() -> dict[str, list]:
 
 
 def of(group: str, modules: Iterable[str] | None = None) -> list:
-    """Kernels of a group; of some modules of `bakery.physics` (`mie._kernels`) alone, where a stage says which it runs."""
+    """Kernels of a group; of some modules of `bakery.physics` (`mie.kernels`) alone, where a stage says which it runs."""
     kernels = recorded().get(group, [])
     if modules is None:
         return kernels
@@ -74,7 +74,7 @@ class Measuring:
     def get(self, name: str, key: str):
         entry = self._memory.get(name, key)
         if entry is None:
-            expect(of("stage optics"))
+            expect(of("plan") + of("stage optics"))
         return entry
 
     def put(self, *arguments) -> None:
