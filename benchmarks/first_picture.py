@@ -21,10 +21,9 @@ import matplotlib.image
 import numpy as np
 
 from benchmarks.sizes import SMALL, sized
-from renderers import choice
 from renderers.mitsuba.world import World
 from renderers.pictures import differences
-from renderers.scene import entries, load
+from renderers.scene import candidates, load
 
 SCENES = Path(__file__).resolve().parents[1] / "assets" / "scenes"
 WISHED = 0.05  # FLIP
@@ -32,10 +31,10 @@ STARTS = 8.0  # s of a command that are not passes: imports, scene, choice, filt
 
 
 def exact_method(scene) -> list[str]:
-    """Options for the first method without an error of its own; none where the scene names its method or has several kinds."""
-    declared = entries.declared(scene.values.materials[0].kind)
-    exact = [name for name in choice.candidates(scene) if declared[name].exact]
-    return ["--set", f"method={exact[0]}"] if exact else []
+    """Options for the first way to render it without an error of its own; none where the scene names its methods."""
+    exact = [candidate for candidate in candidates.of(scene) if candidate.exact]
+    named = [f"materials[{number}].method={method}" for number, method in enumerate(exact[0].methods)] if exact else []
+    return [word for setting in named for word in ("--set", setting)]
 
 
 def film(scene, longest) -> list[str]:

@@ -77,7 +77,7 @@ def ours(folder, name, width, drawn):
     _, shape, body = SCENES[name]
     theta = np.concatenate([[0.0], np.geomspace(1e-3, np.pi, 500)])
     table = (1 - body.g**2) / (4 * np.pi * (1 + body.g**2 - 2 * body.g * np.cos(theta)) ** 1.5)
-    tabulated = type("Medium", (dict,), {})(phase=np.tile(table / phase.integral(theta, table), (3, 1)))
+    tabulated = type("Medium", (dict,), {})(phase=np.tile(table / phase.phase_integral(theta, table), (3, 1)))
     tabulated.sigma_t, tabulated.albedo, tabulated.theta = 1e3 / np.array(body.free_path), np.array(body.albedo), theta
     asset = SimpleNamespace(medium=tabulated, stages=("medium",), wavelength=np.array([0.65, 0.55, 0.45]))
     (folder / "path.xml").write_text(text_of(name))

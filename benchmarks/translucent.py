@@ -41,7 +41,7 @@ class Scene:
     def __init__(self, name, width, folder):
         from renderers.materials.bodies import methods, smooth, transport
 
-        job = Render(scenes.load(SCENES / f"{name}.yaml"), folder / f"{name}.png", overwrite=True)
+        job = Render(scenes.load(SCENES / f"{name}.yaml", {"method": "vrl+tables"}), folder / f"{name}.png", overwrite=True)
         values, self.path = job.scene.values, SCENES / f"{name}.yaml"
         self.world = World(job.scene.file(values.scene.mitsuba), values.scene.unit, size=(width, width))
         bodies = values.materials

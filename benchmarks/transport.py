@@ -60,7 +60,7 @@ target="0, 0, 0" up="0, 0, 1"/></transform><film type="hdrfilm"><integer name="w
 {around}</shape>{sky}</scene>"""
 SKY = '<emitter type="constant"><rgb name="radiance" value="0.3 0.35 0.4"/></emitter>'
 DENSITY = np.random.default_rng(1).random((12, 13, 14)) ** 2  # of the grid: x, y, z
-ROUND = 1 << 20  # paths of a round
+ROUND = sized(1 << 20, 1 << 15)  # paths of a round
 EARLY, LATE = 5, 1000  # depths at which Mitsuba's roulette begins
 
 

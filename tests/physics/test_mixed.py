@@ -137,6 +137,6 @@ def test_grains_as_their_own_renderer(tmp_path):
     world, alone = lit(tmp_path), stones(BALL)
     around = material.occupied_by(world, alone.content.aggregate, alone.content.unit)
     alike = through(paths.Explicit(alone.content, around, COLOURS))
-    theirs = [transport.one_pass(world, alike, world.camera, 48, 48, number, 1).by_order.sum(axis=0).reshape(48, 48, 3)
+    theirs = [transport.one_pass(world, alike, world.camera, (48, 48), number, 1).by_order.sum(axis=0).reshape(48, 48, 3)
               for number in range(16)]
     compared(averages(world, [alone], range(4)), np.array(theirs), 0.02)
