@@ -12,6 +12,7 @@ from bakery.grammar.files import asset_root
 from bakery.recipe.starting import Start, starts
 
 _FILE = re.compile(r"(?:\.\./)*[\w./-]+\.(?:yaml|xml|ply|obj|exr|png|npy|h5|vol|csv)\b")
+_COMMENT = re.compile(r"(?:^|(?<=\s))#.*$", re.MULTILINE)
 _NAME = re.compile(r"^name: *\S+", re.MULTILINE)
 
 
@@ -34,7 +35,7 @@ class Scene:
         """Name of a file -> content: the scene, called `name`, and beside it all that it names, recipes too."""
         text = self.path.read_text(encoding="utf-8")
         files: dict[str, bytes] = {}
-        keys = "\n".join(line for line in text.splitlines() if not line.startswith("#"))
+        keys = _COMMENT.sub("", text)  # a comment may name the scene itself
         for written in sorted(set(_FILE.findall(keys)), key=len, reverse=True):
             source = self.path.parent / written
             if source.is_file():

@@ -266,16 +266,19 @@ INTEGRATOR = """<integrator type="bakery_translucent"><string name="body.ball" v
 
 
 @pytest.mark.slow
-def test_the_integrator_makes_the_same_picture(call, place):
+@pytest.mark.parametrize("method", ["paths", "vrl+tables"])
+def test_the_integrator_makes_the_same_picture(method, call, place):
     """With the scene in YAML and its seed: what `mi.render` gives, and what the film holds."""
     import renderers.materials.bodies.plugin  # noqa: F401
     import mitsuba as mi  # isort: skip
 
-    (place / "plugin.xml").write_text(XML.replace("</scene>", f"{INTEGRATOR}</scene>"))
-    expected = picture(rendered(call, place, "a", options=("--seed", "3"))[1])
+    integrator = INTEGRATOR.replace("</integrator>", f'<string name="method" value="{method}"/></integrator>')
+    (place / "plugin.xml").write_text(XML.replace("</scene>", f"{integrator}</scene>"))
+    report, found = rendered(call, place, "a", f"materials[0].method={method}", options=("--seed", "3"))
+    expected = picture(found)
     mi.set_variant("llvm_ad_rgb")
     loaded = mi.load_file(str(place / "plugin.xml"), optimize=False)
-    found = np.array(mi.render(loaded, spp=2, seed=3))
+    found = np.array(mi.render(loaded, spp=report["samples"], seed=3))
     assert np.array_equal(found, expected.astype(np.float32))
     assert np.array_equal(np.array(loaded.sensors()[0].film().bitmap())[..., :3], found)
 
