@@ -124,17 +124,17 @@ def denoised(parts, apart=(), features=None) -> Denoised:
     """
     rgb = sum(image for image, _ in parts.values())
     kept = [image for name, (image, _) in parts.items() if name in apart]
-    rest = [part for name, part in parts.items() if name not in apart]
-    whole = np.maximum(sum(kept) + (_cleared(rest, features) if rest else 0.0), 0.0)
+    smoothed = [part for name, part in parts.items() if name not in apart]
+    whole = np.maximum(sum(kept) + (_cleared(smoothed, features) if smoothed else 0.0), 0.0)
     if kept and features is not None and features.detail is not None:
         share = features.detail[..., None]
         whole = share * whole + (1 - share) * _cleared(list(parts.values()), features)
     before, after = (float(np.mean(np.maximum(image, 0.0) @ colour.LUMINANCE)) for image in (rgb, whole))
-    how = f"Open Image Denoise {_version()}"
-    figures = {"filter": how, "features": [] if features is None else ["albedo", "normal"], "apart": list(apart),
+    denoiser = f"Open Image Denoise {_version()}"
+    figures = {"filter": denoiser, "features": [] if features is None else ["albedo", "normal"], "apart": list(apart),
                "mean_change": after / before - 1 if before > 0 else 0.0}
     channels = {f"{PREFIX}{name}": whole[..., i] for i, name in enumerate("RGB")}
-    return Denoised(whole, channels | ({} if features is None else features.channels()), {TEXT: how}, figures)
+    return Denoised(whole, channels | ({} if features is None else features.channels()), {TEXT: denoiser}, figures)
 
 
 def sentence(figures) -> str:
