@@ -15,6 +15,7 @@ EXPORTERS = (
     "bakery.export.formats.materialx:EXPORTER",
     "bakery.export.formats.usd:EXPORTER",
     "bakery.export.formats.blender:EXPORTER",
+    "bakery.export.formats.disort:EXPORTER",
     "bakery.export.formats.ply:EXPORTER",
     "bakery.export.formats.obj:EXPORTER",
     "bakery.export.formats.xyz:EXPORTER",
