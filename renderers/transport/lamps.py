@@ -17,6 +17,7 @@ import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport import flights, media, solid_angles
 from renderers.transport.distances import Distances
 from renderers.transport.manifold import Manifold, numbered, refracts
+from renderers.transport.refractions import Refractions
 
 import mitsuba as mi  # isort: skip
 
@@ -43,7 +44,7 @@ class Departure:
 class Lamps:
     """The lamps that are drawn, and boundaries through which they are looked for."""
 
-    def __init__(self, scene, manifold, lamps, sigma, straight):
+    def __init__(self, scene, manifold, lamps, sigma, straight, through_panes):
         """
         Parameters
         ----------
@@ -51,8 +52,10 @@ class Lamps:
         lamps : how likely each is drawn, by shapes
         sigma : of each medium, the least extinction if its boundary is one of `manifold`, else 0
         straight : whether ways from scatterings to boundaries of `manifold` go through one homogeneous medium
+        through_panes : whether lamps are looked for through panes, too
         """
         self._scene, self._manifold, self._straight = scene, manifold, straight
+        self._refractions = Refractions(scene.scene, manifold) if through_panes else None
         self._sigma = mi.Float(sigma)
         shapes, shares = list(lamps), np.array(list(lamps.values()))
         areas = [float(np.array(shape.surface_area()).ravel()[0]) for shape in shapes]
@@ -70,7 +73,9 @@ class Lamps:
     def departed(self, departure, event, sample, density):
         """`Departure` of paths that go on from an event, by a sample of the BSDF or with density (1/sr) of a scattering."""
         shades = event.meets & ~event.crosses
-        refracted = shades & ~departure.turned & mi.has_flag(sample.sampled_type, mi.BSDFFlags.DeltaTransmission)
+        # through panes only refractions turn what still counts as found by a light sample
+        further = ~departure.turned if self._refractions is None else True
+        refracted = shades & further & mi.has_flag(sample.sampled_type, mi.BSDFFlags.DeltaTransmission)
         kept = dr.select(shades & ~refracted, 0, departure.density)
         drawn = dr.gather(mi.Float, self._sigma, event.medium) > 0
         begins = dr.select(drawn, density, 0)
@@ -91,11 +96,13 @@ class Lamps:
         starts &= u[0] < _chance(sigma * distance)
         shape = dr.gather(mi.ShapePtr, self._shapes, lamp, starts)
         y = dr.select(arrives, surface.p, shape.sample_position(0.0, mi.Point2f(u[1], u[2]), starts).p)
-        walk = self._manifold.walk(x, y, starts | arrives)
+        walk = (self._refractions or self._manifold).walk(x, y, starts | arrives)
 
         def ends(walk):
-            bend = self._manifold.bend(walk.row, walk.uv, x, y)
-            through = walk.ends & refracts(bend)
+            bend, through = walk, walk.ends
+            if self._refractions is None:
+                bend = self._manifold.bend(walk.row, walk.uv, x, y)
+                through &= refracts(bend)
             density = _chance(bend.sigma * distance) * dr.gather(mi.Float, self._density, lamp)
             by_chance, by_sample = departure.density * bend.likely(), density / bend.solid_angle(surface.n)
             share = dr.select(arrives & through & bend.is_at(path.drawn), by_chance / (by_chance + by_sample), 1)
@@ -140,6 +147,8 @@ class Lamps:
         scene = self._scene
         at_boundary = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), bend.point, bend.normal)
         inside = scene.boundaries.outside(bend.point, bend.normal, bend.outward, event.medium, path.inside, active)
+        if self._refractions is not None:  # media between panes are not looked for
+            active &= (bend.boundaries == 1) | (inside == 0)
         beyond = flights.transmittance(scene, at_boundary.spawn_ray_to(point), inside, active)
         if self._straight:
             within = [dr.exp(-sigma * bend.within) for sigma in scene.media.sigma_t(event.medium)]
@@ -164,14 +173,20 @@ def lamps(scene, world, bodies):
     smooth = {number: shapes[body.name] for number, body in bodies.items() if _smooth(shapes[body.name])}
     if not smooth:
         return None
-    drawn = solid_angles.drawn(scene, list(smooth.values()))
+    blind, names = any(body.matched for body in bodies.values()), {body.name for body in bodies.values()}
+    panes = [shape for name, shape in shapes.items() if name not in names and _smooth(shape)]
+    if blind or scene.regions.bounded or scene.regions.always:  # what is between panes would have to be known
+        panes = []
+    boundaries = list(smooth.values())
+    drawn = solid_angles.drawn(scene, boundaries, panes)
     if not drawn:
         return None
     least = {number: float(min(bodies[number].medium.sigma_t)) * world.unit for number in smooth}
-    blind = any(body.matched for body in bodies.values())
-    manifold = Manifold(scene.scene, scene.boundaries, list(smooth.values()), list(least.values()), blind)
+    around = {shape: solid_angles.index_around(scene, shape, panes, drawn) for shape in boundaries} if panes else {}
+    manifold = Manifold(scene.scene, scene.boundaries, {shape: least[number] for number, shape in smooth.items()}, blind,
+                        (panes, around))
     sigma = [least.get(number, 0.0) for number in range(len(scene.entries))]
-    return Lamps(scene, manifold, drawn, sigma, not blind and not scene.regions.bounded)
+    return Lamps(scene, manifold, drawn, sigma, not blind and not scene.regions.bounded, bool(panes))
 
 
 def _smooth(shape):

@@ -10,6 +10,7 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from renderers.transport.manifold import refractive_index
 
 import mitsuba as mi  # isort: skip
 
@@ -27,7 +28,7 @@ class Splitting:
         table = np.zeros(max(numbers, default=0) + 1, np.float32)
         for number, shape in zip(numbers, shapes):
             if shape.bsdf() is not None and shape.bsdf().class_name() == "SmoothDielectric":
-                table[number] = float(np.array(mi.traverse(shape.bsdf())["eta"]).ravel()[0])
+                table[number] = refractive_index(shape)
         self.any = bool(table.any())
         self._index = mi.Float(table)
 
