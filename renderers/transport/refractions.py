@@ -17,9 +17,9 @@ import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 
 import mitsuba as mi  # isort: skip
 
-_STEPS, _RAYS = 8, 48  # of Newton's method; rays of all of them together
+_STEPS, _RAYS = 6, 48  # of Newton's method; rays of all of them together
 # of the way, that a ray may pass by y; and of coordinates, what rounding makes of it
-_CLOSE, _ROUNDING = 1e-4, 3e-6
+_CLOSE, _ROUNDING = 1e-3, 3e-6
 _STRIDE = 0.5  # radians: the longest step
 # of the way, and of coordinates and 1: places so near are one (`manifold`)
 _SAME, _OFF = 2e-3, 3e-4
@@ -97,8 +97,7 @@ class Refractions:
     def walk(self, x, y, active):
         """`Refraction` from x, in bodies, to y."""
         guess = self._manifold.walk(x, y, active)
-        near = self._manifold.bend(guess.row, guess.uv, x, y)
-        towards = dr.select(guess.ends, -near.inward, dr.normalize(y - x))
+        towards = guess.direction
         width, zero = dr.width(active), dr.zeros(mi.Float, dr.width(active))
         none, count = dr.zeros(mi.Vector3f, width), dr.zeros(mi.UInt32, width)
         start = Refraction(towards, zero, mi.Float(zero), mi.Point3f(x), mi.Vector3f(towards), mi.Point3f(x), none,
@@ -120,13 +119,13 @@ class Refractions:
         refracted, transmits = self._refracted(walk, dr.select(meets, row, 0), hit.prim_uv)
         corrected = _corrected(walk, x, y, ahead)
         going = arrives & ~corrected.ends & (walk.steps < _STEPS) & dr.all(dr.isfinite(corrected.towards))
-        active = (meets & transmits | going) & (walk.rays < _RAYS)
         ended = arrives & corrected.ends
+        active = (meets & transmits | going) & (walk.rays < _RAYS)
         new = _begun(corrected, x)
         for name in vars(walk):
             kept = dr.select(arrives, getattr(corrected, name), getattr(walk, name))
-            onward = dr.select(meets, getattr(refracted, name), getattr(new, name))
-            setattr(walk, name, dr.select(active & (meets | going), onward, kept))
+            onward = dr.select(meets & transmits, getattr(refracted, name), getattr(new, name))
+            setattr(walk, name, dr.select(active, onward, kept))
         walk.active, walk.ends = active, ended
         return walk
 
@@ -182,7 +181,9 @@ def _corrected(walk, x, y, ahead):
     less = dr.minimum(1, _STRIDE * dr.rsqrt(dr.maximum(s * s + t * t, 1e-30)))
     ends = dr.hypot(miss.x, miss.y) < _CLOSE * ahead + _ROUNDING * dr.max(dr.abs(y))
     values = dict(vars(walk), beyond=ahead, area=dr.abs(area), ends=ends, steps=walk.steps + 1)
-    values["towards"] = dr.select(ends, walk.towards, dr.normalize(walk.towards + less * (s * first.s + t * first.t)))
+    values["towards"] = dr.normalize(walk.towards + less * (s * first.s + t * first.t))
+    values["point"] = walk.point + dr.select(ends, s, 0) * walk.place_s + dr.select(ends, t, 0) * walk.place_t
+    values["direction"] = dr.select(ends, dr.normalize(y - values["point"]), walk.direction)
     return Refraction(**values)
 
 
