@@ -266,13 +266,14 @@ def turned(scene, path, event):
     chance = mi.Float(1)
     if scene.regions.always:
         chance = dr.select(event.scatters, flights.return_share(scene, path.origin, event.position), 1)
+    before = path.direction
     path.origin = dr.select(event.scatters, event.position, onward.o)
     path.inside = dr.select(event.scatters, path.inside, scene.boundaries.beyond(surface, direction, path.inside, event.meets))
     path.direction = direction
     path.throughput = throughput
     fresh = event.scatters | shades
     if scene.lamps:
-        path.departure = scene.lamps.departed(path.departure, event, sample, density)
+        path.departure = scene.lamps.departed(path.departure, event, before, sample, density)
     path.single = dr.select(fresh, dr.select(event.scatters, ~event.sampled,
                                              ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Smooth)), path.single)
     path.density = dr.select(fresh, dr.select(event.scatters, density, sample.pdf), path.density)

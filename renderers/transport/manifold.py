@@ -140,23 +140,22 @@ class Manifold:
     box : (low, high) corners of the box around them
     """
 
-    def __init__(self, scene, boundaries, sigma, blind, panes=None):
+    def __init__(self, scene, boundaries, sigma, blind, around=None, panes=()):
         """
         Parameters
         ----------
         scene : of Mitsuba;  boundaries : `boundaries.Boundaries`
         sigma : least extinction in bodies, by shapes of the scene, meshes with a `dielectric`
         blind : whether there are boundaries to which light is blind
-        panes : None, or such shapes that bound no body, and by bodies the index around them over that around lamps
+        panes : such shapes that bound no body;  around : by bodies, the index around them over that around lamps
         """
         self._scene, self._boundaries, self._blind = scene, boundaries, blind
-        around, panes = ({}, []) if panes is None else panes[::-1]
         shapes = list(sigma)
         tables = [_triangles(shape, sigma.get(shape, 0.0)) for shape in (*shapes, *panes)]
         firsts = 1 + np.cumsum([0, *map(len, tables)])
         self._firsts = numbered(scene, shapes, firsts[:len(shapes)])
         self._pane_firsts = numbered(scene, panes, firsts[len(shapes):-1])
-        self._around = numbered(scene, shapes, [around.get(shape, 1.0) for shape in shapes], np.float32) if panes else None
+        self._around = numbered(scene, shapes, [around[shape] for shape in shapes], np.float32) if panes else None
         self._table = mi.Float(np.concatenate(tables).astype(np.float32).ravel())
         corners = np.concatenate(tables[:len(shapes)])[:, :3]
         self.box = corners.min(axis=0), corners.max(axis=0)
@@ -247,7 +246,7 @@ class Manifold:
 
 
 def numbered(scene, shapes, numbers, kind=np.uint32):
-    """Numbers of shapes of a Mitsuba scene by Dr.Jit's numbers for them; 0 of all others."""
+    """Numbers of shapes of a Mitsuba scene, of a kind, by Dr.Jit's numbers for them; 0 of all others."""
     indices = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in (*shapes, *scene.shapes())]
     table = np.zeros(max(indices) + 1, kind)
     table[indices[:len(shapes)]] = numbers

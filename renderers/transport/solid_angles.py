@@ -26,8 +26,8 @@ def drawn(scene, boundaries, panes=()):
 
     scene : `scene.Scene`;  boundaries : meshes of Mitsuba;  panes : such of smooth glass, through which lamps are seen
 
-    Ways through panes count as straight.  Lamps are left out that no place sees, and those that are wide: their solid angle, averaged over places by itself, tells how
-    wide they are where their light comes in.
+    Lamps are left out that no place sees, and those that are wide: their solid angle, averaged over places by itself, tells how
+    wide they are where their light comes in.  Ways through panes count as straight.
     """
     position, normal = _positions(boundaries, _numbers(0, _PLACES, 3))
     shares = {}
@@ -107,4 +107,5 @@ def _seen(scene, position, normal, lamp, numbers, panes=()):
         across = scene.boundaries.across(met, ray.d)
         ray.o, ray.maxt = dr.select(crosses, across, ray.o), dr.select(crosses, ray.maxt - hit.t, ray.maxt)
     angle = np.array(dr.select(active, angle, 0), float)
-    return angle, float((angle * np.array(radiance)).sum() / max(angle.sum(), 1e-30)), np.array(ratio + dr.zeros(mi.Float, len(angle)))
+    mean = float((angle * np.array(radiance)).sum() / max(angle.sum(), 1e-30))
+    return angle, mean, np.array(ratio + dr.zeros(mi.Float, len(angle)))
