@@ -128,6 +128,9 @@ class Family:
         self.members = tuple(FamilyMember(MappingProxyType(dict(zip(self._swept, place, strict=True))), folder / member.file,
                                           member.content_hash, member.reason) for place, _, member in listed(root))
 
+    def __fspath__(self) -> str:
+        return self.path
+
     def at(self, **values: float | str) -> Interpolated:
         """The asset at a place: its group `medium`, interpolated.
 

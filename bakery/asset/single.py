@@ -79,6 +79,9 @@ class Asset:
                                f"`bake RECIPE --scene SCENE -o {self.path}` of a scene that needs the stage")
         raise AttributeError(f"an asset has no attribute {name!r}; {self.path} holds the groups {', '.join(groups)}")
 
+    def __fspath__(self) -> str:
+        return self.path
+
     def query(self, path: str, /, **arguments: str | float | Sequence[float]) -> Answer | Attribute:
         """A baked value, looked up at arguments as `bake query` does.
 
