@@ -75,7 +75,7 @@ def _stage_of(root, answer) -> dict | None:
     if coordinate or "achieved_error" not in attributes or answer.values.dtype.kind != "f":
         return None
     summary = stage(root, name)
-    return summary if answer.error is None or not answer.error.any() or summary["missed"] else None
+    return summary if answer.error is None or not (answer.error > 0).any() or summary["missed"] else None
 
 
 def _print_plain(path: str, value, as_json: bool) -> None:
@@ -117,7 +117,7 @@ def _print(answer, stage) -> None:
         return _rounded(value, error or (share or 0.0) * abs(value)) if answer.values.dtype.kind == "f" else _digits(value)
 
     if answer.values.ndim == 0:
-        error = f" +- {float(answer.error):.2g}" if answer.error is not None and answer.error else ""
+        error = f" +- {float(answer.error):.2g}" if answer.error is not None and answer.error > 0 else ""
         say(f"{figure(answer.values[()], answer.error)}{error}{unit}")
     else:
         for line in table(answer.rows(_digits, figure), right=range(answer.values.ndim + 64)):

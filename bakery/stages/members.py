@@ -10,9 +10,11 @@ import numpy as np
 
 from bakery.draw.html import table
 from bakery.errors import AssetError, UsageError
+from bakery.grammar.units import is_list
+from bakery.physics.medium import spectral
 from bakery.physics.medium.phase import phase_at
 from bakery.physics.medium.regular import Loss, adaptive_table
-from bakery.stages.coordinates import BIAS, ERROR, stated_error
+from bakery.stages.coordinates import BIAS, ERROR, stated_error, wavelengths
 from bakery.stages.declaration import later
 from bakery.store.missed import too_large
 from bakery.store.tree import Dataset, Group, is_text, read_text
@@ -190,9 +192,36 @@ class Phase:
                  error: np.ndarray | None = None):
         self.theta, self.table, self.units, self.wavelength, self.error = theta, table, units, wavelength, error
 
-    def __call__(self, theta) -> np.ndarray:
-        """Values at angles of any shape, (..., *theta.shape) 1/sr; ValueError outside 0 .. pi."""
-        return phase_at(self.theta, self.table, theta)
+    def __call__(self, theta, wavelength=None) -> np.ndarray:
+        """Values at angles of any shape, (..., *theta.shape) 1/sr; ValueError outside 0 .. pi.
+
+        wavelength : um or text with its unit, also between the baked ones (`at`); a single one has no axis in what is returned
+        """
+        if wavelength is None:
+            return phase_at(self.theta, self.table, theta)
+        values = phase_at(self.theta, self.at(wavelength).table, theta)
+        return values if np.ndim(wavelength) or isinstance(wavelength, str) and is_list(wavelength) else values[0]
+
+    def at(self, wavelength) -> Phase:
+        """The phase function at wavelengths, (W, A), each angle a power of the wavelength between its neighbours.
+
+        `error` is that of the table and what leaving out neighbouring wavelengths shows the interpolation to be off by; not a
+        number where only two wavelengths are baked.  UsageError outside of the baked ones.
+        """
+        if self.wavelength is None or self.table.shape != (len(self.wavelength), len(self.theta)):
+            raise UsageError(f"only phase functions of one row a wavelength are interpolated; this is a table "
+                             f"{_shape(self.table.shape)}")
+        wanted, theta, table = np.atleast_1d(wavelengths(wavelength, self.wavelength)), self.theta, np.asarray(self.table)
+        stored = np.asarray(self.wavelength)
+
+        def rows(around):
+            return spectral.phase_functions(around, theta, table)
+
+        around = spectral.places(stored, wanted)
+        error = spectral.missed(stored, wanted, rows, table, over_angles=True)
+        if self.error is not None:
+            error = error + spectral.interpolated(around, self.error)
+        return Phase(theta, rows(around), self.units, wanted, error)
 
     def regular(self, row: int = 0, limit: float = 1e-3) -> tuple[np.ndarray, Loss]:
         """One row of the table on equidistant cosines from -1 to +1, as `tabphase` of stock renderers wants it, and the loss.

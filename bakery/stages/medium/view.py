@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bakery.physics.medium.similarity import without_delta
+from bakery.stages.coordinates import wavelengths
+from bakery.stages.medium.between import at_wavelengths
 from bakery.stages.members import Members, Phase
 from bakery.store.tree import Group
 
@@ -37,8 +39,31 @@ class Medium(Members):
 
     Attributes
     ----------
-    phase : can be called with angles, and drawn: `phase.plot()`
+    phase : can be called with angles, and wavelengths between the baked ones, and drawn: `phase.plot()`
     """
+
+    def at(self, wavelength) -> Medium:
+        """The medium at one or more wavelengths between the baked ones: its members are those of this one, over (W,) wavelengths.
+
+        Parameters
+        ----------
+        wavelength : um, a number or several, or text with its unit, `"500 nm"`
+
+        Returns
+        -------
+        medium : `bias` of each figure (`medium.at(0.5).bias["g"]`) is its error as baked and what the interpolation adds, as
+            leaving out neighbouring wavelengths shows it; not a number where only two are baked, for nothing is known then
+
+        Raises
+        ------
+        UsageError : a wavelength outside of the baked ones
+
+        Examples
+        --------
+        >>> asset.medium.at("500 nm").sigma_t                                                       # doctest: +SKIP
+        """
+        wanted = np.atleast_1d(wavelengths(wavelength, self._wavelength))
+        return Medium(at_wavelengths(self._group, np.asarray(self._wavelength), wanted), self._path, wavelength=wanted)
 
     def without_delta(self) -> Deflecting:
         """The medium without unscattered (delta) transmission, a peak that no regular grid resolves; itself where it has none.
