@@ -159,7 +159,7 @@ def expansion_coefficients(theta, s11, s12, s33, s34, orders: int, s22=None, s44
 
     both, difference = projected(2, 2, s22 + s33), projected(2, -2, s22 - s33)
     return Expansion(scale * legendre_moments(theta, s11, orders), (both + difference) / 2, (both - difference) / 2,
-                     scale * legendre_moments(theta, s44, orders), -projected(0, 2, s12), -projected(0, 2, s34))
+                     scale * legendre_moments(theta, s44, orders), 0 - projected(0, 2, s12), 0 - projected(0, 2, s34))
 
 
 def wigner(theta, m: int, n: int, orders: int) -> Iterator[tuple[int, np.ndarray]]:

@@ -234,3 +234,20 @@ def test_an_error_of_a_stage_that_misses_stands_beside_every_figure(call, tmp_pa
     stages = {stage["group"]: stage["missed"] for stage in json.loads(call("inspect", path, "--json")[1])["stages"]}
     assert stages["optics"] is None and "above the tolerance" in stages["medium"]
     assert "above the tolerance of 0.01" in page(bakery.open(path).tree)
+
+
+def test_optical_quantities_in_one_table(ask, call, fog):
+    lines = ask("optics", "length=100m", "density=1g/cm^3")
+    assert lines[0].split() == ["quantity", "unit", "0.61", "um", "+-", "0.465", "um", "+-"]
+    rows = {line.split()[0]: line for line in lines if not line.startswith("#")}
+    assert {"extinction", "lidar_ratio", "optical_depth", "angstrom_exponent_extinction", "effective_radius"} <= rows.keys()
+    assert any(line.startswith("# depolarisation_ratio_90: needs the matrix element s12") for line in lines)
+    told = json.loads(call("query", fog, "optics", "--json")[1])
+    assert told["quantities"]["optical_depth"]["value"] is None and "length=100m" in told["quantities"]["optical_depth"]["missing"]
+    assert told["intervals"] == [[0.465, 0.61]] and len(told["quantities"]["angstrom_exponent_extinction"]["value"]) == 1
+
+
+def test_moments_of_a_phase_function(ask, root):
+    lines = ask("medium/moments", "orders=2")
+    assert [line.split()[0] for line in lines[1:4]] == ["0", "1", "2"] and lines[-1].startswith("# orders 0 to 2; ")
+    assert float(lines[2].split()[1]) == pytest.approx(root["medium/g"].data[0], rel=1e-2)

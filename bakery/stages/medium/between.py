@@ -8,7 +8,7 @@ from bakery.physics.medium import spectral
 from bakery.physics.medium.spectral import Places
 from bakery.stages.coordinates import BIAS, ERROR, stated_error
 from bakery.stages.medium.outputs import members_of
-from bakery.stages.optics.stage import ELEMENTS
+from bakery.stages.optics.elements import ELEMENTS
 from bakery.store.tree import Dataset, Group
 
 _NEEDED = {"sigma_s", "sigma_a", "theta", "phase"}

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from bakery.stages.declaration import ANY, SIGNED, Output, datasets
-from bakery.stages.optics import stage as optics
+from bakery.stages.optics.elements import ELEMENTS
 
 OUTPUTS = (
     Output("sigma_t", "(L,)", "1/m", "extinction coefficient"),
@@ -44,5 +44,5 @@ def members_of(sigma_s, sigma_a, theta, elements, sigma_t=None, albedo=None) -> 
     values = {"sigma_t": sigma_t, "sigma_s": sigma_s, "sigma_a": sigma_a, "albedo": albedo, "g": g, **reduced,
               "theta": theta, "phase": f, "cdf": phase.cumulative(theta, f)}
     if elements.shape[1] > 1:
-        values |= dict(zip(("s11", *optics.ELEMENTS), np.moveaxis(elements, 1, 0)))
+        values |= dict(zip(("s11", *ELEMENTS), np.moveaxis(elements, 1, 0)))
     return datasets(OUTPUTS, values)

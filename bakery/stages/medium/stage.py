@@ -10,6 +10,7 @@ from bakery.errors import StageError
 from bakery.stages import rules
 from bakery.stages.coordinates import BIAS, ERROR
 from bakery.stages.declaration import Cost, Result, Stage, datasets, later
+from bakery.stages.medium.expansion import QUERIES
 from bakery.stages.medium.outputs import OUTPUTS, members_of
 from bakery.stages.medium.section import MEDIUM, coefficients, phase_keys
 from bakery.stages.optics import stage as optics
@@ -176,6 +177,7 @@ OF_PARTICLES = Stage(
     view=_VIEW,
     pictures=_PICTURES,
     tables=later("bakery.stages.medium.pictures:tables"),
+    queries=QUERIES,  # of every medium, from whatever source
     rendered=True,
 )
 

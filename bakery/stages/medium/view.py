@@ -7,15 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from bakery.physics.medium.similarity import without_delta
+from bakery.physics.moments import Expansion, Series
 from bakery.stages.coordinates import wavelengths
+from bakery.stages.medium import expansion
 from bakery.stages.medium.between import at_wavelengths
 from bakery.stages.members import Members, Phase
-from bakery.store.tree import Group
+from bakery.stages.optics.quantities import table
+from bakery.stages.optics.quantity_table import QuantityTable
+from bakery.store.tree import Dataset, Group
 
 
 def view(root: Group) -> Medium:
     """The group as `bakery.open` gives it."""
-    return Medium(root["medium"], "medium", wavelength=root["wavelength"].data)
+    medium = Medium(root["medium"], "medium", wavelength=root["wavelength"].data)
+    medium._root = root
+    return medium
 
 
 @dataclass(frozen=True)
@@ -42,6 +48,8 @@ class Medium(Members):
     phase : can be called with angles, and wavelengths between the baked ones, and drawn: `phase.plot()`
     """
 
+    _root: Group | None = None  # the whole asset, where this is the medium of one
+
     def at(self, wavelength) -> Medium:
         """The medium at one or more wavelengths between the baked ones: its members are those of this one, over (W,) wavelengths.
 
@@ -64,6 +72,32 @@ class Medium(Members):
         """
         wanted = np.atleast_1d(wavelengths(wavelength, self._wavelength))
         return Medium(at_wavelengths(self._group, np.asarray(self._wavelength), wanted), self._path, wavelength=wanted)
+
+    def table(self, length=None, density=None, wavelength=None) -> QuantityTable:
+        """The optical quantities of the medium, as `asset.optics.table` gives them where there are particles."""
+        wavelengths = Dataset(np.asarray(self._wavelength, float), "um", "wavelengths in vacuum")
+        root = self._root or Group({"medium": self._group, "wavelength": wavelengths})
+        return table(root, length, density, wavelength)
+
+    def moments(self, orders: int | None = None, tolerance: float | None = None) -> Series:
+        """Legendre moments chi_l of the phase function, (L, N + 1), chi_0 = 1 and chi_1 = g, and what is cut with the others.
+
+        Parameters
+        ----------
+        orders : the highest l; or else
+        tolerance : 1, largest integral over the sphere of |phase - its series|; by default the tolerance of the bake
+
+        See `bakery.physics.moments.legendre_moments`.
+        """
+        return expansion.moments(self._group, orders, tolerance)
+
+    def expansion(self, orders: int | None = None, tolerance: float | None = None) -> Expansion:
+        """Coefficients of the scattering matrix in generalised spherical functions, alpha1 to beta2, (L, N + 1) each.
+
+        Arguments as of `moments`; UsageError where the asset lacks s12, s33 and s34.
+        See `bakery.physics.moments.expansion_coefficients`.
+        """
+        return expansion.expansion(self._group, orders, tolerance)
 
     def without_delta(self) -> Deflecting:
         """The medium without unscattered (delta) transmission, a peak that no regular grid resolves; itself where it has none.
