@@ -243,7 +243,8 @@ def test_optical_quantities_in_one_table(ask, call, fog):
     assert {"extinction", "lidar_ratio", "optical_depth", "angstrom_exponent_extinction", "effective_radius"} <= rows.keys()
     assert any(line.startswith("# depolarisation_ratio_90: needs the matrix element s12") for line in lines)
     told = json.loads(call("query", fog, "optics", "--json")[1])
-    assert told["quantities"]["optical_depth"]["value"] is None and "length=100m" in told["quantities"]["optical_depth"]["missing"]
+    depth = told["quantities"]["optical_depth"]
+    assert depth["value"] is None and "length=100m" in depth["missing"]
     assert told["intervals"] == [[0.465, 0.61]] and len(told["quantities"]["angstrom_exponent_extinction"]["value"]) == 1
 
 
