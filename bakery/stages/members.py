@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,8 @@ from bakery.store.missed import too_large
 from bakery.store.tree import Dataset, Group, is_text, read_text
 
 if TYPE_CHECKING:
+    import xarray
+
     from bakery.draw.picture import Picture
 
 HEADLINES = ("sigma_t", "albedo", "g", "hit_probability", "fraction")  # what a summary shows of a group, where it holds them
@@ -44,6 +46,9 @@ class Members(Mapping):
     bias : name of a dataset -> the estimated size of its systematic errors, where they are stored
     """
 
+    _root: Group | None = None
+    _labelled: Callable[[Group, str], xarray.Dataset] | None = None
+
     def __init__(self, group: Group, path: str, theta: np.ndarray | None = None, wavelength: np.ndarray | None = None):
         self._group, self._path, self._wavelength = group, path, wavelength
         datasets = {name: member for name, member in group.members.items() if isinstance(member, Dataset)}
@@ -57,6 +62,22 @@ class Members(Mapping):
         own = datasets.get("theta")
         self._theta = own.data if own is not None else theta
         self._items = {name: self._item(name, member) for name, member in group.members.items()}
+
+    def within(self, root: Group, labelled: Callable[[Group, str], xarray.Dataset]) -> None:
+        """Tell the group, and those in it, of the asset that it is part of, and of what makes labelled arrays of one."""
+        self._root, self._labelled = root, labelled
+        for item in self._items.values():
+            if isinstance(item, Members):
+                item.within(root, labelled)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The arrays of the group with their coordinates, units, descriptions and errors (`bakery.asset.labelled`).
+
+        Groups in it have their own: `asset.optics["drops"].to_xarray()`.  UsageError where xarray is not installed.
+        """
+        if self._labelled is None:
+            raise UsageError(f"{self._path}: only groups of an asset become labelled arrays")
+        return self._labelled(self._root, self._path)
 
     def _item(self, name: str, member: Dataset | Group):
         if isinstance(member, Group):

@@ -100,8 +100,8 @@ def missed(stored, wanted, compute: Callable[[Places], np.ndarray], values, over
         inner = np.flatnonzero(between & (rank[node] > 0) & (rank[node] < stored.size - 1))
         if inner.size:
             gap = _left_out(stored, node[inner], compute, values, over_angles)
-            known = np.abs(values[node[inner]])
-            gap = gap * np.maximum(np.divide(np.abs(result[inner]), known, out=np.ones_like(gap), where=known > 0), 1.0)
+            magnitude = np.abs(values[node[inner]])
+            gap = gap * np.maximum(np.divide(np.abs(result[inner]), magnitude, out=np.ones_like(gap), where=magnitude > 0), 1.0)
             gap *= _wider(stored, rank, at, node, inner).reshape((-1,) + (1,) * (values.ndim - 1))
             worst[inner] = np.fmax(worst[inner], gap)
     t = at.power.reshape(shape)
@@ -117,9 +117,9 @@ def _left_out(stored, node, compute, values, over_angles) -> np.ndarray:
     around = _placed(stored, order[rank - 1], order[rank + 1], stored[node], np.zeros(len(node), bool))
     gap = np.abs(compute(around) - values[node])
     if over_angles:
-        known = np.abs(values[node])
-        share = np.divide(gap, known, out=np.zeros_like(gap), where=known > 0)
-        gap = np.maximum(gap, maximum_filter1d(share, _ANGLES, axis=-1, mode="nearest") * known)
+        magnitude = np.abs(values[node])
+        share = np.divide(gap, magnitude, out=np.zeros_like(gap), where=magnitude > 0)
+        gap = np.maximum(gap, maximum_filter1d(share, _ANGLES, axis=-1, mode="nearest") * magnitude)
     return gap
 
 
@@ -127,6 +127,6 @@ def _wider(stored, rank, at: Places, node, inner) -> np.ndarray:
     """By what the error of a gap exceeds that of an inner wavelength left out, at least 1: their widths in the logarithm."""
     logarithm = np.log(np.sort(stored))
     width = np.log(stored[at.upper[inner]] / stored[at.lower[inner]])
-    here = rank[node[inner]]
-    before, after = logarithm[here] - logarithm[here - 1], logarithm[here + 1] - logarithm[here]
+    left_out = rank[node[inner]]
+    before, after = logarithm[left_out] - logarithm[left_out - 1], logarithm[left_out + 1] - logarithm[left_out]
     return np.maximum(width**2 / (4 * before * after), 1.0)

@@ -35,8 +35,8 @@ def at_wavelengths(medium: Group, stored: np.ndarray, wanted: np.ndarray) -> Gro
         members[name] = Dataset(data, whole.units, whole.description, whole.choices)
         if name + ERROR in members:
             members[name + ERROR] = _like(members[name + ERROR], spectral.interpolated(at, members[name + ERROR].data))
-        known = _known(medium, name, at, data)
-        members[name + BIAS] = Dataset(known + missed, whole.units, f"error of {name}, that of the interpolation with it")
+        stated = _stated(medium, name, at, data)
+        members[name + BIAS] = Dataset(stated + missed, whole.units, f"error of {name}, that of the interpolation with it")
     return Group(members, medium.attributes)
 
 
@@ -61,7 +61,7 @@ def _figures(at: Places, medium: Group, values: dict) -> dict[str, np.ndarray]:
     return figures | {name: spectral.interpolated(at, data) for name, data in values.items() if name not in figures}
 
 
-def _known(medium: Group, name: str, at: Places, data: np.ndarray) -> np.ndarray:
+def _stated(medium: Group, name: str, at: Places, data: np.ndarray) -> np.ndarray:
     """The systematic error at places that is known of a figure without interpolation."""
     if name + BIAS in medium.members:
         return spectral.interpolated(at, medium[name + BIAS].data)

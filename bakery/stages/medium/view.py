@@ -19,9 +19,12 @@ from bakery.store.tree import Dataset, Group
 
 def view(root: Group) -> Medium:
     """The group as `bakery.open` gives it."""
-    medium = Medium(root["medium"], "medium", wavelength=root["wavelength"].data)
-    medium._root = root
-    return medium
+    return Medium(root["medium"], "medium", wavelength=root["wavelength"].data)
+
+
+def _alone(group: Group, wavelength) -> Group:
+    """The tree of a medium and nothing else."""
+    return Group({"wavelength": Dataset(np.asarray(wavelength, float), "um", "wavelengths in vacuum"), "medium": group})
 
 
 @dataclass(frozen=True)
@@ -48,8 +51,6 @@ class Medium(Members):
     phase : can be called with angles, and wavelengths between the baked ones, and drawn: `phase.plot()`
     """
 
-    _root: Group | None = None  # the whole asset, where this is the medium of one
-
     def at(self, wavelength) -> Medium:
         """The medium at one or more wavelengths between the baked ones: its members are those of this one, over (W,) wavelengths.
 
@@ -71,13 +72,15 @@ class Medium(Members):
         >>> asset.medium.at("500 nm").sigma_t                                                       # doctest: +SKIP
         """
         wanted = np.atleast_1d(wavelengths(wavelength, self._wavelength))
-        return Medium(at_wavelengths(self._group, np.asarray(self._wavelength), wanted), self._path, wavelength=wanted)
+        group = at_wavelengths(self._group, np.asarray(self._wavelength), wanted)
+        medium = Medium(group, self._path, wavelength=wanted)
+        if self._labelled is not None:
+            medium.within(_alone(group, wanted), self._labelled)
+        return medium
 
     def table(self, length=None, density=None, wavelength=None) -> QuantityTable:
         """The optical quantities of the medium, as `asset.optics.table` gives them where there are particles."""
-        wavelengths = Dataset(np.asarray(self._wavelength, float), "um", "wavelengths in vacuum")
-        root = self._root or Group({"medium": self._group, "wavelength": wavelengths})
-        return table(root, length, density, wavelength)
+        return table(self._root or _alone(self._group, self._wavelength), length, density, wavelength)
 
     def moments(self, orders: int | None = None, tolerance: float | None = None) -> Series:
         """Legendre moments chi_l of the phase function, (L, N + 1), chi_0 = 1 and chi_1 = g, and what is cut with the others.

@@ -12,15 +12,13 @@ def view(root: Group) -> Optics:
     """The group as `bakery.open` gives it; its phase functions stand over the angles of the medium where it has none."""
     medium = root.members.get("medium")
     theta = medium.members.get("theta") if isinstance(medium, Group) else None
-    return Optics(root, theta.data if isinstance(theta, Dataset) else None)
+    optics = Optics(root["optics"], "optics", theta.data if isinstance(theta, Dataset) else None, root["wavelength"].data)
+    optics._root = root
+    return optics
 
 
 class Optics(Members):
     """The group `optics`: cross sections and phase functions of each component."""
-
-    def __init__(self, root: Group, theta):
-        super().__init__(root["optics"], "optics", theta, root["wavelength"].data)
-        self._root = root
 
     def table(self, length=None, density=None, wavelength=None) -> QuantityTable:
         """Extinction to lidar ratio, effective radius and visibility: `bake query ASSET optics`.
