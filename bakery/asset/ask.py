@@ -46,8 +46,10 @@ def ask(asset: Asset | Family, path: str, arguments: Mapping[str, str | float | 
     if name := next((name for name in arguments if name in swept), ""):
         raise UsageError(f"{path}: {name} is an axis of the family; --at {name}=…, in Python `at({name}=…)`, takes the asset of "
                          "a place, which is asked for medium/…")
-    values = {name: _value(name, value, queries.values()) for name, value in arguments.items()}
-    member = _find(asset.path, root, path)
+    values = {name: _value(name, value, queries, path) for name, value in arguments.items()}
+    if path in queries and queries[path].bare and not is_family(root):
+        return queries[path].answer(found, path, values)
+    member = _find(found.path, root, path)
     if path in queries and values:
         return queries[path].answer(asset, path, values)
     if isinstance(member, Group):
@@ -68,14 +70,14 @@ def not_found(asset: str, path: str, names: list[str]) -> str:
     return f'{asset}: found no "{path}"; {hint}'
 
 
-def _value(name: str, value, queries: Iterable[Query]) -> float | tuple[float, ...]:
+def _value(name: str, value, queries: Mapping[str, Query], path: str) -> float | tuple[float, ...]:
     """An argument in the unit of the lookup: lengths in um, angles in rad."""
     kinds = {"wavelength": WAVELENGTH, "theta": ANGLE, "radius": LENGTH}
-    for query in queries:
+    for query in (*queries.values(), *([queries[path]] if path in queries else [])):
         kinds |= query.arguments
     if name not in kinds:
         near = difflib.get_close_matches(name, kinds, 1)
-        askable = [ARGUMENTS, *(f"of {query.path} {query.example}" for query in queries)]
+        askable = [ARGUMENTS, *(f"of {query.path} {query.example}" for query in queries.values())]
         raise UsageError(f'found "{name}"; ' + (f"did you mean {near[0]}=…?" if near else "; ".join(askable)))
     if not isinstance(value, str):
         return _numbers(name, value)

@@ -182,12 +182,14 @@ class Query:
     arguments : name -> kind of its unit (`bakery.grammar.units`)
     example : arguments as one would write them
     answer : (what `bakery.open` gives, path, arguments) -> Answer; UsageError where an argument is missing or has no effect
+    bare : whether it is answered without arguments too, and where nothing is stored at the path
     """
 
     path: str
     arguments: Mapping[str, Any]
     example: str
-    answer: Callable[[Any, str, Mapping[str, Any]], Answer]
+    answer: Callable[[Any, str, Mapping[str, Any]], Any]
+    bare: bool = False
 
 
 @dataclass(frozen=True)
