@@ -48,8 +48,8 @@ def ask(asset: Asset | Family, path: str, arguments: Mapping[str, str | float | 
                          "a place, which is asked for medium/…")
     values = {name: _value(name, value, queries, path) for name, value in arguments.items()}
     if path in queries and queries[path].bare and not is_family(root):
-        return queries[path].answer(found, path, values)
-    member = _find(found.path, root, path)
+        return queries[path].answer(asset, path, values)
+    member = _find(asset.path, root, path)
     if path in queries and values:
         return queries[path].answer(asset, path, values)
     if isinstance(member, Group):

@@ -41,7 +41,7 @@ def command(asset, path, arguments, place, as_json):
         raise UsageError("the same argument twice; give each once")
     answer = ask(asked, path, values)
     if isinstance(answer, Answer):
-        _show(found.tree, answer, as_json)
+        _show(asked.tree, answer, as_json)
     elif isinstance(answer, QuantityTable):
         _show_table(answer, as_json)
     else:

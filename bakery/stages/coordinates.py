@@ -22,7 +22,7 @@ def coordinate(root: Group, path: str, letter: str) -> tuple[str, Dataset] | Non
         return None
     parts = path.split("/")[:-1]
     for above in [parts[:n] for n in range(len(parts), -1, -1)] + [["medium"]]:
-        here = "/".join([*above, name])
+        prefix = "/".join([*above, name])
         try:
             member = root[prefix]
         except KeyError:
