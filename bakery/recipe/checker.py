@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bakery.errors import Problem
-from bakery.grammar import tables
+from bakery.grammar import bins, tables
 from bakery.grammar.fields import SUM_OF_SHARES, nearest
 from bakery.grammar.files import DataFile, Folder, materials
 from bakery.grammar.section import SMALLEST_N, meant
@@ -148,8 +148,8 @@ class Checker:
             )
         return host
 
-    def components(self, section: Mapping, share: str) -> list[Mapping]:
-        """The mappings in a list of components, whose names and shares are checked."""
+    def components(self, section: Mapping, share: str = "") -> list[Mapping]:
+        """The mappings in a list of components, whose names, and shares where they have a key, are checked."""
         node = section.get("components")
         parts = list(mappings(*node)) if isinstance(node, Sequence) else []
         seen: dict[str, str] = {}
@@ -162,7 +162,7 @@ class Checker:
                 )
             elif name is not None:
                 seen[name.lower()] = str(part["name"].place)
-        if parts and len(parts) == len(node):
+        if share and parts and len(parts) == len(node):
             self.shares(node, share, parts, 1.0)
         return parts
 
@@ -239,13 +239,21 @@ class Checker:
 
     def table(self, node: Node | None, columns: tuple[tables.Column, ...]) -> np.ndarray | None:
         """The columns of the CSV file that a key names."""
+        return self._file(node, lambda data, label, key: tables.read(data, label, key, columns))
+
+    def bins(self, node: Node | None) -> bins.Bins | None:
+        """The bins of the CSV file that a key names."""
+        return self._file(node, bins.read)
+
+    def _file(self, node: Node | None, read):
+        """What `read(data, label, key)` makes of the file that a key names."""
         name = None if node is None else self.values.get(node.place.key)
         if name is None:
             return None
         key = node.place.key
         try:
             data, file = self.folder.read(key, name)
-            self.found[key] = tables.read(data, show(name, 300)[1:-1], key, columns)
+            self.found[key] = read(data, show(name, 300)[1:-1], key)
         except Wrong as wrong:
             self.report(node, wrong.found, wrong.expected)
             return None

@@ -11,7 +11,8 @@ import numpy as np
 from bakery.errors import StageError
 from bakery.stages import declaration, measures, rules
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets, later
-from bakery.stages.optics.section import PARTICLES, PHASE, sizes
+from bakery.stages.optics.section import PARTICLES, PHASE
+from bakery.stages.optics.size_keys import sizes
 from bakery.store.tree import Dataset, Group, read_text, text
 
 _KERNELS = ("mie.kernels",)
