@@ -21,6 +21,7 @@ from bakery.grammar.units import Wrong
 from bakery.grammar.values import Index, frozen
 from bakery.physics.materials import Table
 from bakery.physics.materials import index as constants
+from bakery.physics.materials.mixing import RULES, mixed
 from bakery.recipe import wavelengths
 from bakery.recipe.schema import NAMED_WAVELENGTHS
 from bakery.stages.declaration import RecipeSection
@@ -182,6 +183,8 @@ class Checker:
         if isinstance(node, Mapping) and "file" in node:
             table = self.table(node["file"], tables.INDEX)
             refractive = self._interpolate(node["file"], self.value(node, "file"), table)
+        elif isinstance(node, Mapping) and ("mixing" in node or "of" in node):
+            refractive = self._mixture(node)
         elif isinstance(node, Mapping):
             n, k = self.one_each(node, "n"), self.one_each(node, "k")
             k = np.zeros(len(self.wavelength)) if "k" not in node and self.wavelength else k
@@ -192,6 +195,40 @@ class Checker:
         if refractive is not None:
             self.found[key] = refractive
         return refractive
+
+    def _mixture(self, node: Mapping) -> Index | None:
+        """Optical constants of several materials that are mixed finely."""
+        rule, of = self.value(node, "mixing"), node.get("of")
+        parts = list(mappings(*of)) if isinstance(of, Sequence) else []
+        index = [self.index(part, "material") for part in parts if "material" in part]
+        shares = [self.value(part, "share") for part in parts]
+        matrix = self.index(node, "matrix") if "matrix" in node else None
+        if rule is None or not parts or len(parts) != len(of) or not self._fills(node, rule, of, parts, shares):
+            return None
+        if None in index or None in shares or len(index) != len(parts) or "matrix" in node and matrix is None:
+            return None
+        whole = math.fsum(shares) if matrix is None else 1.0
+        around = None if matrix is None else matrix.n + 1j * matrix.k
+        try:
+            values = mixed(rule, [part.n + 1j * part.k for part in index], np.array(shares) / whole, around)
+        except ValueError as error:
+            self.report_section(node, f"found a mixture without an index ({error})", f"expected another of {', '.join(RULES)}")
+            return None
+        return Index(rule, frozen(values.real), frozen(np.maximum(values.imag, 0.0)))
+
+    def _fills(self, node: Mapping, rule: str, of: Sequence, parts: list[Mapping], shares: list) -> bool:
+        """Whether the parts of a mixture fill its volume, with a matrix where its rule has one."""
+        inside = rule == "maxwell_garnett"
+        if inside != ("matrix" in node):
+            self.report_section(node.get("matrix", node), f"found {rule} with{'out' * inside} a matrix",
+                                "expected matrix: the material of the rest" if inside else "expected it with maxwell_garnett")
+            return False
+        if not inside:
+            self.shares(of, "share", parts, None)
+        elif None not in shares and math.fsum(shares) >= 1:
+            self.report_section(of, f"found shares that add up to {math.fsum(shares):.7g}", "expected less than 1 in a matrix")
+            return False
+        return True
 
     def _named(self, node: Node | None, section: Mapping, key: str, word: str) -> Index | None:
         names = materials()

@@ -11,8 +11,9 @@ import bakery
 from bakery.errors import RecipeError
 from bakery.physics.sizes import population
 from bakery.recipe import load
-from bakery.stages.optics.amounts import amounts, masses
+from bakery.stages.optics.amounts import amounts
 from bakery.stages.optics.size_keys import sizes
+from bakery.stages.optics.spheres import dry
 
 COMPONENTS = "  components:\n"
 HEAD = "bakery: 1\nname: air\nwavelengths: [0.55]\ntolerance: 10%\n"
@@ -39,8 +40,7 @@ def component(name, keys, size="{distribution: single, radius: 0.1 um}"):
 
 
 def counted(recipe):
-    volume = [population(sizes(part.size)).mean_volume for part in recipe.particles.components]
-    return amounts(recipe.particles, volume, masses(recipe.particles, volume))
+    return amounts(recipe.particles, *dry(recipe.particles))
 
 
 @pytest.mark.parametrize("name", OPAC)

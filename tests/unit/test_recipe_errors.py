@@ -195,7 +195,8 @@ def test_the_message_of_the_contract(tmp_path, monkeypatch):
         (
             "material: water",
             "material: [1.5]",
-            ["9: particles.components[0].material: found a list; expected the name of a material, {n: …, k: …} or {file: …}"],
+            ["9: particles.components[0].material: found a list; expected the name of a material, {n: …, k: …}, {file: …} or "
+             "{mixing: …, of: …}"],
         ),
         ("host: air", "host: {n: 1.3, k: 0.1}", ['5: particles.host.k: found the unknown key "k"; expected n']),
         (

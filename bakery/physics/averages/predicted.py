@@ -17,7 +17,7 @@ from bakery.physics.averages.spheres import Channel, Rays, features_of, terms
 # seconds on one core of an AMD EPYC (Zen 5, AVX-512): benchmarks/averages.py --rates
 CROSS = 2e-9  # per term of a sphere's series, cross sections only
 COEFFICIENT = 11e-9  # per term, where angles follow
-COATED = 170e-9  # per term of a coated sphere's series, with and without angles: benchmarks/coated.py
+COATED = 120e-9  # per term of a coated sphere's series, with and without angles: benchmarks/coated.py
 INTENSITY = 0.13e-9  # per term and angle
 MUELLER = 0.15e-9
 # rays: per angle and sphere, a + b orders^2 and the edge's windows (of bubbles the second one, times sqrt(x)); per sphere, the

@@ -14,7 +14,8 @@ from bakery.stages.declaration import Cost, Output, Result, Stage, datasets, lat
 from bakery.stages.discrete.section import DISCRETE, METHODS, too_many
 from bakery.stages.discrete.view import classes_of
 from bakery.stages.optics import stage as optics
-from bakery.stages.optics.amounts import amounts, masses
+from bakery.stages.optics.amounts import amounts
+from bakery.stages.optics.spheres import dry
 from bakery.store.tree import Dataset, Group
 
 _METRES, _CUBIC = 1e-6, 1e-18  # m a um, m^3 a um^3
@@ -109,7 +110,7 @@ def _settings(recipe) -> dict:
     most = classes.per_component(len(arguments["components"]))
     by_component = [classes.classes(c.sizes, most, discrete.classes) for c in arguments["components"]]
     volumes = [c.sizes.mean_volume for c in arguments["components"]]
-    per_volume, fraction = amounts(recipe.particles, volumes, masses(recipe.particles, volumes))
+    per_volume, fraction = amounts(recipe.particles, *dry(recipe.particles))
     density = per_volume if discrete.count is None else discrete.count / region.volume
     fault = too_many(density * region.volume, discrete.method)
     if fault:
@@ -117,9 +118,16 @@ def _settings(recipe) -> dict:
     return {key: arguments[key] for key in ("components", "wavelength", "host", "rays")} | {
             "classes": by_component, "region": region, "method": discrete.method, "seed": discrete.seed, "count": discrete.count,
             "number_density": density, "fraction": fraction,
-            "index": [(np.asarray(c.material.n, float), np.asarray(c.material.k, float)) for c in recipe.particles.components],
+            "index": [_index(c, of, arguments["host"]) for c, of in zip(recipe.particles.components, arguments["components"])],
             "host_absorption": _host_absorption(recipe.particles.host, fraction, density, volumes, arguments["wavelength"]),
             "medium_density": per_volume}
+
+
+def _index(part, of, host):
+    """n and k (L,) of a component as it is, water included."""
+    if part.growth is None:
+        return np.asarray(part.material.n, float), np.asarray(part.material.k, float)
+    return (of.m * host).real, (of.m * host).imag
 
 
 def _host_absorption(host, fraction, number, volumes, wavelength):

@@ -13,7 +13,8 @@ from bakery.stages.coordinates import BIAS, ERROR
 from bakery.stages.declaration import ANY, SIGNED, Cost, Output, Result, Stage, datasets, later
 from bakery.stages.medium.section import MEDIUM, coefficients, phase_keys
 from bakery.stages.optics import stage as optics
-from bakery.stages.optics.amounts import AMOUNTS, amounts, masses
+from bakery.stages.optics.amounts import AMOUNTS, amounts
+from bakery.stages.optics.spheres import dry
 from bakery.store.tree import Dataset, Group
 
 _ANALYTIC = 0.1  # share of the tolerance for phase functions that are formulas: angles cost nothing there
@@ -66,7 +67,7 @@ def _inputs_of_particles(recipe, upstream) -> dict:
 
     fields = ["phase"] + [name for name in optics.ELEMENTS if name in group[names[0]].members]
     volume = stacked("mean_volume")[:, 0]
-    number, fraction = amounts(particles, volume, masses(particles, volume))
+    number, fraction = amounts(particles, *dry(particles))
     return {
         "names": names, "fraction": fraction, "number_density": number, "mean_volume": volume,
         "scattering": stacked("mean_scattering"), "absorption": stacked("mean_absorption"),
@@ -198,7 +199,8 @@ OF_PARTICLES = Stage(
     version=4,
     title="coefficients and phase function of the suspended particles",
     reads=("wavelengths", "tolerance", "particles.host", *(f"particles.{name}" for name in AMOUNTS),
-           *(f"particles.components[*].{name}" for name in ("fraction", "name", "density", *AMOUNTS))),
+           *(f"particles.components[*].{name}" for name in ("fraction", "name", "density", "coating", "growth", *AMOUNTS)),
+           "particles.relative_humidity"),
     needs=("optics",),
     applies=lambda recipe: recipe.particles is not None,
     outputs=OUTPUTS,

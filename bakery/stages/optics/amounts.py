@@ -9,7 +9,7 @@ from pydantic import Field
 
 from bakery.grammar.fields import number, one_of
 from bakery.grammar.section import given
-from bakery.grammar.text import Mapping
+from bakery.grammar.text import Mapping, mappings
 from bakery.grammar.units import DENSITY, FRACTION, MASS_CONCENTRATION, MASS_DENSITY, VOLUME_CONCENTRATION
 
 if TYPE_CHECKING:
@@ -61,15 +61,11 @@ def check_amounts(checker: "Checker", section: Mapping, parts: Sequence[Mapping]
 
 
 def _densities(checker: "Checker", parts) -> None:
-    for part in parts:
-        if not given(part, "density"):
-            checker.report_section(part, "found no density, which mass_concentration needs",
+    coatings = [coating for part in parts for coating in mappings(part.get("coating"))]
+    for material in (*parts, *coatings):
+        if not given(material, "density"):
+            checker.report_section(material, "found no density, which mass_concentration needs",
                                    "expected the mass per volume of the material, such as density: 1.77 g/cm^3")
-
-
-def masses(particles, volume) -> np.ndarray:
-    """(K,) um^3 kg/m^3, mean mass of a particle of each component, from mean volumes (K,) um^3; nan where no density is given."""
-    return np.array([np.nan if part.density is None else part.density * v for part, v in zip(particles.components, volume)])
 
 
 def amounts(particles, volume, mass) -> tuple[float, list[float]]:
@@ -78,8 +74,8 @@ def amounts(particles, volume, mass) -> tuple[float, list[float]]:
     Parameters
     ----------
     particles : values of the section
-    volume : (K,) um^3, mean volume of a particle of each component
-    mass : (K,) um^3 kg/m^3, mean mass of a particle; nan where no density is given
+    volume : (K,) um^3, mean volume of a dry particle of each component, its coating included
+    mass : (K,) um^3 kg/m^3, mean mass of the same; nan where no density is given
 
     Returns
     -------

@@ -20,6 +20,7 @@ from bakery.stages.optics.amounts import (
     amount_fields,
     check_amounts,
 )
+from bakery.stages.optics.layers import Coating, Growth, RelativeHumidity, check_layers
 from bakery.stages.optics.size_keys import Size, check_size
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ _OF_ALL, _OF_EACH = amount_fields("Spheres"), amount_fields("Its spheres")
 
 class Component(Section):
     name: ComponentName = Field(description="Name of the group in the asset.")
-    material: MaterialOf = Field(description="A material of assets/materials, {n, k}, or {file}.")
+    material: MaterialOf = Field(description="A material of assets/materials, {n, k}, {file}, or {mixing}.")
     fraction: Share = Field(1.0, description="Share of the particle number; the shares of all components add up to 1.")
     size: Size = Field(description="Distribution of the radii.")
     number_density: NumberDensity = _OF_EACH["number_density"]
@@ -38,6 +39,8 @@ class Component(Section):
     volume_concentration: VolumeConcentration = _OF_EACH["volume_concentration"]
     mass_concentration: MassConcentration = _OF_EACH["mass_concentration"]
     density: Density = DENSITY_KEY
+    coating: Coating | None = Field(None, description="A concentric shell; the sizes are those of the cores.")
+    growth: Growth | None = Field(None, description="Water taken up from humid air; sizes and amounts are of the dry particles.")
 
 
 class Particles(Section):
@@ -48,6 +51,7 @@ class Particles(Section):
     volume_fraction: VolumeFraction = _OF_ALL["volume_fraction"]
     volume_concentration: VolumeConcentration = _OF_ALL["volume_concentration"]
     mass_concentration: MassConcentration = _OF_ALL["mass_concentration"]
+    relative_humidity: RelativeHumidity = Field(None, description="Of the air, 0 to below 100 %, in which particles grow.")
     components: list[Component] = Field(min_length=1, max_length=256, description="The kinds of particles.")
 
 
@@ -76,6 +80,7 @@ def check_particles(checker: "Checker", section: Mapping) -> None:
     host = checker.host(section, "air")
     parts = checker.components(section)
     check_amounts(checker, section, parts)
+    check_layers(checker, section, parts)
     of = section.get("components")
     if parts and len(parts) == len(of) and not any(given(part, *AMOUNTS) for part in parts):
         checker.shares(of, "fraction", parts, 1.0)
