@@ -135,7 +135,7 @@ def _words(words: dict | None) -> list[dict]:
 
 def _patterns(quantity: Quantity, bounds: Range) -> list[dict]:
     spelled = [re.sub("^/", "1?/", re.escape(unit)) for unit in quantity.powers]
-    spelled += ["µm", "μm"] if "um" in quantity.powers else []
+    spelled += [micro + re.escape(unit[1:]) for unit in quantity.powers if unit[0] == "u" for micro in "µμ"]
     text = {"type": "string", "pattern": rf"^\s*{_NUMBER}\s*({'|'.join(spelled)})\s*$"}
     return ([{"type": "number", **bounds.schema()}] if quantity.bare else []) + ([text] if quantity.powers else [])
 

@@ -5,8 +5,10 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
-from bakery.grammar.fields import Material, Path, closest, numbers, word
+from bakery.grammar.fields import Material, Path, Share, closest, numbers, word
 from bakery.grammar.text import Mapping, Scalar
+
+RULES = ("bruggeman", "maxwell_garnett", "lorentz_lorenz", "volume")  # of mixtures, as `bakery.physics.materials.mixing` has them
 
 
 class Section(BaseModel):
@@ -103,8 +105,40 @@ def _index_tag(node):
 _index = Discriminator(
     _index_tag, custom_error_type="choice", custom_error_message="|the name of a material|{n: …, k: …}|{file: …}"
 )
-MaterialOf = Annotated[
+PureMaterialOf = Annotated[
     Annotated[Material, Tag("name")] | Annotated[NK, Tag("index")] | Annotated[MaterialFile, Tag("file")], _index
+]
+
+
+class Ingredient(Section):
+    """A material with its share of a mixture."""
+
+    material: PureMaterialOf = Field(description="A material of assets/materials, {n, k}, or {file}.")
+    share: Share = Field(description="Share of the mixture's volume.")
+
+
+class MixedMaterial(Section):
+    """A fine mixture of several materials, of which light sees one index."""
+
+    mixing: word(*RULES) = Field(
+        description="Rule: bruggeman, maxwell_garnett (inclusions in a matrix), lorentz_lorenz or volume (the mean of n and k)."
+    )
+    matrix: PureMaterialOf | None = Field(None, description="Of maxwell_garnett: what has the rest of the volume.")
+    of: list[Ingredient] = Field(min_length=1, max_length=32, description="The materials, each with its share of the volume.")
+
+
+def _material_tag(node):
+    mixture = isinstance(node, Mapping) and ("mixing" in node or "of" in node)
+    return "mixing" if mixture else _index_tag(node)
+
+
+_material = Discriminator(
+    _material_tag, custom_error_type="choice",
+    custom_error_message="|the name of a material|{n: …, k: …}|{file: …}|{mixing: …, of: …}"
+)
+MaterialOf = Annotated[
+    Annotated[Material, Tag("name")] | Annotated[NK, Tag("index")] | Annotated[MaterialFile, Tag("file")]
+    | Annotated[MixedMaterial, Tag("mixing")], _material
 ]
 HostOf = Annotated[
     Annotated[Material, Tag("name")] | Annotated[HostIndex, Tag("index")] | Annotated[MaterialFile, Tag("file")], _index

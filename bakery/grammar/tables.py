@@ -51,7 +51,9 @@ class BadTable(Exception):
         self.problems = problems
 
 
-class _Reader:
+class Reader:
+    """Reads the columns of one table; `problems` holds what is wrong, `lines` its text."""
+
     def __init__(self, data: bytes, label: str, key: str, columns: tuple[Column, ...]):
         self.label, self.key, self.columns, self.problems, self.data = label, key, columns, [], data
         self.lows = [math.nextafter(column.least, math.inf) if column.above else column.least for column in columns]
@@ -204,4 +206,4 @@ def _number(text: str) -> float | None:
 
 def read(data: bytes, label: str, key: str, columns: tuple[Column, ...]) -> np.ndarray:
     """The columns of a table, (C, T), in the units of the columns' factors; raises `BadTable`."""
-    return _Reader(data, label, key, columns).read()
+    return Reader(data, label, key, columns).read()

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bakery.errors import Problem
-from bakery.grammar import index_files, tables
+from bakery.grammar import bins, index_files, tables
 from bakery.grammar.fields import SUM_OF_SHARES, nearest
 from bakery.grammar.files import DataFile, Folder, materials
 from bakery.grammar.section import SMALLEST_N, meant
@@ -20,6 +20,7 @@ from bakery.grammar.text import Mapping, Node, Sequence, mappings, owner, show
 from bakery.grammar.units import Wrong
 from bakery.grammar.values import Index, frozen
 from bakery.physics.materials import formulas
+from bakery.physics.materials.mixing import RULES, mixed
 from bakery.recipe import wavelengths
 from bakery.recipe.dispersion import Outside, constants_at
 from bakery.recipe.schema import NAMED_WAVELENGTHS
@@ -149,8 +150,8 @@ class Checker:
             )
         return host
 
-    def components(self, section: Mapping, share: str) -> list[Mapping]:
-        """The mappings in a list of components, whose names and shares are checked."""
+    def components(self, section: Mapping, share: str = "") -> list[Mapping]:
+        """The mappings in a list of components, whose names, and shares where they have a key, are checked."""
         node = section.get("components")
         parts = list(mappings(*node)) if isinstance(node, Sequence) else []
         seen: dict[str, str] = {}
@@ -163,7 +164,7 @@ class Checker:
                 )
             elif name is not None:
                 seen[name.lower()] = str(part["name"].place)
-        if parts and len(parts) == len(node):
+        if share and parts and len(parts) == len(node):
             self.shares(node, share, parts, 1.0)
         return parts
 
@@ -182,6 +183,8 @@ class Checker:
         node, key = section.get(name), f"{section.place.key}.{name}"
         if isinstance(node, Mapping) and "file" in node:
             refractive = self._of_file(node)
+        elif isinstance(node, Mapping) and ("mixing" in node or "of" in node):
+            refractive = self._mixture(node)
         elif isinstance(node, Mapping):
             n, k = self.one_each(node, "n"), self.one_each(node, "k")
             k = np.zeros(len(self.wavelength)) if "k" not in node and self.wavelength else k
@@ -192,6 +195,40 @@ class Checker:
         if refractive is not None:
             self.found[key] = refractive
         return refractive
+
+    def _mixture(self, node: Mapping) -> Index | None:
+        """Optical constants of several materials that are mixed finely."""
+        rule, of = self.value(node, "mixing"), node.get("of")
+        parts = list(mappings(*of)) if isinstance(of, Sequence) else []
+        index = [self.index(part, "material") for part in parts if "material" in part]
+        shares = [self.value(part, "share") for part in parts]
+        matrix = self.index(node, "matrix") if "matrix" in node else None
+        if rule is None or not parts or len(parts) != len(of) or not self._fills(node, rule, of, parts, shares):
+            return None
+        if None in index or None in shares or len(index) != len(parts) or "matrix" in node and matrix is None:
+            return None
+        whole = math.fsum(shares) if matrix is None else 1.0
+        around = None if matrix is None else matrix.n + 1j * matrix.k
+        try:
+            values = mixed(rule, [part.n + 1j * part.k for part in index], np.array(shares) / whole, around)
+        except ValueError as error:
+            self.report_section(node, f"found a mixture without an index ({error})", f"expected another of {', '.join(RULES)}")
+            return None
+        return Index(rule, frozen(values.real), frozen(np.maximum(values.imag, 0.0)))
+
+    def _fills(self, node: Mapping, rule: str, of: Sequence, parts: list[Mapping], shares: list) -> bool:
+        """Whether the parts of a mixture fill its volume, with a matrix where its rule has one."""
+        inside = rule == "maxwell_garnett"
+        if inside != ("matrix" in node):
+            self.report_section(node.get("matrix", node), f"found {rule} with{'out' * inside} a matrix",
+                                "expected matrix: the material of the rest" if inside else "expected it with maxwell_garnett")
+            return False
+        if not inside:
+            self.shares(of, "share", parts, None)
+        elif None not in shares and math.fsum(shares) >= 1:
+            self.report_section(of, f"found shares that add up to {math.fsum(shares):.7g}", "expected less than 1 in a matrix")
+            return False
+        return True
 
     def _named(self, node: Node | None, section: Mapping, key: str, word: str) -> Index | None:
         names = materials()
@@ -280,13 +317,21 @@ class Checker:
 
     def table(self, node: Node | None, columns: tuple[tables.Column, ...]) -> np.ndarray | None:
         """The columns of the CSV file that a key names."""
+        return self._file(node, lambda data, label, key: tables.read(data, label, key, columns))
+
+    def bins(self, node: Node | None) -> bins.Bins | None:
+        """The bins of the CSV file that a key names."""
+        return self._file(node, bins.read)
+
+    def _file(self, node: Node | None, read):
+        """What `read(data, label, key)` makes of the file that a key names."""
         name = None if node is None else self.values.get(node.place.key)
         if name is None:
             return None
         key = node.place.key
         try:
             data, file = self.folder.read(key, name)
-            self.found[key] = tables.read(data, show(name, 300)[1:-1], key, columns)
+            self.found[key] = read(data, show(name, 300)[1:-1], key)
         except Wrong as wrong:
             self.report(node, wrong.found, wrong.expected)
             return None

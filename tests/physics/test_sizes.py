@@ -72,6 +72,69 @@ def test_table_is_linear_between_rows_and_integrated_exactly():
     assert p.quantile(0.25) == pytest.approx(2.0, rel=1e-11)
 
 
+@pytest.mark.parametrize("sigma, radius", [(1.01, 4.0), (1.5, 0.1), (2.51, 0.471), (9.0, 1e-3)])
+def test_effective_radius_and_variance_stand_for_radius_and_sigma(sigma, radius):
+    """Moments <r^3>/<r^2> and <r^4><r^2>/<r^3>^2 - 1 of scipy's law of the parameters that were found."""
+    law = population(size("lognormal", radius=radius, sigma=sigma)).parts[0].law
+    there = stats.lognorm(math.log(sigma), scale=radius)
+    m2, m3, m4 = (there.moment(p) for p in (2, 3, 4))
+    same = population(size("lognormal", effective_radius=m3 / m2, effective_variance=m4 * m2 / m3**2 - 1)).parts[0].law
+    assert same.radius == pytest.approx(law.radius, rel=1e-10) and same.sigma == pytest.approx(law.sigma, rel=1e-10)
+    mixed = population(size("lognormal", effective_radius=m3 / m2, sigma=sigma)).parts[0].law
+    assert mixed.radius == pytest.approx(radius, rel=1e-12)
+    gamma = population(size("gamma", effective_radius=2.0, effective_variance=0.1)).parts[0].law
+    assert gamma == population(size("gamma", radius=2.0, variance=0.1)).parts[0].law
+
+
+@pytest.mark.parametrize("exponent", [0.0, 1e-12, 2.0, 3.0, 4.5])
+def test_junge_is_scipys_truncated_power_law(exponent):
+    p = population(size("junge", exponent=exponent, min=0.05, max=20.0))
+    there = stats.loguniform(0.05, 20.0) if exponent < 1e-9 else stats.truncpareto(exponent, 400.0, scale=0.05)
+    r = np.geomspace(0.0501, 19.9, 7)
+    assert np.allclose(p.parts[0].law.density(r), there.pdf(r), rtol=1e-9)
+    for power in (0, 1, 2, 3, 4):
+        mean = integrate.quad(lambda s: math.exp((power + 1) * s) * there.pdf(math.exp(s)), math.log(0.05), math.log(20.0),
+                              epsabs=0, epsrel=1e-11)[0]
+        assert p.moment(power) == pytest.approx(mean, rel=1e-9)
+    assert p.cumulative(1.0) == pytest.approx(there.cdf(1.0), rel=1e-9)
+    nodes = Nodes(p, K, 0.01)
+    radius, weight = nodes.whole(4)
+    for power in (0, 2, 3):
+        assert np.sum(weight * radius**power) == pytest.approx(p.moment(power), rel=1e-3)
+
+
+def test_histogram_is_scipys_over_the_logarithm():
+    edge, count = np.array([0.1, 0.2, 0.3, 0.8, 1.0, 3.0]), np.array([5.0, 40.0, 0.0, 7.0, 0.5])
+    p = population(size("histogram", file=(edge, count, 0.0)))
+    there = stats.rv_histogram((count, np.log(edge)), density=False)
+    r = np.array([0.15, 0.25, 0.5, 0.9, 2.0])
+    assert np.allclose(p.parts[0].law.density(r) * r, there.pdf(np.log(r)), rtol=1e-13)
+    for power in (1, 2, 3, 4):
+        mean = sum(there.expect(lambda s: np.exp(power * s), lb=a, ub=b) for a, b in zip(np.log(edge), np.log(edge[1:])))
+        assert p.moment(power) == pytest.approx(mean, rel=1e-9)
+    assert p.moment(3) == pytest.approx(p.mean_volume * 3 / (4 * math.pi), rel=1e-14)
+    radius, weight = Nodes(p, K, 0.01).whole(5)
+    assert not weight[(radius > 0.3001) & (radius < 0.7999)].any()  # nothing in the empty bin
+    for power in (0, 2, 3):
+        assert np.sum(weight * radius**power) == pytest.approx(p.moment(power), rel=2e-3)
+
+
+def test_histogram_of_volumes_gives_the_volumes_back():
+    edge, volume = np.geomspace(0.1, 10, 9), np.array([1.0, 2, 5, 0, 3, 1, 8, 2])
+    law = population(size("histogram", file=(edge, volume, 3.0))).parts[0].law
+    shares = np.array([law.moment(3, a, b) for a, b in zip(edge, edge[1:])])
+    assert np.allclose(shares / shares.sum(), volume / volume.sum(), rtol=1e-13)
+    flat = law.density(np.array([0.11, 0.15])) * np.array([0.11, 0.15]) ** 4  # dV/dlnr within a bin
+    assert flat[0] == pytest.approx(flat[1], rel=1e-13)
+
+
+@pytest.mark.parametrize("file", [((1.0, 1.0), (1.0,), 0), ((1.0, 2.0), (0.0,), 0), ((0.0, 2.0), (1.0,), 0),
+                                  ((1.0, 2.0), (-1.0,), 0)])
+def test_histograms_that_are_none_are_refused(file):
+    with pytest.raises(ValueError, match="histogram"):
+        population(size("histogram", file=file))
+
+
 def test_mixture_shares_count_particles_and_the_cut_is_of_the_sum():
     parts = ((0.9, size("lognormal", radius=1.0, sigma=1.3)), (0.1, size("single", radius=20.0)))
     p = population(size("mixture", of=parts))

@@ -89,7 +89,7 @@ def test_the_message_of_the_contract(tmp_path, monkeypatch):
             "log-normal",
             [
                 '10: particles.components[0].size.distribution: found "log-normal"; '
-                "expected single, lognormal, gamma, table or mixture (lognormal?)"
+                "expected single, lognormal, gamma, junge, histogram, table or mixture (lognormal?)"
             ],
         ),
         (
@@ -97,7 +97,7 @@ def test_the_message_of_the_contract(tmp_path, monkeypatch):
             "",
             [
                 "10: particles.components[0].size.distribution: missing; "
-                "expected distribution: single, lognormal, gamma, table or mixture"
+                "expected distribution: single, lognormal, gamma, junge, histogram, table or mixture"
             ],
         ),
         (
@@ -129,7 +129,8 @@ def test_the_message_of_the_contract(tmp_path, monkeypatch):
         (
             "  number_density: 1e8 /m^3\n",
             "",
-            ["4: particles: found neither number_density nor volume_fraction; expected one of them"],
+            ["4: particles: found no amount of particles; expected number_density, volume_fraction, volume_concentration or "
+             "mass_concentration, here or in each component"],
         ),
         (
             "  host: air",
@@ -194,7 +195,8 @@ def test_the_message_of_the_contract(tmp_path, monkeypatch):
         (
             "material: water",
             "material: [1.5]",
-            ["9: particles.components[0].material: found a list; expected the name of a material, {n: …, k: …} or {file: …}"],
+            ["9: particles.components[0].material: found a list; expected the name of a material, {n: …, k: …}, {file: …} or "
+             "{mixing: …, of: …}"],
         ),
         ("host: air", "host: {n: 1.3, k: 0.1}", ['5: particles.host.k: found the unknown key "k"; expected n']),
         (

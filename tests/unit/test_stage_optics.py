@@ -25,11 +25,14 @@ def index(n, k=0.0):
 
 
 def recipe(polarized=False, tolerance=0.03, number=1e8, filled=None, host=1.0, host_k=0.0, **of_size):
-    components = (SimpleNamespace(name="drops", material=index(1.33, 1e-3), fraction=0.8, size=size(**of_size)),
-                  SimpleNamespace(name="dust", material=index(1.55, 0.01), fraction=0.2, size=size("single", radius=0.2)))
+    amounts = dict(volume_concentration=None, mass_concentration=None)
+    rest = amounts | dict(number_density=None, volume_fraction=None, density=None, coating=None, growth=None)
+    components = (SimpleNamespace(name="drops", material=index(1.33, 1e-3), fraction=0.8, size=size(**of_size), **rest),
+                  SimpleNamespace(name="dust", material=index(1.55, 0.01), fraction=0.2, size=size("single", radius=0.2), **rest))
     options = SimpleNamespace(method="auto", orders=3, polarized=polarized, switch=None, edge="narrow", rainbow=True, axis=True,
                               radii=None, angles=None)
-    particles = SimpleNamespace(host=index(host, host_k), number_density=number, volume_fraction=filled, components=components)
+    particles = SimpleNamespace(host=index(host, host_k), number_density=number, volume_fraction=filled, components=components,
+                                relative_humidity=None, **amounts)
     return SimpleNamespace(wavelength=(0.6, 0.45), tolerance=tolerance, measure="pointwise", medium=None, phase=options,
                            particles=particles)
 

@@ -28,7 +28,7 @@ import pytest
 from bakery.errors import RecipeError
 from bakery.recipe import json_schema, load
 from bakery.stages import all_stages
-from bakery.stages.optics.section import sizes
+from bakery.stages.optics.size_keys import sizes
 from bakery.physics.sizes import population
 
 component, = load("sand.yaml").particles.components
@@ -40,7 +40,7 @@ assert keys["UniformSize"]["properties"]["smallest"]["description"] == "Over the
 assert keys["UniformSize"]["required"] == ["distribution", "radius", "smallest"] and "share" in keys["UniformPart"]["properties"]
 for change, words in ((("smallest: 0.5", "smallest: 2"), "smallest"),
                       (("smallest: 0.5", "min: 5 um, smallest: 0.5"), "min and max"),
-                      (("uniform", "even"), "single, lognormal, gamma, table, uniform or mixture")):
+                      (("uniform", "even"), "single, lognormal, gamma, junge, histogram, table, uniform or mixture")):
     open("wrong.yaml", "w").write(open("sand.yaml").read().replace(*change))
     with pytest.raises(RecipeError, match=words):
         load("wrong.yaml")

@@ -18,11 +18,11 @@ from bakery.physics.averages.batches import solve
 from bakery.physics.averages.choice import Choice, at_once, choose
 from bakery.physics.averages.cross import SHARE, cross_sections
 from bakery.physics.averages.predicted import predict, predicted_angles
-from bakery.physics.averages.spheres import Component, Rays, channels_of, features_of
+from bakery.physics.averages.spheres import Coat, Component, Rays, channels_of, features_of
 from bakery.physics.averages.work import Work
 from bakery.physics.medium import grid, phase
 
-__all__ = ["Average", "Component", "Rays", "averages", "expected", "first_grid"]
+__all__ = ["Average", "Coat", "Component", "Rays", "averages", "expected", "first_grid"]
 
 SERIES = Rays("mie")
 _RIPPLE = 0.03  # steps of this over x are a hundredth of a ripple

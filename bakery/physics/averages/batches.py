@@ -11,8 +11,17 @@ import math
 
 import numpy as np
 
-from bakery.physics.averages.predicted import FIRST_LEVEL, HELD, INTENSITY, MUELLER, angular_seconds, trace_seconds
-from bakery.physics.averages.spheres import features_of
+from bakery.physics.averages.predicted import (
+    COATED,
+    COEFFICIENT,
+    FIRST_LEVEL,
+    HELD,
+    INTENSITY,
+    MUELLER,
+    angular_seconds,
+    trace_seconds,
+)
+from bakery.physics.averages.spheres import Layers, features_of
 from bakery.physics.averages.work import BLOCK, cut
 from bakery.physics.medium import grid, phase
 
@@ -20,12 +29,18 @@ _FEWEST_ANGLES, _MOST_ANGLES = 512, 16384  # in a block
 _WINDOW = 4  # neighbours on either side whose error an angle shares, and those within one ripple pi/x
 
 
-def angular_block(m, x, weight, theta, polarized, rays=None):
+def angular_block(sphere, x, weight, theta, polarized, rays=None):
     """(E, A): weighted sums of the intensity, or of S11, S12, S33, S34, over spheres x (R,) at theta (A,) rad.
 
-    By series; with `rays` (orders, options) by `bakery.goa`.
+    By series; with `rays` (orders, options) by `bakery.goa`.  sphere: an index, or `spheres.Layers`.
     """
-    out = np.zeros((4 if polarized else 1, len(theta)))
+    if isinstance(sphere, Layers):
+        from bakery.physics.mie.coated import coated_angles
+
+        sums = np.zeros((1, len(theta), 4))
+        coated_angles(sphere.core, sphere.shell, sphere.inner(x), x, weight, theta, 2 if polarized else 1, sums)
+        return np.ascontiguousarray(sums[0].T[:4 if polarized else 1])
+    m, out = sphere, np.zeros((4 if polarized else 1, len(theta)))
     if rays is None:
         from bakery.physics.mie.kernels import intensity_block, mueller_block
 
@@ -161,7 +176,7 @@ def _run(jobs, polarized, rays, work):
         # S is summed, the phase function is S / (k^2 C_sca): k^2 stays out until the end
         for part, spheres, by, seconds in _blocks(channel, x, batch.switch, len(index), polarized, rays):
             work.charge(seconds, f"{channel.component} at {channel.wavelength:g} um")
-            tasks.append((channel.m, x[spheres], weight[spheres], batch.theta[index[part]], polarized, by))
+            tasks.append((channel.sphere, x[spheres], weight[spheres], batch.theta[index[part]], polarized, by))
             places.append((job, part))
             size += 8 * batch.elements * len(part) + 16 * len(spheres)
             if size > HELD:
@@ -178,16 +193,16 @@ def _blocks(channel, x, switch, angles, polarized, rays):
 
     Series first: they are sharp about where rays begin, and sums keep this order.
     """
-    per_angle = MUELLER if polarized else INTENSITY
+    per_angle, coefficient = MUELLER if polarized else INTENSITY, COATED if channel.coated else COEFFICIENT
     large = x >= switch
     for spheres, used in ((np.flatnonzero(~large), None), (np.flatnonzero(large), rays)):
         if not len(spheres):
             continue
-        dearest = float(np.max(angular_seconds(channel.m, x[spheres], 1, per_angle, used)))
+        dearest = float(np.max(angular_seconds(channel.m, x[spheres], 1, per_angle, used, coefficient)))
         chunk = int(np.clip(BLOCK / dearest, _FEWEST_ANGLES, _MOST_ANGLES))
         for start in range(0, angles, chunk):
             part = np.arange(start, min(start + chunk, angles))
-            cost = angular_seconds(channel.m, x[spheres], len(part), per_angle, used)
+            cost = angular_seconds(channel.m, x[spheres], len(part), per_angle, used, coefficient)
             tracing = trace_seconds(len(part), used) if used else 0.0
             for a, b in cut(cost):
                 yield part, spheres[a:b], used and (used.orders, used.options), float(np.sum(cost[a:b])) + tracing

@@ -79,6 +79,8 @@ def choose(channels: Sequence[Channel], tolerance: float, rays: Rays, remember: 
 def _choose(channel: Channel, tolerance: float, rays: Rays, seconds: float, remember: Callable) -> Choice:
     if rays.method == "mie":
         return _never("phase.method is mie")
+    if channel.coated:
+        return _never("coated spheres go by series")
     largest = channel.k * channel.nodes.span()[1]
     lowest = max(LOWEST, rays.switch or LOWEST)
     if largest < lowest:

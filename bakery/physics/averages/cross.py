@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bakery.errors import StageError
-from bakery.physics.averages.predicted import CROSS, FIRST_LEVEL
-from bakery.physics.averages.spheres import terms
+from bakery.physics.averages.predicted import COATED, CROSS, FIRST_LEVEL
+from bakery.physics.averages.spheres import Layers, terms
 from bakery.physics.averages.work import cut
 
 SHARE = 0.45  # of the tolerance, for a mean absorption
@@ -37,12 +37,17 @@ class Cross:
     absorption_bias: np.ndarray  # of absorption alone
 
 
-def cross_block(m, x):
-    """(4, R): Q_sca, Q_abs and g of spheres x (R,), and Q_ext."""
-    from bakery.physics.mie.kernels import cross_section_block
-
+def cross_block(sphere, x):
+    """(4, R): Q_sca, Q_abs and g of spheres x (R,), and Q_ext; sphere: an index, or `spheres.Layers`."""
     out = np.zeros((4, len(x)))
-    cross_section_block(complex(m), x, out[3], out[0], out[1], out[2])
+    if isinstance(sphere, Layers):
+        from bakery.physics.mie.coated import coated_efficiency_block
+
+        coated_efficiency_block(sphere.core, sphere.shell, sphere.inner(x), x, out[3], out[0], out[1], np.empty(len(x)), out[2])
+    else:
+        from bakery.physics.mie.kernels import cross_section_block
+
+        cross_section_block(complex(sphere), x, out[3], out[0], out[1], out[2])
     return out
 
 
@@ -89,11 +94,11 @@ def _halving(means, tolerance):
 def _spheres(component, radius, k, work):
     """(3, L, R): scattering and absorption cross sections (um^2) and mean cosine of single spheres."""
     tasks, seconds = [], 0.0
-    for m, q in zip(component.m, k):
+    for sphere, q in zip(component.spheres(k), k):
         x = q * radius
-        cost = terms(x) * CROSS
+        cost = terms(x) * (CROSS if component.coat is None else COATED)
         seconds += float(np.sum(cost))
-        tasks += [(m, x[a:b]) for a, b in cut(cost)]
+        tasks += [(sphere, x[a:b]) for a, b in cut(cost)]
     work.charge(seconds, component.name)
     blocks = work.map(cross_block, tasks) if tasks else []
     work.report(work.seconds, None)

@@ -17,6 +17,7 @@ from bakery.physics.averages.spheres import Channel, Rays, features_of, terms
 # seconds on one core of an AMD EPYC (Zen 5, AVX-512): benchmarks/averages.py --rates
 CROSS = 2e-9  # per term of a sphere's series, cross sections only
 COEFFICIENT = 11e-9  # per term, where angles follow
+COATED = 120e-9  # per term of a coated sphere's series, with and without angles: benchmarks/coated.py
 INTENSITY = 0.13e-9  # per term and angle
 MUELLER = 0.15e-9
 # rays: per angle and sphere, a + b orders^2 and the edge's windows (of bubbles the second one, times sqrt(x)); per sphere, the
@@ -40,11 +41,11 @@ class Prediction:
     spheres: int
 
 
-def angular_seconds(m, x, angles: int, per_angle: float = INTENSITY, rays: Rays | None = None):
+def angular_seconds(m, x, angles: int, per_angle: float = INTENSITY, rays: Rays | None = None, coefficient: float = COEFFICIENT):
     """Seconds of one core for amplitudes at `angles` angles of each sphere x (R,), by series, or by rays (traced already)."""
     x = np.asarray(x, float)
     if rays is None:
-        return terms(x) * (COEFFICIENT + per_angle * angles)
+        return terms(x) * (coefficient + per_angle * angles)
     bubble = m.real < 1
     seconds = np.full(x.shape, (RAY + RAY_ORDERS * rays.orders**2) * angles)
     if rays.edge is not None:
@@ -71,24 +72,26 @@ def predict(channels: Sequence[Channel], choices, tolerance: float, polarized: b
     computed = (2 if angles else 2.3) * count  # an angle between neighbours is computed for each that is kept
     seconds, spheres, rows = 0.02 + 0.005 * len(channels), 0, 0
     for channel, choice in zip(channels, choices):
-        def sums(radius, passes, shown, channel=channel, choice=choice):
+        cross, coefficient = (COATED, COATED) if channel.coated else (CROSS, COEFFICIENT)
+
+        def sums(radius, passes, shown, channel=channel, choice=choice, coefficient=coefficient):
             x = channel.k * radius
             large = x >= choice.switch
-            seconds = float(np.sum(terms(x[~large]))) * (COEFFICIENT * passes + per_angle * shown)
+            seconds = float(np.sum(terms(x[~large]))) * (coefficient * passes + per_angle * shown)
             if large.any():
                 without = float(np.sum(angular_seconds(channel.m, x[large], 0, rays=rays)))
                 seconds += without * (passes - 1) + float(np.sum(angular_seconds(channel.m, x[large], shown, rays=rays)))
             return seconds
 
         fixed = channel.nodes.fixed()[0]
-        seconds += float(np.sum(terms(channel.k * fixed))) * CROSS + sums(fixed, 5, computed)
+        seconds += float(np.sum(terms(channel.k * fixed))) * cross + sums(fixed, 5, computed)
         spheres += len(fixed)
         rows += len(fixed)
         if channel.nodes.refinable:
             first = channel.nodes.fresh(0)[0]
             # the integral of rays is not known: what tables by rays miss counts twice
             most, last = _doublings(channel, tolerance / 2 if integrated and choice.taken else tolerance, integrated)
-            seconds += float(np.sum(terms(channel.k * first))) * last * CROSS
+            seconds += float(np.sum(terms(channel.k * first))) * last * cross
             seconds += last * sums(first, _ROUNDS if integrated else _PASSES, 0) + most * sums(first, 0, computed)
             spheres += int(len(first) * last)
             rows += len(first) * 2**FIRST_LEVEL

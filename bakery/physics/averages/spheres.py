@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,24 +12,84 @@ from bakery.physics.sizes.distributions import Population
 from bakery.physics.sizes.nodes import Nodes
 
 
+class Layers(NamedTuple):
+    """A sphere in a shell, of any size, at one wavelength: indices relative to the host, and how large the core is.
+
+    `ratio` of its radius to the whole's, or the shell's `thickness` as a size parameter.
+    """
+
+    core: complex
+    shell: complex
+    ratio: float | None
+    thickness: float
+
+    def inner(self, x):
+        """(R,) size parameters of the cores of spheres x (R,); 0 where the sphere is no larger than the shell is thick."""
+        return np.maximum(x - self.thickness, 0.0) if self.ratio is None else self.ratio * x
+
+
+@dataclass(frozen=True)
+class Coat:
+    """The shell around the spheres of a component.
+
+    Attributes
+    ----------
+    m : (L,) complex index n + ik relative to the host, k >= 0
+    ratio : radius of the core over that of the whole; None where the thickness is given
+    thickness : um
+    """
+
+    m: np.ndarray
+    ratio: float | None = None
+    thickness: float = 0.0
+
+
 @dataclass(frozen=True)
 class Component:
-    """One kind of sphere.  `m` (L,) complex index n + ik relative to the host, k >= 0."""
+    """One kind of sphere.
+
+    Attributes
+    ----------
+    m : (L,) complex index n + ik relative to the host, k >= 0; with a coat that of the core
+    sizes : of the whole spheres
+    """
 
     name: str
     m: np.ndarray
     sizes: Population
+    coat: Coat | None = None
+
+    def spheres(self, wavenumber) -> list[complex | Layers]:
+        """What kernels take at each wavelength; wavenumber (L,) 1/um, in the host."""
+        if self.coat is None:
+            return [complex(m) for m in self.m]
+        return [Layers(complex(core), complex(shell), self.coat.ratio, float(q) * self.coat.thickness)
+                for core, shell, q in zip(self.m, self.coat.m, wavenumber)]
+
+    def mean_index(self):
+        """(L,) index relative to the host, of a mean sphere's core and shell by volume: what work is predicted by."""
+        if self.coat is None:
+            return self.m
+        whole = self.sizes.moment(3) ** (1 / 3)
+        ratio = max(whole - self.coat.thickness, 0.0) / whole if self.coat.ratio is None else self.coat.ratio
+        return ratio**3 * np.asarray(self.m) + (1 - ratio**3) * np.asarray(self.coat.m)
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One component at one wavelength: index relative to the host, wavenumber in the host (1/um), nodes."""
+    """One component at one wavelength: index relative to the host (of a coated sphere its mean), wavenumber in the host (1/um),
+    nodes, and what kernels take as the sphere."""
 
     component: str
     wavelength: float
     m: complex
     k: float
     nodes: Nodes
+    sphere: complex | Layers
+
+    @property
+    def coated(self) -> bool:
+        return isinstance(self.sphere, Layers)
 
 
 @dataclass(frozen=True)
@@ -57,8 +118,8 @@ def channels_of(components: Sequence[Component], wavelength, host, tolerance: fl
     """Every component at every wavelength, component by component; `radii` (its `count`) and `coarse` as in `Nodes`."""
     k = 2 * np.pi * np.asarray(host, float) / np.asarray(wavelength, float)
     nodes = [Nodes(component.sizes, k, tolerance, radii, coarse) for component in components]
-    return [Channel(c.name, float(w), complex(m), float(q), n)
-            for c, n in zip(components, nodes) for w, m, q in zip(wavelength, c.m, k)]
+    return [Channel(c.name, float(w), complex(m), float(q), n, sphere)
+            for c, n in zip(components, nodes) for w, m, q, sphere in zip(wavelength, c.mean_index(), k, c.spheres(k))]
 
 
 def terms(x):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -127,7 +127,8 @@ def per_component(components: int) -> int:
 
 def spheres(components: Sequence[Component], by_component: Sequence[Classes]) -> list[Component]:
     """Every class as a component of its own, in order."""
-    return [Component(f"{of.name} {radius:.3g} um", of.m, sizes) for of, sizes_of in zip(components, by_component, strict=True)
+    return [replace(of, name=f"{of.name} {radius:.3g} um", sizes=sizes)
+            for of, sizes_of in zip(components, by_component, strict=True)
             for radius, sizes in zip(sizes_of.radius, sizes_of.sizes)]
 
 

@@ -273,7 +273,7 @@ def _sum_error(a, b):
 
 
 @njit(**STRICT)
-def _reciprocal(m, x):
+def reciprocal(m, x):
     """1/(m x) to twice the working precision: high and low part.
 
     A rounded m x shifts every phase by up to x 1e-16, which costs four digits at x = 1e4.
@@ -320,7 +320,7 @@ def wave_coefficients(m, x, lane, work):
         if conductor:  # its index 1e40 stands for the limit: R_n = 1 throughout, 1/m = 0
             w, low_w, r = 0.0j, 0.0j, 1.0 + 0.0j
         else:
-            w, low_w = _reciprocal(m, x[j])
+            w, low_w = reciprocal(m, x[j])
             r = asymptotic_ratio((2.0 * start + 3.0) * w)
         if near:
             w = (1.0 - m) * minv * lane[XI, j]
@@ -421,7 +421,7 @@ def sweep(typingctx, order, coefficient, first, count, tile):
 
 
 @njit(**STRICT)
-def _order_table(rows):
+def order_table(rows):
     """What the recurrences need of n alone, row n-1: 2n+1, 2(2n+1)/(n(n+1)), (n+1)/(n(n+2))."""
     table = np.empty((rows, 3))
     for i in range(rows):
@@ -433,7 +433,7 @@ def _order_table(rows):
 
 
 @njit(**STRICT)
-def _angular_coefficients(work, j, first, count, ahead, behind):
+def angular_coefficients(work, j, first, count, ahead, behind):
     """(2n+1)(a+b), (2n+1)(a-b) of lane j for theta <= 90 degrees, and their reflected twins, of rows first..first+count-1."""
     for c in range(count):
         i = first + c
@@ -446,7 +446,7 @@ def _angular_coefficients(work, j, first, count, ahead, behind):
 
 
 @njit(**STRICT)
-def _tiles(theta, ahead):
+def tiles_of(theta, ahead):
     """The angles up to 90 degrees (or those beyond, reflected) in tiles (T, 9, ANGLES), and where each came from."""
     count = 0
     for t in range(theta.shape[0]):
@@ -475,7 +475,7 @@ def reset(tiles):
 
 
 @njit(**STRICT)
-def _gather(tiles, source, swapped, mode, weight, out):
+def gather(tiles, source, swapped, mode, weight, out):
     """Add one sphere's amplitudes (mode 0), weighted intensity (1) or weighted Mueller elements (2) to out (A, ..)."""
     s, d = (DIF_R, SUM_R) if swapped else (SUM_R, DIF_R)
     w = 0.25 * weight
@@ -502,9 +502,9 @@ def _spheres(m, x, weight, theta, mode, out):
     width = _lanes(x)
     most = terms(np.max(x)) + 2
     work, lane, xs = np.empty((most, 4, width)), np.empty((27, width)), np.empty(width)
-    order, front, back = _order_table(most), np.empty((BLOCK, 4)), np.empty((BLOCK, 4))
-    ahead, ahead_source = _tiles(theta, True)
-    behind, behind_source = _tiles(theta, False)
+    order, front, back = order_table(most), np.empty((BLOCK, 4)), np.empty((BLOCK, 4))
+    ahead, ahead_source = tiles_of(theta, True)
+    behind, behind_source = tiles_of(theta, False)
     for first in range(0, x.shape[0], width):
         for j in range(width):
             xs[j] = x[min(first + j, x.shape[0] - 1)]
@@ -515,14 +515,14 @@ def _spheres(m, x, weight, theta, mode, out):
             reset(behind)
             for start in range(0, rows, BLOCK):
                 count = min(BLOCK, rows - start)
-                _angular_coefficients(work, j, start, count, front, back)
+                angular_coefficients(work, j, start, count, front, back)
                 for t in range(ahead.shape[0]):
                     sweep(order, front, start, count, ahead[t])
                 for t in range(behind.shape[0]):
                     sweep(order, back, start, count, behind[t])
             into = out[r if mode == 0 else 0]
-            _gather(ahead, ahead_source, False, mode, weight[r], into)
-            _gather(behind, behind_source, True, mode, weight[r], into)
+            gather(ahead, ahead_source, False, mode, weight[r], into)
+            gather(behind, behind_source, True, mode, weight[r], into)
 
 
 @njit(**STRICT)

@@ -15,6 +15,8 @@ LAWS = (
     "bakery.physics.sizes.single:Single",
     "bakery.physics.sizes.lognormal:Lognormal",
     "bakery.physics.sizes.gamma:Gamma",
+    "bakery.physics.sizes.junge:Junge",
+    "bakery.physics.sizes.histogram:Histogram",
     "bakery.physics.sizes.table:Table",
 )
 MIXTURE = "mixture"  # of laws: `of`, each with its `share`

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from bakery.physics.sizes.law import FRACTION, NARROW, Key, Law
+from bakery.physics.sizes.law import FRACTION, NARROW, Key, Law, positive
 from bakery.physics.sizes.single import Single
 
 
@@ -24,16 +24,21 @@ class Gamma(Law):
 
     name, words, widened_by = "gamma", "Gamma distribution of Hansen and Travis.", "variance"
     keys: ClassVar = {"radius": Key("Effective radius <r^3>/<r^2>."),
-                      "variance": Key("Effective variance, below 1/3.", FRACTION, {"least": 1e-6, "below": 1 / 3})}
+                      "variance": Key("Effective variance, below 1/3.", FRACTION, {"least": 1e-6, "below": 1 / 3}),
+                      "effective_radius": Key("The same as radius.", instead_of="radius"),
+                      "effective_variance": Key("The same as variance.", FRACTION, {"least": 1e-6, "below": 1 / 3}, "variance")}
 
     radius: float
     variance: float
 
     @classmethod
     def of(cls, size):
-        if not 0 <= size.variance < 0.5:
-            raise ValueError(f"variance {size.variance:g}; a gamma distribution can be normalised for 0 to below 0.5")
-        return super().of(size) if math.sqrt(size.variance) > NARROW else Single.of(size)
+        radius, variance, effective_radius, effective_variance = (getattr(size, name, None) for name in cls.keys)
+        radius = positive(effective_radius if radius is None else radius)
+        variance = effective_variance if variance is None else variance
+        if not 0 <= variance < 0.5:
+            raise ValueError(f"variance {variance:g}; a gamma distribution can be normalised for 0 to below 0.5")
+        return cls(radius, variance) if math.sqrt(variance) > NARROW else Single(radius)
 
     @property
     def shape(self):

@@ -8,8 +8,8 @@ from typing import Any, ClassVar, NamedTuple
 
 NARROW = 1e-9  # relative width below which sizes cannot be distinguished: phases change by < 1e-3 even at x = 1e6
 # what the value of a key is: um; a geometric standard deviation; a share, also in %; a number; path of a file of radii (um) and
-# densities, two arrays when it is read
-LENGTH, DEVIATION, FRACTION, NUMBER, COLUMNS = "length", "deviation", "fraction", "number", "columns"
+# densities, two arrays when it is read; path of a file of bins, (edges in um, amounts, power) when it is read
+LENGTH, DEVIATION, FRACTION, NUMBER, COLUMNS, BINS = "length", "deviation", "fraction", "number", "columns", "bins"
 
 
 class Key(NamedTuple):
@@ -20,11 +20,20 @@ class Key(NamedTuple):
     words : what it is
     kind : one of those above
     bounds : `least`, `most`, `above`, `below`, of fractions and numbers
+    instead_of : the key in place of which it may stand; "" where it stands for itself
     """
 
     words: str
     kind: str = LENGTH
     bounds: Mapping[str, float] = {}
+    instead_of: str = ""
+
+
+def positive(radius: float) -> float:
+    """A radius (um) that is one; else ValueError."""
+    if not 0 < radius < math.inf:
+        raise ValueError(f"radius {radius:g} um; a radius is above 0")
+    return radius
 
 
 class Law:
@@ -55,9 +64,15 @@ class Law:
 
         Where it is so narrow that sizes cannot be distinguished, a law of one size.
         """
-        if "radius" in cls.keys and not 0 < size.radius < math.inf:
-            raise ValueError(f"radius {size.radius:g} um; a radius is above 0")
-        return cls(**{name: getattr(size, name) for name in cls.keys})
+        if "radius" in cls.keys:
+            positive(size.radius)
+        return cls(**{name: getattr(size, name) for name, key in cls.keys.items() if not key.instead_of})
+
+    @classmethod
+    def choices(cls) -> dict[str, tuple[str, ...]]:
+        """Each key that has to be given, with the ones that may stand in its place."""
+        return {name: (name, *(other for other, key in cls.keys.items() if key.instead_of == name))
+                for name, key in cls.keys.items() if not key.instead_of}
 
     def density(self, r):
         """dn/dr, 1/um, at r (R,) um."""

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from bakery.physics.sizes.law import DEVIATION, NARROW, Key, Law
+from bakery.physics.sizes.law import DEVIATION, FRACTION, NARROW, Key, Law, positive
 from bakery.physics.sizes.single import Single
 
 
@@ -21,16 +21,25 @@ class Lognormal(Law):
 
     name, words, widened_by = "lognormal", "ln r is normally distributed.", "sigma"
     keys: ClassVar = {"radius": Key("Geometric mean (= median) radius by number."),
-                      "sigma": Key("Geometric standard deviation, above 1.", DEVIATION)}
+                      "sigma": Key("Geometric standard deviation, above 1.", DEVIATION),
+                      "effective_radius": Key("Effective radius <r^3>/<r^2>, without cuts.", instead_of="radius"),
+                      # that of sigma = 10 is 199.7
+                      "effective_variance": Key("Effective variance, without cuts; exp((ln sigma)^2) - 1.", FRACTION,
+                                                {"least": 1e-6, "most": 199}, "sigma")}
 
     radius: float
     sigma: float
 
     @classmethod
     def of(cls, size):
-        if not 1 <= size.sigma <= 100:
-            raise ValueError(f"sigma {size.sigma:g}; a geometric standard deviation lies between 1 and 100")
-        return super().of(size) if math.log(size.sigma) > NARROW else Single.of(size)
+        radius, sigma, effective_radius, effective_variance = (getattr(size, name, None) for name in cls.keys)
+        if sigma is None:
+            sigma = math.exp(math.sqrt(math.log1p(effective_variance)))
+        if not 1 <= sigma <= 100:
+            raise ValueError(f"sigma {sigma:g}; a geometric standard deviation lies between 1 and 100")
+        if radius is None:
+            radius = effective_radius * math.exp(-2.5 * math.log(sigma) ** 2)
+        return cls(positive(radius), sigma) if math.log(sigma) > NARROW else Single(positive(radius))
 
     def density(self, r):
         """dn/dr, 1/um, at r (R,) um."""

@@ -14,6 +14,8 @@ from bakery.stages.declaration import Cost, Output, Result, Stage, datasets, lat
 from bakery.stages.discrete.section import DISCRETE, METHODS, too_many
 from bakery.stages.discrete.view import classes_of
 from bakery.stages.optics import stage as optics
+from bakery.stages.optics.amounts import amounts
+from bakery.stages.optics.spheres import dry
 from bakery.store.tree import Dataset, Group
 
 _METRES, _CUBIC = 1e-6, 1e-18  # m a um, m^3 a um^3
@@ -99,15 +101,6 @@ def _mesh(data: bytes, kind: str, unit: float):
     return Region(edge, None, vertices, faces)
 
 
-def _per_volume(particles, volumes) -> float:
-    """Particles per m^3; volumes (C,) um^3 of a mean particle of each component."""
-    from bakery.physics.medium import mixing
-
-    if particles.number_density is not None:
-        return particles.number_density
-    return mixing.number_density([float(c.fraction) for c in particles.components], np.array(volumes), particles.volume_fraction)
-
-
 def _settings(recipe) -> dict:
     """What the work is, without what comes from other stages."""
     from bakery.physics.discrete import classes
@@ -117,24 +110,32 @@ def _settings(recipe) -> dict:
     most = classes.per_component(len(arguments["components"]))
     by_component = [classes.classes(c.sizes, most, discrete.classes) for c in arguments["components"]]
     volumes = [c.sizes.mean_volume for c in arguments["components"]]
-    density = _per_volume(recipe.particles, volumes) if discrete.count is None else discrete.count / region.volume
+    per_volume, fraction = amounts(recipe.particles, *dry(recipe.particles))
+    density = per_volume if discrete.count is None else discrete.count / region.volume
     fault = too_many(density * region.volume, discrete.method)
     if fault:
         raise StageError(f"discrete: {fault[0]}; {fault[1]}")
     return {key: arguments[key] for key in ("components", "wavelength", "host", "rays")} | {
             "classes": by_component, "region": region, "method": discrete.method, "seed": discrete.seed, "count": discrete.count,
-            "number_density": density, "fraction": [float(c.fraction) for c in recipe.particles.components],
-            "index": [(np.asarray(c.material.n, float), np.asarray(c.material.k, float)) for c in recipe.particles.components],
-            "host_absorption": _host_absorption(recipe.particles, density, volumes, arguments["wavelength"]),
-            "medium_density": _per_volume(recipe.particles, volumes)}
+            "number_density": density, "fraction": fraction,
+            "index": [_index(c, of, arguments["host"]) for c, of in zip(recipe.particles.components, arguments["components"])],
+            "host_absorption": _host_absorption(recipe.particles.host, fraction, density, volumes, arguments["wavelength"]),
+            "medium_density": per_volume}
 
 
-def _host_absorption(particles, number, volumes, wavelength):
+def _index(part, of, host):
+    """n and k (L,) of a component as it is, water included."""
+    if part.growth is None:
+        return np.asarray(part.material.n, float), np.asarray(part.material.k, float)
+    return (of.m * host).real, (of.m * host).imag
+
+
+def _host_absorption(host, fraction, number, volumes, wavelength):
     """(L,) 1/m, as stage `medium` counts it."""
     from bakery.physics.medium import mixing
 
-    filled = mixing.volume_fraction([float(c.fraction) for c in particles.components], volumes, number)
-    return np.maximum(1 - filled, 0.0) * mixing.bulk_absorption(particles.host.k, wavelength)
+    filled = mixing.volume_fraction(fraction, volumes, number)
+    return np.maximum(1 - filled, 0.0) * mixing.bulk_absorption(host.k, wavelength)
 
 
 def inputs(recipe, upstream) -> dict:

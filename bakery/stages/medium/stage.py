@@ -14,6 +14,8 @@ from bakery.stages.medium.expansion import QUERIES
 from bakery.stages.medium.outputs import OUTPUTS, members_of
 from bakery.stages.medium.section import MEDIUM, coefficients, phase_keys
 from bakery.stages.optics import stage as optics
+from bakery.stages.optics.amounts import AMOUNTS, amounts
+from bakery.stages.optics.spheres import dry
 from bakery.store.tree import Dataset, Group
 
 _ANALYTIC = 0.1  # share of the tolerance for phase functions that are formulas: angles cost nothing there
@@ -28,10 +30,10 @@ def _inputs_of_particles(recipe, upstream) -> dict:
         return np.stack([np.asarray(group[f"{name}/{path}"].data, float) for name in names])
 
     fields = ["phase"] + [name for name in optics.ELEMENTS if name in group[names[0]].members]
+    volume = stacked("mean_volume")[:, 0]
+    number, fraction = amounts(particles, *dry(particles))
     return {
-        "names": names, "fraction": [float(c.fraction) for c in particles.components],
-        "number_density": particles.number_density, "volume_fraction": particles.volume_fraction,
-        "mean_volume": stacked("mean_volume")[:, 0],
+        "names": names, "fraction": fraction, "number_density": number, "mean_volume": volume,
         "scattering": stacked("mean_scattering"), "absorption": stacked("mean_absorption"),
         "absorption_bias": stacked("mean_absorption_bias"),
         "elements": np.stack([stacked(name) for name in fields], axis=2),
@@ -46,12 +48,10 @@ def _compute_of_particles(inputs: dict, context) -> Result:
 
     fraction, volume = inputs["fraction"], inputs["mean_volume"]
     number = inputs["number_density"]
-    if number is None:
-        number = mixing.number_density(fraction, volume, inputs["volume_fraction"])
     filled = mixing.volume_fraction(fraction, volume, number)
     if filled > 1:
         raise StageError(f"{number:.3g} particles per m^3 would fill {filled:.3g} of the volume; "
-                         "a smaller number_density would do")
+                         "a smaller number_density, volume or mass would do")
     sigma_s, sigma_a, elements, bias = mixing.mixed(
         fraction, number, inputs["scattering"], inputs["absorption"], inputs["elements"], inputs["phase_bias"], inputs["theta"])
     host = (1 - filled) * mixing.bulk_absorption(inputs["host_k"], inputs["wavelength"])
@@ -162,8 +162,9 @@ OF_PARTICLES = Stage(
     name="medium",
     version=4,
     title="coefficients and phase function of the suspended particles",
-    reads=("wavelengths", "tolerance", "particles.host", "particles.number_density", "particles.volume_fraction",
-           "particles.components[*].fraction", "particles.components[*].name"),
+    reads=("wavelengths", "tolerance", "particles.host", *(f"particles.{name}" for name in AMOUNTS),
+           *(f"particles.components[*].{name}" for name in ("fraction", "name", "density", "coating", "growth", *AMOUNTS)),
+           "particles.relative_humidity"),
     needs=("optics",),
     applies=lambda recipe: recipe.particles is not None,
     outputs=OUTPUTS,

@@ -8,15 +8,16 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from bakery.errors import StageError
 from bakery.stages import declaration, measures, rules
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets, later
+from bakery.stages.optics import spheres
 from bakery.stages.optics.elements import ELEMENTS
 from bakery.stages.optics.quantities import QUERIES
-from bakery.stages.optics.section import PARTICLES, PHASE, sizes
+from bakery.stages.optics.section import PARTICLES, PHASE
 from bakery.store.tree import Dataset, Group, read_text, text
 
 _KERNELS = ("mie.kernels",)
+_OF_SHELLS = ("mie.coated",)
 _OF_RAYS = tuple(f"goa._{name}" for name in ("asymptotic", "edge", "field", "rays", "solve", "special", "surface"))
 # the rates are those of an AMD EPYC (Zen 5), of which an Intel Xeon with AVX-512 has less than half: a machine in between
 _SLOWER = 1.5
@@ -51,22 +52,9 @@ OUTPUTS = (
 )
 
 
-def _population(component):
-    from bakery.physics.sizes import population
-
-    try:
-        return population(sizes(component.size))
-    except ValueError as error:
-        raise StageError(f"{component.name}: {error}") from None
-
-
 def _components(recipe):
-    """Components with indices relative to the host's real index: an absorbing host is `medium`'s affair (medium/mixing.py)."""
-    from bakery.physics.averages import Component
-
-    host = np.asarray(recipe.particles.host.n, float)
-    return [Component(c.name, (np.asarray(c.material.n, float) + 1j * np.asarray(c.material.k, float)) / host, _population(c))
-            for c in recipe.particles.components]
+    host, humidity = np.asarray(recipe.particles.host.n, float), recipe.particles.relative_humidity
+    return [spheres.component(part, host, humidity) for part in recipe.particles.components]
 
 
 def inputs(recipe, upstream) -> dict:
@@ -143,12 +131,12 @@ def cost(recipe) -> Cost:
     from bakery.physics.averages.predicted import LOADING
 
     expectation, channels, choices = _expected(recipe)
-    rays = any(choice.taken for choice in choices)
+    rays, coated = any(choice.taken for choice in choices), any(channel.coated for channel in channels)
     seconds = _SLOWER * expectation.seconds
     return Cost(seconds, expectation.memory + rays * _RAYS_LOADED, expectation.file,
                 f"about {expectation.angles} angles, {expectation.spheres} spheres, {seconds:.2g} s of one core by the rates of "
                 f"benchmarks/averages.py; {LOADING:g} s to load kernels", LOADING, _remarks(channels, choices),
-                kernels=_KERNELS + rays * _OF_RAYS, kind=f"{'rays' if rays else 'series'} {recipe.measure}")
+                kernels=_KERNELS + rays * _OF_RAYS + coated * _OF_SHELLS, kind=f"{'rays' if rays else 'series'} {recipe.measure}")
 
 
 def _remarks(channels, choices) -> tuple[str, ...]:
@@ -301,7 +289,8 @@ STAGE = Stage(
     version=9,
     title="single scattering of each component, averaged over its sizes",
     reads=("wavelengths", "tolerance", "measure", "particles.host", "particles.components[*].name",
-           "particles.components[*].material", "particles.components[*].size", "phase"),
+           "particles.components[*].material", "particles.components[*].size", "particles.components[*].coating",
+           "particles.components[*].growth", "particles.relative_humidity", "phase"),
     needs=(),
     applies=lambda recipe: recipe.particles is not None,
     outputs=OUTPUTS,

@@ -1,0 +1,141 @@
+"""Mixtures of materials, and what humidity makes of particles, against equations, limits and published values."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bakery.grammar.section import RULES as IN_RECIPES
+from bakery.physics.materials.humidity import growth_factor, tabulated
+from bakery.physics.materials.mixing import RULES, mixed
+from bakery.physics.sizes import moved, population
+from tests.physics.test_sizes import size
+
+SOOT, WATER, DUST = 1.95 + 0.79j, 1.333 + 2e-9j, 1.53 + 0.008j
+
+
+def one(rule, index, share, matrix=None):
+    return complex(mixed(rule, [[m] for m in index], share, None if matrix is None else [matrix])[0])
+
+
+def test_recipes_know_the_rules():
+    assert RULES == IN_RECIPES
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_a_mixture_of_one_material_is_that_material(rule):
+    matrix = DUST if rule == "maxwell_garnett" else None
+    assert one(rule, [DUST, DUST], [0.3, 0.3 if matrix else 0.7], matrix) == pytest.approx(DUST, rel=1e-14)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_a_trace_changes_nothing(rule):
+    values = one(rule, [SOOT], [1e-12], WATER) if rule == "maxwell_garnett" else one(rule, [SOOT, WATER], [1e-12, 1 - 1e-12])
+    assert values == pytest.approx(WATER, abs=1e-11)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.2, 0.333, 0.5, 0.9])
+@pytest.mark.parametrize("index", [(SOOT, WATER), (0.055 + 3.42j, 1.5), (1.5, 1.33), (DUST, SOOT)])
+def test_bruggeman_of_two_is_the_root_of_its_polynomial(index, share):
+    """Roots by `numpy.roots` of the equation times its denominators; one is in the upper half plane, or positive."""
+    a, b = (np.asarray(m, complex) ** 2 for m in index)
+    f = share
+    roots = np.sqrt(np.roots([-2, f * (2 * a - b) + (1 - f) * (2 * b - a), a * b]).astype(complex))
+    there = max((root if root.real > 0 else -root for root in roots), key=lambda n: (round(n.imag, 12), n.real))
+    assert one("bruggeman", index, [share, 1 - share]) == pytest.approx(there, rel=1e-10)
+
+
+def test_bruggeman_of_three_solves_its_equation_and_reduces_to_two():
+    share = np.array([0.2, 0.5, 0.3])
+    e = np.array([SOOT, WATER, DUST]) ** 2
+    mean = one("bruggeman", [SOOT, WATER, DUST], share) ** 2
+    assert abs(np.sum(share * (e - mean) / (e + 2 * mean))) < 1e-12 and mean.imag > 0
+    split = one("bruggeman", [SOOT, WATER, WATER], [0.2, 0.5, 0.3])
+    assert split == pytest.approx(one("bruggeman", [SOOT, WATER], [0.2, 0.8]), rel=1e-12)
+
+
+def test_maxwell_garnett_is_the_textbooks():
+    """Bohren & Huffman 1983, eq. 8.50: e = e_m [1 + 3 f q/(1 - f q)], q = (e - e_m)/(e + 2 e_m)."""
+    e, m, f = SOOT**2, WATER**2, 0.15
+    q = (e - m) / (e + 2 * m)
+    assert one("maxwell_garnett", [SOOT], [f], WATER) == pytest.approx(np.sqrt(m * (1 + 3 * f * q / (1 - f * q))), rel=1e-14)
+    assert one("lorentz_lorenz", [SOOT], [1.0]) == pytest.approx(SOOT, rel=1e-14)
+    vacuum = one("maxwell_garnett", [SOOT, DUST], [0.1, 0.2], 1.0)
+    assert one("lorentz_lorenz", [SOOT, DUST, 1.0], [0.1, 0.2, 0.7]) == pytest.approx(vacuum, rel=1e-14)
+
+
+def test_small_inclusions_agree_to_first_order():
+    """At a share f both rules have the same term in f; they differ in f^2."""
+    for f in (1e-3, 1e-4):
+        gap = abs(one("bruggeman", [SOOT, WATER], [f, 1 - f]) - one("maxwell_garnett", [SOOT], [f], WATER))
+        assert gap < 5 * f * f
+
+
+def test_clear_materials_stay_clear():
+    for rule in ("bruggeman", "lorentz_lorenz", "volume"):
+        assert one(rule, [1.5, 1.33], [0.4, 0.6]).imag == 0
+
+
+def test_five_hundred_wavelengths_at_once():
+    index = np.array([np.linspace(1.5, 2.0, 500) + 0.5j, np.full(500, 1.33 + 0j)])
+    for rule in ("bruggeman", "lorentz_lorenz", "volume"):
+        every = mixed(rule, index, [0.3, 0.7])
+        assert every[77] == pytest.approx(one(rule, index[:, 77], [0.3, 0.7]), rel=1e-14)
+
+
+def test_a_resonance_has_no_index():
+    with pytest.raises(ValueError, match="another rule"):
+        one("maxwell_garnett", [2j], [0.4], 1.0)  # a metal without losses, of permittivity -4: 0.4 (-5/-2) = 1
+
+
+# ---- humidity
+
+
+def test_kappa_koehler():
+    assert growth_factor(0.61, 0.0) == 1 and growth_factor(0.0, 0.99) == 1
+    # as much water as particle where kappa a = 1 - a
+    assert growth_factor(1.0, 0.5) == pytest.approx(2 ** (1 / 3), rel=1e-14)
+    assert growth_factor(0.61, 0.9) == pytest.approx((1 + 0.61 * 9) ** (1 / 3), rel=1e-14)
+
+
+# Hess, Koepke & Schult, Bull. Am. Meteorol. Soc. 79, 831 (1998), table 1c and the data files of OPAC: mode radii in um
+OPAC_RH = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99)
+WASO = (0.0212, 0.0262, 0.0285, 0.0306, 0.0348, 0.0399, 0.0476, 0.0534)
+
+
+def test_a_table_is_hit_and_rises_between_its_rows():
+    factor = np.array(WASO) / WASO[0]
+    for h, g in zip(OPAC_RH, factor):
+        assert tabulated(OPAC_RH, factor, h) == pytest.approx(g, rel=1e-14)
+    every = [tabulated(OPAC_RH, factor, h) for h in np.linspace(0, 0.99, 400)]
+    assert (np.diff(every) > 0).all()
+    with pytest.raises(ValueError, match="above the table"):
+        tabulated(OPAC_RH, factor, 0.995)
+
+
+def test_a_table_of_one_kappa_is_that_kappa():
+    h = np.array([0.3, 0.8, 0.95])
+    factor = [growth_factor(0.4, x) for x in h]
+    for x in (0.0, 0.1, 0.5, 0.9):
+        assert tabulated(h, factor, x) == pytest.approx(growth_factor(0.4, x), rel=1e-14)
+
+
+# ---- radii that have grown
+
+
+@pytest.mark.parametrize("s", [size("lognormal", radius=0.5, sigma=1.5, min=0.2, max=2.0), size("single", radius=0.3),
+                               size("junge", exponent=3.0, min=0.1, max=2.0), size("gamma", radius=1.0, variance=0.1),
+                               size("histogram", file=((0.1, 0.2, 0.5), (3.0, 1.0), 0.0))])
+def test_moments_of_grown_radii(s):
+    dry = population(s)
+    wet, coated = moved(dry, 1.7), moved(dry, 1.0, 0.05)
+    for power in (0, 1, 2, 3, 4):
+        assert wet.moment(power) == pytest.approx(1.7**power * dry.moment(power), rel=1e-12)
+    assert coated.moment(1) == pytest.approx(dry.moment(1) + 0.05, rel=1e-12)
+    assert coated.moment(3) == pytest.approx(dry.moment(3) + 0.15 * dry.moment(2) + 0.0075 * dry.moment(1) + 0.05**3, rel=1e-12)
+    if not dry.single:
+        from bakery.physics.sizes import Nodes
+
+        radius, weight = Nodes(coated, np.array([10.0]), 0.01).whole(4)
+        assert np.sum(weight * radius**3) == pytest.approx(coated.moment(3), rel=2e-3) and radius.min() >= 0.05
+    assert moved(dry, 1.0) is dry
