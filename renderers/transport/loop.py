@@ -105,17 +105,21 @@ def trace(scene, key, pixels, lanes, samples, by_light, turn=None):
 
     def step(path, sums):
         path, event = turn.advance(scene, path)
-        refracted = scene.lamps and scene.lamps.connected(path, event)
-        emitted, emitter = _emitted(scene, path, event, refracted[2] if refracted else 1)
-        sampled, light = turn.next_event(scene, path, event)
-        lights = [(emitted, emitter), (sampled, light), *([refracted[:2]] if refracted else [])]
-        _add(sums, path.order, *(radiance for radiance, _ in lights))
+        lights = brought(scene, turn, path, event)
+        add(sums, path.order, *(radiance for radiance, _ in lights))
         if by_light:
             for radiance, source in lights:
                 _add_by_light(scene, of_lights, lane, radiance, source)
         return _renewed(scene, pixel, samples, turn.turned(scene, path, event)), sums
 
     return dr.while_loop((path, sums), lambda path, sums: path.alive, step, label="paths")[1], of_lights
+
+
+def brought(scene, turn, path, event):
+    """Light that paths meet and that of light samples: pairs of linear sRGB and its emitters."""
+    refracted = scene.lamps and scene.lamps.connected(path, event)
+    met = _emitted(scene, path, event, refracted[2] if refracted else 1)
+    return [met, turn.next_event(scene, path, event), *([refracted[:2]] if refracted else [])]
 
 
 def first_media(scene, key, pixels, lanes):
@@ -140,13 +144,19 @@ def begin(scene, key, pixels, lanes):
     pixel = lane // together
     low, high = mi.sample_tea_32(lane ^ key[0], key[1])
     random = mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))
-    path = _camera_paths(scene, pixel, random, dr.zeros(mi.UInt32, dr.width(lane)), dr.full(mi.Bool, True, dr.width(lane)))
+    alive = dr.full(mi.Bool, True, dr.width(lane))
+    path = camera_paths(scene, pixel, _offset(random, alive), random, dr.zeros(mi.UInt32, dr.width(lane)), alive)
     return lane, pixel, path
 
 
-def _camera_paths(scene, pixel, random, samples, alive):
-    """The camera's paths."""
-    origin, direction = scene.camera_ray(pixel, mi.Point2f(random.next_float32(alive), random.next_float32(alive)))
+def _offset(random, active):
+    """Places in pixels."""
+    return mi.Point2f(random.next_float32(active), random.next_float32(active))
+
+
+def camera_paths(scene, pixel, offset, random, samples, alive):
+    """The camera's paths, through places in pixels."""
+    origin, direction = scene.camera_ray(pixel, offset)
     width = dr.width(pixel)
     zero = dr.zeros(mi.UInt32, width)
     return Path(random, samples, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.waves)],
@@ -159,7 +169,8 @@ def _renewed(scene, pixel, samples, path):
     """Paths, and new ones of the camera where they are over."""
     over = ~path.alive
     count = path.samples + dr.select(over, mi.UInt32(1), mi.UInt32(0))
-    new = _camera_paths(scene, pixel, path.random, count, count < samples)
+    goes_on = count < samples
+    new = camera_paths(scene, pixel, _offset(path.random, goes_on), path.random, count, goes_on)
     for name in ("alive", "origin", "direction", "inside", "order", "bounces", "drawn", "density", "single"):
         setattr(path, name, dr.select(over, getattr(new, name), getattr(path, name)))
     path.throughput = [dr.select(over, mi.Float(1), weight) for weight in path.throughput]
@@ -169,7 +180,7 @@ def _renewed(scene, pixel, samples, path):
     return path
 
 
-def _add(sums, order, *lights):
+def add(sums, order, *lights):
     """Adds light to the sums of its order."""
     for k in range(ORDERS):
         of_order = order == k if k < ORDERS - 1 else order >= k
