@@ -10,8 +10,8 @@ with the mean luminance of the candidates, which is the normalisation, every ste
 last (Veach and Guibas 1997, section 5.1).  So nothing is to be thrown away at the start, and no pass is biased.
 
 Candidates and large steps are paths drawn alike, too.  What they bring and what chains bring are two estimates of the same, each
-weighted where it is better by the balance heuristic (Kelemen et al. 2002, section 4), at fixed densities: the mean luminance of
-paths in it is that of pilots, alike in all passes.
+weighted where it is better by the balance heuristic (Kelemen et al. 2002, section 4), whose densities are from pilots, alike in
+all passes: they do not go with what a pass finds.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ class Group(NamedTuple):
 
 
 class Figures(NamedTuple):
-    """normalisation : mean luminance of the picture as candidates have it, None before there is one;  error : its standard error by
-        the scatter of passes, None of one
+    """normalisation : mean luminance of the picture as candidates have it, None before there is one
+    error : its standard error, by the scatter of passes, None of one
     small_steps, large_steps : shares of steps that chains have taken, None where none began
     """
 
@@ -77,7 +77,7 @@ class States(NamedTuple):
     """Where n chains are: light (n, 3 ORDERS), its luminance (n,) and pixel (n,); `Table` of numbers, words (2, n) of streams."""
 
     light: np.ndarray
-    value: np.ndarray
+    luminance: np.ndarray
     pixel: np.ndarray
     table: primary.Table | None
     words: np.ndarray
@@ -95,7 +95,7 @@ class Metropolis:
         """
         Parameters
         ----------
-        light : function of (pixel, offset, `primary.Numbers`) -> light (n, 3 ORDERS) of a path a lane, and its pixels (n,)
+        light : function of a `primary.Source` -> light (n, 3 ORDERS) of its paths, and their pixels (n,)
         size : height and width, pixels
         seed : of the random numbers of all passes
         """
@@ -106,12 +106,13 @@ class Metropolis:
     def __call__(self, number):
         pixels = self._size[0] * self._size[1]
         by_order = np.zeros((ORDERS, pixels, 3))
-        candidates, states = self._drawn(number)
-        _metropolis.bring(candidates.light, candidates.pixel, self._of_drawn(candidates.value), by_order)
-        normalisation = float(candidates.value.mean())
+        light, pixel, words, streams = self._candidates(number)
+        candidates = States(light, _luminance(light), pixel, None, words)
+        _metropolis.bring(candidates.light, candidates.pixel, self._of_drawn(candidates.luminance), by_order)
+        normalisation = float(candidates.luminance.mean())
         self._normalisations[number] = normalisation
         if normalisation > 0:
-            self._accepted[number] = self._moved(self._begun(candidates, states), states, normalisation, by_order)
+            self._accepted[number] = self._moved(self._begun(candidates, streams), streams, normalisation, by_order)
         images = (pixels * by_order).reshape(ORDERS, *self._size, 3)
         return {"": images.sum(axis=0)} | dict(zip(LAYERS, images))
 
@@ -122,13 +123,12 @@ class Metropolis:
         return Figures(float(values.mean()) if len(values) else None, error,
                        *(taken.mean(axis=0).tolist() if len(taken) else (None, None)))
 
-    def _drawn(self, number):
-        """Candidates of a pass as `States` without a table, and random streams (chains + 1,) of what follows."""
+    def _candidates(self, number):
+        """Light, pixels and words of a pass's candidates, and random streams (chains + 1,) of what follows."""
         states = np.empty(self.group.chains + 1 + self.group.candidates, np.uint64)
         wavefront.begin_streams(stream_key(self._seed, "render.metropolis", number), 0, states)
         pixel, words = self._places(states[self.group.chains + 1:], 0.0)
-        light, pixel = self._light(*primary.begun(pixel, self._size, words))
-        return States(light, _luminance(light), pixel, None, words), states[:self.group.chains + 1]
+        return *self._light(primary.Source(self._size, pixel, words)), words, states[:self.group.chains + 1]
 
     def _places(self, states, shift):
         """Pixels (n,), spread evenly over the picture but for a shift, 0 to 1 of it, and words (2, n) of streams."""
@@ -142,13 +142,13 @@ class Metropolis:
         """Chains at candidates that are drawn by their luminance, evenly."""
         n, number = self.group.chains, np.empty((1, 1))
         wavefront.draw(streams[:1], number)
-        added = np.cumsum(candidates.value)
+        added = np.cumsum(candidates.luminance)
         chosen = np.searchsorted(added, (np.arange(n) + number[0, 0]) / n * added[-1], side="right")
-        chosen = np.minimum(chosen, np.flatnonzero(candidates.value)[-1])
-        light, value, pixel, words = (values[chosen] for values in (candidates.light, candidates.value, candidates.pixel,
+        chosen = np.minimum(chosen, np.flatnonzero(candidates.luminance)[-1])
+        light, luminance, pixel, words = (values[chosen] for values in (candidates.light, candidates.luminance, candidates.pixel,
                                                                     candidates.words.T))
-        table = primary.drawn(pixel, self._size, words.T, primary.FILM + _TURNS * _OF_TURN)
-        return States(light, value, pixel, table, words.T.copy())
+        table = primary.Source(self._size, pixel, words.T).drawn(primary.FILM + _TURNS * _OF_TURN)
+        return States(light, luminance, pixel, table, words.T.copy())
 
     def _moved(self, chains, streams, normalisation, by_order):
         """Moves chains and adds what they bring; shares of small and of large steps that they took."""
@@ -156,13 +156,13 @@ class Metropolis:
         for step in range(1, self.group.steps + 1):
             large = step % _LARGE == 0
             proposed = self._proposed(chains, streams, large, new=step % _LARGE == 2)
-            accepted = np.minimum(proposed.value / chains.value, 1.0)
+            accepted = np.minimum(proposed.luminance / chains.luminance, 1.0)
             numbers = np.empty((self.group.chains, 1))
             wavefront.draw(streams[1:], numbers)
             for states, share in ((chains, 1 - accepted), (proposed, accepted)):
-                _metropolis.bring(states.light, states.pixel, share * of_state * self._of_moved(states.value), by_order)
+                _metropolis.bring(states.light, states.pixel, share * of_state * self._of_moved(states.luminance), by_order)
             if large:
-                _metropolis.bring(proposed.light, proposed.pixel, self._of_drawn(proposed.value), by_order)
+                _metropolis.bring(proposed.light, proposed.pixel, self._of_drawn(proposed.luminance), by_order)
             chains = self._taken(numbers[:, 0] < accepted, proposed, chains)
             taken[large].append(accepted.mean())
         return [float(np.mean(shares)) if shares else 0.0 for shares in taken]
@@ -173,39 +173,39 @@ class Metropolis:
         wavefront.draw(streams[:1], numbers)
         pixel, words = self._places(streams[1:], numbers[0, 0])
         if large:
-            light, pixel = self._light(*primary.begun(pixel, self._size, words))
+            light, pixel = self._light(primary.Source(self._size, pixel, words))
             return States(light, _luminance(light), pixel, None, words)
         table = primary.moved(chains.table, self._size, (numbers[0, 1:] * 2.0**32).astype(np.uint32).tolist())
         words = words if new else chains.words
-        light, pixel = self._light(*primary.again(table, self._size, words))
+        light, pixel = self._light(primary.Source(self._size, pixel, words, table))
         return States(light, _luminance(light), pixel, table, words)
 
     def _taken(self, accepted, proposed, chains):
         """Chains after a step."""
-        table = proposed.table or primary.drawn(proposed.pixel, self._size, proposed.words, chains.table.count)
-        light, value, pixel, words = (np.where(accepted.reshape(-1, *[1] * (new.ndim - 1)), new, old) for new, old in (
-            (proposed.light, chains.light), (proposed.value, chains.value), (proposed.pixel, chains.pixel),
+        table = proposed.table or primary.Source(self._size, proposed.pixel, proposed.words).drawn(chains.table.count)
+        light, luminance, pixel, words = (np.where(accepted.reshape(-1, *[1] * (new.ndim - 1)), new, old) for new, old in (
+            (proposed.light, chains.light), (proposed.luminance, chains.luminance), (proposed.pixel, chains.pixel),
             (proposed.words.T, chains.words.T)))
-        return States(light, value, pixel, primary.either(accepted, table, chains.table), words.T.copy())
+        return States(light, luminance, pixel, primary.either(accepted, table, chains.table), words.T.copy())
 
     @cached_property
     def _typical(self):
-        """Mean luminance of paths, by pilots; 0 where these find no light."""
-        means = (float(self._drawn(_FIRST_PILOT + pilot)[0].value.mean()) for pilot in range(_PILOTS))
+        """Mean luminance of the picture by the first candidates that find light; 0 where none do."""
+        means = (float(_luminance(self._candidates(_FIRST_PILOT + number)[0]).mean()) for number in range(_PILOTS))
         return next((mean for mean in means if mean > 0), 0.0)
 
-    def _of_drawn(self, value):
-        """Shares (n,) that count of paths of luminance value (n,) that are drawn alike."""
+    def _of_drawn(self, luminance):
+        """Shares (n,) that count of paths that are drawn alike."""
         if not self._typical > 0:
-            return (value == 0) / self.group.drawn
-        return 1 / (self.group.drawn + self.group.moved * value / self._typical)
+            return (luminance == 0) / self.group.drawn
+        return 1 / (self.group.drawn + self.group.moved * luminance / self._typical)
 
-    def _of_moved(self, value):
+    def _of_moved(self, luminance):
         """The same of states of chains, over their luminance."""
         with np.errstate(divide="ignore"):
             if not self._typical > 0:
-                return np.where(value > 0, 1 / value, 0.0)
-        return self.group.moved / (self._typical * self.group.drawn + self.group.moved * value)
+                return np.where(luminance > 0, 1 / luminance, 0.0)
+        return self.group.moved / (self._typical * self.group.drawn + self.group.moved * luminance)
 
 
 def part(name, world, entries, colours, seed) -> Part:
@@ -215,12 +215,12 @@ def part(name, world, entries, colours, seed) -> Part:
     """
     scene = []
 
-    def light(pixel, offset, numbers):
+    def light(source):
         if not scene:
             from renderers.transport.scene import Scene
 
             scene.append(Scene(world, entries, colours))  # with the first pass
-        return primary.light(scene[0], pixel, offset, numbers)
+        return primary.light(scene[0], source)
 
     chains = Metropolis(light, world.size, seed)
     paths = chains.group.candidates + chains.group.chains * chains.group.steps

@@ -18,6 +18,7 @@ from renderers.transport.wavefront import ORDERS
 
 import mitsuba as mi  # isort: skip
 
+_TOGETHER = 4  # paths of a lane
 FILM = 2  # the first numbers: where on the film, 0 to 1 of its width and height
 _BELOW_ONE = float(np.nextafter(np.float32(1), np.float32(0)))
 # small steps (Kelemen et al. 2002, section 3): of sizes whose logarithm is uniform; on the film in pixels, up to a share of it
@@ -28,11 +29,13 @@ _SMALL, _NEAR, _FAR = (1 / 1024, 1 / 64), 0.25, 0.05
 class Numbers:
     """Numbers of paths, one path a lane, as PCG32 gives them.
 
-    stream : of each path;  taken : how many numbers;  table : `Table`, or None: all are those of the stream
+    stream : of each path;  taken : how many numbers;  column : of the table
+    table : `Table`, or None: all are those of the stream
     """
 
     stream: mi.PCG32
     taken: mi.UInt32
+    column: mi.UInt32
     table: object
 
     def next_float32(self, active=True):
@@ -40,7 +43,7 @@ class Numbers:
         if self.table is None:
             return number
         kept = self.table.has(self.taken)
-        number = dr.select(kept, self.table.at(self.taken, kept), number)
+        number = dr.select(kept, self.table.at(self.taken, self.column, kept), number)
         self.taken += dr.select(active, mi.UInt32(1), mi.UInt32(0))
         return number
 
@@ -58,34 +61,57 @@ class Table:
     def has(self, number):
         return number < self._count
 
-    def at(self, number, active):
-        lane = dr.arange(mi.UInt32, self.width)
-        return dr.gather(mi.Float, self.values, number * self._width + lane, active)
+    def at(self, number, column, active):
+        return dr.gather(mi.Float, self.values, number * self._width + column, active)
 
 
-def streams(words):
-    """Random streams of paths, by two words (2, n) of 32 bits each."""
-    low, high = mi.sample_tea_32(mi.UInt32(words[0]), mi.UInt32(words[1]))
-    return mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))
+class Source:
+    """Paths to be followed: where their numbers are.
 
+    count : paths
+    """
 
-def drawn(pixel, size, words, count):
-    """Table of paths whose numbers are those of their streams, in pixels (n,) of a film of `size` (height, width)."""
-    stream, lanes = streams(words), len(pixel)
-    values = dr.zeros(mi.Float, count * lanes)
-    lane, width = dr.arange(mi.UInt32, lanes), dr.opaque(mi.UInt32, lanes)
-    for axis, place in enumerate(_on_film(mi.UInt32(pixel), _offset(stream), size)):
-        dr.scatter(values, place, axis * width + lane)
-    end = dr.opaque(mi.UInt32, count)
+    def __init__(self, size, pixel, words, table=None):
+        """
+        Parameters
+        ----------
+        size : height and width of the film, pixels
+        pixel : (n,) in which paths begin, where there is no table
+        words : (2, n) of 32 bits, of each path's random stream
+        table : `Table` of the first numbers; None: these are the stream's, too
+        """
+        self.count, self._size, self._table = words.shape[1], size, table
+        self._pixel = mi.UInt32(pixel)
+        low, high = mi.sample_tea_32(mi.UInt32(words[0]), mi.UInt32(words[1]))
+        self._streams = mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))
+        dr.eval(self._streams)
 
-    def fill(stream, number):
-        dr.scatter(values, stream.next_float32(), number * width + lane)
-        return stream, number + 1
+    def begin(self, number, active=True):
+        """Pixels, places in them and `Numbers` of paths."""
+        stream = dr.gather(mi.PCG32, self._streams, number, active)
+        offset = _offset(stream)
+        if self._table:
+            taken = [self._table.at(mi.UInt32(axis), number, active) for axis in range(FILM)]
+        else:
+            taken = _on_film(dr.gather(mi.UInt32, self._pixel, number, active), offset, self._size)
+        return *_in_pixel(taken, self._size), Numbers(stream, FILM + dr.zeros(mi.UInt32, dr.width(number)), number, self._table)
 
-    dr.while_loop((stream, mi.UInt32(FILM) + dr.zeros(mi.UInt32, lanes)), lambda stream, number: number < end, fill,
-                  label="numbers")
-    dr.eval(values)
-    return Table(values, count, lanes)
+    def drawn(self, count):
+        """Table of the first numbers of the paths, all of which are their streams'."""
+        values, lane = dr.zeros(mi.Float, count * self.count), dr.arange(mi.UInt32, self.count)
+        width, end = (dr.opaque(mi.UInt32, number) for number in (self.count, count))
+        stream = dr.gather(mi.PCG32, self._streams, lane)
+        for axis, place in enumerate(_on_film(self._pixel, _offset(stream), self._size)):
+            dr.scatter(values, place, axis * width + lane)
+
+        def fill(stream, number):
+            dr.scatter(values, stream.next_float32(), number * width + lane)
+            return stream, number + 1
+
+        dr.while_loop((stream, FILM + dr.zeros(mi.UInt32, self.count)), lambda stream, number: number < end, fill,
+                      label="numbers")
+        dr.eval(values)
+        return Table(values, count, self.count)
 
 
 def moved(table, size, words):
@@ -112,16 +138,6 @@ def either(chosen, table, other):
     return Table(values, table.count, table.width)
 
 
-def columns(table, numbers):
-    """Table of some of the columns, by their numbers (n,)."""
-    index = dr.arange(mi.UInt32, table.count * len(numbers))
-    row = index // dr.opaque(mi.UInt32, len(numbers))
-    column = dr.gather(mi.UInt32, mi.UInt32(numbers), index - row * dr.opaque(mi.UInt32, len(numbers)))
-    values = dr.gather(mi.Float, table.values, row * dr.opaque(mi.UInt32, table.width) + column)
-    dr.eval(values)
-    return Table(values, table.count, len(numbers))
-
-
 def _offset(stream):
     return mi.Point2f(stream.next_float32(), stream.next_float32())
 
@@ -142,35 +158,35 @@ def _in_pixel(place, size):
     return whole[1] * sides[0] + whole[0], mi.Point2f(*[value - mi.Float(k) for value, k in zip(scaled, whole)])
 
 
-def begun(pixel, size, words):
-    """Paths that take their numbers from their streams, in pixels (n,): arguments of `light`."""
-    stream = streams(words)
-    pixel, offset = _in_pixel(_on_film(mi.UInt32(pixel), _offset(stream), size), size)
-    return pixel, offset, Numbers(stream, dr.zeros(mi.UInt32, dr.width(pixel)), None)
+def light(scene, source):
+    """Light of the paths of a `Source`, (n, 3 ORDERS) single precision, linear sRGB of each order, and their pixels (n,).
 
-
-def again(table, size, words):
-    """Paths that take their numbers from a table, and later ones from their streams: arguments of `light`."""
-    stream = streams(words)
-    _offset(stream)
-    lane = dr.arange(mi.UInt32, table.width)
-    pixel, offset = _in_pixel([dr.gather(mi.Float, table.values, axis * dr.opaque(mi.UInt32, table.width) + lane)
-                               for axis in range(FILM)], size)
-    return pixel, offset, Numbers(stream, dr.full(mi.UInt32, FILM, table.width), table)
-
-
-def light(scene, pixel, offset, numbers):
-    """Light of a path a lane, (n, 3 ORDERS) single precision, linear sRGB of each order of scattering, and its pixels (n,)."""
-    width = dr.width(pixel)
-    path = loop.camera_paths(scene, pixel, offset, numbers, dr.zeros(mi.UInt32, width), dr.full(mi.Bool, True, width))
+    A lane follows several paths, one after the other, so that those of a packet wait less for each other.
+    """
+    lanes = -(-source.count // _TOGETHER)
+    step, count = dr.opaque(mi.UInt32, lanes), dr.opaque(mi.UInt32, source.count)
+    brought = [dr.zeros(mi.Float, source.count) for _ in range(3 * ORDERS)]
     turn = loop.Turn(lambda scene, path: path, loop.advance, loop.next_event, loop.turned)
 
-    def step(path, sums):
+    def camera(number, alive):
+        pixel, offset, numbers = source.begin(number, alive)
+        return loop.camera_paths(scene, pixel, offset, numbers, dr.zeros(mi.UInt32, dr.width(number)), alive)
+
+    def following(path, number, sums):
+        for channel, value in zip(brought, sums):
+            dr.scatter(channel, value, number)
+        number = number + step
+        return camera(number, number < count), number, [dr.zeros(mi.Float, dr.width(number)) for _ in sums]
+
+    def go(path, number, sums):
         path, event = turn.advance(scene, path)
         loop.add(sums, path.order, *(radiance for radiance, _ in loop.brought(scene, turn, path, event)))
-        return turn.turned(scene, path, event), sums
+        path = turn.turned(scene, path, event)
+        return dr.if_stmt((path, number, sums), ~path.alive, following, lambda *state: state, label="following paths")
 
-    sums = [dr.zeros(mi.Float, width) for _ in range(3 * ORDERS)]
-    sums = dr.while_loop((path, sums), lambda path, sums: path.alive, step, label="primary samples")[1]
-    dr.eval(sums, pixel)
-    return np.stack([np.asarray(channel) for channel in sums], axis=1), np.asarray(pixel)
+    number = dr.arange(mi.UInt32, lanes)
+    start = camera(number, number < count), number, [dr.zeros(mi.Float, lanes) for _ in range(3 * ORDERS)]
+    dr.while_loop(start, lambda path, number, sums: path.alive, go, label="primary samples")
+    dr.eval(brought)
+    pixel = source.begin(dr.arange(mi.UInt32, source.count))[0]
+    return np.stack([np.asarray(channel) for channel in brought], axis=1), np.asarray(pixel)
