@@ -23,7 +23,6 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers import colour
 from renderers.pictures.engine import Part
 from renderers.transport import _metropolis, primary, wavefront
 from renderers.transport.passes import LAYERS
@@ -91,15 +90,16 @@ class Metropolis:
     group : `Group`
     """
 
-    def __init__(self, light, size, seed):
+    def __init__(self, light, size, seed, luminance):
         """
         Parameters
         ----------
         light : function of a `primary.Source` -> light (n, 3 ORDERS) of its paths, and their pixels (n,)
         size : height and width, pixels
         seed : of the random numbers of all passes
+        luminance : (3,) of linear sRGB
         """
-        self._light, self._size, self._seed = light, size, seed
+        self._light, self._size, self._seed, self._to_luminance = light, size, seed, luminance
         self.group = Group.of(size[0] * size[1])
         self._normalisations, self._accepted = {}, {}
 
@@ -107,7 +107,7 @@ class Metropolis:
         pixels = self._size[0] * self._size[1]
         by_order = np.zeros((ORDERS, pixels, 3))
         light, pixel, words, streams = self._candidates(number)
-        candidates = States(light, _luminance(light), pixel, None, words)
+        candidates = States(light, self._luminance(light), pixel, None, words)
         _metropolis.bring(candidates.light, candidates.pixel, self._of_drawn(candidates.luminance), by_order)
         normalisation = float(candidates.luminance.mean())
         self._normalisations[number] = normalisation
@@ -174,11 +174,11 @@ class Metropolis:
         pixel, words = self._places(streams[1:], numbers[0, 0])
         if large:
             light, pixel = self._light(primary.Source(self._size, pixel, words))
-            return States(light, _luminance(light), pixel, None, words)
+            return States(light, self._luminance(light), pixel, None, words)
         table = primary.moved(chains.table, self._size, (numbers[0, 1:] * 2.0**32).astype(np.uint32).tolist())
         words = words if new else chains.words
         light, pixel = self._light(primary.Source(self._size, pixel, words, table))
-        return States(light, _luminance(light), pixel, table, words)
+        return States(light, self._luminance(light), pixel, table, words)
 
     def _taken(self, accepted, proposed, chains):
         """Chains after a step."""
@@ -188,10 +188,15 @@ class Metropolis:
             (proposed.words.T, chains.words.T)))
         return States(light, luminance, pixel, primary.either(accepted, table, chains.table), words.T.copy())
 
+    def _luminance(self, light):
+        """(n,) of light (n, 3 ORDERS), as chains go by it."""
+        value = np.abs(light.reshape(len(light), ORDERS, 3).sum(axis=1, dtype=float) @ self._to_luminance)
+        return np.where(np.isfinite(value), value, 0.0)
+
     @cached_property
     def _typical(self):
         """Mean luminance of the picture by the first candidates that find light; 0 where none do."""
-        means = (float(_luminance(self._candidates(_FIRST_PILOT + number)[0]).mean()) for number in range(_PILOTS))
+        means = (float(self._luminance(self._candidates(_FIRST_PILOT + number)[0]).mean()) for number in range(_PILOTS))
         return next((mean for mean in means if mean > 0), 0.0)
 
     def _of_drawn(self, luminance):
@@ -208,8 +213,10 @@ class Metropolis:
         return self.group.moved / (self._typical * self.group.drawn + self.group.moved * luminance)
 
 
-def part(name, world, entries, colours, seed) -> Part:
+def part(name, world, entries, colours, seed, luminance) -> Part:
     """Passes of chains of paths, which `renderers.transport.passes.part` would draw alike; parameters as there.
+
+    luminance : (3,) of linear sRGB, which chains go by
 
     The part's `render` is a `Metropolis`.
     """
@@ -222,12 +229,6 @@ def part(name, world, entries, colours, seed) -> Part:
             scene.append(Scene(world, entries, colours))  # with the first pass
         return primary.light(scene[0], source)
 
-    chains = Metropolis(light, world.size, seed)
+    chains = Metropolis(light, world.size, seed, luminance)
     paths = chains.group.candidates + chains.group.chains * chains.group.steps
     return Part(name, chains, max(1, paths // (world.size[0] * world.size[1])))
-
-
-def _luminance(light):
-    """(n,) of light (n, 3 ORDERS), as chains go by it."""
-    value = np.abs(light.reshape(len(light), ORDERS, 3).sum(axis=1, dtype=float) @ colour.LUMINANCE)
-    return np.where(np.isfinite(value), value, 0.0)

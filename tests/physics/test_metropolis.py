@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 from renderers import threads
+from renderers.colour import LUMINANCE
 from renderers.materials.bodies import methods
 from renderers.mitsuba import variants
 from renderers.transport import metropolis, primary
@@ -43,7 +44,7 @@ def closed(value):
 
 def chains(value, count=24, size=SIZE, seed=0):
     """Passes (count, H, W, 3), and what makes them."""
-    made = metropolis.Metropolis(closed(value), size, seed)
+    made = metropolis.Metropolis(closed(value), size, seed, LUMINANCE)
     made.group = metropolis.Group(1024, 256, 12)
     return np.array([made(number)[""] for number in range(count)]), made
 
@@ -71,14 +72,14 @@ def test_the_mean_of_each_pixel_is_right():
     mean = found.mean(axis=(1, 2))
     assert within(mean, of_spots().mean(axis=(0, 1))) and not within(2 * mean, of_spots().mean(axis=(0, 1)))
     figures = made.figures()
-    luminance = of_spots() @ [0.2126, 0.7152, 0.0722]
+    luminance = of_spots() @ LUMINANCE
     assert abs(figures.normalisation - luminance.mean()) < 6 * figures.error + 1e-3 * luminance.mean()
     assert 0.1 < figures.small_steps < 1 and 0 < figures.large_steps < figures.small_steps
 
 
 def test_the_first_steps_are_as_right_as_the_last(monkeypatch):
     """Chains of one step: nothing is thrown away at the start, and nothing is off."""
-    made = metropolis.Metropolis(closed(spots), SIZE, 3)
+    made = metropolis.Metropolis(closed(spots), SIZE, 3, LUMINANCE)
     made.group = metropolis.Group(256, 256, 1)
     assert within(np.array([made(number)[""] for number in range(60)]), of_spots())
 
@@ -91,7 +92,7 @@ def test_light_below_zero_and_without_luminance_counts():
     wanted = np.broadcast_to([grey + red, grey, grey], (*SIZE, 3))
     assert within(chains(signed)[0], wanted)
 
-    made = metropolis.Metropolis(lambda source: _green_against_red(closed(lambda pixel, x, y: x)(source)), SIZE, 0)
+    made = metropolis.Metropolis(lambda source: _green_against_red(closed(lambda pixel, x, y: x)(source)), SIZE, 0, LUMINANCE)
     made.group = metropolis.Group(1024, 256, 12)
     found = np.array([made(number)[""] for number in range(8)])
     assert within(found[..., 0], np.full(SIZE, 0.5)) and found[..., 1].mean() < 0

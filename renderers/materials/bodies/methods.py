@@ -157,8 +157,8 @@ def parts(setup, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS)
     if method.in_one_loop and in_one_loop(setup):
         from renderers.transport import metropolis, passes
 
-        kind = metropolis if method.metropolis else passes
-        return (kind.part(name, setup.world, setup.bodies, setup.colours, seed),)
+        asked = name, setup.world, setup.bodies, setup.colours, seed
+        return (metropolis.part(*asked, colour.LUMINANCE) if method.metropolis else passes.part(*asked),)
     if method.metropolis:
         raise ValueError(f"method {name} has no paths but those of the loop")
     if method.joined:
