@@ -170,7 +170,8 @@ def light(scene, source):
 
     def camera(number, alive):
         pixel, offset, numbers = source.begin(number, alive)
-        return loop.camera_paths(scene, pixel, offset, numbers, dr.zeros(mi.UInt32, dr.width(number)), alive)
+        drawn = offset, numbers.next_float32(alive)
+        return loop.camera_paths(scene, pixel, drawn, numbers, dr.zeros(mi.UInt32, dr.width(number)), alive)
 
     def following(path, number, sums):
         for channel, value in zip(brought, sums):
