@@ -195,9 +195,15 @@ def test_orders_add_up(tmp_path, monkeypatch):
     assert np.allclose(sum(layers[name] for name in layers if name), layers[""]) and layers["orders"].any()
 
 
+@pytest.fixture
+def few(monkeypatch):
+    """Passes of few paths."""
+    monkeypatch.setattr(metropolis, "_FEWEST", 1 << 16)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("index", [1.0, 1.4])
-def test_a_white_world(tmp_path, index):
+def test_a_white_world(tmp_path, index, few):
     """Albedo 1 in light from everywhere is 1."""
     white = asset(1.0, 0.5, (0.9, 0.7, 1.1, 2.0, 0.8), (0.45, 0.5, 0.55, 0.6, 0.65))
     how = transport(tmp_path, {"ball": (BALL, white)}, SKY, [index], size=8)
@@ -210,13 +216,13 @@ def test_a_white_world(tmp_path, index):
 @pytest.mark.parametrize("index, g, around", [(1.0, 0.7, SKY + PANEL), (1.4, 0.3, FLOOR + PANEL), (1.5, 0.0, FLOOR + PANEL),
                                               (1.0, 0.0, FLOOR + POINT)],
                          ids=["matched", "glass", "rough", "point"])
-def test_chains_and_paths_agree(tmp_path, index, g, around):
+def test_chains_and_paths_agree(tmp_path, index, g, around, few):
     """In each layer, of a ball of 5 mean free paths and more."""
     how = transport(tmp_path, {"ball": (BALL, asset([0.95, 0.9, 0.5], g, (1.0, 0.8, 0.6)))}, around, [index], size=16)
     for layer in ("", "order1", "orders"):
         drawn, moved = (passes(how, name, count, seed, layer).mean(axis=(1, 2, 3))
-                        for seed, (name, count) in enumerate((("paths", 40), ("metropolis", 10))))
-        error = np.hypot(drawn.std(ddof=1) / 40**0.5, moved.std(ddof=1) / 10**0.5)
+                        for seed, (name, count) in enumerate((("paths", 40), ("metropolis", 16))))
+        error = np.hypot(drawn.std(ddof=1) / 40**0.5, moved.std(ddof=1) / 16**0.5)
         assert error < 0.03 * drawn.mean() and stats.ttest_ind(drawn, moved, equal_var=False).pvalue > ODDS
 
 
