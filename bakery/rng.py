@@ -49,6 +49,7 @@ STREAMS = {
     "render.seen": Stream(0x7273656E, ()),
     "render.translucent": Stream(0x7274726E, ("pass",)),
     "render.paths": Stream(0x72707468, ("pass",)),
+    "render.metropolis": Stream(0x726D7470, ("pass",)),
     "render.materials": Stream(0x726D6174, ("sample",)),
     "render.features": Stream(0x72666561, ()),
     "render.entries": Stream(0x72656E74, ("pass",)),

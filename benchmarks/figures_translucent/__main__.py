@@ -9,6 +9,7 @@ CLAIMS = {  # name on the command line: (module, picture)
     "fig27": ("times", "translucent_times.png"), "fig19": ("infinite", "translucent_infinite.png"),
     "fig20": ("diffusion", "translucent_diffusion.png"), "fig25": ("radii", "translucent_radii.png"),
     "fig32": ("obstacles", "translucent_obstacles.png"), "boundaries": ("boundaries", None), "extremes": ("extremes", None),
+    "fig30": ("mutations", None),
 }
 SETTINGS = {  # of `measure`: (kind, value if not said, what it is)
     "size": (int, sized(48, 8), "pixels along a side of pictures"),

@@ -132,7 +132,7 @@ class Passes:
     """Of one kind; `block` (H, W) is the number of each pixel's block, -1 where it does not count."""
 
     def __init__(self, part, block):
-        self.render, self.block, self.seen = part.render, block[block >= 0], block >= 0
+        self.render, self.samples, self.block, self.seen = part.render, part.samples, block[block >= 0], block >= 0
         self.pixels = np.bincount(self.block)
         self.count, self.seconds, self.images, self.squares, self.blocks = 0, 0.0, {}, {}, {name: [] for name in LAYERS}
         self.render(10**6)  # compiles, and finds where light comes in

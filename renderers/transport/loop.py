@@ -108,17 +108,21 @@ def trace(scene, key, pixels, lanes, samples, by_light, turn=None):
 
     def step(path, sums):
         path, event = turn.advance(scene, path)
-        refracted = scene.lamps and scene.lamps.connected(path, event)
-        emitted, emitter = _emitted(scene, path, event, refracted[2] if refracted else 1)
-        sampled, light = turn.next_event(scene, path, event)
-        lights = [(emitted, emitter), (sampled, light), *([refracted[:2]] if refracted else [])]
-        _add(sums, path.order, *(radiance for radiance, _ in lights))
+        lights = brought(scene, turn, path, event)
+        add(sums, path.order, *(radiance for radiance, _ in lights))
         if by_light:
             for radiance, source in lights:
                 _add_by_light(scene, of_lights, lane, radiance, source)
         return _renewed(scene, pixel, strata, samples, turn.turned(scene, path, event)), sums
 
     return dr.while_loop((path, sums), lambda path, sums: path.alive, step, label="paths")[1], of_lights
+
+
+def brought(scene, turn, path, event):
+    """Light that paths meet and that of light samples: pairs of linear sRGB and its emitters."""
+    refracted = scene.lamps and scene.lamps.connected(path, event)
+    met = _emitted(scene, path, event, refracted[2] if refracted else 1)
+    return [met, turn.next_event(scene, path, event), *([refracted[:2]] if refracted else [])]
 
 
 def first_media(scene, key, pixels, lanes):
@@ -144,14 +148,14 @@ def begin(scene, key, pixels, lanes, samples=1):
     strata = Strata(lane, pixel, key, lanes, samples)
     low, high = mi.sample_tea_32(lane ^ key[0], key[1])
     random = mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))
-    path = _camera_paths(scene, pixel, strata, random, dr.zeros(mi.UInt32, dr.width(lane)),
-                         dr.full(mi.Bool, True, dr.width(lane)))
+    first, alive = dr.zeros(mi.UInt32, dr.width(lane)), dr.full(mi.Bool, True, dr.width(lane))
+    path = camera_paths(scene, pixel, strata.drawn(first, random, alive), random, first, alive)
     return lane, pixel, strata, path
 
 
-def _camera_paths(scene, pixel, strata, random, samples, alive):
-    """The camera's paths."""
-    place, choice = strata.drawn(samples, random, alive)
+def camera_paths(scene, pixel, drawn, random, samples, alive):
+    """The camera's paths; drawn : places in pixels, and numbers for choices."""
+    place, choice = drawn
     origin, direction = scene.camera_ray(pixel, place)
     width = dr.width(pixel)
     zero = dr.zeros(mi.UInt32, width)
@@ -165,7 +169,8 @@ def _renewed(scene, pixel, strata, samples, path):
     """Paths, and new ones of the camera where they are over."""
     over = ~path.alive
     count = path.samples + dr.select(over, mi.UInt32(1), mi.UInt32(0))
-    new = _camera_paths(scene, pixel, strata, path.random, count, count < samples)
+    alive = count < samples
+    new = camera_paths(scene, pixel, strata.drawn(count, path.random, alive), path.random, count, alive)
     for name in ("alive", "origin", "direction", "inside", "order", "bounces", "drawn", "density", "single", "choice"):
         setattr(path, name, dr.select(over, getattr(new, name), getattr(path, name)))
     path.throughput = [dr.select(over, mi.Float(1), weight) for weight in path.throughput]
@@ -175,7 +180,7 @@ def _renewed(scene, pixel, strata, samples, path):
     return path
 
 
-def _add(sums, order, *lights):
+def add(sums, order, *lights):
     """Adds light to the sums of its order."""
     for k in range(ORDERS):
         of_order = order == k if k < ORDERS - 1 else order >= k

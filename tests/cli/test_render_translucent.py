@@ -165,6 +165,22 @@ def test_going_on_is_as_not_having_stopped(call, place, method):
     assert not np.array_equal(other, picture(rendered(call, place, "d", method)[1]))
 
 
+@pytest.mark.slow
+def test_chains_report_and_go_on(call, place, monkeypatch):
+    from renderers.transport import metropolis
+
+    monkeypatch.setattr(metropolis, "_FEWEST", 1 << 14)
+    settings = "materials[0].method=metropolis", "stop={samples: 200, noise: 0.01%}"
+    straight, found = rendered(call, place, "a", *settings)
+    begun = rendered(call, place, "b", settings[0], "stop={samples: 100, noise: 0.01%}")[0]
+    report, resumed = rendered(call, place, "b", *settings, options=("--resume",))
+    assert begun["passes"] == {"metropolis": 2} and report["passes"] == straight["passes"] == {"metropolis": 4}
+    assert np.allclose(picture(resumed), picture(found), rtol=1e-5, atol=1e-6)
+    chains = straight["chains"]
+    assert 0 < chains["large_steps"] < chains["small_steps"] < 1 and 0 < chains["error"] < chains["normalisation"]
+    assert any("chains are normalised by the mean luminance" in sentence for sentence in straight["reasons"])
+
+
 def test_a_light_that_is_no_number_is_refused(call, place):
     """In a scene, and in the Mitsuba file by itself."""
     (place / "lit.xml").write_text(XML.replace("4 4 4", "4 nan 4").replace("<sensor", '<integrator type="path"/><sensor'))

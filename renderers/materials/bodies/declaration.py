@@ -41,6 +41,7 @@ class BodyMethod(SceneMethod):
     tabled : whether later events are from the tables
     parts : kinds of its passes; () where it follows all events from the eye
     in_one_loop : whether `renderers.transport` may follow them
+    metropolis : whether it does so by chains of paths (`renderers.transport.metropolis`), which nothing else follows
     spheres : whether light jumps through empty spheres
     second : (world, body) -> whether second events are gathered from beams, not sampled
     beams_of_events : whether light behind smooth boundaries is gathered from the beams that begin at its first events, too
@@ -54,6 +55,7 @@ class BodyMethod(SceneMethod):
     tabled: bool = False
     parts: tuple[str, ...] = ()
     in_one_loop: bool = False
+    metropolis: bool = False
     spheres: bool = False
     second: Callable[[Any, Any], bool] = of_points_behind_glass
     beams_of_events: bool = False

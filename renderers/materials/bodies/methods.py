@@ -20,6 +20,7 @@ from renderers.materials.bodies.thin import WALKS
 from renderers.materials.bodies.transport import UNLIMITED, Colours, Gather, Transport
 from renderers.pictures.engine import Part
 from renderers.pictures.passes import Method
+from renderers.scene.budget import percent
 from renderers.scene.declaration import settled
 
 ENTRIES, PICKS, _LEAST, _ALONE = 16384, 64, 4, 32
@@ -57,9 +58,20 @@ def prepare(job, world, seed) -> Method:
         measurable = declared.measured is not None and missing is not None
         bias = declared.measured(estimate.means.values(), estimate.rgb, missing) if measurable else None
         unlit = {} if np.any(estimate.rgb) else dict.fromkeys(_NOISES) | {"reasons": [_UNLIT]}
-        return {"bias": bias, "left_out": sentences} | unlit
+        chained = _of_chains(kinds[0].render.figures()) if declared.metropolis else {}
+        return {"bias": bias, "left_out": sentences} | chained | unlit
 
     return Method(name, kinds, [*reasons, *sentences], after, features=lambda: features_of(setup, seed))
+
+
+def _of_chains(figures):
+    """What a report says of the chains of its passes, `renderers.transport.metropolis.Figures`."""
+    if figures.small_steps is None:
+        return {"chains": figures._asdict()}
+    error = "" if figures.error is None else f" ({percent(figures.error / figures.normalisation)})"
+    return {"chains": figures._asdict(), "reasons": [
+        f"chains are normalised by the mean luminance of paths drawn alike, {figures.normalisation:.3g}{error}; they have taken "
+        f"{percent(figures.small_steps)} of small steps and {percent(figures.large_steps)} of large ones"]}
 
 
 def features_of(setup, seed):
@@ -97,9 +109,13 @@ def transport_of(world, names, assets, indices, wrong, name="vrl+tables") -> Tra
     enclosed = [any(not body.matched and holds(body, light.place) for body in bodies) and not light.distant for light in lights]
     lamps = frozenset(number for number, body in enumerate(bodies)
                       if world.lights_in([np.array([body.vertices.min(axis=0), body.vertices.max(axis=0)])]))
-    return Transport(world, bodies, geometry, colours, [refraction.bent(world, body, shapes) for body in bodies], panes=panes,
-                     points=tuple(light for light, inside in zip(lights, enclosed, strict=True) if not inside),
-                     enclosed=tuple(light for light, inside in zip(lights, enclosed, strict=True) if inside), lamps=lamps)
+    setup = Transport(world, bodies, geometry, colours, [refraction.bent(world, body, shapes) for body in bodies], panes=panes,
+                      points=tuple(light for light, inside in zip(lights, enclosed, strict=True) if not inside),
+                      enclosed=tuple(light for light, inside in zip(lights, enclosed, strict=True) if inside), lamps=lamps)
+    if methods()[name].metropolis and not world.dark and not in_one_loop(setup):
+        raise wrong(0, "method", f"method {name} follows light of lamps without extent through smooth glass no more than that of "
+                                 f"more than {_MOST} bodies; paths or vrl+tables would do")
+    return setup
 
 
 def _body(shapes, name, asset, index, wrong, method):
@@ -139,9 +155,12 @@ def parts(setup, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS)
     """
     method = methods()[name]
     if method.in_one_loop and in_one_loop(setup):
-        from renderers.transport import passes
+        from renderers.transport import metropolis, passes
 
-        return (passes.part(name, setup.world, setup.bodies, setup.colours, seed),)
+        asked = name, setup.world, setup.bodies, setup.colours, seed
+        return (metropolis.part(*asked, colour.LUMINANCE) if method.metropolis else passes.part(*asked),)
+    if method.metropolis:
+        raise ValueError(f"method {name} has no paths but those of the loop")
     if method.joined:
         # they bring lights without extent, too
         setup = setup._replace(bent=[[] for _ in setup.bodies])

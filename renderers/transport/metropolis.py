@@ -1,0 +1,234 @@
+"""Pictures by Metropolis's algorithm over primary samples (Kelemen et al. 2002), thousands of chains at once.
+
+A chain is a path that moves from one to another, so that it is at each as often as goes with the luminance of its light (the
+absolute value of it): `primary` holds the numbers that it is made of.  Small steps move all of them a little, some with a new
+random stream behind; large steps draw all anew.
+
+Each pass is a group of chains by itself, so that the scatter of passes is the noise of the picture, although neighbouring pixels
+of a pass share theirs.  It begins with paths drawn alike, candidates, from which the chains begin by their luminance: weighted
+with the mean luminance of the candidates, which is the normalisation, every step of a chain has the right mean, the first as the
+last (Veach and Guibas 1997, section 5.1).  So nothing is to be thrown away at the start, and no pass is biased.
+
+Candidates and large steps are paths drawn alike, too.  What they bring and what chains bring are two estimates of the same, each
+weighted where it is better by the balance heuristic (Kelemen et al. 2002, section 4), whose densities are from pilots, alike in
+all passes: they do not go with what a pass finds.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.kernels import stream_key
+from renderers.pictures.engine import Part
+from renderers.transport import _metropolis, primary, wavefront
+from renderers.transport.passes import LAYERS
+from renderers.transport.wavefront import ORDERS
+
+_PATHS, _FEWEST, _SAMPLES = 1 << 20, 1 << 18, 16  # of a pass: at most, at least; in between so many a pixel
+_STEPS, _LARGE = 12, 4  # of a chain; of so many the last one is large
+_TURNS, _OF_TURN = 8, 12  # turns of a path whose numbers stand in a table, and how many each takes at most
+_EFFECTIVE = 0.25  # independent paths that a step of a chain is worth, as the weights count it
+_PILOTS, _FIRST_PILOT = 16, 1 << 31  # passes of candidates until one finds light, at most; numbered from there
+
+
+class Group(NamedTuple):
+    """Chains of a pass: candidates from which they begin, how many they are, and steps of each."""
+
+    candidates: int
+    chains: int
+    steps: int
+
+    @classmethod
+    def of(cls, pixels):
+        """For a picture of so many pixels."""
+        paths = max(pixels, min(_PATHS, max(_FEWEST, _SAMPLES * pixels)))
+        chains = math.ceil(paths / (_STEPS + _LARGE))
+        return cls(_LARGE * chains, chains, _STEPS)
+
+    @property
+    def drawn(self):
+        """Paths that are drawn alike: candidates and large steps."""
+        return self.candidates + self.chains * (self.steps // _LARGE)
+
+    @property
+    def moved(self):
+        """States of chains, counted as so many independent ones."""
+        return _EFFECTIVE * self.chains * self.steps
+
+
+class Figures(NamedTuple):
+    """normalisation : mean luminance of the picture as candidates have it, None before there is one
+    error : its standard error, by the scatter of passes, None of one
+    small_steps, large_steps : shares of steps that chains have taken, None where none began
+    """
+
+    normalisation: float | None
+    error: float | None
+    small_steps: float | None
+    large_steps: float | None
+
+
+class States(NamedTuple):
+    """Where n chains are: light (n, 3 ORDERS), its luminance (n,) and pixel (n,); `Table` of numbers, words (2, n) of streams."""
+
+    light: np.ndarray
+    luminance: np.ndarray
+    pixel: np.ndarray
+    table: primary.Table | None
+    words: np.ndarray
+
+
+class Metropolis:
+    """Passes of chains: called with the number of a pass, it gives its layers.
+
+    Attributes
+    ----------
+    group : `Group`
+    """
+
+    def __init__(self, light, size, seed, luminance):
+        """
+        Parameters
+        ----------
+        light : function of a `primary.Source` -> light (n, 3 ORDERS) of its paths, and their pixels (n,)
+        size : height and width, pixels
+        seed : of the random numbers of all passes
+        luminance : (3,) of linear sRGB
+        """
+        self._light, self._size, self._seed, self._to_luminance = light, size, seed, luminance
+        self.group = Group.of(size[0] * size[1])
+        self._normalisations, self._accepted = {}, {}
+
+    def __call__(self, number):
+        pixels = self._size[0] * self._size[1]
+        by_order = np.zeros((ORDERS, pixels, 3))
+        light, pixel, words, streams = self._candidates(number)
+        candidates = States(light, self._luminance(light), pixel, None, words)
+        _metropolis.bring(candidates.light, candidates.pixel, self._of_drawn(candidates.luminance), by_order)
+        normalisation = float(candidates.luminance.mean())
+        self._normalisations[number] = normalisation
+        if normalisation > 0:
+            self._accepted[number] = self._moved(self._begun(candidates, streams), streams, normalisation, by_order)
+        images = (pixels * by_order).reshape(ORDERS, *self._size, 3)
+        return {"": images.sum(axis=0)} | dict(zip(LAYERS, images))
+
+    def figures(self) -> Figures:
+        """Of the passes so far."""
+        values, taken = np.array(list(self._normalisations.values())), np.array(list(self._accepted.values()))
+        error = float(values.std(ddof=1) / len(values) ** 0.5) if len(values) > 1 else None
+        return Figures(float(values.mean()) if len(values) else None, error,
+                       *(taken.mean(axis=0).tolist() if len(taken) else (None, None)))
+
+    def _candidates(self, number):
+        """Light, pixels and words of a pass's candidates, and random streams (chains + 1,) of what follows."""
+        states = np.empty(self.group.chains + 1 + self.group.candidates, np.uint64)
+        wavefront.begin_streams(stream_key(self._seed, "render.metropolis", number), 0, states)
+        pixel, words = self._places(states[self.group.chains + 1:], 0.0)
+        return *self._light(primary.Source(self._size, pixel, words)), words, states[:self.group.chains + 1]
+
+    def _places(self, states, shift):
+        """Pixels (n,), spread evenly over the picture but for a shift, 0 to 1 of it, and words (2, n) of streams."""
+        n, pixels = len(states), self._size[0] * self._size[1]
+        numbers = np.empty((n, 3))
+        wavefront.draw(states, numbers)
+        place = ((np.arange(n) + numbers[:, 0]) / n + shift) % 1.0
+        return np.minimum((place * pixels).astype(np.uint32), pixels - 1), (numbers[:, 1:].T * 2.0**32).astype(np.uint32)
+
+    def _begun(self, candidates, streams):
+        """Chains at candidates that are drawn by their luminance, evenly."""
+        n, number = self.group.chains, np.empty((1, 1))
+        wavefront.draw(streams[:1], number)
+        added = np.cumsum(candidates.luminance)
+        chosen = np.searchsorted(added, (np.arange(n) + number[0, 0]) / n * added[-1], side="right")
+        chosen = np.minimum(chosen, np.flatnonzero(candidates.luminance)[-1])
+        light, luminance, pixel, words = (values[chosen] for values in (candidates.light, candidates.luminance, candidates.pixel,
+                                                                    candidates.words.T))
+        table = primary.Source(self._size, pixel, words.T).drawn(primary.FILM + _TURNS * _OF_TURN)
+        return States(light, luminance, pixel, table, words.T.copy())
+
+    def _moved(self, chains, streams, normalisation, by_order):
+        """Moves chains and adds what they bring; shares of small and of large steps that they took."""
+        of_state, taken = normalisation / (self.group.chains * self.group.steps), [[], []]
+        for step in range(1, self.group.steps + 1):
+            large = step % _LARGE == 0
+            proposed = self._proposed(chains, streams, large, new=step % _LARGE == 2)
+            accepted = np.minimum(proposed.luminance / chains.luminance, 1.0)
+            numbers = np.empty((self.group.chains, 1))
+            wavefront.draw(streams[1:], numbers)
+            for states, share in ((chains, 1 - accepted), (proposed, accepted)):
+                _metropolis.bring(states.light, states.pixel, share * of_state * self._of_moved(states.luminance), by_order)
+            if large:
+                _metropolis.bring(proposed.light, proposed.pixel, self._of_drawn(proposed.luminance), by_order)
+            chains = self._taken(numbers[:, 0] < accepted, proposed, chains)
+            taken[large].append(accepted.mean())
+        return [float(np.mean(shares)) if shares else 0.0 for shares in taken]
+
+    def _proposed(self, chains, streams, large, new):
+        """Where chains may go; new: with a new random stream behind the table."""
+        numbers = np.empty((1, 3))
+        wavefront.draw(streams[:1], numbers)
+        pixel, words = self._places(streams[1:], numbers[0, 0])
+        if large:
+            light, pixel = self._light(primary.Source(self._size, pixel, words))
+            return States(light, self._luminance(light), pixel, None, words)
+        table = primary.moved(chains.table, self._size, (numbers[0, 1:] * 2.0**32).astype(np.uint32).tolist())
+        words = words if new else chains.words
+        light, pixel = self._light(primary.Source(self._size, pixel, words, table))
+        return States(light, self._luminance(light), pixel, table, words)
+
+    def _taken(self, accepted, proposed, chains):
+        """Chains after a step."""
+        table = proposed.table or primary.Source(self._size, proposed.pixel, proposed.words).drawn(chains.table.count)
+        light, luminance, pixel, words = (np.where(accepted.reshape(-1, *[1] * (new.ndim - 1)), new, old) for new, old in (
+            (proposed.light, chains.light), (proposed.luminance, chains.luminance), (proposed.pixel, chains.pixel),
+            (proposed.words.T, chains.words.T)))
+        return States(light, luminance, pixel, primary.either(accepted, table, chains.table), words.T.copy())
+
+    def _luminance(self, light):
+        """(n,) of light (n, 3 ORDERS), as chains go by it."""
+        value = np.abs(light.reshape(len(light), ORDERS, 3).sum(axis=1, dtype=float) @ self._to_luminance)
+        return np.where(np.isfinite(value), value, 0.0)
+
+    @cached_property
+    def _typical(self):
+        """Mean luminance of the picture by the first candidates that find light; 0 where none do."""
+        means = (float(self._luminance(self._candidates(_FIRST_PILOT + number)[0]).mean()) for number in range(_PILOTS))
+        return next((mean for mean in means if mean > 0), 0.0)
+
+    def _of_drawn(self, luminance):
+        """Shares (n,) that count of paths that are drawn alike."""
+        if not self._typical > 0:
+            return (luminance == 0) / self.group.drawn
+        return 1 / (self.group.drawn + self.group.moved * luminance / self._typical)
+
+    def _of_moved(self, luminance):
+        """The same of states of chains, over their luminance."""
+        with np.errstate(divide="ignore"):
+            if not self._typical > 0:
+                return np.where(luminance > 0, 1 / luminance, 0.0)
+        return self.group.moved / (self._typical * self.group.drawn + self.group.moved * luminance)
+
+
+def part(name, world, entries, colours, seed, luminance) -> Part:
+    """Passes of chains of paths, which `renderers.transport.passes.part` would draw alike; parameters as there.
+
+    luminance : (3,) of linear sRGB, which chains go by
+
+    The part's `render` is a `Metropolis`.
+    """
+    scene = []
+
+    def light(source):
+        if not scene:
+            from renderers.transport.scene import Scene
+
+            scene.append(Scene(world, entries, colours))  # with the first pass
+        return primary.light(scene[0], source)
+
+    chains = Metropolis(light, world.size, seed, luminance)
+    paths = chains.group.candidates + chains.group.chains * chains.group.steps
+    return Part(name, chains, max(1, paths // (world.size[0] * world.size[1])))
