@@ -30,7 +30,7 @@ def angstrom_exponent(wavelength, values, error):
     values, relative = np.asarray(values, float), ratio(error, values)
     logarithm = np.log(np.where(values > 0, values, np.nan))
     step = np.diff(np.log(wavelength))
-    return -np.diff(logarithm) / step, (relative[1:] + relative[:-1]) / np.abs(step)
+    return 0 - np.diff(logarithm) / step, (relative[1:] + relative[:-1]) / np.abs(step)
 
 
 def visual_range(sigma_t, contrast: float) -> np.ndarray:
