@@ -138,12 +138,12 @@ def _errors(theta, phase, orders) -> Iterator[tuple[int, np.ndarray]]:
     """`series_error` up to growing orders, the last of them `orders`."""
     moments = legendre_moments(theta, phase, orders)
     at, weight, cell, share = _quadrature(theta, orders, _NODES_OF_ERROR)
-    left = phase[..., cell] * (1 - share) + phase[..., cell + 1] * share
+    residual = phase[..., cell] * (1 - share) + phase[..., cell + 1] * share
     due = 0
     for l, polynomial in wigner(at, 0, 0, orders):
-        left = left - (2 * l + 1) / (4 * math.pi) * moments[..., l, None] * polynomial
+        residual = residual - (2 * l + 1) / (4 * math.pi) * moments[..., l, None] * polynomial
         if l in (due, orders):
-            yield l, 2 * math.pi * np.sum(weight * np.abs(left), axis=-1)
+            yield l, 2 * math.pi * np.sum(weight * np.abs(residual), axis=-1)
             due = l + max(1, l // 32)
 
 
@@ -187,8 +187,8 @@ def expansion_coefficients(theta, s11, s12, s33, s34, orders: int, s22=None, s44
             coefficient[..., l] = np.sum(values * function, axis=-1)
         return scale * coefficient
 
-    both, difference = projected(2, 2, s22 + s33), projected(2, -2, s22 - s33)
-    return Expansion(scale * legendre_moments(theta, s11, orders), (both + difference) / 2, (both - difference) / 2,
+    total, difference = projected(2, 2, s22 + s33), projected(2, -2, s22 - s33)
+    return Expansion(scale * legendre_moments(theta, s11, orders), (total + difference) / 2, (total - difference) / 2,
                      scale * legendre_moments(theta, s44, orders), 0 - projected(0, 2, s12), 0 - projected(0, 2, s34))
 
 
