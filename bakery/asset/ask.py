@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 ARGUMENTS = "arguments are wavelength=0.55um, theta=10deg, radius=5um"
 
 
-def ask(found: Asset | Family, path: str, arguments: Mapping[str, str | float | Iterable[float]]) -> Answer | Attribute:
+def ask(asset: Asset | Family, path: str, arguments: Mapping[str, str | float | Iterable[float]]) -> Answer | Attribute:
     """The value at a path of an asset; text and attributes as they are, all else as an `Answer`.
 
     Parameters
@@ -40,7 +40,7 @@ def ask(found: Asset | Family, path: str, arguments: Mapping[str, str | float | 
     UsageError : a path that the asset does not hold, an argument that has no effect there or lies outside of what is stored
     """
     queries = {query.path: query for stage in all_stages() for query in stage.queries}
-    root, path = found.tree, path.strip("/")
+    root, path = asset.tree, path.strip("/")
     # tables of a family have wavelength and theta beside its own axes
     swept = root[f"{FAMILY}/axes"].members.keys() - {"wavelength", "theta"} if is_family(root) else ()
     if name := next((name for name in arguments if name in swept), ""):
@@ -48,13 +48,13 @@ def ask(found: Asset | Family, path: str, arguments: Mapping[str, str | float | 
                          "a place, which is asked for medium/…")
     values = {name: _value(name, value, queries, path) for name, value in arguments.items()}
     if path in queries and queries[path].bare and not is_family(root):
-        return queries[path].answer(found, path, values)
-    member = _find(found.path, root, path)
+        return queries[path].answer(asset, path, values)
+    member = _find(asset.path, root, path)
     if path in queries and values:
-        return queries[path].answer(found, path, values)
+        return queries[path].answer(asset, path, values)
     if isinstance(member, Group):
         content = ", ".join([*member.members, *member.attributes])
-        raise UsageError(f"{found.path}: {path} is a group; it holds {content}: ask for one of them, "
+        raise UsageError(f"{asset.path}: {path} is a group; it holds {content}: ask for one of them, "
                          f"such as {path}/{content.split(',')[0]}")
     if isinstance(member, Dataset) and not is_text(member):
         return lookup(root, path, values)

@@ -47,8 +47,8 @@ def declared_letters(root: Group, path: str) -> tuple[str, ...]:
 
 
 def _fits(root: Group, path: str, letter: str, length: int) -> bool:
-    found = coordinate(root, path, letter)
-    return found is not None and found[1].data.shape == (length,)
+    axis = coordinate(root, path, letter)
+    return axis is not None and axis[1].data.shape == (length,)
 
 
 def _declared(root: Group, path: str) -> tuple[str, ...]:

@@ -130,8 +130,8 @@ class Family:
         self._swept = {axis.first.name: axis.first for axis in axes_of(family)}
         self.axes = MappingProxyType({name: _axis(family[f"axes/{name}"], key) for name, key in self._swept.items()})
         folder = Path(path).parent
-        self.members = tuple(FamilyMember(MappingProxyType(dict(zip(self._swept, place, strict=True))), folder / member.file,
-                                          member.content_hash, member.reason) for place, _, member in listed(root))
+        self.members = tuple(FamilyMember(MappingProxyType(dict(zip(self._swept, index, strict=True))), folder / member.file,
+                                          member.content_hash, member.reason) for index, _, member in listed(root))
 
     def __fspath__(self) -> str:
         return self.path

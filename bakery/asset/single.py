@@ -43,7 +43,7 @@ def checked(path: str, root: Group) -> Group:
 
 def rendered(root: Group) -> Iterator[Picture]:
     """Pictures of what renderers take of an asset."""
-    return (each for stage in stages_of(root) if stage.rendered for each in stage.pictures(root))
+    return (picture for stage in stages_of(root) if stage.rendered for picture in stage.pictures(root))
 
 
 class Asset:
@@ -84,7 +84,7 @@ class Asset:
         if name in groups:
             return groups[name]
         if sections := sections_for(name):
-            wanted = " or ".join(dict.fromkeys(" and ".join(f"`{section}`" for section in each) for each in sections))
+            wanted = " or ".join(dict.fromkeys(" and ".join(f"`{section}`" for section in group) for group in sections))
             raise MissingStage(f"{self.path}: holds no stage {name!r} (it holds {', '.join(self.stages) or 'none'}); give its "
                                f"recipe a section {wanted} and bake it again: `bake RECIPE -o {self.path}`, or "
                                f"`bake RECIPE --scene SCENE -o {self.path}` of a scene that needs the stage")

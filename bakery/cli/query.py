@@ -35,13 +35,13 @@ def command(asset, path, arguments, place, as_json):
     from bakery.stages.declaration import Answer
     from bakery.stages.optics.quantity_table import QuantityTable
 
-    found = opened(asset, place)
+    asked = opened(asset, place)
     values = dict(_argument(word) for word in arguments)
     if len(values) < len(arguments):
         raise UsageError("the same argument twice; give each once")
-    answer = ask(found, path, values)
+    answer = ask(asked, path, values)
     if isinstance(answer, Answer):
-        _show(found.tree, answer, as_json)
+        _show(asked.tree, answer, as_json)
     elif isinstance(answer, QuantityTable):
         _show_table(answer, as_json)
     else:

@@ -22,13 +22,13 @@ def coordinate(root: Group, path: str, letter: str) -> tuple[str, Dataset] | Non
         return None
     parts = path.split("/")[:-1]
     for above in [parts[:n] for n in range(len(parts), -1, -1)] + [["medium"]]:
-        here = "/".join([*above, name])
+        prefix = "/".join([*above, name])
         try:
-            member = root[here]
+            member = root[prefix]
         except KeyError:
             continue
         if isinstance(member, Dataset) and member.data.ndim == 1:
-            return here, member
+            return prefix, member
     return None
 
 

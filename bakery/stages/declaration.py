@@ -144,13 +144,13 @@ class Answer:
         values, error = self.values[whole], None if self.error is None else np.asarray(self.error)[whole]
         for index in np.ndindex(values.shape[:-1]):
             places = zip(across, index, strict=True)
-            place = ", ".join(f"index {i}" if name == "index" else
+            axes = ", ".join(f"index {i}" if name == "index" else
                               ("" if name == "wavelength" else f"{name} ") + f"{axis[i]:g} {unit}".removesuffix(" 1")
                               for (name, unit, axis), i in places)
             errors = [None] * len(values[index]) if error is None else error[index]
-            columns.append((quantity + (f" at {place}" if place else ""), list(map(figure, values[index], errors))))
+            columns.append((quantity + (f" at {axes}" if axes else ""), list(map(figure, values[index], errors))))
             if error is not None:
-                columns.append((f"+- at {place}" if place else "+-", list(map(figure, errors, errors))))
+                columns.append((f"+- at {axes}" if axes else "+-", list(map(figure, errors, errors))))
         yield [head for head, _ in columns]
         for i in range(values.shape[-1]):
             yield [column[i] for _, column in columns]

@@ -59,8 +59,8 @@ class Members(Mapping):
         self.error, self.bias = (MappingProxyType({name.removesuffix(end): _with_unit(member) for name, member in datasets.items()
                                                    if name.endswith(end) and name.removesuffix(end) in datasets})
                                  for end in (ERROR, BIAS))
-        own = datasets.get("theta")
-        self._theta = own.data if own is not None else theta
+        angles = datasets.get("theta")
+        self._theta = angles.data if angles is not None else theta
         self._items = {name: self._item(name, member) for name, member in group.members.items()}
 
     def within(self, root: Group, labelled: Callable[[Group, str], xarray.Dataset]) -> None:
