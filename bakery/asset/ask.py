@@ -127,4 +127,5 @@ def _find(asset: str, root: Group, path: str):
         raise UsageError(f"{asset}: is a family, so {path} is one of each of its places; --at says which")
     names = [name for name, _ in root.walk()]
     names += [f"{name}/{key}" for name, member in root.walk() for key in getattr(member, "attributes", ())]
+    names += [query.path for stage in all_stages() for query in stage.queries if query.bare and "/" in query.path]
     raise UsageError(not_found(asset, path, names + list(root.attributes)))

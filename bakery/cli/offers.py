@@ -41,10 +41,15 @@ def starts(_ctx, _param, incomplete):
 
 
 def datasets(ctx, _param, incomplete):
-    """Paths of the datasets of the asset that is named before."""
+    """Paths of the datasets of the asset that is named before, and what can be asked of its medium."""
+    from bakery.stages import all_stages
     from bakery.store.tree import Dataset
 
-    return _items({path: member.description for path, member in _members(ctx) if isinstance(member, Dataset)}, incomplete)
+    stored = dict(_members(ctx))
+    asked = {query.path: f"with {query.example}" for stage in all_stages() for query in stage.queries
+             if query.bare and "medium" in stored}
+    arrays = {path: member.description for path, member in stored.items() if isinstance(member, Dataset)}
+    return _items(arrays | asked, incomplete)
 
 
 def members(ctx, _param, incomplete):

@@ -248,7 +248,9 @@ def test_optical_quantities_in_one_table(ask, call, fog):
     assert told["intervals"] == [[0.465, 0.61]] and len(told["quantities"]["angstrom_exponent_extinction"]["value"]) == 1
 
 
-def test_moments_of_a_phase_function(ask, root):
+def test_moments_of_a_phase_function(ask, call, fog, root):
+    status, _, err = call("query", fog, "medium/moment")
+    assert status == 2 and err.endswith('found no "medium/moment"; did you mean medium/moments?\n')
     lines = ask("medium/moments", "orders=2")
     assert [line.split()[0] for line in lines[1:4]] == ["0", "1", "2"] and lines[-1].startswith("# orders 0 to 2; ")
     assert float(lines[2].split()[1]) == pytest.approx(root["medium/g"].data[0], rel=1e-2)

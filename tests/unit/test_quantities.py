@@ -11,6 +11,7 @@ import pytest
 import bakery
 from bakery.errors import UsageError
 from bakery.physics.medium.quantities import effective_sizes
+from bakery.stages.optics.composition import components
 from bakery.stages.optics.quantities import table
 from bakery.store.tree import Dataset, Group, text
 
@@ -74,6 +75,25 @@ def test_densities_of_a_recipe_are_read(drops):
     stated = Group(drops.tree.members | {"recipe": text(recipe, "the recipe's text")}, drops.tree.attributes)
     assert table(stated)["mass_extinction_efficiency"].values == pytest.approx(
         drops.optics.table(density=1800.0)["mass_extinction_efficiency"].values, rel=1e-12)
+
+
+def test_amounts_of_each_component_are_read():
+    """Number, volume and mass of components give shares by number; what is coated has no density of its material alone."""
+    def fractions(first, second):
+        recipe = {"particles": {"components": [{"name": "a", **first}, {"name": "b", **second}]}}
+        groups = {name: Group({"radius": Dataset(np.array([radius]), "um", ""), "weight": Dataset(np.ones(1), "1", ""),
+                               "mean_extinction": Dataset(np.ones(1), "um^2", "")}) for name, radius in (("a", 1.0), ("b", 2.0))}
+        root = Group({"recipe": text(json.dumps(recipe), "the recipe's text")})
+        return [part["fraction"] for part in components(root, Group(groups))[0]]
+
+    volume = 4 / 3 * math.pi
+    half = {"volume_concentration": f"{volume!r} um^3/cm^3"}  # one of a in a cubic centimetre
+    assert fractions({"fraction": 0.25}, {"fraction": "75%"}) == [0.25, 0.75]
+    assert fractions({"number_density": "1 /cm^3"}, {"number_density": "3e6 /m^3"}) == pytest.approx([0.25, 0.75])
+    assert fractions(half, {"number_density": "1 /cm^3"}) == pytest.approx([0.5, 0.5])
+    mass = {"mass_concentration": f"{2e6 * 8e-18 * volume * 1e9 * 1000!r} ug/m^3", "density": "1 g/cm^3"}  # two of b
+    assert fractions(half, mass) == pytest.approx([1 / 3, 2 / 3])
+    assert fractions(half, mass | {"coating": {}}) == [] and fractions(half, {}) == []
 
 
 def test_rayleigh_has_the_lidar_ratio_of_theory():
@@ -163,7 +183,7 @@ def test_as_many_moments_as_the_tolerance_needs():
     coarse, fine = medium.moments(), medium.moments(tolerance=1e-4)
     assert coarse.moments.shape < fine.moments.shape and coarse.cut.max() <= 0.01 and fine.cut.max() <= 1e-4
     told = str(medium_of().query("medium/moments").remarks[0].text)
-    assert told.startswith(f"orders 0 to {coarse.moments.shape[1] - 1}; the phase function less its series is at most")
+    assert told.startswith(f"orders 0 to {coarse.moments.shape[1] - 1}; the phase function less its series is")
 
 
 def test_expansions_of_assets(drops):
@@ -186,3 +206,28 @@ def test_expansions_of_assets(drops):
 def test_wrong_orders(arguments, told):
     with pytest.raises(UsageError, match=told):
         medium_of().query("medium/moments", **arguments)
+
+
+# ---- other sources of a medium
+
+
+@pytest.mark.slow
+def test_packed_grains_have_what_their_medium_has():
+    from tests.unit.test_labelled import GRAINS
+
+    asset = bakery.bake(GRAINS)
+    shown = asset.query("optics", length=0.01)
+    assert shown["optical_depth"].values == pytest.approx(0.01 * asset.medium.sigma_t) and shown["lidar_ratio"].values.size == 2
+    assert "needs particles" in shown["effective_radius"].missing and "nan" not in repr(shown)
+    assert asset.medium.at(0.55).sigma_t == asset.medium.sigma_t[0] and np.isnan(asset.medium.at(0.5).bias["sigma_t"]).all()
+
+
+@pytest.mark.slow
+def test_places_of_families_have_quantities():
+    family = bakery.bake({"bakery": 1, "name": "gel", "wavelengths": [0.55, 0.5, 0.45], "tolerance": "5%", "medium": {
+        "sigma_s": "1 /mm", "sigma_a": "0.1 /mm", "phase": {"type": "hg", "g": 0.3}}, "sweep": {"medium.phase.g": [0.1, 0.5]}})
+    between = family.at(g=0.3)
+    assert between.query("optics")["asymmetry"].values == pytest.approx([0.3] * 3, rel=0.05)
+    assert between.medium.moments(orders=1).moments[:, 1] == pytest.approx(between.medium.g)
+    with pytest.raises(UsageError, match="is a family"):
+        family.query("optics")

@@ -15,6 +15,12 @@ def ratio(numerator, denominator) -> np.ndarray:
     return np.divide(numerator, denominator, out=np.full(numerator.shape, np.nan), where=denominator != 0)
 
 
+def albedo_error(albedo, sigma_t, scattering, absorbed) -> np.ndarray:
+    """Error of sigma_s / sigma_t from a relative error of sigma_s and an absolute one of sigma_a, 1/m: at 1 from that alone."""
+    share = np.where(np.asarray(sigma_t) > 0, ratio(absorbed, sigma_t), 0.0)
+    return np.asarray(albedo) * ((1 - np.asarray(albedo)) * scattering + share)
+
+
 def angstrom_exponent(wavelength, values, error):
     """-d ln(values) / d ln(wavelength) between neighbouring wavelengths.
 
@@ -30,7 +36,7 @@ def angstrom_exponent(wavelength, values, error):
     values, relative = np.asarray(values, float), ratio(error, values)
     logarithm = np.log(np.where(values > 0, values, np.nan))
     step = np.diff(np.log(wavelength))
-    return -np.diff(logarithm) / step, (relative[1:] + relative[:-1]) / np.abs(step)
+    return 0 - np.diff(logarithm) / step, (relative[1:] + relative[:-1]) / np.abs(step)
 
 
 def visual_range(sigma_t, contrast: float) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bakery.physics.medium import spectral
+from bakery.physics.medium.quantities import albedo_error
 from bakery.physics.medium.spectral import Places
 from bakery.stages.coordinates import BIAS, ERROR, stated_error
 from bakery.stages.medium.outputs import members_of
@@ -37,6 +38,11 @@ def at_wavelengths(medium: Group, stored: np.ndarray, wanted: np.ndarray) -> Gro
             members[name + ERROR] = _like(members[name + ERROR], spectral.interpolated(at, members[name + ERROR].data))
         stated = _stated(medium, name, at, data)
         members[name + BIAS] = Dataset(stated + missed, whole.units, f"error of {name}, that of the interpolation with it")
+    if "sigma_a_bias" in medium.members:  # of particles: the albedo is as good as the two coefficients
+        scattered = np.divide(members["sigma_s_bias"].data, figures["sigma_s"], out=np.zeros_like(figures["sigma_s"]),
+                              where=figures["sigma_s"] > 0)
+        error = albedo_error(figures["albedo"], figures["sigma_t"], scattered, members["sigma_a_bias"].data)
+        members["albedo_bias"] = _like(members["albedo_bias"], error)
     return Group(members, medium.attributes)
 
 
@@ -65,9 +71,10 @@ def _stated(medium: Group, name: str, at: Places, data: np.ndarray) -> np.ndarra
     """The systematic error at places that is known of a figure without interpolation."""
     if name + BIAS in medium.members:
         return spectral.interpolated(at, medium[name + BIAS].data)
-    if name != "cdf" and stated_error(medium, name) is None:
-        return float(medium.attributes.get("achieved_error", 0.0)) * np.abs(data)
-    return np.zeros_like(data)
+    if name == "cdf" or stated_error(medium, name) is not None:
+        return np.zeros_like(data)
+    reached = float(medium.attributes.get("achieved_error", 0.0))
+    return reached * np.abs(data)
 
 
 def _like(dataset: Dataset, data: np.ndarray) -> Dataset:

@@ -9,7 +9,15 @@ import numpy as np
 from bakery.errors import UsageError
 from bakery.grammar.units import FRACTION, NUMBER_ONLY
 from bakery.physics.medium.phase import phase_integral
-from bakery.physics.moments import MOST, Expansion, Series, expansion_coefficients, legendre_moments, legendre_series
+from bakery.physics.moments import (
+    MOST,
+    Expansion,
+    Series,
+    expansion_coefficients,
+    legendre_moments,
+    legendre_series,
+    series_error,
+)
 from bakery.stages.coordinates import stated_error
 from bakery.stages.declaration import Answer, Query, Remark
 from bakery.stages.optics.elements import ELEMENTS
@@ -27,16 +35,11 @@ def moments(medium: Group, orders=None, tolerance=None) -> Series:
     if orders is not None:
         if orders != int(orders) or not 0 <= orders <= _LARGEST:
             raise UsageError(f"moments: found orders {orders:g}; expected a whole number from 0 to {_LARGEST}")
-        return Series(legendre_moments(theta, phase, int(orders)), _cut(theta, phase, int(orders)))
+        return Series(legendre_moments(theta, phase, int(orders)), series_error(theta, phase, int(orders)))
     aim = float(medium.attributes.get("tolerance", 0.01)) if tolerance is None else tolerance
     if not aim > 0:
         raise UsageError(f"moments: found a tolerance of {aim:g}; expected one above 0")
     return legendre_series(theta, phase, aim)
-
-
-def _cut(theta, phase, orders: int) -> np.ndarray:
-    """The bound of what is cut after so many orders."""
-    return legendre_series(theta, phase, np.finfo(float).tiny, orders).cut
 
 
 def expansion(medium: Group, orders=None, tolerance=None) -> Expansion:
@@ -70,7 +73,7 @@ def answered(asset, path: str, arguments: Mapping) -> Answer:
     last = series.moments.shape[-1] - 1
     values = series.moments if name == "moments" else getattr(expansion(medium, last), name)
     scale = np.ones(last + 1) if name == "moments" else 2 * np.arange(last + 1) + 1
-    told = (f"orders 0 to {last}; the phase function less its series is at most {float(series.cut.max()):.2g} of the light "
+    told = (f"orders 0 to {last}; the phase function less its series is {float(series.cut.max()):.2g} of the light "
             "(the integral over the sphere)")
     if "orders" not in arguments and last == MOST:
         told += f"; more than {MOST} orders only where they are asked for"

@@ -92,8 +92,7 @@ def _error(medium: Group, name: str) -> np.ndarray:
     if "phase_bias" in medium.members and "sigma_a_bias" not in medium.members:
         return 0 * value
     if name == "albedo" and "sigma_a_bias" in medium.members:
-        absorbed = figures.ratio(medium["sigma_a_bias"].data, medium["sigma_t"].data)
-        return value * (np.nan_to_num((1 - value) * reached + absorbed))
+        return figures.albedo_error(value, medium["sigma_t"].data, reached, medium["sigma_a_bias"].data)
     return reached * value
 
 

@@ -73,8 +73,8 @@ class QuantityTable:
 
     def remarks(self) -> list[str]:
         """What the asset cannot say, and why; how many wavelengths are not shown."""
-        more = len(self.wavelength) - MOST
-        cut = [f"{more} more wavelengths: wavelength=… asks for some, --json prints all"] if more > 0 else []
+        hidden = len(self.wavelength) - MOST
+        cut = [f"{hidden} more wavelengths: wavelength=… asks for some, --json prints all"] if hidden > 0 else []
         why = {}
         for figure in self.figures:
             if figure.missing:
