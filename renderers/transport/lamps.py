@@ -117,6 +117,8 @@ class Lamps:
             if self._refractions is None:
                 bend = self._manifold.bend(walk.row, walk.uv, x, y)
                 through &= refracts(bend)
+            else:  # media between panes are not looked for, by light samples (`_passed`) as here
+                through &= ~arrives | (bend.boundaries == 1) | (path.inside == 0)
             density = chance * dr.gather(mi.Float, self._density, lamp)
             by_chance, by_sample = departure.density * bend.likely(), density / bend.solid_angle(surface.n)
             share = dr.select(arrives & through & bend.is_at(path.drawn), by_chance / (by_chance + by_sample), 1)
@@ -161,7 +163,7 @@ class Lamps:
         scene = self._scene
         at_boundary = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), bend.point, bend.normal)
         inside = scene.boundaries.outside(bend.point, bend.normal, bend.outward, event.medium, path.inside, active)
-        if self._refractions is not None:  # media between panes are not looked for
+        if self._refractions is not None:
             active &= (bend.boundaries == 1) | (inside == 0)
         beyond = flights.transmittance(scene, at_boundary.spawn_ray_to(point), inside, active)
         if self._straight:
