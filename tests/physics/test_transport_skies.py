@@ -1,4 +1,4 @@
-"""Environments with a small bright part, such as a sun, through smooth boundaries: white skies, and paths that meet them by chance.
+"""Environments with a small bright part, a sun, through smooth boundaries: white skies, and paths that meet them by chance.
 
 Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
 """
