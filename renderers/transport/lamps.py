@@ -145,11 +145,11 @@ class Lamps:
     def _points(self, path, event, lamp, x, u, starts):
         """On lamps: drawn for paths that `starts`, or where others have met them."""
         shape = dr.gather(mi.ShapePtr, self._shapes, lamp, starts)
-        drawn, met = shape.sample_position(0.0, u, starts).p, event.surface.p
+        drawn, reached = shape.sample_position(0.0, u, starts).p, event.surface.p
         if self._sky:
             drawn = dr.select(dr.gather(mi.UInt32, self._is_sky, lamp) > 0, self._sky.drawn(x, u, starts), drawn)
-            met = dr.select(event.misses, self._sky.met(x, path.drawn, path.direction), met)
-        return dr.select(starts, drawn, met)
+            reached = dr.select(event.misses, self._sky.reached(x, path.drawn, path.direction), reached)
+        return dr.select(starts, drawn, reached)
 
     def _densities(self, lamp, x, y):
         """Of points y on lamps, drawn from x, one over the area."""

@@ -151,8 +151,8 @@ def begin(scene, key, pixels, lanes, samples=1):
 
 def _camera_paths(scene, pixel, strata, random, samples, alive):
     """The camera's paths."""
-    place, choice = strata.drawn(samples, random, alive)
-    origin, direction = scene.camera_ray(pixel, place)
+    offset, choice = strata.drawn(samples, random, alive)
+    origin, direction = scene.camera_ray(pixel, offset)
     width = dr.width(pixel)
     zero = dr.zeros(mi.UInt32, width)
     return Path(random, samples, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.waves)],

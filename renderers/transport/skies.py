@@ -27,7 +27,7 @@ class Sky:
         at = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), x, dr.zeros(mi.Normal3f))
         return x + self._far * self.emitter.sample_direction(at, u, active)[0].d
 
-    def met(self, x, origin, direction):
+    def reached(self, x, origin, direction):
         """Points on the spheres around x on rays that begin near there."""
         along = dr.dot(origin - x, direction)
         return origin + direction * (dr.sqrt(dr.square(self._far) - dr.squared_norm(origin - x) + dr.square(along)) - along)

@@ -52,8 +52,8 @@ def _width(scene, position, normal, sky, numbers, panes):
     the light that comes to places, for each by one direction, by numbers (n, 2)."""
     point = mi.Point3f(*map(mi.Float, position))
     target = sky.drawn(point, mi.Point2f(*(mi.Float(column) for column in numbers.T.astype(np.float32))), True)
-    way, density = dr.normalize(target - point), sky.solid_density(point, target)
-    cosine, radiance = dr.dot(mi.Vector3f(*map(mi.Float, normal)), way), dr.mean(sky.radiance(way, True))
+    towards, density = dr.normalize(target - point), sky.solid_density(point, target)
+    cosine, radiance = dr.dot(mi.Vector3f(*map(mi.Float, normal)), towards), dr.mean(sky.radiance(towards, True))
     active, _ = _passes(scene, point, mi.Normal3f(*map(mi.Float, normal)), target, cosine > 0, panes)
     light = dr.select(active & (density > 0), cosine * radiance / density, 0)
     whole, square = float(dr.mean(light)[0]), float(dr.mean(light * radiance)[0])
@@ -129,8 +129,8 @@ def _passes(scene, position, normal, target, active, panes):
         of_pane = dr.gather(mi.Float, index, dr.reinterpret_array(mi.UInt32, hit.shape))
         crosses = active & hit.is_valid() & (scene.boundaries.is_blind(hit.shape) | (of_pane > 0))
         active &= ~hit.is_valid() | crosses
-        met = hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, crosses)
-        ratio *= dr.select(crosses & (of_pane > 0), dr.select(dr.dot(met.n, ray.d) > 0, of_pane, dr.rcp(of_pane)), 1)
-        across = scene.boundaries.across(met, ray.d)
+        crossed = hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, crosses)
+        ratio *= dr.select(crosses & (of_pane > 0), dr.select(dr.dot(crossed.n, ray.d) > 0, of_pane, dr.rcp(of_pane)), 1)
+        across = scene.boundaries.across(crossed, ray.d)
         ray.o, ray.maxt = dr.select(crosses, across, ray.o), dr.select(crosses, ray.maxt - hit.t, ray.maxt)
     return active, ratio
