@@ -2,13 +2,15 @@
 
     python benchmarks/lamps.py [--small] [--width 128] [--rounds 24] [--scenes NAME ...]
 
-Shipped scenes with media of published wax and skin, and a ball of glass (index 1.4) under a sphere of 0.6 of its radius 5, or a
-panel.  Engines render in turns: 16 samples a pixel and round; Mitsuba's roulette begins at depth 1000.  A row a scene and order
-of scattering: variance of a pixel (mean square over colours and picture), processor time, and their product, with light samples
-over without; the difference of both means in standard errors; of the whole picture also the product over that of the better of
-`volpath` and `volpathmis`, and the difference from it.  What no body scatters (`order0`: edges and reflections of lamps,
-caustics) has the same variance in both, so that of the whole picture falls less.  Rare bright pixels, where lamps are met by
-chance, make variances without light samples uncertain: too low where none was among the rounds.
+Shipped scenes with media of published wax and skin and of dilute milk (in a tumbler), and a ball of glass (index 1.4, radius 5)
+under a sphere of radius 0.6, with and without a pane between them, or under a panel.  Engines render in turns: 16 samples a pixel
+and round; Mitsuba's roulette begins at depth 1000.  A row a scene and order of scattering: variance of a pixel (mean square over
+colours and picture), processor time, and their product, with light samples over without; the difference of both means in standard
+errors; of the whole picture also the product over that of the better of `volpath` and `volpathmis`, and the difference from it.
+What no body scatters (`order0`: edges and reflections of lamps, caustics) has the same variance in both, so that of the whole
+picture falls less.  Samples in strata and reflections that are drawn more often (`strata`, `splitting` in `renderers/transport/`)
+are in both.  Rare bright pixels, where lamps are met by chance, make variances without light samples uncertain: too low where
+none was among the rounds.
 --small: one scene, 32 pixels wide, four rounds.
 """
 
@@ -49,10 +51,13 @@ SPHERE = """<shape type="sphere"><point name="center" x="3" y="-4" z="8"/><float
 PANEL = """<shape type="rectangle"><transform name="to_world"><scale value="SIZE"/><rotate x="1" angle="180"/>
 <translate x="3" y="-3" z="13"/></transform><emitter type="area"><rgb name="radiance" value="4 4 4"/></emitter></shape>"""
 MILK = (0.999, 0.999, 0.999), (0.84, 0.75, 0.68), 0.7  # diluted, recipes/milk_dilute.yaml
+PANE = """<shape type="cube"><transform name="to_world"><scale x="9" y="9" z="0.25"/><translate z="6.3"/></transform>
+<bsdf type="dielectric"><float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/></bsdf></shape>"""
 GREY = (0.95, 0.9, 0.8), (1.0, 1.2, 1.5), 0.0
 # XML, or the name of a file;  shape;  medium, free paths in mm
 SCENES = {
     "small sphere": (BALL.replace("LAMP", SPHERE), "ball", Body(*GREY, GLASS)),
+    "behind a pane": (BALL.replace("LAMP", SPHERE + PANE), "ball", Body(*GREY, GLASS)),
     "panel": (BALL.replace("LAMP", PANEL.replace("SIZE", "5")), "ball", Body(*GREY, GLASS)),
     "wide panel": (BALL.replace("LAMP", PANEL.replace("SIZE", "30")), "ball", Body(*GREY, GLASS)),
     "candle": ("candle.xml", "candle", Body(*WAX, GLASS)),

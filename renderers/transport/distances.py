@@ -6,6 +6,7 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from renderers.transport.skies import Sky
 
 import mitsuba as mi  # isort: skip
 
@@ -20,7 +21,8 @@ class Distances:
         """
         Parameters
         ----------
-        scene : of Mitsuba;  manifold : `manifold.Manifold`, the boundaries of the bodies;  lamps : shapes of the scene
+        scene : of Mitsuba;  manifold : `manifold.Manifold`, the boundaries of the bodies;  lamps : shapes of the scene,
+            and `skies.Sky`
         """
         low, high = manifold.box
         edge = float((np.prod(high - low) / _VOXELS) ** (1 / 3))
@@ -36,7 +38,8 @@ class Distances:
         row = cell // self._shape.z
         corner = mi.Point3f(row // self._shape.y, row % self._shape.y, cell % self._shape.z)
         point = self._low + self._edge * (corner + mi.Point3f(*(random.next_float32() for _ in range(3))))
-        target = lamp.sample_position(0.0, mi.Point2f(random.next_float32(), random.next_float32())).p
+        u = mi.Point2f(random.next_float32(), random.next_float32())
+        target = lamp.drawn(point, u, True) if isinstance(lamp, Sky) else lamp.sample_position(0.0, u).p
         ray = mi.Ray3f(point, dr.normalize(target - point))
         hit = scene.ray_intersect_preliminary(ray, coherent=False)
         distance = np.array(dr.select(manifold.begins_within(ray, hit), hit.t, dr.inf)).reshape(-1, _RAYS).min(axis=1)

@@ -20,6 +20,7 @@ from renderers.transport import flights, media, solid_angles
 from renderers.transport.distances import Distances
 from renderers.transport.manifold import Manifold, numbered, refracts
 from renderers.transport.refractions import Refractions
+from renderers.transport.skies import Sky
 
 import mitsuba as mi  # isort: skip
 
@@ -55,7 +56,7 @@ class Lamps:
         Parameters
         ----------
         scene : `scene.Scene`;  manifold : `Manifold`
-        lamps : how likely each is drawn, by shapes
+        lamps : how likely each is drawn, by shapes; last the environment, if it is, by a `skies.Sky`
         sigma : of each medium, the least extinction if its boundary is one of `manifold`, else 0
         straight : whether ways from scatterings to boundaries of `manifold` go through one homogeneous medium
         through_panes : whether lamps are looked for through panes, too
@@ -63,13 +64,17 @@ class Lamps:
         self._scene, self._manifold, self._straight = scene, manifold, straight
         self._refractions = Refractions(scene.scene, manifold) if through_panes else None
         self._sigma = mi.Float(sigma)
-        shapes, shares = list(lamps), np.array(list(lamps.values()))
-        areas = [float(np.array(shape.surface_area()).ravel()[0]) for shape in shapes]
+        shares = np.array(list(lamps.values()))
+        shapes = [lamp for lamp in lamps if not isinstance(lamp, Sky)]
+        self._sky = next((lamp for lamp in lamps if isinstance(lamp, Sky)), None)
+        areas = [1.0 if isinstance(lamp, Sky) else float(np.array(lamp.surface_area()).ravel()[0]) for lamp in lamps]
         self._from_one = numbered(scene.scene, shapes, 1 + np.arange(len(shapes)))
         self._density = mi.Float((shares / areas).astype(np.float32))
+        self._is_sky = mi.UInt32([int(isinstance(lamp, Sky)) for lamp in lamps])
         self._cumulated = [dr.opaque(mi.Float, float(share)) for share in np.cumsum(shares)[:-1]]
-        self._shapes = mi.ShapePtr(shapes)
-        self._distances = Distances(scene.scene, manifold, shapes)
+        self._shapes = mi.ShapePtr([scene.scene.shapes()[0] if isinstance(lamp, Sky) else lamp for lamp in lamps])
+        self._emitters = mi.EmitterPtr([lamp.emitter if isinstance(lamp, Sky) else lamp.emitter() for lamp in lamps])
+        self._distances = Distances(scene.scene, manifold, list(lamps))
 
     @staticmethod
     def none(width):
@@ -104,8 +109,7 @@ class Lamps:
         lamp = dr.select(arrives, lamp_ahead - 1, self._drawn(u[-1]))
         x = dr.select(arrives, departure.event, event.position)
         distance = self._distances.of(x, lamp, starts | arrives)
-        shape = dr.gather(mi.ShapePtr, self._shapes, lamp, starts)
-        y = dr.select(arrives, surface.p, shape.sample_position(0.0, mi.Point2f(u[1], u[2]), starts).p)
+        y = self._points(path, event, lamp, x, mi.Point2f(u[1], u[2]), starts)
         before = dr.select(arrives, departure.before, path.direction)
         phase = self._scene.media.phase(medium, 0.5 * dr.squared_norm(dr.normalize(y - x) - before))
         chance = _chance(sigma * distance, media.total(phase) / len(phase))
@@ -117,21 +121,43 @@ class Lamps:
             if self._refractions is None:
                 bend = self._manifold.bend(walk.row, walk.uv, x, y)
                 through &= refracts(bend)
-            density = chance * dr.gather(mi.Float, self._density, lamp)
-            by_chance, by_sample = departure.density * bend.likely(), density / bend.solid_angle(surface.n)
+            else:  # media between panes are not looked for, by light samples (`_passed`) as here
+                through &= ~arrives | (bend.boundaries == 1) | (path.inside == 0)
+            density, normal = chance * self._densities(lamp, x, y), surface.n
+            if self._sky:
+                normal = dr.select(event.misses, -path.direction, normal)
+            by_chance, by_sample = departure.density * bend.likely(), density / bend.solid_angle(normal)
             share = dr.select(arrives & through & bend.is_at(path.drawn), by_chance / (by_chance + by_sample), 1)
-            return self._sampled(path, event, shape, density, bend, starts & through, y), share
+            return self._sampled(path, event, lamp, density, bend, starts & through, y), share
 
         def ends_nowhere(walk):
             width = dr.width(walk.ends)
             return [dr.zeros(mi.Float, width) for _ in range(3)], dr.full(mi.Float, 1, width)
 
         light, share = dr.if_stmt((walk,), walk.ends, ends, ends_nowhere, label="refracted light")
-        return light, shape.emitter(), share
+        return light, dr.gather(mi.EmitterPtr, self._emitters, lamp), share
 
     def _ahead(self, event):
         """Lamps that paths meet, from 1; 0 of other surfaces."""
-        return dr.gather(mi.UInt32, self._from_one, dr.reinterpret_array(mi.UInt32, event.surface.shape), event.meets)
+        ahead = dr.gather(mi.UInt32, self._from_one, dr.reinterpret_array(mi.UInt32, event.surface.shape), event.meets)
+        return dr.select(event.misses, mi.UInt32(dr.width(self._is_sky)), ahead) if self._sky else ahead
+
+    def _points(self, path, event, lamp, x, u, starts):
+        """On lamps: drawn for paths that `starts`, or where others have met them."""
+        shape = dr.gather(mi.ShapePtr, self._shapes, lamp, starts)
+        drawn, reached = shape.sample_position(0.0, u, starts).p, event.surface.p
+        if self._sky:
+            drawn = dr.select(dr.gather(mi.UInt32, self._is_sky, lamp) > 0, self._sky.drawn(x, u, starts), drawn)
+            reached = dr.select(event.misses, self._sky.reached(x, path.drawn, path.direction), reached)
+        return dr.select(starts, drawn, reached)
+
+    def _densities(self, lamp, x, y):
+        """Of points y on lamps, drawn from x, one over the area."""
+        density = dr.gather(mi.Float, self._density, lamp)
+        if not self._sky:
+            return density
+        is_sky = dr.gather(mi.UInt32, self._is_sky, lamp) > 0
+        return dr.select(is_sky, density * self._sky.density(x, y, is_sky), density)
 
     def _drawn(self, u):
         lamp = mi.UInt32(0)
@@ -139,19 +165,29 @@ class Lamps:
             lamp += dr.select(u >= below, mi.UInt32(1), mi.UInt32(0))
         return lamp
 
-    def _sampled(self, path, event, shape, density, bend, active, point):
-        """Light of points on lamps, drawn with density (one over the area), through the boundary to scatterings."""
-        scene = self._scene
+    def _shining(self, lamp, bend, point, active):
+        """Radiance of points on lamps towards boundaries, and their normals; 0 where nothing shines."""
+        shape = dr.gather(mi.ShapePtr, self._shapes, lamp, active)
         # met by a ray, as paths meet it: with the normal of its triangle, and what shines there
         ray = mi.Ray3f(point - _SHORT * bend.beyond * bend.outward, bend.outward)
         ray.maxt = 2 * _SHORT * bend.beyond
-        surface = scene.scene.ray_intersect(ray, mi.RayFlags.All, False, active)
-        active &= surface.is_valid() & (surface.shape == shape)
-        radiance = shape.emitter().eval(surface, active)
+        surface = self._scene.scene.ray_intersect(ray, mi.RayFlags.All, False, active)
+        shines = active & surface.is_valid() & (surface.shape == shape)
+        radiance, normal = dr.select(shines, shape.emitter().eval(surface, shines), 0), surface.n
+        if self._sky:
+            is_sky = dr.gather(mi.UInt32, self._is_sky, lamp) > 0
+            radiance = dr.select(is_sky, self._sky.radiance(bend.outward, active & is_sky), radiance)
+            normal = dr.select(is_sky, -bend.outward, normal)
+        return radiance, normal
+
+    def _sampled(self, path, event, lamp, density, bend, active, point):
+        """Light of points on lamps, drawn with density (one over the area), through the boundary to scatterings."""
+        scene = self._scene
+        radiance, normal = self._shining(lamp, bend, point, active)
         active &= dr.any(radiance > 0)
         weights = media.product(path.throughput, scene.media.albedo(event.medium))
         phase = scene.media.phase(event.medium, 0.5 * dr.squared_norm(bend.inward + path.direction))
-        by_chance, by_sample = media.mean(weights, phase) * bend.likely(), density / bend.solid_angle(surface.n)
+        by_chance, by_sample = media.mean(weights, phase) * bend.likely(), density / bend.solid_angle(normal)
         radiance *= bend.passes() / (by_chance + by_sample)
         passed = self._passed(path, event, bend, point, active)
         return scene.seen([w * p * t for w, p, t in zip(weights, phase, passed)], radiance, active)
@@ -161,7 +197,7 @@ class Lamps:
         scene = self._scene
         at_boundary = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), bend.point, bend.normal)
         inside = scene.boundaries.outside(bend.point, bend.normal, bend.outward, event.medium, path.inside, active)
-        if self._refractions is not None:  # media between panes are not looked for
+        if self._refractions is not None:
             active &= (bend.boundaries == 1) | (inside == 0)
         beyond = flights.transmittance(scene, at_boundary.spawn_ray_to(point), inside, active)
         if self._straight:
@@ -195,7 +231,8 @@ def lamps(scene, world, bodies):
     if blind or scene.regions.bounded or scene.regions.always:  # what is between panes would have to be known
         panes = []
     boundaries = list(smooth.values())
-    drawn = solid_angles.drawn(scene, boundaries, panes)
+    sky = Sky(scene) if scene.scene.environment() is not None and not scene.regions.always else None
+    drawn = solid_angles.drawn(scene, boundaries, panes, sky)
     if not drawn:
         return None
     least = {number: float(min(bodies[number].medium.sigma_t)) * world.unit for number in smooth}

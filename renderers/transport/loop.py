@@ -155,8 +155,8 @@ def begin(scene, key, pixels, lanes, samples=1):
 
 def camera_paths(scene, pixel, drawn, random, samples, alive):
     """The camera's paths; drawn : places in pixels, and numbers for choices."""
-    place, choice = drawn
-    origin, direction = scene.camera_ray(pixel, place)
+    offset, choice = drawn
+    origin, direction = scene.camera_ray(pixel, offset)
     width = dr.width(pixel)
     zero = dr.zeros(mi.UInt32, width)
     return Path(random, samples, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.waves)],
@@ -258,7 +258,7 @@ def turned(scene, path, event):
     u = [random.next_float32() for _ in range(3)]
     scattered_direction, density, throughput = media.scattered(scene.media, event.medium, path.direction, path.throughput, u)
     shades = event.meets & ~event.crosses
-    number, chance_of_lobe = scene.splitting.chosen(path, surface, shades, u[0]) if scene.splitting.any else (u[0], None)
+    number, chance_of_lobe = scene.splitting.chosen(path, surface, shades, u[0]) if scene.splitting else (u[0], None)
     sample, factor = surface.bsdf().sample(mi.BSDFContext(), surface, number, mi.Point2f(u[1], u[2]), shades)
     if chance_of_lobe is not None:
         factor *= dr.select(chance_of_lobe > 0, sample.pdf / chance_of_lobe, 1)

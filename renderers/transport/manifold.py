@@ -220,10 +220,10 @@ class Manifold:
 
         around : factor of the index
         """
-        place = self.at(row, uv)
+        at = self.at(row, uv)
         point, edge_u, edge_v, normal, turn_u, turn_v, sigma = (
-            place.point, place.edge_u, place.edge_v, place.normal, place.turn_u, place.turn_v, place.sigma)
-        index = place.index * around
+            at.point, at.edge_u, at.edge_v, at.normal, at.turn_u, at.turn_v, at.sigma)
+        index = at.index * around
         scale = dr.rsqrt(dr.squared_norm(normal))
         frame = mi.Frame3f(normal * scale)
         within, beyond = dr.norm(x - point), dr.norm(y - point)

@@ -104,7 +104,7 @@ class Refractions:
         start = Refraction(towards, zero, mi.Float(zero), mi.Point3f(x), mi.Vector3f(towards), mi.Point3f(x), none,
                            *(mi.Vector3f(none) for _ in range(4)), *(mi.Float(zero) for _ in range(5)), count, mi.UInt32(count),
                            mi.UInt32(count), active & dr.all(dr.isfinite(towards)), dr.full(mi.Bool, False, width))
-        return dr.while_loop((_begun(start, x),), lambda walk: walk.active, lambda walk: (self._stepped(walk, x, y),),
+        return dr.while_loop((_started(start, x),), lambda walk: walk.active, lambda walk: (self._stepped(walk, x, y),),
                              label="refractions")[0]
 
     def _stepped(self, walk, x, y):
@@ -122,7 +122,7 @@ class Refractions:
         going = arrives & ~corrected.ends & (walk.steps < _STEPS) & dr.all(dr.isfinite(corrected.towards))
         ended = arrives & corrected.ends
         active = (meets & transmits | going) & (walk.rays < _RAYS)
-        new = _begun(corrected, x)
+        new = _started(corrected, x)
         for name in vars(walk):
             kept = dr.select(arrives, getattr(corrected, name), getattr(walk, name))
             onward = dr.select(meets & transmits, getattr(refracted, name), getattr(new, name))
@@ -150,15 +150,15 @@ class Refractions:
         whole = dr.cross(at.edge_u, at.edge_v)
         over = dr.rcp(dr.squared_norm(whole))
 
-        def beyond(place, turn):
-            place = place + length * turn
-            place = place - direction * (dr.dot(triangle, place) / through)
-            u = dr.dot(dr.cross(place, at.edge_v), whole) * over
-            v = dr.dot(dr.cross(at.edge_u, place), whole) * over
+        def beyond(shift, turn):
+            shift = shift + length * turn
+            shift = shift - direction * (dr.dot(triangle, shift) / through)
+            u = dr.dot(dr.cross(shift, at.edge_v), whole) * over
+            v = dr.dot(dr.cross(at.edge_u, shift), whole) * over
             change = (at.turn_u * u + at.turn_v * v) * (side * scale)
             change = change - n * dr.dot(n, change)
             d_cosine = -dr.dot(turn, n) - dr.dot(direction, change)
-            return place, ratio * turn + (ratio - dr.square(ratio) * cosine / cosine_there) * d_cosine * n + mu * change
+            return shift, ratio * turn + (ratio - dr.square(ratio) * cosine / cosine_there) * d_cosine * n + mu * change
 
         place_s, turn_s = beyond(walk.place_s, walk.turn_s)
         place_t, turn_t = beyond(walk.place_t, walk.turn_t)
@@ -175,7 +175,7 @@ def _corrected(walk, x, y, ahead):
     """Walks that have come to y, or by it: with the direction of the next step."""
     frame, first = mi.Frame3f(walk.direction), mi.Frame3f(walk.towards)
     miss = frame.to_local(y - walk.point - ahead * walk.direction)
-    along_s, along_t = (frame.to_local(place + ahead * turn) for place, turn in ((walk.place_s, walk.turn_s),
+    along_s, along_t = (frame.to_local(shift + ahead * turn) for shift, turn in ((walk.place_s, walk.turn_s),
                                                                                 (walk.place_t, walk.turn_t)))
     area = along_s.x * along_t.y - along_s.y * along_t.x
     s, t = (miss.x * along_t.y - miss.y * along_t.x) / area, (along_s.x * miss.y - along_s.y * miss.x) / area
@@ -188,11 +188,11 @@ def _corrected(walk, x, y, ahead):
     return Refraction(**values)
 
 
-def _begun(walk, x):
+def _started(walk, x):
     """Walks that begin at x with the direction that they have now."""
     frame, width = mi.Frame3f(walk.towards), dr.width(walk.towards)
-    zero, none, one = dr.zeros(mi.Float, width), dr.zeros(mi.Vector3f, width), dr.full(mi.Float, 1, width)
+    zero, none, unit = dr.zeros(mi.Float, width), dr.zeros(mi.Vector3f, width), dr.full(mi.Float, 1, width)
     values = dict(vars(walk), within=zero, length=mi.Float(zero), origin=mi.Point3f(x), direction=mi.Vector3f(walk.towards),
                   point=mi.Point3f(x), place_s=none, place_t=mi.Vector3f(none), turn_s=frame.s, turn_t=frame.t,
-                  transmitted=one, squared=mi.Float(one), boundaries=dr.zeros(mi.UInt32, width))
+                  transmitted=unit, squared=mi.Float(unit), boundaries=dr.zeros(mi.UInt32, width))
     return Refraction(**values)

@@ -12,7 +12,7 @@ from renderers.transport.lamps import lamps
 from renderers.transport.media import Media
 from renderers.transport.regions import Grid, Medium, Regions
 from renderers.transport.solids import volume
-from renderers.transport.splitting import Splitting
+from renderers.transport.splitting import Splitting, smooth
 from renderers.transport.voxels import Voxels
 
 import mitsuba as mi  # isort: skip
@@ -75,7 +75,7 @@ class Scene(View):
     media : `Media`, one an entry;  entries : numbers of those in the order of the media
     boundaries : `Boundaries` of bodies;  regions, voxels : of the other media
     extent : middle and size of a ball around all surfaces and more
-    splitting : `splitting.Splitting`, of smooth boundaries that the camera sees
+    splitting : `splitting.Splitting`, of smooth boundaries that the camera sees; None where there are none
     """
 
     def __init__(self, world, entries, colours, drawn=True):
@@ -83,7 +83,8 @@ class Scene(View):
         Parameters
         ----------
         world, colours : as those of a `View`
-        drawn : whether light samples of lamps go through smooth boundaries
+        drawn : whether light samples of lamps go through smooth boundaries, and paths are split there; else they are as frequent
+            as light is
         entries : at most `MOST`, of the same wavelengths: `regions.Medium`, or bodies, shapes of the Mitsuba scene, with name,
             vertices, faces, medium, matched as a `renderers.materials.bodies.bodies.Body` has them
         """
@@ -104,7 +105,7 @@ class Scene(View):
         low, high = np.nan_to_num([self.scene.bbox().min, self.scene.bbox().max], posinf=0, neginf=0).reshape(2, 3)
         self.extent = mi.Point3f(*((low + high) / 2).tolist()), mi.Float(float(np.linalg.norm(high - low)))
         dr.make_opaque(self.extent)
-        self.splitting = Splitting(self.scene)
+        self.splitting = Splitting(self.scene) if drawn and smooth(self.scene) else None
         self.lamps = lamps(self, world, bodies) if drawn else None
 
     def innermost(self, inside):

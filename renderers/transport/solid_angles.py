@@ -9,6 +9,7 @@ import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from bakery.kernels import stream_key
 from renderers.transport import wavefront
 from renderers.transport.manifold import numbered, refractive_index
+from renderers.transport.skies import Sky
 
 import mitsuba as mi  # isort: skip
 
@@ -21,10 +22,11 @@ _CROSSED = 8  # panes, and boundaries to which light is blind, on the way, at mo
 _EVEN = ("Rectangle", "Disk", "Sphere", "Cylinder")  # shapes, besides meshes, on which points are drawn evenly
 
 
-def drawn(scene, boundaries, panes=()):
+def drawn(scene, boundaries, panes=(), sky=None):
     """How likely each lamp is to be drawn, by shapes of Mitsuba, in proportion to the light that it sends to the boundaries.
 
     scene : `scene.Scene`;  boundaries : meshes of Mitsuba;  panes : such of smooth glass, through which lamps are seen
+    sky : None, or `skies.Sky`, which is drawn where most of its light comes from a small part of it
 
     Lamps are left out that no place sees, and those that are wide: their solid angle, averaged over places by itself, tells how
     wide they are where their light comes in.  Ways through panes count as straight.
@@ -38,7 +40,24 @@ def drawn(scene, boundaries, panes=()):
         angle = angle.reshape(_PLACES, _POINTS).mean(axis=1)
         if radiance > 0 and 0 < (angle**2).sum() < _WIDEST * angle.sum():
             shares[shape] = float(angle.mean() * radiance)
+    if sky:
+        width, light = _width(scene, position, normal, sky, _numbers(0, _PLACES * _POINTS, 2), panes)
+        if 0 < width < _WIDEST:
+            shares[sky] = light
     return {shape: share / sum(shares.values()) for shape, share in shares.items()}
+
+
+def _width(scene, position, normal, sky, numbers, panes):
+    """Solid angle (sr) that a light all around would have that were as bright as its light is on average, times the cosine; and
+    the light that comes to places, for each by one direction, by numbers (n, 2)."""
+    point = mi.Point3f(*map(mi.Float, position))
+    target = sky.drawn(point, mi.Point2f(*(mi.Float(column) for column in numbers.T.astype(np.float32))), True)
+    towards, density = dr.normalize(target - point), sky.solid_density(point, target)
+    cosine, radiance = dr.dot(mi.Vector3f(*map(mi.Float, normal)), towards), dr.mean(sky.radiance(towards, True))
+    active, _ = _passes(scene, point, mi.Normal3f(*map(mi.Float, normal)), target, cosine > 0, panes)
+    light = dr.select(active & (density > 0), cosine * radiance / density, 0)
+    whole, square = float(dr.mean(light)[0]), float(dr.mean(light * radiance)[0])
+    return (whole**2 / square if square > 0 else 0.0), whole
 
 
 def index_around(scene, boundary, panes, lamps):
@@ -47,8 +66,8 @@ def index_around(scene, boundary, panes, lamps):
     scene : `scene.Scene`;  boundary : mesh of Mitsuba, the body's;  panes : as of `drawn`;  lamps : shapes
     """
     position, normal = _positions([boundary], _numbers(0, _PLACES, 3))
-    ratios = []
-    for lamp in lamps:
+    ratios = [np.empty(0)]
+    for lamp in (lamp for lamp in lamps if not isinstance(lamp, Sky)):
         angle, _, ratio = _seen(scene, position, normal, lamp, _numbers(1, _PLACES * _POINTS, 2), panes)
         ratios.append(ratio[angle > 0])
     ratios = np.concatenate(ratios)
@@ -94,18 +113,24 @@ def _seen(scene, position, normal, lamp, numbers, panes=()):
     surface = mi.SurfaceInteraction3f(point, dr.zeros(mi.Color0f))
     surface.wi = surface.to_local(-way)
     radiance = dr.mean(lamp.emitter().eval(surface, angle > 0))
+    active, ratio = _passes(scene, position, normal, point.p, angle > 0, panes)
+    angle = np.array(dr.select(active, angle, 0), float)
+    mean = float((angle * np.array(radiance)).sum() / max(angle.sum(), 1e-30))
+    return angle, mean, np.array(ratio + dr.zeros(mi.Float, len(angle)))
+
+
+def _passes(scene, position, normal, target, active, panes):
+    """Whether nothing hides targets from places, and the indices around the places over those around the targets."""
     index = numbered(scene.scene, panes, [refractive_index(pane) for pane in panes], np.float32)
-    ray = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), position, normal).spawn_ray_to(point.p)
-    active, ratio = angle > 0, mi.Float(1)
+    ray = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), position, normal).spawn_ray_to(target)
+    active, ratio = mi.Bool(active), mi.Float(1)
     for _ in range(_CROSSED):
         hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=active)
         of_pane = dr.gather(mi.Float, index, dr.reinterpret_array(mi.UInt32, hit.shape))
         crosses = active & hit.is_valid() & (scene.boundaries.is_blind(hit.shape) | (of_pane > 0))
         active &= ~hit.is_valid() | crosses
-        met = hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, crosses)
-        ratio *= dr.select(crosses & (of_pane > 0), dr.select(dr.dot(met.n, ray.d) > 0, of_pane, dr.rcp(of_pane)), 1)
-        across = scene.boundaries.across(met, ray.d)
+        crossed = hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, crosses)
+        ratio *= dr.select(crosses & (of_pane > 0), dr.select(dr.dot(crossed.n, ray.d) > 0, of_pane, dr.rcp(of_pane)), 1)
+        across = scene.boundaries.across(crossed, ray.d)
         ray.o, ray.maxt = dr.select(crosses, across, ray.o), dr.select(crosses, ray.maxt - hit.t, ray.maxt)
-    angle = np.array(dr.select(active, angle, 0), float)
-    mean = float((angle * np.array(radiance)).sum() / max(angle.sum(), 1e-30))
-    return angle, mean, np.array(ratio + dr.zeros(mi.Float, len(angle)))
+    return active, ratio

@@ -10,7 +10,7 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
-from renderers.transport.manifold import refractive_index
+from renderers.transport.manifold import numbered, refractive_index
 
 import mitsuba as mi  # isort: skip
 
@@ -18,24 +18,23 @@ _BOUNCES = 4  # of paths, up to which they are split
 _REFRACTED = 1 - 2.0**-24  # number by which Mitsuba's `dielectric` refracts what it does not reflect totally
 
 
+def smooth(scene):
+    """Shapes of a Mitsuba scene with a `dielectric`."""
+    return [shape for shape in scene.shapes() if shape.bsdf() is not None and shape.bsdf().class_name() == "SmoothDielectric"]
+
+
 class Splitting:
     """Smooth boundaries of a Mitsuba scene."""
 
     def __init__(self, scene):
         """scene : of Mitsuba"""
-        shapes = scene.shapes()
-        numbers = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in shapes]
-        table = np.zeros(max(numbers, default=0) + 1, np.float32)
-        for number, shape in zip(numbers, shapes):
-            if shape.bsdf() is not None and shape.bsdf().class_name() == "SmoothDielectric":
-                table[number] = refractive_index(shape)
-        self.any = bool(table.any())
-        self._index = mi.Float(table)
+        shapes = smooth(scene)
+        self._index = numbered(scene, shapes, [refractive_index(shape) for shape in shapes], np.float32)
 
     def chosen(self, path, surface, active, u):
-        """Number for Mitsuba's sample of the BSDF, chance of what it makes of it (0: as it draws itself), which paths are split.
+        """Numbers for Mitsuba's samples of BSDFs, and the chances of what it then does; 0 of paths that are not split.
 
-        u : uniform number
+        u : uniform numbers; of the first bounce `path.choice` takes their place
         """
         index = dr.gather(mi.Float, self._index, dr.reinterpret_array(mi.UInt32, surface.shape), active)
         split = active & (index > 0) & path.single & (path.order == 0) & (path.bounces < _BOUNCES)

@@ -14,6 +14,7 @@ import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 
 import mitsuba as mi  # isort: skip
 
+_BELOW_ONE = 1 - 2.0**-24
 _STRIDE = 7  # between strata of choices of samples whose strata of the pixel are neighbours
 
 
@@ -40,7 +41,7 @@ class Strata:
         """Places in pixels, and numbers for choices, of samples, by their numbers in each lane."""
         number = self._first + dr.minimum(sample, self._samples - 1)
         row = number // self._columns
-        place = mi.Point2f((mi.Float(number - row * self._columns) + random.next_float32(active)) * self._size[0],
-                           (mi.Float(row) + random.next_float32(active)) * self._size[1])
+        offset = mi.Point2f((mi.Float(number - row * self._columns) + random.next_float32(active)) * self._size[0],
+                            (mi.Float(row) + random.next_float32(active)) * self._size[1])
         chosen = (number * _STRIDE + self._turn) % self._count
-        return place, (mi.Float(chosen) + random.next_float32(active)) * self._chosen
+        return offset, dr.minimum((mi.Float(chosen) + random.next_float32(active)) * self._chosen, _BELOW_ONE)

@@ -101,6 +101,18 @@ def test_refractions_follow_the_rays_of_mitsuba(tmp_path, of_milk):
     assert np.allclose(np.array(squared)[ends], np.array(walk.passes())[ends], rtol=0.01)
 
 
+def test_any_number_of_threads(tmp_path, of_milk):
+    """Light samples through panes, strata and reflections do not depend on it."""
+    around = LAMP + panes(tmp_path, {"shell": SHELL})
+    how, threads = loops.transport(tmp_path, {"ball": (BALL, GREY)}, around, [1.4], size=6), dr.thread_count()
+    several = loops.passes(how, [0])
+    try:
+        dr.set_thread_count(1)
+        assert np.array_equal(several, loops.passes(how, [0]))
+    finally:
+        dr.set_thread_count(threads)
+
+
 def test_samples_of_a_pixel_have_strata_of_their_own():
     """One in each of the pixel and in each of the choices, and all choices alike in each stratum of the pixel."""
     pixels, lanes, samples = 4096, 4, 4

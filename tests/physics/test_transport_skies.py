@@ -1,0 +1,79 @@
+"""Environments with a small bright part, a sun, through smooth boundaries: white skies, and paths that meet them by chance.
+
+Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from renderers.transport.scene import Scene
+from renderers.transport.skies import Sky
+from tests.odds import ODDS, sigmas
+from tests.physics import test_transport as loops
+from tests.physics.particles import blocks, same
+from tests.physics.test_translucent import BALL, FLOOR, SKY, shape
+from tests.physics.test_transport_lamps import FORWARD, GREY, every, without  # noqa: F401
+from tests.physics.test_transport_panes import IN_GLASS, SHELL, WALL
+
+import mitsuba as mi  # isort: skip  behind renderers.mitsuba, which finds LLVM
+
+WHITE = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
+
+
+def sunny(tmp_path, sun, side):
+    """An environment with a sun, `side` pixels of 128 wide."""
+    picture = np.full((64, 128, 3), 0.3, np.float32)
+    picture[8:8 + side, 30:30 + side] = sun
+    mi.Bitmap(picture).write(str(tmp_path / "sky.exr"))
+    return (f'<emitter type="envmap"><string name="filename" value="{tmp_path / "sky.exr"}"/>'
+            '<transform name="to_world"><rotate x="1" angle="90"/></transform></emitter>')
+
+
+def lamps_of(how):
+    return Scene(how.world, how.bodies, how.colours).lamps
+
+
+def test_which_environments_are_drawn(tmp_path):
+    """One with a sun; not one that shines evenly."""
+    loops.transport(tmp_path, {"ball": (BALL, GREY)}, SKY, [1.4])  # sets the variant
+    sun = loops.transport(tmp_path, {"ball": (BALL, GREY)}, sunny(tmp_path, 200.0, 3), [1.4])
+    even = loops.transport(tmp_path, {"ball": (BALL, GREY)}, SKY, [1.4])
+    assert isinstance(lamps_of(sun)._sky, Sky) and lamps_of(even) is None
+
+
+@pytest.mark.parametrize("in_glass", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_a_white_sky(tmp_path, every, monkeypatch, in_glass):  # noqa: F811
+    """What loses no light is 1."""
+    around = WHITE
+    if in_glass:
+        monkeypatch.setitem(loops.bodies.BOUNDARIES, 1.4, IN_GLASS)
+        around += shape(tmp_path, "shell", SHELL, WALL)
+    how = loops.transport(tmp_path, {"ball": (BALL, loops.asset(1.0, 0.5, (0.9, 0.7, 1.1)))}, around, [1.4], size=8)
+    assert lamps_of(how)._sky
+    pictures = loops.passes(how, range(32)).mean(axis=(1, 2, 3))
+    error = pictures.std(ddof=1) / 32**0.5
+    assert error < 0.007 and abs(pictures.mean() - 1) < sigmas(32) * error
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("in_glass, body", [(False, GREY), (False, FORWARD), (True, GREY)])
+def test_as_paths_that_meet_the_sky_by_chance(tmp_path, every, monkeypatch, in_glass, body):  # noqa: F811
+    """By blocks of the picture and orders, beside a floor."""
+    loops.transport(tmp_path, {"ball": (BALL, GREY)}, SKY, [1.4])  # sets the variant
+    around = sunny(tmp_path, 10.0, 16) + FLOOR
+    if in_glass:
+        monkeypatch.setitem(loops.bodies.BOUNDARIES, 1.4, IN_GLASS)
+        around += shape(tmp_path, "shell", SHELL, WALL)
+
+    def pictures(numbers, seed):
+        how = loops.transport(tmp_path, {"ball": (BALL, body)}, around, [1.4], size=16)
+        (part,) = loops.methods.parts(how, "paths", "negative", seed)
+        return [part.render(number) for number in numbers]
+
+    drawn = pictures(range(16), 1)
+    without(monkeypatch)
+    by_chance = pictures(range(40), 0)
+    for layer in ("order0", "order1", "order2", "orders"):
+        assert same(*(blocks(np.array([one[layer] for one in images]), (2, 2)) for images in (drawn, by_chance))) > ODDS, layer
