@@ -150,7 +150,8 @@ def test_humidity_can_be_swept(write, tmp_path):
 def test_separate_particles_are_wet_too(write, tmp_path):
     """Their radii, indices and numbers are those of `optics` and `medium`."""
     path = write("growth: {kappa: 0.5, material: {n: 1.33}}, density: 1 g/cm^3",
-                 "mass_concentration: 40 ug/m^3\nrelative_humidity: 80%", more="discrete: {box: [0.1 mm, 0.1 mm, 0.1 mm], count: 50}\n")
+                 "mass_concentration: 40 ug/m^3\nrelative_humidity: 80%",
+                 more="discrete: {box: [0.1 mm, 0.1 mm, 0.1 mm], count: 50}\n")
     asset = bakery.open(bakery.bake(path, tmp_path / "a.h5"))
     grown = 3 ** (1 / 3)
     of = asset.discrete["a"]

@@ -125,7 +125,7 @@ def _growth(checker: "Checker", part: Mapping, growth: Mapping, humidity: float 
 
 
 def _from_table(checker: "Checker", growth: Mapping, columns, humidity: float | None) -> float:
-    known, (at, factor) = len(checker.problems), columns
+    reported, (at, factor) = len(checker.problems), columns
     if at[-1] >= 1:
         checker.report(growth["file"], f"found a humidity of {100 * at[-1]:g} % in the table", "expected below 100 %")
     elif at[0] == 0 and abs(factor[0] - 1) > 1e-9:
@@ -136,7 +136,7 @@ def _from_table(checker: "Checker", growth: Mapping, columns, humidity: float | 
     if factor.min() < 1 or factor.max() > MOST_RATIO:
         wrong = factor.min() if factor.min() < 1 else factor.max()
         checker.report(growth["file"], f"found a growth factor of {wrong:g}", f"expected factors of 1 to {MOST_RATIO:g}")
-    return 1.0 if humidity is None or len(checker.problems) > known else tabulated(at, factor, humidity)
+    return 1.0 if humidity is None or len(checker.problems) > reported else tabulated(at, factor, humidity)
 
 
 def _only(checker: "Checker", section: Mapping, names: tuple[str, ...], missing: str) -> None:
