@@ -175,6 +175,17 @@ def test_five_hundred_wavelengths(write, tmp_path):
     assert extinction[77] == pytest.approx(there, rel=1e-12)
 
 
+def test_masses_and_shells_can_be_swept(write, tmp_path):
+    """sigma_t goes with the mass of the particles, which grows with their shells."""
+    keys = f"density: 1.8 g/cm^3, coating: {COAT}thickness: 10 nm, density: 1.77 g/cm^3}}"
+    path = write(keys, "mass_concentration: 10 ug/m^3", more="sweep:\n  particles.mass_concentration: '[5, 50] ug/m^3'\n"
+                 "  particles.components.a.coating.thickness: '[0, 20] nm'\n  refine: false\n")
+    family = bakery.open(bakery.bake(path, tmp_path / "a.h5"))
+    light, heavy = (float(family.at(mass_concentration=c, thickness=0.0).medium.sigma_t[0]) for c in (5e-9, 50e-9))
+    assert heavy == pytest.approx(10 * light, rel=1e-12)
+    assert family.axes["mass_concentration"].values.units == "kg/m^3"
+
+
 # ---- mixtures
 
 
