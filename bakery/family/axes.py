@@ -1,6 +1,7 @@
 """What is swept: axes with the recipe values at each of their coordinates.
 
-Values are in SI units, as recipes write them (m, /m^3, /m, rad, 1), and interpolated in their logarithm where all are positive.
+Values are in SI units, as recipes write them (m, /m^3, /m, rad, 1, kg/m^3, m^3/m^3), and interpolated in their logarithm where
+all are positive.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ MEASURE = ("largest error of interpolated media half-way between points, summed 
 POINTWISE = "relative at any angle, beyond the stated error of the member"
 INTEGRATED = "the integral of the error over the sphere"
 _ATTRIBUTES = {"tolerance": float, "member_tolerance": float, "medium_version": int, "error_measure": str, "input_hash": str}
-_UNITS = ("m", "1/m^3", "1/m", "rad", "1")
+_UNITS = ("m", "1/m^3", "1/m", "rad", "1", "kg/m^3", "m^3/m^3")
 _MEASURED = ("error", "measured")  # of the members of an axis; the others are values of its keys
 _PER_WAVELENGTH = {"sigma_t": ("1/m", "extinction coefficient"), "sigma_s": ("1/m", "scattering coefficient"),
                    "sigma_a": ("1/m", "absorption coefficient"), "albedo": ("1", "single-scattering albedo"),

@@ -85,6 +85,7 @@ def quantity_of(text: str) -> Quantity:
 
 def _canonical(unit: str) -> str:
     """One spelling of a unit: micro signs to u, `1/m` and `m^-1` to `/m`, no blanks."""
+    unit = re.sub(r"^(\S+)\s+(c?m)\^-3$", r"\1/\2^3", unit)  # ug m^-3
     unit = re.sub(r"\s+", "", unit).replace("\N{MICRO SIGN}", "u").replace("\N{GREEK SMALL LETTER MU}", "u")
     unit = unit.replace("\N{SUPERSCRIPT THREE}", "^3").replace("\N{DEGREE SIGN}", "deg")
     unit = re.sub(r"^1/", "/", unit)

@@ -11,7 +11,6 @@ import pytest
 
 from bakery.mie import amplitudes, coated_amplitudes, coated_efficiencies, efficiencies
 from bakery.physics.mie import absorption, coated
-from tests.conftest import slow
 from tests.physics.coated_reference import coated as closed_form
 
 REFERENCE = json.loads((Path(__file__).parent / "coated_reference.json").read_text())
@@ -113,7 +112,7 @@ def test_thick_dark_shells_hide_the_core():
     assert np.isfinite(coated_efficiencies(5 + 100j, 10 + 100j, 900.0, 1000.0)).all()
 
 
-@slow
+@pytest.mark.slow
 def test_random_spheres_are_those_of_the_closed_form():
     rng = np.random.default_rng(0)
     for _ in range(150):

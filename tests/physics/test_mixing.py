@@ -98,6 +98,18 @@ def test_kappa_koehler():
     assert growth_factor(0.61, 0.9) == pytest.approx((1 + 0.61 * 9) ** (1 / 3), rel=1e-14)
 
 
+@pytest.mark.parametrize("radius, less", [(100, 0.016), (50, 0.030), (20, 0.071)])
+def test_what_curvature_would_change_is_as_the_page_says(radius, less):
+    """Petters & Kreidenweis 2007, eq. 6: humidity = activity exp(A/D), A = 2.1 nm at 298 K, solved for the growth factor."""
+    from scipy.optimize import brentq
+
+    def residual(g):
+        activity = 0.9 / np.exp(2.1 / (2 * radius * g))
+        return g**3 - 1 - 0.6 * activity / (1 - activity)
+
+    assert 1 - brentq(residual, 1.0, 3.0) / growth_factor(0.6, 0.9) == pytest.approx(less, abs=6e-4)
+
+
 # Hess, Koepke & Schult, Bull. Am. Meteorol. Soc. 79, 831 (1998), table 1c and the data files of OPAC: mode radii in um
 OPAC_RH = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99)
 WASO = (0.0212, 0.0262, 0.0285, 0.0306, 0.0348, 0.0399, 0.0476, 0.0534)

@@ -48,6 +48,11 @@ LOGNORMAL = {"distribution": "lognormal", "radius": "0.3 um", "sigma": 1.2, "min
 GAMMA = {"distribution": "gamma", "radius": "0.3 um", "variance": 0.1, "min": "0.1 um", "max": "1 um"}
 TABLE = {"distribution": "table", "file": "sizes.csv", "min": "0.1 um", "max": "1 um"}
 SINGLE = {"distribution": "single", "radius": "0.3 um"}
+EFFECTIVE = {"distribution": "lognormal", "effective_radius": "0.3 um", "effective_variance": 0.1, "min": "0.1 um", "max": "1 um"}
+JUNGE = {"distribution": "junge", "exponent": 3, "min": "0.1 um", "max": "1 um"}
+BINS = {"distribution": "histogram", "file": "bins.csv", "min": "0.1 um", "max": "1 um"}
+MIXED = {"mixing": "bruggeman", "of": [{"material": "water", "share": 0.5}, {"material": {"n": 1.5, "k": 0.1}, "share": 0.5}]}
+INCLUDED = {"mixing": "maxwell_garnett", "matrix": "water", "of": [{"material": "soot", "share": 0.5}]}
 # together they hold every key of the schema (a test sees to it), each with a value that plans in a moment
 BASES = {
     "single": _particles(SINGLE, phase={
@@ -58,6 +63,26 @@ BASES = {
     "table": _particles(TABLE),
     "mixture": _particles({"distribution": "mixture", "min": "0.1 um", "max": "1 um", "of": [
         {"share": 0.25, **SINGLE}, {"share": 0.25, **LOGNORMAL}, {"share": 0.25, **GAMMA}, {"share": 0.25, **TABLE}]}),
+    "effective lognormal": _particles(EFFECTIVE),
+    "effective gamma": _particles(EFFECTIVE | {"distribution": "gamma"}),
+    "junge": _particles(JUNGE),
+    "histogram": _particles(BINS),
+    "more of a mixture": _particles({"distribution": "mixture", "min": "0.1 um", "max": "1 um", "of": [
+        {"share": 0.25, **EFFECTIVE}, {"share": 0.25, **EFFECTIVE, "distribution": "gamma"}, {"share": 0.25, **JUNGE},
+        {"share": 0.25, **BINS}]}),
+    "volumes": {"particles": {"volume_concentration": "1e-6 m^3/m^3", "components": [{**DROP, "material": MIXED}]}},
+    "masses": {"particles": {"mass_concentration": "1 g/m^3", "components": [
+        {**DROP, "density": "1 g/cm^3", "material": INCLUDED,
+         "coating": {"material": "water", "ratio": 1.5, "density": "1 g/cm^3"}}]}},
+    "thick coating": _particles(SINGLE) | {"particles": {"number_density": "1e8 /m^3", "components": [
+        {**DROP, "size": LOGNORMAL, "coating": {"material": "water", "thickness": "0.1 um"}}]}},
+    "grown": {"particles": {"relative_humidity": 0.8, "components": [
+        {"name": name, "material": "silica", "size": LOGNORMAL, **amount, **more} for name, amount, more in (
+            ("a", {"number_density": "1 /cm^3"}, {"growth": {"kappa": 0.5, "material": "water", "mixing": "volume"}}),
+            ("b", {"volume_fraction": 1e-6}, {"growth": {"file": "growth.csv", "mixing": "shell"}}),
+            ("c", {"volume_concentration": "1e-6 m^3/m^3"}, {
+                "coating": {"material": "water", "volume_share": 0.5}, "growth": {"kappa": 0.5, "mixing": "bruggeman"}}),
+            ("d", {"mass_concentration": "1 ug/m^3"}, {"density": "1 g/cm^3"}))]}},
     "indices": {"particles": {"host": {"n": 1.3}, "volume_fraction": 0.01, "components": [
         {**DROP, "material": {"n": 1.5, "k": 0.1}}]}},
     "files": {"particles": {"host": {"file": "clear.csv"}, "volume_fraction": 0.01, "components": [
@@ -118,6 +143,8 @@ end_header
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("limits")
     (made / "sizes.csv").write_text("0.1,1\n0.3,2\n1,0\n")
+    (made / "bins.csv").write_text("radius_um,dN\n0.1,1\n0.3,2\n1,0\n")
+    (made / "growth.csv").write_text("relative_humidity_percent,growth_factor\n0,1\n90,2\n")
     (made / "index.csv").write_text("0.3,1.3\n0.9,1.4\n")
     (made / "clear.csv").write_text("0.3,1.1\n0.9,1.2\n")
     (made / "phase.csv").write_text("theta_deg,value\n0,2\n180,1\n")

@@ -147,6 +147,45 @@ def test_humidity_can_be_swept(write, tmp_path):
     assert float(family.at(relative_humidity=0.8).medium.sigma_t[0]) > float(dried)
 
 
+def test_separate_particles_are_wet_too(write, tmp_path):
+    """Their radii, indices and numbers are those of `optics` and `medium`."""
+    path = write("growth: {kappa: 0.5, material: {n: 1.33}}, density: 1 g/cm^3",
+                 "mass_concentration: 40 ug/m^3\nrelative_humidity: 80%",
+                 more="discrete: {box: [0.1 mm, 0.1 mm, 0.1 mm], count: 50}\n")
+    asset = bakery.open(bakery.bake(path, tmp_path / "a.h5"))
+    grown = 3 ** (1 / 3)
+    of = asset.discrete["a"]
+    assert float(of.radius[0]) == pytest.approx(0.1 * grown, rel=1e-6)
+    assert (float(of.n[0]), float(of.k[0])) == pytest.approx((1.95 / 3 + 1.33 * 2 / 3, 0.79 / 3), rel=1e-12)
+    number = 40e-9 / (4 / 3 * np.pi * 1e-21 * 1000)
+    cross_section = float(asset.optics["a"].mean_extinction[0])
+    assert float(asset.medium.sigma_t[0]) == pytest.approx(number * 1e-12 * cross_section, rel=1e-12)
+
+
+def test_five_hundred_wavelengths(write, tmp_path):
+    path = write(f"coating: {COAT}ratio: 1.5}}, growth: {{kappa: 0.6, material: {{n: 1.33}}}}",
+                 "number_density: 1e9 /m^3\nrelative_humidity: 80%")
+    waves = np.round(np.linspace(0.3, 2.0, 500), 6)
+    path.write_text(path.read_text().replace("[0.55]", str(waves.tolist())).replace("tolerance: 3%", "tolerance: 30%"))
+    extinction = np.asarray(bakery.open(bakery.bake(path, tmp_path / "a.h5", stages=["optics"])).optics["a"].mean_extinction)
+    assert extinction.shape == (500,)
+    shell, outer = (1 + 3.4 * (1.5**3 - 1)) ** (1 / 3), SULPHATE / 3.4 + 1.33 * 2.4 / 3.4
+    k = 2 * np.pi / waves[77]
+    there = coated_efficiencies(SOOT, outer, k * 0.1, k * 0.1 * shell)[0] * np.pi * (0.1 * shell) ** 2
+    assert extinction[77] == pytest.approx(there, rel=1e-12)
+
+
+def test_masses_and_shells_can_be_swept(write, tmp_path):
+    """sigma_t goes with the mass of the particles, which grows with their shells."""
+    keys = f"density: 1.8 g/cm^3, coating: {COAT}thickness: 10 nm, density: 1.77 g/cm^3}}"
+    path = write(keys, "mass_concentration: 10 ug/m^3", more="sweep:\n  particles.mass_concentration: '[5, 50] ug/m^3'\n"
+                 "  particles.components.a.coating.thickness: '[0, 20] nm'\n  refine: false\n")
+    family = bakery.open(bakery.bake(path, tmp_path / "a.h5"))
+    light, heavy = (float(family.at(mass_concentration=c, thickness=0.0).medium.sigma_t[0]) for c in (5e-9, 50e-9))
+    assert heavy == pytest.approx(10 * light, rel=1e-12)
+    assert family.axes["mass_concentration"].values.units == "kg/m^3"
+
+
 # ---- mixtures
 
 
@@ -172,6 +211,8 @@ def test_a_mixed_material_is_one_index(write, tmp_path):
     ("growth: {kappa: 0.6}", "relative_humidity: 100%", "below 1"),
     ("growth: {kappa: 0.6}", "relative_humidity: 80", r"below 1 \(80 %\?\)"),
     ("growth: {kappa: -1}", "relative_humidity: 80%", "at least 0"),
+    ("growth: {kappa: 5}", "relative_humidity: 0.9999999", "a growth by a factor of 368; expected at most 100"),
+    (f"coating: {COAT}thickness: 1 m}}", "", "brings particles to a size parameter of 1.14e[+]07"),
     ("growth: {material: water}", "relative_humidity: 80%", "found neither kappa nor file"),
     ("growth: {kappa: 0.6, mixing: onion}", "relative_humidity: 80%", "expected bruggeman, .*, volume or shell"),
     (f"growth: {{kappa: 0.6}}, coating: {COAT}thickness: 10 nm}}", "relative_humidity: 80%", "thickness of a coating that grows"),

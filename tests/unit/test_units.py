@@ -7,7 +7,19 @@ import math
 import pytest
 
 from bakery.grammar import units
-from bakery.grammar.units import ANGLE, COEFFICIENT, DENSITY, FRACTION, LENGTH, NUMBER_ONLY, WAVELENGTH, Wrong
+from bakery.grammar.units import (
+    ANGLE,
+    COEFFICIENT,
+    DENSITY,
+    FRACTION,
+    LENGTH,
+    MASS_CONCENTRATION,
+    MASS_DENSITY,
+    NUMBER_ONLY,
+    VOLUME_CONCENTRATION,
+    WAVELENGTH,
+    Wrong,
+)
 
 
 @pytest.mark.parametrize(
@@ -29,6 +41,12 @@ from bakery.grammar.units import ANGLE, COEFFICIENT, DENSITY, FRACTION, LENGTH, 
         ("100 1/cm^3", DENSITY, 1e8),
         ("100 /cm³", DENSITY, 1e8),
         ("1 /um^3", DENSITY, 1e18),
+        ("35 ug/m^3", MASS_CONCENTRATION, 35e-9),
+        ("35 µg/m³", MASS_CONCENTRATION, 35e-9),
+        ("35 ug m^-3", MASS_CONCENTRATION, 35e-9),
+        ("1.77 g/cm^3", MASS_DENSITY, 1770.0),
+        ("12 um^3/cm^3", VOLUME_CONCENTRATION, 12e-12),
+        ("12 um^3 cm^-3", VOLUME_CONCENTRATION, 12e-12),
         ("2.1 /mm", COEFFICIENT, 2100.0),
         ("2.1 mm^-1", COEFFICIENT, 2100.0),
         ("1/m", COEFFICIENT, 1.0),

@@ -16,7 +16,7 @@ def growth_factor(kappa: float, humidity: float) -> float:
     Examples
     --------
     >>> round(growth_factor(0.61, 0.9), 4)  # ammonium sulphate
-    1.8644
+    1.8653
     """
     return (1 + kappa * humidity / (1 - humidity)) ** (1 / 3)
 

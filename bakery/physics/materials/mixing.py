@@ -66,10 +66,10 @@ def _bruggeman(e, share):
     if len(e) == 2:
         b = (3 * share[0] - 1) * e[0] + (3 * share[1] - 1) * e[1]
         root = np.sqrt(b * b + 8 * e[0] * e[1])
-        both = np.stack([(b + root) / 4, (b - root) / 4])
+        roots = np.stack([(b + root) / 4, (b - root) / 4])
         # passive: Im >= 0; of two real roots the positive one
-        better = np.where(np.abs(both.imag) > 1e-14 * np.abs(both), both.imag, both.real * 1e-14)
-        return np.take_along_axis(both, np.argmax(better, axis=0)[None], axis=0)[0]
+        better = np.where(np.abs(roots.imag) > 1e-14 * np.abs(roots), roots.imag, roots.real * 1e-14)
+        return np.take_along_axis(roots, np.argmax(better, axis=0)[None], axis=0)[0]
     mean = np.sum(share * e, axis=0)
     for _ in range(_STEPS):
         weight = share / (e + 2 * mean)

@@ -71,7 +71,7 @@ class Law:
     @classmethod
     def choices(cls) -> dict[str, tuple[str, ...]]:
         """Each key that has to be given, with the ones that may stand in its place."""
-        return {name: (name, *(other for other, key in cls.keys.items() if key.instead_of == name))
+        return {name: (name, *(synonym for synonym, key in cls.keys.items() if key.instead_of == name))
                 for name, key in cls.keys.items() if not key.instead_of}
 
     def density(self, r):

@@ -43,21 +43,23 @@ def check_amounts(checker: "Checker", section: Mapping, parts: Sequence[Mapping]
         elif len(together) > 1:
             second = section.get(together[1], section)
             checker.report_section(second, f"found {together[1]} beside {together[0]}", "expected only one of them")
-        for part, own in zip(parts, by_part):
-            if own:
-                checker.report_section(part.get(own[0], part), f"found {own[0]} of a component beside {together[0]} of all",
+        for part, amount in zip(parts, by_part):
+            if amount:
+                checker.report_section(part.get(amount[0], part), f"found {amount[0]} of a component beside {together[0]} of all",
                                        "expected amounts of all together or of each component")
         _densities(checker, parts if "mass_concentration" in together else ())
         return
-    for part, own in zip(parts, by_part):
-        if not own:
+    for part, amount in zip(parts, by_part):
+        if not amount:
             checker.report_section(part, "found no amount", f"expected {names}, as other components have one")
-        elif len(own) > 1:
-            checker.report_section(part.get(own[1], part), f"found {own[1]} beside {own[0]}", "expected only one of them")
+        elif len(amount) > 1:
+            checker.report_section(part.get(amount[1], part), f"found {amount[1]} beside {amount[0]}",
+                                   "expected only one of them")
         if "fraction" in part:
-            checker.report_section(part["fraction"], f"found a fraction beside {own[0] if own else 'amounts of components'}",
+            beside = amount[0] if amount else "amounts of components"
+            checker.report_section(part["fraction"], f"found a fraction beside {beside}",
                                    "expected it with an amount of all particles only")
-    _densities(checker, [part for part, own in zip(parts, by_part) if "mass_concentration" in own])
+    _densities(checker, [part for part, amount in zip(parts, by_part) if "mass_concentration" in amount])
 
 
 def _densities(checker: "Checker", parts) -> None:
@@ -97,6 +99,6 @@ def amounts(particles, volume, mass) -> tuple[float, list[float]]:
     if any(getattr(particles, name) is not None for name in AMOUNTS):
         fraction = [float(part.fraction) for part in parts]
         return count(particles, fraction, volume, mass), fraction
-    each = np.array([count(part, [1.0], volume[i:i + 1], mass[i:i + 1]) for i, part in enumerate(parts)])
-    total = float(np.sum(each))
-    return total, (each / total).tolist()
+    per_component = np.array([count(part, [1.0], volume[i:i + 1], mass[i:i + 1]) for i, part in enumerate(parts)])
+    total = float(np.sum(per_component))
+    return total, (per_component / total).tolist()

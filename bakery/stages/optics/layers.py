@@ -1,8 +1,10 @@
 """What is around a particle: the keys `coating` and `growth` of a component."""
 
 # no annotations from __future__: pydantic would have to compile each of them again, some 3 ms in all
+import math
 from typing import TYPE_CHECKING
 
+import numpy as np
 from pydantic import Field
 
 from bakery.grammar import tables
@@ -10,8 +12,11 @@ from bakery.grammar.fields import Path, number, word
 from bakery.grammar.section import MaterialOf, Section, given
 from bakery.grammar.text import Mapping, mappings
 from bakery.grammar.units import FRACTION, LENGTH
+from bakery.grammar.values import Index
+from bakery.physics.materials.humidity import growth_factor, tabulated
 from bakery.physics.materials.mixing import RULES
 from bakery.stages.optics.amounts import DENSITY_KEY, Density
+from bakery.stages.optics.size_keys import LARGEST, largest
 
 if TYPE_CHECKING:
     from bakery.recipe.checker import Checker
@@ -47,7 +52,7 @@ class Growth(Section):
     mixing: word(*RULES, AS_SHELL) = Field("volume", description="How it mixes with the particle, or, shell, lies around it.")
 
 
-def check_layers(checker: "Checker", section: Mapping, parts) -> None:
+def check_layers(checker: "Checker", section: Mapping, parts, host: Index | None) -> None:
     """Coatings, and growth with the humidity that it needs."""
     grows = [part for part in parts if "growth" in part]
     if grows and not given(section, "relative_humidity"):
@@ -56,10 +61,32 @@ def check_layers(checker: "Checker", section: Mapping, parts) -> None:
         checker.report(section["relative_humidity"], "found relative_humidity, and no component that grows",
                        "expected growth: {kappa: …} or {file: …} in a component")
     for part in parts:
+        factor, shift = 1.0, 0.0
         for coating in mappings(part.get("coating")):
             _coating(checker, part, coating)
+            factor, shift = _around(checker, coating)
         for growth in mappings(part.get("growth")):
-            _growth(checker, part, growth, checker.value(section, "relative_humidity"))
+            factor *= _growth(checker, part, growth, checker.value(section, "relative_humidity"))
+        if (factor, shift) != (1.0, 0.0):
+            _too_large(checker, part, factor, shift, host)
+
+
+def _around(checker: "Checker", coating: Mapping) -> tuple[float, float]:
+    """Factor of the radii, and what comes on top of them (um)."""
+    thickness, ratio, share = (checker.value(coating, name) for name in _SIZES)
+    return ratio or (1.0 if share is None else (1 - share) ** (-1 / 3)), thickness or 0.0
+
+
+def _too_large(checker: "Checker", part: Mapping, factor: float, shift: float, host: Index | None) -> None:
+    """Whether the largest particles are beyond what the series can do once they have grown."""
+    radii = [radius for size in mappings(part.get("size")) for radius in largest(checker, size)]
+    if not radii or host is None or checker.wavelength is None:
+        return
+    x = (factor * max(radii) + shift) * 2 * math.pi * float((host.n / np.array(checker.wavelength)).max())
+    if x > LARGEST:
+        name = "growth" if "growth" in part else "coating"
+        checker.report_section(part[name], f"found a {name} that brings particles to a size parameter of {x:.3g}",
+                               f"expected size parameters up to {LARGEST:g}")
 
 
 def _coating(checker: "Checker", part: Mapping, coating: Mapping) -> None:
@@ -73,7 +100,8 @@ def _coating(checker: "Checker", part: Mapping, coating: Mapping) -> None:
                                "be a mixture ({mixing: …})")
 
 
-def _growth(checker: "Checker", part: Mapping, growth: Mapping, humidity: float | None) -> None:
+def _growth(checker: "Checker", part: Mapping, growth: Mapping, humidity: float | None) -> float:
+    """The factor of the radii, 1 where it is not known."""
     checker.index(growth, "material", "water")
     _only(checker, growth, ("kappa", "file"), "neither kappa nor file")
     shell = checker.value(growth, "mixing") == AS_SHELL
@@ -85,10 +113,19 @@ def _growth(checker: "Checker", part: Mapping, growth: Mapping, humidity: float 
                                "volume_share: with them all particles grow by one factor")
     if shell and "discrete" in checker.tree:
         checker.report(growth["mixing"], "found a shell of water beside discrete", f"expected {', '.join(RULES)}")
-    columns = checker.table(growth.get("file"), HUMIDITY)
-    if columns is None:
-        return
-    at, factor = columns
+    columns, kappa = checker.table(growth.get("file"), HUMIDITY), checker.value(growth, "kappa")
+    if columns is not None:
+        return _from_table(checker, growth, columns, humidity)
+    factor = 1.0 if kappa is None or humidity is None else growth_factor(kappa, humidity)
+    if factor > MOST_RATIO:
+        checker.report_section(part["growth"], f"found a growth by a factor of {factor:.3g}",
+                               f"expected at most {MOST_RATIO:g}: a smaller relative_humidity or kappa")
+        return 1.0
+    return factor
+
+
+def _from_table(checker: "Checker", growth: Mapping, columns, humidity: float | None) -> float:
+    reported, (at, factor) = len(checker.problems), columns
     if at[-1] >= 1:
         checker.report(growth["file"], f"found a humidity of {100 * at[-1]:g} % in the table", "expected below 100 %")
     elif at[0] == 0 and abs(factor[0] - 1) > 1e-9:
@@ -99,6 +136,7 @@ def _growth(checker: "Checker", part: Mapping, growth: Mapping, humidity: float 
     if factor.min() < 1 or factor.max() > MOST_RATIO:
         wrong = factor.min() if factor.min() < 1 else factor.max()
         checker.report(growth["file"], f"found a growth factor of {wrong:g}", f"expected factors of 1 to {MOST_RATIO:g}")
+    return 1.0 if humidity is None or len(checker.problems) > reported else tabulated(at, factor, humidity)
 
 
 def _only(checker: "Checker", section: Mapping, names: tuple[str, ...], missing: str) -> None:

@@ -80,7 +80,7 @@ def check_particles(checker: "Checker", section: Mapping) -> None:
     host = checker.host(section, "air")
     parts = checker.components(section)
     check_amounts(checker, section, parts)
-    check_layers(checker, section, parts)
+    check_layers(checker, section, parts, host)
     of = section.get("components")
     if parts and len(parts) == len(of) and not any(given(part, *AMOUNTS) for part in parts):
         checker.shares(of, "fraction", parts, 1.0)

@@ -199,6 +199,20 @@ def _size_parameter(checker: "Checker", node: Node, what: str, radius: float, ho
         )
 
 
+def largest(checker: "Checker", size: Mapping):
+    """Radii (um) of which none of a distribution is larger, or that it names where it has no end."""
+    if (most := checker.value(size, "max")) is not None:
+        yield most
+        return
+    yield from (radius for name in ("radius", "effective_radius") if (radius := checker.value(size, name)) is not None)
+    columns = checker.found.get(f"{size.place.key}.file")
+    if columns is not None:
+        yield float(columns[0][-1])
+    of = size.get("of")
+    for part in mappings(*of) if isinstance(of, Sequence) else ():
+        yield from largest(checker, part)
+
+
 # ---- values
 
 
