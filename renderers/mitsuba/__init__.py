@@ -1,7 +1,7 @@
 """What all need of Mitsuba 3: bakery's plugins, the choice of a variant, and renders of Mitsuba's own XML scenes.
 
-`import renderers.mitsuba` registers the plugins `bakedphase` and `bakedbsdf` in the variant that is set, and in every variant that is
-set later.  It also points Dr.Jit to the LLVM library of the extra `llvm`, unless the user chose one.
+`import renderers.mitsuba` registers the plugins `bakedphase` and `bakedbsdf` in the variant that is set, and in every variant
+that is set later.  It also points Dr.Jit to the LLVM library of the extra `llvm`, unless the user chose one.
 """
 
 from __future__ import annotations

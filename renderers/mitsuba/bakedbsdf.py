@@ -29,12 +29,12 @@ Usage::
 
 Light that is scattered once, the boundary and the base are exact at every angle; light that is scattered more often is linear
 between the nodes of a grid, within 0.2 % where 96 nodes reach that.  A smooth boundary mirrors light in one direction (Fresnel's
-equations); a rough one by its facets.  A finite layer on nothing looks the same from both sides, lets scattered light through, and
-unscattered light straight on (`DeltaTransmission`, at the same place: the layer has no thickness here).  Any other layer is
+equations); a rough one by its facets.  A finite layer on nothing looks the same from both sides, lets scattered light through,
+and unscattered light straight on (`DeltaTransmission`, at the same place: the layer has no thickness here).  Any other layer is
 black from behind; `twosided` would give it a second face.
 
-Lobes are chosen by the light that each sends on, the mean of all wavelengths; within those that are scattered directions come from
-a table of 32 cells a side (`renderers.mitsuba.layers`), from facets of a rough boundary by the normals that are seen.
+Lobes are chosen by the light that each sends on, the mean of all wavelengths; within those that are scattered directions come
+from a table of 32 cells a side (`renderers.mitsuba.layers`), from facets of a rough boundary by the normals that are seen.
 """
 
 from __future__ import annotations
@@ -120,10 +120,11 @@ class Surface:
         self._halves, self._angles = steps // 2, len(table.s)
         self._s = self._held(np.concatenate([table.s, np.full(steps - len(table.s) + 1, 2.0)]))
         self._phase = self._held(table.phase)
-        self._depth, self._once, self._peak, self._base = (self._held(v) for v in (table.depth, table.once, table.peak, table.base))
+        self._depth, self._once, self._peak, self._base = (
+            self._held(values) for values in (table.depth, table.once, table.peak, table.base))
         self._cells = cells = layers.cells_of(self.layer)
         self._below_mu, self._below_phi, self._density, self._mu2, self._phi, self._shares = (
-            self._held(v) for v in (cells.below_mu, cells.below_phi, cells.density, cells.mu**2, cells.phi, cells.shares))
+            self._held(values) for values in (cells.below_mu, cells.below_phi, cells.density, cells.mu**2, cells.phi, cells.shares))
         self.flags, self._lobes = self._declared()
         self.all_flags = 0
         for flags in self.flags:
@@ -398,7 +399,8 @@ class Surface:
         drawn = pick(lobe == MIRROR, chances[MIRROR], pick(lobe == STRAIGHT, chances[STRAIGHT], density))
         active = active & (drawn > 0)
         scale = pick(active, 1 / dr.maximum(drawn, 1e-30), 0.0)
-        scattered = [value * pair.mu * (1 / math.pi) for value in self.values(channels, pair, active & ~single if self._jit else active)]
+        smooth = active & ~single if self._jit else active
+        scattered = [value * pair.mu * (1 / math.pi) for value in self.values(channels, pair, smooth)]
         values = [pick(lobe == MIRROR, m, pick(lobe == STRAIGHT, d, v)) * scale
                   for m, d, v in zip(mirrored, straight, scattered, strict=True)]
         return self._sampled(wo, drawn, lobe, active), _spectrum([pick(active, value, 0.0) for value in values])

@@ -93,8 +93,8 @@ def layer_of(asset, layer: int = 0) -> Layer:
     table, errors = asset.surface.table(layer)
     result = Layer(np.asarray(asset.wavelength, float), table, errors.largest)
     if (gain := gained(table)) > _GAIN:
-        raise UsageError(f"layer {layer} sends on {100 * gain:.2g} % more light than it gets: its forward peak deflects light several "
-                         "times, which is counted as if once; a thicker or a thinner layer, or a base would do")
+        raise UsageError(f"layer {layer} sends on {100 * gain:.2g} % more light than it gets: its forward peak deflects light "
+                         "several times, which is counted as if once; a thicker or a thinner layer, or a base would do")
     return result
 
 
@@ -142,7 +142,8 @@ def selected(layer: Layer, channel: int, wavelength: float | None, bands: str) -
         return for_channels(layer, colour.interpolate(layer.wavelength, wavelength))
     if channel != -1:
         if not 0 <= channel < count:
-            raise UsageError(f"bakedbsdf: channel {channel}: the asset has {count} wavelengths; give 0 to {count - 1}, or -1 for all")
+            raise UsageError(f"bakedbsdf: channel {channel}: the asset has {count} wavelengths; give 0 to {count - 1}, or -1 for "
+                             "all")
         return for_channels(layer, np.eye(count)[channel])
     if bands == "mono":
         return for_channels(layer, np.full(count, 1 / count))

@@ -1,7 +1,7 @@
 """Reflectance and transmittance of baked layers inside compiled loops, from the tables of `table`.
 
-Light scattered once, the boundary and the base are computed at the angle that is asked for; the rest is smooth, and linear between
-the nodes of a grid over both directions and the azimuth.
+Light scattered once, the boundary and the base are computed at the angle that is asked for; the rest is smooth, and linear
+between the nodes of a grid over both directions and the azimuth.
 """
 
 from __future__ import annotations
@@ -132,7 +132,10 @@ def surface_transmittance(table, wave, mu, mu0, cos_phi):
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _azimuth(cos_phi, nodes):
-    """Node below an azimuth, and its share of the way to the next one: uniform in 1 + sin(phi / 2) - cos(phi / 2), nearly in phi."""
+    """Node below an azimuth, and its share of the way to the next one.
+
+    Nodes are uniform in 1 + sin(phi / 2) - cos(phi / 2), and nearly in phi: that takes no arc cosine.
+    """
     half = 0.5 * min(max(cos_phi, -1.0), 1.0)
     x = 0.5 * (1.0 + math.sqrt(0.5 - half) - math.sqrt(0.5 + half)) * (nodes - 1)
     k = min(int(x), nodes - 2)
