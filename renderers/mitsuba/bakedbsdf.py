@@ -123,8 +123,8 @@ class Surface:
         self._depth, self._once, self._peak, self._base = (
             self._held(values) for values in (table.depth, table.once, table.peak, table.base))
         self._cells = cells = layers.cells_of(self.layer)
-        self._below_mu, self._below_phi, self._density, self._mu2, self._phi, self._shares = (
-            self._held(values) for values in (cells.below_mu, cells.below_phi, cells.density, cells.mu**2, cells.phi, cells.shares))
+        self._below_mu, self._below_phi, self._density = map(self._held, (cells.below_mu, cells.below_phi, cells.density))
+        self._mu2, self._phi, self._shares = map(self._held, (cells.mu**2, cells.phi, cells.shares))
         self.flags, self._lobes = self._declared()
         self.all_flags = 0
         for flags in self.flags:
