@@ -28,7 +28,8 @@ def prepare(job, world, seed) -> Method:
     _refuse_twins(scene, filled)
     reasons = [BANDS] * spectra.bands + [reason for content in filled for reason in content.reasons]
     entries = [chosen(entry.kind, entry.method) for entry in scene.values.materials]
-    stand_ins = [declared(entry.kind)[name].continuous or declared(entry.kind)[name].surface for entry, name in zip(scene.values.materials, entries, strict=True)]
+    stated = [declared(entry.kind)[name] for entry, name in zip(scene.values.materials, entries, strict=True)]
+    stand_ins = [method.continuous or method.surface for method in stated]
     listed = [{"kind": entry.kind, "method": name, "bias": None if stand_in else 0.0, "reasons": list(content.reasons),
                "pilot": None}
               for entry, name, stand_in, content in zip(scene.values.materials, entries, stand_ins, filled, strict=True)]

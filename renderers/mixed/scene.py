@@ -48,7 +48,8 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
             if name in entry:
                 yield entry.names[name].problem(f"found {name}, and {reason}", "expected none")
         if "layer" in entry and kind == "body" and not surface:
-            yield entry.names["layer"].problem(f"found layer, which method {method} does not use", "expected it with method: surface")
+            yield entry.names["layer"].problem(f"found layer, which method {method} does not use",
+                                               "expected it with method: surface")
         for name, reason in _UNUSED.items():
             if (node := node_at(root, f"{key}.{name}")) is not None:
                 yield owner(node).problem(f"found {name.rpartition('.')[2]}, and {reason} beside other materials",

@@ -155,8 +155,9 @@ class _Entry(Section):
         None, description="Component of the asset -> its local share of the number of grains; the asset's if absent."
     )
     boundary: Boundary | None = Field(None, description="Of a body; what the shape's BSDF says if absent.")
-    layer: fields.whole(0, 1000) | None = Field(None, description="Of method surface: position among the asset's thicknesses, from "
-                                                                  "0, which it is if absent.")
+    layer: fields.whole(0, 1000) | None = Field(
+        None, description="Of method surface: position among the asset's thicknesses, from 0, which it is if absent."
+    )
 
     @property
     def kind(self) -> str:
@@ -184,7 +185,7 @@ def _kind(node):
 def _hint(word: str, accepted) -> str:
     """What to add where a word is none of those that are accepted."""
     if word == "surface":
-        return ": only what fills a shape of the scene is rendered as a surface, where: {shape: …} with method: surface"
+        return ": what fills a shape of the scene may be one, by method: surface"
     return fields.nearest(word, accepted)
 
 

@@ -211,3 +211,64 @@ def test_a_layer_that_would_make_light_is_refused(monkeypatch):
     assert layers.gained(looked_up) < 0.02 < layers.gained(peaked)
     with pytest.raises(UsageError, match="more light than it gets"):
         layers.layer_of(Asset)
+
+
+SLAB = """<scene version="3.0.0">
+    <integrator type="volpath"> <integer name="max_depth" value="-1"/> <integer name="rr_depth" value="200"/> </integrator>
+    {shapes} {light}
+    <sensor type="orthographic"> <transform name="to_world"> <lookat origin="{eye}" target="0, 0, 0" up="0, 1, 0"/> </transform>
+        <film type="hdrfilm"> <integer name="width" value="16"/> <integer name="height" value="16"/> <rfilter type="box"/>
+            <string name="pixel_format" value="luminance"/> </film>
+    </sensor></scene>"""
+MEDIUM = """<medium type="homogeneous" name="interior"> <float name="sigma_t" value="1"/> <float name="albedo" value="{albedo}"/>
+        <phase type="hg"> <float name="g" value="{g}"/> </phase> </medium>"""
+WIDE = """<shape type="cube"> <transform name="to_world"> <scale x="1e4" y="1e4" z="40"/> <translate z="-40"/> </transform>
+        {bsdf} {medium} </shape>"""
+EVEN = '<emitter type="constant"> <float name="radiance" value="1"/> </emitter>'
+SUN = """<emitter type="directional"> <vector name="direction" x="{x}" y="0" z="{z}"/>
+        <float name="irradiance" value="1"/> </emitter>"""
+
+
+def radiance(shapes, light, mu, phi, samples):
+    """Mean of 256 pixels that see a slab from a direction, and its standard error."""
+    eye = ", ".join(f"{10 * part:.9g}" for part in unit(math.acos(mu), phi))
+    scene = mi.load_string(SLAB.format(shapes=shapes, light=light, eye=eye))
+    pixels = np.array(mi.render(scene, spp=samples, seed=4))[..., 0].astype(float)
+    return pixels.mean(), pixels.std() / 16
+
+
+@pytest.mark.slow
+@needs_llvm
+@pytest.mark.parametrize(("mu", "phi"), [(0.9, 0.5), (0.3, 0.0), (0.3, 2.5)])
+def test_a_thick_slab_in_the_sun_is_volpaths(mu, phi):
+    """Light scattered once, often and in between; six standard errors of both: 2e-9."""
+    mi.set_variant("llvm_ad_mono")
+    albedo, g, *_ = LAYERS["tinted"]
+    sun = SUN.format(x=-0.6, z=-0.8)  # it comes from azimuth 0
+    slab = WIDE.format(bsdf='<bsdf type="null"/>', medium=MEDIUM.format(albedo=albedo[1], g=g))
+    plane = '<shape type="rectangle"> <transform name="to_world"> <scale value="1e4"/> </transform> {} </shape>'
+    baked = plane.format('<bsdf type="bakedbsdf"> <string name="filename" value="tinted"/> '
+                         '<integer name="channel" value="1"/> </bsdf>')
+    expected, error = radiance(slab, sun, mu, phi, 1024)
+    value, _ = radiance(baked, sun, mu, phi, 16)
+    exact = float(solutions("tinted")[1].reflection(mu, 0.8, math.pi - phi)) * 0.8 / math.pi
+    assert value == pytest.approx(exact, rel=2e-3)
+    assert abs(value - expected) < 6 * error + 2e-3 * value and error < 0.01 * expected
+
+
+@pytest.mark.slow
+@needs_llvm
+@pytest.mark.parametrize("mu", [0.9, 0.3])
+def test_paint_in_even_light_is_volpaths(mu):
+    """A layer of depth 5 on a grey base under a smooth boundary."""
+    mi.set_variant("llvm_ad_mono")
+    albedo, g, depth, index, base, _ = LAYERS["paint"]
+    glass = f'<bsdf type="dielectric"> <float name="int_ior" value="{index}"/> <float name="ext_ior" value="1"/> </bsdf>'
+    floor = f"""<shape type="rectangle"> <transform name="to_world"> <scale value="9e3"/> <translate z="-{depth}"/> </transform>
+        <bsdf type="diffuse"> <float name="reflectance" value="{base}"/> </bsdf> </shape>"""
+    slab = WIDE.format(bsdf=glass, medium=MEDIUM.format(albedo=albedo[2], g=g)) + floor
+    baked = """<shape type="rectangle"> <transform name="to_world"> <scale value="1e4"/> </transform>
+        <bsdf type="bakedbsdf"> <string name="filename" value="paint"/> <integer name="channel" value="2"/> </bsdf> </shape>"""
+    expected, error = radiance(slab, EVEN, mu, 0.0, 1024)
+    value, own = radiance(baked, EVEN, mu, 0.0, 1024)
+    assert abs(value - expected) < 6 * math.hypot(error, own) + 5e-4 and error < 0.005 * expected
