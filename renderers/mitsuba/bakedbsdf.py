@@ -33,8 +33,9 @@ equations); a rough one by its facets.  A finite layer on nothing looks the same
 and unscattered light straight on (`DeltaTransmission`, at the same place: the layer has no thickness here).  Any other layer is
 black from behind; `twosided` would give it a second face.
 
-Lobes are chosen by the light that each sends on, the mean of all wavelengths; within those that are scattered directions come
-from a table of 32 cells a side (`renderers.mitsuba.layers`), from facets of a rough boundary by the normals that are seen.
+Lobes are chosen by the light that each sends on, the mean of all wavelengths, the mirror by the root of that; within those that
+are scattered directions come from a table of 32 cells a side (`renderers.mitsuba.layers`), from facets of a rough boundary by the
+normals that are seen.
 """
 
 from __future__ import annotations
@@ -326,7 +327,8 @@ class Surface:
         reflected, transmitted, facets = (
             dr.lerp(self._at(self._shares, node + part * (last + 1), active),
                     self._at(self._shares, node + part * (last + 1) + 1, active), x) for part in range(3))
-        light = [sum(mirrored) / len(mirrored), sum(straight) / len(straight), facets, reflected, transmitted]
+        # what a mirror shows is brighter than what is around it where it is seen: 0.04 of the light gets 0.2 of the samples
+        light = [dr.sqrt(sum(mirrored) / len(mirrored)), sum(straight) / len(straight), facets, reflected, transmitted]
         light = [share if self._is_asked(ctx, lobe) else mu * 0.0 for lobe, share in enumerate(light)]
         # what is hardly there is still drawn, so that no value is without a density
         for lobe in (REFLECTED, TRANSMITTED):

@@ -33,7 +33,7 @@ def put(scene, world, assets) -> dict[int, Placed]:
 def _put(scene, world, asset, number) -> Placed:
     import mitsuba as mi
 
-    from renderers.mitsuba.layers import layer_of
+    from renderers.mitsuba import layers
 
     entry, key = scene.values.materials[number], f"materials[{number}]"
     shapes = [shape for shape in world.scene.shapes() if shape.id() == entry.where.shape]
@@ -41,7 +41,7 @@ def _put(scene, world, asset, number) -> Placed:
         names = ", ".join(sorted(shape.id() for shape in world.scene.shapes())) or "none"
         raise scene.wrong(f"{key}.where.shape", f"found {len(shapes)} shapes of the id {entry.where.shape}; it has {names}")
     _refuse_without(scene, asset, number)
-    layer = layer_of(asset, entry.layer or 0)
+    layer = layers.load(str(asset.path), entry.layer or 0)
     shapes[0].set_bsdf(mi.load_dict({"type": "bakedbsdf", "filename": str(asset.path), "layer": entry.layer or 0}))
     stated = declared(entry.kind)[entry.method].leaves_out
     box = shapes[0].bbox()
