@@ -138,13 +138,13 @@ class Surface:
         wanted = {MIRROR: (kinds.DeltaReflection, self.layer.mirrors), STRAIGHT: (kinds.DeltaTransmission, self.free),
                   FACETS: (kinds.GlossyReflection, self.rough), REFLECTED: (kinds.GlossyReflection, True),
                   TRANSMITTED: (kinds.GlossyTransmission, self.free)}
-        there = [lobe for lobe, (_, needed) in wanted.items() if needed]
+        present = [lobe for lobe, (_, needed) in wanted.items() if needed]
         if self.rough:  # one component: facets and medium have one value
-            there.remove(FACETS)
-        lobes = {lobe: there.index(lobe) if lobe in there else None for lobe in wanted}
+            present.remove(FACETS)
+        lobes = {lobe: present.index(lobe) if lobe in present else None for lobe in wanted}
         if self.rough:
             lobes[FACETS] = lobes[REFLECTED]
-        return [wanted[lobe][0] | sides for lobe in there], lobes
+        return [wanted[lobe][0] | sides for lobe in present], lobes
 
     def _held(self, values):
         values = np.asarray(values, float).ravel()
@@ -189,10 +189,10 @@ class Surface:
 
     def _between(self, knots, wavelength):
         lower, weight = mi.UInt32(0), mi.Float(0.0)
-        for row, (left, right) in enumerate(zip(knots, knots[1:], strict=False)):
-            inside = wavelength >= left
+        for row, (lower_knot, upper_knot) in enumerate(zip(knots, knots[1:], strict=False)):
+            inside = wavelength >= lower_knot
             lower = pick(inside, mi.UInt32(row), lower)
-            weight = pick(inside, dr.clip((wavelength - left) / (right - left), 0.0, 1.0), weight)
+            weight = pick(inside, dr.clip((wavelength - lower_knot) / (upper_knot - lower_knot), 0.0, 1.0), weight)
         return [(lower, 1 - weight), (lower + 1, weight)]
 
     def _coordinate(self, mu, inner):
@@ -303,15 +303,15 @@ class Surface:
             return [front for _ in channels], [mu * 0.0 for _ in channels]
         values = {}
 
-        def both(row):
+        def of_row(row):
             x = 1 / dr.maximum(inner, _LEAST)
             passes = dr.exp(-self._at(self._depth, row + mi.UInt32(0), active) * x)
             down = (1 - front) ** 2 * passes / dr.maximum(1 - (front * passes) ** 2, 1e-9)
             # light of the peak is counted as scattered
-            left = dr.maximum(1 - self._at(self._peak, row + mi.UInt32(0), active) * x, 0.0)
-            return mi.Vector2f(pick(inner > 0, down * front * passes, 0.0), pick(inner > 0, down * left, 0.0))
+            unscattered = dr.maximum(1 - self._at(self._peak, row + mi.UInt32(0), active) * x, 0.0)
+            return mi.Vector2f(pick(inner > 0, down * front * passes, 0.0), pick(inner > 0, down * unscattered, 0.0))
 
-        sums = [self._summed(channel, values, both) for channel in channels]
+        sums = [self._summed(channel, values, of_row) for channel in channels]
         return [front + part.x for part in sums], [part.y for part in sums]
 
     # ---- the plugin's methods
@@ -321,7 +321,7 @@ class Surface:
         mu = dr.clip(dr.abs(wi.z), _LEAST, 1.0)
         mirrored, straight = self.single(channels, mu, active)
         last = self._cells.shares.shape[1] - 1
-        x = _place(mu) * last
+        x = _coordinate_of(mu) * last
         node = dr.minimum(mi.UInt32(x), last - 1)
         x = x - node
         reflected, transmitted, facets = (
@@ -347,10 +347,10 @@ class Surface:
         """1/sr, with which scattered directions are drawn."""
         row, cell, turn = _cell(pair.mu0), _cell(pair.mu), dr.minimum(mi.UInt32(_azimuth(pair.cos_phi) * layers.CELLS),
                                                                       layers.CELLS - 1)
-        place = (row * layers.CELLS + cell) * layers.CELLS + turn
+        cell = (row * layers.CELLS + cell) * layers.CELLS + turn
         side = pick(pair.reflects, mi.UInt32(0), mi.UInt32(layers.CELLS**3))
         chance = pick(pair.reflects, chances[REFLECTED], chances[TRANSMITTED])
-        return chance * self._at(self._density, place + side) * pair.mu
+        return chance * self._at(self._density, cell + side) * pair.mu
 
     def _facets_density(self, wi, wo):
         normal = dr.normalize(wi + wo)
@@ -363,14 +363,14 @@ class Surface:
             density = density + chances[FACETS] * self._facets_density(wi, wo)
         return density
 
-    def _lit(self, wi, active):
+    def _seen(self, wi, active):
         """Where there is something to see: from behind only layers on nothing are not black."""
         return active & (wi.z != 0) if self.free else active & (wi.z > 0)
 
     def eval_pdf(self, ctx, si, wo, active=True):
         channels, wi = self.rows(si), si.wi
         pair = self.pair(wi, wo)
-        active = self._lit(wi, active) & (wo.z != 0)
+        active = self._seen(wi, active) & (wo.z != 0)
         if not self.free:
             active = active & (wo.z > 0)
         asked = pick(pair.reflects, mi.Bool(self._is_asked(ctx, REFLECTED)), mi.Bool(self._is_asked(ctx, TRANSMITTED)))
@@ -382,7 +382,7 @@ class Surface:
 
     def sample(self, ctx, si, sample1, sample2, active=True):
         channels, wi = self.rows(si), si.wi
-        active = self._lit(wi, active)
+        active = self._seen(wi, active)
         chances, mirrored, straight = self._chances(ctx, channels, wi, active)
         lobe, below = mi.UInt32(MIRROR), 0.0
         for number in range(TRANSMITTED if self.free else REFLECTED):
@@ -426,11 +426,11 @@ class Surface:
         table = side * count + _cell(dr.clip(dr.abs(wi.z), _LEAST, 1.0))
         first, share = self._halved(self._below_mu, table * (count + 1), sample2.x, active)
         square = dr.lerp(self._at(self._mu2, first, active), self._at(self._mu2, first + 1, active), share)
-        left = sample2.y < 0.5
+        mirrored = sample2.y < 0.5
         second, share = self._halved(self._below_phi, (table * count + first) * (count + 1),
-                                     2 * sample2.y - pick(left, 0.0, 1.0), active)
+                                     2 * sample2.y - pick(mirrored, 0.0, 1.0), active)
         phi = dr.lerp(self._at(self._phi, second, active), self._at(self._phi, second + 1, active), share)
-        sine_phi, cos_phi = dr.sincos(pick(left, -phi, phi))
+        sine_phi, cos_phi = dr.sincos(pick(mirrored, -phi, phi))
         sine, mu = dr.sqrt(dr.maximum(1 - square, 0.0)), dr.sqrt(dr.maximum(square, _LEAST**2))
         across = dr.sqrt(wi.x * wi.x + wi.y * wi.y)
         flat = across < 1e-6
@@ -453,13 +453,13 @@ def _azimuth(cos_phi):
     return 0.5 * (1 + dr.sqrt(dr.maximum(0.5 - 0.5 * cos_phi, 0.0)) - dr.sqrt(dr.maximum(0.5 + 0.5 * cos_phi, 0.0)))
 
 
-def _place(mu):
+def _coordinate_of(mu):
     """Coordinate of a direction, `layers.cosine`'s inverse."""
     return 1 - dr.sqrt(dr.maximum(1 - dr.sqrt(mu), 0.0))
 
 
 def _cell(mu):
-    return dr.minimum(mi.UInt32(_place(mu) * layers.CELLS), layers.CELLS - 1)
+    return dr.minimum(mi.UInt32(_coordinate_of(mu) * layers.CELLS), layers.CELLS - 1)
 
 
 def _stopped(x):

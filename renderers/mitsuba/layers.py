@@ -48,7 +48,7 @@ class Layer(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """What directions are drawn by: x is `place` of an incident direction.
+    """What directions are drawn by: x is the coordinate of an incident direction whose `cosine` it has.
 
     Attributes
     ----------
@@ -104,11 +104,6 @@ def gained(table) -> float:
         return 0.0
     path = np.geomspace(1, 1e3, 200)
     return float(np.max((table.peak[:, None] * path - 1) * np.exp(-table.depth[:, None] * path), initial=0.0))
-
-
-def place(mu):
-    """Coordinate 0 to 1 of directions in `Cells`, from their cosines."""
-    return 1 - np.sqrt(1 - np.sqrt(mu))
 
 
 def cosine(x):
@@ -186,11 +181,11 @@ def _shares(table, smooth):
     x, weight = 0.5 * (1 + x), 0.5 * weight
     mu, slope = cosine(x), 4 * (1 - (1 - x) ** 2) * (1 - x)
     incident = np.maximum(cosine(np.linspace(0, 1, _SHARES)), 1e-4)
-    both = np.empty((2, 2, _SHARES, _PLACES, _PLACES))
-    for part, values in zip((smooth, table), both, strict=True):
+    integrals = np.empty((2, 2, _SHARES, _PLACES, _PLACES))
+    for part, values in zip((smooth, table), integrals, strict=True):
         _means(part, incident, mu, np.cos(math.pi * x), values)
-    reflected, transmitted = both[0] @ weight @ (2 * mu * slope * weight)
-    return np.stack([reflected, transmitted, both[1, 0] @ weight @ (2 * mu * slope * weight) - reflected]).clip(0, 1)
+    reflected, transmitted = integrals[0] @ weight @ (2 * mu * slope * weight)
+    return np.stack([reflected, transmitted, integrals[1, 0] @ weight @ (2 * mu * slope * weight) - reflected]).clip(0, 1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -81,9 +81,9 @@ def spread(asset, layer: int = 0) -> np.ndarray:
     if thickness is not None:
         k = np.maximum(k, np.pi / np.maximum(1e-6 * thickness[layer], 1e-30))
     near, far = 1 / reduced, 7 / 3 / reduced
-    share, other = np.exp(-k * near), np.exp(-k * far)
-    total = np.maximum(share + other, 1e-300)
-    return np.where(share > 0, np.sqrt(2 * (near * share + far * other) / total / k), near)
+    share, share_far = np.exp(-k * near), np.exp(-k * far)
+    total = np.maximum(share + share_far, 1e-300)
+    return np.where(share > 0, np.sqrt(2 * (near * share + far * share_far) / total / k), near)
 
 
 def _spread_in_words(scene, world, asset, layer, shape, size) -> str:
@@ -95,8 +95,8 @@ def _spread_in_words(scene, world, asset, layer, shape, size) -> str:
     nearest = float(np.linalg.norm(np.clip(world.camera.origin, box[0], box[1]) - world.camera.origin))
     angle = float(np.sqrt(np.linalg.norm(world.camera.right) * np.linalg.norm(world.camera.down)))
     pixel = nearest * angle
-    compared = (f"a pixel is {_length(pixel)} wide at the nearest of its box, and that {_length(size)}: regions of a ball as wide "
-                f"would be off by {100 * _OFF * far / (0.5 * size):.2g} % or less")
+    compared = (f"a pixel is {_length(pixel)} wide at the nearest of its box, and that {_length(size)}: regions of a ball as "
+                f"wide would be off by {100 * _OFF * far / (0.5 * size):.2g} % or less")
     verdict = "; another method would do where it is near" if far > pixel else ""
     return f"{words}; {compared}{verdict}"
 

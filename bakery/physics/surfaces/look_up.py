@@ -21,7 +21,7 @@ def _fresnel(mu, within, index):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _place(within, mu, index, nodes):
+def _coordinate(within, mu, index, nodes):
     """Node below a direction, and its share of the way to the next one."""
     s = mu if index > 1.0 else math.sqrt(within)
     x = (1.0 - math.sqrt(max(1.0 - s, 0.0))) * (nodes - 1)
@@ -85,7 +85,7 @@ def surface_reflectance(table, wave, mu, mu0, cos_phi):
     """
     index, depth, nodes = table.index, table.depth[wave], table.reflected.shape[1]
     if table.roughness > 0.0:
-        at, at0 = _place(mu, mu, 1.0, nodes), _place(mu0, mu0, 1.0, nodes)
+        at, at0 = _coordinate(mu, mu, 1.0, nodes), _coordinate(mu0, mu0, 1.0, nodes)
         azimuth = _azimuth(cos_phi, table.reflected.shape[3])
         return _between(table.reflected, wave, at, at0, azimuth) + _facets(mu, mu0, cos_phi, index, table.roughness)
     inner = math.sqrt(max((index - 1.0) * (index + 1.0) + mu * mu, 0.0)) / index
@@ -93,7 +93,7 @@ def surface_reflectance(table, wave, mu, mu0, cos_phi):
     through = (1.0 - _fresnel(mu, inner, index)) * (1.0 - _fresnel(mu0, inner0, index)) / (index * index)
     if not through > 0.0:
         return 0.0
-    at, at0 = _place(inner, mu, index, nodes), _place(inner0, mu0, index, nodes)
+    at, at0 = _coordinate(inner, mu, index, nodes), _coordinate(inner0, mu0, index, nodes)
     smooth = _between(table.reflected, wave, at, at0, _azimuth(cos_phi, table.reflected.shape[3]))
     sines = math.sqrt(max((1.0 - mu * mu) * (1.0 - mu0 * mu0), 0.0)) / (index * index)
     once = table.once[wave] * _phase(table, wave, min(max(0.5 * (1.0 + inner * inner0 - sines * cos_phi), 0.0), 1.0))
@@ -116,7 +116,7 @@ def surface_transmittance(table, wave, mu, mu0, cos_phi):
     through = (1.0 - _fresnel(mu, inner, index)) * (1.0 - _fresnel(mu0, inner0, index)) / (index * index)
     if not through > 0.0:
         return 0.0
-    at, at0 = _place(inner, mu, index, nodes), _place(inner0, mu0, index, nodes)
+    at, at0 = _coordinate(inner, mu, index, nodes), _coordinate(inner0, mu0, index, nodes)
     smooth = _between(table.transmitted, wave, at, at0, _azimuth(cos_phi, table.transmitted.shape[3]))
     sines = math.sqrt(max((1.0 - mu * mu) * (1.0 - mu0 * mu0), 0.0)) / (index * index)
     # differences of the directions keep the digits of small angles
