@@ -123,10 +123,11 @@ QUALITY ?= preview
 SCENES := night_street square_emitter
 PARTICLES := lamp_in_dust beads_in_box stairs_in_a_beam snow_at_night bubbles_in_light drive_in_drizzle
 MIXED := winter_evening beach
+SURFACES := painted_head
 GRAINS := heap_of_sand cube_of_beads snowman snowman_small sand_castle spices wet_beside_dry layers_of_sand
 scenes: $(VENV)/.ready
 	@mkdir -p build
-	for scene in $(SCENES) $(PARTICLES) $(GRAINS) $(MIXED); do \
+	for scene in $(SCENES) $(PARTICLES) $(GRAINS) $(MIXED) $(SURFACES); do \
 		rm -f build/$$scene.png; \
 		$(BIN)/bake render assets/scenes/$$scene.yaml -o build/$$scene.png --quality $(QUALITY) \
 			|| { test $$? -eq 3 && test -f build/$$scene.png; } || exit 1; done

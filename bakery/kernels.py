@@ -26,6 +26,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | surfaces of grains | `dielectric`, `diffuse`, `conductor` | `fresnel`, `fresnel_conductor`, `at_surface`, `surface_share` |
 | their kinds, frames | `DIELECTRIC`, `DIFFUSE`, `CONDUCTOR` | `surface_frame`, `surface_density` |
 | phase functions | `phase_layout`, `phase_at`, `phase_integral` | `phase_value`, `phase_sample`, `turned_direction` |
+| reflectance of layers | `asset.surface.table()` | `surface_reflectance`, `surface_transmittance` |
 | amplitudes of spheres | `mie_amplitudes`, `goa_amplitudes` | |
 | where particles are | `Region`, `BOX`, `region_box`, `region_grid`, `region_mesh` | `relative_density`, `region_densities` |
 | its particles, as discs | `disc_order`, `stored_discs`, `procedural_discs` | `first_disc` (or `NO_DISC`), `open_wavelengths` |
@@ -101,6 +102,7 @@ from bakery.physics.multiple.symbolic import drjit_tables
 from bakery.physics.packing.cells import tile_grid
 from bakery.physics.packing.instances import cumulated_shares, hashed, instance, rotation_matrix
 from bakery.physics.shapes.mending import closed_mesh, solid
+from bakery.physics.surfaces.look_up import surface_reflectance, surface_transmittance
 from bakery.rng import stream_key
 
 __all__ = [
@@ -187,7 +189,9 @@ __all__ = [
     "sum_of_look_ups",
     "surface_density",
     "surface_frame",
+    "surface_reflectance",
     "surface_share",
+    "surface_transmittance",
     "tile_grid",
     "triangle_normal",
     "triangle_tree",

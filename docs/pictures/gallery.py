@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 WIDTH = 640  # pixels
 # renderer of a scene, section of a recipe -> heading
 SCENES = {"fog": "Scenes: fog", "discrete": "Scenes: separate particles", "granular": "Scenes: grains that fill a mesh",
-          "translucent": "Scenes: translucent bodies", "mixed": "Scenes: several materials"}
+          "translucent": "Scenes: translucent bodies", "mixed": "Scenes: several materials, and surfaces"}
 RECIPES = {"particles": "Recipes: suspended particles", "medium": "Recipes: media by their coefficients",
            "grains": "Recipes: packed grains", "packing": "Recipes: packings of spheres"}
 LEAD = ("Everything that ships with bakery. Recipes are shown as blocks of their medium under two lights, packed grains with "

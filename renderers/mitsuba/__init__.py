@@ -1,7 +1,7 @@
 """What all need of Mitsuba 3: bakery's plugins, the choice of a variant, and renders of Mitsuba's own XML scenes.
 
-`import renderers.mitsuba` registers the plugin `bakedphase` in the variant that is set, and in every variant that is
-set later.  It also points Dr.Jit to the LLVM library of the extra `llvm`, unless the user chose one.
+`import renderers.mitsuba` registers the plugins `bakedphase` and `bakedbsdf` in the variant that is set, and in every variant
+that is set later.  It also points Dr.Jit to the LLVM library of the extra `llvm`, unless the user chose one.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ variants.require_mitsuba()
 
 import mitsuba as _mi  # noqa: E402  after find: Dr.Jit looks for LLVM once, when it is imported
 
+from renderers.mitsuba import bakedbsdf as _bakedbsdf  # noqa: E402
 from renderers.mitsuba import bakedphase as _bakedphase  # noqa: E402
 from renderers.mitsuba.report import describe  # noqa: E402
 from renderers.mitsuba.scene import noted, render_scene  # noqa: E402
@@ -27,6 +28,7 @@ def register() -> None:
     if _mi.variant() is None:
         return
     _mi.register_phase("bakedphase", noted(_bakedphase.define()))
+    _mi.register_bsdf("bakedbsdf", noted(_bakedbsdf.define()))
 
 
 def _refuse_old_llvm() -> None:

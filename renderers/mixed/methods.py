@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.materials.grains.paths import first_grain
-from renderers.mixed import build, contents
+from renderers.mixed import build, contents, surfaces
 from renderers.mixed import passes as wavefronts
 from renderers.mixed.scene import chosen
 from renderers.mixed.spectra import BANDS, Spectra
@@ -19,33 +19,38 @@ _MATERIAL = 16  # paths of a pixel that layer `material` is made of where no pas
 def prepare(job, world, seed) -> Method:
     """The method of a scene; `job` is a `renderers.pictures.running.Render`, `world` the surfaces and lights around."""
     scene, assets = job.scene, job.assets
-    spectra = Spectra.of(assets)
-    filled = [contents.of(scene, world, asset, spectra, number) for number, asset in enumerate(assets)]
+    placed = surfaces.put(scene, world, assets)
+    inside = [number for number in range(len(assets)) if number not in placed]  # entries that paths go into
+    spectra = Spectra.of([assets[number] for number in inside])
+    filled = [contents.Content(None, None, placed[number].reasons) if number in placed
+              else contents.of(scene, world, asset, spectra, number) for number, asset in enumerate(assets)]
     _refuse_overlap(scene, filled)
     _refuse_twins(scene, filled)
     reasons = [BANDS] * spectra.bands + [reason for content in filled for reason in content.reasons]
     entries = [chosen(entry.kind, entry.method) for entry in scene.values.materials]
-    stand_ins = [declared(entry.kind)[name].continuous for entry, name in zip(scene.values.materials, entries, strict=True)]
+    stated = [declared(entry.kind)[name] for entry, name in zip(scene.values.materials, entries, strict=True)]
+    stand_ins = [method.continuous or method.surface for method in stated]
     listed = [{"kind": entry.kind, "method": name, "bias": None if stand_in else 0.0, "reasons": list(content.reasons),
                "pilot": None}
               for entry, name, stand_in, content in zip(scene.values.materials, entries, stand_ins, filled, strict=True)]
     exact = not spectra.bands and not any(stand_ins)
     figures = {"materials": listed, "bias": 0.0 if exact else None}
     name = " and ".join(dict.fromkeys(entries))
-    materials = [content.what for content in filled]
+    materials = [filled[number].what for number in inside]
     explicit = [number for number, content in enumerate(materials) if isinstance(content, contents.Particles | contents.Grains)]
     if not explicit and len(materials) <= MOST_IN_A_LOOP:
-        return _in_one_loop(name, world, materials, spectra.colours, seed, reasons, figures)._replace(unmeasured=spectra.bands)
+        return _in_one_loop(name, world, materials, spectra.colours, seed, reasons, figures, inside)._replace(
+            unmeasured=spectra.bands)
     around = build.scene_of(world, [build.material_of(content) for content in materials], spectra.colours)
     part, shares = wavefronts.part("paths", around, seed), []
 
     def after(estimate):
         shares.append(wavefronts.first_shares(estimate.means.values()))
-        return figures | {"layers": {"material": wavefronts.material_layer(shares[0])}}
+        return figures | {"layers": {"material": _of_entries(wavefronts.material_layer(shares[0]), inside)}}
 
     def features():
         # what is told apart looks like noise: there the picture stays as it is
-        return _features(world, [content.stands for content in filled], spectra.colours, seed)._replace(
+        return _features(world, [filled[number].stands for number in inside], spectra.colours, seed)._replace(
             detail=shares[0][..., explicit].sum(axis=-1))
 
     seen = features if len(materials) <= MOST_IN_A_LOOP else None
@@ -69,13 +74,22 @@ def _features(world, entries, colours, seed):
     return features.first_hits(world, entries, colours, seed)
 
 
-def _in_one_loop(name, world, materials, colours, seed, reasons, figures):
-    from renderers.transport import passes
+def _of_entries(layer, inside):
+    """Layer `material` by the numbers of entries."""
+    return np.append(np.asarray(inside, int), -1)[np.asarray(layer).astype(int)].astype("float32")
 
+
+def _in_one_loop(name, world, materials, colours, seed, reasons, figures, inside):
+    from renderers.transport import passes
+    from renderers.transport import surfaces as bare
+
+    if not materials:
+        return Method(name, (bare.part("surfaces", world, colours, seed),), reasons, lambda estimate: figures)
     part = passes.part("paths", world, materials, colours, seed, by_light=True)
 
     def after(estimate):
-        return figures | {"layers": {"material": passes.materials(world, materials, colours, seed, _MATERIAL).astype("float32")}}
+        numbers = passes.materials(world, materials, colours, seed, _MATERIAL)
+        return figures | {"layers": {"material": _of_entries(numbers, inside)}}
 
     return Method(name, (part,), reasons, after, features=lambda: _features(world, materials, colours, seed))
 

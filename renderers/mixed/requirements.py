@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from renderers.mixed.scene import METHODS, chosen
+from renderers.scene.entries import is_surface
 from renderers.scene.requirements import Need, merged
 
 
@@ -13,11 +14,16 @@ def needs(about) -> list[Need]:
 
     entries = about.scene.values.materials
     groups: dict[tuple[str, str], list[int]] = {}
+    surfaces: list[Need] = []
     for number in about.bodies:
+        if is_surface(entries[number].kind, entries[number].method):
+            surfaces.append(Need("surface", True, "light leaves it as by a baked layer"))
+            surfaces.append(Need("medium", True, "light scattered once goes by it"))
+            continue
         for method in _methods(about, number, grains):
             groups.setdefault((entries[number].kind, method), []).append(number)
     rules = {"particles": particles.needs, "grains": grains.needs, "medium": _of_medium, "body": _of_medium}
-    return list(merged([rules[kind](about.only(numbers, method)) for (kind, method), numbers in groups.items()],
+    return list(merged([surfaces] + [rules[kind](about.only(numbers, method)) for (kind, method), numbers in groups.items()],
                        about.recipe.leaves))
 
 

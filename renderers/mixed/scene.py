@@ -9,7 +9,7 @@ from bakery.grammar import fields
 from bakery.grammar.text import Mapping, Scalar, Sequence, owner
 from renderers.scene.candidates import UNKNOWN_TO_MEDIA, beside
 from renderers.scene.common import node_at
-from renderers.scene.entries import KEYS, KINDS, declared, methods
+from renderers.scene.entries import KEYS, KINDS, declared, is_surface, methods
 
 # kind -> methods that may stand beside other materials; the first one is what `auto` is
 METHODS = {kind: beside(kind) for kind in KINDS}
@@ -22,6 +22,8 @@ PACE = 5e-4  # s of a core that a pixel takes to a relative variance of 1
 POINTS = ("auto",)
 _UNUSED = {"spread": "no method here switches from grains to their medium", "footprint": "method query is not there",
            "boundary.tables": "method paths reads no tables"}  # keys of entries that other renderers use
+
+_NOT_OF_SURFACES = {"boundary": "that of a surface is baked, as surface.boundary of the recipe says"}
 
 
 def chosen(kind: str, method: str) -> str:
@@ -41,6 +43,13 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
             stated = next((at["method"] for at in (entry, root) if isinstance(at.get("method"), Scalar)), None)
             message, expected = f"found {method} beside other materials", f"expected {fields.one_of(['auto', *METHODS[kind]])}"
             yield owner(stated or entry).problem(message, expected, key=f"{key}.method")
+        surface = is_surface(kind, method)
+        for name, reason in _NOT_OF_SURFACES.items() if surface else {}:
+            if name in entry:
+                yield entry.names[name].problem(f"found {name}, and {reason}", "expected none")
+        if "layer" in entry and kind == "body" and not surface:
+            yield entry.names["layer"].problem(f"found layer, which method {method} does not use",
+                                               "expected it with method: surface")
         for name, reason in _UNUSED.items():
             if (node := node_at(root, f"{key}.{name}")) is not None:
                 yield owner(node).problem(f"found {name.rpartition('.')[2]}, and {reason} beside other materials",

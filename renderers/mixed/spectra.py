@@ -17,13 +17,15 @@ BANDS = "the assets have different wavelengths: all are rendered as means over r
 
 
 class Spectra(NamedTuple):
-    """Of assets; bands : whether their wavelengths differ."""
+    """Of assets, of none linear sRGB; bands : whether their wavelengths differ."""
 
     colours: Colours
     bands: bool
 
     @classmethod
     def of(cls, assets) -> Spectra:
+        if not assets:
+            return cls(Colours(np.eye(3), np.eye(3)), False)
         waves = [np.asarray(asset.wavelength, float) for asset in assets]
         if any(not np.array_equal(wavelengths, waves[0]) for wavelengths in waves):
             return cls(Colours(np.eye(3), np.eye(3)), True)

@@ -52,6 +52,8 @@ def renderer_of(kinds: Sequence_[str], methods: Sequence_[str]) -> str:
     """Which of `OF_MATERIALS` renders entries of these kinds and methods."""
     if list(kinds) == ["particles"]:
         return "discrete"
+    if any(map(entries.is_surface, kinds, methods)):
+        return "mixed"
     return _OF_ONE_KIND.get(kinds[0], "mixed") if len(set(kinds)) == len(set(methods)) == 1 else "mixed"
 
 
@@ -311,8 +313,8 @@ def needs(path) -> tuple[str, ...]:
         raise RecipeError([problem])
     if section != "materials":
         return _rules(section).NEEDS
-    kinds = [entry.kind for entry in entries.known(tree.root, path.parent)]
-    return tuple(dict.fromkeys(stage for kind in kinds for stage in entries.stages(kind)))
+    known = entries.known(tree.root, path.parent)
+    return tuple(dict.fromkeys(stage for entry in known for stage in entries.stages(entry.kind, entry.method)))
 
 
 def _of_plugins(path: Path) -> tuple[str, ...]:

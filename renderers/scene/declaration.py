@@ -43,6 +43,8 @@ class SceneMethod:
     deviation : (scene, number, asset, world) -> by how much pixels deviate from such a medium because of what could be told apart
         of an entry, by its number: root mean square over the picture's mean
     beside : whether a material by it may stand beside materials of other kinds
+    surface : whether the material is a surface of the Mitsuba scene by it, into which no path goes
+    stages : of the asset that it reads; () those of its kind
     kind : of materials, as `renderers.scene.entries` names them
     """
 
@@ -63,6 +65,8 @@ class SceneMethod:
     continuous: bool = False
     deviation: Callable[..., float] = lambda scene, number, asset, world: 0.0
     beside: bool = False
+    surface: bool = False
+    stages: tuple[str, ...] = ()
 
 
 class Points(NamedTuple):

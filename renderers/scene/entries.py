@@ -46,7 +46,7 @@ BOUNDARIES = ("negative", "mirrored", "none")  # how tables see the boundary of 
 PLACES = {"particles": ("box", "mesh", "grid", ""), "grains": ("mesh",), "medium": ("everywhere", "box", "mesh", "shape", "grid"),
           "body": ("shape",)}  # kind -> keys of `where`; "" where it may be absent
 KEYS = {"particles": ("velocity", "time", "footprint", "peak"), "grains": ("spread", "fraction", "mixture"), "medium": (),
-        "body": ("boundary",)}  # kind -> keys that no other kind has
+        "body": ("boundary", "layer")}  # kind -> keys that no other kind has
 SPEED = Quantity("speed", "speeds", "m/s", {"um/s": -6, "mm/s": -3, "cm/s": -2, "m/s": 0, "km/s": 3}, "m/s")
 
 # ---- where a material is
@@ -155,6 +155,9 @@ class _Entry(Section):
         None, description="Component of the asset -> its local share of the number of grains; the asset's if absent."
     )
     boundary: Boundary | None = Field(None, description="Of a body; what the shape's BSDF says if absent.")
+    layer: fields.whole(0, 1000) | None = Field(
+        None, description="Of method surface: position among the asset's thicknesses, from 0, which it is if absent."
+    )
 
     @property
     def kind(self) -> str:
@@ -181,7 +184,9 @@ def _kind(node):
 
 def _hint(word: str, accepted) -> str:
     """What to add where a word is none of those that are accepted."""
-    return ": this version bakes no surfaces" if word == "surface" else fields.nearest(word, accepted)
+    if word == "surface":
+        return ": what fills a shape of the scene may be one, by method: surface"
+    return fields.nearest(word, accepted)
 
 
 # `as` is a word of Python
@@ -207,8 +212,16 @@ def methods(kind: str) -> tuple[str, ...]:
     return tuple(declared(kind))
 
 
-def stages(kind: str) -> tuple[str, ...]:
-    """Stages of the asset that a kind is made of."""
+def is_surface(kind: str, method: str) -> bool:
+    """Whether a material is a surface of the Mitsuba scene by a method, which need not be one of its kind."""
+    stated = declared(kind).get(method)
+    return stated is not None and stated.surface
+
+
+def stages(kind: str, method: str = "auto") -> tuple[str, ...]:
+    """Stages of the asset that a kind is made of, by a method."""
+    if (stated := declared(kind).get(method)) is not None and stated.stages:
+        return stated.stages
     return import_module(f"{PACKAGES[kind]}.scene").NEEDS if kind in PACKAGES else ("medium",)
 
 

@@ -80,8 +80,10 @@ def entries() -> list[Entry]:
     """All of them; methods without an error of their own first."""
     made = []
     for path in sorted((ROOT / "assets" / "scenes").glob("*.yaml")):
-        renderer = scenes.load(path).section
-        made += [Entry(f"{path.stem}/{method}", path, renderer, method) for method in SHIPPED[renderer]]
+        scene = scenes.load(path)
+        # surfaces hold no tables for other methods
+        methods = ("surface",) if scene.section == "mixed" and scene.values.method == "surface" else SHIPPED[scene.section]
+        made += [Entry(f"{path.stem}/{method}", path, scene.section, method) for method in methods]
     for name, small in SMALL.items():
         kinds = [material.kind for material in small.materials]
         made += [Entry(f"small/{name}/{method}", None, scenes.renderer_of(kinds, [method] * len(kinds)), method)

@@ -59,7 +59,8 @@ def test_the_kind_follows_from_place_and_asset(load, entry, kind, section):
     (["particles"], ["auto"], "discrete"), (["particles"] * 2, ["auto"] * 2, "mixed"),
     (["grains"] * 3, ["ept"] * 3, "granular"), (["grains"] * 2, ["ept", "vpt"], "mixed"),
     (["body"] * 2, ["paths"] * 2, "translucent"), (["medium"], ["auto"], "mixed"),
-    (["body", "medium"], ["paths"] * 2, "mixed"), (["particles", "grains", "body"], ["auto"] * 3, "mixed"),
+    (["body", "medium"], ["paths"] * 2, "mixed"), (["body"] * 2, ["surface"] * 2, "mixed"),
+    (["particles", "grains", "body"], ["auto"] * 3, "mixed"),
 ])
 def test_one_place_says_which_renderer_it_is(kinds, methods, name):
     assert scene.renderer_of(kinds, methods) == name
@@ -86,8 +87,8 @@ def test_one_method_for_all(load):
     (f"{BOX}, asset: sand.h5, as: grains", "materials[0].where: found grains in a place of kind box; expected {mesh: …}"),
     (f"{MESH}, asset: sand.h5, as: particles", "materials[0].as: found particles, but its asset holds grains, a m"),
     ("asset: sand.h5, as: grains", "materials[0].where: missing; expected where: {mesh: …}"),
-    (f"{MESH}, asset: sand.h5, as: surface", 'found "surface"; expected particles, grains, medium or body: this ver'),
-    (f"{MESH}, asset: sand.h5, method: surface", "the methods of grains: this version bakes no surfaces"),
+    (f"{MESH}, asset: sand.h5, as: surface", 'expected particles, grains, medium or body: what fills a shape'),
+    (f"{MESH}, asset: sand.h5, method: surface", "the methods of grains: what fills a shape of the scene may be one"),
     (f"{MESH}, asset: sand.h5, method: paths", 'materials[0].method: found "paths"; expected auto, ept, vpt, ept+vpt, '),
     ("where: here, asset: milk.h5", 'materials[0].where: found "here"; expected everywhere, {box:'),
     ("where: {sphere: 1}, asset: milk.h5", "materials[0].where: found a mapping; expected everywhere, {box:"),

@@ -54,13 +54,39 @@ class Surface(Members):
         values = albedo_at(self._group, cosine.ravel())
         return self._layers(values.reshape(*values.shape[:2], *cosine.shape))
 
-    def _looked_up(self, name: str, theta_in, theta_out, phi) -> np.ndarray:
+    def table(self, layer: int = 0):
+        """What compiled loops and plugins look up, and its errors: `bakery.kernels.surface_reflectance` takes it.
+
+        Parameters
+        ----------
+        layer : position of the thickness
+
+        Returns
+        -------
+        table : `bakery.physics.surfaces.table.SurfaceTable`
+        errors : `bakery.physics.surfaces.table.Errors`
+
+        Raises
+        ------
+        UsageError : no such layer
+        """
+        from bakery.physics.surfaces.table import surface_table
+
+        count = self["reflected"].shape[1]
+        if not 0 <= layer < count:
+            raise UsageError(f"surface: found no layer {layer}; it has {count}: 0 to {count - 1}")
+        return surface_table([row[layer] for row in self._solved()])
+
+    def _solved(self) -> list[list]:
         if "_solutions" not in self.__dict__:
             if self._medium is None:
                 raise MissingStage("reflectance needs the group medium, which is missing; bake the recipe again")
             self._solutions = solutions_of(self._group, self._medium)
+        return self._solutions
+
+    def _looked_up(self, name: str, theta_in, theta_out, phi) -> np.ndarray:
         at = _cosine(theta_out), _cosine(theta_in), np.asarray(phi, float)
-        return self._layers(np.stack([np.stack([getattr(solution, name)(*at) for solution in row]) for row in self._solutions]))
+        return self._layers(np.stack([np.stack([getattr(solution, name)(*at) for solution in row]) for row in self._solved()]))
 
     def _layers(self, values):
         return values[:, 0] if values.shape[1] == 1 else values

@@ -140,7 +140,7 @@ def _too_wide(name, vertices, faces, reduced, method):
     if density >= method.fewest_beams:
         return ""
     wide = float(np.ptp(vertices, axis=0).max() * np.max(reduced))
-    able = fields.one_of([name for name, declared in methods().items() if not declared.fewest_beams])
+    able = fields.one_of([name for name, declared in methods().items() if not (declared.fewest_beams or declared.surface)])
     return (f"{name} is {wide:.3g} transport mean free paths wide: to a square one of its boundary come {density:.1g} beams of a "
             f"pass, and method {method.name} needs {method.fewest_beams:g}; {able} would do")
 

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import bakery
 from bakery.errors import UsageError
-from renderers.materials.bodies.scene import CHOICE, NEEDS
+from renderers.materials.bodies.scene import METHODS, NEEDS
 from renderers.pictures.integrator import length_of_one, one_of, register
 from renderers.scene.entries import BOUNDARIES
 
@@ -42,7 +42,8 @@ class Inside:
     """
 
     def __init__(self, props):
-        self.method = one_of(NAME, props, "method", CHOICE[1], CHOICE[1][0])
+        inside = [name for name, method in METHODS.items() if not method.surface]  # surfaces have a BSDF of their own
+        self.method = one_of(NAME, props, "method", inside, inside[0])
         self.boundary = one_of(NAME, props, "boundary", BOUNDARIES, BOUNDARIES[0])
         self.unit = length_of_one(NAME, props)
         self.assets = {}

@@ -1,0 +1,173 @@
+"""Solutions of layers as tables that compiled loops and plugins look up (`look_up`): a grid in place of Fourier orders.
+
+What is left of reflectance and transmittance without light scattered once is sampled over both directions and the azimuth.  The
+grid is uniform in x = 1 - sqrt(1 - s), s the coordinate of `nodes` (the cosine in air under a boundary, else its root): there
+grazing angles have room, and the sine, with which odd orders begin at normal incidence, is linear.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.physics.surfaces import fresnel
+from bakery.physics.surfaces.look_up import surface_reflectance, surface_transmittance
+from bakery.physics.surfaces.nodes import coordinate, interpolation
+from bakery.system.compiled import njit
+
+GRIDS = (32, 24), (48, 32), (64, 48), (96, 64)  # directions and azimuths, from which the first one that is good enough is taken
+TOLERANCE = 2e-3
+PROBES = 4000  # pairs of directions at which the error is measured, from normal incidence to 89.9 degrees
+_GRAZING = math.cos(math.radians(89.9))
+_BUCKETS = 512  # of scattering angles, in which their interval is looked for
+
+
+class SurfaceTable(NamedTuple):
+    """A layer at L wavelengths, for `look_up`.
+
+    Attributes
+    ----------
+    index : refractive index of the medium over that of the air
+    roughness : of the boundary's facets, 0 for a smooth one or none
+    depth : (L,) optical depth without the cut peak, inf of infinite layers
+    once : (L,) a quarter of the single-scattering albedo over the share of the depth that is left without the peak
+    peak : (L,) optical depth of the peak, whose light transmittance counts as deflected once
+    base : (L,) albedo of the base, 0 where there is none
+    s : (A,) sin^2 of half the scattering angle, ascending from 0 to 1
+    phase : (L, A) 4 pi times the phase function, linear in s
+    guide : (B,) int64, interval of s at which the bucket of its root begins
+    reflected, transmitted : (L, K, K, P) float32, what is smooth; transmitted (0, 1, 1, 1) where nothing is let through
+    free : whether there is air below
+    """
+
+    index: float
+    roughness: float
+    depth: np.ndarray
+    once: np.ndarray
+    peak: np.ndarray
+    base: np.ndarray
+    s: np.ndarray
+    phase: np.ndarray
+    guide: np.ndarray
+    reflected: np.ndarray
+    transmitted: np.ndarray
+    free: bool
+
+
+    def combined(self, weights) -> SurfaceTable:
+        """Of layers of infinite depth: tables that are means over the wavelengths, by (N, L) weights.
+
+        Raises ValueError where depths differ: then means of values are no values of means.
+        """
+        if np.isfinite(self.depth).any():
+            raise ValueError("only tables of infinite layers can be averaged")
+        weights = np.atleast_2d(np.asarray(weights, float))
+        phase = np.einsum("nl,l,la->na", weights, self.once, self.phase)
+        unchanged = [np.full(len(weights), value) for value in (math.inf, 1.0, 0.0, 0.0)]
+        return self._replace(depth=unchanged[0], once=unchanged[1], peak=unchanged[2], base=unchanged[3], phase=phase,
+                             reflected=np.einsum("nl,lijk->nijk", weights, self.reflected).astype(np.float32))
+
+
+class Errors(NamedTuple):
+    """Of a table against the solutions: largest and root mean square relative error at `PROBES` pairs of directions.
+
+    The largest is over angles to 89.9 degrees; values below a thousandth of the median are compared with that.
+    """
+
+    largest: float
+    mean_square: float
+
+
+def surface_table(solutions: Sequence, tolerance: float = TOLERANCE) -> tuple[SurfaceTable, Errors]:
+    """The table of one layer, and its error.
+
+    Parameters
+    ----------
+    solutions : `solution.Solution` or `covered.Covered` of each of L wavelengths, of the same layer, base or none, and boundary
+    tolerance : largest relative error, which the finest grid may miss: the errors say so
+    """
+    probes = probed(solutions)
+    for nodes, azimuths in GRIDS:
+        table = _sampled(solutions, nodes, azimuths)
+        errors = errors_of(table, probes)
+        if errors.largest <= tolerance:
+            break
+    return table, errors
+
+
+def probed(solutions: Sequence, count: int = PROBES):
+    """Cosines and azimuth (3, Q) of pairs of directions, and exact reflectance and transmittance (L, Q) of each."""
+    rng = np.random.default_rng(20)  # places, at which nothing is estimated
+    grazing = np.where(rng.random((2, count)) < 0.5, 1, 3)
+    mu, mu0 = np.maximum(rng.random((2, count)) ** grazing, _GRAZING)
+    at = np.stack([mu, mu0, math.pi * rng.random(count)])
+    return at, np.stack([solution.reflection(*at) for solution in solutions]), \
+        np.stack([solution.transmission(*at) for solution in solutions])
+
+
+def errors_of(table: SurfaceTable, probes) -> Errors:
+    """Of a table at what `probed` gives."""
+    (mu, mu0, phi), *exact = probes
+    values = np.empty((2, len(table.once), len(mu)))
+    _evaluate(table, mu, mu0, np.cos(phi), values)
+    relative = [np.abs(value - true)[true > 0] / np.maximum(true, 1e-3 * np.median(true[true > 0]))[true > 0]
+                for value, true in zip(values, exact, strict=True) if np.any(true)]
+    return Errors(float(max((part.max() for part in relative), default=0.0)),
+                  float(max((np.sqrt(np.mean(part**2)) for part in relative), default=0.0)))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _evaluate(table, mu, mu0, cos_phi, values):
+    for wave in range(values.shape[1]):
+        for q in range(len(mu)):
+            values[0, wave, q] = surface_reflectance(table, wave, mu[q], mu0[q], cos_phi[q])
+            values[1, wave, q] = surface_transmittance(table, wave, mu[q], mu0[q], cos_phi[q])
+
+
+def _sampled(solutions, nodes: int, azimuths: int) -> SurfaceTable:
+    first = solutions[0].slab
+    rough = first.roughness > 0 and first.index != 1
+    s = np.sin(first.theta / 2) ** 2
+    keep = np.concatenate([[True], np.diff(s) > 0])
+    phase = 4 * math.pi * np.stack([solution.slab.phase[keep] for solution in solutions])
+    buckets = np.searchsorted(s[keep], np.linspace(0, 1, _BUCKETS) ** 2, side="right") - 1
+    free = first.base is None and first.depth < math.inf
+    transmitted = [_grid(solution, solution.transmitted, nodes, azimuths) for solution in solutions] if free else []
+    return SurfaceTable(
+        float(first.index), first.roughness if rough else 0.0,
+        np.array([solution.slab.depth * solution.cut.shrinks if solution.slab.depth else 0.0 for solution in solutions]),
+        np.array([0.25 * solution.slab.albedo / solution.cut.shrinks for solution in solutions]),
+        np.array([solution.slab.depth * solution.slab.albedo * solution.cut.share if solution.cut.share else 0.0
+                  for solution in solutions]),
+        np.array([solution.slab.base or 0.0 for solution in solutions]), s[keep], phase,
+        np.clip(buckets, 0, len(phase[0]) - 2).astype(np.int64),
+        np.stack([_grid(solution, solution.reflected, nodes, azimuths) for solution in solutions]),
+        np.stack(transmitted) if free else np.zeros((0, 1, 1, 1), np.float32), free)
+
+
+def _grid(solution, orders, nodes: int, azimuths: int):
+    """(K, K, P) float32 of the sum of Fourier orders at a grid's nodes."""
+    rough = solution.slab.roughness > 0 and solution.slab.index != 1
+    index = 1.0 if rough else solution.slab.index
+    mu = cosines(nodes, index)
+    weights = interpolation(solution.nodes.at, coordinate(mu, index))
+    sines = np.sqrt((1 - mu) * (1 + mu)) / index
+    terms = np.einsum("im,omn,jn->oij", weights, orders, weights, optimize=True)
+    terms[1:] *= 2
+    terms[1::2] *= np.outer(sines, sines)
+    waves = np.cos(np.arange(len(orders))[:, None] * angles(azimuths))
+    return np.ascontiguousarray(np.tensordot(terms, waves, (0, 0)), np.float32)
+
+
+def angles(azimuths: int):
+    """(P,) rad, of a grid's nodes."""
+    return 0.5 * math.pi + 2 * np.arcsin((2 * np.linspace(0, 1, azimuths) - 1) * math.sqrt(0.5))
+
+
+def cosines(nodes: int, index: float):
+    """(K,) cosines in air of the nodes of a grid; of those that an index below 1 reflects totally there are none."""
+    s = 1 - (1 - np.linspace(0, 1, nodes)) ** 2
+    return s if index > 1 else np.clip(fresnel.outside(s * s, index), 0, 1)

@@ -1,0 +1,81 @@
+"""`bake render` of scenes whose materials are baked surfaces (method surface)."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from tests.exr import layers
+
+pytest.importorskip("renderers.mitsuba", exc_type=ImportError)
+
+WHITE = """\
+bakery: 1
+name: white
+wavelengths: [0.55]
+tolerance: 1%
+medium: {albedo: 1, mean_free_path: 1 mm, phase: {type: hg, g: 0.3}}
+surface: {thickness: "[1, 8] mm"}
+"""
+FURNACE = """<scene version="3.0.0">
+    <emitter type="constant"> <float name="radiance" value="1"/> </emitter>
+    <shape type="sphere" id="ball"> <bsdf type="diffuse"> <float name="reflectance" value="0"/> </bsdf> </shape>
+    <shape type="sphere" id="other"> <point name="center" x="20" y="0" z="0"/> </shape></scene>"""
+SCENE = """\
+bakery_scene: 2
+name: furnace
+materials: [{where: {shape: ball}, asset: white.h5, method: surface, layer: 1}]
+scene: {mitsuba: furnace.xml}
+camera: {origin: [0, -5, 0] m, target: [0, 0, 0] m, fov: 18 deg}
+film: {width: 24, height: 24}
+stop: {samples: 64}
+"""
+
+
+@pytest.fixture
+def scene(tmp_path, call):
+    for name, content in (("white.yaml", WHITE), ("furnace.xml", FURNACE), ("furnace.yaml", SCENE)):
+        (tmp_path / name).write_text(content)
+    assert call(tmp_path / "white.yaml", "-o", tmp_path / "white.h5")[0] == 0
+    return tmp_path / "furnace.yaml"
+
+
+def test_a_lossless_surface_vanishes_in_even_light(scene, call):
+    """What the layer sends back and lets through add up: both sides of a ball of it are as bright as the sky."""
+    status, out, err = call("render", scene, "--json")
+    report = json.loads(out)
+    assert status == 0, err
+    picture = layers(scene.with_name("furnace.exr"))
+    values = np.stack([picture[channel] for channel in "RGB"])
+    # the layer's own error and six standard errors: 2e-9
+    assert abs(values.mean() - 1) < 1e-3 + 6 * report["noise"] / 24
+    material, = report["materials"]
+    assert report["bias"] is None and material["method"] == "surface" and material["bias"] is None
+    assert any("light leaves where it came in" in reason for reason in report["reasons"])
+    assert any("a pixel is" in reason for reason in report["reasons"])
+
+
+@pytest.mark.parametrize(("settings", "asset", "message"), [
+    ({"materials[0].layer": "2"}, WHITE, "found no layer 2; it has 2: 0 to 1"),
+    ({"materials[0].where.shape": "bowl"}, WHITE, "found 0 shapes of the id bowl; it has ball, other"),
+    ({}, WHITE[:WHITE.index("surface")], "no stage surface; a section surface: {thickness: infinite} in its recipe would do"),
+])
+def test_what_cannot_be_a_surface_is_told(scene, call, settings, asset, message):
+    (scene.parent / "white.yaml").write_text(asset)
+    if "surface" not in asset:
+        (scene.parent / "white.h5").unlink()
+        assert call(scene.parent / "white.yaml", "-o", scene.parent / "white.h5")[0] == 0
+    status, _, err = call("render", scene, *(part for key, value in settings.items() for part in ("--set", f"{key}={value}")))
+    assert status in (2, 4) and message in err and "Traceback" not in err
+
+
+@pytest.mark.parametrize(("entry", "message"), [
+    ("method: surface, boundary: {index: 1.4}", "materials[0].boundary: found boundary, and that of a surface is baked"),
+    ("method: paths, layer: 1", "materials[0].layer: found layer, which method paths does not use; expected it with method:"),
+])
+def test_keys_that_have_no_meaning_are_told(scene, call, entry, message):
+    scene.write_text(SCENE.replace("method: surface, layer: 1", entry))
+    status, _, err = call("render", scene)
+    assert status == 2 and message in " ".join(err.split())
