@@ -18,6 +18,7 @@ STAGES = (
     "bakery.stages.beam.stage:STAGE",
     "bakery.stages.discrete.stage:STAGE",
     "bakery.stages.surface.stage:STAGE",
+    "bakery.stages.surface.grains:OF_GRAINS",
 )
 
 
@@ -38,4 +39,4 @@ def sections_for(name: str) -> tuple[tuple[str, ...], ...]:
         if stage.name == name:
             own = tuple(section.name for section in stage.sections if not section.beside)
             alternatives.append(own or tuple(each for need in stage.needs for each in sections_for(need)[0]))
-    return tuple(alternatives)
+    return tuple(dict.fromkeys(alternatives))

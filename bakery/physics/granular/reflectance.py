@@ -13,7 +13,7 @@ import numpy as np
 
 from bakery.physics.granular._goniometer import HITS, STEEPEST, WALKS
 from bakery.physics.granular.goniometer import BINS, CELLS, REPLICATES, Goniometer, together
-from bakery.physics.surfaces.corrected import TABLES, Corrected, Factors, Fit, factors_of, merged
+from bakery.physics.surfaces.corrected import TABLES, Factors, Fit, factors_of, merged
 from bakery.physics.surfaces.solution import Solution
 
 LEAST = math.sqrt(STEEPEST)
@@ -30,7 +30,8 @@ class Reflectance:
 
     Attributes
     ----------
-    factors, lossless : as of `Corrected`
+    factors : as of `surfaces.corrected.Corrected`
+    lossless : whether grains keep all light
     albedo, albedo_error : (3, B) by order and bin of the root of the cosine of incidence, as counted
     error : (A, U, V) relative standard error of the light in the cells of `SHOWN`
     achieved_error : root mean square of that over the light of the walks
@@ -162,7 +163,3 @@ def _spread(counts, c: int):
     each = np.divide(entered, walks, out=np.zeros_like(entered), where=walks > 0)
     return each.std(axis=0, ddof=1) / math.sqrt(len(each))
 
-
-def reflectance_of(solution: Solution, one: Reflectance) -> Corrected:
-    """What can be asked for reflectance at any angles."""
-    return Corrected(solution, one.factors, one.lossless)

@@ -66,12 +66,10 @@ class Corrected:
     ----------
     solution : of the medium's half space without a boundary
     factors : of the orders
-    lossless : whether grains keep all light
     """
 
     solution: Solution
     factors: Factors
-    lossless: bool = False
 
     def reflection(self, mu, mu0, phi):
         """R at cosines above 0 and azimuths (0: forward); the BRDF is R / pi.  Arguments broadcast."""
