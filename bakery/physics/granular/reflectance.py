@@ -13,11 +13,11 @@ import numpy as np
 
 from bakery.physics.granular._goniometer import HITS, STEEPEST, WALKS
 from bakery.physics.granular.goniometer import BINS, CELLS, REPLICATES, Goniometer, together
-from bakery.physics.surfaces.corrected import TABLES, Factors, Fit, factors_of, merged
+from bakery.physics.surfaces.corrected import LEVELS, Factors, Fit, factors_of, merged
 from bakery.physics.surfaces.solution import Solution
 
 LEAST = math.sqrt(STEEPEST)
-SHOWN = TABLES[1][0]  # cells whose errors are told
+SHOWN = LEVELS[1][-1]  # cells whose errors are told
 HITS_MAX = 1 << 32
 _FIRST = 1 << 11, 1 << 8  # walks of a replicate to begin with: to the second order, to their end
 _MOST_MORE = 16  # times as many walks in a round
@@ -135,11 +135,12 @@ def _reflectance(fit: Fit, counts, c: int, lossless: bool):
     numbers = np.array([walks.sum(), walks.sum(), through.sum()]) / spread
     shown = merged(CELLS, SHOWN)
     whole, variance = np.bincount(shown, light.sum(axis=0)), []
-    for order, (fine, coarse) in enumerate(TABLES):
-        own, to = np.bincount(merged(CELLS, fine), light[order]), merged(fine, coarse)
-        part = 1 / (numbers[order] * np.bincount(to, own) + 1.0)
-        if fine == SHOWN:  # what counts leave beside what cells are held to; smaller cells only divide the light of one
-            part = part[to] + 1 / (numbers[order] * own + held[order])
+    for order, levels in enumerate(LEVELS):
+        part = np.zeros(math.prod(SHOWN))
+        # what counts leave beside what cells are held to; cells smaller than those shown only divide the light of one
+        for level, holds in zip(levels[:levels.index(SHOWN) + 1], held[order], strict=False):
+            own = np.bincount(merged(CELLS, level), light[order])
+            part += (1 / (numbers[order] * own + holds))[merged(SHOWN, level)]
         variance.append(np.minimum(part, 1.0) * np.bincount(shown, light[order]) ** 2)
     # a cell's error counts by its light
     by_kind = [float(np.sum(np.divide(part, whole, out=np.zeros_like(whole), where=whole > 0)) / max(whole.sum(), 1e-300))

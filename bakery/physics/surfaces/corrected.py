@@ -19,8 +19,8 @@ from bakery.physics.surfaces.nodes import grazing
 from bakery.physics.surfaces.solution import Solution
 
 ORDERS = ("first", "second", "higher")
-# of each order: cells of its table, and the coarse ones to which they are held where counts are few
-TABLES = (((48, 8, 8), (12, 8, 8)), ((12, 8, 8), (6, 4, 4)), ((12, 8, 8), (6, 4, 4)))
+# of each order: cells in ever finer levels, the last of which are those of its table; fewer where its light is smooth
+LEVELS = (((6, 4, 4), (12, 8, 8), (48, 8, 8)), ((3, 2, 2), (6, 4, 4), (12, 8, 8)), ((3, 2, 2), (6, 4, 4), (12, 8, 8)))
 _ROUNDS = 8  # of fits in turn to cells and to albedos
 _FEW = 8.0  # walks' worth of light by which a cell is held to the medium: what noise moves where next to none goes
 _POINTS = (1, 4, 3)  # of quadrature along the coordinates of a cell
@@ -114,6 +114,13 @@ def merged(cells, coarse):
     return np.ravel_multi_index(index, coarse).ravel()
 
 
+def _held(wanted, there, walks: float) -> float:
+    """Inverse of the relative variance of cells about what larger ones say, beyond that of the counts; infinite where none is."""
+    seen = there * walks >= 1
+    off = np.sum(((wanted - there) ** 2 - there / walks)[seen])
+    return max(float(np.sum(there[seen] ** 2) / off), _FEW) if off > 0 else math.inf
+
+
 class Fit:
     """Fits `Factors` to counted light, of one medium.
 
@@ -125,7 +132,7 @@ class Fit:
     """
 
     def __init__(self, solution: Solution, cells, bins: int, least: float):
-        self.tables, self.bins, self.least, self.solution = TABLES, bins, least, solution
+        self.tables, self.bins, self.least, self.solution = [levels[-1] for levels in LEVELS], bins, least, solution
         mu, mu0, phi, weight = pairs.quadrature(cells, _POINTS)
         self.points = weight.shape[1]
         mu, mu0, phi = mu.ravel(), mu0.ravel(), phi.ravel()
@@ -135,7 +142,7 @@ class Fit:
         shape = len(self.inward), len(out)
         at = [np.broadcast_to(a, shape).ravel() for a in (out, self.inward[:, None], azimuth)]
         self.sets = [self._prepared(*points) for points in ((mu, mu0, phi), at)]
-        self.joined = {fine: merged(cells, fine) for fine, _ in TABLES} | {pair: merged(*pair) for pair in TABLES}
+        self.cells = cells
 
     def _density(self, mu0):
         """Of the cosines at which walks start, uniform in their root."""
@@ -147,7 +154,7 @@ class Fit:
 
     def _prepared(self, mu, mu0, phi):
         """Shapes, where the pairs lie among cells and bins."""
-        of_cells = {fine: pairs.interpolation(mu, mu0, phi, fine) for fine, _ in self.tables}
+        of_cells = {fine: pairs.interpolation(mu, mu0, phi, fine) for fine in set(self.tables)}
         return shares(self.solution, mu, mu0, phi), of_cells, [self._between(cosine) for cosine in (mu, mu0)]
 
     def _between(self, mu):
@@ -159,7 +166,7 @@ class Fit:
     def _values(self, which: int, order: int, table, scale):
         """Light of an order at the points of a set."""
         shapes, of_cells, bins = self.sets[which]
-        index, weight = of_cells[self.tables[order][0]]
+        index, weight = of_cells[self.tables[order]]
         value = shapes[order] * np.einsum("kc,kc->k", table[index], weight)
         for low, up in bins:
             value = value * (scale[low] * (1 - up) + scale[low + 1] * up)
@@ -175,7 +182,7 @@ class Fit:
         return value.reshape(self.bins, -1).mean(axis=1)
 
     def fitted(self, order: int, cells, albedo, walks: float):
-        """Table and scale of an order, and the walks' worth of light by which its cells are held to the coarse ones.
+        """Table and scale of an order, and the walks' worth of light by which cells of each level are held to larger ones.
 
         Parameters
         ----------
@@ -184,26 +191,24 @@ class Fit:
 
         Notes
         -----
-        Cells are gathered as coarse ones first.  Then each moves from what those say by as much as its own counts are worth
-        beside `held`, the inverse of the relative variance that coarse cells leave (empirical Bayes with a gamma distribution).
+        The largest cells take the light that was counted.  Then, level by level, each cell moves from what the larger ones say
+        by as much as its own counts are worth beside a number that is the inverse of the relative variance which larger cells
+        leave (empirical Bayes with a gamma distribution).
         """
-        fine, coarse = self.tables[order]
-        table, scale = np.ones(math.prod(fine)), np.ones(self.bins)
-        wanted, merged = np.bincount(self.joined[fine], cells), self.joined[fine, coarse]
-        for _ in range(_ROUNDS):
-            there = np.bincount(self.joined[fine], self.in_cells(order, table, scale))
-            more = (walks * np.bincount(merged, wanted) + _FEW) / (walks * np.bincount(merged, there) + _FEW)
-            table, scale = table * more[merged], self._scaled(order, table * more[merged], scale, albedo)
-        there = np.bincount(self.joined[fine], self.in_cells(order, table, scale))
-        seen = there * walks >= 1
-        off = np.sum(((wanted - there) ** 2 - there / walks)[seen])
-        held = max(float(np.sum(there[seen] ** 2) / off), _FEW) if off > 0 else math.inf
-        if held < math.inf:
+        fine = self.tables[order]
+        table, scale, held = np.ones(math.prod(fine)), np.ones(self.bins), []
+        for level in LEVELS[order]:
+            to, of = merged(self.cells, level), merged(fine, level)
+            wanted, there = np.bincount(to, cells), np.bincount(to, self.in_cells(order, table, scale))
+            holds = _held(wanted, there, walks) if held else _FEW
+            held.append(holds)
             base = table
-            for _ in range(_ROUNDS):
-                table = base * (walks * wanted + held) / (walks * there * base / table + held)
+            for _ in range(_ROUNDS if holds < math.inf else 0):
+                ratio = np.bincount(of, table) / np.bincount(of, base)  # by which the cells of this level moved
+                more = (walks * wanted + holds) / (walks * there / ratio + holds)
+                table = base * more[of]
                 scale = self._scaled(order, table, scale, albedo)
-                there = np.bincount(self.joined[fine], self.in_cells(order, table, scale))
+                there = np.bincount(to, self.in_cells(order, table, scale))
         for _ in range(2 * _ROUNDS):
             scale = self._scaled(order, table, scale, albedo)
         return table, scale, held
@@ -236,7 +241,7 @@ def factors_of(fit: Fit, cells, entered, walks, through, lossless: bool, spread=
     tables, scales, light, kept = [], [], [], []
     for order, (part, n) in enumerate(zip(cells, numbers, strict=True)):
         table, scale, hold = fit.fitted(order, part / max(n.sum(), 1.0), albedos[order], n.sum() / spread[order])
-        tables.append(table.reshape(fit.tables[order][0]))
+        tables.append(table.reshape(fit.tables[order]))
         scales.append(scale)
         light.append(fit.in_cells(order, table, scale))
         kept.append(hold)
