@@ -122,8 +122,8 @@ def _more(variance, done, dear, tolerance: float, hits: float) -> list[int]:
     root = np.sqrt(v * n * cost)
     wanted = np.sqrt(v * n / cost) * root.sum() * _SPARE / tolerance**2
     more = np.clip(np.ceil(wanted - n), 0, _MOST_MORE * n)
-    share = min(1.0, hits / max(REPLICATES * float(more @ cost), 1e-300))
-    return [int(number) for number in np.floor(more * share)] if share * more.sum() >= 1 and hits > 0 else [0, 0]
+    needed = REPLICATES * float(more @ cost)
+    return [int(number) for number in np.floor(more * min(1.0, max(hits, 0.0) / needed))] if needed else [0, 0]
 
 
 def _reflectance(fit: Fit, counts, c: int, lossless: bool):
