@@ -146,8 +146,6 @@ def test_sparse_grains_are_a_medium():
     np.testing.assert_allclose(surface.orders(mu, mu0, phi)[0], closed, rtol=0.15)
     at = middles(result.each[0].albedo.shape[1], LEAST)
     counted, error = result.each[0].albedo.sum(axis=0), np.sqrt((result.each[0].albedo_error**2).sum(axis=0))
-    flat = Corrected(solution, result.each[0].factors)
-    assert flat is not surface
     mediums = np.array([_albedo(solution, m) for m in at**2])
     # spheres' own radius over the mean free path, a thousandth, and the rim at grazing angles
     np.testing.assert_array_less(np.abs(counted - mediums)[4:], (6 * error + 0.02 * mediums)[4:])
@@ -161,14 +159,15 @@ def _albedo(solution, mu0):
 
 
 def test_opposition():
-    """Shadows vanish where light goes straight back: within a degree among sparse grains, over tens of degrees in packed ones."""
+    """Shadows vanish where light goes straight back: twice the first order at most, within a degree of it among sparse grains, and
+    over tens of degrees among packed ones, of whose first order media have 0.43 to 0.66."""
     alpha = np.radians([0.0, 20.0, 60.0])
     lambert = 8 / (3 * math.pi) * (np.sin(alpha) + (math.pi - alpha) * np.cos(alpha))
     closed = 0.1 / 4 * lambert / (1 + np.cos(alpha))
     packed, sparse = (baked("dark", fraction, 0.05)[0].orders(np.cos(alpha), np.ones(3), np.zeros(3))[0] / closed
                       for fraction in (0.6, 0.001))
     assert 1.2 < sparse[0] / sparse[2] < 2.1 and sparse[1] / sparse[2] == pytest.approx(1, abs=0.15)
-    assert packed[1] / packed[2] > 1.1
+    assert ((1 / 0.66 < packed) & (packed < 1 / 0.43)).all()
 
 
 # ---- Mitsuba over the same balls
@@ -198,7 +197,7 @@ def scene(packed, height, bsdf, copies, depth, base=None):
 
 
 def seen(mi, parts, packed, height, light, theta, azimuth, samples, seed):
-    """Mean radiance towards a direction of the middle tile."""
+    """Mean radiance (3,) towards a direction of the middle tile."""
     toward = [math.sin(theta) * math.cos(azimuth), math.sin(theta) * math.sin(azimuth), math.cos(theta)]
     x, y, z = packed.cell * np.array([0.5, 0.5, height])
     plane = mi.ScalarTransform4f().translate([x, y, z + 1.0001]).scale([x, y, 1])
@@ -206,7 +205,7 @@ def seen(mi, parts, packed, height, light, theta, azimuth, samples, seed):
               "film": {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}, "pixel_format": "rgb"},
               "sampler": {"type": "independent"}}
     loaded = mi.load_dict(parts | {"light": light, "sensor": sensor})
-    return float(np.array(mi.render(loaded, spp=samples, seed=seed)).ravel()[0])
+    return np.array(mi.render(loaded, spp=samples, seed=seed)).ravel()[:3]
 
 
 PAIRS = ((20, 0, 0), (20, 20, 180), (60, 60, 0), (60, 40, 90), (75, 60, 180), (45, 10, 0))
@@ -226,7 +225,7 @@ def test_matt_balls_are_mitsubas(name):
             around = 0.1 + 2 * math.pi * k / 12
             travel = [math.sin(a) * math.cos(around), math.sin(a) * math.sin(around), -math.cos(a)]
             light = {"type": "directional", "direction": travel, "irradiance": {"type": "rgb", "value": 1.0}}
-            values.append(math.pi / math.cos(a) * seen(mi, parts, packed, height, light, b, around + phi, 4096, k))
+            values.append(math.pi / math.cos(a) * seen(mi, parts, packed, height, light, b, around + phi, 4096, k)[0])
         mean, error = np.mean(values), np.std(values, ddof=1) / math.sqrt(12)
         value = float(surface.reflection(math.cos(b), math.cos(a), phi))
         assert abs(value - mean) < 6 * error + SMOOTHED * mean, (a, b, phi, value, mean, error)
@@ -238,25 +237,27 @@ RINGS = ((0, 30), (30, 60), (60, 90))
 @pytest.mark.slow
 @pytest.mark.parametrize("name, bsdf, depth, samples", [
     ("copper", {"type": "conductor", "eta": {"type": "rgb", "value": 0.27}, "k": {"type": "rgb", "value": 3.41}}, 1, 16384),
-    ("glass", {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}, 3, 1024)])
+    ("glass", {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}, 2, 1200)])
 def test_shiny_and_clear_balls_are_mitsubas(name, bsdf, depth, samples):
     """Light from rings of the sky, seen at three angles: reciprocal to light of one angle that leaves into rings.
 
-    Under glass lies a white plane ten transport lengths deep, which sends back what would come back from deeper.
+    Each ring is a colour.  Under glass lies a white plane, five transport lengths deep, for what comes back from deeper.
     """
     packed, height = tile(0.6), 0.5
-    surface, _ = baked(name, 0.6, 0.02, surface=(height, height))
-    mi, parts = scene(packed, height, bsdf, 3, depth, 1.0 if name == "glass" else 0.0)
-    for theta in np.radians([10.0, 45.0, 75.0]):
-        for low, high in np.radians(RINGS):
-            sky = np.zeros((360, 4, 3), np.float32)
-            row = math.pi * (np.arange(360) + 0.5) / 360
-            sky[(row > low) & (row < high)] = 1.0
-            light = {"type": "envmap", "bitmap": mi.Bitmap(sky), "to_world": mi.ScalarTransform4f().rotate([1, 0, 0], 90)}
-            values = [seen(mi, parts, packed, height, light, theta, 0.1 + 2 * math.pi * k / 8, samples // 8, k) for k in range(8)]
-            mean, error = np.mean(values), np.std(values, ddof=1) / math.sqrt(8)
+    surface, _ = baked(name, 0.6, 0.03, surface=(height, height))
+    mi, parts = scene(packed, height, bsdf, 8 if name == "glass" else 3, depth, 1.0 if name == "glass" else 0.0)
+    sky, row, rings = np.zeros((360, 4, 3), np.float32), math.pi * (np.arange(360) + 0.5) / 360, np.radians(RINGS)
+    for colour, (low, high) in enumerate(rings):
+        sky[(row > low) & (row < high), :, colour] = 1.0
+    light = {"type": "envmap", "bitmap": mi.Bitmap(sky), "to_world": mi.ScalarTransform4f().rotate([1, 0, 0], 90)}
+    for theta in np.radians([10.0, 65.0]):
+        values = np.array([seen(mi, parts, packed, height, light, theta, 0.1 + 2 * math.pi * k / 8, samples // 8, k)
+                           for k in range(8)])
+        mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / math.sqrt(8)
+        for (low, high), there, off in zip(rings, mean, error, strict=True):
             cosine, phi = np.linspace(math.cos(high), math.cos(low), 49), math.pi * (np.arange(48) + 0.5) / 48
             cosine = 0.5 * (cosine[1:] + cosine[:-1])
             lobe = surface.reflection(cosine[:, None], math.cos(theta), phi).mean(axis=-1)
             value = float(2 * np.mean(lobe * cosine) * (math.cos(low) - math.cos(high)))
-            assert abs(value - mean) < 6 * error + SMOOTHED * mean, (theta, low, value, mean, error)
+            print(name, theta, low, value, there, off)
+            assert abs(value - there) < 6 * off + SMOOTHED * there, (theta, low, value, there, off)
