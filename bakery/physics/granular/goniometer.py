@@ -17,7 +17,7 @@ import numpy as np
 
 from bakery import rng
 from bakery.physics.grains.figures import in_order
-from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE
+from bakery.physics.grains.surface import DIELECTRIC, DIFFUSE
 from bakery.physics.grains.walk import EVENTS_MAX
 from bakery.physics.granular import _goniometer as kernel
 from bakery.physics.granular._packed import Grains, Tile

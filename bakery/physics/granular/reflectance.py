@@ -1,4 +1,4 @@
-"""Reflectance of packed grains to an error that is asked for: a goniometer's walks, of which a medium's plane layer takes the noise.
+"""Reflectance of packed grains to an error that is asked for: walks of a goniometer, smoothed by a plane layer of the medium.
 
 Walks to the second order are cheap and walks to their end are dear; each kind goes on for as long as it is worth it.
 """
@@ -32,7 +32,8 @@ class Reflectance:
     ----------
     factors : as of `surfaces.corrected.Corrected`
     lossless : whether grains keep all light
-    albedo, albedo_error : (3, B) by order and bin of the root of the cosine of incidence, as counted
+    albedo, albedo_error : (3, B) by order and bin of the root of the cosine of incidence, a polynomial through what was counted,
+        and the standard error of a bin's own count
     error : (A, U, V) relative standard error of the light in the cells of `SHOWN`
     achieved_error : root mean square of that over the light of the walks
     inside : share of the higher orders that was still inside when its walks ended, and counts as leaving like late light

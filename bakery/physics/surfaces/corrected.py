@@ -1,9 +1,9 @@
 """A half space of a medium, corrected by what walks among the grains say that it stands for: orders kept apart.
 
-The reflectance of order k is its share in the medium's plane layer, times a factor of the pair of directions, a table over cells
-of `pairs`, times a factor of each of both directions' cosines, the same function.  The medium brings the shape within cells, where
-the walks' noise would be; the factors make its light in each cell, and its albedo at each angle, that of the walks.  Both factors
-know no order of the directions, so reciprocity holds exactly.
+The reflectance of an order is its share in the medium's plane layer, times a factor of the pair of directions, a table over
+cells of `pairs`, times a factor of each of both directions' cosines, the same function.  The medium brings the shape within
+cells, where the walks' noise would be; the factors make its light in each cell, and its albedo at each angle, that of the walks.
+Both factors know no order of the directions, so reciprocity holds exactly.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ from bakery.physics.surfaces.solution import Solution
 ORDERS = ("first", "second", "higher")
 # of each order: cells in ever finer levels, the last of which are those of its table; fewer where its light is smooth
 LEVELS = (((6, 4, 4), (12, 8, 8), (48, 8, 8)), ((3, 2, 2), (6, 4, 4), (12, 8, 8)), ((3, 2, 2), (6, 4, 4), (12, 8, 8)))
+DEGREE = 6  # of the polynomial in the root of the cosine through albedos
 _ROUNDS = 8  # of fits in turn to cells and to albedos
 _FEW = 8.0  # walks' worth of light by which a cell is held to the medium: what noise moves where next to none goes
 _POINTS = (1, 4, 3)  # of quadrature along the coordinates of a cell
-_ACROSS, _AROUND, _WITHIN = 24, 24, 2  # directions out along the root of the cosine and over half of the azimuth; in of a bin
+_ACROSS, _AROUND = 24, 24  # directions out along the root of the cosine and over half of the azimuth
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,7 @@ class Fit:
         self.points = weight.shape[1]
         mu, mu0, phi = mu.ravel(), mu0.ravel(), phi.ravel()
         self.light = weight.ravel() * (mu * self._density(mu0) + mu0 * self._density(mu)) / (2 * math.pi**2)
-        self.inward = self._bin_points()
+        self.inward = middles(bins, least) ** 2
         out, azimuth, self.albedo_weight = _hemisphere()
         shape = len(self.inward), len(out)
         at = [np.broadcast_to(a, shape).ravel() for a in (out, self.inward[:, None], azimuth)]
@@ -147,10 +148,6 @@ class Fit:
     def _density(self, mu0):
         """Of the cosines at which walks start, uniform in their root."""
         return np.where(mu0 >= self.least**2, 0.5 / np.sqrt(np.maximum(mu0, 1e-300)) / (1 - self.least), 0.0)
-
-    def _bin_points(self):
-        x, _ = np.polynomial.legendre.leggauss(_WITHIN)
-        return (self.least + (1 - self.least) * (np.arange(self.bins)[:, None] + 0.5 * (1 + x)) / self.bins).ravel() ** 2
 
     def _prepared(self, mu, mu0, phi):
         """Shapes, where the pairs lie among cells and bins."""
@@ -177,9 +174,8 @@ class Fit:
         return (self.light * self._values(0, order, table, scale)).reshape(-1, self.points).sum(axis=1)
 
     def albedo(self, order: int, table, scale):
-        """Albedo of an order in each bin of incidence."""
-        value = self._values(1, order, table, scale).reshape(len(self.inward), -1) @ self.albedo_weight
-        return value.reshape(self.bins, -1).mean(axis=1)
+        """Albedo of an order in the middle of each bin of incidence."""
+        return self._values(1, order, table, scale).reshape(self.bins, -1) @ self.albedo_weight
 
     def fitted(self, order: int, cells, albedo, walks: float):
         """Table and scale of an order, and the walks' worth of light by which cells of each level are held to larger ones.
@@ -221,6 +217,11 @@ class Fit:
         return scale * np.sqrt(more)
 
 
+def _smooth(at, albedo):
+    """Polynomial in the root of the cosine through albedos of bins: what they scatter by is the walks' noise."""
+    return np.maximum(np.polynomial.Polynomial.fit(at, albedo, min(DEGREE, len(at) - 1))(at), 0.0)
+
+
 def factors_of(fit: Fit, cells, entered, walks, through, lossless: bool, spread=(1.0, 1.0, 1.0)):
     """Factors from sums over walks, and what they make of the light.
 
@@ -232,10 +233,13 @@ def factors_of(fit: Fit, cells, entered, walks, through, lossless: bool, spread=
 
     Returns
     -------
-    Factors, (3, K) light of a walk in each cell, (3, B) albedos, and by how many walks' worth cells are held (`Fit.fitted`)
+    Factors, (3, K) light of a walk in each cell, (3, B) albedos without the scatter of bins, and by how many walks' worth cells
+    are held (`Fit.fitted`)
     """
     numbers = (walks, walks, through)
-    albedos = [np.divide(part, n, out=np.zeros(len(n)), where=n > 0) for part, n in zip(entered, numbers, strict=True)]
+    at = middles(fit.bins, fit.least)
+    albedos = [_smooth(at, np.divide(part, n, out=np.zeros(len(n)), where=n > 0))
+               for part, n in zip(entered, numbers, strict=True)]
     if lossless:  # what comes back in no lower order comes back in a higher one
         albedos[2] = np.maximum(1 - albedos[0] - albedos[1], 0.0)
     tables, scales, light, kept = [], [], [], []

@@ -18,17 +18,17 @@ from bakery.store.tree import Group
 _PAIR = "over pairs of directions (`bakery/physics/surfaces/pairs.py`)"
 OUTPUTS = (
     *surface.OUTPUTS,
-    Output("first", "(L, C, D, E)", "1", f"light that one grain deflects over that of the medium, {_PAIR}", optional=True),
-    Output("second", "(L, G, H, I)", "1", f"light that two grains deflect over what the medium scatters several times, {_PAIR}",
+    Output("first", "(L, C, D, F)", "1", f"light that one grain deflects over that of the medium, {_PAIR}", optional=True),
+    Output("second", "(L, H, U, V)", "1", f"light that two grains deflect over what the medium scatters several times, {_PAIR}",
            optional=True),
-    Output("higher", "(L, G, H, I)", "1", f"light that more grains deflect over what the medium scatters several times, {_PAIR}",
+    Output("higher", "(L, H, U, V)", "1", f"light that more grains deflect over what the medium scatters several times, {_PAIR}",
            optional=True),
     Output("scale", "(L, 3, B)", "1", "factor of either direction, by order, over the root of its cosine", optional=True),
     Output("least", "(1,)", "1", "root of the cosine where bins of incidence begin; they end at 1", optional=True, within=(0, 1)),
     Output("order_albedo", "(L, 3, B)", "1", "share of the light of each bin of incidence that comes back, by order",
            optional=True),
     Output("order_albedo_error", "(L, 3, B)", "1", "standard error of order_albedo", optional=True),
-    Output("noise", "(L, G, H, I)", "1", f"relative standard error of the light that comes back, {_PAIR}", optional=True),
+    Output("noise", "(L, H, U, V)", "1", f"relative standard error of the light that comes back, {_PAIR}", optional=True),
     Output("inside", "(L,)", "1", "share of the higher orders that was still among the grains when its walk ended", optional=True,
            within=(0, 1)),
     Output("hits", "(1,)", "1", "of grains by light that was followed", optional=True),
@@ -37,7 +37,6 @@ _OF_GRAINS = ("first", "second", "higher", "scale", "least", "order_albedo", "no
 _SHAPE = 0.05  # tolerance of the medium's layer, of which only shapes within cells are taken
 _APART = 0.25  # of the tolerance: indices that share walks; the light that comes back changes by less than indices do
 _TOGETHER = 16  # wavelengths that share walks at most
-_DEGREE = 6  # of the polynomial in the root of the cosine through the counted albedos
 # hits times the squared tolerance, and seconds of one core of a hit: light that grains let through comes back late
 _HITS, _HIT, _HITS_CLEAR, _HIT_CLEAR, _MESH = 1.5e3, 1.3e-6, 2.6e4, 0.5e-6, 2.5
 
@@ -124,7 +123,8 @@ def _measured(inputs: dict, group: list[int], number: int, count: int, solutions
 
 def _grains(inputs: dict, group: list[int]):
     """Grains as walks take them, and what takes light away: mu (T, C) over mean radii, channels (T, 2, C)."""
-    from bakery.physics.grains import bvh, surface as surfaces
+    from bakery.physics.grains import bvh
+    from bakery.physics.grains import surface as surfaces
     from bakery.physics.granular.packed import Grain
 
     grains, mu, channels = [], [], []
@@ -146,14 +146,14 @@ def _grains(inputs: dict, group: list[int]):
 def _values(rows: list, solutions: list, hits: int) -> dict:
     """Arrays of the group beside those of the medium's layer, and those that stand in for its own."""
     from bakery.physics.granular.reflectance import LEAST
-    from bakery.physics.surfaces.corrected import ORDERS, middles
+    from bakery.physics.surfaces.corrected import DEGREE, ORDERS, middles
 
     air, flux = solutions[0].nodes.air, solutions[0].nodes.flux[:solutions[0].nodes.leaving]
     albedo = np.empty((len(rows), 1, len(air)))
     for k, one in enumerate(rows):
         back = one.albedo.sum(axis=0)
         at = middles(len(back), LEAST)
-        albedo[k, 0] = 1.0 if one.lossless else np.clip(np.polynomial.Polynomial.fit(at, back, _DEGREE)(np.sqrt(air)), 0, 1)
+        albedo[k, 0] = 1.0 if one.lossless else np.clip(np.polynomial.Polynomial.fit(at, back, DEGREE)(np.sqrt(air)), 0, 1)
     values = {name: np.stack([one.factors.cells[order] for one in rows]) for order, name in enumerate(ORDERS)}
     values |= {"scale": np.stack([one.factors.scale for one in rows]), "noise": np.stack([one.error for one in rows])}
     values = {name: value.astype(np.float32) for name, value in values.items()}
