@@ -102,7 +102,7 @@ def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: f
         worst = int(np.argmax([one.achieved_error for one in each]))
         error, total = each[worst].achieved_error, counts.sums.sum(axis=0)
         if report is not None:
-            report(min(1.0, (tolerance / max(error, 1e-300)) ** 2), error)
+            report(min(1.0, tolerance / max(error, 1e-300)), error)
         # hits of a walk of either kind
         dear = [float(max(goniometer.unpacked(part).sums[:, HITS].sum() / (REPLICATES * number), 1.0))
                 for part, number in zip(sums, done, strict=True)]

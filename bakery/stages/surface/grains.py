@@ -56,7 +56,8 @@ def inputs(recipe, upstream) -> dict:
 
 
 def compute(inputs: dict, context) -> Result:
-    if not inputs["counted"]:
+    # black grains, and those of the host's index, send nothing back: there is nothing to count
+    if not inputs["counted"] or not inputs["sigma_s"].any():
         return surface.compute(inputs, context)
     solutions = _solutions(inputs, context)
     groups = alike(inputs["components"], len(solutions), _APART * context.tolerance)
