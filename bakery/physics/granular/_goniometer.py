@@ -207,7 +207,7 @@ def _rotated(ray, xx, xy, xz, yx, yy, yz, zx, zy, zz):
 def counted(tile, grains, matter, key, replicate, first, count, surface, rules):
     """Walks first ... first + count - 1 of a replicate: `Counted` as one array (`pack` of the module above says how).
 
-    surface : lowest and highest place in the tile at which it may be cut; centres below are there
+    surface : lowest and highest level in the tile at which it may be cut; centres below are there
     """
     channels, number = matter.mu.shape[1], rules.cells[0] * rules.cells[1] * rules.cells[2]
     out = Counted(np.zeros((ORDERS, channels, number)), np.zeros((ORDERS, channels, rules.bins)), np.zeros(rules.bins),
@@ -229,21 +229,8 @@ def _walk(tile, grains, matter, path, draws, scratch, widest, surface, rules, ou
     tile, grains, matter, path, draws = lent(tile), lent(grains), lent(matter), lent(path), lent(draws)
     scratch, rules, out = lent(scratch), lent(rules), lent(out)
     cell, m, start, image, owner = tile.grid
-    least = math.sqrt(STEEPEST)
-    share = next_uniform(draws.stream, draws.pool)
-    bin0, s = min(int(share * rules.bins), rules.bins - 1), least + (1.0 - least) * share
-    mu0, azimuth = s * s, 2.0 * math.pi * next_uniform(draws.stream, draws.pool)
-    across = math.sqrt(max(1.0 - mu0 * mu0, 0.0))
-    ex, ey = across * math.cos(azimuth), across * math.sin(azimuth)
-    path.d[0], path.d[1], path.d[2] = ex, ey, -mu0
-    top = surface[0] + (surface[1] - surface[0]) * next_uniform(draws.stream, draws.pool)
-    path.o[0], path.o[1] = cell[0] * next_uniform(draws.stream, draws.pool), cell[1] * next_uniform(draws.stream, draws.pool)
-    path.o[2], path.left_behind[0] = top + widest, -1
-    for k in range(1, 4):
-        path.left_behind[k] = int((2.0 * next_uniform(draws.stream, draws.pool) - 1.0) * FAR)
+    bin0, mu0, ex, ey, top = _begin(path, cell, widest, surface, rules.bins, draws)
     base, above = path.left_behind[3], top + widest
-    path.carried[:] = 1.0
-    path.optical[:] = 0.0
     order, hits, factor = 0, 0, 1.0
     out.walks[bin0] += 1.0
     out.sums[WALKS] += 1.0
@@ -263,14 +250,14 @@ def _walk(tile, grains, matter, path, draws, scratch, widest, surface, rules, ou
             return
         radius = tile.radii[path.sphere[0]]
         _enter(path, z)
-        state, left = _meet(path, radius, grains, matter, rules.depth, draws, scratch)
+        state, kept = _meet(path, radius, grains, matter, rules.depth, draws, scratch)
         if state > LEFT:
             out.sums[CONTRADICTED if state == DROPPED else CUTS] += 1.0
             return
         if state == LEFT:
             hits += 1
             out.sums[HITS] += 1.0
-            factor *= left
+            factor *= kept
             bent = 1.0 - (path.d[0] * path.ray[3] + path.d[1] * path.ray[4] + path.d[2] * path.ray[5])
             if bent > _STRAIGHT:
                 order += 1
@@ -289,6 +276,26 @@ def _walk(tile, grains, matter, path, draws, scratch, widest, surface, rules, ou
             # beyond the last order that is asked for nothing is counted
             if factor == 0.0 or rules.last and order > rules.last:
                 return
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _begin(path, cell, widest, surface, bins, draws):
+    """Light above the grains: bin and cosine of its incidence, horizontal part of its direction, the plane that cuts the tile."""
+    least = math.sqrt(STEEPEST)
+    share = next_uniform(draws.stream, draws.pool)
+    bin0, s = min(int(share * bins), bins - 1), least + (1.0 - least) * share
+    mu0, azimuth = s * s, 2.0 * math.pi * next_uniform(draws.stream, draws.pool)
+    across = math.sqrt(max(1.0 - mu0 * mu0, 0.0))
+    ex, ey = across * math.cos(azimuth), across * math.sin(azimuth)
+    path.d[0], path.d[1], path.d[2] = ex, ey, -mu0
+    top = surface[0] + (surface[1] - surface[0]) * next_uniform(draws.stream, draws.pool)
+    path.o[0], path.o[1] = cell[0] * next_uniform(draws.stream, draws.pool), cell[1] * next_uniform(draws.stream, draws.pool)
+    path.o[2], path.left_behind[0] = top + widest, -1
+    for k in range(1, 4):
+        path.left_behind[k] = int((2.0 * next_uniform(draws.stream, draws.pool) - 1.0) * FAR)
+    path.carried[:] = 1.0
+    path.optical[:] = 0.0
+    return bin0, mu0, ex, ey, top
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)

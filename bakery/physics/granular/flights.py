@@ -82,9 +82,7 @@ def flight_to_sphere(o, d, left, cell, m, start, image, owner, limit, met, to):
 def flight_in_half_space(o, d, left, cell, m, start, image, owner, limit, met, to, base, top):
     """`flight_to_sphere` among those spheres alone whose centres lie below a plane across the tile's third axis.
 
-    o : in the frame of the copy left[1:];  left : (4,) sphere that the ray has just left, or -1, and the tile's copy
-    met : (4,) becomes the sphere and its copy;  to : (3,) becomes the vector from o to its centre
-    base, top : number of a copy along the third axis, and the plane in its frame
+    base, top : number of a copy along that axis, and the plane in its frame
     """
     h0, h1, h2 = cell[0] / m[0], cell[1] / m[1], cell[2] / m[2]
     skip, far_i, far_j, far_k = left[0], left[1], left[2], left[3]
@@ -120,7 +118,6 @@ def flight_in_half_space(o, d, left, cell, m, start, image, owner, limit, met, t
                         best = t
                         to[0], to[1], to[2] = x, y, z
                         met[0], met[1], met[2], met[3] = owner[s, 0], owner[s, 1] + i, owner[s, 2] + j, owner[s, 3] + k
-        # the tile repeats: beyond its faces the ray goes on inside, seen from an origin one tile further back
         if wall_x <= wall_y and wall_x <= wall_z:
             if best <= wall_x:
                 return best

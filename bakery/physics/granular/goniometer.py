@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
@@ -54,29 +54,45 @@ class Counts:
     sums: np.ndarray
 
 
+@dataclass(eq=False)
 class Goniometer:
     """A half space of packed grains, at wavelengths that share the paths of light.
 
-    Parameters
+    Attributes
     ----------
     centers, radii, cell, grains, weights, seed, depth : as of `packed.walk`
     mu : (T, C) absorption coefficient of the interiors, in 1/unit of the tile's lengths
     channels : (T, 2, C) of the surfaces, as `surface.Surface` has them; C columns each
     g : mean cosine of a hit, from which follows when light has forgotten where it came from
     decay : (C,) with which light deep inside falls off towards the surface, 1/unit; 0 where nothing is absorbed
+    stream : tells random numbers of several apart
     surface : lowest and highest place of the plane in the cell's height, 0 to 1
     """
 
-    def __init__(self, centers, radii, cell, grains, weights=None, *, mu, channels, seed, g=0.0, decay=0.0, depth=EVENTS_MAX,
-                 stream=0, surface=(0.0, 1.0)):
-        self.centers, self.radii, self.cell, self.grains, self.shares = checked_tile(centers, radii, cell, grains, weights, seed)
-        self.mu, self.channels = np.array(mu, float), np.array(channels, float)
+    centers: np.ndarray
+    radii: np.ndarray
+    cell: np.ndarray
+    grains: Sequence
+    weights: Sequence | None = None
+    _: KW_ONLY
+    mu: np.ndarray
+    channels: np.ndarray
+    seed: int
+    g: float = 0.0
+    decay: np.ndarray | float = 0.0
+    depth: int = EVENTS_MAX
+    stream: int = 0
+    surface: tuple[float, float] = (0.0, 1.0)
+
+    def __post_init__(self):
+        self.centers, self.radii, self.cell, self.grains, self.shares = checked_tile(
+            self.centers, self.radii, self.cell, self.grains, self.weights, self.seed)
+        self.mu, self.channels = np.array(self.mu, float), np.array(self.channels, float)
         if self.channels.shape != (len(self.grains), 2, self.mu.shape[1]) or len(self.mu) != len(self.grains):
             raise ValueError(f"mu {self.mu.shape}, channels {self.channels.shape}: (T, C) and (T, 2, C) are needed for "
                              f"{len(self.grains)} types of grain")
-        self.decay = np.array(np.broadcast_to(np.asarray(decay, float), self.mu.shape[1]))
-        self.late = math.ceil(LATE / min(max(1 - g, 1e-2), 1))
-        self.seed, self.depth, self.stream, self.surface = int(seed), int(depth), int(stream), tuple(map(float, surface))
+        self.decay = np.array(np.broadcast_to(np.asarray(self.decay, float), self.mu.shape[1]))
+        self.late = math.ceil(LATE / min(max(1 - self.g, 1e-2), 1))
         self._arrays, self._lock = None, threading.Lock()
 
     def __getstate__(self):

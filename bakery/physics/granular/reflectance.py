@@ -69,7 +69,7 @@ class Measured:
 
     @property
     def achieved_error(self) -> float:
-        return max(one.achieved_error for one in self.each)
+        return max(channel.achieved_error for channel in self.each)
 
 
 def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: float, *, hits: int | None = None,
@@ -99,7 +99,7 @@ def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: f
         counts = together(goniometer, *sums)
         each, variances = zip(*(_reflectance(fit, counts, c, bool(goniometer.lossless[c])) for c, fit in enumerate(fits)),
                               strict=True)
-        worst = int(np.argmax([one.achieved_error for one in each]))
+        worst = int(np.argmax([channel.achieved_error for channel in each]))
         error, total = each[worst].achieved_error, counts.sums.sum(axis=0)
         if report is not None:
             report(min(1.0, tolerance / max(error, 1e-300)), error)
@@ -122,9 +122,9 @@ def _more(variance, done, dear, tolerance: float, hits: float) -> list[int]:
     # variance v n / N of either kind: N in proportion to sqrt(v n / cost) costs least
     root = np.sqrt(v * n * cost)
     wanted = np.sqrt(v * n / cost) * root.sum() * _SPARE / tolerance**2
-    more = np.clip(np.ceil(wanted - n), 0, _MOST_MORE * n)
-    needed = REPLICATES * float(more @ cost)
-    return [int(number) for number in np.floor(more * min(1.0, max(hits, 0.0) / needed))] if needed else [0, 0]
+    added = np.clip(np.ceil(wanted - n), 0, _MOST_MORE * n)
+    needed = REPLICATES * float(added @ cost)
+    return [int(number) for number in np.floor(added * min(1.0, max(hits, 0.0) / needed))] if needed else [0, 0]
 
 
 def _reflectance(fit: Fit, counts, c: int, lossless: bool):
@@ -140,8 +140,8 @@ def _reflectance(fit: Fit, counts, c: int, lossless: bool):
         part = np.zeros(math.prod(SHOWN))
         # what counts leave beside what cells are held to; cells smaller than those shown only divide the light of one
         for level, holds in zip(levels[:levels.index(SHOWN) + 1], held[order], strict=False):
-            own = np.bincount(merged(CELLS, level), light[order])
-            part += (1 / (numbers[order] * own + holds))[merged(SHOWN, level)]
+            in_level = np.bincount(merged(CELLS, level), light[order])
+            part += (1 / (numbers[order] * in_level + holds))[merged(SHOWN, level)]
         variance.append(np.minimum(part, 1.0) * np.bincount(shown, light[order]) ** 2)
     # a cell's error counts by its light
     by_kind = [float(np.sum(np.divide(part, whole, out=np.zeros_like(whole), where=whole > 0)) / max(whole.sum(), 1e-300))
@@ -162,6 +162,6 @@ def _spread(counts, c: int):
     """Standard errors (3, B) of the albedos by the scatter of replicates."""
     entered = counts.entered[:, :, c]
     walks = np.stack([counts.walks, counts.walks, counts.walks_through], axis=1)
-    each = np.divide(entered, walks, out=np.zeros_like(entered), where=walks > 0)
-    return each.std(axis=0, ddof=1) / math.sqrt(len(each))
+    albedos = np.divide(entered, walks, out=np.zeros_like(entered), where=walks > 0)
+    return albedos.std(axis=0, ddof=1) / math.sqrt(len(albedos))
 

@@ -115,11 +115,11 @@ def merged(cells, coarse):
     return np.ravel_multi_index(index, coarse).ravel()
 
 
-def _held(wanted, there, walks: float) -> float:
+def _held(wanted, modelled, walks: float) -> float:
     """Inverse of the relative variance of cells about what larger ones say, beyond that of the counts; infinite where none is."""
-    seen = there * walks >= 1
-    off = np.sum(((wanted - there) ** 2 - there / walks)[seen])
-    return max(float(np.sum(there[seen] ** 2) / off), _FEW) if off > 0 else math.inf
+    counted = modelled * walks >= 1
+    off = np.sum(((wanted - modelled) ** 2 - modelled / walks)[counted])
+    return max(float(np.sum(modelled[counted] ** 2) / off), _FEW) if off > 0 else math.inf
 
 
 class Fit:
@@ -195,26 +195,26 @@ class Fit:
         table, scale, held = np.ones(math.prod(fine)), np.ones(self.bins), []
         for level in LEVELS[order]:
             to, of = merged(self.cells, level), merged(fine, level)
-            wanted, there = np.bincount(to, cells), np.bincount(to, self.in_cells(order, table, scale))
-            holds = _held(wanted, there, walks) if held else _FEW
+            wanted, modelled = np.bincount(to, cells), np.bincount(to, self.in_cells(order, table, scale))
+            holds = _held(wanted, modelled, walks) if held else _FEW
             held.append(holds)
             base = table
             for _ in range(_ROUNDS if holds < math.inf else 0):
                 ratio = np.bincount(of, table) / np.bincount(of, base)  # by which the cells of this level moved
-                more = (walks * wanted + holds) / (walks * there / ratio + holds)
-                table = base * more[of]
+                change = (walks * wanted + holds) / (walks * modelled / ratio + holds)
+                table = base * change[of]
                 scale = self._scaled(order, table, scale, albedo)
-                there = np.bincount(to, self.in_cells(order, table, scale))
+                modelled = np.bincount(to, self.in_cells(order, table, scale))
         for _ in range(2 * _ROUNDS):
             scale = self._scaled(order, table, scale, albedo)
         return table, scale, held
 
     def _scaled(self, order: int, table, scale, albedo):
         """The scale after a step towards the albedo of each bin."""
-        back = self.albedo(order, table, scale)
-        more = np.divide(albedo, back, out=np.ones(self.bins), where=back > 0)
+        modelled = self.albedo(order, table, scale)
+        change = np.divide(albedo, modelled, out=np.ones(self.bins), where=modelled > 0)
         # light that grazes in and out has the scale of its bin twice, other light once: the root settles either way
-        return scale * np.sqrt(more)
+        return scale * np.sqrt(change)
 
 
 def _smooth(at, albedo):

@@ -46,16 +46,16 @@ def cell_of(mu, mu0, cosine, counts):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _spread(mu, mu0, cosine, counts, index, weight):
     """Cells (K, 8) and weights (K, 8) between whose middles pairs lie; beyond the outermost middles, these."""
-    place = np.empty(3)
+    at = np.empty(3)
     for k in range(len(mu)):
-        place[0], place[1], place[2] = coordinates(mu[k], mu0[k], cosine[k])
+        at[0], at[1], at[2] = coordinates(mu[k], mu0[k], cosine[k])
         for corner in range(8):
             number, share = 0, 1.0
             for axis in range(3):
-                at = min(max(place[axis] * counts[axis] - 0.5, 0.0), counts[axis] - 1.0)
-                low = min(int(at), max(counts[axis] - 2, 0))
+                level = min(max(at[axis] * counts[axis] - 0.5, 0.0), counts[axis] - 1.0)
+                low = min(int(level), max(counts[axis] - 2, 0))
                 up = (corner >> axis) & 1
-                share *= at - low if up else 1.0 - (at - low)
+                share *= level - low if up else 1.0 - (level - low)
                 number = number * counts[axis] + min(low + up, counts[axis] - 1)
             index[k, corner], weight[k, corner] = number, share
 

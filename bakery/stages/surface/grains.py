@@ -66,8 +66,8 @@ def compute(inputs: dict, context) -> Result:
     for number, group in enumerate(groups):
         result = _measured(inputs, group, number, len(groups), solutions, context)
         hits += result.hits
-        for k, one in zip(group, result.each, strict=True):
-            rows[k] = one
+        for k, counted in zip(group, result.each, strict=True):
+            rows[k] = counted
         lost = result.given_up + result.contradicted + result.cut
         if lost > 0.1 * context.tolerance:
             notes.append(f"{lost:.2g} of the walks were given up: {result.given_up:.2g} because no grain was ahead, "
@@ -77,7 +77,7 @@ def compute(inputs: dict, context) -> Result:
             missed.append(f"{result.hits:.2g} hits leave an error of {result.achieved_error:.2g}; a larger surface.tolerance "
                           "would do")
     values = surface.stored(inputs, solutions, (len(solutions), 1)) | _values(rows, solutions, hits)
-    error = max(one.achieved_error for one in rows)
+    error = max(counted.achieved_error for counted in rows)
     return Result(dict(datasets(OUTPUTS, values)), error, tuple(dict.fromkeys(notes)), tuple(missed))
 
 
@@ -132,15 +132,15 @@ def _grains(inputs: dict, group: list[int]):
     for component, (vertices, faces) in zip(inputs["components"], inputs["meshes"], strict=True):
         kind, roughness = component["type"], component["roughness"]
         if kind == "dielectric":
-            made = surfaces.dielectric(float(component["index"].real[group].mean()), roughness)
+            coat = surfaces.dielectric(float(component["index"].real[group].mean()), roughness)
         elif kind == "diffuse":
-            made = surfaces.diffuse(component["reflectance"][group])
+            coat = surfaces.diffuse(component["reflectance"][group])
         else:
-            made = surfaces.conductor(component["index"][group], roughness)
+            coat = surfaces.conductor(component["index"][group], roughness)
         mesh = None if component["shape"]["type"] == "sphere" else bvh.Mesh(vertices, faces)
-        grains.append(Grain(made, mesh))
+        grains.append(Grain(coat, mesh))
         mu.append(component["absorption"][group] * inputs["radius"])
-        channels.append(np.broadcast_to(made.channels, (2, len(group))))
+        channels.append(np.broadcast_to(coat.channels, (2, len(group))))
     return grains, np.stack(mu), np.stack(channels)
 
 
@@ -151,18 +151,19 @@ def _values(rows: list, solutions: list, hits: int) -> dict:
 
     air, flux = solutions[0].nodes.air, solutions[0].nodes.flux[:solutions[0].nodes.leaving]
     albedo = np.empty((len(rows), 1, len(air)))
-    for k, one in enumerate(rows):
-        back = one.albedo.sum(axis=0)
-        at = middles(len(back), LEAST)
-        albedo[k, 0] = 1.0 if one.lossless else np.clip(np.polynomial.Polynomial.fit(at, back, DEGREE)(np.sqrt(air)), 0, 1)
-    values = {name: np.stack([one.factors.cells[order] for one in rows]) for order, name in enumerate(ORDERS)}
-    values |= {"scale": np.stack([one.factors.scale for one in rows]), "noise": np.stack([one.error for one in rows])}
+    for k, counted in enumerate(rows):
+        albedos = counted.albedo.sum(axis=0)
+        at = middles(len(albedos), LEAST)
+        smooth = np.polynomial.Polynomial.fit(at, albedos, DEGREE)
+        albedo[k, 0] = 1.0 if counted.lossless else np.clip(smooth(np.sqrt(air)), 0, 1)
+    values = {name: np.stack([counted.factors.cells[order] for counted in rows]) for order, name in enumerate(ORDERS)}
+    values |= {"scale": np.stack([counted.factors.scale for counted in rows]), "noise": np.stack([counted.error for counted in rows])}
     values = {name: value.astype(np.float32) for name, value in values.items()}
-    return values | {"least": np.array([LEAST]), "order_albedo": np.stack([one.albedo for one in rows]),
-                     "order_albedo_error": np.stack([one.albedo_error for one in rows]),
-                     "inside": np.array([one.inside for one in rows]), "hits": np.array([float(hits)]),
+    return values | {"least": np.array([LEAST]), "order_albedo": np.stack([counted.albedo for counted in rows]),
+                     "order_albedo_error": np.stack([counted.albedo_error for counted in rows]),
+                     "inside": np.array([counted.inside for counted in rows]), "hits": np.array([float(hits)]),
                      "albedo": albedo, "passed": np.zeros_like(albedo), "spherical_albedo": albedo @ flux / flux.sum(),
-                     "change": np.array([[one.achieved_error] for one in rows])}
+                     "change": np.array([[counted.achieved_error] for counted in rows])}
 
 
 # ---- rules and plan
@@ -171,10 +172,10 @@ def _values(rows: list, solutions: list, hits: int) -> dict:
 def sound(group: Group) -> Iterable[str]:
     """Whether all that a look-up among grains takes is there."""
     yield from surface.sound(group)
-    there = [name for name in _OF_GRAINS if name in group.members]
-    if there and len(there) < len(_OF_GRAINS):
-        yield "of " + ", ".join(_OF_GRAINS) + f" there is only {', '.join(there)}"
-    elif there and group["scale"].data.shape[-1] < 2:
+    members = [name for name in _OF_GRAINS if name in group.members]
+    if members and len(members) < len(_OF_GRAINS):
+        yield "of " + ", ".join(_OF_GRAINS) + f" there is only {', '.join(members)}"
+    elif members and group["scale"].data.shape[-1] < 2:
         yield "scale has fewer than two bins"
 
 
