@@ -157,7 +157,8 @@ def _values(rows: list, solutions: list, hits: int) -> dict:
         smooth = np.polynomial.Polynomial.fit(at, albedos, DEGREE)
         albedo[k, 0] = 1.0 if counted.lossless else np.clip(smooth(np.sqrt(air)), 0, 1)
     values = {name: np.stack([counted.factors.cells[order] for counted in rows]) for order, name in enumerate(ORDERS)}
-    values |= {"scale": np.stack([counted.factors.scale for counted in rows]), "noise": np.stack([counted.error for counted in rows])}
+    values |= {"scale": np.stack([counted.factors.scale for counted in rows]),
+               "noise": np.stack([counted.error for counted in rows])}
     values = {name: value.astype(np.float32) for name, value in values.items()}
     return values | {"least": np.array([LEAST]), "order_albedo": np.stack([counted.albedo for counted in rows]),
                      "order_albedo_error": np.stack([counted.albedo_error for counted in rows]),
