@@ -1,7 +1,8 @@
 """Plane layers: python -m benchmarks.surface [--small]
 
 Isotropic half spaces against Chandrasekhar's H functions; energy of lossless layers; moments, processor time and bytes that three
-half spaces take at 1 %, and the change that is stated against the true error; PythonicDISORT beside, where it is installed.
+half spaces take at 1 %, and the change that is stated against the true error; PythonicDISORT beside, where it is installed; what
+half spaces of packed balls take.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ ALBEDOS = sized((0.1, 0.5, 0.9, 0.99, 0.9999, 1.0), (0.9, 1.0))
 DEPTHS = sized((1e-6, 0.01, 1.0, 100.0, 1e6, math.inf), (1.0,))
 INDICES = sized((0.8, 1.0, 1.33, 1.5), (1.33,))
 LOBES = sized((0.0, 0.6, 0.75, 0.85, 0.9), (0.6,))
+GRAINS = sized({"matt 0.1": 0.1, "matt 0.8": 0.8, "matt 1": 1.0, "glass 1.5": 1.5}, {"matt 0.8": 0.8})
+ERRORS = sized((0.02, 0.01), (0.1,))
 COSINES = np.array([math.cos(math.radians(89.9)), 0.05, 0.2, 0.5, 0.8, 1.0])
 
 
@@ -111,11 +114,40 @@ def peer():
               f"PythonicDISORT {end - middle:.3f}, {theirs:.7f}")
 
 
+def grains():
+    from bakery.physics.grains.sphere import ball
+    from bakery.physics.grains.surface import dielectric, diffuse
+    from bakery.physics.grains.traces import nodes
+    from bakery.physics.granular.goniometer import Goniometer
+    from bakery.physics.granular.packed import Grain
+    from bakery.physics.granular.reflectance import measured
+    from bakery.physics.medium import phase
+    from bakery.physics.packing import pack
+
+    print("packed balls, fraction 0.6, one wavelength: error asked for and stated, walks, hits, CPU s")
+    tile = pack(0.6, np.ones(500), seed=1, schedule="draft")
+    theta, edges = nodes()
+    for name, surface in GRAINS.items():
+        made = {"matt": diffuse, "glass": dielectric}[name.split()[0]](surface)
+        figures = ball(made, 0.0, edges)
+        lobe, _ = phase.normalised(theta, np.atleast_2d(figures.phase)[0])
+        solution, _ = refined(Slab(theta, lobe, min(float(np.atleast_1d(figures.albedo)[0]), 1.0), math.inf), 0.05)
+        for seed, tolerance in enumerate((0.2, *ERRORS)):  # the first compiles
+            goniometer = Goniometer(tile.centers, tile.radii, tile.cell, [Grain(made)], mu=np.zeros((1, 1)), seed=seed,
+                                    channels=made.channels[None], g=float(np.atleast_1d(figures.g)[0]))
+            start = time.process_time()
+            result = measured(goniometer, [solution], tolerance)
+            if seed:
+                print(f"  {name:<10} {tolerance:6.1%} {result.achieved_error:6.2%}  {result.walks:.1e}  {result.hits:.1e}  "
+                      f"{time.process_time() - start:6.1f}")
+
+
 def main() -> None:
     half_spaces()
     energy()
     cost()
     peer()
+    grains()
 
 
 if __name__ == "__main__":

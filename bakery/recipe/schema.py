@@ -48,7 +48,7 @@ class Common(Section):
 @cache
 def sections() -> tuple[RecipeSection, ...]:
     """Every section of recipes, those that say what scatters first."""
-    declared = [section for stage in all_stages() for section in stage.sections]
+    declared = dict.fromkeys(section for stage in all_stages() for section in stage.sections)
     return tuple(sorted(declared, key=lambda section: not section.scatters))
 
 

@@ -76,3 +76,66 @@ def flight_to_sphere(o, d, remaining, cell, m, start, image, owner, limit, cells
             c += w
             if c == m[2] or c < 0:
                 c, k, oz = c - w * m[2], k + w, oz - w * cell[2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def flight_in_half_space(o, d, left, cell, m, start, image, owner, limit, met, to, base, top):
+    """`flight_to_sphere` among those spheres alone whose centres lie below a plane across the tile's third axis.
+
+    base, top : number of a copy along that axis, and the plane in its frame
+    """
+    h0, h1, h2 = cell[0] / m[0], cell[1] / m[1], cell[2] / m[2]
+    skip, far_i, far_j, far_k = left[0], left[1], left[2], left[3]
+    i, j, k = math.floor(o[0] / cell[0]), math.floor(o[1] / cell[1]), math.floor(o[2] / cell[2])
+    ox, oy, oz = o[0] - i * cell[0], o[1] - j * cell[1], o[2] - k * cell[2]
+    i, j, k = i + far_i, j + far_j, k + far_k
+    dx, dy, dz = d[0], d[1], d[2]
+    a, b, c = min(int(ox / h0), m[0] - 1), min(int(oy / h1), m[1] - 1), min(int(oz / h2), m[2] - 1)
+    u, v, w = 1 if dx > 0 else -1, 1 if dy > 0 else -1, 1 if dz > 0 else -1
+    # a direction along which nothing moves: its wall is never reached
+    wall_x = ((a + (dx > 0)) * h0 - ox) / dx if dx != 0 else np.inf
+    wall_y = ((b + (dy > 0)) * h1 - oy) / dy if dy != 0 else np.inf
+    wall_z = ((c + (dz > 0)) * h2 - oz) / dz if dz != 0 else np.inf
+    every_x = h0 / abs(dx) if dx != 0 else np.inf
+    every_y = h1 / abs(dy) if dy != 0 else np.inf
+    every_z = h2 / abs(dz) if dz != 0 else np.inf
+    best = limit
+    while True:
+        here, highest = (a * m[1] + b) * m[2] + c, top - (k - base) * cell[2]
+        for s in range(start[here], start[here + 1]):
+            if image[s, 2] > highest:
+                continue
+            x, y, z = image[s, 0] - ox, image[s, 1] - oy, image[s, 2] - oz
+            along = x * dx + y * dy + z * dz
+            if along > 0:
+                # from the distance of the line to the centre: far away, |oc|^2 - along^2 would lose its digits
+                p, q, r = x - along * dx, y - along * dy, z - along * dz
+                inside = image[s, 3] - (p * p + q * q + r * r)
+                if inside > 0:
+                    t = max(along - math.sqrt(inside), 0.0)
+                    if t < best and not (owner[s, 0] == skip and owner[s, 1] + i == far_i and owner[s, 2] + j == far_j
+                                         and owner[s, 3] + k == far_k):
+                        best = t
+                        to[0], to[1], to[2] = x, y, z
+                        met[0], met[1], met[2], met[3] = owner[s, 0], owner[s, 1] + i, owner[s, 2] + j, owner[s, 3] + k
+        if wall_x <= wall_y and wall_x <= wall_z:
+            if best <= wall_x:
+                return best
+            wall_x += every_x
+            a += u
+            if a == m[0] or a < 0:
+                a, i, ox = a - u * m[0], i + u, ox - u * cell[0]
+        elif wall_y <= wall_z:
+            if best <= wall_y:
+                return best
+            wall_y += every_y
+            b += v
+            if b == m[1] or b < 0:
+                b, j, oy = b - v * m[1], j + v, oy - v * cell[1]
+        else:
+            if best <= wall_z:
+                return best
+            wall_z += every_z
+            c += w
+            if c == m[2] or c < 0:
+                c, k, oz = c - w * m[2], k + w, oz - w * cell[2]

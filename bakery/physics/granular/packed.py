@@ -350,6 +350,21 @@ class _Scene:
 
 
 def _checked(centers, radii, cell, grains, weights, seed, tolerance, depth):
+    centers, radii, cell, grains, shares = checked_tile(centers, radii, cell, grains, weights, seed)
+    if not 1e-4 <= tolerance <= 1:
+        raise ValueError(f"tolerance {tolerance:g}: 1e-4 to 1 are possible")
+    if depth < 1:
+        raise ValueError(f"depth {depth}: at least 1 is needed")
+    return _Scene(centers, radii, cell, grains, shares, int(seed), int(depth))
+
+
+def checked_tile(centers, radii, cell, grains, weights, seed):
+    """A tile and its grains as the loops take them: centers, radii, cell, grains, cumulated shares.
+
+    Raises
+    ------
+    ValueError : spheres overlap, grains or shares are missing, a seed is none
+    """
     # copies can be written to: for arrays that cannot, as those of an asset, the loops would be compiled anew
     centers, radii, cell = (np.array(a, float, order="C") for a in (centers, radii, cell))
     if radii.ndim != 1 or not radii.size or centers.shape != (radii.size, 3) or cell.shape != (3,):
@@ -373,8 +388,4 @@ def _checked(centers, radii, cell, grains, weights, seed, tolerance, depth):
         raise ValueError(f"{len(shares)} weights for {len(grains)} types of grain")
     if not 0 <= int(seed) < 1 << 64:
         raise ValueError(f"seed {seed}: 0 to 2^64 - 1 is possible")
-    if not 1e-4 <= tolerance <= 1:
-        raise ValueError(f"tolerance {tolerance:g}: 1e-4 to 1 are possible")
-    if depth < 1:
-        raise ValueError(f"depth {depth}: at least 1 is needed")
-    return _Scene(centers, radii, cell, grains, shares, int(seed), int(depth))
+    return centers, radii, cell, grains, shares

@@ -92,14 +92,14 @@ def inputs(recipe, upstream) -> dict:
         "lossless": [{figure: rows(name, figure, True) for figure in figures} for name in names],
         "radius": np.asarray(group["radius"].data, float), "share": np.asarray(group["radius_share"].data, float),
         "theta": np.asarray(group["theta"].data, float), "fraction": fraction, "mean_radius": arguments["radius"],
-        "tile": _tile(packing, fraction), "components": arguments["components"], "depth": arguments["depth"],
+        "tile": tile_of(packing, fraction), "components": arguments["components"], "depth": arguments["depth"],
         "meshes": [(group[f"{name}/vertices"].data, group[f"{name}/faces"].data) for name in names],
         "wavelength": np.asarray(recipe.wavelength, float),
         "choice": None if recipe.effective_medium.sigma_t == "auto" else recipe.effective_medium.sigma_t,
         "walks": recipe.effective_medium.walks}
 
 
-def _tile(packing: Group, fraction: float):
+def tile_of(packing: Group, fraction: float):
     """Centres, radii and cell in mean radii of the nearest denser tile, widened; the densest where none is as dense."""
     from bakery.stages.packing.view import nearest_denser, tiles
 

@@ -44,6 +44,10 @@ class Surface(Section):
         Discriminator(lambda node: "section" if isinstance(node, Mapping) else "word"),
     ] = Field("none", description="Boundary on top, and below too where there is no base; none: the index of air.")
     base: Base | None = Field(None, description="What the layer lies on; nothing but air if absent.")
+    method: word("auto", "medium", "grains") = Field(
+        "auto", description="grains: an infinite layer of packed grains, counted among the grains themselves; medium: the plane "
+        "layer of the medium that stands for them; auto: grains where there are some, under no boundary, on no base."
+    )
     tolerance: number(FRACTION, least=1e-5, most=0.5) | None = Field(
         None, description="Relative error of the reflectance; the recipe's tolerance, but at least 0.01 %, if absent."
     )
@@ -65,6 +69,19 @@ def check(checker: "Checker", section: Mapping) -> None:
     elif rough and base is None and not infinite:
         checker.report(boundary["roughness"], "found a rough boundary of a layer on nothing",
                        "expected a base, thickness: infinite, or roughness: 0")
+    if "method" in section and checker.value(section, "method") == "grains":
+        if "grains" not in checker.tree:
+            checker.report(section["method"], "found grains, of which this recipe has none", "expected auto or medium")
+        elif not infinite or isinstance(boundary, Mapping):
+            checker.report(section["method"], "found grains in a layer of a thickness, or under a boundary",
+                           "expected thickness: infinite and boundary: none, or method: medium")
+
+
+def among_grains(recipe) -> bool:
+    """Whether the reflectance of a recipe is counted among its grains."""
+    surface = recipe.surface
+    return (recipe.grains is not None and surface.method != "medium" and surface.thickness == INFINITE
+            and surface.boundary == "none")
 
 
 def _completed(surface: Surface, recipe) -> Surface:

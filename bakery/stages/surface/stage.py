@@ -34,7 +34,7 @@ OUTPUTS = (
     Output("spherical_albedo", "(L, T)", "1", "share of the light from all sides that comes back", within=(0, 1)),
     Output("change", "(L, T)", "1", "largest relative change of reflectance and transmittance from two thirds of the moments"),
 )
-_REQUIRED = ("index", "roughness", "moments", "peak", "cosine", "flux", "reflected", "albedo", "passed", "spherical_albedo",
+REQUIRED = ("index", "roughness", "moments", "peak", "cosine", "flux", "reflected", "albedo", "passed", "spherical_albedo",
              "change")
 _TOGETHER = 4
 _ROUNDING = 1e-6  # energy that may be lost or gained
@@ -96,13 +96,13 @@ def compute(inputs: dict, context) -> Result:
     count, change = max(moments for moments, _ in needed), np.array([change for _, change in needed])
     solutions = context.map(solved, [(case, count, tolerance) for case in cases])
     context.report(1.0)
-    values = _stored(inputs, solutions, shape) | {"change": change.reshape(shape)}
+    values = stored(inputs, solutions, shape) | {"change": change.reshape(shape)}
     worst = float(change.max())
     missed = f"{count} moments change the reflectance by {worst:.2g}; a larger surface.tolerance would do"
     return Result(dict(datasets(OUTPUTS, values)), worst, (), (missed,) if worst > tolerance else ())
 
 
-def _stored(inputs: dict, solutions: list, shape: tuple[int, int]) -> dict:
+def stored(inputs: dict, solutions: list, shape: tuple[int, int]) -> dict:
     """The arrays of the group, but for the errors."""
     first = solutions[0]
     leaving = len(first.albedo)
@@ -148,7 +148,7 @@ def sound(group: Group) -> Iterable[str]:
 def check(group: Group) -> Iterable[str]:
     """Broken rules of a `surface` group, in words."""
     v = {name: np.asarray(member.data, float) for name, member in group.members.items()}
-    faults = list(rules.complete(v, _REQUIRED)) or list(sound(group))
+    faults = list(rules.complete(v, REQUIRED)) or list(sound(group))
     yield from faults
     if faults:
         return
@@ -197,7 +197,7 @@ STAGE = Stage(
     title="reflectance of a plane layer",
     reads=("wavelengths", "surface"),
     needs=("medium",),
-    applies=lambda recipe: recipe.surface is not None,
+    applies=lambda recipe: recipe.surface is not None and recipe.grains is None,
     sections=(SURFACE,),
     outputs=OUTPUTS,
     error_measure="largest relative change of reflectance and transmittance from two thirds of the Legendre moments, over angles "

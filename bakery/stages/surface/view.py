@@ -48,36 +48,27 @@ class Surface(Members):
         """pi times the BTDF (L, ...), 0 over a base; unscattered light left out."""
         return self._looked_up("transmission", theta_in, theta_out, phi)
 
+    def by_order(self, theta_in, theta_out, phi=0.0) -> np.ndarray:
+        """The reflectance (3, L, ...) of light that one grain, two, and more have deflected; of grains only.
+
+        Raises
+        ------
+        MissingStage : the layer is that of a medium
+        """
+        if "first" not in self:
+            raise MissingStage("orders are kept apart where the reflectance is counted among grains (surface.method: grains)")
+        at = np.broadcast_arrays(_cosine(theta_out), _cosine(theta_in), np.asarray(phi, float))
+        flat = [np.ascontiguousarray(part, float).ravel() for part in at]
+        return np.stack([row[0].orders(*flat) for row in self._rows()], axis=1).reshape(3, -1, *at[0].shape)
+
     def albedo(self, theta) -> np.ndarray:
         """Share (L, ...) of light from an angle that comes back, mirrored light included."""
         cosine = _cosine(theta)
         values = albedo_at(self._group, cosine.ravel())
         return self._layers(values.reshape(*values.shape[:2], *cosine.shape))
 
-    def table(self, layer: int = 0):
-        """What compiled loops and plugins look up, and its errors: `bakery.kernels.surface_reflectance` takes it.
-
-        Parameters
-        ----------
-        layer : position of the thickness
-
-        Returns
-        -------
-        table : `bakery.physics.surfaces.table.SurfaceTable`
-        errors : `bakery.physics.surfaces.table.Errors`
-
-        Raises
-        ------
-        UsageError : no such layer
-        """
-        from bakery.physics.surfaces.table import surface_table
-
-        count = self["reflected"].shape[1]
-        if not 0 <= layer < count:
-            raise UsageError(f"surface: found no layer {layer}; it has {count}: 0 to {count - 1}")
-        return surface_table([row[layer] for row in self._solved()])
-
-    def _solved(self) -> list[list]:
+    def _rows(self) -> list[list]:
+        """Of each wavelength, the solution of each layer."""
         if "_solutions" not in self.__dict__:
             if self._medium is None:
                 raise MissingStage("reflectance needs the group medium, which is missing; bake the recipe again")
@@ -86,7 +77,7 @@ class Surface(Members):
 
     def _looked_up(self, name: str, theta_in, theta_out, phi) -> np.ndarray:
         at = _cosine(theta_out), _cosine(theta_in), np.asarray(phi, float)
-        return self._layers(np.stack([np.stack([getattr(solution, name)(*at) for solution in row]) for row in self._solved()]))
+        return self._layers(np.stack([np.stack([getattr(solution, name)(*at) for solution in row]) for row in self._rows()]))
 
     def _layers(self, values):
         return values[:, 0] if values.shape[1] == 1 else values
@@ -165,9 +156,18 @@ def solutions_of(group: Group, medium: Group) -> list[list]:
                 continue
             below = unpacked(group["transmitted"].data[k, t], count) if "transmitted" in group.members else 0 * reflected
             passed = np.asarray(group["passed"].data[k, t], float)
-            row.append(Solution(slab, directions, cut, reflected, below, back, passed))
+            solution = Solution(slab, directions, cut, reflected, below, back, passed)
+            row.append(_corrected(solution, group, k) if "first" in group.members else solution)
         rows.append(row)
     return rows
+
+
+def _corrected(solution, group: Group, k: int):
+    """What is counted among grains, at wavelength number k."""
+    from bakery.physics.surfaces.corrected import ORDERS, Corrected, Factors
+
+    cells = tuple(np.asarray(group[name].data[k], float) for name in ORDERS)
+    return Corrected(solution, Factors(cells, np.asarray(group["scale"].data[k], float), float(group["least"].data[0])))
 
 
 # ---- queries

@@ -1,0 +1,340 @@
+"""Loops of `goniometer`: light that falls on a half space of packed grains, grain by grain, until it is out again."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.physics.grains.bvh import mesh_scratch, nearest_triangle, triangle_normal
+from bakery.physics.grains.sampling import AHEAD, FAINT, next_uniform, surface_frame, uniforms_of_meeting
+from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, at_surface, fresnel_conductor
+from bakery.physics.granular._packed import FAR, Draws, Kind
+from bakery.physics.granular.flights import flight_in_half_space
+from bakery.physics.lent import lent
+from bakery.physics.packing.instances import kind, rotation, rotation_matrix, uniforms
+from bakery.physics.surfaces.pairs import cell_of
+from bakery.system.compiled import njit
+
+MISSED, LEFT, DROPPED, CUT = range(4)
+FIRST, SECOND, HIGHER, LATE = range(4)  # orders that are kept apart; the last are the higher ones after many hits
+ORDERS = 4
+STEEPEST = 1e-4  # least cosine at which light enters: 89.994 degrees
+_STRAIGHT = 5e-13  # 1 - cosine up to which light counts as not deflected
+# What is counted beside light: hits, walks, those given up (no sphere ahead), contradicted and cut in a grain
+HITS, WALKS, GIVEN_UP, CONTRADICTED, CUTS = range(5)
+SUMS = 5
+
+
+class Matter(NamedTuple):
+    """What takes light away: mu (T, C) of the interiors, 1/R of the grain's own sphere per unit of the tile; channels (T, 2, C)
+    of the surfaces as `surface.Surface` has them."""
+
+    mu: np.ndarray
+    channels: np.ndarray
+
+
+class Rules(NamedTuple):
+    """Order after which walks end (0: none), hits after which light is late and with which a walk ends, meetings with one grain's
+    surface after which a path is cut, cells along the coordinates of pairs (3,), bins of the root of the cosine, decay (C,) per
+    unit of depth of light that is still inside."""
+
+    last: int
+    late: int
+    most: int
+    depth: int
+    cells: np.ndarray
+    bins: int
+    decay: np.ndarray
+
+
+class Counted(NamedTuple):
+    """Light by order, channel and cell; by order, channel and bin of entry; walks by bin of entry; light left inside (C,) at the
+    end of walks; `SUMS` numbers."""
+
+    cells: np.ndarray
+    entered: np.ndarray
+    walks: np.ndarray
+    inside: np.ndarray
+    sums: np.ndarray
+
+
+class Path(NamedTuple):
+    """Where light is: the sphere (number, copy of the tile) and the one before, origin and direction of the flight, vector to the
+    next centre, ray through the unit sphere (6,), what each channel carries, and the optical path inside of grains."""
+
+    sphere: np.ndarray
+    left_behind: np.ndarray
+    o: np.ndarray
+    d: np.ndarray
+    to: np.ndarray
+    ray: np.ndarray
+    carried: np.ndarray
+    optical: np.ndarray
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _turned(grain, channels, dx, dy, dz, nx, ny, nz, draws, carried):
+    """Direction after a meeting with the surface, its part along the outward normal, share of all light that is left."""
+    sx, sy, sz, tx, ty, tz = surface_frame(nx, ny, nz)
+    x, y, z = -(dx * sx + dy * sy + dz * sz), -(dx * tx + dy * ty + dz * tz), -(dx * nx + dy * ny + dz * nz)
+    u, v, w = uniforms_of_meeting(grain.matter, grain.roughness, draws.stream, draws.pool)
+    x, y, z, share, cosine = at_surface(grain.matter, grain.index, grain.roughness, x, y, z, u, v, w)
+    if grain.matter == DIFFUSE:
+        for c in range(len(carried)):
+            carried[c] *= channels[0, c]
+    elif grain.matter == CONDUCTOR:
+        for c in range(len(carried)):
+            carried[c] *= fresnel_conductor(cosine, channels[0, c], channels[1, c])
+    dx, dy, dz = x * sx + y * tx + z * nx, x * sy + y * ty + z * ny, x * sz + y * tz + z * nz
+    over = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
+    return dx * over, dy * over, dz * over, z, share
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _leave(ray, ox, oy, oz, dx, dy, dz):
+    """Write where a ray from inside of the unit sphere leaves it."""
+    along = ox * dx + oy * dy + oz * dz
+    t = math.sqrt(along * along + max(1.0 - (ox * ox + oy * oy + oz * oz), 0.0)) - along
+    ox, oy, oz = ox + t * dx, oy + t * dy, oz + t * dz
+    over = 1.0 / math.sqrt(ox * ox + oy * oy + oz * oz)
+    ray[0], ray[1], ray[2], ray[3], ray[4], ray[5] = ox * over, oy * over, oz * over, dx, dy, dz
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _ball(grain, channels, ray, depth, draws, carried):
+    """Follow `ray` (6,) through a ball: what became of it, share of all light left, path inside in radii of the sphere."""
+    draws, radius = lent(draws), grain.radius
+    ox, oy, oz, dx, dy, dz = ray[0], ray[1], ray[2], ray[3], ray[4], ray[5]
+    along = -(ox * dx + oy * dy + oz * dz)
+    px, py, pz = ox + along * dx, oy + along * dy, oz + along * dz
+    beside = radius * radius - (px * px + py * py + pz * pz)
+    t = 0.0
+    if radius < 1.0:
+        if beside <= 0.0:
+            _leave(ray, px, py, pz, dx, dy, dz)
+            return MISSED, 1.0, 0.0
+        t = along - math.sqrt(beside)
+    nx, ny, nz = (ox + t * dx) / radius, (oy + t * dy) / radius, (oz + t * dz) / radius
+    count, factor, path = 0, 1.0, 0.0
+    while factor > 0.0:
+        if count == depth:
+            return CUT, 0.0, path
+        count += 1
+        dx, dy, dz, z, share = _turned(grain, channels, dx, dy, dz, nx, ny, nz, draws, carried)
+        factor *= share
+        if z > 0.0:
+            break
+        t = -2.0 * (dx * nx + dy * ny + dz * nz)
+        path += radius * t
+        nx, ny, nz = nx + t * dx, ny + t * dy, nz + t * dz
+        over = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+        nx, ny, nz = nx * over, ny * over, nz * over
+    _leave(ray, radius * nx, radius * ny, radius * nz, dx, dy, dz)
+    return LEFT, factor, path
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _mesh(tree, grain, channels, ray, depth, draws, carried, scratch):
+    """The same through a mesh."""
+    draws, scratch, (nodes, children, blocks) = lent(draws), lent(scratch), lent(tree)
+    dx, dy, dz = ray[3], ray[4], ray[5]
+    ox, oy, oz = ray[0] - AHEAD * dx, ray[1] - AHEAD * dy, ray[2] - AHEAD * dz
+    within, triangle, count, factor, path = False, np.int64(-1), 0, 1.0, 0.0
+    while factor > 0.0:
+        triangle, t = nearest_triangle(nodes, children, blocks, ox, oy, oz, dx, dy, dz, triangle, scratch)
+        if triangle < 0:
+            if within:
+                return DROPPED, 0.0, path
+            if count == 0:  # the chord: from its middle, where rounding is least
+                t = -(ox * dx + oy * dy + oz * dz)
+                ox, oy, oz = ox + t * dx, oy + t * dy, oz + t * dz
+            _leave(ray, ox, oy, oz, dx, dy, dz)
+            return (LEFT if count else MISSED), factor, path
+        if within:
+            path += t
+        ox, oy, oz = ox + t * dx, oy + t * dy, oz + t * dz
+        nx, ny, nz = triangle_normal(blocks, triangle)
+        z = -(dx * nx + dy * ny + dz * nz)
+        if (z < 0.0) != within or z == 0.0:
+            return DROPPED, 0.0, path
+        if count == depth:
+            return CUT, 0.0, path
+        count += 1
+        dx, dy, dz, z, share = _turned(grain, channels, dx, dy, dz, nx, ny, nz, draws, carried)
+        factor *= share
+        within = z < 0.0
+    return LEFT, 0.0, path
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _meet(path, radius, grains, matter, depth, draws, scratch):
+    """Follow the path's ray through the grain of its sphere: what became of it, share of all light left."""
+    path, grains, matter = lent(path), lent(grains), lent(matter)
+    table, offset, sphere, ray = grains.table, grains.offset, path.sphere, path.ray
+    which, b, c, e = 0, 0.0, 0.0, 0.0
+    if len(grains.shares) > 1 or table[0, 3] == 0.0:
+        a, b, c, e = uniforms(grains.seed, sphere[1], sphere[2], sphere[3], sphere[0])
+        which = kind(a, grains.shares)
+    grain = Kind(int(table[which, 0]), table[which, 1], table[which, 2], table[which, 3])
+    if grain.radius > 0.0:
+        state, factor, inside = _ball(grain, matter.channels[which], ray, depth, draws, path.carried)
+    else:
+        turn = rotation_matrix(*rotation(b, c, e))
+        low, high = offset[which, 0], offset[which + 1, 0]
+        tree = grains.nodes[low:high], grains.children[low:high], grains.blocks[offset[which, 1] : offset[which + 1, 1]]
+        _rotated(ray, turn[0], turn[3], turn[6], turn[1], turn[4], turn[7], turn[2], turn[5], turn[8])
+        state, factor, inside = _mesh(tree, grain, matter.channels[which], ray, depth, draws, path.carried, scratch)
+        _rotated(ray, *turn)
+    if grain.matter == DIELECTRIC:
+        for k in range(len(path.optical)):
+            path.optical[k] += matter.mu[which, k] * radius * inside
+    return state, factor
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _rotated(ray, xx, xy, xz, yx, yy, yz, zx, zy, zz):
+    """Place and direction by the rows of a rotation, kept at length 1."""
+    for k in (0, 3):
+        x, y, z = ray[k], ray[k + 1], ray[k + 2]
+        x, y, z = xx * x + xy * y + xz * z, yx * x + yy * y + yz * z, zx * x + zy * y + zz * z
+        over = 1.0 / math.sqrt(x * x + y * y + z * z)
+        ray[k], ray[k + 1], ray[k + 2] = x * over, y * over, z * over
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def counted(tile, grains, matter, key, replicate, first, count, surface, rules):
+    """Walks first ... first + count - 1 of a replicate: `Counted` as one array (`pack` of the module above says how).
+
+    surface : lowest and highest level in the tile at which it may be cut; centres below are there
+    """
+    channels, number = matter.mu.shape[1], rules.cells[0] * rules.cells[1] * rules.cells[2]
+    out = Counted(np.zeros((ORDERS, channels, number)), np.zeros((ORDERS, channels, rules.bins)), np.zeros(rules.bins),
+                  np.zeros((channels, rules.bins)), np.zeros(SUMS))
+    draws = Draws(np.zeros(5, np.uint64), np.empty(4))
+    draws.stream[0], draws.stream[1], draws.stream[3] = key[0], key[1], replicate
+    path = Path(np.empty(4, np.int64), np.empty(4, np.int64), np.empty(3), np.empty(3), np.empty(3), np.empty(6),
+                np.ones(channels), np.zeros(channels))
+    scratch, widest = mesh_scratch(), np.max(tile.radii)
+    for walk in range(count):
+        draws.stream[2], draws.stream[4] = np.uint64(first + walk), np.uint64(0)
+        _walk(tile, grains, matter, path, draws, scratch, widest, surface, rules, out)
+    return np.concatenate((out.cells.ravel(), out.entered.ravel(), out.walks, out.inside.ravel(), out.sums))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _walk(tile, grains, matter, path, draws, scratch, widest, surface, rules, out):
+    """One walk, from above the grains until it is out or at its end."""
+    tile, grains, matter, path, draws = lent(tile), lent(grains), lent(matter), lent(path), lent(draws)
+    scratch, rules, out = lent(scratch), lent(rules), lent(out)
+    cell, m, start, image, owner = tile.grid
+    bin0, mu0, ex, ey, top = _begin(path, cell, widest, surface, rules.bins, draws)
+    base, above = path.left_behind[3], top + widest
+    order, hits, factor = 0, 0, 1.0
+    out.walks[bin0] += 1.0
+    out.sums[WALKS] += 1.0
+    while True:
+        shift = (path.left_behind[3] - base) * cell[2]  # the frame's origin, seen from that of the first copy
+        limit = tile.limit
+        rises = path.d[2] > 0.0
+        if rises:
+            limit = max((above - shift - path.o[2]) / path.d[2], 0.0)
+        z = flight_in_half_space(path.o, path.d, path.left_behind, cell, m, start, image, owner, limit, path.sphere, path.to,
+                                 base, top)
+        if z >= limit:
+            if rises:
+                _count_out(path, order, hits, factor, mu0, -(ex * path.d[0] + ey * path.d[1] - mu0 * path.d[2]), bin0, rules, out)
+            else:
+                out.sums[GIVEN_UP] += 1.0
+            return
+        radius = tile.radii[path.sphere[0]]
+        _enter(path, z)
+        state, kept = _meet(path, radius, grains, matter, rules.depth, draws, scratch)
+        if state > LEFT:
+            out.sums[CONTRADICTED if state == DROPPED else CUTS] += 1.0
+            return
+        if state == LEFT:
+            hits += 1
+            out.sums[HITS] += 1.0
+            factor *= kept
+            bent = 1.0 - (path.d[0] * path.ray[3] + path.d[1] * path.ray[4] + path.d[2] * path.ray[5])
+            if bent > _STRAIGHT:
+                order += 1
+        for k in range(4):
+            path.left_behind[k] = path.sphere[k]
+        for k in range(3):
+            path.d[k] = path.ray[3 + k]
+            path.o[k] = tile.centers[path.sphere[0], k] + radius * path.ray[k]
+        if hits >= rules.most:
+            depth = max(above - (path.left_behind[3] - base) * cell[2] - path.o[2], 0.0)
+            for c in range(len(path.carried)):
+                out.inside[c, bin0] += factor * path.carried[c] * math.exp(-path.optical[c] - rules.decay[c] * depth)
+            return
+        if state == LEFT:
+            factor = _goes_on(path, factor, draws)
+            # beyond the last order that is asked for nothing is counted
+            if factor == 0.0 or rules.last and order > rules.last:
+                return
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _begin(path, cell, widest, surface, bins, draws):
+    """Light above the grains: bin and cosine of its incidence, horizontal part of its direction, the plane that cuts the tile."""
+    least = math.sqrt(STEEPEST)
+    share = next_uniform(draws.stream, draws.pool)
+    bin0, s = min(int(share * bins), bins - 1), least + (1.0 - least) * share
+    mu0, azimuth = s * s, 2.0 * math.pi * next_uniform(draws.stream, draws.pool)
+    across = math.sqrt(max(1.0 - mu0 * mu0, 0.0))
+    ex, ey = across * math.cos(azimuth), across * math.sin(azimuth)
+    path.d[0], path.d[1], path.d[2] = ex, ey, -mu0
+    top = surface[0] + (surface[1] - surface[0]) * next_uniform(draws.stream, draws.pool)
+    path.o[0], path.o[1] = cell[0] * next_uniform(draws.stream, draws.pool), cell[1] * next_uniform(draws.stream, draws.pool)
+    path.o[2], path.left_behind[0] = top + widest, -1
+    for k in range(1, 4):
+        path.left_behind[k] = int((2.0 * next_uniform(draws.stream, draws.pool) - 1.0) * FAR)
+    path.carried[:] = 1.0
+    path.optical[:] = 0.0
+    return bin0, mu0, ex, ey, top
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _enter(path, z):
+    """The ray where it enters the next sphere."""
+    length2 = 0.0
+    for k in range(3):
+        path.ray[k] = z * path.d[k] - path.to[k]
+        path.ray[3 + k] = path.d[k]
+        length2 += path.ray[k] * path.ray[k]
+    over = 1.0 / math.sqrt(length2)
+    for k in range(3):
+        path.ray[k] *= over
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _goes_on(path, factor, draws):
+    """The share of all light of a path that goes on, 0 where it does not: faint ones go on by chance."""
+    strongest = 0.0
+    for c in range(len(path.carried)):
+        strongest = max(strongest, path.carried[c] * math.exp(-path.optical[c]))
+    strongest *= factor
+    if strongest >= FAINT:
+        return factor
+    if strongest == 0.0 or next_uniform(draws.stream, draws.pool) * FAINT >= strongest:
+        return 0.0
+    return factor * FAINT / strongest
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _count_out(path, order, hits, factor, mu0, cosine, bin0, rules, out):
+    """Light that left.  cosine : of the phase angle;  undeflected light cannot leave."""
+    at = min(order - 1, HIGHER)
+    if at == HIGHER and hits > rules.late:
+        at = LATE
+    if at < 0 or rules.last and order > rules.last:
+        return
+    cell = cell_of(max(path.d[2], 1e-12), mu0, cosine, rules.cells)
+    for c in range(len(path.carried)):
+        light = factor * path.carried[c] * math.exp(-path.optical[c])
+        out.cells[at, c, cell] += light
+        out.entered[at, c, bin0] += light

@@ -1,0 +1,186 @@
+"""A virtual goniometer over packed grains: light that a half space of them sends back, by orders and by pairs of directions.
+
+Light falls on the tile of a packing, repeated without end, of which the grains are there whose centres lie below a plane, as
+renderers have it.  The plane lies anywhere in the tile, and each walk has grains and rotations of its own (`packing.instances`):
+means are over surfaces of one arrangement.  Nothing about a medium is assumed.  An order is one hit of a grain that deflects
+light; whatever light does inside of its bounding sphere belongs to it.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import KW_ONLY, dataclass
+
+import numpy as np
+
+from bakery import rng
+from bakery.physics.grains.figures import in_order
+from bakery.physics.grains.surface import DIELECTRIC, DIFFUSE
+from bakery.physics.grains.walk import EVENTS_MAX
+from bakery.physics.granular import _goniometer as kernel
+from bakery.physics.granular._packed import Grains, Tile
+from bakery.physics.granular.exemplars import exemplars
+from bakery.physics.granular.packed import checked_tile
+from bakery.physics.packing.cells import counts, tile_grid
+
+CELLS = (48, 8, 8)  # along the coordinates of `surfaces.pairs`
+BINS = 16  # of the root of the cosine of incidence
+REPLICATES = 16
+LATE, LATEST = 8, 8  # hits over 1 - g, at least 8, after which light is late; times that, after which a walk ends
+_LIMIT = 1e5  # longest flight between two spheres, in mean ones
+_BLOCK = 1 << 12  # walks of a task that goes to the second order, an eighth of that of others
+
+
+@dataclass(frozen=True)
+class Counts:
+    """Light that came back, of C channels; the last axis of `cells` numbers the cells of `CELLS`, that of others the bins.
+
+    Attributes
+    ----------
+    cells : (R, 3, C, K) share of the light of a walk, by order: first, second, higher; sums over walks
+    entered : (R, 3, C, B) the same, by bin of entry
+    walks, walks_through : (R, B) walks of all and of those that go beyond the second order, which alone count higher ones
+    inside : (R, C) share of the higher orders that was counted twice over for light still inside at the end of its walk
+    sums : (R, 5) hits, walks, given up, contradicted, cut
+    """
+
+    cells: np.ndarray
+    entered: np.ndarray
+    walks: np.ndarray
+    walks_through: np.ndarray
+    inside: np.ndarray
+    sums: np.ndarray
+
+
+@dataclass(eq=False)
+class Goniometer:
+    """A half space of packed grains, at wavelengths that share the paths of light.
+
+    Attributes
+    ----------
+    centers, radii, cell, grains, weights, seed, depth : as of `packed.walk`
+    mu : (T, C) absorption coefficient of the interiors, in 1/unit of the tile's lengths
+    channels : (T, 2, C) of the surfaces, as `surface.Surface` has them; C columns each
+    g : mean cosine of a hit, from which follows when light has forgotten where it came from
+    decay : (C,) with which light deep inside falls off towards the surface, 1/unit; 0 where nothing is absorbed
+    stream : tells random numbers of several apart
+    surface : lowest and highest place of the plane in the cell's height, 0 to 1
+    """
+
+    centers: np.ndarray
+    radii: np.ndarray
+    cell: np.ndarray
+    grains: Sequence
+    weights: Sequence | None = None
+    _: KW_ONLY
+    mu: np.ndarray
+    channels: np.ndarray
+    seed: int
+    g: float = 0.0
+    decay: np.ndarray | float = 0.0
+    depth: int = EVENTS_MAX
+    stream: int = 0
+    surface: tuple[float, float] = (0.0, 1.0)
+
+    def __post_init__(self):
+        self.centers, self.radii, self.cell, self.grains, self.shares = checked_tile(
+            self.centers, self.radii, self.cell, self.grains, self.weights, self.seed)
+        self.mu, self.channels = np.array(self.mu, float), np.array(self.channels, float)
+        if self.channels.shape != (len(self.grains), 2, self.mu.shape[1]) or len(self.mu) != len(self.grains):
+            raise ValueError(f"mu {self.mu.shape}, channels {self.channels.shape}: (T, C) and (T, 2, C) are needed for "
+                             f"{len(self.grains)} types of grain")
+        self.decay = np.array(np.broadcast_to(np.asarray(self.decay, float), self.mu.shape[1]))
+        self.late = math.ceil(LATE / min(max(1 - self.g, 1e-2), 1))
+        self._arrays, self._lock = None, threading.Lock()
+
+    def __getstate__(self):
+        return {name: value for name, value in self.__dict__.items() if name not in ("_arrays", "_lock")}
+
+    def __setstate__(self, state):
+        self.__dict__.update(state, _arrays=None, _lock=threading.Lock())
+
+    @property
+    def lossless(self) -> np.ndarray:
+        """Whether grains keep all light (C,)."""
+        keeps = np.ones(self.mu.shape[1], bool)
+        for grain, mu, channels in zip(self.grains, self.mu, self.channels, strict=True):
+            if grain.surface.kind == DIELECTRIC:
+                keeps &= mu == 0
+            elif grain.surface.kind == DIFFUSE:
+                keeps &= channels[0] == 1
+            else:
+                keeps &= np.isinf(channels[0])
+            keeps &= grain.surface.roughness == 0
+        return keeps
+
+    def arrays(self):
+        """Arguments of `_goniometer.counted` before those that tell walks apart."""
+        with self._lock:
+            if self._arrays is None:
+                m = counts(self.cell, len(self.radii))
+                grid = (self.cell, m, *tile_grid(self.centers, self.radii, self.cell, m))
+                fraction = 4 / 3 * math.pi * np.sum(self.radii**3) / np.prod(self.cell)
+                mean = 4 / 3 * np.sum(self.radii**3) / np.sum(self.radii**2) * (1 - fraction) / fraction
+                area = np.cumsum(self.radii**2) / np.sum(self.radii**2)
+                key = rng.key(self.seed, "granular.goniometer", self.stream)
+                self._arrays = (Tile(self.centers, self.radii, area, grid, _LIMIT * mean),
+                                Grains(self.shares, *exemplars(self.grains), np.uint64(self.seed), self.depth),
+                                kernel.Matter(self.mu, self.channels), (np.uint64(key[0]), np.uint64(key[1])))
+            return self._arrays
+
+    def counted(self, number: int, first: int, through: bool, map: Callable) -> np.ndarray:
+        """Sums (R, ...) of walks first ... first + number - 1 of each replicate; `through`: to their end, else to order two."""
+        block = _BLOCK // 8 if through else _BLOCK
+        tasks = [(self, replicate, start, min(block, first + number - start), through)
+                 for replicate in range(REPLICATES) for start in range(first, first + number, block)]
+        return in_order(np.stack(list(map(run, tasks))).reshape(REPLICATES, -1, self.length))
+
+    @property
+    def length(self) -> int:
+        """Numbers that a task returns."""
+        channels = self.mu.shape[1]
+        return kernel.ORDERS * channels * (math.prod(CELLS) + BINS) + BINS + channels * BINS + kernel.SUMS
+
+    def unpacked(self, sums):
+        """`_goniometer.Counted` of sums (R, ...)."""
+        channels, cells, parts, at = self.mu.shape[1], math.prod(CELLS), [], 0
+        for shape in ((kernel.ORDERS, channels, cells), (kernel.ORDERS, channels, BINS), (BINS,), (channels, BINS),
+                      (kernel.SUMS,)):
+            size = math.prod(shape)
+            parts.append(sums[:, at:at + size].reshape(-1, *shape))
+            at += size
+        return kernel.Counted(*parts)
+
+
+def run(goniometer: Goniometer, replicate: int, first: int, count: int, through: bool):
+    """Sums of walks first ... first + count - 1 of a replicate; a task that any worker may run."""
+    tile, grains, matter, key = goniometer.arrays()
+    # walks to their end have numbers of their own, whatever the others'
+    first += 1 << 40 if through else 0
+    height = goniometer.cell[2]
+    rules = kernel.Rules(0 if through else 2, goniometer.late, LATEST * goniometer.late, goniometer.depth,
+                         np.array(CELLS, np.int64), BINS, goniometer.decay)
+    low, high = goniometer.surface
+    return kernel.counted(tile, grains, matter, key, np.uint64(replicate), first, count, (low * height, high * height), rules)
+
+
+def together(goniometer: Goniometer, short, through) -> Counts:
+    """What walks to the second order and walks to their end count.
+
+    Late light has forgotten where it came from: light that is still inside at the end of its walk leaves as it does, so late
+    light counts for that too.
+    """
+    a, b = goniometer.unpacked(short), goniometer.unpacked(through)
+    late, inside = b.entered[:, kernel.LATE].sum(axis=-1), b.inside.sum(axis=-1)
+    more = 1 + np.divide(inside.sum(axis=0), late.sum(axis=0), out=np.zeros(late.shape[1]), where=late.sum(axis=0) > 0)
+
+    def by_order(name):
+        x, y = getattr(a, name), getattr(b, name)
+        higher = y[:, kernel.HIGHER] + more[:, None] * y[:, kernel.LATE]
+        return np.stack([x[:, 0] + y[:, 0], x[:, 1] + y[:, 1], higher], axis=1)
+
+    higher = b.entered[:, kernel.HIGHER:].sum(axis=(1, 3))
+    return Counts(by_order("cells"), by_order("entered"), a.walks + b.walks, b.walks,
+                  np.divide(inside, higher + inside, out=np.zeros_like(inside), where=inside > 0), a.sums + b.sums)

@@ -1,0 +1,252 @@
+"""A half space of a medium, corrected by what walks among the grains say that it stands for: orders kept apart.
+
+The reflectance of an order is its share in the medium's plane layer, times a factor of the pair of directions, a table over
+cells of `pairs`, times a factor of each of both directions' cosines, the same function.  The medium brings the shape within
+cells, where the walks' noise would be; the factors make its light in each cell, and its albedo at each angle, that of the walks.
+Both factors know no order of the directions, so reciprocity holds exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from bakery.physics.medium.phase import phase_at
+from bakery.physics.surfaces import pairs, single
+from bakery.physics.surfaces.nodes import grazing
+from bakery.physics.surfaces.solution import Solution
+
+ORDERS = ("first", "second", "higher")
+# of each order: cells in ever finer levels, the last of which are those of its table; fewer where its light is smooth
+LEVELS = (((6, 4, 4), (12, 8, 8), (48, 8, 8)), ((3, 2, 2), (6, 4, 4), (12, 8, 8)), ((3, 2, 2), (6, 4, 4), (12, 8, 8)))
+DEGREE = 6  # of the polynomial in the root of the cosine through albedos
+_ROUNDS = 8  # of fits in turn to cells and to albedos
+_FEW = 8.0  # walks' worth of light by which a cell is held to the medium: what noise moves where next to none goes
+_POINTS = (1, 4, 3)  # of quadrature along the coordinates of a cell
+_ACROSS, _AROUND = 24, 24  # directions out along the root of the cosine and over half of the azimuth
+
+
+@dataclass(frozen=True)
+class Factors:
+    """What light of each order is times that of the medium.
+
+    Attributes
+    ----------
+    cells : by order, tables (A, U, V) over the coordinates of `pairs`, values at the middles of cells
+    scale : (3, B) of either direction, at the middles of B equal steps of the root of its cosine from `least` to 1
+    least : root of the smallest cosine
+    """
+
+    cells: tuple[np.ndarray, ...]
+    scale: np.ndarray
+    least: float
+
+    def at(self, order: int, mu, mu0, phi):
+        """Factor (K,) of an order at pairs (K,)."""
+        table = self.cells[order]
+        index, weight = pairs.interpolation(mu, mu0, phi, table.shape)
+        return (table.ravel()[index] * weight).sum(axis=1) * self.along(order, mu) * self.along(order, mu0)
+
+    def along(self, order: int, mu):
+        """Factor of one direction."""
+        return np.interp(np.sqrt(mu), middles(self.scale.shape[1], self.least), self.scale[order])
+
+
+def middles(bins: int, least: float):
+    """Roots of the cosine in the middles of bins."""
+    return least + (1 - least) * (np.arange(bins) + 0.5) / bins
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """The reflectance of grains.
+
+    Attributes
+    ----------
+    solution : of the medium's half space without a boundary
+    factors : of the orders
+    """
+
+    solution: Solution
+    factors: Factors
+
+    def reflection(self, mu, mu0, phi):
+        """R at cosines above 0 and azimuths (0: forward); the BRDF is R / pi.  Arguments broadcast."""
+        mu, mu0, phi = np.broadcast_arrays(*(np.asarray(value, float) for value in (mu, mu0, phi)))
+        return sum(self.orders(mu.ravel(), mu0.ravel(), phi.ravel())).reshape(mu.shape)
+
+    def orders(self, mu, mu0, phi) -> list:
+        """The same by order, at pairs (K,): first, second, higher."""
+        shapes = shares(self.solution, mu, mu0, phi)
+        return [shape * self.factors.at(k, mu, mu0, phi) for k, shape in enumerate(shapes)]
+
+    def transmission(self, mu, mu0, phi):
+        """Nothing passes an infinite layer."""
+        return np.zeros(np.broadcast(mu, mu0, phi).shape)
+
+    def albedos(self, mu0):
+        """Share (3, K) of the light of directions (K,) that comes back, by order."""
+        mu, phi, weight = _hemisphere()
+        at = [np.broadcast_to(a, (len(mu0), len(mu))).ravel() for a in (mu, np.asarray(mu0)[:, None], phi)]
+        return np.stack([order.reshape(len(mu0), -1) @ weight for order in self.orders(*at)])
+
+
+def shares(solution: Solution, mu, mu0, phi):
+    """The medium's light at pairs (K,): scattered once, several times, and again that, from which higher orders are made."""
+    slab = solution.slab
+    phase = 4 * math.pi * phase_at(slab.theta, slab.phase, single.turned(mu, mu0, phi, -1))
+    once = 0.25 * slab.albedo * phase * single.upward(mu, mu0, math.inf)
+    several = np.maximum(solution.reflection(mu, mu0, phi) - once, 0.0)
+    return once, several, several
+
+
+def _hemisphere():
+    """Directions out, mu and phi (P,), and weights of an integral of R that is an albedo."""
+    mu, weight, _ = grazing(_ACROSS)
+    phi = math.pi * (np.arange(_AROUND) + 0.5) / _AROUND
+    return np.repeat(mu, _AROUND), np.tile(phi, _ACROSS), np.repeat(2 * mu * weight, _AROUND) / _AROUND
+
+
+def merged(cells, coarse):
+    """Number of the coarse cell in which each cell lies."""
+    index = np.meshgrid(*(np.arange(n) * m // n for n, m in zip(cells, coarse, strict=True)), indexing="ij")
+    return np.ravel_multi_index(index, coarse).ravel()
+
+
+def _held(wanted, modelled, walks: float) -> float:
+    """Inverse of the relative variance of cells about what larger ones say, beyond that of the counts; infinite where none is."""
+    counted = modelled * walks >= 1
+    off = np.sum(((wanted - modelled) ** 2 - modelled / walks)[counted])
+    return max(float(np.sum(modelled[counted] ** 2) / off), _FEW) if off > 0 else math.inf
+
+
+class Fit:
+    """Fits `Factors` to counted light, of one medium.
+
+    Parameters
+    ----------
+    solution : of the medium's half space
+    cells : (3,) cells of what was counted
+    bins, least : bins of the root of the cosine of incidence, from `least` to 1
+    """
+
+    def __init__(self, solution: Solution, cells, bins: int, least: float):
+        self.tables, self.bins, self.least, self.solution = [levels[-1] for levels in LEVELS], bins, least, solution
+        mu, mu0, phi, weight = pairs.quadrature(cells, _POINTS)
+        self.points = weight.shape[1]
+        mu, mu0, phi = mu.ravel(), mu0.ravel(), phi.ravel()
+        self.light = weight.ravel() * (mu * self._density(mu0) + mu0 * self._density(mu)) / (2 * math.pi**2)
+        self.inward = middles(bins, least) ** 2
+        out, azimuth, self.albedo_weight = _hemisphere()
+        shape = len(self.inward), len(out)
+        at = [np.broadcast_to(a, shape).ravel() for a in (out, self.inward[:, None], azimuth)]
+        self.sets = [self._prepared(*points) for points in ((mu, mu0, phi), at)]
+        self.cells = cells
+
+    def _density(self, mu0):
+        """Of the cosines at which walks start, uniform in their root."""
+        return np.where(mu0 >= self.least**2, 0.5 / np.sqrt(np.maximum(mu0, 1e-300)) / (1 - self.least), 0.0)
+
+    def _prepared(self, mu, mu0, phi):
+        """Shapes, where the pairs lie among cells and bins."""
+        of_cells = {fine: pairs.interpolation(mu, mu0, phi, fine) for fine in set(self.tables)}
+        return shares(self.solution, mu, mu0, phi), of_cells, [self._between(cosine) for cosine in (mu, mu0)]
+
+    def _between(self, mu):
+        """Bins and weight of the upper one, as `np.interp` takes them."""
+        at = np.clip((np.sqrt(mu) - self.least) / (1 - self.least) * self.bins - 0.5, 0, self.bins - 1)
+        low = np.minimum(at.astype(int), self.bins - 2)
+        return low, at - low
+
+    def _values(self, which: int, order: int, table, scale):
+        """Light of an order at the points of a set."""
+        shapes, of_cells, bins = self.sets[which]
+        index, weight = of_cells[self.tables[order]]
+        value = shapes[order] * np.einsum("kc,kc->k", table[index], weight)
+        for low, up in bins:
+            value = value * (scale[low] * (1 - up) + scale[low + 1] * up)
+        return value
+
+    def in_cells(self, order: int, table, scale):
+        """Light of an order in each cell, of a walk."""
+        return (self.light * self._values(0, order, table, scale)).reshape(-1, self.points).sum(axis=1)
+
+    def albedo(self, order: int, table, scale):
+        """Albedo of an order in the middle of each bin of incidence."""
+        return self._values(1, order, table, scale).reshape(self.bins, -1) @ self.albedo_weight
+
+    def fitted(self, order: int, cells, albedo, walks: float):
+        """Table and scale of an order, and the walks' worth of light by which cells of each level are held to larger ones.
+
+        Parameters
+        ----------
+        cells : light in each cell, of a walk;  albedo : (B,) of each bin of incidence
+        walks : that were counted, those that bring all or nothing
+
+        Notes
+        -----
+        The largest cells take the light that was counted.  Then, level by level, each cell moves from what the larger ones say
+        by as much as its own counts are worth beside a number that is the inverse of the relative variance which larger cells
+        leave (empirical Bayes with a gamma distribution).
+        """
+        fine = self.tables[order]
+        table, scale, held = np.ones(math.prod(fine)), np.ones(self.bins), []
+        for level in LEVELS[order]:
+            to, of = merged(self.cells, level), merged(fine, level)
+            wanted, modelled = np.bincount(to, cells), np.bincount(to, self.in_cells(order, table, scale))
+            holds = _held(wanted, modelled, walks) if held else _FEW
+            held.append(holds)
+            base = table
+            for _ in range(_ROUNDS if holds < math.inf else 0):
+                ratio = np.bincount(of, table) / np.bincount(of, base)  # by which the cells of this level moved
+                change = (walks * wanted + holds) / (walks * modelled / ratio + holds)
+                table = base * change[of]
+                scale = self._scaled(order, table, scale, albedo)
+                modelled = np.bincount(to, self.in_cells(order, table, scale))
+        for _ in range(2 * _ROUNDS):
+            scale = self._scaled(order, table, scale, albedo)
+        return table, scale, held
+
+    def _scaled(self, order: int, table, scale, albedo):
+        """The scale after a step towards the albedo of each bin."""
+        modelled = self.albedo(order, table, scale)
+        change = np.divide(albedo, modelled, out=np.ones(self.bins), where=modelled > 0)
+        # light that grazes in and out has the scale of its bin twice, other light once: the root settles either way
+        return scale * np.sqrt(change)
+
+
+def _smooth(at, albedo):
+    """Polynomial in the root of the cosine through albedos of bins: what they scatter by is the walks' noise."""
+    return np.maximum(np.polynomial.Polynomial.fit(at, albedo, min(DEGREE, len(at) - 1))(at), 0.0)
+
+
+def factors_of(fit: Fit, cells, entered, walks, through, lossless: bool, spread=(1.0, 1.0, 1.0)):
+    """Factors from sums over walks, and what they make of the light.
+
+    Parameters
+    ----------
+    cells : (3, K) light in cells by order;  entered : (3, B) by bin of entry
+    walks, through : (B,) walks of the first two orders and of the higher ones
+    spread : variance of the light in cells, by order, over that of walks that bring all or nothing
+
+    Returns
+    -------
+    Factors, (3, K) light of a walk in each cell, (3, B) albedos without the scatter of bins, and by how many walks' worth cells
+    are held (`Fit.fitted`)
+    """
+    numbers = (walks, walks, through)
+    at = middles(fit.bins, fit.least)
+    albedos = [_smooth(at, np.divide(part, n, out=np.zeros(len(n)), where=n > 0))
+               for part, n in zip(entered, numbers, strict=True)]
+    if lossless:  # what comes back in no lower order comes back in a higher one
+        albedos[2] = np.maximum(1 - albedos[0] - albedos[1], 0.0)
+    tables, scales, light, kept = [], [], [], []
+    for order, (part, n) in enumerate(zip(cells, numbers, strict=True)):
+        table, scale, hold = fit.fitted(order, part / max(n.sum(), 1.0), albedos[order], n.sum() / spread[order])
+        tables.append(table.reshape(fit.tables[order]))
+        scales.append(scale)
+        light.append(fit.in_cells(order, table, scale))
+        kept.append(hold)
+    return Factors(tuple(tables), np.stack(scales), fit.least), np.stack(light), np.stack(albedos), tuple(kept)

@@ -1,0 +1,232 @@
+"""Stage `surface` of packed grains: light counted among the grains themselves; layers and boundaries by their medium."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from bakery.errors import StageError
+from bakery.stages.declaration import Cost, Output, Result, Stage, datasets, later
+from bakery.stages.effective.stage import tile_of
+from bakery.stages.grains.stage import inputs as inputs_of_grains
+from bakery.stages.surface import stage as surface
+from bakery.stages.surface.section import SURFACE, among_grains
+from bakery.stages.surface.view import QUERIES
+from bakery.store.tree import Group
+
+_PAIR = "over pairs of directions (`bakery/physics/surfaces/pairs.py`)"
+OUTPUTS = (
+    *surface.OUTPUTS,
+    Output("first", "(L, C, D, F)", "1", f"light that one grain deflects over that of the medium, {_PAIR}", optional=True),
+    Output("second", "(L, H, U, V)", "1", f"light that two grains deflect over what the medium scatters several times, {_PAIR}",
+           optional=True),
+    Output("higher", "(L, H, U, V)", "1", f"light that more grains deflect over what the medium scatters several times, {_PAIR}",
+           optional=True),
+    Output("scale", "(L, 3, B)", "1", "factor of either direction, by order, over the root of its cosine", optional=True),
+    Output("least", "(1,)", "1", "root of the cosine where bins of incidence begin; they end at 1", optional=True, within=(0, 1)),
+    Output("order_albedo", "(L, 3, B)", "1", "share of the light of each bin of incidence that comes back, by order",
+           optional=True),
+    Output("order_albedo_error", "(L, 3, B)", "1", "standard error of order_albedo", optional=True),
+    Output("noise", "(L, H, U, V)", "1", f"relative standard error of the light that comes back, {_PAIR}", optional=True),
+    Output("inside", "(L,)", "1", "share of the higher orders that was still among the grains when its walk ended", optional=True,
+           within=(0, 1)),
+    Output("hits", "(1,)", "1", "of grains by light that was followed", optional=True),
+)
+_OF_GRAINS = ("first", "second", "higher", "scale", "least", "order_albedo", "noise")
+_SHAPE = 0.05  # tolerance of the medium's layer, of which only shapes within cells are taken
+_APART = 0.25  # of the tolerance: indices that share walks; the light that comes back changes by less than indices do
+_TOGETHER = 16  # wavelengths that share walks at most
+# hits times the squared tolerance, and seconds of one core of a hit: light that grains let through comes back late
+_HITS, _HIT, _HITS_CLEAR, _HIT_CLEAR, _MESH = 1.5e3, 1.3e-6, 2.6e4, 0.5e-6, 2.5
+
+
+def inputs(recipe, upstream) -> dict:
+    values = surface.inputs(recipe, upstream)
+    if not among_grains(recipe):
+        return values | {"counted": False}
+    group, medium, arguments = upstream["grains"], upstream["medium"], inputs_of_grains(recipe, {})
+    names = [grain.name for grain in recipe.grains.components]
+    return values | {
+        "counted": True, "components": arguments["components"], "radius": arguments["radius"], "depth": arguments["depth"],
+        "tile": tile_of(upstream["packing"], float(recipe.packing.fraction[0])),
+        "weights": [float(group[f"{name}/weight"].data[0]) for name in names],
+        "meshes": [(group[f"{name}/vertices"].data, group[f"{name}/faces"].data) for name in names],
+        "g": np.asarray(medium["g"].data, float), "decay": np.asarray(medium["sigma_tr_improved"].data, float)}
+
+
+def compute(inputs: dict, context) -> Result:
+    # black grains, and those of the host's index, send nothing back: there is nothing to count
+    if not inputs["counted"] or not inputs["sigma_s"].any():
+        return surface.compute(inputs, context)
+    solutions = _solutions(inputs, context)
+    groups = alike(inputs["components"], len(solutions), _APART * context.tolerance)
+    rows: list = [None] * len(solutions)
+    hits, notes, missed = 0, [], []
+    for number, group in enumerate(groups):
+        result = _measured(inputs, group, number, len(groups), solutions, context)
+        hits += result.hits
+        for k, counted in zip(group, result.each, strict=True):
+            rows[k] = counted
+        lost = result.given_up + result.contradicted + result.cut
+        if lost > 0.1 * context.tolerance:
+            notes.append(f"{lost:.2g} of the walks were given up: {result.given_up:.2g} because no grain was ahead, "
+                         f"{result.contradicted:.2g} in grains whose mesh contradicts itself, {result.cut:.2g} because they met "
+                         "one grain's surface too often")
+        if not result.reached:
+            missed.append(f"{result.hits:.2g} hits leave an error of {result.achieved_error:.2g}; a larger surface.tolerance "
+                          "would do")
+    values = surface.stored(inputs, solutions, (len(solutions), 1)) | _values(rows, solutions, hits)
+    error = max(counted.achieved_error for counted in rows)
+    return Result(dict(datasets(OUTPUTS, values)), error, tuple(dict.fromkeys(notes)), tuple(missed))
+
+
+def _solutions(inputs: dict, context) -> list:
+    """Half spaces of the medium that stands for the grains, all with as many moments."""
+    slabs = surface.slabs(inputs)
+    try:
+        needed = context.map(surface.moments_needed, [(slab, _SHAPE) for slab in slabs])
+    except ArithmeticError as fault:
+        raise StageError(f"surface: {fault}") from None
+    count = max(moments for moments, _ in needed)
+    return context.map(surface.solved, [(slab, count, _SHAPE) for slab in slabs])
+
+
+def alike(components, wavelengths: int, apart: float) -> list[list[int]]:
+    """Wavelengths that share walks: those at which no index of a dielectric differs by more than `apart`."""
+    index = np.array([component["index"].real for component in components if component["type"] == "dielectric"])
+    groups: list[list[int]] = []
+    for k in range(wavelengths):
+        for group in groups:
+            if len(group) < _TOGETHER and (not len(index) or np.abs(index[:, k] - index[:, group[0]]).max() <= apart):
+                group.append(k)
+                break
+        else:
+            groups.append([k])
+    return groups
+
+
+def _measured(inputs: dict, group: list[int], number: int, count: int, solutions: list, context):
+    """Walks of one group of wavelengths."""
+    from bakery.physics.granular.goniometer import Goniometer
+    from bakery.physics.granular.reflectance import measured
+
+    grains, mu, channels = _grains(inputs, group)
+    goniometer = Goniometer(*inputs["tile"], grains, inputs["weights"], mu=mu, channels=channels, seed=context.seed,
+                            g=float(inputs["g"][group].max()), decay=inputs["decay"][group] * inputs["radius"],
+                            depth=inputs["depth"], stream=number)
+
+    def report(share, error):
+        context.report((number + share) / count, error, "light counted among the grains")
+
+    return measured(goniometer, [solutions[k] for k in group], context.tolerance, map=context.map, report=report)
+
+
+def _grains(inputs: dict, group: list[int]):
+    """Grains as walks take them, and what takes light away: mu (T, C) over mean radii, channels (T, 2, C)."""
+    from bakery.physics.grains import bvh
+    from bakery.physics.grains import surface as surfaces
+    from bakery.physics.granular.packed import Grain
+
+    grains, mu, channels = [], [], []
+    for component, (vertices, faces) in zip(inputs["components"], inputs["meshes"], strict=True):
+        kind, roughness = component["type"], component["roughness"]
+        if kind == "dielectric":
+            coat = surfaces.dielectric(float(component["index"].real[group].mean()), roughness)
+        elif kind == "diffuse":
+            coat = surfaces.diffuse(component["reflectance"][group])
+        else:
+            coat = surfaces.conductor(component["index"][group], roughness)
+        mesh = None if component["shape"]["type"] == "sphere" else bvh.Mesh(vertices, faces)
+        grains.append(Grain(coat, mesh))
+        mu.append(component["absorption"][group] * inputs["radius"])
+        channels.append(np.broadcast_to(coat.channels, (2, len(group))))
+    return grains, np.stack(mu), np.stack(channels)
+
+
+def _values(rows: list, solutions: list, hits: int) -> dict:
+    """Arrays of the group beside those of the medium's layer, and those that stand in for its own."""
+    from bakery.physics.granular.reflectance import LEAST
+    from bakery.physics.surfaces.corrected import DEGREE, ORDERS, middles
+
+    air, flux = solutions[0].nodes.air, solutions[0].nodes.flux[:solutions[0].nodes.leaving]
+    albedo = np.empty((len(rows), 1, len(air)))
+    for k, counted in enumerate(rows):
+        albedos = counted.albedo.sum(axis=0)
+        at = middles(len(albedos), LEAST)
+        smooth = np.polynomial.Polynomial.fit(at, albedos, DEGREE)
+        albedo[k, 0] = 1.0 if counted.lossless else np.clip(smooth(np.sqrt(air)), 0, 1)
+    values = {name: np.stack([counted.factors.cells[order] for counted in rows]) for order, name in enumerate(ORDERS)}
+    values |= {"scale": np.stack([counted.factors.scale for counted in rows]),
+               "noise": np.stack([counted.error for counted in rows])}
+    values = {name: value.astype(np.float32) for name, value in values.items()}
+    return values | {"least": np.array([LEAST]), "order_albedo": np.stack([counted.albedo for counted in rows]),
+                     "order_albedo_error": np.stack([counted.albedo_error for counted in rows]),
+                     "inside": np.array([counted.inside for counted in rows]), "hits": np.array([float(hits)]),
+                     "albedo": albedo, "passed": np.zeros_like(albedo), "spherical_albedo": albedo @ flux / flux.sum(),
+                     "change": np.array([[counted.achieved_error] for counted in rows])}
+
+
+# ---- rules and plan
+
+
+def sound(group: Group) -> Iterable[str]:
+    """Whether all that a look-up among grains takes is there."""
+    yield from surface.sound(group)
+    members = [name for name in _OF_GRAINS if name in group.members]
+    if members and len(members) < len(_OF_GRAINS):
+        yield "of " + ", ".join(_OF_GRAINS) + f" there is only {', '.join(members)}"
+    elif members and group["scale"].data.shape[-1] < 2:
+        yield "scale has fewer than two bins"
+
+
+def check(group: Group) -> Iterable[str]:
+    """Broken rules of a `surface` group of grains, in words."""
+    faults = list(surface.check(group)) or list(sound(group))
+    yield from faults
+    if faults or "scale" not in group.members:
+        return
+    albedo, error = (np.asarray(group[name].data, float).sum(axis=1) for name in ("order_albedo", "order_albedo_error"))
+    if (albedo > 1 + 6 * error + 1e-6).any():
+        yield "more light comes back than enters"
+
+
+def cost(recipe) -> Cost:
+    if not among_grains(recipe):
+        return surface.cost(recipe)
+    arguments = inputs_of_grains(recipe, {})
+    components, tolerance = arguments["components"], recipe.surface.tolerance
+    groups = len(alike(components, len(recipe.wavelength), _APART * tolerance))
+    clear = any(component["type"] == "dielectric" for component in components)
+    hits = groups * min((_HITS_CLEAR if clear else _HITS) / tolerance**2, 2.0**32)
+    slower = _MESH if any(component["shape"]["type"] != "sphere" for component in components) else 1.0
+    seconds = slower * hits * (_HIT_CLEAR if clear else _HIT) + 0.7 * len(recipe.wavelength)
+    return Cost(seconds, 3e8, 1e5 * len(recipe.wavelength), f"about {hits:.2g} hits of light among explicit grains, "
+                f"{groups} groups of wavelengths", 0.7, kernels=("granular._goniometer", "multiple.legendre", "packing.cells"),
+                kind="of grains")
+
+
+OF_GRAINS = Stage(
+    name="surface",
+    version=1,
+    title="reflectance of packed grains",
+    reads=("wavelengths", "seed", "surface", "grains.radius", "grains.components[*].weight", "packing.fraction"),
+    needs=("medium", "packing", "grains"),
+    applies=lambda recipe: recipe.surface is not None and recipe.grains is not None,
+    sections=(SURFACE,),
+    outputs=OUTPUTS,
+    error_measure="among grains: relative standard error of the light that comes back, root mean square over cells of pairs of "
+                  "directions, by their light; of a plane layer of the medium: largest relative change from two thirds of the "
+                  "Legendre moments",
+    cost=cost,
+    inputs=inputs,
+    compute=compute,
+    check=check,
+    tolerance_key="surface.tolerance",
+    sound=sound,
+    measures=surface.measures,
+    view=later("bakery.stages.surface.view:view"),
+    pictures=later("bakery.stages.surface.pictures:pictures"),
+    files=later("bakery.stages.surface.files:csv_tables"),
+    queries=QUERIES,
+)

@@ -1,0 +1,263 @@
+"""Surfaces of packed grains against Mitsuba's `path` over the same balls, closed forms of sparse packings, energy, reciprocity.
+
+Statistical tests have fixed seeds; limits are six standard errors of both sides, and what cells smooth (2 % of the light) where a
+single pair of directions is asked for: a false alarm in 1e-6 a run, should random numbers be drawn anew.
+"""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import numpy as np
+import pytest
+
+from bakery.physics.grains.sphere import ball
+from bakery.physics.grains.surface import conductor, dielectric, diffuse
+from bakery.physics.grains.traces import nodes
+from bakery.physics.granular.goniometer import Goniometer
+from bakery.physics.granular.packed import Grain
+from bakery.physics.granular.reflectance import LEAST, measured
+from bakery.physics.medium import phase
+from bakery.physics.packing import pack
+from bakery.physics.surfaces import pairs
+from bakery.physics.surfaces.corrected import Corrected, middles
+from bakery.physics.surfaces.refine import refined
+from bakery.physics.surfaces.slab import Slab
+
+SMOOTHED = 0.02  # of the reflectance at a single pair: what interpolation between cells leaves
+SURFACES = {"matt": diffuse(0.8), "dark": diffuse(0.1), "white": diffuse(1.0), "black": diffuse(0.0), "glass": dielectric(1.5),
+            "copper": conductor(0.27 + 3.41j)}
+
+
+@cache
+def tile(fraction, count=500):
+    return pack(fraction, np.ones(count), seed=1, schedule="draft")
+
+
+@cache
+def medium(name):
+    """Half space of the medium that stands for balls of a surface, and their mean cosine."""
+    theta, edges = nodes()
+    figures = ball(SURFACES[name], 0.0, edges)
+    lobe, _ = phase.normalised(theta, np.atleast_2d(figures.phase)[0])
+    albedo = min(float(np.atleast_1d(figures.albedo)[0]), 1.0)
+    return refined(Slab(theta, lobe, albedo, math.inf), 0.05)[0], float(np.atleast_1d(figures.g)[0])
+
+
+def goniometer(name, fraction, count=500, seed=1, surface=(0.0, 1.0)):
+    packed, grain = tile(fraction, count), SURFACES[name]
+    return Goniometer(packed.centers, packed.radii, packed.cell, [Grain(grain)], mu=np.zeros((1, 1)),
+                      channels=grain.channels[None], seed=seed, g=medium(name)[1], surface=surface)
+
+
+@cache
+def baked(name, fraction, tolerance, **options):
+    result = measured(goniometer(name, fraction, **options), [medium(name)[0]], tolerance)
+    return Corrected(medium(name)[0], result.each[0].factors), result
+
+
+def test_pairs():
+    """Coordinates do not know which of two directions is which; cells hold all pairs, and each point of a cell is in it."""
+    rng = np.random.default_rng(1)
+    mu, mu0 = rng.random((2, 50))
+    cosine = mu * mu0 - np.sqrt((1 - mu**2) * (1 - mu0**2)) * np.cos(rng.random(50) * math.pi)
+    for a, b, c in zip(mu, mu0, cosine, strict=True):
+        assert pairs.coordinates(a, b, c) == pairs.coordinates(b, a, c)
+    counts = np.array([12, 4, 4])
+    mu, mu0, phi, weight = pairs.quadrature(tuple(counts), (4, 4, 4))
+    assert weight.sum() == pytest.approx(2 * math.pi**2, rel=1e-8)
+    assert (weight * mu * mu0).sum() == pytest.approx(math.pi**2 / 2, rel=1e-7)
+    cosine = mu * mu0 - np.sqrt((1 - mu**2) * (1 - mu0**2)) * np.cos(phi)
+    for cell, point in rng.integers((192, 64), size=(200, 2)):
+        assert pairs.cell_of(mu[cell, point], mu0[cell, point], cosine[cell, point], counts) == cell
+
+
+def test_same_bytes_for_any_number_of_workers():
+    with ThreadPoolExecutor(3) as pool:
+        several = measured(goniometer("matt", 0.6), [medium("matt")[0]], 0.1,
+                           map=lambda function, tasks: list(pool.map(lambda task: function(*task), tasks)))
+    single = baked("matt", 0.6, 0.1)[1]
+    assert several.hits == single.hits
+    for name in ("cells", "scale"):
+        for a, b in zip(getattr(several.each[0].factors, name), getattr(single.each[0].factors, name), strict=True):
+            assert a.tobytes() == b.tobytes()
+
+
+@pytest.mark.parametrize("name", ["matt", "white"])
+def test_energy_and_reciprocity(name):
+    """The reflectance adds up to what was counted, and exchanging directions changes nothing."""
+    surface, result = baked(name, 0.6, 0.1)
+    mu = np.array([2e-3, 0.05, 0.3, 0.7, 1.0])  # 89.9 degrees to 0
+    there, back = (surface.reflection(a, b, 0.7) for a, b in ((mu[:, None], mu), (mu, mu[:, None])))
+    np.testing.assert_allclose(there, back, rtol=1e-12)
+    each = result.each[0]
+    at = middles(each.albedo.shape[1], LEAST)
+    counted, error = each.albedo.sum(axis=0), np.sqrt((each.albedo_error**2).sum(axis=0))
+    if name == "white":
+        assert each.lossless
+        counted, error = np.ones(len(at)), 0.0
+    np.testing.assert_array_less(np.abs(surface.albedos(at**2).sum(axis=0) - counted), 6 * error + 0.012)
+
+
+def test_black_grains_send_nothing_back():
+    surface, result = baked("black", 0.6, 0.1)
+    assert result.reached and (surface.reflection(0.5, np.array([2e-3, 0.5, 1.0]), 1.0) == 0).all()
+
+
+def test_noise_is_what_it_is_said_to_be():
+    """Cells of two seeds differ by their stated errors: chi^2 of the 300 brightest cells, to six of its standard deviations.
+
+    Neighbouring cells share what they are held to, so they scatter by no more than independent ones.
+    """
+    (a, one), (b, other) = (baked("matt", 0.6, 0.1, seed=seed) for seed in (1, 2))
+    from bakery.physics.granular.goniometer import CELLS
+    from bakery.physics.granular.reflectance import SHOWN
+    from bakery.physics.surfaces.corrected import merged
+
+    mu, mu0, phi, weight = pairs.quadrature(SHOWN, (2, 2, 2))
+    x, y = ((weight * mu * mu0 * s.reflection(mu, mu0, phi)).sum(axis=1) for s in (a, b))
+    assert len(merged(CELLS, SHOWN)) == math.prod(CELLS)
+    error = np.hypot(one.each[0].error, other.each[0].error).ravel()
+    bright = np.argsort(x + y)[-300:]
+    chi = np.mean((2 * (x - y) / (x + y) / error)[bright] ** 2)
+    assert 0.2 < chi < 1 + 6 * math.sqrt(2 / 300)
+
+
+def test_one_grain_in_the_tile():
+    """A cubic lattice: nothing is lost, and the albedo of white grains is 1."""
+    result = measured(goniometer("white", 0.3, 1), [medium("white")[0]], 0.2)
+    albedo = result.each[0].albedo.sum(axis=0)
+    np.testing.assert_allclose(albedo, 1, atol=1e-9)
+    assert result.given_up < 1e-3
+
+
+def test_sparse_grains_are_a_medium():
+    """A thousandth of the volume: away from the opposition, the first order is Lommel and Seeliger's with the ball's own phase
+    function, in closed form, and albedos are the medium's."""
+    surface, result = baked("dark", 0.001, 0.05)
+    solution, _ = medium("dark")
+    mu0, mu, phi = np.array([0.9, 0.6, 0.3]), np.array([0.7, 0.4, 0.8]), np.array([2.0, 1.5, 2.5])
+    cosine = -mu * mu0 + np.sqrt((1 - mu**2) * (1 - mu0**2)) * np.cos(phi)
+    alpha = math.pi - np.arccos(cosine)
+    lambert = 8 / (3 * math.pi) * (np.sin(alpha) + (math.pi - alpha) * np.cos(alpha))
+    closed = 0.1 / 4 * lambert / (mu + mu0)
+    np.testing.assert_allclose(surface.orders(mu, mu0, phi)[0], closed, rtol=0.15)
+    at = middles(result.each[0].albedo.shape[1], LEAST)
+    counted, error = result.each[0].albedo.sum(axis=0), np.sqrt((result.each[0].albedo_error**2).sum(axis=0))
+    mediums = np.array([_albedo(solution, m) for m in at**2])
+    # spheres' own radius over the mean free path, a thousandth, and the rim at grazing angles
+    np.testing.assert_array_less(np.abs(counted - mediums)[4:], (6 * error + 0.02 * mediums)[4:])
+
+
+def _albedo(solution, mu0):
+    x, weight = np.polynomial.legendre.leggauss(64)
+    mu, phi = (0.5 * (1 + x)) ** 2, math.pi * (np.arange(32) + 0.5) / 32
+    value = solution.reflection(mu[:, None], mu0, phi).mean(axis=-1)
+    return float(value @ (2 * mu * 0.5 * (1 + x) * weight))
+
+
+def test_opposition():
+    """Shadows vanish where light goes straight back: twice the first order at most, within a degree among sparse grains, and over
+    tens of degrees among packed ones, of whose first order media have 0.43 to 0.66."""
+    alpha = np.radians([0.0, 20.0, 60.0])
+    lambert = 8 / (3 * math.pi) * (np.sin(alpha) + (math.pi - alpha) * np.cos(alpha))
+    closed = 0.1 / 4 * lambert / (1 + np.cos(alpha))
+    packed, sparse = (baked("dark", fraction, 0.05)[0].orders(np.cos(alpha), np.ones(3), np.zeros(3))[0] / closed
+                      for fraction in (0.6, 0.001))
+    assert 1.2 < sparse[0] / sparse[2] < 2.1 and sparse[1] / sparse[2] == pytest.approx(1, abs=0.15)
+    assert ((packed > 1 / 0.66) & (packed < 1 / 0.43)).all()
+
+
+# ---- Mitsuba over the same balls
+
+
+def scene(packed, height, bsdf, copies, depth, base=None):
+    """The tile's balls below a plane, repeated."""
+    mi = pytest.importorskip("mitsuba")
+    mi.set_variant("scalar_rgb")
+    top, centers = height * packed.cell[2], np.mod(packed.centers, packed.cell)
+    parts = {"type": "scene", "integrator": {"type": "path", "max_depth": 100000, "rr_depth": 1000}, "mat": bsdf | {"id": "mat"}}
+    for name, keep in (("half", centers[:, 2] <= top), ("full", centers[:, 2] <= math.inf)):
+        parts[name] = {"type": "shapegroup"} | {
+            f"ball{n}": {"type": "sphere", "center": center.tolist(), "radius": 1.0, "surface": {"type": "ref", "id": "mat"}}
+            for n, center in enumerate(centers[keep])}
+    for i in range(-copies, copies + 1):
+        for j in range(-copies, copies + 1):
+            for k in range(-depth, 1):
+                shift = mi.ScalarTransform4f().translate((np.array([i, j, k]) * packed.cell).tolist())
+                parts[f"tile{i}_{j}_{k}"] = {"type": "instance", "to_world": shift,
+                                             "balls": {"type": "ref", "id": "full" if k else "half"}}
+    if base is not None:
+        under = mi.ScalarTransform4f().translate([0, 0, -depth * packed.cell[2] - 1]).scale(1e4)
+        parts["base"] = {"type": "rectangle", "to_world": under,
+                         "surface": {"type": "diffuse", "reflectance": {"type": "rgb", "value": base}}}
+    return mi, parts
+
+
+def seen(mi, parts, packed, height, light, theta, azimuth, samples, seed):
+    """Mean radiance (3,) towards a direction of the middle tile."""
+    toward = [math.sin(theta) * math.cos(azimuth), math.sin(theta) * math.sin(azimuth), math.cos(theta)]
+    x, y, z = packed.cell * np.array([0.5, 0.5, height])
+    plane = mi.ScalarTransform4f().translate([x, y, z + 1.0001]).scale([x, y, 1])
+    sensor = {"type": "distant", "direction": [-part for part in toward], "target": {"type": "rectangle", "to_world": plane},
+              "film": {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}, "pixel_format": "rgb"},
+              "sampler": {"type": "independent"}}
+    loaded = mi.load_dict(parts | {"light": light, "sensor": sensor})
+    return np.array(mi.render(loaded, spp=samples, seed=seed)).ravel()[:3]
+
+
+PAIRS = ((20, 0, 0), (20, 20, 180), (60, 60, 0), (60, 40, 90), (75, 60, 180), (45, 10, 0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["matt", "dark"])
+def test_matt_balls_are_mitsubas(name):
+    """Pairs of directions, means over twelve azimuths, of one and the same cut through the tile."""
+    packed, height = tile(0.6), 0.5
+    surface, _ = baked(name, 0.6, 0.01, surface=(height, height))
+    reflectance = float(SURFACES[name].channels[0, 0])
+    mi, parts = scene(packed, height, {"type": "diffuse", "reflectance": {"type": "rgb", "value": reflectance}}, 2, 1)
+    for a, b, phi in np.radians(PAIRS):
+        values = []
+        for k in range(12):
+            around = 0.1 + 2 * math.pi * k / 12
+            travel = [math.sin(a) * math.cos(around), math.sin(a) * math.sin(around), -math.cos(a)]
+            light = {"type": "directional", "direction": travel, "irradiance": {"type": "rgb", "value": 1.0}}
+            values.append(math.pi / math.cos(a) * seen(mi, parts, packed, height, light, b, around + phi, 4096, k)[0])
+        mean, error = np.mean(values), np.std(values, ddof=1) / math.sqrt(12)
+        value = float(surface.reflection(math.cos(b), math.cos(a), phi))
+        assert abs(value - mean) < 6 * error + SMOOTHED * mean, (a, b, phi, value, mean, error)
+
+
+RINGS = ((0, 30), (30, 60), (60, 90))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name, bsdf, depth, samples", [
+    ("copper", {"type": "conductor", "eta": {"type": "rgb", "value": 0.27}, "k": {"type": "rgb", "value": 3.41}}, 1, 16384),
+    ("glass", {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}, 2, 1200)])
+def test_shiny_and_clear_balls_are_mitsubas(name, bsdf, depth, samples):
+    """Light from rings of the sky, seen at three angles: reciprocal to light of one angle that leaves into rings.
+
+    Each ring is a colour.  Under glass lies a white plane, five transport lengths deep, for what comes back from deeper.
+    """
+    packed, height = tile(0.6), 0.5
+    surface, _ = baked(name, 0.6, 0.03, surface=(height, height))
+    mi, parts = scene(packed, height, bsdf, 8 if name == "glass" else 3, depth, 1.0 if name == "glass" else 0.0)
+    sky, row, rings = np.zeros((360, 4, 3), np.float32), math.pi * (np.arange(360) + 0.5) / 360, np.radians(RINGS)
+    for colour, (low, high) in enumerate(rings):
+        sky[(row > low) & (row < high), :, colour] = 1.0
+    light = {"type": "envmap", "bitmap": mi.Bitmap(sky), "to_world": mi.ScalarTransform4f().rotate([1, 0, 0], 90)}
+    for theta in np.radians([10.0, 65.0]):
+        values = np.array([seen(mi, parts, packed, height, light, theta, 0.1 + 2 * math.pi * k / 8, samples // 8, k)
+                           for k in range(8)])
+        mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / math.sqrt(8)
+        for (low, high), there, off in zip(rings, mean, error, strict=True):
+            cosine, phi = np.linspace(math.cos(high), math.cos(low), 49), math.pi * (np.arange(48) + 0.5) / 48
+            cosine = 0.5 * (cosine[1:] + cosine[:-1])
+            lobe = surface.reflection(cosine[:, None], math.cos(theta), phi).mean(axis=-1)
+            value = float(2 * np.mean(lobe * cosine) * (math.cos(low) - math.cos(high)))
+            print(name, theta, low, value, there, off)
+            assert abs(value - there) < 6 * off + SMOOTHED * there, (theta, low, value, there, off)

@@ -1,0 +1,120 @@
+"""Stage `surface` of packed grains: what is baked, looked up, exported and refused."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import bakery
+from bakery.errors import RecipeError
+from bakery.recipe import load
+from bakery.stages.members import MissingStage
+from bakery.stages.surface import grains
+from bakery.stages.surface.files import csv_tables
+from bakery.store.tree import Dataset, Group
+
+RECIPE = """\
+bakery: 1
+name: heap
+wavelengths: [0.45, 0.65]
+tolerance: 10%
+grains:
+  radius: 0.5 mm
+  components:
+    - name: bead
+      weight: 0.7
+      shape: {type: sphere}
+      surface: {type: dielectric, material: {n: 1.5}}
+      interior: {absorption: "[0.2, 2] 1/mm"}
+    - {name: cube, weight: 0.3, shape: {type: box, size: [1, 1, 1]}, surface: {type: diffuse, reflectance: [0.9, 0.5]}}
+scatterometer: {triangles: 300}
+packing: {fraction: 0.5, count: 100}
+effective_medium: {sigma_t: mean_flight, walks: 10000}
+surface: {options}
+"""
+THETA = np.radians([0.0, 20.0, 50.0, 75.0, 89.9])
+
+
+@pytest.fixture(scope="module")
+def bake(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("heap")
+
+    def bake(name, options):
+        (folder / "heap.yaml").write_text(RECIPE.replace("{options}", options))
+        return bakery.open(bakery.bake(folder / "heap.yaml", output=folder / f"{name}.h5"))
+
+    return bake
+
+
+@pytest.fixture(scope="module")
+def heap(bake):
+    return bake("heap", "{}")
+
+
+def test_what_is_offered_is_that_of_plane_layers(heap):
+    surface = heap.surface
+    assert surface.reflectance(THETA[:, None], THETA, 1.0).shape == (2, 5, 5) and surface.albedo(THETA).shape == (2, 5)
+    assert np.shape(surface.spherical_albedo) == (2, 1) and (surface.transmittance(0.1, 0.2, 0.3) == 0).all()
+    np.testing.assert_allclose(surface.reflectance(THETA[:, None], THETA, 0.7), surface.reflectance(THETA, THETA[:, None], 0.7))
+    orders = surface.by_order(THETA[:, None], THETA, 0.7)
+    assert orders.shape == (3, 2, 5, 5) and (orders >= 0).all()
+    np.testing.assert_allclose(orders.sum(axis=0), surface.reflectance(THETA[:, None], THETA, 0.7))
+    answer = heap.query("surface/reflected", theta_in="30 deg", theta_out="[0, 60] deg", phi="180 deg")
+    np.testing.assert_array_equal(answer.values, surface.reflectance(np.radians(30), np.radians([0, 60]), math.pi))
+
+
+def test_lobes_add_up_to_albedos(heap):
+    """Within the tolerance: at normal incidence few cells are passed."""
+    x, weight = np.polynomial.legendre.leggauss(40)
+    mu, phi = (0.5 * (1 + x)) ** 2, math.pi * (np.arange(40) + 0.5) / 40
+    for theta in THETA[:4]:
+        lobe = heap.surface.reflectance(theta, np.arccos(mu)[:, None], phi)
+        np.testing.assert_allclose(lobe.mean(axis=-1) @ (2 * mu * 0.5 * (1 + x) * weight), heap.surface.albedo(theta), rtol=0.12)
+
+
+def test_errors_are_those_asked_for(heap):
+    group = heap.tree["surface"]
+    assert group.attributes["achieved_error"] <= 0.1 and group["noise"].data.shape == (2, 12, 8, 8)
+    assert not list(grains.check(group))
+    files, told = csv_tables(heap.tree)
+    assert set(files) == {"surface_reflected.csv", "surface_albedo.csv"} and "surface/reflected" in told
+
+
+def test_a_part_that_is_missing_is_told(heap):
+    group = heap.tree["surface"]
+    without = Group({name: member for name, member in group.members.items() if name != "scale"}, dict(group.attributes))
+    assert any("there is only" in fault for fault in grains.sound(without))
+    more = Dataset(group["order_albedo"].data + 0.5, "1", "more")
+    assert list(grains.check(Group({**group.members, "order_albedo": more}, dict(group.attributes))))
+
+
+def test_layers_are_those_of_the_medium(bake):
+    """A thickness or a boundary makes grains a medium, and so does the recipe where it says so."""
+    layer = bake("layer", "{thickness: 5 mm, tolerance: 5%}")
+    assert "transmitted" in layer.surface and "first" not in layer.surface
+    flat = bake("flat", "{method: medium, tolerance: 5%}")
+    assert "first" not in flat.surface
+    with pytest.raises(MissingStage, match="kept apart"):
+        flat.surface.by_order(0.1, 0.2)
+
+
+def test_wavelengths_share_walks_where_indices_do():
+    index = np.array([1.52, 1.5201, 1.53, 1.52])
+    parts = [{"type": "dielectric", "index": index + 0j}, {"type": "diffuse", "index": None}]
+    assert grains.alike(parts, 4, 0.001) == [[0, 1, 3], [2]]
+    assert grains.alike(parts[1:], 4, 0.001) == [[0, 1, 2, 3]]
+    assert max(map(len, grains.alike(parts[1:], 40, 0.001))) == 16
+
+
+@pytest.mark.parametrize("text, says", [
+    (RECIPE.replace("{options}", "{method: grains, thickness: 1 mm}"), "grains in a layer of a thickness"),
+    (RECIPE.replace("{options}", "{method: grains, boundary: {index: 1.3}}"), "under a boundary"),
+    ("bakery: 1\nname: a\nwavelengths: [0.5]\nmedium: {albedo: 1, mean_free_path: 1 mm, phase: {type: isotropic}}\n"
+     "surface: {method: grains}\n", "of which this recipe has none"),
+])
+def test_recipes_that_are_refused(tmp_path, text, says):
+    (tmp_path / "heap.yaml").write_text(text)
+    with pytest.raises(RecipeError, match=says):
+        load(tmp_path / "heap.yaml")
