@@ -147,7 +147,8 @@ def heap():
     def worn(place):
         x, y, z = np.asarray(place).T
         angle, rise = np.arctan2(y, x), np.hypot(x, y)
-        wider = 1 + np.minimum(rise, 0.5) * (0.06 * np.sin(2 * angle + 0.5) + 0.04 * np.sin(3 * angle + 2) + 0.02 * np.sin(7 * angle))
+        lobes = 0.06 * np.sin(2 * angle + 0.5) + 0.04 * np.sin(3 * angle + 2) + 0.02 * np.sin(7 * angle)
+        wider = 1 + np.minimum(rise, 0.5) * lobes
         return np.stack([x * wider + 0.05 * z, y * wider, z], 1)
 
     return turned([profile], 96).warp_batch(worn)

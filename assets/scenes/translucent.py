@@ -332,7 +332,8 @@ stop: {{noise: 2%, time: 60 s, samples: 1024}}
 materials:
   - {{where: {{shape: {shape}}}, recipe: ../../recipes/{recipe}.yaml{boundary}}}
 {display}"""
-EXPOSURES = {"candle": 1.8, "candle_hollow": 1.8, "candle_ball": 1.8, "soap_and_lamp": 1.4, "head": 1.2, "bust": 1.2}
+EXPOSURES = {"candle": 1.8, "candle_hollow": 1.8, "candle_ball": 1.8, "glass_of_milk": 1.35, "head": 1.2, "bust": 1.2,
+             "soap_and_lamp": 1.4}
 # name: recipe, body, its index where it is not matched
 BODIES = {
     "bumpy_ball": ("bumpy_sphere", "ball", 1.5),
