@@ -10,13 +10,13 @@ from renderers.scene.declaration import table
 METHODS = (
     "renderers.materials.bodies.declared.auto:METHOD",
     "renderers.materials.bodies.declared.paths:METHOD",
-    "renderers.materials.bodies.declared.metropolis:METHOD",
     "renderers.materials.bodies.declared.shells:METHOD",
     "renderers.materials.bodies.declared.vrl:METHOD",
     "renderers.materials.bodies.declared.vrl_tables:METHOD",
     "renderers.materials.bodies.declared.beams:METHOD",
     "renderers.materials.bodies.declared.beams_tables:METHOD",
     "renderers.materials.bodies.declared.dipole:METHOD",
+    "renderers.materials.bodies.declared.metropolis:METHOD",
 )
 
 
