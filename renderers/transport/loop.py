@@ -121,8 +121,8 @@ def trace(scene, key, pixels, lanes, samples, by_light, turn=None):
 def brought(scene, turn, path, event):
     """Light that paths meet and that of light samples: pairs of linear sRGB and its emitters."""
     refracted = scene.lamps and scene.lamps.connected(path, event)
-    met = _emitted(scene, path, event, refracted[2] if refracted else 1)
-    return [met, turn.next_event(scene, path, event), *([refracted[:2]] if refracted else [])]
+    emitted = _emitted(scene, path, event, refracted[2] if refracted else 1)
+    return [emitted, turn.next_event(scene, path, event), *([refracted[:2]] if refracted else [])]
 
 
 def first_media(scene, key, pixels, lanes):

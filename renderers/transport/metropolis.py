@@ -112,7 +112,7 @@ class Metropolis:
         normalisation = float(candidates.luminance.mean())
         self._normalisations[number] = normalisation
         if normalisation > 0:
-            self._accepted[number] = self._moved(self._begun(candidates, streams), streams, normalisation, by_order)
+            self._accepted[number] = self._moved(self._from_candidates(candidates, streams), streams, normalisation, by_order)
         images = (pixels * by_order).reshape(ORDERS, *self._size, 3)
         return {"": images.sum(axis=0)} | dict(zip(LAYERS, images))
 
@@ -135,10 +135,10 @@ class Metropolis:
         n, pixels = len(states), self._size[0] * self._size[1]
         numbers = np.empty((n, 3))
         wavefront.draw(states, numbers)
-        place = ((np.arange(n) + numbers[:, 0]) / n + shift) % 1.0
-        return np.minimum((place * pixels).astype(np.uint32), pixels - 1), (numbers[:, 1:].T * 2.0**32).astype(np.uint32)
+        share = ((np.arange(n) + numbers[:, 0]) / n + shift) % 1.0
+        return np.minimum((share * pixels).astype(np.uint32), pixels - 1), (numbers[:, 1:].T * 2.0**32).astype(np.uint32)
 
-    def _begun(self, candidates, streams):
+    def _from_candidates(self, candidates, streams):
         """Chains at candidates that are drawn by their luminance, evenly."""
         n, number = self.group.chains, np.empty((1, 1))
         wavefront.draw(streams[:1], number)

@@ -101,8 +101,8 @@ class Source:
         values, lane = dr.zeros(mi.Float, count * self.count), dr.arange(mi.UInt32, self.count)
         width, end = (dr.opaque(mi.UInt32, number) for number in (self.count, count))
         stream = dr.gather(mi.PCG32, self._streams, lane)
-        for axis, place in enumerate(_on_film(self._pixel, _offset(stream), self._size)):
-            dr.scatter(values, place, axis * width + lane)
+        for axis, coordinate in enumerate(_on_film(self._pixel, _offset(stream), self._size)):
+            dr.scatter(values, coordinate, axis * width + lane)
 
         def fill(stream, number):
             dr.scatter(values, stream.next_float32(), number * width + lane)
@@ -129,11 +129,11 @@ def moved(table, size, words):
     return Table(dr.minimum(value - dr.floor(value), _BELOW_ONE), table.count, table.width)
 
 
-def either(chosen, table, other):
-    """Table of the columns of one where they are chosen (n,), else of another."""
+def either(chosen, table, second):
+    """Table of the columns of one where they are chosen (n,), else of the second."""
     index = dr.arange(mi.UInt32, table.count * table.width)
     column = index - index // dr.opaque(mi.UInt32, table.width) * dr.opaque(mi.UInt32, table.width)
-    values = dr.select(dr.gather(mi.Bool, mi.Bool(chosen), column), table.values, other.values)
+    values = dr.select(dr.gather(mi.Bool, mi.Bool(chosen), column), table.values, second.values)
     dr.eval(values)
     return Table(values, table.count, table.width)
 
@@ -150,10 +150,10 @@ def _on_film(pixel, offset, size):
             for whole, part, side in ((pixel - row * width, offset.x, width), (row, offset.y, height))]
 
 
-def _in_pixel(place, size):
+def _in_pixel(coordinates, size):
     """Pixels, and places in them."""
     sides = [dr.opaque(mi.UInt32, side) for side in reversed(size)]
-    scaled = [value * mi.Float(side) for value, side in zip(place, sides)]
+    scaled = [value * mi.Float(side) for value, side in zip(coordinates, sides)]
     whole = [dr.minimum(mi.UInt32(value), side - 1) for value, side in zip(scaled, sides)]
     return whole[1] * sides[0] + whole[0], mi.Point2f(*[value - mi.Float(k) for value, k in zip(scaled, whole)])
 

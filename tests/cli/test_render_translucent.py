@@ -140,7 +140,7 @@ def test_beams_of_negative_power_leave_no_picture_below_0(call, place):
     assert 0.15 < ratio < 2.5
 
 
-@pytest.mark.parametrize("method", ["vrl+tables", *map(slow, ("auto", "paths", "shells", "vrl", "beams", "dipole"))])
+@pytest.mark.parametrize("method", ["vrl+tables", *map(slow, ("auto", "paths", "shells", "vrl", "beams", "dipole", "metropolis"))])
 def test_a_scene_without_light_is_black_and_says_so(call, place, method):
     """Also where a recipe is baked for it, of which no light tells what tables are needed."""
     (place / "lit.xml").write_text(re.sub("<emitter.*?</emitter>", "", XML, flags=re.DOTALL))
@@ -181,6 +181,13 @@ def test_chains_report_and_go_on(call, place, monkeypatch):
     assert any("chains are normalised by the mean luminance" in sentence for sentence in straight["reasons"])
 
 
+def test_chains_refuse_points_through_glass(call, place):
+    in_light_of(place, POINT, GLASS)
+    status, _, err = call("render", place / "s.yaml", "-o", place / "x.png", "--set", "materials[0].method=metropolis")
+    assert status == 2 and "materials[0].method: method metropolis finds no light of lamps without extent" in err, err
+    assert "paths or vrl+tables would do" in err and not (place / "x.png").exists()
+
+
 def test_a_light_that_is_no_number_is_refused(call, place):
     """In a scene, and in the Mitsuba file by itself."""
     (place / "lit.xml").write_text(XML.replace("4 4 4", "4 nan 4").replace("<sensor", '<integrator type="path"/><sensor'))
@@ -216,7 +223,7 @@ def test_bodies_too_wide_for_beams(call, place, method):
     status, out, err = call("render", place / "s.yaml", "-o", place / "x.png", "--set", "scene.unit=2 m", "--set",
                             f"materials[0].method={method}")
     assert status and not out and "ball is 2e+04 transport mean free paths wide" in err, err
-    assert f"method {method} needs" in err and "auto, paths or shells would do" in err
+    assert f"method {method} needs" in err and "auto, paths, shells or metropolis would do" in err
 
 
 POINT = '<emitter type="point"><point name="position" value="0, 0, 20"/><rgb name="intensity" value="90, 90, 90"/></emitter>'

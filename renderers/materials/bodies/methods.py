@@ -113,8 +113,8 @@ def transport_of(world, names, assets, indices, wrong, name="vrl+tables") -> Tra
                       points=tuple(light for light, inside in zip(lights, enclosed, strict=True) if not inside),
                       enclosed=tuple(light for light, inside in zip(lights, enclosed, strict=True) if inside), lamps=lamps)
     if methods()[name].metropolis and not world.dark and not in_one_loop(setup):
-        raise wrong(0, "method", f"method {name} follows light of lamps without extent through smooth glass no more than that of "
-                                 f"more than {_MOST} bodies; paths or vrl+tables would do")
+        raise wrong(0, "method", f"method {name} finds no light of lamps without extent through smooth glass, and follows at "
+                                 f"most {_MOST} bodies; paths or vrl+tables would do")
     return setup
 
 

@@ -10,7 +10,6 @@ from renderers.scene.declaration import table
 METHODS = (
     "renderers.materials.bodies.declared.auto:METHOD",
     "renderers.materials.bodies.declared.paths:METHOD",
-    "renderers.materials.bodies.declared.metropolis:METHOD",
     "renderers.materials.bodies.declared.shells:METHOD",
     "renderers.materials.bodies.declared.vrl:METHOD",
     "renderers.materials.bodies.declared.vrl_tables:METHOD",
@@ -18,6 +17,7 @@ METHODS = (
     "renderers.materials.bodies.declared.beams_tables:METHOD",
     "renderers.materials.bodies.declared.dipole:METHOD",
     "renderers.materials.bodies.declared.surface:METHOD",
+    "renderers.materials.bodies.declared.metropolis:METHOD",
 )
 
 
