@@ -58,12 +58,17 @@ LENGTH = Quantity("length", "lengths", "um", {"nm": -3, "um": 0, "mm": 3, "cm": 
 WAVELENGTH = Quantity("wavelength", "wavelengths", "um", {"nm": -3, "um": 0, "mm": 3}, "um", bare=True)
 DENSITY = Quantity("number density", "number densities", "/m^3", {"/m^3": 0, "/cm^3": 6, "/mm^3": 9, "/um^3": 18}, "/m^3")
 COEFFICIENT = Quantity("coefficient", "coefficients", "/m", {"/m": 0, "/cm": 2, "/mm": 3, "/um": 6}, "/mm")
+_MASS = {"ng/m^3": -12, "ug/m^3": -9, "mg/m^3": -6, "g/m^3": -3, "kg/m^3": 0, "g/cm^3": 3}
+MASS_CONCENTRATION = Quantity("mass concentration", "mass concentrations", "kg/m^3", _MASS, "ug/m^3")
+MASS_DENSITY = Quantity("density", "densities", "kg/m^3", _MASS, "g/cm^3")
+VOLUME_CONCENTRATION = Quantity("volume concentration", "volume concentrations", "m^3/m^3",
+                                {"um^3/cm^3": -12, "mm^3/m^3": -9, "cm^3/m^3": -6, "m^3/m^3": 0}, "um^3/cm^3")
 ANGLE = Quantity("angle", "angles", "rad", {"deg": 0, "rad": 0}, "deg", degrees=True)
 FRACTION = Quantity("fraction", "fractions", "1", {"%": -2}, "%", bare=True)
 NUMBER_ONLY = Quantity("number", "numbers", "1", {}, "", bare=True)
 
 METRES = Quantity("length", "lengths", "m", {unit: power - 6 for unit, power in LENGTH.powers.items()}, "um")
-SI = (METRES, DENSITY, COEFFICIENT, ANGLE, FRACTION)  # no unit belongs to two of them
+SI = (METRES, DENSITY, COEFFICIENT, ANGLE, FRACTION, MASS_CONCENTRATION, VOLUME_CONCENTRATION)  # no unit belongs to two of them
 
 
 def quantity_of(text: str) -> Quantity:
