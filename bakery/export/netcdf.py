@@ -31,12 +31,12 @@ def netcdf(variables: Mapping[str, Variable], attributes: Mapping[str, str]) -> 
     file = netcdf_file(buffer, "w", version=2)
     for name, text in attributes.items():
         setattr(file, name, text)
-    for name, (dimensions, values, told) in variables.items():
+    for name, (dimensions, values, notes) in variables.items():
         values = np.asarray(values)
         if values.dtype.kind == "U":  # the characters are one more dimension
             values = np.array([list(word.ljust(int(values.dtype.itemsize / 4))) for word in values.tolist()], "S1")
             dimensions = (*dimensions, _LENGTH_OF_TEXT.format(name))
-            told = {**told, "_Encoding": "utf-8"}
+            notes = {**notes, "_Encoding": "utf-8"}
         elif values.dtype.kind in "iub":
             values = values.astype(np.int32)
         for dimension, size in zip(dimensions, values.shape, strict=True):
@@ -44,7 +44,7 @@ def netcdf(variables: Mapping[str, Variable], attributes: Mapping[str, str]) -> 
                 file.createDimension(dimension, size)
         variable = file.createVariable(name, values.dtype.newbyteorder(">"), dimensions)
         variable[:] = values
-        for key, value in told.items():
+        for key, value in notes.items():
             setattr(variable, key, value)
     file.flush()
     content = buffer.getvalue()
@@ -93,12 +93,12 @@ class Named(NamedTuple):
 
 def cf(named: Named, extra: Mapping[str, Variable] | None = None) -> bytes:
     """The medium by the CF conventions; standard names where there are any that do not speak of an atmosphere's aerosol."""
-    medium, both = named.medium, ("wavelength", "scattering_angle")
+    medium, axes = named.medium, ("wavelength", "scattering_angle")
     sigma_a = medium.sigma_t - medium.sigma_s
 
     def over_wavelength(values, words: str, units: str = "m-1", error: str = "") -> Variable:
-        told = {"long_name": words, "units": units}
-        return Variable(("wavelength",), values, told | ({"ancillary_variables": error} if error else {}))
+        attributes = {"long_name": words, "units": units}
+        return Variable(("wavelength",), values, attributes | ({"ancillary_variables": error} if error else {}))
 
     variables = {
         "wavelength": Variable(("wavelength",), named.wavelength, {
@@ -112,7 +112,7 @@ def cf(named: Named, extra: Mapping[str, Variable] | None = None) -> bytes:
                                                   if "sigma_a" in named.errors else ""),
         "single_scattering_albedo": over_wavelength(medium.albedo, "single-scattering albedo", "1"),
         "asymmetry_factor": over_wavelength(_mean_cosine(medium), "mean cosine of the scattering angle", "1"),
-        "phase_function": Variable(both, medium.phase, {
+        "phase_function": Variable(axes, medium.phase, {
             "long_name": "phase function", "units": "sr-1", "comment": "the integral over the sphere is 1"}
             | ({"ancillary_variables": "phase_function_error"} if "phase" in named.errors else {})),
     }
@@ -120,11 +120,11 @@ def cf(named: Named, extra: Mapping[str, Variable] | None = None) -> bytes:
         variables["absorption_coefficient_error"] = over_wavelength(
             named.errors["sigma_a"], "change of the absorption coefficient when the nodes over sizes are halved")
     if "phase" in named.errors:
-        variables["phase_function_error"] = Variable(both, named.errors["phase"], {
+        variables["phase_function_error"] = Variable(axes, named.errors["phase"], {
             "long_name": "estimated error of the phase function", "units": "sr-1"})
-    told = {"Conventions": "CF-1.11",
+    attributes = {"Conventions": "CF-1.11",
             "comment": f"asset's tolerance {named.tolerance:g}, reached {named.achieved:.3g}: {named.measure}"}
-    return netcdf(variables | dict(extra or {}), told | named.attributes)
+    return netcdf(variables | dict(extra or {}), attributes | named.attributes)
 
 
 def _mean_cosine(medium: Scattering) -> np.ndarray:

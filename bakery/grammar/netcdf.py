@@ -40,32 +40,32 @@ def read(data: bytes, wanted: frozenset[str]) -> dict[str, Variable]:
                     "expected NetCDF 3 or 4 (.nc, .cdf)")
     try:
         with np.errstate(all="ignore"):  # bytes that are no numbers
-            found = _hdf5(data, wanted) if data.startswith(HDF5) else _classic(data, wanted)
+            variables = _hdf5(data, wanted) if data.startswith(HDF5) else _classic(data, wanted)
     except _DAMAGED as error:
         words = str(error).splitlines()
         raise Wrong(f"found a file that cannot be read ({show(words[0] if words else type(error).__name__)[1:-1]})",
                     "expected a NetCDF file that was written whole") from None
-    return found
+    return variables
 
 
 def _classic(data: bytes, wanted) -> dict[str, Variable]:
     from scipy.io import netcdf_file
 
     with netcdf_file(io.BytesIO(data), "r", mmap=False) as file:
-        found = {}
+        variables = {}
         for name in wanted & file.variables.keys():
             variable = file.variables[name]
             _check(name, variable.shape, variable.data.dtype)
-            found[name] = Variable(np.array(variable.data, float), _units(getattr(variable, "units", "")))
+            variables[name] = Variable(np.array(variable.data, float), _units(getattr(variable, "units", "")))
             _packed(name, vars(variable).get("_attributes", {}))
-        return found
+        return variables
 
 
 def _hdf5(data: bytes, wanted) -> dict[str, Variable]:
     import h5py
 
     with h5py.File(io.BytesIO(data), "r") as file:
-        found = {}
+        variables = {}
         for name in file.keys() & wanted:
             if not isinstance(file.get(name, getlink=True), h5py.HardLink) or not isinstance(file[name], h5py.Dataset):
                 raise Wrong(f"found {show(name)}, which is no variable in the file itself", "expected numbers")
@@ -79,8 +79,8 @@ def _hdf5(data: bytes, wanted) -> dict[str, Variable]:
                 raise Wrong(f"found {show(name)} of {variable.size:,} values, most of which the file does not hold",
                             "expected a variable that was written whole")
             _packed(name, variable.attrs)
-            found[name] = Variable(np.array(variable[()], float), _hdf5_units(name, variable))
-        return found
+            variables[name] = Variable(np.array(variable[()], float), _hdf5_units(name, variable))
+        return variables
 
 
 def _hdf5_units(name: str, variable) -> str:

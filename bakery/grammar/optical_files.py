@@ -73,38 +73,38 @@ class OpticalProperties(NamedTuple):
 
 def read(data: bytes) -> OpticalProperties:
     """The optical properties of a NetCDF file; raises `Wrong`."""
-    found = netcdf.read(data, _WANTED)
+    variables = netcdf.read(data, _WANTED)
     for names, reader in ((_LIBRADTRAN, _libradtran), (_CORE, _eradiate), (_V1, _eradiate_v1), (_OURS, _ours)):
-        if set(names) <= found.keys():
+        if set(names) <= variables.keys():
             try:
                 with np.errstate(all="ignore"):
-                    return _checked(reader(found))
+                    return _checked(reader(variables))
             except (ValueError, IndexError, OverflowError) as error:  # shapes that do not fit each other
                 raise Wrong(f"found variables that do not fit each other ({show(error)[1:-1]})",
                             f"expected {', '.join(names)}, as their program writes them") from None
-    raise Wrong(f"found the variables {', '.join(sorted(found)) or 'of no kind that is known here'}",
+    raise Wrong(f"found the variables {', '.join(sorted(variables)) or 'of no kind that is known here'}",
                 f"expected those of libRadtran ({', '.join(_LIBRADTRAN)}, and reff or hum), of Eradiate ({', '.join(_CORE)}), or "
                 f"of `bake export --to netcdf` ({', '.join(_OURS)})")
 
 
-def _scaled(found: dict[str, Variable], name: str, units: dict[str, float], default: str = "") -> np.ndarray:
-    variable = found[name]
+def _scaled(variables: dict[str, Variable], name: str, units: dict[str, float], default: str = "") -> np.ndarray:
+    variable = variables[name]
     unit = variable.units or default
     if unit not in units:
         raise Wrong(f"found {name} in {show(unit) if unit else 'no unit'}", f"expected one of {', '.join(units)}")
     return variable.values * units[unit]
 
 
-def _libradtran(found) -> OpticalProperties:
-    axis = next((name for name in ("reff", "hum") if name in found), None)
+def _libradtran(variables) -> OpticalProperties:
+    axis = next((name for name in ("reff", "hum") if name in variables), None)
     if axis is None:
         raise Wrong("found neither reff nor hum", "expected the effective radii or humidities of a libRadtran file")
-    wavelength = _scaled(found, "wavelen", _LENGTHS, "micrometer")
-    values = _scaled(found, "reff", _LENGTHS, "micrometer") if axis == "reff" else found["hum"].values / 100
+    wavelength = _scaled(variables, "wavelen", _LENGTHS, "micrometer")
+    values = _scaled(variables, "reff", _LENGTHS, "micrometer") if axis == "reff" else variables["hum"].values / 100
     shape = wavelength.size, values.size
-    extinction = _scaled(found, "ext", _PER_MASS, "km^-1/(g/m^3)").reshape(shape)
-    albedo, count = found["ssa"].values.reshape(shape), found["ntheta"].values
-    theta, phase = found["theta"].values, found["phase"].values
+    extinction = _scaled(variables, "ext", _PER_MASS, "km^-1/(g/m^3)").reshape(shape)
+    albedo, count = variables["ssa"].values.reshape(shape), variables["ntheta"].values
+    theta, phase = variables["theta"].values, variables["phase"].values
     if theta.shape != phase.shape or theta.shape[:2] != shape or count.shape != theta.shape[:3]:
         raise Wrong(f"found theta of {theta.shape} and phase of {phase.shape} beside ntheta of {count.shape}",
                     f"expected {shape[0]} wavelengths by {shape[1]} values of {axis}, elements, angles")
@@ -119,29 +119,29 @@ def _number(value: float) -> int:
     return int(value)
 
 
-def _eradiate(found) -> OpticalProperties:
-    wavelength, count = _scaled(found, "w", _LENGTHS), found["nangles"].values
-    mu, phase = found["mu"].values, found["phase"].values
+def _eradiate(variables) -> OpticalProperties:
+    wavelength, count = _scaled(variables, "w", _LENGTHS), variables["nangles"].values
+    mu, phase = variables["mu"].values, variables["phase"].values
     if phase.ndim != 3 or mu.shape != phase.shape[1:]:
         raise Wrong(f"found mu of {mu.shape} and phase of {phase.shape}", "expected (w, iangle) and (phamat, w, iangle)")
     rows = tuple((_row(_angle(mu[i, :_number(count[i])]), phase[0, i]),) for i in range(wavelength.size))
-    return _single(wavelength, _scaled(found, "ext", _PER_LENGTH), found["ssa"].values, rows, 2.0)
+    return _single(wavelength, _scaled(variables, "ext", _PER_LENGTH), variables["ssa"].values, rows, 2.0)
 
 
-def _eradiate_v1(found) -> OpticalProperties:
-    wavelength, mu, phase = _scaled(found, "w", _LENGTHS), found["mu"].values, found["phase"].values
+def _eradiate_v1(variables) -> OpticalProperties:
+    wavelength, mu, phase = _scaled(variables, "w", _LENGTHS), variables["mu"].values, variables["phase"].values
     if phase.ndim != 4 or phase.shape[:2] != (wavelength.size, mu.size):
         raise Wrong(f"found phase of {phase.shape}", f"expected (w, mu, i, j), {wavelength.size} by {mu.size} by elements")
     rows = tuple((_row(_angle(mu), phase[i, :, 0, 0]),) for i in range(wavelength.size))
     # of this format there are files with an integral of 2 over mu and of 1 over the sphere: the scale is not looked at
-    return _single(wavelength, _scaled(found, "sigma_t", _PER_LENGTH), found["albedo"].values, rows, 0.0)
+    return _single(wavelength, _scaled(variables, "sigma_t", _PER_LENGTH), variables["albedo"].values, rows, 0.0)
 
 
-def _ours(found) -> OpticalProperties:
-    wavelength, theta = _scaled(found, "wavelength", _LENGTHS), found["scattering_angle"].values
-    theta = np.radians(theta) if found["scattering_angle"].units in ("degree", "degrees", "deg") else theta
-    rows = tuple((_row(theta, row),) for row in found["phase_function"].values)
-    extinction, albedo = _scaled(found, "extinction_coefficient", _PER_LENGTH), found["single_scattering_albedo"].values
+def _ours(variables) -> OpticalProperties:
+    wavelength, theta = _scaled(variables, "wavelength", _LENGTHS), variables["scattering_angle"].values
+    theta = np.radians(theta) if variables["scattering_angle"].units in ("degree", "degrees", "deg") else theta
+    rows = tuple((_row(theta, row),) for row in variables["phase_function"].values)
+    extinction, albedo = _scaled(variables, "extinction_coefficient", _PER_LENGTH), variables["single_scattering_albedo"].values
     return _single(wavelength, extinction, albedo, rows, 1 / (2 * math.pi))
 
 
@@ -168,31 +168,32 @@ def _row(theta, phase) -> Row:
     return Row(theta, phase)
 
 
-def _checked(found: OpticalProperties) -> OpticalProperties:
+def _checked(properties: OpticalProperties) -> OpticalProperties:
     """In ascending order, and within what a medium has."""
-    if found.wavelength.ndim != 1 or found.values.ndim != 1 or not found.wavelength.size or not found.values.size:
+    if any(scale.ndim != 1 or not scale.size for scale in (properties.wavelength, properties.values)):
         raise Wrong("found no wavelength", "expected one or more")
-    if len(found.rows) != found.wavelength.size or found.extinction.shape != found.albedo.shape \
-            or len(found.extinction) != found.wavelength.size:
-        raise Wrong(f"found {found.wavelength.size} wavelengths, {len(found.extinction)} extinctions and {len(found.rows)} phase "
-                    "functions", "expected as many of each")
-    first, second = np.argsort(found.wavelength), np.argsort(found.values)
-    wavelength, values = found.wavelength[first], found.values[second]
-    for name, ordered in (("wavelength", wavelength), (found.axis, values)):
+    if len(properties.rows) != properties.wavelength.size or properties.extinction.shape != properties.albedo.shape \
+            or len(properties.extinction) != properties.wavelength.size:
+        raise Wrong(f"found {properties.wavelength.size} wavelengths, {len(properties.extinction)} extinctions and "
+                    f"{len(properties.rows)} phase functions", "expected as many of each")
+    first, second = np.argsort(properties.wavelength), np.argsort(properties.values)
+    wavelength, values = properties.wavelength[first], properties.values[second]
+    for name, ordered in (("wavelength", wavelength), (properties.axis, values)):
         if not np.isfinite(ordered).all() or (np.diff(ordered) <= 0).any() or name == "wavelength" and not ordered[0] > 0:
             raise Wrong(f"found values of {name} that are not finite and distinct", "expected each once")
-    extinction, albedo = found.extinction[first][:, second], found.albedo[first][:, second]
+    extinction, albedo = properties.extinction[first][:, second], properties.albedo[first][:, second]
     if not (np.isfinite(extinction) & (extinction >= 0)).all() or not extinction.max() > 0:
         raise Wrong("found an extinction that is not finite, below 0, or 0 everywhere", "expected numbers of 0 or more")
     if not ((albedo >= 0) & (albedo <= 1 + 1e-6)).all():
         raise Wrong(f"found the single-scattering albedo {albedo.flat[np.argmax(~((albedo >= 0) & (albedo <= 1 + 1e-6)))]:g}",
                     "expected 0 to 1")
-    rows = tuple(tuple(found.rows[i][j] for j in second) for i in first)
+    rows = tuple(tuple(properties.rows[i][j] for j in second) for i in first)
     for theta, phase in (row for several in rows for row in several):
         if not phase.max() > 0:
             raise Wrong("found a phase function that is 0 everywhere", "expected positive values")
         integral = float(np.sum((phase[1:] + phase[:-1]) / 2 * -np.diff(np.cos(theta))))
-        if found.integral and not 0.5 * found.integral < integral < 2 * found.integral:
+        if properties.integral and not 0.5 * properties.integral < integral < 2 * properties.integral:
             raise Wrong(f"found a phase function whose integral over cos theta is {integral:.4g}",
-                        f"expected {found.integral:.4g}: is it this format, and are there enough angles for its peak?")
-    return found._replace(wavelength=wavelength, values=values, extinction=extinction, albedo=np.minimum(albedo, 1.0), rows=rows)
+                        f"expected {properties.integral:.4g}: is it this format, and are there enough angles for its peak?")
+    return properties._replace(wavelength=wavelength, values=values, extinction=extinction, albedo=np.minimum(albedo, 1.0),
+                               rows=rows)

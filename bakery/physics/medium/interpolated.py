@@ -67,16 +67,16 @@ def between(table: Tabulated, wavelength, value: float) -> Between:
     along = [_bracket(table.wavelength, um) for um in wavelength]
     used = {(i, j) for row in along for i in _places(table.wavelength, row) for j in _places(table.values, across)}
     theta = reduce(np.union1d, (table.theta[i][j] for i, j in sorted(used)))
-    lit = {(i, j): normalised(theta, phase_at(table.theta[i][j], table.phase[i][j], theta))[0] for i, j in used}
-    rows = [_mixed(table, lit, row, across) for row in along]
+    phases = {(i, j): normalised(theta, phase_at(table.theta[i][j], table.phase[i][j], theta))[0] for i, j in used}
+    rows = [_mixed(table, phases, row, across) for row in along]
     bias, error = np.zeros((len(wavelength), theta.size)), 0.0
     for l, (row, medium) in enumerate(zip(along, rows, strict=True)):
-        for wide, factor in ((_wider(table.wavelength, row), 0), (_wider(table.values, across), 1)):
-            if wide is None:
+        for widened, factor in ((_wider(table.wavelength, row), 0), (_wider(table.values, across), 1)):
+            if widened is None:
                 continue
-            bracket, share = wide
-            other = _mixed(table, lit, *((bracket, across) if factor == 0 else (row, bracket)))
-            gaps = [abs(a - b) * share for a, b in zip(medium, other, strict=True)]
+            bracket, share = widened
+            coarse = _mixed(table, phases, *((bracket, across) if factor == 0 else (row, bracket)))
+            gaps = [abs(a - b) * share for a, b in zip(medium, coarse, strict=True)]
             bias[l] += gaps[2]
             scale = np.maximum(medium[2], np.finfo(float).tiny)
             error = max(error, gaps[0] / medium[0] if medium[0] else 0.0, gaps[1], float(np.max(gaps[2] / scale)))
@@ -89,41 +89,41 @@ def _bracket(grid, at: float) -> tuple[int, int, float]:
     nearest = int(np.argmin(np.abs(grid - at)))
     if abs(grid[nearest] - at) <= 1e-6 * abs(at):  # files hold them in single precision
         return nearest, nearest, 0.0
-    right = int(np.clip(np.searchsorted(grid, at), 1, len(grid) - 1))
-    return right - 1, right, float((at - grid[right - 1]) / (grid[right] - grid[right - 1]))
+    upper = int(np.clip(np.searchsorted(grid, at), 1, len(grid) - 1))
+    return upper - 1, upper, float((at - grid[upper - 1]) / (grid[upper] - grid[upper - 1]))
 
 
 def _wider(grid, bracket) -> tuple[tuple[int, int, float], float] | None:
     """A bracket one place wider on each side, and the error of the narrower one over what it changes; None at a place."""
-    left, right, t = bracket
-    if left == right:
+    lower, upper, t = bracket
+    if lower == upper:
         return None
-    at = grid[left] + t * (grid[right] - grid[left])
-    low, high = max(left - 1, 0), min(right + 1, len(grid) - 1)
-    if (low, high) == (left, right):
-        return (left, left, 0.0), 0.25 / t
-    wide, narrow = (at - grid[low]) * (grid[high] - at), (at - grid[left]) * (grid[right] - at)
-    return (low, high, float((at - grid[low]) / (grid[high] - grid[low]))), float(narrow / (wide - narrow))
+    at = grid[lower] + t * (grid[upper] - grid[lower])
+    low, high = max(lower - 1, 0), min(upper + 1, len(grid) - 1)
+    if (low, high) == (lower, upper):
+        return (lower, lower, 0.0), 0.25 / t
+    widened, narrow = (at - grid[low]) * (grid[high] - at), (at - grid[lower]) * (grid[upper] - at)
+    return (low, high, float((at - grid[low]) / (grid[high] - grid[low]))), float(narrow / (widened - narrow))
 
 
 def _places(grid, bracket) -> set[int]:
     """All that a bracket and its wider one need."""
-    wide = _wider(grid, bracket)
-    return {bracket[0], bracket[1]} | (set() if wide is None else {wide[0][0], wide[0][1]})
+    widened = _wider(grid, bracket)
+    return {bracket[0], bracket[1]} | (set() if widened is None else {widened[0][0], widened[0][1]})
 
 
-def _mixed(table: Tabulated, lit, along, across) -> tuple[float, float, np.ndarray]:
+def _mixed(table: Tabulated, phases, along, across) -> tuple[float, float, np.ndarray]:
     """Extinction, albedo and phase function (A,) in a bracket of wavelengths and one of the other axis."""
-    (left, right, t), (low, high, s) = along, across
+    (lower, upper, t), (low, high, s) = along, across
     corners = {}
-    for place, weight in (((left, low), (1 - t) * (1 - s)), ((right, low), t * (1 - s)), ((left, high), (1 - t) * s),
-                          ((right, high), t * s)):
-        corners[place] = corners.get(place, 0.0) + weight
-    extinction = sum(weight * table.extinction[place] for place, weight in corners.items())
-    scattering = {place: weight * table.extinction[place] * table.albedo[place] for place, weight in corners.items()}
+    for corner, weight in (((lower, low), (1 - t) * (1 - s)), ((upper, low), t * (1 - s)), ((lower, high), (1 - t) * s),
+                          ((upper, high), t * s)):
+        corners[corner] = corners.get(corner, 0.0) + weight
+    extinction = sum(weight * table.extinction[corner] for corner, weight in corners.items())
+    scattering = {corner: weight * table.extinction[corner] * table.albedo[corner] for corner, weight in corners.items()}
     total = sum(scattering.values())
     if not total > 0:  # nothing scatters there: any phase function would do
         scattering, total = corners, sum(corners.values())
-        return float(extinction), 0.0, sum(weight / total * lit[place] for place, weight in scattering.items())
-    phase = sum(weight / total * lit[place] for place, weight in scattering.items())
+        return float(extinction), 0.0, sum(weight / total * phases[corner] for corner, weight in scattering.items())
+    phase = sum(weight / total * phases[corner] for corner, weight in scattering.items())
     return float(extinction), float(total / extinction), phase

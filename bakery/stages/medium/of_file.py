@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
@@ -32,49 +33,49 @@ def check(checker: Checker, section: Mapping) -> None:
         checker.report(node, wrong.found, wrong.expected)
         return
     try:
-        found = optical_files.read(data)
+        properties = optical_files.read(data)
     except Wrong as wrong:
         checker.report(node, f"{wrong.found} in {show(name)}", wrong.expected)
         return
     checker.files.append(file)
-    checker.found[node.place.key] = found
-    _amount(checker, section, found)
-    _place(checker, section, found)
+    checker.found[node.place.key] = properties
+    _amount(checker, section, properties)
+    _second_axis(checker, section, properties)
     wavelength = checker.wavelength or ()
-    low, high = found.wavelength[0] * (1 - _SAME), found.wavelength[-1] * (1 + _SAME)
+    low, high = properties.wavelength[0] * (1 - _SAME), properties.wavelength[-1] * (1 + _SAME)
     outside = [um for um in wavelength if not low <= um <= high]
     if outside:
         shown = ", ".join(f"{um:g}" for um in outside[:8])
         checker.report(node, f"found the wavelength{'s' * (len(outside) > 1)} {shown} um, for which {show(name)} has no data",
-                       f"expected {found.wavelength[0]:g} to {found.wavelength[-1]:g} um")
+                       f"expected {properties.wavelength[0]:g} to {properties.wavelength[-1]:g} um")
 
 
-def _amount(checker: Checker, section: Mapping, found: OpticalProperties) -> None:
-    if found.per_mass and "mass_concentration" not in section:
+def _amount(checker: Checker, section: Mapping, properties: OpticalProperties) -> None:
+    if properties.per_mass and "mass_concentration" not in section:
         checker.report_section(section, "found no mass_concentration", "expected the mass of the particles in a volume, such as "
                                "0.3 g/m^3: the file holds extinction per mass")
-    elif not found.per_mass and "mass_concentration" in section:
+    elif not properties.per_mass and "mass_concentration" in section:
         checker.report_section(section["mass_concentration"], "found a mass_concentration",
                                "expected none: the file holds coefficients, not extinction per mass")
 
 
-def _place(checker: Checker, section: Mapping, found: OpticalProperties) -> None:
+def _second_axis(checker: Checker, section: Mapping, properties: OpticalProperties) -> None:
     """The value on the file's second axis."""
     for key in (RADIUS, HUMIDITY):
-        if key in section and key != found.axis:
-            checker.report_section(section[key], f"found {key}", f"expected {'none' if not found.axis else found.axis}: the file "
-                                   + (f"has values over {found.axis}" if found.axis else "has no such values"))
-    if not found.axis:
+        if key in section and key != properties.axis:
+            checker.report_section(section[key], f"found {key}", f"expected {properties.axis or 'none'}: the file "
+                                   + (f"has values over {properties.axis}" if properties.axis else "has no such values"))
+    if not properties.axis:
         return
-    name, unit, scale = _NAMES[found.axis]
-    shown = f"{scale * found.values[0]:g} to {scale * found.values[-1]:g} {unit}"
-    if found.axis not in section:
-        if found.values.size > 1:
-            checker.report_section(section, f"found no {found.axis}", f"expected one of the file's, {shown}")
+    name, unit, scale = _NAMES[properties.axis]
+    shown = f"{scale * properties.values[0]:g} to {scale * properties.values[-1]:g} {unit}"
+    if properties.axis not in section:
+        if properties.values.size > 1:
+            checker.report_section(section, f"found no {properties.axis}", f"expected one of the file's, {shown}")
         return
-    value = checker.value(section, found.axis)
-    if value is not None and not found.values[0] * (1 - _SAME) <= value <= found.values[-1] * (1 + _SAME):
-        checker.report(section[found.axis], f"found a {name} of {scale * value:g} {unit}",
+    value = checker.value(section, properties.axis)
+    if value is not None and not properties.values[0] * (1 - _SAME) <= value <= properties.values[-1] * (1 + _SAME):
+        checker.report(section[properties.axis], f"found a {name} of {scale * value:g} {unit}",
                        f"expected {shown}, which the file has")
 
 
@@ -86,12 +87,12 @@ def given(medium) -> bool:
 def inputs(recipe) -> dict:
     """What `compute` takes."""
     medium = recipe.medium
-    found = medium.file
-    value = getattr(medium, found.axis) if found.axis else None
+    properties = medium.file
+    value = getattr(medium, properties.axis) if properties.axis else None
     mass = 1.0 if medium.mass_concentration is None else medium.mass_concentration
-    return {"file": found._asdict() | {"rows": [[tuple(row) for row in rows] for rows in found.rows]},
-            "wavelength": [float(um) for um in recipe.wavelength], "value": float(found.values[0]) if value is None else value,
-            "mass": mass}
+    return {"file": properties._asdict() | {"rows": [[tuple(row) for row in rows] for rows in properties.rows]},
+            "wavelength": [float(um) for um in recipe.wavelength], "mass": mass,
+            "value": float(properties.values[0]) if value is None else value}
 
 
 def compute(inputs: dict, context, outputs, members_of) -> Result:
@@ -102,14 +103,15 @@ def compute(inputs: dict, context, outputs, members_of) -> Result:
     from bakery.physics.medium.interpolated import Tabulated, between
     from bakery.physics.medium.phase import phase_integral
 
-    found = SimpleNamespace(**inputs["file"])
-    table = Tabulated(found.wavelength, found.values, inputs["mass"] * found.extinction, found.albedo,
-                      [[row[0] for row in rows] for rows in found.rows], [[row[1] for row in rows] for rows in found.rows])
+    properties = SimpleNamespace(**inputs["file"])
+    theta, phase = ([[row[i] for row in rows] for rows in properties.rows] for i in (0, 1))
+    extinction = inputs["mass"] * properties.extinction
+    table = Tabulated(properties.wavelength, properties.values, extinction, properties.albedo, theta, phase)
     medium = between(table, inputs["wavelength"], inputs["value"])
     context.report(1.0, medium.error)
     notes = []
-    if found.integral:
-        off = max(abs(phase_integral(*row) / (6.283185307179586 * found.integral) - 1) for rows in found.rows for row in rows)
+    if properties.integral:
+        off = max(abs(phase_integral(*row) / (2 * math.pi * properties.integral) - 1) for rows in properties.rows for row in rows)
         if off > _OFF:
             notes.append(f"the integrals of the file's phase functions are off by up to {100 * off:.2g} %, and are scaled: a "
                          "forward peak between two of its angles may be missing")
@@ -121,5 +123,5 @@ def compute(inputs: dict, context, outputs, members_of) -> Result:
 
 def angles(recipe) -> int:
     """About as many as the group will have."""
-    found = recipe.medium.file
-    return sum(max(row[0].size for row in rows) for rows in found.rows[:4 * len(recipe.wavelength)])
+    properties = recipe.medium.file
+    return sum(max(row[0].size for row in rows) for rows in properties.rows[:4 * len(recipe.wavelength)])
