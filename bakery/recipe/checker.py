@@ -103,10 +103,10 @@ class Checker:
         self.found[section[name].place.key] = per_wavelength
         return per_wavelength
 
-    def only_with(self, section: Mapping, other: str) -> None:
+    def only_with(self, section: Mapping, partner: str) -> None:
         """A section that has no effect without another one."""
-        if other not in self.tree:
-            self.report_section(section, f"found {section.place.key} without {other}", f"expected it with {other} only")
+        if partner not in self.tree:
+            self.report_section(section, f"found {section.place.key} without {partner}", f"expected it with {partner} only")
 
     def needs_scattering(self, section: Mapping) -> None:
         """A section that needs something that scatters beside it."""

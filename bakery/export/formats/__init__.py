@@ -28,5 +28,5 @@ EXPORTERS = (
 @cache
 def exporters() -> dict[str, Exporter]:
     """Every declared format by its name."""
-    places = (place.partition(":") for place in EXPORTERS)
+    places = (target.partition(":") for target in EXPORTERS)
     return {exporter.name: exporter for exporter in (getattr(import_module(module), name) for module, _, name in places)}

@@ -157,8 +157,8 @@ def phase_keys(phase: Values | None) -> dict:
     """
     if phase is None:
         return {"type": "file", "g": None, "spread": None, "table": None}
-    known = vars(phase)
-    return {"type": phase.type, "g": known.get("g"), "spread": known.get("spread"), "table": known.get("file")}
+    keys = vars(phase)
+    return {"type": phase.type, "g": keys.get("g"), "spread": keys.get("spread"), "table": keys.get("file")}
 
 
 MEDIUM = RecipeSection("medium", Medium, "A continuous medium given by its coefficients: milk, wax, skin.", check, scatters=True)
