@@ -11,6 +11,7 @@ help:
 	@echo "make test      set up, run the tests"
 	@echo "make test-slow the tests that make test leaves out because quicker ones see most of what they see"
 	@echo "make test-blender  renders an exported material in Blender (package bpy, 1 GB, an environment of its own)"
+	@echo "make test-eradiate  a layer of an exported medium in Eradiate (an environment of its own)"
 	@echo "make recipes   bake every shipped recipe (recipes/Makefile)"
 	@echo "make test-pbrt PBRT=…/pbrt  renders an exported medium in pbrt-v4, which you have built"
 	@echo "make pictures  bake and draw what the docs show"
@@ -52,6 +53,14 @@ test-blender: $(VENV)/.ready-test
 	test -x $(BLENDER)/bin/python || $(BLENDER_PYTHON) -m venv $(BLENDER)
 	$(BLENDER)/bin/python -m pip install --quiet --disable-pip-version-check 'bpy>=5.0,<5.1'
 	BAKERY_BLENDER=$(CURDIR)/$(BLENDER)/bin/python $(BIN)/python -m pytest -q tests/cli/test_export_blender.py
+
+# Eradiate brings a Mitsuba of its own: an environment of its own
+ERADIATE := .venv-eradiate
+.PHONY: test-eradiate
+test-eradiate: $(VENV)/.ready-test
+	test -x $(ERADIATE)/bin/python || $(PYTHON) -m venv $(ERADIATE)
+	$(ERADIATE)/bin/python -m pip install --quiet --disable-pip-version-check 'eradiate[kernel]>=1.2,<1.3'
+	BAKERY_ERADIATE=$(CURDIR)/$(ERADIATE)/bin/python $(BIN)/python -m pytest -q tests/cli/test_export_eradiate.py
 
 # pbrt-v4 has no package: build it from its sources, then `make test-pbrt PBRT=…/pbrt`
 PBRT ?= pbrt

@@ -81,27 +81,27 @@ def read(data: bytes, name: str, key: str, fewest: dict[int, int], most: dict[in
     aria = _ARIA.search(data) or name.lower().endswith(".ri")
     reader = _Reader(label, key)
     try:
-        found = reader.aria(data) if aria else reader.yaml(data, fewest, most)
+        constants = reader.aria(data) if aria else reader.yaml(data, fewest, most)
     except RecipeError as error:  # what the grammar refuses; it speaks of recipes
         raise BadTable([Problem(label, problem.line, problem.column, key, problem.found,
                                 problem.expected.replace("recipe", "file"), problem.excerpt)
                         for problem in error.problems[:MAX_PROBLEMS]]) from None
     if reader.problems:
         raise BadTable(reader.problems)
-    return found
+    return constants
 
 
 class _Reader:
     def __init__(self, label: str, key: str):
         self.label, self.key, self.problems = label, key, []
 
-    def report(self, line: int | None, found: str, expected: str) -> None:
-        self.problems.append(Problem(self.label, line, None, self.key, found, expected))
+    def report(self, line: int | None, seen: str, expected: str) -> None:
+        self.problems.append(Problem(self.label, line, None, self.key, seen, expected))
         if len(self.problems) >= MAX_PROBLEMS:
             raise BadTable(self.problems)
 
-    def stop(self, line: int | None, found: str, expected: str):
-        self.report(line, found, expected)
+    def stop(self, line: int | None, seen: str, expected: str):
+        self.report(line, seen, expected)
         raise BadTable(self.problems)
 
     # ---- refractiveindex.info
@@ -148,8 +148,8 @@ class _Reader:
         words = self._text(block, name).split()
         values = [_number(word) for word in words]
         if not words or None in values:
-            found = f"found {show(words[values.index(None)])} in {name}" if words else f"found no {name}"
-            self.stop(line, found, "expected numbers with blanks between them")
+            wrong = f"found {show(words[values.index(None)])} in {name}" if words else f"found no {name}"
+            self.stop(line, wrong, "expected numbers with blanks between them")
         return values
 
     def _formula(self, block: Mapping, line: int, number: int, fewest: int, most: int) -> Formula:
@@ -251,9 +251,9 @@ def _number(text: str) -> float | None:
 def _in_air(root: Mapping) -> bool | None:
     """Whether a file says that n is relative to air."""
     for name in ("SPECS", "CONDITIONS"):
-        said = root.get(name)
-        for word in _SAID if isinstance(said, Mapping) else ():
-            if isinstance(said.get(word), Scalar):
-                return said[word].text.strip().lower() == "false"
+        specs = root.get(name)
+        for word in _SAID if isinstance(specs, Mapping) else ():
+            if isinstance(specs.get(word), Scalar):
+                return specs[word].text.strip().lower() == "false"
     comments = root.get("COMMENTS")
     return True if isinstance(comments, Scalar) and _IN_AIR.search(comments.text) else None

@@ -273,10 +273,10 @@ class Checker:
                 f"found no k in {show(name)}: it is taken as clear", "is that meant? a CSV of wavelength_um,n,k has both"))
         return self._at_wavelengths(node["file"], name, constants, self._in_air(node, constants.in_air))
 
-    def _in_air(self, node: Mapping, said: bool | None) -> bool:
+    def _in_air(self, node: Mapping, stated: bool | None) -> bool:
         """Whether n of a file is relative to air: the recipe's word, then the file's; else it is relative to vacuum."""
         word = self.value(node, "relative_to")
-        return bool(said) if word is None else word == "air"
+        return bool(stated) if word is None else word == "air"
 
     def _interpolate(self, node: Node, word: str, table: np.ndarray | None, in_air: bool = False) -> Index | None:
         if table is None:

@@ -369,13 +369,13 @@ def test_lobes_load_in_stock_mitsuba():
 
 
 def test_the_published_fit_is_for_water_in_air():
-    from bakery.export.formats.hg import _water_in_air
+    from bakery.export.formats.hg import water_in_air
 
-    found = {path.stem: _water_in_air(path.read_text()) for path in (ROOT / "recipes").glob("*.yaml")}
+    found = {path.stem: water_in_air(path.read_text()) for path in (ROOT / "recipes").glob("*.yaml")}
     assert sorted(name for name, water in found.items() if water) == ["clouds", "drizzle", "drizzle_particles", "fog", "fog_glow",
                                                                            "street_fog", "thick_fog"]
     assert len(found) > 5
-    assert not any(map(_water_in_air, ("", "a: [", "particles: 3", "particles: {components: 3}", "particles: {components: [3]}")))
+    assert not any(map(water_in_air, ("", "a: [", "particles: 3", "particles: {components: 3}", "particles: {components: [3]}")))
 
 
 def test_lobes_for_machines(call, root, tmp_path):

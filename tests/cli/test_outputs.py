@@ -150,7 +150,9 @@ def test_each_kind_is_told_from_the_others(tmp_path):
                 "OBJ file": b"# radii\no ice\nv 1 1 1\n", "XYZ file": b"12\nLattice\n", "recipe": b"# fog\nbakery: 1\n",
                 "Mitsuba scene": b"<?xml version='1.0'?>\n<scene>", "pbrt file": b"# fog\nMakeNamedMedium \"fog\"\n",
                 "MaterialX document": b"<?xml version='1.0'?>\n<materialx>", "USD layer": b"#usda 1.0\n",
-                "Blender script": b"# A baked medium for Cycles in Blender 5.\n", "text": b"whatever"}
+                "Blender script": b"# A baked medium for Cycles in Blender 5.\n", "text": b"whatever",
+                "NumPy archive": b"PK\x03\x04\x2d\0", "NetCDF file": b"CDF\x02\0\0\0\0",
+                "libRadtran layer": b"550.000000 7.8e+00 0.999999811529 1.00000000e+00 8.4e-01\n"}
     declared = {kind.name: kind for exporter in exporters().values() for kind in exporter.kinds.values()}
     kinds = dict(zip(KINDS, KINDS)) | declared
     assert examples.keys() == kinds.keys()

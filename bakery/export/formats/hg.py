@@ -15,7 +15,7 @@ def write(job: Job) -> Written:
     from bakery.system.terminal import table
 
     asset, stem = job.asset, job.stem
-    rows = lobe_rows(asset.tree, asset.name, droplet_diameter(asset.tree) if _water_in_air(asset.recipe) else None)
+    rows = lobe_rows(asset.tree, asset.name, droplet_diameter(asset.tree) if water_in_air(asset.recipe) else None)
     lines = []
     for row in rows:
         first = next(iter(row.fits.values())).misfit
@@ -49,7 +49,7 @@ def _joined(values, form: str) -> str:
     return " ".join(f"{value:{form}}" for value in values)
 
 
-def _water_in_air(recipe: str) -> bool:
+def water_in_air(recipe: str) -> bool:
     """Whether an asset's recipe text is about droplets of water in air: for others the published fit was not made."""
     from bakery.grammar.text import Mapping, Scalar, Sequence, Source, parse
 

@@ -8,12 +8,13 @@ import numpy as np
 from pydantic import Field, Tag
 
 from bakery.grammar import tables
-from bakery.grammar.fields import Path, number, numbers, word
-from bakery.grammar.section import Section, given, pick
-from bakery.grammar.text import Mapping, mappings
-from bakery.grammar.units import ANGLE, COEFFICIENT, FRACTION, LENGTH
+from bakery.grammar.fields import Length, Path, number, numbers, word
+from bakery.grammar.section import Section, given, meant, pick
+from bakery.grammar.text import Mapping, mappings, owner
+from bakery.grammar.units import ANGLE, COEFFICIENT, FRACTION, LENGTH, MASS_CONCENTRATION
 from bakery.grammar.values import Values
 from bakery.stages.declaration import RecipeSection
+from bakery.stages.medium import of_file
 
 if TYPE_CHECKING:
     from bakery.recipe.checker import Checker
@@ -57,7 +58,7 @@ MediumPhase = Annotated[
 
 
 class Medium(Section):
-    """A continuous medium: albedo and mean_free_path, or sigma_s and sigma_a."""
+    """A continuous medium: albedo and mean_free_path, or sigma_s and sigma_a, and phase; or a file."""
 
     albedo: numbers(FRACTION, least=0, most=1) | None = Field(
         None, description="Single-scattering albedo; one value, or one a wavelength."
@@ -67,7 +68,15 @@ class Medium(Section):
         None, description="Scattering coefficient, such as [2.1, 2.3, 2.5] /mm."
     )
     sigma_a: numbers(COEFFICIENT, least=0) | None = Field(None, description="Absorption coefficient.")
-    phase: MediumPhase = Field(description="Phase function.")
+    phase: MediumPhase | None = Field(None, description="Phase function.")
+    file: Path | None = Field(
+        None, description="NetCDF file with coefficients and phase functions, in place of both: of libRadtran (`mie`, OPAC), "
+        "Eradiate, or `bake export --to netcdf`.")
+    mass_concentration: number(MASS_CONCENTRATION, above=0) | None = Field(
+        None, description="With a file that holds extinction per mass: mass of the particles in a volume, such as 0.3 g/m^3.")
+    effective_radius: Length | None = Field(None, description="With a file that holds several: the effective radius.")
+    humidity: number(FRACTION, least=0, most=1) | None = Field(
+        None, description="With a file that holds several: the relative humidity, such as 80%.")
 
 
 # ---- what holds between the keys
@@ -75,6 +84,18 @@ class Medium(Section):
 
 def check(checker: "Checker", section: Mapping) -> None:
     """Which coefficients are given, one or one a wavelength, and the phase function."""
+    if "file" in section:
+        beside = [name for name in ("albedo", "mean_free_path", "sigma_s", "sigma_a", "phase") if name in section]
+        for name in beside:
+            checker.report_section(section[name], f"found {name} beside file", "expected only one of them")
+        of_file.check(checker, section)
+        return
+    for name in of_file.KEYS:
+        if name in section:
+            checker.report_section(section[name], f"found {name} without file",
+                                   "expected it with a file of optical properties only")
+    if "phase" not in section and "phase" not in meant(section):
+        checker.problems.append(owner(section).problem("missing", "expected phase: phase function", key="medium.phase"))
     first, second = given(section, "albedo", "mean_free_path"), given(section, "sigma_s", "sigma_a")
     want = "expected albedo and mean_free_path, or sigma_s and sigma_a"
     if first and second:
@@ -129,8 +150,13 @@ def coefficients(medium: Values) -> tuple[np.ndarray, np.ndarray]:
     return sigma_t, medium.sigma_s / sigma_t
 
 
-def phase_keys(phase: Values) -> dict:
-    """type, g (L,), spread (rad) and table (theta, value) of a phase function; None what its type does not have."""
+def phase_keys(phase: Values | None) -> dict:
+    """type, g (L,), spread (rad) and table (theta, value) of a phase function; None what its type does not have.
+
+    phase : None where a file holds the medium
+    """
+    if phase is None:
+        return {"type": "file", "g": None, "spread": None, "table": None}
     keys = vars(phase)
     return {"type": phase.type, "g": keys.get("g"), "spread": keys.get("spread"), "table": keys.get("file")}
 

@@ -10,6 +10,7 @@ from bakery.errors import StageError
 from bakery.stages import rules
 from bakery.stages.coordinates import BIAS, ERROR
 from bakery.stages.declaration import Cost, Result, Stage, datasets, later
+from bakery.stages.medium import of_file
 from bakery.stages.medium.expansion import QUERIES
 from bakery.stages.medium.outputs import OUTPUTS, members_of
 from bakery.stages.medium.section import MEDIUM, coefficients, phase_keys
@@ -76,11 +77,15 @@ def _compute_of_particles(inputs: dict, context) -> Result:
 
 
 def _inputs_of_coefficients(recipe, upstream) -> dict:
+    if of_file.given(recipe.medium):
+        return of_file.inputs(recipe)
     sigma_t, albedo = coefficients(recipe.medium)
     return {"sigma_t": sigma_t, "albedo": albedo, "wavelengths": len(recipe.wavelength)} | phase_keys(recipe.medium.phase)
 
 
 def _compute_of_coefficients(inputs: dict, context) -> Result:
+    if "file" in inputs:
+        return of_file.compute(inputs, context, OUTPUTS, members_of)
     from bakery.physics.medium import analytic
 
     try:
@@ -103,6 +108,10 @@ def _cost_of_particles(recipe) -> Cost:
 def _cost_of_coefficients(recipe) -> Cost:
     from bakery.physics.medium import analytic
 
+    if of_file.given(recipe.medium):
+        angles = of_file.angles(recipe)
+        return Cost(0.01 + 1e-6 * angles * len(recipe.wavelength), 8 * 12 * angles * len(recipe.wavelength) + 2**20,
+                    8 * angles * 3 * len(recipe.wavelength) + 7000, f"about {angles} angles", kind="of a file")
     phase = phase_keys(recipe.medium.phase)
     g = phase["g"]
     angles = analytic.predicted_angles(phase["type"], _ANALYTIC * recipe.tolerance, g, phase["spread"], phase["table"])
@@ -191,7 +200,8 @@ OF_COEFFICIENTS = Stage(
     applies=lambda recipe: recipe.medium is not None,
     outputs=OUTPUTS,
     error_measure="largest relative error of the tabulated phase function between its angles; "
-                  "a user's table is exact by definition",
+                  "a user's table is exact by definition, and a file of optical properties at its wavelengths; between them the "
+                  "largest relative error of interpolation",
     cost=_cost_of_coefficients,
     inputs=_inputs_of_coefficients,
     compute=_compute_of_coefficients,

@@ -250,9 +250,10 @@ def cost(recipe) -> Cost:
 
 def _width(recipe) -> float:
     """About how forward the phase function is, from the recipe alone."""
-    if recipe.medium is not None and recipe.medium.phase.type == "hg":
-        return float(np.abs(recipe.medium.phase.g).max())
-    if recipe.medium is not None and recipe.medium.phase.type in ("isotropic", "rayleigh"):
+    phase = None if recipe.medium is None else recipe.medium.phase
+    if phase is not None and phase.type == "hg":
+        return float(np.abs(phase.g).max())
+    if phase is not None and phase.type in ("isotropic", "rayleigh"):
         return 0.0
     return 0.5 if recipe.grains is not None else 0.78  # without their peak, 40 orders hold what spheres scatter
 

@@ -1,0 +1,221 @@
+"""NetCDF 3 files (64-bit offsets), which every NetCDF library reads, and a medium in them: CF, Eradiate, libRadtran."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.export.medium import Scattering
+
+LARGEST = 1 << 31  # bytes of a variable, in this format
+_LENGTH_OF_TEXT = "length_of_{}"
+
+
+class Variable(NamedTuple):
+    """Numbers, or words, over dimensions."""
+
+    dimensions: tuple[str, ...]
+    values: np.ndarray
+    attributes: Mapping[str, str | float] = {}
+
+
+def netcdf(variables: Mapping[str, Variable], attributes: Mapping[str, str]) -> bytes:
+    """A file of variables; the dimensions are those of their arrays."""
+    from scipy.io import netcdf_file
+
+    buffer = io.BytesIO()
+    file = netcdf_file(buffer, "w", version=2)
+    for name, text in attributes.items():
+        setattr(file, name, text)
+    for name, (dimensions, values, notes) in variables.items():
+        values = np.asarray(values)
+        if values.dtype.kind == "U":  # the characters are one more dimension
+            values = np.array([list(word.ljust(int(values.dtype.itemsize / 4))) for word in values.tolist()], "S1")
+            dimensions = (*dimensions, _LENGTH_OF_TEXT.format(name))
+            notes = {**notes, "_Encoding": "utf-8"}
+        elif values.dtype.kind in "iub":
+            values = values.astype(np.int32)
+        for dimension, size in zip(dimensions, values.shape, strict=True):
+            if dimension not in file.dimensions:
+                file.createDimension(dimension, size)
+        variable = file.createVariable(name, values.dtype.newbyteorder(">"), dimensions)
+        variable[:] = values
+        for key, value in notes.items():
+            setattr(variable, key, value)
+    file.flush()
+    content = buffer.getvalue()
+    file.close()
+    return content
+
+
+class Named(NamedTuple):
+    """A medium and what is said of it in a file.
+
+    Attributes
+    ----------
+    wavelength : (L,) um, in vacuum
+    medium : without its forward delta
+    name, content_hash, version : of the asset
+    errors : name of a dataset of the group -> (L,) or (L, A) its stated error
+    tolerance, achieved : of the asset's medium, and what measures them
+    measure : text
+    """
+
+    wavelength: np.ndarray
+    medium: Scattering
+    name: str
+    content_hash: str
+    version: str
+    errors: Mapping[str, np.ndarray]
+    tolerance: float
+    achieved: float
+    measure: str
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """Of a file."""
+        return {"title": f"{self.name}: optical properties of a scattering medium", "source": f"bakery {self.version}",
+                "asset": self.name, "asset_content_hash": self.content_hash}
+
+    def ascending(self) -> Named:
+        """The same by ascending wavelength, as the formats of others are."""
+        order = np.argsort(self.wavelength)
+        medium = self.medium
+        rows = {name: getattr(medium, name)[order] for name in ("sigma_t", "sigma_s", "phase", "delta", "peak")}
+        ordered = Scattering(theta=medium.theta, within=medium.within, **rows)
+        return self._replace(wavelength=self.wavelength[order], medium=ordered,
+                             errors={name: error[order] for name, error in self.errors.items()})
+
+
+def cf(named: Named, extra: Mapping[str, Variable] | None = None) -> bytes:
+    """The medium by the CF conventions; standard names where there are any that do not speak of an atmosphere's aerosol."""
+    medium, axes = named.medium, ("wavelength", "scattering_angle")
+    sigma_a = medium.sigma_t - medium.sigma_s
+
+    def over_wavelength(values, words: str, units: str = "m-1", error: str = "") -> Variable:
+        attributes = {"long_name": words, "units": units}
+        return Variable(("wavelength",), values, attributes | ({"ancillary_variables": error} if error else {}))
+
+    variables = {
+        "wavelength": Variable(("wavelength",), named.wavelength, {
+            "standard_name": "radiation_wavelength", "long_name": "wavelength in vacuum", "units": "um"}),
+        "scattering_angle": Variable(("scattering_angle",), np.degrees(medium.theta), {
+            "long_name": "angle between the directions of travel, 0 forward", "units": "degree",
+            "comment": "the phase function is linear in its cosine between the angles"}),
+        "extinction_coefficient": over_wavelength(medium.sigma_t, "extinction coefficient"),
+        "scattering_coefficient": over_wavelength(medium.sigma_s, "scattering coefficient"),
+        "absorption_coefficient": over_wavelength(sigma_a, "absorption coefficient", error="absorption_coefficient_error"
+                                                  if "sigma_a" in named.errors else ""),
+        "single_scattering_albedo": over_wavelength(medium.albedo, "single-scattering albedo", "1"),
+        "asymmetry_factor": over_wavelength(_mean_cosine(medium), "mean cosine of the scattering angle", "1"),
+        "phase_function": Variable(axes, medium.phase, {
+            "long_name": "phase function", "units": "sr-1", "comment": "the integral over the sphere is 1"}
+            | ({"ancillary_variables": "phase_function_error"} if "phase" in named.errors else {})),
+    }
+    if "sigma_a" in named.errors:
+        variables["absorption_coefficient_error"] = over_wavelength(
+            named.errors["sigma_a"], "change of the absorption coefficient when the nodes over sizes are halved")
+    if "phase" in named.errors:
+        variables["phase_function_error"] = Variable(axes, named.errors["phase"], {
+            "long_name": "estimated error of the phase function", "units": "sr-1"})
+    attributes = {"Conventions": "CF-1.11",
+            "comment": f"asset's tolerance {named.tolerance:g}, reached {named.achieved:.3g}: {named.measure}"}
+    return netcdf(variables | dict(extra or {}), attributes | named.attributes)
+
+
+def _mean_cosine(medium: Scattering) -> np.ndarray:
+    from bakery.physics.medium.phase import mean_cosine
+
+    return mean_cosine(medium.theta, medium.phase)
+
+
+def eradiate(named: Named, moments) -> bytes:
+    """The medium as Eradiate's particle data, format Aer-Core v2.
+
+    Parameters
+    ----------
+    named : by ascending wavelength
+    moments : (L, N + 1) Legendre moments without the factor 2 l + 1
+    """
+    medium = named.medium
+    count, angles = len(named.wavelength), len(medium.theta)
+    mu, theta = np.cos(medium.theta)[::-1], np.degrees(medium.theta)[::-1]
+    by_angle, none = ("w", "iangle"), {}
+    variables = {
+        "w": Variable(("w",), 1e3 * named.wavelength, {
+            "standard_name": "wavelength", "long_name": "wavelength", "units": "nm"}),
+        "phamat": Variable(("phamat",), np.array(["11"]), {
+            "standard_name": "component", "long_name": "phase matrix component"}),
+        "mu": Variable(by_angle, np.tile(mu, (count, 1)), {
+            "standard_name": "cos_scattering_angle", "long_name": "scattering angle cosine", "units": "dimensionless"}),
+        "theta": Variable(by_angle, np.tile(theta, (count, 1)), {
+            "standard_name": "scattering_angle", "long_name": "scattering angle", "units": "deg"}),
+        "ext": Variable(("w",), 1e3 * medium.sigma_t, {
+            "standard_name": "extinction_coefficient", "long_name": "extinction coefficient", "units": "km^-1"}),
+        "ssa": Variable(("w",), medium.albedo, {
+            "standard_name": "single_scattering_albedo", "long_name": "single-scattering albedo", "units": "dimensionless"}),
+        "phase": Variable(("phamat", *by_angle), 4 * math.pi * medium.phase[None, :, ::-1], {
+            "standard_name": "phase_matrix", "long_name": "phase matrix", "units": "1/sr", "coordinates": "mu theta",
+            "comment": "integral normalized to 2"}),
+        "nangles": Variable(("w",), np.full(count, angles), {
+            "standard_name": "n_angular_samples", "long_name": "number of angular samples"}),
+        "nmom": Variable(("w",), np.full(count, moments.shape[1]), {
+            "standard_name": "n_legendre_polys", "long_name": "number of Legendre polynomials"}),
+        "pmom": Variable(("w", "imom"), (2 * np.arange(moments.shape[1]) + 1) * moments, none | {
+            "standard_name": "legendre_polys", "long_name": "Legendre polynomials",
+            "comment": "p11 component only; including factor 2l+1"}),
+    }
+    return netcdf(variables, {"format": "Aer-Core v2", "particle_shape": "spherical"} | named.attributes)
+
+
+def libradtran(named: Named, moments, mass: float, radius: float, density: float) -> bytes:
+    """The medium as libRadtran's `mie` tool writes optical properties, for `wc_properties` and the like.
+
+    Parameters
+    ----------
+    named : by ascending wavelength
+    moments : (L, N + 1) Legendre moments without the factor 2 l + 1
+    mass : g/m^3 that the asset's coefficients stand for
+    radius : effective, um
+    density : of the particles, g/cm^3
+    """
+    medium = named.medium
+    count = len(named.wavelength)
+    over, all_of = ("nlam", "nreff"), ("nlam", "nreff", "nphamat")
+    theta, phase = np.degrees(medium.theta), 4 * math.pi * medium.phase
+    terms = (2 * np.arange(moments.shape[1]) + 1) * moments
+
+    def column(values) -> np.ndarray:
+        return np.broadcast_to(np.asarray(values, float).reshape(-1, 1), (count, 1))
+
+    variables = {
+        "wavelen": Variable(("nlam",), named.wavelength, {"long_name": "wavelength", "units": "micrometer"}),
+        "reff": Variable(("nreff",), np.array([radius]), {"long_name": "effective radius", "units": "micrometer"}),
+        "ntheta": Variable(all_of, np.full((count, 1, 1), theta.size), {
+            "long_name": "number of scattering angles", "units": "-"}),
+        "theta": Variable((*all_of, "nthetamax"), np.tile(theta, (count, 1, 1, 1)), {"long_name": "theta", "units": "degrees"}),
+        "phase": Variable((*all_of, "nthetamax"), phase[:, None, None], {"long_name": "phase", "units": "-"}),
+        "nmom": Variable(all_of, np.full((count, 1, 1), terms.shape[1]), {
+            "long_name": "number of Legendre polynomials", "units": "-"}),
+        "pmom": Variable((*all_of, "nmommax"), terms[:, None, None], {
+            "long_name": "Legendre polynomials", "units": "including factor 2*l+1"}),
+        # 1/m in 1/km, of a gram in a m^3
+        "ext": Variable(over, column(1e3 * medium.sigma_t / mass), {
+            "long_name": "extinction coefficient", "units": "km^-1/(g/m^3)"}),
+        "ssa": Variable(over, column(medium.albedo), {"long_name": "single scattering albedo", "units": "-"}),
+        "gg": Variable(over, column(_mean_cosine(medium)), {"long_name": "Asymmetry factor", "units": "-"}),
+        "rho": Variable(over, column(np.full(count, density)), {"long_name": "density of medium", "units": "g/cm^3"}),
+    }
+    return netcdf(variables, named.attributes)
+
+
+def explicit(named: Named, moments) -> str:
+    """libRadtran's text of a layer: wavelength (nm), extinction (1/km), albedo, Legendre moments without the factor 2 l + 1."""
+    medium = named.medium
+    rows = zip(1e3 * named.wavelength, 1e3 * medium.sigma_t, medium.albedo, moments, strict=True)
+    return "".join(f"{nm:.6f} {sigma:.9e} {albedo:.12f} {' '.join(f'{chi:.8e}' for chi in row)}\n"
+                   for nm, sigma, albedo, row in rows)
