@@ -140,7 +140,8 @@ def test_beams_of_negative_power_leave_no_picture_below_0(call, place):
     assert 0.15 < ratio < 2.5
 
 
-@pytest.mark.parametrize("method", ["vrl+tables", *map(slow, ("auto", "paths", "shells", "vrl", "beams", "dipole", "metropolis"))])
+@pytest.mark.parametrize("method", ["vrl+tables",
+                                    *map(slow, ("auto", "paths", "shells", "vrl", "beams", "dipole", "metropolis"))])
 def test_a_scene_without_light_is_black_and_says_so(call, place, method):
     """Also where a recipe is baked for it, of which no light tells what tables are needed."""
     (place / "lit.xml").write_text(re.sub("<emitter.*?</emitter>", "", XML, flags=re.DOTALL))
