@@ -119,6 +119,7 @@ def test_fresh_noise_is_that_of_other_seeds(call, place):
     assert seeded["frames"][0]["noise"] == fresh["frames"][1]["noise"] != same["frames"][1]["noise"]
 
 
+@pytest.mark.slow
 def test_an_interruption_keeps_what_is_finished(call, place, monkeypatch):
     """Status 130; the frame in which it came is written and can be gone on with; the same call renders the others."""
     frames_of(call, place, "1-3", "--set", "stop.samples=4")

@@ -63,6 +63,7 @@ def columns(picture):
     return {name: np.asarray(values) for name, values in picture.columns}
 
 
+@pytest.mark.slow
 def test_the_plane_shows_the_light(found, cloud):
     """Colour is the solver's integral over directions; the picture is that of 0.55 um, as at 0.65 um nothing is scattered."""
     root, data = read(cloud), columns(found["multiple_point"])

@@ -137,6 +137,7 @@ def test_procedural_in_a_box_of_the_scene(call, place):
     assert report["particles"] == 200 and picture(found, "order1.").sum() < 0.02 * picture(found, "order0.").sum()
 
 
+@pytest.mark.slow
 def test_particles_fall(call, place):
     still = picture(rendered(call, place, "still")[1], "order1.")
     falling = "materials[0].velocity=[0, 0, -1] mm/s"

@@ -352,6 +352,7 @@ def test_the_readmes_scene_in_small(call, tmp_path, monkeypatch):
     assert {path for folder in (SCENES, ROOT / "recipes") for path in folder.rglob("*")} == before
 
 
+@pytest.mark.slow
 def test_square_emitter(call, tmp_path):
     """Its fog dims the light, spreads it, and goes on as its recipe says; grey, one wavelength for three channels."""
     asset = tmp_path / "emitter.h5"

@@ -55,6 +55,7 @@ def test_scenes_and_lists_have_it(call, place):
             scene.load(place / "s.yaml", settings)
 
 
+@pytest.mark.slow
 def test_plan_and_pictures_have_it(call, place):
     status, out, err = call("plan", place / "drops.yaml", "--scene", place / "s.yaml", "--json")
     assert status == 0 and "method toy reads their sum" in out, err

@@ -113,6 +113,7 @@ def test_the_choice_does_not_depend_on_the_workers():
     assert np.array_equal(one[1].elements, other[1].elements) and len(blocks) > 2
 
 
+@pytest.mark.slow
 def test_the_light_as_a_whole_takes_no_more_angles_than_every_angle_and_its_work_is_foreseen():
     """Hail: ripples of its few spheres took 11,896 angles at 3 % of the light, where 401 do for 10 % at every angle."""
     sizes = population(size("lognormal", radius=1000.0, sigma=1.5, min=500.0, max=3000.0))

@@ -188,6 +188,7 @@ def stored(region, numbers, extinction, seed=1, **more):
     return kernels.stored_discs(region, extinction, place, kind, **more), place, kind
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_stored_particles_stop_what_all_of_them_do(case):
     region, numbers, extinction = CASES[case]

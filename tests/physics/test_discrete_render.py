@@ -175,6 +175,7 @@ def held_against_campbell(numbers):
     assert relative == pytest.approx(np.median(square / mean**2) / 1e4, rel=0.05)  # light weakened by 1 %
 
 
+@pytest.mark.slow
 def test_mean_and_graininess_of_a_pixel_are_campbell_s():
     """From 1e2 to 1e5 particles; error against their number with slope -1/2."""
     held_against_campbell({100: 200, 1000: 40, 10_000: 12, 100_000: 3})
@@ -339,6 +340,7 @@ def test_a_ring_of_cameras_reads_the_phase_function():
         assert found == pytest.approx((1 - g * g) / (4 * math.pi) / (1 + g * g - 2 * g * math.cos(angle)) ** 1.5, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_lamp_and_camera_may_change_places():
     """The irradiance at one of two points from a lamp at the other: all orders, optical depth 1, 12 realisations."""
     a, b, size = (0.4, -0.6, 0.7), (1.5, 0.5, 0.3), (24, 24)

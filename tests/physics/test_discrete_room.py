@@ -68,6 +68,7 @@ def test_a_white_room_is_white(tmp_path, method):
     assert abs(mean - 1) < sigmas(PASSES) * error
 
 
+@pytest.mark.slow
 def test_all_orders_are_those_of_the_continuous_medium(tmp_path):
     """Absorbing particles, of which a part are particles to the eye and a part are not."""
     world = room(tmp_path)
@@ -81,6 +82,7 @@ def test_all_orders_are_those_of_the_continuous_medium(tmp_path):
     assert abs(mean - expected) < sigmas(PASSES) * error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where, host", [("box", 0.3), slow("grid", 0.0), slow("mesh", 0.0)])
 def test_the_loop_is_the_walk_through_the_continuous_medium(tmp_path, where, host):
     """By order and by light: in a host that absorbs light, where more of the particles are in some places, and in a mesh."""

@@ -94,6 +94,7 @@ def plain(optical_depth, g, number, random):
     return shares / number
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth, g", CASES)
 def test_the_continuous_cube(depth, g):
     kinds = particles.of_depth(depth, 1000, phase=particles.henyey_greenstein(g))

@@ -30,6 +30,7 @@ def test_plain_series_is_the_same_physics():
             assert np.max(np.maximum(abs(s1 - exact[0]), abs(s2 - exact[1])) / scale) < 1e-7  # footnote 1 ends the series early
 
 
+@pytest.mark.slow
 def test_printed_rays_agree_with_ours_away_from_what_was_corrected():
     # 20-75 deg, bubbles, x = 2000: no caustic, diffraction gone; both sum all rays of three orders (taper: exp(-6) at 20 deg)
     theta = np.deg2rad(np.arange(20.0, 75.0, 0.25))
@@ -116,6 +117,7 @@ def test_diffraction_has_a_false_tail_and_a_step():
         assert bands["eq. 4, cut at 90°"][band] > 3 * bands["tapered"][band]
 
 
+@pytest.mark.slow
 def test_one_lobe_misplaces_half_the_light_of_a_millimetre():
     theta, phase = lobes.real(1000.0)
     assert np.sum(phase * of.solid_angle(theta)) == pytest.approx(1.0, abs=1e-12)

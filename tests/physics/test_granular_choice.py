@@ -95,6 +95,7 @@ def test_auto_is_explicit_where_the_medium_is_off(asset, tmp_path, monkeypatch, 
     assert best.method == "ept" and medium["bias"] > 0.02 and "off by more than the 2.5 %" in medium["why"], best.table
 
 
+@pytest.mark.slow
 def test_light_that_explicit_grains_do_not_find(asset, tmp_path, monkeypatch):
     """Lamps without extent are no light for smooth grains; of a small lamp that they come upon by chance the lack is seen."""
     balls = asset("clear")

@@ -150,6 +150,7 @@ def test_a_thin_body_does_not_diffuse():
     assert np.array_equal(*(passes(sky, one, view, (24, 24), [0]) for one in (how, diffusing(how))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma_t, albedo", [([1.0, 3.0, 9.0], [0.0, 0.5, 1.0]), (1e-9, 1.0), (0.0, 0.5), (5.0, 0.0),
                                              ([0.0, 5.0, 5.0], [1.0, 1.0, 1 - 1e-15]), (1e4, 0.99)], ids=str)
 def test_extremes(sigma_t, albedo):

@@ -138,6 +138,7 @@ def test_flights_that_meet_nothing():
     assert same(one, other) > ODDS and same(one, 1.15 * other) < ODDS
 
 
+@pytest.mark.slow
 def test_nothing_is_lost_where_it_varies():
     """Lossless, two components, ever fewer grains towards the foot: in light from everywhere 1 at all wavelengths."""
     how = varied(continuous([0.3, 0.5, 0.8], 1.0, [0.0, 0.3, 0.6]), LOOSE, second=[0.6, 0.8, 0.3])

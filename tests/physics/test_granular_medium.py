@@ -44,6 +44,7 @@ def test_the_depth_is_not_more_than_it_is():
     assert len(index) > 100 and found.max() > 8 and winding(point + 0.999 * way, *bumpy(40.0)).all()
 
 
+@pytest.mark.slow
 def test_absorption_is_that_of_the_way_inside():
     """Albedo 0: what comes through is exp(-sigma_t s), s the sum of the ways inside from far away, in and out of the dents."""
     how = continuous([0.1, 0.2, 0.3], 0.0)

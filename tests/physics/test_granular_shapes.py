@@ -37,6 +37,7 @@ def test_every_grain_is_listed():
     assert np.allclose(found.turn @ found.turn.transpose(0, 2, 1), np.eye(3))
 
 
+@pytest.mark.slow
 def test_the_loop_is_the_wavefronts(tmp_path):
     """By order and by light: clear, matt and rough balls and stones that absorb, of two bodies, with a floor through them;
     through the pixels of a pilot, which are bundles of the picture's."""

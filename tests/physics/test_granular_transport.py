@@ -71,6 +71,7 @@ def test_when_paths_switch():
 # ---- switching
 
 
+@pytest.mark.slow
 def test_nothing_is_lost_where_paths_switch():
     """Lossless grains and media in light from everywhere: 1, whoever switches when, also by passes of light before and after."""
     kinds = [Kind(GLASS), Kind(MATT, STONE)]

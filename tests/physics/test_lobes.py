@@ -165,6 +165,7 @@ def test_no_brute_force_finds_better(droplets, fitted):
     assert found["hg_draine"].misfit.misdirected <= least + 1e-5 and least < found["hg_draine"].misfit.misdirected + 0.03
 
 
+@pytest.mark.slow
 def test_more_parameters_are_never_worse_and_g_is_kept(droplets, fitted):
     lost = {name: fit.misfit.misdirected for name, fit in fitted.items()}
     for better, worse in (("hg", "hg_g"), ("draine", "hg"), ("hg2", "hg"), ("hg2", "hg2_g"), ("hg_draine", "hg2"),

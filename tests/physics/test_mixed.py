@@ -103,6 +103,7 @@ def compared(ours, theirs, most=0.01):
     assert np.all(abs(means[0] - means[1]) < sigmas(min(len(ours), len(theirs)), comparisons=3) * error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene, most", [(matched_in_a_box, 0.01), (glass_in_fog, 0.05), (on_a_grid, 0.01)])
 def test_media_and_bodies_as_the_loop_of_dr_jit(tmp_path, scene, most):
     """Which is held against Mitsuba's volpathmis in test_transport_media."""

@@ -29,6 +29,7 @@ def both(request):
     return made, solution.solve(albedo, legendre.moments(theta, phase, 140))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [POINT, SEGMENT])
 def test_the_stated_error_covers_the_true_one(both, kind):
     made, solved = both

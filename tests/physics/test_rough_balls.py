@@ -49,6 +49,7 @@ CASES = [(dielectric(1.5), [0.0, 0.5], 1.0), (dielectric(1.31), [0.0, 0.5], 1.0)
          (conductor([0.2 + 3.9j, 1.5 + 0.1j]), 0.0, 0.5), (diffuse([0.3, 1.0]), 0.0, 0.8)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("surface, mu, radius", CASES,
                          ids=["1.5", "ice", "diamond", "bubble", "matched", "mirror", "metal", "white"])
 def test_smooth_balls_have_their_closed_form(surface, mu, radius):

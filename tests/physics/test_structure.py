@@ -365,6 +365,7 @@ def inserted(radii, edge: float, seed: int):
 # ---- what growth and collisions make of it
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fraction, second_moment", [slow(0.1, 0.973), slow(0.5, 0.929), (0.63, 0.967)])
 def test_packed_tiles(fraction, second_moment):
     """Four tiles of 500: g2 of the fluid within its stated errors, the second moment of chords (packings of 2000 by other code).

@@ -90,6 +90,7 @@ def chance(ours, theirs):
     return stats.ttest_ind(ours, theirs, equal_var=False).pvalue
 
 
+@pytest.mark.slow
 def test_tables_and_events_agree(baked, tmp_path):
     """A ball of radius 5 mean free paths under a panel and on a floor; without a boundary it is too bright."""
     how = transport(tmp_path, [baked()], {"ball": BALL}, PANEL + FLOOR)

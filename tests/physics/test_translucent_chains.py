@@ -207,6 +207,7 @@ def test_caustics_are_left_out_and_measured(glass, tmp_path):
     assert missing.mean() == pytest.approx(without - seen, rel=0.05)
 
 
+@pytest.mark.slow
 def test_light_by_way_of_mirrors_is_said_to_be_left_out(glass, tmp_path):
     mirror = '<shape type="rectangle" id="mirror"><transform name="to_world"><translate z="-2"/></transform>' \
              '<bsdf type="conductor"/></shape>'

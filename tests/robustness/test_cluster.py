@@ -126,12 +126,14 @@ def test_blocks_of_a_killed_worker_are_done_again(workers, tmp_path, capfd):
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.slow
 def test_a_block_that_kills_its_workers_is_told(workers, capfd):
     with pytest.raises(StageError, match="2 workers died on the same block"):
         workers.map(blocks.deadly, range(3))
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.slow
 def test_faults_of_a_block_are_not_those_of_the_cluster(workers):
     with pytest.raises(FileNotFoundError, match="block"):
         workers.map(blocks.refused, range(3))
@@ -160,6 +162,7 @@ class Listed:
         return {name: self.answers[name] for name in workers}
 
 
+@pytest.mark.slow
 def test_only_workers_with_our_versions_get_blocks(monkeypatch):
     monkeypatch.setattr(dask, "LOOK", 0.0)
     ours, said = library_versions(), []

@@ -87,6 +87,7 @@ print(json.dumps(counts))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rounds", [70, pytest.param(2500, marks=pytest.mark.soak)])
 def test_corruption_under_a_digest_that_fits(rounds):
     """The digest is computed again after the corruption: hashes inside, HDF5's checksums and the structure are what is left.

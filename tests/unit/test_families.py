@@ -242,6 +242,7 @@ def test_members_that_a_family_has_no_more_are_removed(own, monkeypatch):
     assert broken(own, read(own)) == []
 
 
+@pytest.mark.slow
 def test_a_place_that_is_no_member_any_more_is_removed_though_it_was_baked_anew(tmp_path, monkeypatch):
     """It is a middle of the new family, which passes; a file of someone else in such a place is not written over."""
     monkeypatch.setenv("BAKERY_CACHE", str(tmp_path / "cache"))

@@ -69,6 +69,7 @@ def baked(tmp_path_factory):
     return [small_asset(), *(read(bakery.bake(folder / f"{name}.yaml", folder / f"{name}.h5")) for name in ("haze", "tile"))]
 
 
+@pytest.mark.slow
 def test_drawing_looks_up_and_computes_nothing(baked):
     ran = set().union(*map(called, baked))
     assert ran <= FILES, f"bake plot calls {sorted(ran - FILES)}"
