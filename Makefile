@@ -93,7 +93,7 @@ $(VENV)/.ready-test: pyproject.toml
 # what only slow tests need: the other extras, and a server of objects.  In one call pip would try hundreds of versions of what
 # s3fs and moto share
 $(VENV)/.ready-slow: $(VENV)/.ready-test
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mitsuba,llvm,test,store,exchange,docs]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mitsuba,llvm,test,store,exchange,solvers,docs]'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check 's3fs>=2025.3' 'moto[server]>=5.1'
 	@touch $@
 

@@ -57,8 +57,8 @@ class Problem:
     excerpt: str = ""
 
     def __str__(self) -> str:
-        place = self.file if self.line is None else f"{self.file}:{self.line}"
-        head = f"{place}: {self.key}: " if self.key else f"{place}: "
+        location = self.file if self.line is None else f"{self.file}:{self.line}"
+        head = f"{location}: {self.key}: " if self.key else f"{location}: "
         text = head + "; ".join(part for part in (self.found, self.expected) if part)
         return text + ("\n" + self.excerpt if self.excerpt else "")
 

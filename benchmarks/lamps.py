@@ -48,6 +48,7 @@ SPHERE = """<shape type="sphere"><point name="center" x="3" y="-4" z="8"/><float
 <emitter type="area"><rgb name="radiance" value="100 100 100"/></emitter></shape>"""
 PANEL = """<shape type="rectangle"><transform name="to_world"><scale value="SIZE"/><rotate x="1" angle="180"/>
 <translate x="3" y="-3" z="13"/></transform><emitter type="area"><rgb name="radiance" value="4 4 4"/></emitter></shape>"""
+MILK = (0.999, 0.999, 0.999), (0.84, 0.75, 0.68), 0.7  # diluted, recipes/milk_dilute.yaml
 GREY = (0.95, 0.9, 0.8), (1.0, 1.2, 1.5), 0.0
 # XML, or the name of a file;  shape;  medium, free paths in mm
 SCENES = {
@@ -58,6 +59,7 @@ SCENES = {
     "candle_ball": ("candle_ball.xml", "candle", Body(*WAX, GLASS)),
     "bumpy_ball": ("bumpy_ball.xml", "ball", Body((0.95, 0.9, 0.7), (4.0, 4.0, 4.0), 0.5, GLASS)),
     "head": ("head.xml", "head", Body(*SKIN, GLASS)),
+    "glass_of_milk": ("glass_of_milk.xml", "milk", Body(*MILK, GLASS)),
 }
 
 

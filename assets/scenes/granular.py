@@ -129,6 +129,30 @@ def mound(side):
     return turned([profile], 64).warp_batch(dented).trim_by_plane((side, 0, 0), 0)
 
 
+# ---- a heap
+
+REPOSE = math.radians(33)  # dry sand's angle of repose
+ROUND, FOOT = 0.1, 0.025  # in radii of the heap: width over which its top is round; height at its rim, a layer of grains
+
+
+def heap():
+    """What was poured from above: slopes at the angle of repose, a rounded top, a foot that is not quite round; radius 1.
+
+    It ends with a layer of grains.  Thinner, it would hold the few grains whose centres are in it, strewn around the heap.
+    """
+    r = np.linspace(1, 0, 41)
+    z = FOOT + math.tan(REPOSE) * (math.hypot(1, ROUND) - np.hypot(r, ROUND))
+    profile = [(0, 0), (1, 0), *zip(r, z)]
+
+    def worn(place):
+        x, y, z = np.asarray(place).T
+        angle, rise = np.arctan2(y, x), np.hypot(x, y)
+        wider = 1 + np.minimum(rise, 0.5) * (0.06 * np.sin(2 * angle + 0.5) + 0.04 * np.sin(3 * angle + 2) + 0.02 * np.sin(7 * angle))
+        return np.stack([x * wider + 0.05 * z, y * wider, z], 1)
+
+    return turned([profile], 96).warp_batch(worn)
+
+
 # ---- layers of sand
 
 HIGH, LOOSE = 1.7, 0.5  # height of the sand in radii of its column, and of its loose top
@@ -160,7 +184,7 @@ def write(name, solid):
 def main():
     spices = {f"spice_{k + 1}": spice(place) for k, place in enumerate(PLACES)}
     for name, solid in {"cube": cube(), "snowman": snowman(), "sand_castle": castle(), "bowl": bowl(), **spices,
-                        "mound_left": mound(-1), "mound_right": mound(1), "column": column()}.items():
+                        "heap": heap(), "mound_left": mound(-1), "mound_right": mound(1), "column": column()}.items():
         write(name, solid)
     for name, values in layers().items():
         np.save(HERE / f"layers_{name}.npy", values)

@@ -101,17 +101,33 @@ def candle(hollow=False):
 
 
 # inside of the glass, its wall, its bottom, its height; height of the milk above the bottom, and the film of glass over the milk
-INSIDE, WALL, BOTTOM, TALL, MILK, FILM = 26.0, 2.5, 6.0, 84.0, 58.0, 0.3
+INSIDE, WALL, BOTTOM, TALL, MILK, FILM = 26.0, 2.0, 7.0, 84.0, 58.0, 0.3
+RISE, CAPILLARY = 1.8, 1.6  # mm, of the milk at the wall, and the length over which that falls to 1/e
+
+
+def meniscus(level, reach):
+    """What stands above a level at the wall, out to a radius `reach`: both halves of its outline."""
+    r = INSIDE - np.linspace(9, 0, 28)
+    curve = list(zip(r, level + RISE * np.exp((r - INSIDE) / CAPILLARY)))
+    half = [(r[0], level - 1), (reach, level - 1), (reach, curve[-1][1]), *curve[::-1]]
+    return CrossSection([half, [(-r, z) for r, z in half]], FillRule.EvenOdd)
+
+
+def filled(half, radius, level, reach):
+    """A solid of revolution with rounded edges, and a meniscus on its inner level."""
+    return turned(right_half(rounded(mirrored(half), radius) + meniscus(level, reach)))
 
 
 def tumbler():
     """The glass, solid where the milk is: milk is a body inside of it, so that each of its points has glass outside."""
     out, level = INSIDE + WALL, BOTTOM + MILK + FILM
-    return lathe([(0, 0), (out - 3, 0), (out, 3), (out, TALL), (INSIDE, TALL), (INSIDE, level), (0, level)], 1.0)
+    outline = [(0, 0), (out - 3, 0), (out, 3), (out, TALL), (INSIDE, TALL), (INSIDE, level), (0, level)]
+    return filled(outline, 0.9, level, INSIDE + 1)
 
 
 def milk():
-    return lathe([(0, BOTTOM), (INSIDE - 2, BOTTOM), (INSIDE, BOTTOM + 2), (INSIDE, BOTTOM + MILK), (0, BOTTOM + MILK)], 0.8)
+    level = BOTTOM + MILK
+    return filled([(0, BOTTOM), (INSIDE - 3, BOTTOM), (INSIDE, BOTTOM + 3), (INSIDE, level), (0, level)], 0.8, level, INSIDE)
 
 
 def _ellipsoid(place, centre, axes, turn=0.0):
@@ -271,7 +287,7 @@ def candle_parts(hollow=False):
     return [*stage(matt(0.22, 0.16, 0.12), matt(0.16, 0.17, 0.2)),
             mesh("candle", body, glass(1.446), FACETS * hollow),
             mesh("wick", "wick", matt(0.03, 0.03, 0.03)), mesh("flame", "flame", shines(50, 29, 12)),
-            panel("window", (-150, -120, 150), (0, 0, 40), (60, 60), shines(0.8, 1, 1.4)), sky(0.04, 0.05, 0.075)]
+            panel("window", (-150, -120, 150), (0, 0, 40), (60, 60), shines(1.15, 1, 0.9)), sky(0.055, 0.05, 0.055)]
 
 
 def head_parts(bsdf):
@@ -297,7 +313,7 @@ PICTURES = {
     "glass_of_milk": ("A glass of milk.", 34, (0, -190, 110), (0, 0, 40), [
         *stage(matt(0.35, 0.2, 0.12), matt(0.25, 0.31, 0.36)),
         mesh("glass", "tumbler", glass(1.5)), mesh("milk", "milk", glass(1.35, 1.5)),
-        panel("window", (-130, -40, 140), (0, 0, 45), (60, 60), shines(8, 8, 7.7)), sky(0.24, 0.26, 0.28)]),
+        panel("window", (-150, -30, 150), (0, 0, 45), (110, 110), shines(5, 5, 4.85)), sky(0.34, 0.365, 0.39)]),
     "head": ("A head of skin, with a lamp behind one ear.", 34, (-35, -190, 72), (0, 0, 50), head_parts(glass(1.4))),
     "bust": ("The head in marble, with an index that is matched.", 34, (-35, -190, 72), (0, 0, 50), head_parts(MATCHED)),
     "soap_and_lamp": ("A bar of soap with a lamp behind it.", 32, (-45, -175, 62), (0, 0, 26), [
@@ -315,7 +331,8 @@ scene: {{mitsuba: {name}.xml, unit: 1 mm}}
 stop: {{noise: 2%, time: 60 s, samples: 1024}}
 materials:
   - {{where: {{shape: {shape}}}, recipe: ../../recipes/{recipe}.yaml{boundary}}}
-"""
+{display}"""
+EXPOSURES = {"candle": 1.8, "candle_hollow": 1.8, "candle_ball": 1.8, "soap_and_lamp": 1.4, "head": 1.2, "bust": 1.2}
 # name: recipe, body, its index where it is not matched
 BODIES = {
     "bumpy_ball": ("bumpy_sphere", "ball", 1.5),
@@ -323,7 +340,7 @@ BODIES = {
     "candle": ("wax", "candle", 1.446),
     "candle_hollow": ("wax", "candle", 1.446),
     "candle_ball": ("wax", "candle", 1.446),
-    "glass_of_milk": ("milk_dilute", "milk", 0.9),
+    "glass_of_milk": ("catalogue/whole_milk", "milk", 0.9),
     "head": ("skin", "head", 1.4),
     "bust": ("marble", "head", None),
     "soap_and_lamp": ("soap", "soap", 1.47),
@@ -339,7 +356,9 @@ def main():
         (HERE / f"{name}.xml").write_text(frame)
         recipe, shape, index = BODIES[name]
         boundary = f", boundary: {{index: {index}}}" if index else ""
-        (HERE / f"{name}.yaml").write_text(SCENE.format(what=what, name=name, recipe=recipe, shape=shape, boundary=boundary))
+        display = f"display: {{exposure: {EXPOSURES[name]}}}\n" if name in EXPOSURES else ""
+        scene = SCENE.format(what=what, name=name, recipe=recipe, shape=shape, boundary=boundary, display=display)
+        (HERE / f"{name}.yaml").write_text(scene)
 
 
 if __name__ == "__main__":

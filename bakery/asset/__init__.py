@@ -7,12 +7,18 @@ tabulated phase function is an attribute that can be called with angles.
 from __future__ import annotations
 
 import os
+from typing import TYPE_CHECKING
 
 from bakery.asset.family import Family
 from bakery.asset.single import Asset, read_checked
 from bakery.family.tree import is_family
 
-__all__ = ["Asset", "Family", "open", "read_checked"]
+if TYPE_CHECKING:
+    import xarray
+
+    from bakery.stages.members import Members
+
+__all__ = ["Asset", "Family", "from_xarray", "open", "read_checked"]
 
 
 def open(path: str | os.PathLike) -> Asset | Family:
@@ -36,3 +42,42 @@ def open(path: str | os.PathLike) -> Asset | Family:
     """
     root = read_checked(path)
     return (Family if is_family(root) else Asset)(root, os.fspath(path))
+
+
+def from_xarray(arrays: xarray.DataTree | xarray.Dataset, path: str | os.PathLike | None = None, *,
+                overwrite: bool = False) -> Asset | Family | Members:
+    """What xarray's labelled arrays hold, as `to_xarray` gave them, also by way of a NetCDF file: an asset, or one group of it.
+
+    Parameters
+    ----------
+    arrays : a tree of a whole asset or family, or the dataset of one group
+    path : of a file to write the asset to; without one it is in memory alone
+    overwrite : replace what stands there also where it is no asset
+
+    Returns
+    -------
+    asset : held to what its stages declare, as `bakery.open` holds it; of a dataset its arrays, with units and errors
+
+    Raises
+    ------
+    AssetError : the tree is no asset, or departs from what its stages declare
+    UsageError : nothing can be written at `path`, or there is one beside the dataset of a single group
+
+    Examples
+    --------
+    >>> bakery.from_xarray(xarray.open_datatree("fog.nc")).medium.g                                 # doctest: +SKIP
+    """
+    from bakery.asset import labelled
+    from bakery.asset.single import checked
+    from bakery.errors import UsageError
+    from bakery.stages.members import Members
+
+    if not hasattr(arrays, "children"):
+        if path is not None:
+            raise UsageError("from_xarray: found a path beside the dataset of one group; the tree of a whole asset would do")
+        return Members(labelled.group_of(arrays), str(arrays.attrs.get(labelled.STORED, "")))
+    root = checked("the tree", labelled.root_of(arrays))
+    if path is not None:
+        labelled.write_asset(root, path, overwrite)
+        root = read_checked(path)
+    return (Family if is_family(root) else Asset)(root, "" if path is None else os.fspath(path))

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 ARGUMENTS = "arguments are wavelength=0.55um, theta=10deg, radius=5um"
 
 
-def ask(found: Asset | Family, path: str, arguments: Mapping[str, str | float | Iterable[float]]) -> Answer | Attribute:
+def ask(asset: Asset | Family, path: str, arguments: Mapping[str, str | float | Iterable[float]]) -> Answer | Attribute:
     """The value at a path of an asset; text and attributes as they are, all else as an `Answer`.
 
     Parameters
@@ -40,19 +40,21 @@ def ask(found: Asset | Family, path: str, arguments: Mapping[str, str | float | 
     UsageError : a path that the asset does not hold, an argument that has no effect there or lies outside of what is stored
     """
     queries = {query.path: query for stage in all_stages() for query in stage.queries}
-    root, path = found.tree, path.strip("/")
+    root, path = asset.tree, path.strip("/")
     # tables of a family have wavelength and theta beside its own axes
     swept = root[f"{FAMILY}/axes"].members.keys() - {"wavelength", "theta"} if is_family(root) else ()
     if name := next((name for name in arguments if name in swept), ""):
         raise UsageError(f"{path}: {name} is an axis of the family; --at {name}=…, in Python `at({name}=…)`, takes the asset of "
                          "a place, which is asked for medium/…")
-    values = {name: _value(name, value, queries.values()) for name, value in arguments.items()}
-    member = _find(found.path, root, path)
+    values = {name: _value(name, value, queries, path) for name, value in arguments.items()}
+    if path in queries and queries[path].bare and not is_family(root):
+        return queries[path].answer(asset, path, values)
+    member = _find(asset.path, root, path)
     if path in queries and values:
-        return queries[path].answer(found, path, values)
+        return queries[path].answer(asset, path, values)
     if isinstance(member, Group):
         content = ", ".join([*member.members, *member.attributes])
-        raise UsageError(f"{found.path}: {path} is a group; it holds {content}: ask for one of them, "
+        raise UsageError(f"{asset.path}: {path} is a group; it holds {content}: ask for one of them, "
                          f"such as {path}/{content.split(',')[0]}")
     if isinstance(member, Dataset) and not is_text(member):
         return lookup(root, path, values)
@@ -68,14 +70,14 @@ def not_found(asset: str, path: str, names: list[str]) -> str:
     return f'{asset}: found no "{path}"; {hint}'
 
 
-def _value(name: str, value, queries: Iterable[Query]) -> float | tuple[float, ...]:
+def _value(name: str, value, queries: Mapping[str, Query], path: str) -> float | tuple[float, ...]:
     """An argument in the unit of the lookup: lengths in um, angles in rad."""
     kinds = {"wavelength": WAVELENGTH, "theta": ANGLE, "radius": LENGTH}
-    for query in queries:
+    for query in (*queries.values(), *([queries[path]] if path in queries else [])):
         kinds |= query.arguments
     if name not in kinds:
         near = difflib.get_close_matches(name, kinds, 1)
-        askable = [ARGUMENTS, *(f"of {query.path} {query.example}" for query in queries)]
+        askable = [ARGUMENTS, *(f"of {query.path} {query.example}" for query in queries.values())]
         raise UsageError(f'found "{name}"; ' + (f"did you mean {near[0]}=…?" if near else "; ".join(askable)))
     if not isinstance(value, str):
         return _numbers(name, value)

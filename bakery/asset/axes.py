@@ -24,7 +24,7 @@ def axes(root: Group, path: str) -> tuple[str, ...]:
         return ("L",)
     if points := of_points(root, path):
         return ("-",) * len(points) + _OF_POINTS.get(path.partition("/")[2], ())
-    letters = _declared(root, path) or _declared(root, path.removesuffix(ERROR))
+    letters = declared_letters(root, path)
     if len(letters) != member.data.ndim:
         letters = ("-",) * member.data.ndim
     lengths = zip(letters, member.data.shape, strict=True)
@@ -41,9 +41,14 @@ def of_points(root: Group, path: str) -> list[tuple[str, str, np.ndarray]]:
     return [(name, groups[name]["value"].units, groups[name]["value"].data) for name in names]
 
 
+def declared_letters(root: Group, path: str) -> tuple[str, ...]:
+    """The letters that a dataset's stage declares for its axes, with a coordinate or without; () where none speaks of it."""
+    return _declared(root, path) or _declared(root, path.removesuffix(ERROR))
+
+
 def _fits(root: Group, path: str, letter: str, length: int) -> bool:
-    found = coordinate(root, path, letter)
-    return found is not None and found[1].data.shape == (length,)
+    axis = coordinate(root, path, letter)
+    return axis is not None and axis[1].data.shape == (length,)
 
 
 def _declared(root: Group, path: str) -> tuple[str, ...]:

@@ -7,9 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bakery.asset import labelled
 from bakery.asset.ask import ask, reals
 from bakery.asset.single import Asset, read_checked, rendered
 from bakery.draw.html import first_picture, table
@@ -30,6 +32,9 @@ from bakery.store.hashes import HASH
 from bakery.store.outputs import ASSET, check_outputs
 from bakery.store.tree import Attribute, Dataset, Group, read_text
 from bakery.store.write import write
+
+if TYPE_CHECKING:
+    import xarray
 
 
 @dataclass(frozen=True)
@@ -125,8 +130,15 @@ class Family:
         self._swept = {axis.first.name: axis.first for axis in axes_of(family)}
         self.axes = MappingProxyType({name: _axis(family[f"axes/{name}"], key) for name, key in self._swept.items()})
         folder = Path(path).parent
-        self.members = tuple(FamilyMember(MappingProxyType(dict(zip(self._swept, place, strict=True))), folder / member.file,
-                                          member.content_hash, member.reason) for place, _, member in listed(root))
+        self.members = tuple(FamilyMember(MappingProxyType(dict(zip(self._swept, index, strict=True))), folder / member.file,
+                                          member.content_hash, member.reason) for index, _, member in listed(root))
+
+    def __fspath__(self) -> str:
+        return self.path
+
+    def to_xarray(self) -> xarray.DataTree:
+        """The family as xarray's labelled arrays, its tables over its axes (`bakery.asset.labelled`)."""
+        return labelled.tree(self.tree)
 
     def at(self, **values: float | str) -> Interpolated:
         """The asset at a place: its group `medium`, interpolated.

@@ -11,13 +11,14 @@ from bakery.errors import UsageError
 from bakery.family.members import listed
 from bakery.family.tree import error_of, is_family
 from bakery.physics.medium.phase import phase_at
+from bakery.physics.medium.spectral import SAME, interpolated, places
 from bakery.stages.conform import FAMILY, stages_of
-from bakery.stages.coordinates import COORDINATES, coordinate, stated_error
+from bakery.stages.coordinates import COORDINATES, coordinate, stated_error, wavelengths
 from bakery.stages.declaration import Answer, Remark
+from bakery.stages.medium.between import at_wavelengths, can
 from bakery.store.tree import Dataset, Group
 
 NAMED = 8  # points that failed, one by one
-SAME = 1e-9  # relative distance below which an argument is a stored wavelength
 
 
 def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, ...]]) -> Answer:
@@ -25,13 +26,14 @@ def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, 
 
     Parameters
     ----------
-    arguments : `wavelength` in um (linear between the stored ones), `theta` in rad (linear in cos theta), `radius` in um (the
-        nearest node: between two nodes no sphere was computed); a number or several
+    arguments : `wavelength` in um (a power of it between the stored ones), `theta` in rad (linear in cos theta), `radius` in um
+        (the nearest node: between two nodes no sphere was computed); a number or several
 
     Raises
     ------
     UsageError : an argument that has no effect on this dataset, or lies outside of what is stored
     """
+    asked, (root, remarks) = root, _between(root, path, arguments)
     member = root[path]
     letters, points = axes(root, path), of_points(root, path)
     names = [COORDINATES.get(letter) for letter in letters]
@@ -41,8 +43,7 @@ def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, 
         raise UsageError(f"{path}: {useless[0]} has no effect on it; " + (f"{' and '.join(given)} would" if given else
                          "it takes no arguments"))
     values, error = member.data, stated_error(root, path)
-    axes_left, remarks = [], []
-    axes_left += points
+    axes_left = list(points)
     if points and values.dtype.kind == "f" and (failed := [words for _, words, member in listed(root) if member.reason]):
         named = [*failed[:NAMED], *(["…"] if len(failed) > NAMED else [])]
         remarks.append(Remark(f"zeros stand for points that failed: {'; '.join(named)}"))
@@ -68,8 +69,23 @@ def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, 
     if values.dtype.kind == "S":
         values = np.char.decode(values, "utf-8", "replace")
     for stage in stages_of(root):
-        remarks += stage.remarks(root, path, letters, arguments)
+        remarks += stage.remarks(asked, path, letters, arguments)
     return Answer(path, member.units, np.asarray(values), tuple(axes_left), error, tuple(remarks))
+
+
+def _between(root: Group, path: str, arguments: Mapping) -> tuple[Group, list[Remark]]:
+    """The tree with the medium at the wavelengths that are asked for, where the path leads into it, and what that is in words."""
+    medium, stored = root.members.get("medium"), root.members.get("wavelength")
+    if not path.startswith("medium/") or "wavelength" not in arguments or not can(medium) or "L" not in axes(root, path):
+        return root, []
+    um = np.atleast_1d(wavelengths(arguments["wavelength"], stored.data))
+    around = places(stored.data, um)
+    if not (around.power > 0).any():
+        return root, []
+    told = _told(stored.data, around) + ("; what that is off by is not known of two wavelengths" if stored.data.size == 2 else
+                                         "; the error is with what leaving out neighbours shows that to be off by")
+    members = {"medium": at_wavelengths(medium, stored.data, um), "wavelength": Dataset(um, "um", stored.description)}
+    return Group(root.members | members, root.attributes), [Remark(told)]
 
 
 def _unmeasured(root: Group, path: str) -> bool:
@@ -89,25 +105,27 @@ def _along(axis: int, data, take, several: bool):
 
 
 def _by_wavelength(nodes, wanted, member: Dataset):
-    """Linear between the stored wavelengths; a stored one as it is."""
-    order = np.argsort(nodes)
-    ascending = nodes[order]
-    # not: so that nan, which is neither below nor above, is outside as well
-    if not ((wanted >= ascending[0] * (1 - SAME)) & (wanted <= ascending[-1] * (1 + SAME))).all():
-        raise UsageError(f"wavelength: found {_numbers(wanted)} um; the asset holds {_numbers(nodes)} um"
-                         + (" and what lies between" if nodes.size > 1 else ""))
-    nearest = order[np.argmin(np.abs(ascending - wanted[..., None]), axis=-1)]
-    if (np.abs(nodes[nearest] - wanted) <= SAME * nodes[nearest]).all():
-        return lambda data: data[..., nearest], wanted, ""
-    if member.data.dtype.kind != "f":
+    """As a power of the wavelength between the stored ones (`physics.medium.spectral`); a stored one as it is."""
+    um = np.atleast_1d(wavelengths(wanted, nodes))
+    around = places(nodes, um)
+    between = around.power > 0
+    if between.any() and member.data.dtype.kind != "f":
         raise UsageError(f"wavelength: found {_numbers(wanted)} um; between these values there are no others: "
                          f"take one of {_numbers(nodes)} um")
-    upper = np.clip(np.searchsorted(ascending, wanted), 1, nodes.size - 1)
-    low, high = order[upper - 1], order[upper]
-    share = (wanted - nodes[low]) / (nodes[high] - nodes[low])
-    pairs = sorted({(nodes[a], nodes[b]) for a, b in zip(np.atleast_1d(low), np.atleast_1d(high), strict=True)})
-    remark = "linear between the wavelengths " + "; ".join(f"{a:g} and {b:g} um" for a, b in pairs)
-    return lambda data: data[..., low] * (1 - share) + data[..., high] * share, wanted, remark
+
+    def take(data):
+        if not between.any():
+            return data[..., around.lower if wanted.ndim else around.lower[0]]
+        taken = np.moveaxis(interpolated(around, np.moveaxis(data, -1, 0)), 0, -1)
+        return taken if wanted.ndim else taken[..., 0]
+
+    return take, wanted, _told(nodes, around) if between.any() else ""
+
+
+def _told(nodes, around) -> str:
+    """Between which wavelengths is interpolated, in words."""
+    pairs = sorted({tuple(sorted((nodes[a], nodes[b]))) for a, b in zip(around.lower, around.upper, strict=True) if a != b})
+    return "as a power of the wavelength between " + "; ".join(f"{a:g} and {b:g} um" for a, b in pairs)
 
 
 def _by_theta(nodes, wanted, member: Dataset):

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
+from bakery.asset import labelled
 from bakery.asset.ask import ask
 from bakery.draw.html import first_picture, table
 from bakery.draw.picture import Picture
@@ -20,21 +22,28 @@ from bakery.store.hashes import HASH, STAGE
 from bakery.store.read import read
 from bakery.store.tree import Attribute, Dataset, Group, read_text
 
+if TYPE_CHECKING:
+    import xarray
+
 
 def read_checked(path: str | os.PathLike) -> Group:
     """The tree of an asset that is what its stages declare; what every command starts from.  Raises as `bakery.open`."""
-    root = read(path)
+    return checked(os.fspath(path), read(path))
+
+
+def checked(path: str, root: Group) -> Group:
+    """A tree that is what its stages declare; AssetError where it is not."""
     if not {"wavelength", "recipe"} <= root.members.keys():
-        raise AssetError(f"{os.fspath(path)}: holds no recipe and wavelength: an entry of bakery's cache, not an asset")
-    conform.check(os.fspath(path), root)
+        raise AssetError(f"{path}: holds no recipe and wavelength: an entry of bakery's cache, not an asset")
+    conform.check(path, root)
     if is_family(root) and (faults := departures(root)):
-        raise AssetError(f"{os.fspath(path)}: damaged, or not written by bakery: {faults[0]}; `bake verify` lists all")
+        raise AssetError(f"{path}: damaged, or not written by bakery: {faults[0]}; `bake verify` lists all")
     return root
 
 
 def rendered(root: Group) -> Iterator[Picture]:
     """Pictures of what renderers take of an asset."""
-    return (each for stage in stages_of(root) if stage.rendered for each in stage.pictures(root))
+    return (picture for stage in stages_of(root) if stage.rendered for picture in stage.pictures(root))
 
 
 class Asset:
@@ -64,6 +73,8 @@ class Asset:
         views = {stage.name: stage.view for stage in all_stages() if stage.view}
         self._groups = {name: views[name](root) if name in views else Members(member, name, shared, self.wavelength)
                         for name, member in root.members.items() if isinstance(member, Group)}
+        for group in self._groups.values():
+            group.within(root, labelled.dataset)
         self.stages = MappingProxyType({name: group.attributes for name, group in self._groups.items()
                                         if STAGE in group.attributes})
         self.tree = root
@@ -73,11 +84,14 @@ class Asset:
         if name in groups:
             return groups[name]
         if sections := sections_for(name):
-            wanted = " or ".join(dict.fromkeys(" and ".join(f"`{section}`" for section in each) for each in sections))
+            wanted = " or ".join(dict.fromkeys(" and ".join(f"`{section}`" for section in group) for group in sections))
             raise MissingStage(f"{self.path}: holds no stage {name!r} (it holds {', '.join(self.stages) or 'none'}); give its "
                                f"recipe a section {wanted} and bake it again: `bake RECIPE -o {self.path}`, or "
                                f"`bake RECIPE --scene SCENE -o {self.path}` of a scene that needs the stage")
         raise AttributeError(f"an asset has no attribute {name!r}; {self.path} holds the groups {', '.join(groups)}")
+
+    def __fspath__(self) -> str:
+        return self.path
 
     def query(self, path: str, /, **arguments: str | float | Sequence[float]) -> Answer | Attribute:
         """A baked value, looked up at arguments as `bake query` does.
@@ -100,6 +114,18 @@ class Asset:
         >>> asset.query("medium/phase", wavelength="550 nm", theta="[0, 90, 180] deg").values       # doctest: +SKIP
         """
         return ask(self, path, arguments)
+
+    def to_xarray(self) -> xarray.DataTree:
+        """The asset as xarray's labelled arrays, each group a node; `bakery.from_xarray` makes an asset of it again.
+
+        `asset.medium.to_xarray()` gives one group alone.  See `bakery.asset.labelled` for names, units and errors; UsageError
+        where xarray is not installed.
+
+        Examples
+        --------
+        >>> asset.to_xarray().to_netcdf("fog.nc")                                                   # doctest: +SKIP
+        """
+        return labelled.tree(self.tree)
 
     def __dir__(self):
         return [*super().__dir__(), *self._groups]

@@ -98,7 +98,7 @@ def _broken(path: str) -> list[str]:
 
     data = read_bytes(path)
     faults = []
-    root = decode(path, data, on_fault=lambda place, sentence: faults.append(f"{place}: {sentence}"))
+    root = decode(path, data, on_fault=lambda where, sentence: faults.append(f"{where}: {sentence}"))
     if faults:
         return faults
     try:
@@ -125,7 +125,7 @@ def _hit(path: str) -> list[str]:
 
     data = read_bytes(path)
     faults = []
-    root = decode(path, data, on_fault=lambda place, sentence: faults.append(f"{place}: {sentence}"))
+    root = decode(path, data, on_fault=lambda where, sentence: faults.append(f"{where}: {sentence}"))
     return faults + _checksums(data, root) or broken_hashes(root)
 
 

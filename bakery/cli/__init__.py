@@ -59,14 +59,14 @@ class Commands(click.Group):
         return import_module(f"bakery.cli.{name.replace('-', '_')}").command
 
     def resolve_command(self, ctx, args):
-        name, command, rest = super().resolve_command(ctx, args)
+        name, command, remaining = super().resolve_command(ctx, args)
         if name not in TELLING:
             from bakery.run.progress import Lines
 
             waiting = Lines()  # to look into a large asset takes seconds: after a moment say so
             waiting.begin(f"bake {name}")
             ctx.call_on_close(waiting.close)
-        return name, command, rest
+        return name, command, remaining
 
     def invoke(self, ctx):
         try:

@@ -104,9 +104,9 @@ def _check_apart(recipes, plans) -> None:
     """UsageError where two recipes would become one asset."""
     targets = {}
     for index, plan in plans.items():
-        other = targets.setdefault(os.path.realpath(plan.output), index)
-        if other != index:
-            raise UsageError(f"{recipes[other]} and {recipes[index]} would both become {plan.output}; "
+        earlier = targets.setdefault(os.path.realpath(plan.output), index)
+        if earlier != index:
+            raise UsageError(f"{recipes[earlier]} and {recipes[index]} would both become {plan.output}; "
                              "give each file its own name or bake them apart")
 
 
@@ -167,11 +167,11 @@ def _failure(recipe, message: str, status: int) -> dict:
 
 def _tell(recipes, failures, done, keep_going: bool) -> int:
     """Say at the end which recipes failed, and how many were not started; the worst exit status."""
-    left = len(recipes) - len(failures) - len(done)
+    unstarted = len(recipes) - len(failures) - len(done)
     if failures:
         advice = "" if keep_going else " (--keep-going goes on)"
-        more = f", {left} not started{advice}" if left else ""
-        remark(f"{len(failures)} of {len(recipes)} recipes failed{more}:")
+        addition = f", {unstarted} not started{advice}" if unstarted else ""
+        remark(f"{len(failures)} of {len(recipes)} recipes failed{addition}:")
     for index, (message, _) in sorted(failures.items()):
         named = message if message.startswith(recipes[index]) else f"{recipes[index]}: {message}"
         remark(named)

@@ -33,12 +33,12 @@ def info(as_json):
 
     cache = Cache()
     held = cache.held()
-    own = _counted((_kind(path), size) for path, size, _ in held.entries) | {"others": len(held.others)}
+    counted = _counted((_kind(path), size) for path, size, _ in held.entries) | {"others": len(held.others)}
     shared = {} if cache.shared is None else {"shared": {"address": cache.shared.address, **_answered(cache.shared)}}
     if as_json:
-        print_json({"folder": str(cache.where), **own, **shared})
+        print_json({"folder": str(cache.where), **counted, **shared})
         return
-    _show(str(cache.where), own)
+    _show(str(cache.where), counted)
     if shared:
         address = shared["shared"].pop("address")
         _show(f"shared: {address}", shared["shared"])
@@ -71,13 +71,13 @@ def _entries(count: int) -> str:
     return f"{count} entr{'y' if count == 1 else 'ies'}"
 
 
-def _show(place: str, held: dict) -> None:
+def _show(folder: str, held: dict) -> None:
     from bakery.system.resources import in_words
 
     if "problem" in held:
-        say(f"{place}: {held['problem']}")
+        say(f"{folder}: {held['problem']}")
         return
-    say(f"{place}: {_entries(held['entries'])}, {in_words(held['bytes'])}")
+    say(f"{folder}: {_entries(held['entries'])}, {in_words(held['bytes'])}")
     for name, stage in held["stages"].items():
         say(f"  {clean(name):<8} {_entries(stage['entries'])}, {in_words(stage['bytes'])}")
     if held.get("others"):

@@ -62,8 +62,8 @@ def _print_family(family: dict) -> None:
     units = {axis["name"]: axis["units"].removeprefix("1") or "1" for axis in family["axes"]}  # as recipes write them
     for axis in family["axes"]:
         values = [shown(value, units[axis["name"]]) for value in axis["values"]]
-        few = values if len(values) <= 8 else [*values[:4], "...", *values[-3:]]
-        say(f"  {axis['name']}: {', '.join(few)} ({clean(axis['key'])})")
+        excerpt = values if len(values) <= 8 else [*values[:4], "...", *values[-3:]]
+        say(f"  {axis['name']}: {', '.join(excerpt)} ({clean(axis['key'])})")
     for member in members:
         if member["reason"] or not member["there"]:
             at = ", ".join(f"{name} {shown(member['at'][name], unit)}" for name, unit in units.items())

@@ -86,40 +86,40 @@ def made(job, progress, render, *limits, **options):
         return render(job, *limits, **options, progress=progress.update, compiled=lambda: (clock.seconds, spent[0]))
 
 
-def summary(renders, found, base, file=None) -> dict:
+def summary(renders, comparison, base, file=None) -> dict:
     """All numbers and words of a comparison.
 
     Parameters
     ----------
     renders : `renderers.pictures.comparison.Made` of each method
-    found : `renderers.pictures.differences.Compared` of each picture from the reference
+    comparison : `renderers.pictures.differences.Compared` of each picture from the reference
     base : the reference, `renderers.pictures.differences.Picture`
     file : its path where it is no method's
     """
     from renderers.pictures import differences
 
     first = renders[0].job.scene
-    by_name = {method.name: method for method in found}
+    by_name = {method.name: method for method in comparison}
     common = {key: value for key, value in first.overrides.items() if key != first.rules.CHOICE[0]
               and all(method.job.scene.overrides.get(key) == value for method in renders)}
     methods = []
-    for one in renders:
-        report, seen = one.report, by_name[one.job.name]
+    for item in renders:
+        report, seen = item.report, by_name[item.job.name]
         missing = report.get("left_out") or []
         difference = None if seen.difference is None else {
             key: value for key, value in seen.difference._asdict().items() if key != "map"}
-        methods.append({"overrides": {key: value for key, value in one.job.scene.overrides.items() if key not in common}}
+        methods.append({"overrides": {key: value for key, value in item.job.scene.overrides.items() if key not in common}}
                        | {key: report.get(key) for key in ("method", "files", "samples", "noise", "noise_mean", "mean",
                                                          "mean_error", "seconds", "passes", "stopped_by", "reasons")}
-                       | {"name": one.job.name, "scene": str(one.job.scene.path), "seed": one.job.seed,
-                          "stated_bias": report["bias"], "processor": one.processor,
-                          "compiling": one.compiling, "pace": one.pace._asdict(), "taken": one.taken, "anew": one.anew,
+                       | {"name": item.job.name, "scene": str(item.job.scene.path), "seed": item.job.seed,
+                          "stated_bias": report["bias"], "processor": item.processor,
+                          "compiling": item.compiling, "pace": item.pace._asdict(), "taken": item.taken, "anew": item.anew,
                           "difference": difference,
-                          "exact": one.job.name in first.rules.EXACT and not missing,
-                          "kept": one.job.name in first.rules.KEPT and not missing, "left_out": missing, "flip": seen.flip})
+                          "exact": item.job.name in first.rules.EXACT and not missing,
+                          "kept": item.job.name in first.rules.KEPT and not missing, "left_out": missing, "flip": seen.flip})
     remarks = [differences.flip_missing()]
-    unknown = dict.fromkeys(name for seen in found if seen.difference for name in seen.difference.left_in)
-    whose = "all pictures" if len(unknown) == len(found) else ", ".join(unknown)
+    unknown = dict.fromkeys(name for seen in comparison if seen.difference for name in seen.difference.left_in)
+    whose = "all pictures" if len(unknown) == len(comparison) else ", ".join(unknown)
     remarks += [f"Noise that is not known is not taken off: that of {whose}."] if unknown else []
     remarks += [f"{base.name} is black: nothing is relative to it."] if base.luminance.mean() <= 0 else []
     remarks += [f"{base.name} does not have all of the light, and neither errors nor bias count what it lacks: {sentence}."

@@ -125,13 +125,13 @@ def _show_family(plan) -> None:
         + (" before any is added" if plan.middles else ""))
 
 
-def _counted(count: int, what: str) -> str:
-    return f"{count:,} {what}{'s' * (count != 1)}"
+def _counted(count: int, noun: str) -> str:
+    return f"{count:,} {noun}{'s' * (count != 1)}"
 
 
 def _say_needs(plan, stage) -> None:
     """Why the scenes need a stage, what of its knobs they decide, and what stays as the recipe has it."""
-    need = next((one for one in plan.needs if one.stage == stage.name and one.needed), None)
+    need = next((each_need for each_need in plan.needs if each_need.stage == stage.name and each_need.needed), None)
     if need is None:
         users = [step.stage.name for step in plan.steps if stage.name in step.stage.needs]
         say(f"         needed by {' and '.join(users)}")
@@ -141,5 +141,5 @@ def _say_needs(plan, stage) -> None:
         say(f"         {knob.key} {knob.text}: {knob.why}")
     if need.lacking:
         say(f"         out of reach: {need.lacking}")
-    if left := plan.kept(stage):
-        say(f"         as the recipe has it: {', '.join(left)}")
+    if kept := plan.kept(stage):
+        say(f"         as the recipe has it: {', '.join(kept)}")

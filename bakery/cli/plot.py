@@ -29,15 +29,15 @@ def command(asset, output, place, overwrite, as_json):
     from bakery.store.outputs import by_suffix, check_outputs
     from bakery.store.put import put
 
-    found = opened(asset, place)
-    if isinstance(found, bakery.Family) and len(found.members) == 1:  # nothing lies between: its only place is drawn
-        found = found.at(**found.members[0].at)
-    root = found.tree
+    shown = opened(asset, place)
+    if isinstance(shown, bakery.Family) and len(shown.members) == 1:  # nothing lies between: its only place is drawn
+        shown = shown.at(**shown.members[0].at)
+    root = shown.tree
     figures = list(pictures(root))
     if not figures:
         raise AssetError(f"{asset}: holds nothing that is drawn; `bake inspect {asset}` shows what it holds")
-    stem = Path(found.path).stem
-    folder = folder_for(Path(output) if output else Path(found.path).with_name(f"{stem}-plots"))
+    stem = Path(shown.path).stem
+    folder = folder_for(Path(output) if output else Path(shown.path).with_name(f"{stem}-plots"))
     check_outputs(by_suffix(folder / f"{stem}_{picture.name}.{form}" for picture in figures for form in ("png", "svg", "csv")),
                   [asset], overwrite)
     written = []

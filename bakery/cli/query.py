@@ -26,19 +26,24 @@ def command(asset, path, arguments, place, as_json):
     bake query fog.h5 medium/sigma_t wavelength=0.55um
     bake query fog.h5 medium/phase wavelength=0.55um theta=10deg
     bake query fog.h5 medium/phase "theta=[0, 90, 180] deg"
+    bake query fog.h5 optics length=100m
+    bake query fog.h5 medium/moments orders=64
     bake query milk.h5 multiple/point rho=1 z=2 theta=30deg
     bake query clouds.h5 medium/g --at radius=5um
     """
     from bakery.asset.ask import ask
     from bakery.stages.declaration import Answer
+    from bakery.stages.optics.quantity_table import QuantityTable
 
-    found = opened(asset, place)
+    asked = opened(asset, place)
     values = dict(_argument(word) for word in arguments)
     if len(values) < len(arguments):
         raise UsageError("the same argument twice; give each once")
-    answer = ask(found, path, values)
+    answer = ask(asked, path, values)
     if isinstance(answer, Answer):
-        _show(found.tree, answer, as_json)
+        _show(asked.tree, answer, as_json)
+    elif isinstance(answer, QuantityTable):
+        _show_table(answer, as_json)
     else:
         _print_plain(path.strip("/"), answer, as_json)
 
@@ -49,6 +54,20 @@ def _show(root, answer, as_json: bool) -> None:
         _print_json(answer, stage)
     else:
         _print(answer, stage)
+
+
+def _show_table(quantities, as_json: bool) -> None:
+    from bakery.system.terminal import clean, say, table
+
+    if as_json:
+        print_json(quantities.as_dict())
+        return
+    for block in quantities.rows(lambda value, error: _rounded(value, error if error > 0 else 0.0) if value is not error
+                                 else f"{error:.2g}"):
+        for line in table(block, right=range(2, len(block[0]))):
+            say(line)
+    for remark in quantities.remarks():
+        say(f"# {clean(remark)}")
 
 
 def _argument(word: str) -> tuple[str, str]:
@@ -75,7 +94,7 @@ def _stage_of(root, answer) -> dict | None:
     if coordinate or "achieved_error" not in attributes or answer.values.dtype.kind != "f":
         return None
     summary = stage(root, name)
-    return summary if answer.error is None or not answer.error.any() or summary["missed"] else None
+    return summary if answer.error is None or not (answer.error > 0).any() or summary["missed"] else None
 
 
 def _print_plain(path: str, value, as_json: bool) -> None:
@@ -117,7 +136,7 @@ def _print(answer, stage) -> None:
         return _rounded(value, error or (share or 0.0) * abs(value)) if answer.values.dtype.kind == "f" else _digits(value)
 
     if answer.values.ndim == 0:
-        error = f" +- {float(answer.error):.2g}" if answer.error is not None and answer.error else ""
+        error = f" +- {float(answer.error):.2g}" if answer.error is not None and answer.error > 0 else ""
         say(f"{figure(answer.values[()], answer.error)}{error}{unit}")
     else:
         for line in table(answer.rows(_digits, figure), right=range(answer.values.ndim + 64)):

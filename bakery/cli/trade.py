@@ -76,27 +76,27 @@ def command(source, output, methods, beside, measure, budget, overwrite, as_json
         say(line)
 
 
-def _of_recipe(recipe, output, values, options, *, progress, **more):
+def _of_recipe(recipe, output, values, options, *, progress, **options_of_trade):
     """What `--json` prints, and the lines for people."""
     from bakery.trade import trade
     from bakery.trade.tables import report
 
     wanted = for_scenes(recipe, values, options["scenes"], options["stage"], None, progress)
     result = trade(recipe, output, stages=wanted.stages, quality=options["quality"], settings=wanted.settings, progress=progress,
-                   **more)
+                   **options_of_trade)
     value, files = result.as_dict(), [str(file) for file in result.files]
     return value | {"files": files}, [*(line for sweep in value["stages"] for line in report(sweep, recipe)), *files]
 
 
-def _of_scene(source, output, methods, values, seed, *, progress, verbose, **more):
+def _of_scene(source, output, methods, values, seed, *, progress, verbose, **options_of_trade):
     """The same of a scene."""
     from bakery.cli import trade_scene
     from bakery.cli.methods import lines
 
-    found = trade_scene.trade(source, output, methods, values, seed, progress=progress, **more)
-    for line in lines(found) if verbose else ():
+    traded = trade_scene.trade(source, output, methods, values, seed, progress=progress, **options_of_trade)
+    for line in lines(traded) if verbose else ():
         progress.say(line)
-    return found, [*trade_scene.report(found), found["page"]]
+    return traded, [*trade_scene.report(traded), traded["page"]]
 
 
 def _seed(text) -> int | None:

@@ -53,7 +53,7 @@ def plain_numbers(axes) -> None:
 
     def words(value, _) -> str:
         low, high = axes.yaxis.get_view_interval()
-        length, largest = (int(np.floor(np.log10(each))) for each in (high - low, max(abs(low), abs(high))))
+        length, largest = (int(np.floor(np.log10(bound))) for bound in (high - low, max(abs(low), abs(high))))
         value = round(float(value), 3 - length) + 0.0  # what is left of a 0 is no number to be written
         exponent = 0 if -4 < largest < 6 or value == 0 else largest
         return f"{value / 10.0**exponent:.12g}".replace("-", "−") + (f"×{power(exponent)}" if exponent else "")

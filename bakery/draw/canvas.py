@@ -120,14 +120,14 @@ def _twice(first, second):
 
 def _png(pixels, dpi: float = 72.0) -> bytes:
     """Pixels (H, W, 3 or 4) uint8 as PNG (ISO 15948).  PIL, which tries five filters a row, takes twice as long."""
-    high, wide, channels = pixels.shape
-    rows = pixels.reshape(high, wide * channels)
-    filtered = np.empty((high, 1 + rows.shape[1]), np.uint8)
+    height, width, channels = pixels.shape
+    rows = pixels.reshape(height, width * channels)
+    filtered = np.empty((height, 1 + rows.shape[1]), np.uint8)
     filtered[:, 0] = _UP
     filtered[0, 1:] = rows[0]
     np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
     a_meter = round(dpi / 0.0254)
-    head = struct.pack(">IIBBBBB", wide, high, 8, _RGB if channels == 3 else _RGBA, 0, 0, 0)
+    head = struct.pack(">IIBBBBB", width, height, 8, _RGB if channels == 3 else _RGBA, 0, 0, 0)
     chunks = ((b"IHDR", head), (b"pHYs", struct.pack(">IIB", a_meter, a_meter, 1)), (b"IDAT", zlib.compress(filtered, _QUICK)),
               (b"IEND", b""))
     return b"\x89PNG\r\n\x1a\n" + b"".join(struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))

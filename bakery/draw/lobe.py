@@ -35,7 +35,7 @@ def polar(axes, theta, value, limits: tuple[float, float], inks: Sequence, label
     rings = [Path.circle(radius=radius_of(decade, low, high)) for decade in decades]
     degrees = np.arange(0, 360, 45)
     across, up = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    rays = [Path(np.outer((INNER, 1.0), way)) for way in zip(across, up, strict=True)]
+    rays = [Path(np.outer((INNER, 1.0), direction)) for direction in zip(across, up, strict=True)]
     axes.add_patch(PathPatch(Path.make_compound_path(*rings, *rays), fill=False, edgecolor=FAINT, linewidth=0.7, zorder=1))
     axes.add_patch(PathPatch(rings[0], fill=False, edgecolor=QUIET, linewidth=0.8, zorder=1.5))
     theta, value = each_degree(theta, value)

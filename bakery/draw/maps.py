@@ -36,7 +36,7 @@ def scale(colours: str) -> bytes:
 
 def limit(maps) -> float:
     """1, 2 or 5 times a power of ten that 99 % of the values of all maps stay within; 1e-3 where they are all 0."""
-    largest = max((float(np.quantile(np.abs(one), 0.99)) for one in maps), default=0.0)
+    largest = max((float(np.quantile(np.abs(values), 0.99)) for values in maps), default=0.0)
     if largest <= 0:
         return 1e-3
     decade = 10.0 ** np.floor(np.log10(largest))

@@ -67,10 +67,10 @@ def drawn(picture: Picture, forms: Sequence[str] = ("png", "svg"), of: str = "")
     from matplotlib.figure import Figure
 
     with look(picture.name):
-        wide, high = picture.size
-        figure = Figure(figsize=(wide, high + _HEAD if of else high))
+        width, height = picture.size
+        figure = Figure(figsize=(width, height + _HEAD if of else height))
         if of:
-            head, body = figure.subfigures(2, 1, height_ratios=(_HEAD, high))
-            head.text(0.08 / wide, 0.45, of, va="center", color=QUIET, fontsize=8.5, parse_math=False)
+            head, body = figure.subfigures(2, 1, height_ratios=(_HEAD, height))
+            head.text(0.08 / width, 0.45, of, va="center", color=QUIET, fontsize=8.5, parse_math=False)
         picture.draw(body if of else figure)
         return saved(figure, forms)

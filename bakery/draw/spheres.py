@@ -112,8 +112,8 @@ def _open(p, n, near, position, radius):
     a, b, c = n.astype(np.float32)
     square = x * x + y * y + z * z
     cosine = (x * a + y * b + z * c) / np.sqrt(square)
-    own = radius.astype(np.float32)[near] ** 2
-    share = own / np.maximum(square, own)
+    squared_radius = radius.astype(np.float32)[near] ** 2
+    share = squared_radius / np.maximum(square, squared_radius)
     # a sphere takes cos * r^2/d^2 of a cosine-weighted sky where it stands clear of the horizon, and fades below it
     clear = np.sqrt(share)
     taken = share * np.where(cosine < clear, 0.25 * np.maximum(cosine + clear, 0) ** 2 / clear, cosine)

@@ -37,8 +37,8 @@ def picture(curves: Mapping[str, tuple], measured: Mapping[str, tuple], knee: tu
             plain_decades(axis)
         figure.legend(loc="outside right upper")
 
-    columns = [(f"{name}: {what}", values) for name, curve in curves.items()
-               for what, values in zip(("time [s]", "error", "at most"), curve)]
+    columns = [(f"{name}: {label}", values) for name, curve in curves.items()
+               for label, values in zip(("time [s]", "error", "at most"), curve)]
     caption = ("Of all cores together, without compiling: measured at the dot, on from there as noise goes, with the root of "
                "time; bands reach up to the error that noise may hide.")
     return Picture("times", "Error against time", caption, (9.0, 4.4), draw, tuple(columns))

@@ -68,8 +68,8 @@ def blocks(count) -> Iterator[slice]:
         yield slice(start, end)
 
 
-def nearest(index, depth, pixel, z, what) -> None:
+def nearest(index, depth, pixel, z, value) -> None:
     """Enter pixels (P,) of surfaces at z (P,) into a depth buffer and the index of what it shows; of equals the last."""
     np.maximum.at(depth, pixel, z)
     shown = z == depth[pixel]
-    index[pixel[shown]] = what[shown]
+    index[pixel[shown]] = value[shown]

@@ -18,15 +18,15 @@ def beyond(um, bands: Mapping[str, tuple[float, float]]) -> list[str]:
     first, last = float(np.min(um)), float(np.max(um))
     if first == last:
         return []
-    said = []
+    remarks = []
     for end, names in ((first, [name for name, (_, high) in bands.items() if high <= first]),
                        (last, [name for name, (low, _) in bands.items() if low > last])):
         if names:
             edges = [edge for name in names for edge in bands[name]]
             lie, have = ("lies", "has") if len(names) == 1 else ("lie", "have")
-            said.append(f"{_listed(names)} ({min(edges):g} to {max(edges):g} um) {lie} beyond the asset's wavelengths, "
+            remarks.append(f"{_listed(names)} ({min(edges):g} to {max(edges):g} um) {lie} beyond the asset's wavelengths, "
                         f"{first:g} to {last:g} um, and {have} the values at {end:g} um")
-    return said
+    return remarks
 
 
 def _listed(names: list[str]) -> str:

@@ -37,8 +37,8 @@ def cycles_medium(root: Group, name: str, within: float = 0.0) -> Mixture:
     ------
     AssetError : there is no medium
     """
-    found = source(root, name, within)
-    return found.mixture(hg_draine(found.medium.theta, found.mean, STEEPEST))
+    lobe = source(root, name, within)
+    return lobe.mixture(hg_draine(lobe.medium.theta, lobe.mean, STEEPEST))
 
 
 _SCRIPT = '''# A baked medium for Cycles in Blender 5.

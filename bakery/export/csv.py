@@ -21,8 +21,8 @@ def csv_files(root: Group) -> dict[str, str]:
     files = {"recipe.yaml": read_text(root["recipe"])} if "recipe" in root.members else {}
     written: set[str] = set()
     for stage in stages_of(root):
-        own, paths = stage.files(root)
-        files |= own
+        texts, paths = stage.files(root)
+        files |= texts
         written |= set(paths)
     tables: dict[str, list] = {}
     for path, member in root.walk():

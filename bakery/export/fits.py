@@ -32,11 +32,11 @@ def lobe_fits(um: float, theta, phase, fits: Mapping) -> Picture:
     shown = {name: fits[name] for name in _DRAWN if name in fits}
     start = max(np.degrees(theta[1]), 1e-3) if len(theta) > 2 else 0.1
     near = np.union1d(np.geomspace(start, 30, 400), np.degrees(theta[(theta > np.radians(start)) & (theta < np.radians(30))]))
-    wide = np.union1d(np.linspace(0, 180, 721), np.degrees(theta))
+    nodes = np.union1d(np.linspace(0, 180, 721), np.degrees(theta))
 
     def draw(figure):
         panels = figure.subplots(2, 2, width_ratios=(1.5, 1), height_ratios=(1.7, 1), sharey="row", sharex="col")
-        for column, at in enumerate((wide, near)):
+        for column, at in enumerate((nodes, near)):
             angle = np.minimum(np.radians(at), np.pi)
             baked = phase_at(theta, phase, angle)
             baked = np.where(baked > 0, baked, np.nan)

@@ -57,11 +57,12 @@ def lobe_rows(root: Group, name: str, diameter: float | None = None) -> list[Row
     from bakery.physics.medium.phase import mean_cosine
 
     medium = medium_of(root, name)
-    rest = scattering_of(medium)
-    theta, phase = rest.theta, rest.phase
+    scattering = scattering_of(medium)
+    theta, phase = scattering.theta, scattering.phase
     coefficients = {key: medium[key].data for key in COEFFICIENTS}
-    if rest.delta.any():  # the fits are of the light without the forward delta; coefficients that go with it
-        coefficients |= {"sigma_t": rest.sigma_t, "sigma_s": rest.sigma_s, "albedo": rest.albedo, "g": mean_cosine(theta, phase)}
+    if scattering.delta.any():  # the fits are of the light without the forward delta; coefficients that go with it
+        coefficients |= {"sigma_t": scattering.sigma_t, "sigma_s": scattering.sigma_s, "albedo": scattering.albedo,
+                         "g": mean_cosine(theta, phase)}
     rows = []
     for i, um in enumerate(root["wavelength"].data):
         mixtures = fits(theta, phase[i], diameter)
@@ -89,8 +90,8 @@ def hg_files(root: Group, name: str, rows: list[Row]) -> dict[str, str | bytes]:
     from bakery.report.figures import title_of
 
     middle = int(np.argmin([abs(row.wavelength - 0.55) for row in rows]))
-    rest = scattering_of(root["medium"])
-    picture = lobe_fits(rows[middle].wavelength, rest.theta, rest.phase[middle], rows[middle].fits)
+    medium = scattering_of(root["medium"])
+    picture = lobe_fits(rows[middle].wavelength, medium.theta, medium.phase[middle], rows[middle].fits)
     return {"lobes.json": _json(root, name, rows), "lobes.csv": _csv(rows),
             "lobes.png": drawn(picture, ("png",), title_of(root))["png"]}
 

@@ -77,8 +77,8 @@ def without_peak(medium: Scattering, end: int) -> Scattering:
     """
     from bakery.physics.medium.phase import normalised, phase_integral
 
-    rest = medium.phase.copy()
-    rest[:, :end] = np.minimum(rest[:, :end], rest[:, end:end + 1])
-    peak = np.clip(1 - phase_integral(medium.theta, rest), 0.0, 1.0)
+    smooth = medium.phase.copy()
+    smooth[:, :end] = np.minimum(smooth[:, :end], smooth[:, end:end + 1])
+    peak = np.clip(1 - phase_integral(medium.theta, smooth), 0.0, 1.0)
     return replace(medium, sigma_t=medium.sigma_t - peak * medium.sigma_s, sigma_s=(1 - peak) * medium.sigma_s,
-                   phase=normalised(medium.theta, rest)[0], peak=peak, within=float(medium.theta[end]))
+                   phase=normalised(medium.theta, smooth)[0], peak=peak, within=float(medium.theta[end]))

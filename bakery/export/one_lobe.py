@@ -47,7 +47,7 @@ def one_lobe(root: Group, name: str, within: float = 0.0) -> OneLobe:
     ------
     AssetError : there is no medium
     """
-    found = source(root, name, within)
-    lobe = Lobes((1.0,), (float(np.clip(found.g, -STEEPEST, STEEPEST)),), (0.0,))
-    best = best_hg(found.medium.theta, found.mean, STEEPEST)
-    return OneLobe(**vars(found.mixture(lobe)), best=best, best_losses=found.losses(Lobes((1.0,), (best,), (0.0,))))
+    values = source(root, name, within)
+    lobe = Lobes((1.0,), (float(np.clip(values.g, -STEEPEST, STEEPEST)),), (0.0,))
+    best = best_hg(values.medium.theta, values.mean, STEEPEST)
+    return OneLobe(**vars(values.mixture(lobe)), best=best, best_losses=values.losses(Lobes((1.0,), (best,), (0.0,))))

@@ -67,13 +67,13 @@ def _colour(values) -> tuple[float, ...]:
     return tuple(float(value) for value in values)
 
 
-def materialx_text(name: str, found: dict[str, dict[str, Value]], remarks: list[str]) -> str:
+def materialx_text(name: str, lobes: dict[str, dict[str, Value]], remarks: list[str]) -> str:
     """A MaterialX 1.39 document with one material for each kind of surface.
 
     Parameters
     ----------
     name : of the medium; materials are NAME_volume and NAME_subsurface
-    found : of `surfaces`
+    lobes : of `surfaces`
     remarks : lines for a comment, of `OneLobe.remarks`
     """
     plain = identifier(name)
@@ -82,7 +82,7 @@ def materialx_text(name: str, found: dict[str, dict[str, Value]], remarks: list[
   <surfacematerial name="{plain}_{kind}" type="material">
     <input name="surfaceshader" type="surfaceshader" nodename="{plain}_{kind}_surface" />
   </surfacematerial>
-""" for kind, inputs in found.items())
+""" for kind, inputs in lobes.items())
     return f"""<?xml version="1.0" encoding="utf-8"?>
 <!-- A baked medium in surfaces of OpenPBR.
 {_about(f"{plain}_", remarks)} -->
@@ -91,7 +91,7 @@ def materialx_text(name: str, found: dict[str, dict[str, Value]], remarks: list[
 """
 
 
-def usd_text(name: str, found: dict[str, dict[str, Value]], remarks: list[str]) -> str:
+def usd_text(name: str, lobes: dict[str, dict[str, Value]], remarks: list[str]) -> str:
     """A USD layer (text) with one `Material` for each kind of surface under /NAME, whose shaders are MaterialX's.
 
     Parameters
@@ -112,7 +112,7 @@ def usd_text(name: str, found: dict[str, dict[str, Value]], remarks: list[str]) 
 {"".join(_usd_input(key, value) for key, value in inputs.items())}            token outputs:out
         }}
     }}
-""" for kind, inputs in found.items())
+""" for kind, inputs in lobes.items())
     return f"""#usda 1.0
 (
     defaultPrim = "{plain}"
@@ -129,12 +129,12 @@ def Scope "{plain}"
 
 
 def _about(prefix: str, remarks: list[str]) -> str:
-    said = "\n".join(f"     {line}" for line in remarks)
+    comment = "\n".join(f"     {line}" for line in remarks)
     return f"""     {prefix}volume: for bodies that one can see into; coefficients by transmission_color, _depth and _scatter.
      {prefix}subsurface: for thick bodies; mean free path and colour of a half-space.
      Colours are linear sRGB.  Lengths are in metres: in a scene of another unit divide transmission_depth and
      subsurface_radius by its length in metres.  specular_ior is 1: the medium has no surface of its own.
-{said}"""
+{comment}"""
 
 
 def _mtlx_input(key: str, value: Value) -> str:

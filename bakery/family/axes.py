@@ -45,13 +45,13 @@ class Swept:
         """The value at a coordinate."""
         return math.exp(coordinate) if self.logarithmic else float(coordinate)
 
-    def between(self, other: Swept, value: float) -> float:
+    def between(self, neighbour: Swept, value: float) -> float:
         """This key's value where the other key has `value`; both take theirs in step."""
-        if self.key == other.key:
+        if self.key == neighbour.key:
             return value
-        if value in other.values:
-            return self.values[other.values.index(value)]
-        return self.unscaled(np.interp(other.scaled(value), list(map(other.scaled, other.values)),
+        if value in neighbour.values:
+            return self.values[neighbour.values.index(value)]
+        return self.unscaled(np.interp(neighbour.scaled(value), list(map(neighbour.scaled, neighbour.values)),
                                        list(map(self.scaled, self.values))))
 
     def text(self, value: float) -> str:

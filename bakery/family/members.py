@@ -18,15 +18,15 @@ def listed(root: Group) -> list[tuple[tuple[float, ...], str, Member]]:
     """Coordinates in SI units, the same in words, and what the family says of each point."""
     axes = axes_of(root.members[FAMILY])
     places = points([axis.first.values for axis in axes])
-    return [(place, in_words(axes, place), member)
-            for place, member in zip(places, members_of(root.members[FAMILY]), strict=True)]
+    return [(index, in_words(axes, index), member)
+            for index, member in zip(places, members_of(root.members[FAMILY]), strict=True)]
 
 
 def counted(reasons: Sequence[str]) -> str:
     """`4 assets (2 points failed)`, from why there is none at each point, or nothing."""
     failed = sum(map(bool, reasons))
-    there = len(reasons) - failed
-    return f"{there} asset{'s' * (there > 1)}" + (f" ({failed} point{'s' * (failed > 1)} failed)" if failed else "")
+    baked = len(reasons) - failed
+    return f"{baked} asset{'s' * (baked > 1)}" + (f" ({failed} point{'s' * (failed > 1)} failed)" if failed else "")
 
 
 def broken(path: Path, root: Group) -> list[str]:
@@ -34,11 +34,11 @@ def broken(path: Path, root: Group) -> list[str]:
 
     Raises StoreError where the system would not read one.
     """
-    found = []
+    faults = []
     for _, words, member in listed(root):
         if not member.reason and (fault := fault_of(path, member)):
-            found.append(f"member {words}: {fault}; bake the family again with `bake RECIPE`")
-    return found
+            faults.append(f"member {words}: {fault}; bake the family again with `bake RECIPE`")
+    return faults
 
 
 def fault_of(path: Path, member: Member) -> str:

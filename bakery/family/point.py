@@ -52,40 +52,40 @@ def _at_point(nodes: Sequence[float], value: float) -> float:
     return node if abs(node - value) <= 1e-9 * max(abs(node), abs(value)) else float(value)
 
 
-def place_path(path: str, root: Group, place: Place) -> str:
+def place_path(path: str, root: Group, index: Place) -> str:
     """A path for the asset of a place, beside the family's: `clouds_radius_5e-06.h5`."""
     family = Path(path)
-    return str(family.with_name(f"{family.stem}_{file_name(axes_of(root.members[FAMILY]), place.values)}"))
+    return str(family.with_name(f"{family.stem}_{file_name(axes_of(root.members[FAMILY]), index.values)}"))
 
 
-def asset_at(root: Group, path: str, place: Place) -> Group:
+def asset_at(root: Group, path: str, index: Place) -> Group:
     """The tree of an asset with the interpolated group `medium`, as `bakery.store.read.read` would give it.
 
     Raises AssetError where a point that the place needs has failed.
     """
     family = root.members[FAMILY]
     axes, tables = axes_of(family), tables_of(family)
-    scaled = [axis.first.scaled(value) for axis, value in zip(axes, place.values, strict=True)]
+    scaled = [axis.first.scaled(value) for axis, value in zip(axes, index.values, strict=True)]
     gap = hole(tables, scaled)
     if gap is not None:
         number = int(np.ravel_multi_index(gap, tables.missing.shape))
         at = list(points([axis.first.values for axis in axes]))[number]
-        raise AssetError(f"{path}: {place.words} needs the point {in_words(axes, at)}, which failed: "
+        raise AssetError(f"{path}: {index.words} needs the point {in_words(axes, at)}, which failed: "
                          f"{members_of(family)[number].reason}")
     optics = interpolated(tables, scaled, str(family.attributes["method"]))
     content = str(root.attributes[HASH])
-    key = json.dumps([content, place.values])
+    key = json.dumps([content, index.values])
     attributes = family.attributes
     medium = Group(medium_of(optics.sigma_s, optics.sigma_a, optics.theta, optics.elements), {
         "stage": "medium", "stage_version": attributes["medium_version"], "input_hash": hashlib.sha256(key.encode()).hexdigest(),
         **_errors(family, axes, cell(tables, scaled))})
-    note = f"interpolated at {place.words} from the family {root.attributes['name']}, {attributes['method']}"
+    note = f"interpolated at {index.words} from the family {root.attributes['name']}, {attributes['method']}"
     told = {"notes": text(note, "remarks of the stage")}
     unknown = _unknown(family, axes, cell(tables, scaled))
     told |= {"missed": text("\n".join(unknown), "targets that were missed")} if unknown else {}
     provenance = Group({"medium": Group(told)},
-                       {"interpolated_at": place.words, "family": path, "family_content_hash": content})
-    members = {"recipe": text(_recipe(read_text(root["recipe"]), axes, place), "the recipe that would bake this"),
+                       {"interpolated_at": index.words, "family": path, "family_content_hash": content})
+    members = {"recipe": text(_recipe(read_text(root["recipe"]), axes, index), "the recipe that would bake this"),
                "wavelength": root["wavelength"], "medium": medium, "provenance": provenance}
     return seal(Group(members, {"name": root.attributes["name"], "bakery_version": bakery.__version__}))
 
@@ -105,10 +105,10 @@ def _errors(family: Group, axes: Sequence[Axis], cells: Sequence[slice]) -> dict
             "error_measure": "largest error of the members, and of the interpolation between them where that was measured"}
 
 
-def _unknown(family: Group, axes: Sequence[Axis], place: Sequence[slice]) -> list[str]:
+def _unknown(family: Group, axes: Sequence[Axis], index: Sequence[slice]) -> list[str]:
     """The intervals that a place lies in whose error is not known, in words."""
     unknown = []
-    for axis, nodes in zip(axes, place, strict=True):
+    for axis, nodes in zip(axes, index, strict=True):
         ends, error = axis.first.values[nodes], error_of(family[f"axes/{axis.first.name}"])
         if len(ends) > 1 and error is not None and np.isnan(error[nodes.start]):
             low, high = (in_words([axis], [end]) for end in ends)
@@ -116,7 +116,7 @@ def _unknown(family: Group, axes: Sequence[Axis], place: Sequence[slice]) -> lis
     return unknown
 
 
-def _recipe(whole: str, axes: Sequence[Axis], place: Place) -> str:
+def _recipe(whole: str, axes: Sequence[Axis], index: Place) -> str:
     """The family's recipe with the values of one place."""
     source = Source("recipe", whole)
-    return apply(source, parse(source), settings(axes, place.values))[0]
+    return apply(source, parse(source), settings(axes, index.values))[0]

@@ -212,15 +212,15 @@ def one_of(choices) -> str:
     return ", ".join(choices[:-1]) + f" or {choices[-1]}" if len(choices) > 1 else str(choices[0])
 
 
-def nearest(text: str, known) -> str:
+def nearest(text: str, names) -> str:
     """` (fog?)`: the nearest known word, or nothing."""
-    near = closest(text, known)
+    near = closest(text, names)
     return f" ({near}?)" if near else ""
 
 
-def closest(text: str, known) -> str:
+def closest(text: str, names) -> str:
     """The nearest known word, or nothing."""
-    return next(iter(difflib.get_close_matches(str(text)[:64].lower(), [str(k) for k in known], 1, 0.6)), "")
+    return next(iter(difflib.get_close_matches(str(text)[:64].lower(), [str(k) for k in names], 1, 0.6)), "")
 
 
 def _read_text(node):

@@ -122,11 +122,11 @@ def _step(label: str, node: Node, step: str | int, above: list) -> str | int:
     return step
 
 
-def _attach(parent: Mapping | Sequence, step: str | int, node: Node, place: Place) -> None:
+def _attach(parent: Mapping | Sequence, step: str | int, node: Node, location: Place) -> None:
     parent[step] = node
     node.parent = parent
     if isinstance(parent, Mapping):
-        parent.names[step] = Place(place.source, place.begin, place.begin, node.place.key)
+        parent.names[step] = Place(location.source, location.begin, location.begin, node.place.key)
 
 
 def _dotted(path: list[str | int]) -> str:
@@ -172,7 +172,7 @@ def _insert(source: Source, mapping: Mapping, entry: str) -> str:
     if mapping.flow:
         at = mapping.place.begin + 1
         return document[:at] + entry + (", " if mapping else "") + document[at:]
-    at = min(place.begin for place in mapping.names.values())
+    at = min(location.begin for location in mapping.names.values())
     indent = source.position(at)[1] - 1
     return document[:at] + entry + "\n" + " " * indent + document[at:]
 

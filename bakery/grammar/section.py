@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
-from bakery.grammar.fields import Material, Path, closest, numbers
+from bakery.grammar.fields import Material, Path, closest, numbers, word
 from bakery.grammar.text import Mapping, Scalar
 
 
@@ -86,9 +86,12 @@ class HostIndex(Section):
 
 
 class MaterialFile(Section):
-    """A table of one's own."""
+    """A table of one's own, or somebody else's file."""
 
-    file: Path = Field(description="CSV file with the columns wavelength_um, n and, optionally, k, relative to vacuum.")
+    file: Path = Field(description="CSV file with the columns wavelength_um, n and, optionally, k; YAML of refractiveindex.info; "
+                       "text of the Aerosol Refractive Index Archive.")
+    relative_to: word("vacuum", "air") | None = Field(
+        None, description="What n is relative to, and wavelengths are measured in; without it what the file says, else vacuum.")
 
 
 def _index_tag(node):

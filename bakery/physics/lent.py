@@ -28,9 +28,9 @@ def lent(typingctx, value):
 def _uncounted(context, builder, kind, value):
     if isinstance(kind, types.Array):
         array = context.make_array(kind)(context, builder, value)
-        array.meminfo, array.parent = (cgutils.get_null_value(one.type) for one in (array.meminfo, array.parent))
+        array.meminfo, array.parent = (cgutils.get_null_value(field.type) for field in (array.meminfo, array.parent))
         return array._getvalue()
     if isinstance(kind, types.BaseTuple):
-        for i, one in enumerate(kind.types):
-            value = builder.insert_value(value, _uncounted(context, builder, one, builder.extract_value(value, i)), i)
+        for i, field in enumerate(kind.types):
+            value = builder.insert_value(value, _uncounted(context, builder, field, builder.extract_value(value, i)), i)
     return value

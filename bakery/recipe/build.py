@@ -46,10 +46,10 @@ def check(path: Path, source: Source, tree: Tree, text: str, problems: list[Prob
     problems = distinct(problems + checker.problems)
     if problems:
         if len(problems) > MAX_PROBLEMS:
-            left = len(problems) - MAX_PROBLEMS
+            hidden = len(problems) - MAX_PROBLEMS
             problems = sorted(problems, key=lambda p: p.line or 0)[:MAX_PROBLEMS]
             problems.append(
-                Problem(problems[-1].file, problems[-1].line, None, "", f"{left:,} more problems follow", "correct these first")
+                Problem(problems[-1].file, problems[-1].line, None, "", f"{hidden:,} more problems follow", "correct these first")
             )
         raise RecipeError(problems)
     return _recipe(path, text, tree.root, parsed, checker)
@@ -76,7 +76,7 @@ def _recipe(path: Path, text: str, root: Mapping, parsed: schema.Common, checker
     return Recipe(
         path=path, name=parsed.name, description=parsed.description, text=text, seed=parsed.seed, tolerance=parsed.tolerance,
         measure=parsed.measure, wavelength=tuple(checker.wavelength), sections=sections, leaves=leaves,
-        files=tuple(checker.files), places={place.key: str(place) for place in places(root)}, warnings=tuple(checker.warnings))
+        files=tuple(checker.files), places={key.key: str(key) for key in places(root)}, warnings=tuple(checker.warnings))
 
 
 def _leaves(key: str, value, wavelengths: int) -> Iterator[tuple[str, str | int | float | bool]]:

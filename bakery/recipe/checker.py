@@ -12,19 +12,20 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bakery.errors import Problem
-from bakery.grammar import tables
+from bakery.grammar import index_files, tables
 from bakery.grammar.fields import SUM_OF_SHARES, nearest
 from bakery.grammar.files import DataFile, Folder, materials
 from bakery.grammar.section import SMALLEST_N, meant
 from bakery.grammar.text import Mapping, Node, Sequence, mappings, owner, show
 from bakery.grammar.units import Wrong
 from bakery.grammar.values import Index, frozen
-from bakery.physics.materials import Table
-from bakery.physics.materials import index as constants
+from bakery.physics.materials import formulas
 from bakery.recipe import wavelengths
+from bakery.recipe.dispersion import Outside, constants_at
 from bakery.recipe.schema import NAMED_WAVELENGTHS
 from bakery.stages.declaration import RecipeSection
 
+LARGEST_N = 1000.0  # of n and k
 CLEAR = 1e-3  # largest k of a host: above it, cross sections of a sphere in it are not defined by Lorenz-Mie theory
 
 
@@ -102,10 +103,10 @@ class Checker:
         self.found[section[name].place.key] = per_wavelength
         return per_wavelength
 
-    def only_with(self, section: Mapping, other: str) -> None:
+    def only_with(self, section: Mapping, partner: str) -> None:
         """A section that has no effect without another one."""
-        if other not in self.tree:
-            self.report_section(section, f"found {section.place.key} without {other}", f"expected it with {other} only")
+        if partner not in self.tree:
+            self.report_section(section, f"found {section.place.key} without {partner}", f"expected it with {partner} only")
 
     def needs_scattering(self, section: Mapping) -> None:
         """A section that needs something that scatters beside it."""
@@ -180,8 +181,7 @@ class Checker:
         """Optical constants at the recipe's wavelengths, from a name, {n, k} or a file."""
         node, key = section.get(name), f"{section.place.key}.{name}"
         if isinstance(node, Mapping) and "file" in node:
-            table = self.table(node["file"], tables.INDEX)
-            refractive = self._interpolate(node["file"], self.value(node, "file"), table)
+            refractive = self._of_file(node)
         elif isinstance(node, Mapping):
             n, k = self.one_each(node, "n"), self.one_each(node, "k")
             k = np.zeros(len(self.wavelength)) if "k" not in node and self.wavelength else k
@@ -215,27 +215,68 @@ class Checker:
         self.files.append(file)
         return self._interpolate(anchor, word, table)
 
-    def _interpolate(self, node: Node, word: str, table: np.ndarray | None) -> Index | None:
-        if table is None or self.wavelength is None:
+    def _of_file(self, node: Mapping) -> Index | None:
+        """Constants of a table of our own form, or of somebody else's file."""
+        name = self.value(node, "file")
+        try:
+            data = None if name is None else self.folder.read(node["file"].place.key, name)
+        except Wrong as wrong:
+            self.report(node["file"], wrong.found, wrong.expected)
+            return None
+        if data is None or not index_files.is_foreign(data[0], name):
+            return self._interpolate(node["file"], name, self.table(node["file"], tables.INDEX), self._in_air(node, None))
+        try:
+            constants = index_files.read(data[0], name, node["file"].place.key, formulas.FEWEST, formulas.MOST)
+        except tables.BadTable as bad:
+            self.problems += bad.problems
+            return None
+        self.files.append(data[1])
+        if constants.k is None:
+            self.warnings.append(node["file"].place.problem(
+                f"found no k in {show(name)}: it is taken as clear", "is that meant? a CSV of wavelength_um,n,k has both"))
+        return self._at_wavelengths(node["file"], name, constants, self._in_air(node, constants.in_air))
+
+    def _in_air(self, node: Mapping, said: bool | None) -> bool:
+        """Whether n of a file is relative to air: the recipe's word, then the file's; else it is relative to vacuum."""
+        word = self.value(node, "relative_to")
+        return bool(said) if word is None else word == "air"
+
+    def _interpolate(self, node: Node, word: str, table: np.ndarray | None, in_air: bool = False) -> Index | None:
+        if table is None:
             return None
         wavelength, n = table[:2]
         k = table[2] if len(table) == 3 else np.zeros_like(n)
-        if n.max() > 1000 or k.max() > 1000:
-            self.report(node, f"found n or k up to {max(n.max(), k.max()):g} in the table", "expected at most 1000")
+        if n.max() > LARGEST_N or k.max() > LARGEST_N:
+            self.report(node, f"found n or k up to {max(n.max(), k.max()):g} in the table", f"expected at most {LARGEST_N:g}")
             return None
         if n.min() < SMALLEST_N:
             self.report(node, f"found n down to {n.min():g} in the table", f"expected at least {SMALLEST_N:g}")
             return None
-        outside = [w for w in self.wavelength if not wavelength[0] <= w <= wavelength[-1]]
-        if outside:
-            near, shown = wavelengths.likely(outside), wavelengths.listed(outside)
+        columns = (index_files.Tabulated(wavelength, values) for values in (n, k))
+        return self._at_wavelengths(node, word, index_files.Constants(*columns), in_air)
+
+    def _at_wavelengths(self, node: Node, word: str, constants: index_files.Constants, in_air: bool) -> Index | None:
+        """Constants at the recipe's wavelengths, which the file has to cover."""
+        if self.wavelength is None:
+            return None
+        try:
+            n, k = constants_at(constants, self.wavelength, in_air)
+        except Outside as outside:
+            near, shown = wavelengths.likely(outside.wavelengths), wavelengths.listed(outside.wavelengths)
             self.report(
                 node,
-                f"found the wavelength{'s' * (len(outside) > 1)} {shown} um, for which {show(word)} has no data",
-                f"expected {wavelength[0]:g} to {wavelength[-1]:g} um" + (f" ({near}?)" if near else ""),
+                f"found the wavelength{'s' * (len(outside.wavelengths) > 1)} {shown} um, for which {show(word)} has no data",
+                f"expected {outside.low:g} to {outside.high:g} um" + (f" ({near}?)" if near else ""),
             )
             return None
-        return Index(word, *map(frozen, constants(Table(wavelength, n, k), self.wavelength)))
+        for name, values, least in (("n", n, SMALLEST_N), ("k", k, 0.0)):
+            wrong = ~((values >= least) & (values <= LARGEST_N))
+            if wrong.any():
+                at = self.wavelength[int(np.argmax(wrong))]
+                self.report(node, f"found {name} = {values[wrong][0]:g} at {at:g} um in {show(word)}",
+                            f"expected {least:g} to {LARGEST_N:g}")
+                return None
+        return Index(word, frozen(n), frozen(k))
 
     def table(self, node: Node | None, columns: tuple[tables.Column, ...]) -> np.ndarray | None:
         """The columns of the CSV file that a key names."""

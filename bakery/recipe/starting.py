@@ -42,7 +42,7 @@ class Start:
         text = _SCHEMA.sub(f"# yaml-language-server: $schema={schema}\n", text)
         text = re.sub(rf"\b{self.name}(?=\.(?:yaml|h5|png|exr|xml|csv)\b)", name, text)
         head = f"name: {name}"
-        return _NAME.sub(lambda found: head.ljust(len(found[0]) - 1) + " " if found[1] else head, text, count=1)
+        return _NAME.sub(lambda match: head.ljust(len(match[0]) - 1) + " " if match[1] else head, text, count=1)
 
 
 def starts() -> dict[str, Start]:

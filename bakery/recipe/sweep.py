@@ -176,8 +176,8 @@ def _key(name: str, where: Place, node: Node) -> _Key:
     quantity = _numbers(items[0])[0]
     values = []
     for item in items:
-        other, value = _numbers(item)
-        if other is not quantity:
+        numbers, value = _numbers(item)
+        if numbers is not quantity:
             raise _Misplaced(Wrong(f"found {show(item.text)} beside {show(items[0].text)}",
                                    f"expected {quantity.plural} throughout"), item)
         values.append(value)

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bakery.errors import StageError
+from bakery.grammar.files import Written
 from bakery.plan import Plan
 from bakery.recipe.written import as_path
 from bakery.run import Baked, execute, overrides, prepare
@@ -15,6 +19,9 @@ from bakery.run.cache import Cache
 from bakery.run.dask import check_address
 from bakery.run.family import FamilyPlan, execute_family, prepare_family
 from bakery.run.progress import Progress
+
+if TYPE_CHECKING:
+    from bakery.asset import Asset, Family
 
 
 def planned(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *, settings: Mapping[str, str] | None = None,
@@ -42,7 +49,7 @@ def bake(
     quality: str | None = None, tolerance: str | float | None = None, seed: int | None = None,
     settings: Mapping[str, str] | None = None, jobs: int | None = None, executor: Executor | None = None,
     cluster: str | None = None, force: bool = False, progress: Progress | None = None, overwrite: bool = False,
-) -> Path:
+) -> Asset | Family:
     """Bake a recipe into one asset, or a family of them where it sweeps keys; what `bake RECIPE` does.
 
     Parameters
@@ -50,7 +57,8 @@ def bake(
     recipe : path of the recipe; or its text, of several lines; or a dict of the same keys, `{"bakery": 1, "name": "milk", ...}`.
         Files that a text or a dict names lie in the current folder
     output : path of the asset, or of a folder with a closing slash; by default FILE.h5 in the current folder, by the name of the
-        recipe's file, or NAME.h5 of a text or a dict
+        recipe's file.  Of a text or a dict it is by default a file in a folder of its own, which goes when the process ends; the
+        stages stay in the cache, so that baking it again, with `output=`, takes no time
     stages : names of the only stages to bake (and what they need)
     quality : draft, preview or final
     tolerance, seed : override the recipe's
@@ -64,7 +72,7 @@ def bake(
 
     Returns
     -------
-    path : of the asset
+    asset : as `bakery.open` gives it; it passes for its path (`os.fspath(asset)`, `asset.path`) wherever one is taken
 
     Raises
     ------
@@ -73,16 +81,27 @@ def bake(
 
     Examples
     --------
-    >>> print(bakery.bake("fog.yaml", output="fog.h5"))
-    fog.h5
+    >>> bakery.bake("fog.yaml", output="fog.h5").path
+    'fog.h5'
+    >>> bakery.bake(bakery.open("fog.h5").recipe, tolerance="5%").medium.g                           # doctest: +SKIP
     """
+    from bakery.asset import open as opened
+
     recipe = as_path(recipe)
+    if output is None and isinstance(recipe, Written):
+        output = tempfile.mkdtemp(dir=_own_folder().name) + os.sep
     if cluster is not None:
         check_address(cluster)
-    cache = Cache(say=progress.say if progress else lambda text: None)
+    stored = Cache(say=progress.say if progress else lambda text: None)
     plan = planned(recipe, output, stages=stages, settings=overrides(quality, tolerance, seed, settings), force=force,
-                   cache=cache, jobs=jobs, overwrite=overwrite, progress=progress)
-    baked = executed(plan, cache=cache, jobs=jobs, executor=executor, address=cluster, progress=progress)
+                   cache=stored, jobs=jobs, overwrite=overwrite, progress=progress)
+    baked = executed(plan, cache=stored, jobs=jobs, executor=executor, address=cluster, progress=progress)
     if baked.missed:
         raise StageError(f"{baked.output} is written, but " + "; ".join(baked.missed))
-    return baked.output
+    return opened(baked.output)
+
+
+@cache
+def _own_folder() -> tempfile.TemporaryDirectory:
+    """A folder for assets that nobody gave a place, removed when the process ends."""
+    return tempfile.TemporaryDirectory(prefix="bakery-")

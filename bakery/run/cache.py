@@ -45,9 +45,9 @@ def places() -> tuple[Path, str | None]:
         return folder, None
     from platformdirs import user_cache_path
 
-    own = user_cache_path("bakery")
-    _refuse_name(own, f'found the cache folder "{own}"')
-    return own, None if chosen and Path(chosen).absolute() == own else chosen or None
+    default = user_cache_path("bakery")
+    _refuse_name(default, f'found the cache folder "{default}"')
+    return default, None if chosen and Path(chosen).absolute() == default else chosen or None
 
 
 def _refuse_name(folder: Path, message: str) -> None:

@@ -96,14 +96,14 @@ class Cluster(Executor):
         except OSError as error:
             raise CancelledError from error
         self._looked = time.monotonic()
-        gone = sorted(self.threads.keys() - present.keys())
-        for address in gone:
+        lost = sorted(self.threads.keys() - present.keys())
+        for address in lost:
             self.say(f"cluster: worker {address} is gone; what it had is done again")
         for address in sorted(told):
             if not isinstance(told[address], OSError):  # it has died since it was listed
                 self._judge(address, told[address], present[address])
         self.threads = {address: count for address, count in self.threads.items() if address in present}
-        if gone or new:
+        if lost or new:
             self._shared.clear()  # it was for the workers of that time
 
     def _judge(self, address: str, theirs, threads: int) -> None:
@@ -204,21 +204,21 @@ def _connected(client, say) -> Cluster:
         client.wait_for_workers(1, timeout=_ANSWER)
     except TimeoutError:
         raise NoCluster(f"--cluster: the scheduler at {client.scheduler.address} has no workers") from None
-    found = Cluster(client, say)
-    found.look()
-    if found.refused and not found.threads:
-        address, reason = next(iter(found.refused.items()))
+    cluster = Cluster(client, say)
+    cluster.look()
+    if cluster.refused and not cluster.threads:
+        address, reason = next(iter(cluster.refused.items()))
         raise NoCluster(f"--cluster: worker {address} gets no blocks: {reason}; equal versions give equal values: {_REMEDY}")
-    return found
+    return cluster
 
 
 def _unlike(theirs, ours: dict[str, str]) -> str:
     """How the versions of a worker differ from those here; empty where they do not."""
     if isinstance(theirs, Exception):
         return f"it does not tell its versions ({type(theirs).__name__}: {theirs})"
-    found = [f"{name} {theirs.get(name, 'missing')} instead of {version}" for name, version in ours.items()
+    differences = [f"{name} {theirs.get(name, 'missing')} instead of {version}" for name, version in ours.items()
              if theirs.get(name) != version]
-    return f"it has {', '.join(found)}" if found else ""
+    return f"it has {', '.join(differences)}" if differences else ""
 
 
 @contextmanager

@@ -55,6 +55,6 @@ def medium(recipe, settings: Mapping[str, str], cache: Cache, progress: Progress
                        cache=cache)
         with progress.during(f"measuring the medium of {name}"):
             asset = bakery.open(execute(plan, cache=cache).output)
-    found = asset.medium
-    return Medium(*(np.array(value, float) for value in (asset.wavelength, found.sigma_t, found.albedo, found.g, found.theta,
-                                                         found["phase"])))
+    baked = asset.medium
+    return Medium(*(np.array(value, float) for value in (asset.wavelength, baked.sigma_t, baked.albedo, baked.g, baked.theta,
+                                                         baked["phase"])))

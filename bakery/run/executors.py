@@ -99,5 +99,5 @@ def library_versions() -> dict[str, str]:
     from importlib.metadata import version
     from platform import python_version_tuple
 
-    own = {"bakery": bakery.__version__, "python": ".".join(python_version_tuple()[:2])}
-    return own | {name: version(name) for name in ("numba", "numpy", "scipy")}
+    versions = {"bakery": bakery.__version__, "python": ".".join(python_version_tuple()[:2])}
+    return versions | {name: version(name) for name in ("numba", "numpy", "scipy")}

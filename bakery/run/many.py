@@ -152,13 +152,13 @@ class _Worker:
     def hear(self) -> tuple[Outcome, bool] | None:
         """Take one message: an outcome with whether it is the last that can be had, or None."""
         try:
-            kind, *rest = self._wire.receive()
+            kind, *values = self._wire.receive()
         except (EOFError, OSError):
             return Outcome(self.index, None, self._how_it_died(), 3), False
         if kind == "tell":
-            getattr(self.part, rest[0])(*rest[1])
+            getattr(self.part, values[0])(*values[1])
             return None
-        return (Outcome(self.index, *rest), False) if kind == "baked" else (Outcome(self.index, None, *rest[:2]), rest[2])
+        return (Outcome(self.index, *values), False) if kind == "baked" else (Outcome(self.index, None, *values[:2]), values[2])
 
     def _how_it_died(self) -> str:
         status = self.process.wait()

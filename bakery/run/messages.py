@@ -151,7 +151,7 @@ class Map:
                 self._send(message.blocks, others, late=holder)
 
 
-def together(pace: float | None, left: int, threads: int) -> int:
+def together(pace: float | None, remaining: int, threads: int) -> int:
     """Blocks of one message, where so many are left and each takes `pace` seconds.
 
     Few, so that all workers end together; but n messages take n COST here and their work takes (pace left) / n there, which is
@@ -159,7 +159,7 @@ def together(pace: float | None, left: int, threads: int) -> int:
     """
     if pace is None:
         return 1
-    work = pace * left
+    work = pace * remaining
     seconds = min(max(AIM, SPARE * threads), max(work / (AHEAD * threads), math.sqrt(work * COST)))
     return max(1, int(seconds / max(pace, 1e-6)))
 

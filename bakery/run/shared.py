@@ -31,9 +31,9 @@ _FULL = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, err
 _DAY = 86400.0
 
 
-def is_shared(place: str) -> bool:
+def is_shared(address: str) -> bool:
     """Whether a value of BAKERY_CACHE names a store behind the cache, not the cache's own folder."""
-    return "://" in place or is_network(place)
+    return "://" in address or is_network(address)
 
 
 class _Place(Protocol):
@@ -239,10 +239,10 @@ class Folder:
             return
         self._swept = True
         now = part.stat().st_mtime  # by the clock that stamped the others too
-        for other in self._folder.glob(".*.part"):
+        for leftover in self._folder.glob(".*.part"):
             with suppress(OSError):
-                if now - other.stat().st_mtime > _DAY:
-                    other.unlink()
+                if now - leftover.stat().st_mtime > _DAY:
+                    leftover.unlink()
 
 
 class Objects:

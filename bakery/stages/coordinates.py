@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from bakery.errors import UsageError
+from bakery.grammar.units import WAVELENGTH, Wrong, is_list, parse, parse_list
+from bakery.physics.medium.spectral import places
 from bakery.store.tree import Dataset, Group
 
 ERROR = "_error"  # X_error is the standard error of a Monte Carlo figure X
@@ -18,14 +21,14 @@ def coordinate(root: Group, path: str, letter: str) -> tuple[str, Dataset] | Non
     if name is None:
         return None
     parts = path.split("/")[:-1]
-    for places in [parts[:n] for n in range(len(parts), -1, -1)] + [["medium"]]:
-        here = "/".join([*places, name])
+    for above in [parts[:n] for n in range(len(parts), -1, -1)] + [["medium"]]:
+        prefix = "/".join([*above, name])
         try:
-            member = root[here]
+            member = root[prefix]
         except KeyError:
             continue
         if isinstance(member, Dataset) and member.data.ndim == 1:
-            return here, member
+            return prefix, member
     return None
 
 
@@ -47,3 +50,19 @@ def _beside(root: Group, path: str, suffix: str) -> np.ndarray | None:
         return None
     same = isinstance(member, Dataset) and member.data.shape == root[path].data.shape
     return member.data if same else None
+
+
+def wavelengths(wanted, stored) -> np.ndarray:
+    """Wavelengths that were asked for, in um: a number, several, or text with its unit; UsageError outside of the stored ones."""
+    try:
+        wanted = (parse_list if is_list(wanted) else parse)(wanted, WAVELENGTH) if isinstance(wanted, str) else wanted
+        um = np.asarray(wanted, float)
+        places(stored, um)
+    except Wrong as wrong:
+        raise UsageError(f"wavelength: {wrong.found}; {wrong.expected}") from None
+    except (TypeError, ValueError):
+        held = ", ".join(f"{x:.6g}" for x in np.atleast_1d(stored))
+        asked = ", ".join(f"{x:.6g}" if isinstance(x, float) else str(x) for x in np.ravel(wanted))
+        raise UsageError(f"wavelength: found {asked} um; the asset holds {held} um"
+                         + (" and what lies between" if np.size(stored) > 1 else "")) from None
+    return um

@@ -144,13 +144,13 @@ class Answer:
         values, error = self.values[whole], None if self.error is None else np.asarray(self.error)[whole]
         for index in np.ndindex(values.shape[:-1]):
             places = zip(across, index, strict=True)
-            place = ", ".join(f"index {i}" if name == "index" else
+            axes = ", ".join(f"index {i}" if name == "index" else
                               ("" if name == "wavelength" else f"{name} ") + f"{axis[i]:g} {unit}".removesuffix(" 1")
                               for (name, unit, axis), i in places)
             errors = [None] * len(values[index]) if error is None else error[index]
-            columns.append((quantity + (f" at {place}" if place else ""), list(map(figure, values[index], errors))))
+            columns.append((quantity + (f" at {axes}" if axes else ""), list(map(figure, values[index], errors))))
             if error is not None:
-                columns.append((f"+- at {place}" if place else "+-", list(map(figure, errors, errors))))
+                columns.append((f"+- at {axes}" if axes else "+-", list(map(figure, errors, errors))))
         yield [head for head, _ in columns]
         for i in range(values.shape[-1]):
             yield [column[i] for _, column in columns]
@@ -182,12 +182,14 @@ class Query:
     arguments : name -> kind of its unit (`bakery.grammar.units`)
     example : arguments as one would write them
     answer : (what `bakery.open` gives, path, arguments) -> Answer; UsageError where an argument is missing or has no effect
+    bare : whether it is answered without arguments too, and where nothing is stored at the path
     """
 
     path: str
     arguments: Mapping[str, Any]
     example: str
-    answer: Callable[[Any, str, Mapping[str, Any]], Answer]
+    answer: Callable[[Any, str, Mapping[str, Any]], Any]
+    bare: bool = False
 
 
 @dataclass(frozen=True)

@@ -43,12 +43,12 @@ def optics(baked: Group, reference: Group) -> Mapping[str, float]:
     for name, true in reference.members.items():
         if not isinstance(true, Group):
             continue
-        own = baked[name]
-        table, true_table = np.asarray(own["phase"].data, float), np.asarray(true["phase"].data, float)
+        measured = baked[name]
+        table, true_table = np.asarray(measured["phase"].data, float), np.asarray(true["phase"].data, float)
         f, f_ref = phase.phase_at(theta, table, at), phase.phase_at(reference_theta, true_table, at)
         floor = np.maximum(f_ref, _LEAST / (4 * np.pi))
-        extinction, true_extinction = (np.asarray(group["mean_extinction"].data, float) for group in (own, true))
-        absorption, true_absorption = (np.asarray(group["mean_absorption"].data, float) for group in (own, true))
+        extinction, true_extinction = (np.asarray(group["mean_extinction"].data, float) for group in (measured, true))
+        absorption, true_absorption = (np.asarray(group["mean_absorption"].data, float) for group in (measured, true))
         change = np.abs(absorption - true_absorption)
         g, true_g = phase.mean_cosine(theta, table), phase.mean_cosine(reference_theta, true_table)
         lost = max(lost, float(np.max(change / true_extinction)))
@@ -64,9 +64,9 @@ def optics(baked: Group, reference: Group) -> Mapping[str, float]:
     return {"error": max(errors["phase"], errors["extinction"], lost)} | errors
 
 
-def integrated_difference(theta, f, other):
+def integrated_difference(theta, f, reference):
     """Integral of |f - other| over the sphere, (...,); f, other (..., A) 1/sr at theta (A,), linear in cos theta in between."""
-    d = np.asarray(f, float) - np.asarray(other, float)
+    d = np.asarray(f, float) - np.asarray(reference, float)
     a, b = np.abs(d[..., :-1]), np.abs(d[..., 1:])
     # where the sign changes within a cell the two triangles count, not their difference
     crossing = np.divide(a * a + b * b, a + b, out=np.zeros_like(a), where=a + b > 0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -10,14 +10,18 @@ import numpy as np
 
 from bakery.draw.html import table
 from bakery.errors import AssetError, UsageError
+from bakery.grammar.units import is_list
+from bakery.physics.medium import spectral
 from bakery.physics.medium.phase import phase_at
 from bakery.physics.medium.regular import Loss, adaptive_table
-from bakery.stages.coordinates import BIAS, ERROR, stated_error
+from bakery.stages.coordinates import BIAS, ERROR, stated_error, wavelengths
 from bakery.stages.declaration import later
 from bakery.store.missed import too_large
 from bakery.store.tree import Dataset, Group, is_text, read_text
 
 if TYPE_CHECKING:
+    import xarray
+
     from bakery.draw.picture import Picture
 
 HEADLINES = ("sigma_t", "albedo", "g", "hit_probability", "fraction")  # what a summary shows of a group, where it holds them
@@ -42,6 +46,9 @@ class Members(Mapping):
     bias : name of a dataset -> the estimated size of its systematic errors, where they are stored
     """
 
+    _root: Group | None = None
+    _labelled: Callable[[Group, str], xarray.Dataset] | None = None
+
     def __init__(self, group: Group, path: str, theta: np.ndarray | None = None, wavelength: np.ndarray | None = None):
         self._group, self._path, self._wavelength = group, path, wavelength
         datasets = {name: member for name, member in group.members.items() if isinstance(member, Dataset)}
@@ -52,9 +59,25 @@ class Members(Mapping):
         self.error, self.bias = (MappingProxyType({name.removesuffix(end): _with_unit(member) for name, member in datasets.items()
                                                    if name.endswith(end) and name.removesuffix(end) in datasets})
                                  for end in (ERROR, BIAS))
-        own = datasets.get("theta")
-        self._theta = own.data if own is not None else theta
+        angles = datasets.get("theta")
+        self._theta = angles.data if angles is not None else theta
         self._items = {name: self._item(name, member) for name, member in group.members.items()}
+
+    def within(self, root: Group, labelled: Callable[[Group, str], xarray.Dataset]) -> None:
+        """Tell the group, and those in it, of the asset that it is part of, and of what makes labelled arrays of one."""
+        self._root, self._labelled = root, labelled
+        for item in self._items.values():
+            if isinstance(item, Members):
+                item.within(root, labelled)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The arrays of the group with their coordinates, units, descriptions and errors (`bakery.asset.labelled`).
+
+        Groups in it have their own: `asset.optics["drops"].to_xarray()`.  UsageError where xarray is not installed.
+        """
+        if self._labelled is None:
+            raise UsageError(f"{self._path}: only groups of an asset become labelled arrays")
+        return self._labelled(self._root, self._path)
 
     def _item(self, name: str, member: Dataset | Group):
         if isinstance(member, Group):
@@ -190,9 +213,36 @@ class Phase:
                  error: np.ndarray | None = None):
         self.theta, self.table, self.units, self.wavelength, self.error = theta, table, units, wavelength, error
 
-    def __call__(self, theta) -> np.ndarray:
-        """Values at angles of any shape, (..., *theta.shape) 1/sr; ValueError outside 0 .. pi."""
-        return phase_at(self.theta, self.table, theta)
+    def __call__(self, theta, wavelength=None) -> np.ndarray:
+        """Values at angles of any shape, (..., *theta.shape) 1/sr; ValueError outside 0 .. pi.
+
+        wavelength : um or text with its unit, also between the baked ones (`at`); a single one has no axis in what is returned
+        """
+        if wavelength is None:
+            return phase_at(self.theta, self.table, theta)
+        values = phase_at(self.theta, self.at(wavelength).table, theta)
+        return values if np.ndim(wavelength) or isinstance(wavelength, str) and is_list(wavelength) else values[0]
+
+    def at(self, wavelength) -> Phase:
+        """The phase function at wavelengths, (W, A), each angle a power of the wavelength between its neighbours.
+
+        `error` is that of the table and what leaving out neighbouring wavelengths shows the interpolation to be off by; not a
+        number where only two wavelengths are baked.  UsageError outside of the baked ones.
+        """
+        if self.wavelength is None or self.table.shape != (len(self.wavelength), len(self.theta)):
+            raise UsageError(f"only phase functions of one row a wavelength are interpolated; this is a table "
+                             f"{_shape(self.table.shape)}")
+        wanted, theta, table = np.atleast_1d(wavelengths(wavelength, self.wavelength)), self.theta, np.asarray(self.table)
+        stored = np.asarray(self.wavelength)
+
+        def rows(around):
+            return spectral.phase_functions(around, theta, table)
+
+        around = spectral.places(stored, wanted)
+        error = spectral.missed(stored, wanted, rows, table, over_angles=True)
+        if self.error is not None:
+            error = error + spectral.interpolated(around, self.error)
+        return Phase(theta, rows(around), self.units, wanted, error)
 
     def regular(self, row: int = 0, limit: float = 1e-3) -> tuple[np.ndarray, Loss]:
         """One row of the table on equidistant cosines from -1 to +1, as `tabphase` of stock renderers wants it, and the loss.

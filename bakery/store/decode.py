@@ -224,7 +224,7 @@ def _layout(plist) -> tuple[tuple[int, ...], list[int]]:
     if plist.get_layout() != h5py.h5d.CHUNKED or plist.get_external_count():
         raise _Fault("not stored in chunks of this file")
     filters = [plist.get_filter(i)[0] for i in range(plist.get_nfilters())]
-    if filters != [known for known in (_SHUFFLE, _DEFLATE, _FLETCHER32) if known in filters] or _FLETCHER32 not in filters:
+    if filters != [code for code in (_SHUFFLE, _DEFLATE, _FLETCHER32) if code in filters] or _FLETCHER32 not in filters:
         raise _Fault("its filters are not shuffle, deflate, fletcher32 in this order, the last one always")
     return plist.get_chunk(), filters
 
@@ -238,9 +238,9 @@ def _unpack(handle, shape: tuple[int, ...], chunk: tuple[int, ...], dtype: np.dt
         data = _unpack_chunk(handle, places[0].chunk_offset, chunk, dtype, packing)
     else:
         data = np.empty(shape, dtype)
-        for place in places:
-            target = tuple(slice(o, min(o + c, n)) for o, c, n in zip(place.chunk_offset, chunk, shape, strict=True))
-            block = _unpack_chunk(handle, place.chunk_offset, chunk, dtype, packing)
+        for offset in places:
+            target = tuple(slice(o, min(o + c, n)) for o, c, n in zip(offset.chunk_offset, chunk, shape, strict=True))
+            block = _unpack_chunk(handle, offset.chunk_offset, chunk, dtype, packing)
             data[target] = block[tuple(slice(0, s.stop - s.start) for s in target)]
     data.flags.writeable = False
     return data

@@ -93,7 +93,7 @@ FILES = Files()
 
 def free_space(path: str | os.PathLike) -> int:
     """Bytes that may still be written at a path or, where it does not exist yet, in its nearest existing folder."""
-    place = Path(os.path.abspath(path))
-    while not place.exists():
-        place = place.parent
-    return shutil.disk_usage(place).free
+    folder = Path(os.path.abspath(path))
+    while not folder.exists():
+        folder = folder.parent
+    return shutil.disk_usage(folder).free

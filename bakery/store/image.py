@@ -77,10 +77,10 @@ def chunk_shape(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
     """
     chunk = [max(n, 1) for n in shape]
     for axis in range(len(chunk)):
-        rest = itemsize * int(np.prod(chunk[axis + 1:], dtype=np.int64))
-        parts = -(-chunk[axis] // max(1, CHUNK // rest))
+        row_bytes = itemsize * int(np.prod(chunk[axis + 1:], dtype=np.int64))
+        parts = -(-chunk[axis] // max(1, CHUNK // row_bytes))
         chunk[axis] = -(-chunk[axis] // parts)
-        if rest <= CHUNK:
+        if row_bytes <= CHUNK:
             break
     return tuple(chunk)
 

@@ -71,12 +71,12 @@ def check_outputs(outputs: Iterable[tuple[str | os.PathLike, str | FileKind]], i
     for path, kind in outputs:
         check_target(path)
         shown = os.fspath(path)
-        for other in inputs:
-            if same_file(path, other):
-                name = "" if os.fspath(other) == shown else f", under the name {os.fspath(other)}"
+        for path_read in inputs:
+            if same_file(path, path_read):
+                name = "" if os.fspath(path_read) == shown else f", under the name {os.fspath(path_read)}"
                 raise UsageError(f"{shown}: is read by this very call{name}, so it is not written over; name another output")
-        for other in before:
-            if same_file(path, other):
+        for path_read in before:
+            if same_file(path, path_read):
                 raise UsageError(f"{shown}: two outputs of this call would be this one file; give each its own name")
         if not overwrite and not _may_replace(path, kind):
             name = kind if isinstance(kind, str) else kind.name

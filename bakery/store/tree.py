@@ -43,13 +43,13 @@ class Group:
 
     def __getitem__(self, path: str) -> Dataset | Group:
         """The member at a path such as `droplets/radius`; KeyError where there is none."""
-        head, _, rest = path.partition("/")
+        head, _, below = path.partition("/")
         member = self.members[head]
-        if not rest:
+        if not below:
             return member
         if isinstance(member, Dataset):
             raise KeyError(path)
-        return member[rest]
+        return member[below]
 
 
 TEXT = "utf-8"  # the `units` of a dataset that holds text as bytes

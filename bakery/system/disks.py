@@ -20,13 +20,13 @@ def is_network(path: str | os.PathLike, mounts: Path = _MOUNTS) -> bool:
     except OSError:
         return False
     # of two that are mounted at one place the later one is seen
-    folders = {_unescaped(place): kind for _, place, kind, *_ in map(str.split, lines)}
+    folders = {_unescaped(mount): kind for _, mount, kind, *_ in map(str.split, lines)}
     # as written first: that touches no disk, and one that hangs is mostly named without links
-    return any(_kind(place, folders) in NETWORK for place in (os.path.abspath(path), os.path.realpath(path)))
+    return any(_kind(mount, folders) in NETWORK for mount in (os.path.abspath(path), os.path.realpath(path)))
 
 
 def _kind(path: str, folders: dict[str, str]) -> str | None:
-    above = next((str(place) for place in (Path(path), *Path(path).parents) if str(place) in folders), None)
+    above = next((str(folder) for folder in (Path(path), *Path(path).parents) if str(folder) in folders), None)
     return folders.get(above)
 
 

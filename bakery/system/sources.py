@@ -55,15 +55,15 @@ def _content(file: Path) -> tuple[bytes, list[Path]]:
         elif isinstance(node, ast.ImportFrom) and not node.level:  # neighbours import each other by their whole names
             modules = [f"{node.module}.{alias.name}" for alias in node.names]
             names += [module if _module(root, module) else node.module for module in modules]
-    known = (*PACKAGES, package(file))
-    found = [_module(root, name) for name in dict.fromkeys(names) if name.split(".")[0] in known]
-    return hashlib.sha256(code).digest(), [one for one in found if one]
+    packages = (*PACKAGES, package(file))
+    dependencies = [_module(root, name) for name in dict.fromkeys(names) if name.split(".")[0] in packages]
+    return hashlib.sha256(code).digest(), [dependency for dependency in dependencies if dependency]
 
 
 def _module(root: Path, name: str) -> Path | None:
     """The file of a module or a package, or None."""
-    place = root.joinpath(*name.split("."))
-    return next((one for one in (place.with_name(f"{place.name}.py"), place / "__init__.py") if one.is_file()), None)
+    path = root.joinpath(*name.split("."))
+    return next((file for file in (path.with_name(f"{path.name}.py"), path / "__init__.py") if file.is_file()), None)
 
 
 def _root(file: Path) -> Path:

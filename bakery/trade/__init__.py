@@ -94,15 +94,15 @@ def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *,
     progress = progress or Progress()
     for warning in checked.warnings:
         progress.say(f"warning: {warning}")
-    sweeps, left = [], 60.0 * budget
+    sweeps, seconds_left = [], 60.0 * budget
     for count, stage in zip(range(len(chosen), 0, -1), chosen, strict=True):
-        sweeper = Sweeper(Job(Path(recipe), stage.name, base, presets, folder, STAGES), left / count, progress,
+        sweeper = Sweeper(Job(Path(recipe), stage.name, base, presets, folder, STAGES), seconds_left / count, progress,
                           verbose=verbose, rank=measure)
         try:
             sweeps.append(sweeper.sweep())
         finally:
             sweeper.close()
-        left = max(left - (left / count - sweeper.left), 1.0)
+        seconds_left = max(seconds_left - (seconds_left / count - sweeper.left), 1.0)
     return _written(Trade(os.fspath(recipe), folder, tuple(sweeps), ()))
 
 

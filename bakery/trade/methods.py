@@ -90,7 +90,7 @@ def compared(curves: Sequence[Curve], tolerance: float) -> dict:
 
     Returns
     -------
-    found : dict with `tolerance`; `ranges`, of times in which a method is closest: `name`, `begin` and `end` (s, None at the
+    chosen : dict with `tolerance`; `ranges`, of times in which a method is closest: `name`, `begin` and `end` (s, None at the
         end); `knee` (`name`, `seconds`, `error`) or None; by name `until`, seconds to the tolerance or None, and `spread`, the
         standard error of its logarithm; `advised`, see there; `advice`, sentences; `never`, names of
         methods that surely miss the tolerance; `others`, sentences about those that are not sure to meet it
@@ -105,15 +105,15 @@ def compared(curves: Sequence[Curve], tolerance: float) -> dict:
     bend = knee([points[i] for i in efficient])
     # where one method follows another the front has a step, which is no bend
     on_a_curve = bend is not None and len({at[i][0].name for i in efficient[max(bend - 1, 0):bend + 2]}) == 1
-    found = efficient[bend] if on_a_curve else None
+    chosen = efficient[bend] if on_a_curve else None
     until = {curve.name: curve.until(tolerance) for curve in curves}
     best = advised(curves, tolerance)
     return {"tolerance": tolerance, "ranges": ranges,
             "until": {name: t if math.isfinite(t) else None for name, t in until.items()},
             "spread": {curve.name: curve.point(tolerance).spread for curve in curves}, "advised": best,
-            "knee": None if found is None else {"name": at[found][0].name, "seconds": points[found].seconds,
-                                                "error": points[found].error},
-            "advice": [_closest(ranges), *([] if found is None else [_bend(at[found][0].name, points[found])]),
+            "knee": None if chosen is None else {"name": at[chosen][0].name, "seconds": points[chosen].seconds,
+                                                "error": points[chosen].error},
+            "advice": [_closest(ranges), *([] if chosen is None else [_bend(at[chosen][0].name, points[chosen])]),
                        *_for(curves, best, tolerance)],
             "never": [curve.name for curve in curves if curve.least >= tolerance],
             "others": [_not_sure(curve, tolerance) for curve in curves if math.isinf(until[curve.name])]}

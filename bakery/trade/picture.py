@@ -102,15 +102,15 @@ def _words(setting: Mapping) -> str:
 
 
 def _preset(name: str, preset: Mapping) -> str:
-    place = "on the front" if preset["dominated_by"] is None else "off the front"
-    return f"{name} ({place})"
+    position = "on the front" if preset["dominated_by"] is None else "off the front"
+    return f"{name} ({position})"
 
 
 def _limits(axes, seconds, error) -> None:
     for set_limits, values, axis in ((axes.set_xlim, seconds, axes.xaxis), (axes.set_ylim, error, axes.yaxis)):
         low, high = np.log10(values.min()), np.log10(values.max())
-        room = max(0.08 * (high - low), 0.12)
-        set_limits(10 ** (low - room), 10 ** (high + room))
+        margin = max(0.08 * (high - low), 0.12)
+        set_limits(10 ** (low - margin), 10 ** (high + margin))
         plain_decades(axis)
 
 

@@ -77,8 +77,8 @@ class Worker:
         with selectors.DefaultSelector() as selector:
             selector.register(self._process.stdout, selectors.EVENT_READ)
             while True:
-                left = None if until is None else max(until - time.monotonic(), 0.0)
-                if not selector.select(left):
+                seconds_left = None if until is None else max(until - time.monotonic(), 0.0)
+                if not selector.select(seconds_left):
                     self.close()
                     raise OutOfTime
                 data = os.read(self._process.stdout.fileno(), 1 << 16)

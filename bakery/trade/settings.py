@@ -99,10 +99,10 @@ class Settings:
         try:
             return self.load({key: text}).leaves.get(key, text)
         except RecipeError as refusal:
-            for other in self.stage.knobs:
-                for beside in other.values if other.key != key and isinstance(other.default, str) else ():
+            for knob in self.stage.knobs:
+                for beside in knob.values if knob.key != key and isinstance(knob.default, str) else ():
                     with suppress(RecipeError):
-                        return self.load({other.key: beside, key: text}).leaves.get(key, text)
+                        return self.load({knob.key: beside, key: text}).leaves.get(key, text)
             raise refusal from None
 
     def allowed(self, overrides: Mapping[str, str]) -> bool:
@@ -161,11 +161,11 @@ def _insert(rungs: list[tuple], value, text: str) -> None:
     if value in values:
         return
     numbers = [at for at in values if _is_number(at)]
-    place = len(values)
+    index = len(values)
     if _is_number(value) and len(numbers) > 1:
         falling = numbers[0] > numbers[-1]
-        place = next((i for i, at in enumerate(values) if not _is_number(at) or (at < value) == falling), len(values))
-    rungs.insert(place, (value, text))
+        index = next((i for i, at in enumerate(values) if not _is_number(at) or (at < value) == falling), len(values))
+    rungs.insert(index, (value, text))
 
 
 def text_of(value) -> str:

@@ -184,7 +184,7 @@ class Sweeper:
         if not run.seconds:
             return False
         ratio, error = median(run.ratios), next(iter(self._ranked(run.errors).values()))
-        return any(other.error <= error and HOPELESS * median(other.ratios) < ratio for other in self._good())
+        return any(setting.error <= error and HOPELESS * median(setting.ratios) < ratio for setting in self._good())
 
     def _ranked(self, errors: Mapping[str, float]) -> dict[str, float]:
         """The errors with the one that ranks first."""

@@ -1,17 +1,23 @@
-"""Renders the shipped scenes as docs/ shows them: `python docs/pictures/stills.py [NAME …] [--longest 1024] [--time 90]`.
+"""Renders the shipped scenes as docs/ shows them: `python docs/pictures/stills.py [NAME …] [--time 90] [--keep]`.
 
 The longer side gets so many pixels.  A render ends after the time, or once its pixels have a noise of 4 %, and has its noise
-taken out.  Noise, samples and seconds of each are printed; `--keep` puts the PNG into this folder.
+taken out.  Noise, samples and seconds of each are printed.  `--keep` puts the PNG into this folder, with colours as coarse as it
+takes to stay below 450 kB; `--only-keep` does that with what an earlier call has rendered.
 """
 
 from __future__ import annotations
 
 import argparse
+import io
 import json
-import shutil
+import re
 import subprocess
 import sys
 from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from renderers.mitsuba.world import World
 from renderers.scene import load
@@ -19,13 +25,28 @@ from renderers.scene import load
 HERE = Path(__file__).parent
 SCENES = Path(__file__).resolve().parents[2] / "assets" / "scenes"
 NOISE = "4%"
+SIDE = r'name="{}" value="([0-9]+)"'  # of a film
+LARGEST = 450_000  # bytes of a picture that is kept
+STEPS = 1, 2, 4  # of the 256 levels of a colour, of which every so manieth is kept
 
 
-def settings(path: Path, longest: int, seconds: float) -> list[str]:
+def of_fog(scene, folder: Path, longest: int) -> list[str]:
+    """Options for a filter of a picture, whose size is that of the picture: the file of Mitsuba, written with another size."""
+    shipped = scene.file(scene.values.picture.mitsuba)
+    text = shipped.read_text()
+    sides = {side: int(re.search(SIDE.format(side), text)[1]) for side in ("width", "height")}
+    for side, pixels in sides.items():
+        larger = f'name="{side}" value="{round(pixels * longest / max(sides.values()))}"'
+        text = re.sub(SIDE.format(side), larger, text)
+    (folder / shipped.name).write_text(text)
+    return ["--set", f"picture.mitsuba={(folder / shipped.name).resolve()}"]
+
+
+def settings(path: Path, folder: Path, longest: int, seconds: float) -> list[str]:
     """Options of `bake render` for a scene."""
     scene = load(path, assets=False)
     if scene.section == "fog":
-        return []  # a filter of a picture, whose size is that of the picture
+        return of_fog(scene, folder, longest)
     height, width = World.of(scene).size
     scale = longest / max(height, width)
     chosen = {"film.width": round(width * scale), "film.height": round(height * scale), "stop.noise": NOISE,
@@ -33,13 +54,37 @@ def settings(path: Path, longest: int, seconds: float) -> list[str]:
     return ["--denoise", *(word for key, value in chosen.items() for word in ("--set", f"{key}={value}"))]
 
 
-def rendered(path: Path, picture: Path, longest: int, seconds: float) -> dict:
+def rendered(path: Path, picture: Path, longest: int, seconds: float, resume: bool) -> dict:
     """The report of a render, which may have missed its noise (status 3)."""
-    command = [sys.executable, "-m", "bakery", "render", str(path), "-o", str(picture), "--overwrite", "--json"]
-    done = subprocess.run([*command, *settings(path, longest, seconds)], stdout=subprocess.PIPE, text=True)
+    command = [sys.executable, "-m", "bakery", "render", str(path), "-o", str(picture), "--json",
+               "--resume" if resume and picture.with_suffix(".exr").is_file() else "--overwrite"]
+    done = subprocess.run([*command, *settings(path, picture.parent, longest, seconds)], stdout=subprocess.PIPE, text=True)
     if done.returncode not in (0, 3):
         sys.exit(f"{path}: bake render ended with status {done.returncode}")
     return json.loads(done.stdout)
+
+
+def candidates(image: Image.Image):
+    """The picture in finer to coarser colours, the last with 256 of them."""
+    levels = np.asarray(image, float)
+    for step in STEPS:
+        yield Image.fromarray(np.clip(np.round(levels / step) * step, 0, 255).astype(np.uint8))
+    yield image.quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.FLOYDSTEINBERG)
+
+
+def keep(picture: Path):
+    """Puts a PNG into this folder, with the finest colours that its size allows, and the texts that were in it."""
+    with Image.open(picture) as image:
+        texts, rgb = dict(image.text), image.convert("RGB")
+    words = PngInfo()
+    for key, text in texts.items():
+        words.add_text(key, text)
+    for candidate in candidates(rgb):
+        stored = io.BytesIO()
+        candidate.save(stored, "png", optimize=True, pnginfo=words)
+        if stored.tell() <= LARGEST:
+            break
+    (HERE / picture.name).write_bytes(stored.getvalue())
 
 
 def main():
@@ -48,17 +93,22 @@ def main():
     options.add_argument("--longest", type=int, default=1024, help="pixels of the longer side")
     options.add_argument("--time", type=float, default=90.0, help="seconds of passes a scene")
     options.add_argument("-o", "--output", type=Path, default=Path("build"))
+    options.add_argument("--resume", action="store_true", help="goes on from the samples of an earlier call")
     options.add_argument("--keep", action="store_true", help="puts the pictures into docs/pictures")
+    options.add_argument("--only-keep", action="store_true", help="and renders none")
     chosen = options.parse_args()
     chosen.output.mkdir(parents=True, exist_ok=True)
     for name in chosen.names or sorted(path.stem for path in SCENES.glob("*.yaml")):
         picture = chosen.output / f"{name}.png"
-        report = rendered(SCENES / f"{name}.yaml", picture, chosen.longest, chosen.time)
+        if chosen.only_keep:
+            keep(picture)
+            continue
+        report = rendered(SCENES / f"{name}.yaml", picture, chosen.longest, chosen.time, chosen.resume)
         noise = report.get("pixel_noise") or report["noise"]
         print(f"{name}: {report['method']}, {report['size'][0]} x {report['size'][1]}, {report['samples']} samples, noise "
               f"{'none' if noise is None else f'{noise:.1%}'}, {report['seconds']['total']:.0f} s", flush=True)
         if chosen.keep:
-            shutil.copy(picture, HERE / picture.name)
+            keep(picture)
 
 
 if __name__ == "__main__":

@@ -256,24 +256,24 @@ class _Pilots:
         limit = math.inf if self._stop.time is None else self._stop.time
         self._try(first, min(_LONGEST, 0.3 * _SHARE * limit))
         whole = min(limit, self._seconds_to_end(self._trials[first]))
-        left = _SHARE * whole
+        seconds_left = _SHARE * whole
         for name in others:
             needed = self._offered[name].pilot
-            if left < needed:
+            if seconds_left < needed:
                 self._why[name] = f"not tried: a pilot takes {needed:.2g} s, and the picture {whole:.2g} s"
                 continue
             try:
-                self._try(name, min(_LONGEST, 0.5 * left))
-                left -= self._trials[name].seconds
+                self._try(name, min(_LONGEST, 0.5 * seconds_left))
+                seconds_left -= self._trials[name].seconds
             except (AssetError, UsageError) as fault:
                 self._why[name] = f"not possible: {fault}"
-        self._tell_more(left)
+        self._tell_more(seconds_left)
 
     def _try(self, name, seconds):
         opened = self._opened._replace(scene=candidates.applied(self._opened.scene, self._offered[name]))
         self._trials[name] = trial.of(lambda world, seed: self._prepare(opened, world, seed), self._world, seconds)
 
-    def _tell_more(self, left):
+    def _tell_more(self, seconds_left):
         """Longer pilots, in what is left of their time, of a candidate that may be taken by what a pilot tells alone, where that
         does not tell enough and would then do so."""
         exact, allowed = self._exact(), budget.ROOM * self._tolerance
@@ -282,16 +282,16 @@ class _Pilots:
             return
         name = min(untold, key=lambda name: self._seconds(self._trials[name]))
         reference = min(exact, key=lambda name: self._variance(exact[name]))
-        bias, both = trial.bias(self._trials[name], exact[reference]), (self._trials[name], exact[reference])
+        bias, trials = trial.bias(self._trials[name], exact[reference]), (self._trials[name], exact[reference])
         if bias.resolved or bias.size + bias.error <= allowed or bias.size >= allowed:
             return
         # the error goes with the root of the variance
         times = 1.3 * (bias.error / (allowed - bias.size)) ** 2
-        needed = times * sum(pilot.seconds for pilot in both)
-        if needed > left or times > _LONGER:
-            self._why[name] = f"how far it is off takes {needed:.2g} s to tell, and pilots have {left:.2g} s left"
+        needed = times * sum(pilot.seconds for pilot in trials)
+        if needed > seconds_left or times > _LONGER:
+            self._why[name] = f"how far it is off takes {needed:.2g} s to tell, and pilots have {seconds_left:.2g} s left"
             return
-        for again, pilot in zip((name, reference), both):
+        for again, pilot in zip((name, reference), trials):
             self._try(again, times * pilot.seconds)
 
     def _seconds_to_end(self, tried) -> float:
@@ -324,13 +324,13 @@ class _Pilots:
         """The cheapest that fits."""
         missing, exact = self._missing(), self._exact()
         table = [self._row(name, None, None, f"not possible: {why}") for name, why in self._lacks.items()]
-        best, room = (next(iter(self._offered)), math.inf), {}
+        best, allowed = (next(iter(self._offered)), math.inf), {}
         for name, candidate in self._offered.items():
             if name not in self._trials:
                 table.append(self._row(name, None, None, self._why.get(name, "taken without a pilot")))
                 continue
             cost = self._seconds(self._trials[name], missing[name])
-            fits, bias, why, room[name] = self._fits(name, exact)
+            fits, bias, why, allowed[name] = self._fits(name, exact)
             table.append(self._row(name, cost, bias, why if candidate.eligible else f"{why}; other methods are asked for"))
             if fits and candidate.eligible and (math.isinf(best[1]) or cost * self._margin(name, best[0]) < best[1]):
                 best = name, cost
@@ -339,11 +339,11 @@ class _Pilots:
         by = "nothing else would do"
         if self._trials:
             by = f"by pilots: seconds of a processor to a noise of {percent(self._noise)}"
-        return Choice(best[0], table, room.get(best[0]), by)
+        return Choice(best[0], table, allowed.get(best[0]), by)
 
-    def _margin(self, name, other) -> float:
+    def _margin(self, name, rival) -> float:
         """By how much a candidate has to be cheaper than one before it."""
-        return _CHEAPER * math.exp(math.hypot(self._trials[name].spread, self._trials[other].spread))
+        return _CHEAPER * math.exp(math.hypot(self._trials[name].spread, self._trials[rival].spread))
 
     def _row(self, name, seconds, bias, why) -> dict:
         size, error = (None, None) if bias is None else (bias.size, bias.error)

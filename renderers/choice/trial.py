@@ -97,7 +97,7 @@ class Trial(NamedTuple):
         of_pixels = np.array([cost.pixel * max(pixels / self.pixels, 1.0) ** cost.grows for cost in self.costs])
         unseen = missing**2 * self.passes / len(self.costs)
         return max(float(np.sqrt((of_pixels + unseen * self.pixels) * seconds).sum()),
-                   float(np.sqrt((np.array([each.region for each in self.costs]) + unseen) * seconds).sum())) ** 2
+                   float(np.sqrt((np.array([part_cost.region for part_cost in self.costs]) + unseen) * seconds).sum())) ** 2
 
     def of_samples(self, pixels: int, samples: int) -> float:
         """Processor seconds of passes with so many samples a pixel."""
@@ -128,10 +128,10 @@ def smaller(world, pixels: int):
     height, width = world.size
     shrink = min(1.0, math.sqrt(pixels / (width * height)))
     size = max(2, round(shrink * height)), max(2, round(shrink * width))
-    other = copy.copy(world)
-    other.camera, other.size = world.camera.refitted(height, width, *size), size
-    other.whole, other.coarser = world, math.sqrt(height * width / (size[0] * size[1]))
-    return other
+    reduced = copy.copy(world)
+    reduced.camera, reduced.size = world.camera.refitted(height, width, *size), size
+    reduced.whole, reduced.coarser = world, math.sqrt(height * width / (size[0] * size[1]))
+    return reduced
 
 
 def of(prepare: Callable, world, seconds: float | None, samples: int | None = None) -> Trial:
@@ -154,13 +154,13 @@ def of(prepare: Callable, world, seconds: float | None, samples: int | None = No
     costs = []
     for part in large.passes.parts:
         mean, first, second = large.passes.means[part.name], small.of_pass(part), large.of_pass(part)
-        (own, spread), coarse = _of_pixels(mean), _of_pixels(small.passes.means[part.name])
+        (pixel, spread), coarse = _of_pixels(mean), _of_pixels(small.passes.means[part.name])
         regions = mean.regions / (mean.count - 1)
-        shared = max(float(np.mean(regions)) - own * regions.size / large.pixels, 0.0)
-        more = large.pixels - small.pixels
-        by_pixel = (max(second - first, 0.0) / more if more else 0.0) or second / large.pixels
-        costs.append(Cost(max(second - by_pixel * large.pixels, 0.0), by_pixel, part.samples, own / level**2, shared / level**2,
-                          spread, _growth(own / max(coarse[0], 1e-300), math.hypot(spread, coarse[1]),
+        shared = max(float(np.mean(regions)) - pixel * regions.size / large.pixels, 0.0)
+        more_pixels = large.pixels - small.pixels
+        by_pixel = (max(second - first, 0.0) / more_pixels if more_pixels else 0.0) or second / large.pixels
+        costs.append(Cost(max(second - by_pixel * large.pixels, 0.0), by_pixel, part.samples, pixel / level**2, shared / level**2,
+                          spread, _growth(pixel / max(coarse[0], 1e-300), math.hypot(spread, coarse[1]),
                                           large.pixels / small.pixels)))
     passes = min(mean.count for mean in large.passes.means.values())
     return Trial(large.setup, tuple(costs), large.light, large.pixels, passes, small.clock + large.clock)
@@ -221,7 +221,7 @@ class _Run:
     def _light(self, layer):
         black = np.zeros_like(next(iter(self._regions.values()))[0][""])
         by_part = [np.array([regions.get(layer, black) for regions in passes]) for passes in self._regions.values()]
-        return Light(sum(each.mean(axis=0) for each in by_part), sum(each.var(axis=0, ddof=1) / len(each) for each in by_part))
+        return Light(sum(part.mean(axis=0) for part in by_part), sum(part.var(axis=0, ddof=1) / len(part) for part in by_part))
 
 
 def missing(trial: Trial, others: Mapping[str, Trial], exact: Container[str]) -> float:
@@ -231,22 +231,22 @@ def missing(trial: Trial, others: Mapping[str, Trial], exact: Container[str]) ->
     others : by the names of their methods;  exact : names of those without an error
     """
     lacks = [0.0]
-    for name, other in others.items():
-        scattered = [layer for layer in ORDERS[2:] if layer in other.light]
+    for name, reference in others.items():
+        scattered = [layer for layer in ORDERS[2:] if layer in reference.light]
         whole = [[""]] if name in exact else []
         for layers, share in [*((each, 1.0) for each in whole),
-                              *(([layer], 0.5) for layer in other.light if layer.startswith(LAMP)), (scattered, 0.5)]:
-            (own, error), (found, its) = _mean(trial, layers), _mean(other, layers)
-            if share * found - own > 3 * math.hypot(error, its):
-                lacks.append((found - own) / max(trial.level, _BLACK * other.level))
+                              *(([layer], 0.5) for layer in reference.light if layer.startswith(LAMP)), (scattered, 0.5)]:
+            (mean, error), (reference_mean, reference_error) = _mean(trial, layers), _mean(reference, layers)
+            if share * reference_mean - mean > 3 * math.hypot(error, reference_error):
+                lacks.append((reference_mean - mean) / max(trial.level, _BLACK * reference.level))
     return max(lacks)
 
 
 def _mean(trial, layers):
     """Of the light of layers together, and its standard error."""
     lights = [trial.light[layer] for layer in layers if layer in trial.light]
-    return (sum(float(each.mean.mean()) for each in lights),
-            math.sqrt(sum(float(each.variance.sum()) / each.mean.size**2 for each in lights)))
+    return (sum(float(light.mean.mean()) for light in lights),
+            math.sqrt(sum(float(light.variance.sum()) / light.mean.size**2 for light in lights)))
 
 
 def bias(trial: Trial, reference: Trial) -> Bias:
@@ -257,16 +257,16 @@ def bias(trial: Trial, reference: Trial) -> Bias:
     The mean squared difference of regions less its variance; the standard error of that is known from the scatter over regions.
     """
     level = max(reference.level, 1e-100)
-    here, there = trial.light[""], reference.light[""]
-    variance = (here.variance + there.variance) / level**2
-    excess = ((here.mean - there.mean) / level) ** 2 - variance
+    picture, expected = trial.light[""], reference.light[""]
+    variance = (picture.variance + expected.variance) / level**2
+    excess = ((picture.mean - expected.mean) / level) ** 2 - variance
     # of few regions the scatter may be small by chance: no less than that of normal noise alone
     scatter = max(float(excess.std()), math.sqrt(2) * float(variance.mean()))
     square, deviation = float(excess.mean()), scatter / math.sqrt(excess.size)
     size = math.sqrt(max(square, 0.0))
     by_order = {}
     for layer in ORDERS[1:]:
-        one, other = trial.light[layer], reference.light[layer]
-        by_order[layer] = (float((one.mean - other.mean).mean()) / level,
-                           math.sqrt(one.variance.sum() + other.variance.sum()) / one.mean.size / level)
+        layered, expected_layered = trial.light[layer], reference.light[layer]
+        by_order[layer] = (float((layered.mean - expected_layered.mean).mean()) / level,
+                           math.sqrt(layered.variance.sum() + expected_layered.variance.sum()) / layered.mean.size / level)
     return Bias(size, math.sqrt(max(square, 0.0) + 2 * deviation) - size, square > 3 * deviation, by_order)

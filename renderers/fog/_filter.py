@@ -370,10 +370,10 @@ def _shares(pixels, y, x, distance, along, o, table, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def every_pair(chosen, reach, pixels, table, rest, out):
+def every_pair(chosen, reach, pixels, table, remainder, out):
     """The sums of chosen pixels (flat indices) over every pixel at most `reach` away along either axis; out (N, 5, C).
 
-    rest : whether `REST` is wanted
+    remainder : whether `REST` is wanted
     """
     z, light, offset = pixels.distance, pixels.light, table.offset
     height, width = z.shape
@@ -394,7 +394,7 @@ def every_pair(chosen, reach, pixels, table, rest, out):
                         for c in range(k, channels, kinds):
                             sums[NEAR, c] += share[k] * light[yy, xx, channels + c]
                         sums[SHARE, k] += share[k] * light[yy, xx, 2 * channels + k]
-                    if rest:
+                    if remainder:
                         _shares(pixels, y, x, distance, along, o, table, share)
                         for k in range(kinds):
                             sums[REST, k] += share[k]

@@ -52,10 +52,10 @@ def moments(values, start, step, distance, out):
                     for node, weight in zip(_NODES, _WEIGHTS):
                         at = t + node * length
                         rho = _between(corners, px + vx * at - x, py + vy * at - y, pz + vz * at - z)
-                        mass, left = weight * length * rho, (1.0 - node) * length
+                        mass, remaining = weight * length * rho, (1.0 - node) * length
                         s0 += mass
-                        s1 += mass * left
-                        s2 += mass * left * left
+                        s1 += mass * remaining
+                        s2 += mass * remaining * remaining
                 t = following
             if tx <= following:
                 kx += dx
@@ -67,9 +67,9 @@ def moments(values, start, step, distance, out):
                 kz += dz
                 tz = _crossing(kz, pz, vz, nz)
         if s0 > 0.0:
-            left = distance[ray] - t  # inf for a ray without end
-            s2 += left * (2.0 * s1 + left * s0)
-            s1 += left * s0
+            remaining = distance[ray] - t  # inf for a ray without end
+            s2 += remaining * (2.0 * s1 + remaining * s0)
+            s1 += remaining * s0
         out[ray, 0], out[ray, 1], out[ray, 2] = s0, s1, s2
 
 

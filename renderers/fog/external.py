@@ -86,9 +86,9 @@ def scattered(density, origin, direction, distance, sigma_t, sigma_s, phase: Cal
     out = np.zeros((len(origin), len(sigma_t)))
     for start in range(0, len(origin) if sources else 0, _BLOCK):
         rays = slice(start, start + _BLOCK)
-        lit = [source.rays(direction[rays]) for source in sources]
+        source_rays = [source.rays(direction[rays]) for source in sources]
         # half: steps that are given up as fine leave less for the others
-        out[rays], error = march(density, origin[rays], direction[rays], distance[rays], sigma_t, lit, tolerance / 2)
+        out[rays], error = march(density, origin[rays], direction[rays], distance[rays], sigma_t, source_rays, tolerance / 2)
         if (error > tolerance * _least(out[rays])).any():
             raise StageError(f"external light: an error of {tolerance:g} along viewing rays is out of reach; the density may "
                              "jump too often: smooth it, or ask for a larger tolerance")
@@ -153,10 +153,10 @@ def march(density, origin, direction, distance, sigma_t, sources, tolerance):
         number += np.bincount(ray[look[fine]], minlength=count)
         split = np.append(look[~fine], blind)
         half = np.append(pieces[~fine][:, :4].sum(axis=1), columns(ray[blind], t[blind][:, [0, 4]])[:, 0])
-        other = np.append(pieces[~fine][:, 4:].sum(axis=1), columns(ray[blind], t[blind][:, [4, 8]])[:, 0])
+        beyond = np.append(pieces[~fine][:, 4:].sum(axis=1), columns(ray[blind], t[blind][:, [4, 8]])[:, 0])
         middle = t[split, 4]
         ray, a, b = np.tile(ray[split], 2), np.append(a[split], middle), np.append(middle, b[split])
-        before, inside = np.append(before[split], before[split] + half), np.append(half, other)
+        before, inside = np.append(before[split], before[split] + half), np.append(half, beyond)
     return summed, error
 
 
@@ -170,10 +170,10 @@ def _steps(density, origin, direction, sigma_t, sources, ray, t, before, pieces)
     column = np.cumsum(pieces, axis=1)
     inside, half = column[:, -1], (t[:, -1] - t[:, 0]) / 2
     middle = J[:, shape[1] // 2]
-    rest = (J - middle[:, None]) * sigma_t * (rho * half[:, None])[..., None]
-    rest *= np.exp(-sigma_t * (before[:, None] + column[:, :-1])[..., None])
+    correction = (J - middle[:, None]) * sigma_t * (rho * half[:, None])[..., None]
+    correction *= np.exp(-sigma_t * (before[:, None] + column[:, :-1])[..., None])
     sure = np.exp(-sigma_t * before[:, None]) * -np.expm1(-sigma_t * inside[:, None])
-    kronrod, gauss = np.einsum("k,pkc->pc", _KRONROD, rest), np.einsum("k,pkc->pc", _GAUSS, rest)
+    kronrod, gauss = np.einsum("k,pkc->pc", _KRONROD, correction), np.einsum("k,pkc->pc", _GAUSS, correction)
     # density that the nodes did not meet may hide another J: a little of it one like theirs, much of it any
     # (one rule may meet the right amount by chance, two hardly ever)
     missed = np.abs(half * (rho @ _KRONROD) / inside - 1) + 0.1 * np.abs(half * (rho @ _GAUSS) / inside - 1)
@@ -234,8 +234,8 @@ class _Light:
             far = np.full(len(points), np.inf)
             axis = np.broadcast_to(self.axis, points.shape)
             before = self.density.integrals(points, -axis, far)[:, 0]
-            rest = far if self.floor is None else np.maximum(points @ -self.axis - self.floor, 0)
-            behind = self.density.integrals(points, axis, rest)[:, 0] if self.diffuse else before
+            to_floor = far if self.floor is None else np.maximum(points @ -self.axis - self.floor, 0)
+            behind = self.density.integrals(points, axis, to_floor)[:, 0] if self.diffuse else before
             _columns.source(np.ascontiguousarray(before), np.ascontiguousarray(behind), single[ray], turn[ray],
                             cosine[ray], m.sigma_t, m.albedo, m.g, m.peak, self.mu, self.irradiance, self.diffuse,
                             out)

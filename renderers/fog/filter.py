@@ -229,15 +229,15 @@ class _Prepared:
 
         image, share, power = of(self.image), of(self.share), of(self.power)
         near, far = sums[..., _filter.NEAR, :], sums[..., _filter.FAR, :]
-        gathered, met, rest = (sums[..., k, :self.kinds] for k in (_filter.SHARE, _filter.MET, _filter.REST))
+        gathered, reached, remainder = (sums[..., k, :self.kinds] for k in (_filter.SHARE, _filter.MET, _filter.REST))
         with np.errstate(divide="ignore", invalid="ignore"):
             # nearer things take no more than the beam has
             near = np.where(gathered > share, near * (share / gathered), near)
-            left = np.where(share > 0, power * np.maximum(1 - gathered / share, 0), 0.0)
+            unspent = np.where(share > 0, power * np.maximum(1 - gathered / share, 0), 0.0)
             if self.outside == "black":
-                met = met + np.maximum(1 - met - rest, 0)
-            mean = np.where(met > 0, far / met, 0.0)
-        return np.exp(-of(self.tau)) * image + near + left * mean
+                reached = reached + np.maximum(1 - reached - remainder, 0)
+            mean = np.where(reached > 0, far / reached, 0.0)
+        return np.exp(-of(self.tau)) * image + near + unspent * mean
 
 
 def _plane(name, value, shape, positive):
@@ -273,6 +273,6 @@ def _classes(z):
     low, high = float(log_z.min()), float(log_z.max())
     if high - low < 1e-9:
         return np.zeros(z.shape, np.int64)
-    place = np.minimum((log_z - low) / (high - low) * 256, 255).astype(int)
-    density = np.cumsum(np.cbrt(np.bincount(place.ravel(), minlength=256)))
-    return np.minimum(((density - 1e-9) / density[-1] * CLASSES).astype(int), CLASSES - 1)[place]
+    bin_of = np.minimum((log_z - low) / (high - low) * 256, 255).astype(int)
+    density = np.cumsum(np.cbrt(np.bincount(bin_of.ravel(), minlength=256)))
+    return np.minimum(((density - 1e-9) / density[-1] * CLASSES).astype(int), CLASSES - 1)[bin_of]

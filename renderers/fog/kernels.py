@@ -79,8 +79,8 @@ class Fog:
             return -np.expm1(-tau) * np.divide(passed, most, out=np.zeros_like(most), where=most > 0), np.zeros_like(back)
         if self.model_power is None:
             return passed, back
-        place = self.place(tau, self.depth)
-        power = np.stack([np.interp(place[..., c], np.arange(len(row)), row) for c, row in enumerate(self.model_power)],
+        position = self.place(tau, self.depth)
+        power = np.stack([np.interp(position[..., c], np.arange(len(row)), row) for c, row in enumerate(self.model_power)],
                          axis=-1)
         return power * np.exp(-(1 - albedo) * tau) * -np.expm1(-albedo * tau), back
 
@@ -275,12 +275,12 @@ def _once(ratio, shape, power):
 def _normalised(ratio, shape):
     """Shapes with integral 1, and what it was; a depth behind which nothing is left has the nearest shape that is known."""
     total = _within(ratio, shape)[..., -1]
-    known = total > _NOTHING
-    normalised = np.divide(shape, total[..., None], out=np.zeros_like(shape), where=known[..., None])
+    nonzero = total > _NOTHING
+    normalised = np.divide(shape, total[..., None], out=np.zeros_like(shape), where=nonzero[..., None])
     for k in range(len(shape)):
-        rows = np.flatnonzero(known[k])
+        rows = np.flatnonzero(nonzero[k])
         if len(rows):
-            normalised[k] = normalised[k, rows[np.abs(rows - np.arange(len(known[k]))[:, None]).argmin(1)]]
+            normalised[k] = normalised[k, rows[np.abs(rows - np.arange(len(nonzero[k]))[:, None]).argmin(1)]]
     return normalised, total
 
 

@@ -34,11 +34,11 @@ def filtered(unsure, through, view, fogged):
     height, width = unsure.shape[:2]
     step = _COARSER if min(height, width) >= _COARSER * _LEAST else 1
     rows, columns = (np.minimum(np.arange(length) // step, length // step - 1) for length in (height, width))
-    few = np.s_[step // 2:height - step + 1 + step // 2:step, step // 2:width - step + 1 + step // 2:step]
+    every_other = np.s_[step // 2:height - step + 1 + step // 2:step, step // 2:width - step + 1 + step // 2:step]
     whole = unsure[:len(unsure) // step * step, :width // step * step]
     means = whole.reshape(height // step, step, width // step, step, -1).mean((1, 3))
-    angle, *others = (one[few] for one in view)
-    scattered = fogged(means, step * angle, *others) - through[few] * means
+    angle, *others = (layer[every_other] for layer in view)
+    scattered = fogged(means, step * angle, *others) - through[every_other] * means
     return through * unsure + scattered[rows][:, columns]
 
 

@@ -173,8 +173,8 @@ def _size(image):
 def _refuse(wrong, message, values):
     if wrong.any():
         y, x = np.argwhere(wrong)[0]
-        more = f" and in {wrong.sum() - 1:,} more pixels" if wrong.sum() > 1 else ""
-        raise UsageError(message.format(values[y, x], f"row {y}, column {x}{more}"))
+        further = f" and in {wrong.sum() - 1:,} more pixels" if wrong.sum() > 1 else ""
+        raise UsageError(message.format(values[y, x], f"row {y}, column {x}{further}"))
 
 
 # ---- from a Mitsuba scene
@@ -216,6 +216,6 @@ def from_mitsuba(path, *, samples=None, noise=None, time=None, unit=1.0, quality
     picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-min(samples, asked) // 8)), seed=seed,
                             tolerance=0.0 if noise is None else noise * coarser, time_limit=time,
                             measure=view_of(camera, distance).noise if noise and view_of else None, progress=progress)
-    made = {"from": "mitsuba", "scene": str(path), "variant": chosen, "reason": reason, "samples": picture.samples,
+    origin = {"from": "mitsuba", "scene": str(path), "variant": chosen, "reason": reason, "samples": picture.samples,
             "noise": picture.noise, "stopped_by": picture.stopped_by, "at_most": at_most}
-    return Picture(picture.rgb, distance, camera, made, 0.5 * (picture.halves[0] - picture.halves[1]))
+    return Picture(picture.rgb, distance, camera, origin, 0.5 * (picture.halves[0] - picture.halves[1]))

@@ -28,11 +28,11 @@ def needs(about) -> list[Need]:
     column = about.measured(_columns)
     depth = column * about.medium.sigma_t.max()
     deepest, median = float(depth.max()), float(np.median(depth))
-    said = f"optical depth {deepest:.3g} at the farthest of {len(depth):,} rays, {median:.2g} in the middle of them"
-    medium = Need("medium", True, said)
+    reason = f"optical depth {deepest:.3g} at the farthest of {len(depth):,} rays, {median:.2g} in the middle of them"
+    medium = Need("medium", True, reason)
     lacking = "; ".join(filter(None, (_too_deep(deepest), _too_good(about))))
-    found = [medium, Need("beam", True, said, tuple(_beam(deepest)), lacking)]
-    return found if about.recipe.particles is None else [_optics(about, median, said), *found]
+    needed = [medium, Need("beam", True, reason, tuple(_beam(deepest)), lacking)]
+    return needed if about.recipe.particles is None else [_optics(about, median, reason), *needed]
 
 
 def _beam(deepest):
@@ -53,7 +53,7 @@ def _too_good(about):
         f"within {100 * _KERNELS:g} %, {as_much(_KERNELS / wanted)}"
 
 
-def _optics(about, median, said) -> Need:
+def _optics(about, median, reason) -> Need:
     """A wrong share of the light at each scattering adds up over as many scatterings as the optical depth.
 
     The integral of |f - f_ref| is twice the share of light that goes elsewhere.
@@ -67,7 +67,7 @@ def _optics(about, median, said) -> Need:
                   words=("integrated", "pointwise")))
     lacking = "" if wanted >= _LEAST else f"phase functions of {100 * wanted:.2g} % are wanted, {100 * _LEAST:g} % are asked " \
         f"for, {as_much(_LEAST / wanted)}"
-    return Need("optics", True, said, knobs, lacking)
+    return Need("optics", True, reason, knobs, lacking)
 
 
 def _columns(about):
@@ -87,8 +87,8 @@ def _columns(about):
     else:
         picture = fog._picture(scene, None, None, None, None)
         height, width = picture.distance.shape
-        some = _some(height, width)
-        rays, far = picture.camera.rays(height, width)[some].reshape(-1, 3), picture.distance[some].ravel()
+        sampled = _some(height, width)
+        rays, far = picture.camera.rays(height, width)[sampled].reshape(-1, 3), picture.distance[sampled].ravel()
         origin = np.tile(picture.camera.origin, (len(rays), 1))
     far, _ = finite(scene, density, origin[0], far[None])
     return density.integrals(origin, rays, far[0])[:, 0]

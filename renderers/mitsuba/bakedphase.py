@@ -104,10 +104,10 @@ class PhaseFunction:
 
     def _between(self, knots, wavelength):
         lower, weight = mi.UInt32(0), mi.Float(0.0)
-        for row, (left, right) in enumerate(zip(knots, knots[1:])):
-            inside = wavelength >= left
+        for row, (low, high) in enumerate(zip(knots, knots[1:])):
+            inside = wavelength >= low
             lower = pick(inside, mi.UInt32(row), lower)
-            weight = pick(inside, dr.clip((wavelength - left) / (right - left), 0.0, 1.0), weight)
+            weight = pick(inside, dr.clip((wavelength - low) / (high - low), 0.0, 1.0), weight)
         return lower, lower + 1, weight
 
     def lookup(self, array, channel, i, t, active):
@@ -133,10 +133,10 @@ class PhaseFunction:
         if len(channels) > 1 or channels[0][0] is not channels[0][1]:
             position = sample1 * len(channels)
             chosen = dr.minimum(mi.UInt32(position), len(channels) - 1)
-            rest = position - chosen
+            fraction = position - chosen
             row = mi.UInt32(0)
             for k, (lower, upper, weight) in enumerate(channels):
-                row = pick(chosen == k, pick(rest < weight, mi.UInt32(upper), mi.UInt32(lower)), row)
+                row = pick(chosen == k, pick(fraction < weight, mi.UInt32(upper), mi.UInt32(lower)), row)
         i = self.rows.interval_cdf(row, sample2.x, active)
         s0, width = self.rows.node(i, active)
         f0, f1 = self.rows.pair(self.rows.value, row, i, active)

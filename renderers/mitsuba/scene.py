@@ -19,14 +19,14 @@ def noted(function):
     """A plugin's constructor or method, whose errors are kept: Mitsuba keeps the text of an exception only."""
 
     @wraps(function)
-    def made(*args, **more):
+    def wrapped(*args, **options):
         try:
-            return function(*args, **more)
+            return function(*args, **options)
         except BakeryError as error:
             faults.append(error)
             raise
 
-    return made
+    return wrapped
 
 
 def load(path, *, colour="rgb", variant=None, parameters=None, sensor=True, integrator=False):

@@ -28,11 +28,11 @@ def camera_of(sensor, path, width, height):
     plane = []
     for x, y in ((0, 0), (1, 0), (0, 1), (1, 1)):
         ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5, 0.5))
-        start, way = np.array(ray.o, float).ravel() - origin, np.array(ray.d, float).ravel()
-        if np.linalg.norm(np.cross(start, way)) > 1e-4 * max(1.0, np.linalg.norm(origin)) or not way @ ahead > 0:
+        start, direction = np.array(ray.o, float).ravel() - origin, np.array(ray.d, float).ravel()
+        if np.linalg.norm(np.cross(start, direction)) > 1e-4 * max(1.0, np.linalg.norm(origin)) or not direction @ ahead > 0:
             plane = []
             break
-        plane.append(way / (way @ ahead))
+        plane.append(direction / (direction @ ahead))
     if not plane or np.abs(plane[1] + plane[2] - plane[0] - plane[3]).max() > 1e-4 * np.abs(plane[3] - plane[0]).max():
         raise UsageError(f"{path}: the first sensor is of the kind {sensor.class_name()}; a perspective camera would do")
     return Camera(origin, plane[0], (plane[1] - plane[0]) / width, (plane[2] - plane[0]) / height)
@@ -50,17 +50,17 @@ def distances(scene, sensor, camera, height, width):
     slant = length(camera.points(height, width)).reshape(-1)  # distance over z
     near, far = sensor.near_clip() * slant, sensor.far_clip() * slant
     start = camera.origin + near[:, None] * directions
-    found = np.full(len(directions), np.inf)
+    depth = np.full(len(directions), np.inf)
     if dr.is_jit_v(mi.Float):
         ray = mi.Ray3f(mi.Point3f(start.T), mi.Vector3f(directions.T))
         ray.maxt = mi.Float(far - near)
         hit = scene.ray_intersect_preliminary(ray, coherent=True)
-        found = np.where(np.array(hit.is_valid()), np.array(hit.t, float), np.inf)
+        depth = np.where(np.array(hit.is_valid()), np.array(hit.t, float), np.inf)
     else:
-        for i, (begin, way, limit) in enumerate(zip(start.tolist(), directions.tolist(), (far - near).tolist())):
-            ray = mi.Ray3f(begin, way)
+        for i, (begin, direction, limit) in enumerate(zip(start.tolist(), directions.tolist(), (far - near).tolist())):
+            ray = mi.Ray3f(begin, direction)
             ray.maxt = limit
             hit = scene.ray_intersect_preliminary(ray, coherent=True)
             if hit.is_valid():
-                found[i] = hit.t
-    return (found + near).reshape(height, width)
+                depth[i] = hit.t
+    return (depth + near).reshape(height, width)

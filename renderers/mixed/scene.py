@@ -39,8 +39,8 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
         kind, method = values[f"{key}.as"], values[f"{key}.method"]
         if method in methods(kind) and method not in ("auto", *METHODS[kind]):  # of others all renderers say it
             stated = next((at["method"] for at in (entry, root) if isinstance(at.get("method"), Scalar)), None)
-            found, expected = f"found {method} beside other materials", f"expected {fields.one_of(['auto', *METHODS[kind]])}"
-            yield owner(stated or entry).problem(found, expected, key=f"{key}.method")
+            message, expected = f"found {method} beside other materials", f"expected {fields.one_of(['auto', *METHODS[kind]])}"
+            yield owner(stated or entry).problem(message, expected, key=f"{key}.method")
         for name, reason in _UNUSED.items():
             if (node := node_at(root, f"{key}.{name}")) is not None:
                 yield owner(node).problem(f"found {name.rpartition('.')[2]}, and {reason} beside other materials",
@@ -48,5 +48,5 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
         if method in METHODS[kind] and declared(kind)[method].continuous:
             for name in UNKNOWN_TO_MEDIA:
                 if name in entry and name in KEYS[kind]:
-                    found = f"found {name}, which method {method} does not know beside other materials"
-                    yield entry.names[name].problem(found, f"expected it with method: {chosen(kind, 'auto')}")
+                    message = f"found {name}, which method {method} does not know beside other materials"
+                    yield entry.names[name].problem(message, f"expected it with method: {chosen(kind, 'auto')}")

@@ -25,7 +25,7 @@ class Spectra(NamedTuple):
     @classmethod
     def of(cls, assets) -> Spectra:
         waves = [np.asarray(asset.wavelength, float) for asset in assets]
-        if any(not np.array_equal(one, waves[0]) for one in waves):
+        if any(not np.array_equal(wavelengths, waves[0]) for wavelengths in waves):
             return cls(Colours(np.eye(3), np.eye(3)), True)
         return cls(Colours(np.ascontiguousarray(colour.srgb_matrix(waves[0])),
                            np.ascontiguousarray(colour.spread_matrix(waves[0]))), False)

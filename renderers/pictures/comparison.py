@@ -182,17 +182,17 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
     before = _stamp(job.pair[1])
     pace = Pace(progress, lambda: _clocks(compiled)[1], kept["pace"][0] if on and kept else 0.0)
 
-    def keep(finished, paced, **more):
+    def keep(finished, paced, **extra):
         values = {key: spent[key] + end - start for key, start, end in zip(spent, begin, _clocks(compiled))} | {"pace": paced}
         kept = {"made_of": this, "stop": stop, "display": _display(job), "finished": finished,
-                "picture": fingerprint(job.pair[1]), **values, **more}
+                "picture": fingerprint(job.pair[1]), **values, **extra}
         text = json.dumps(kept, indent=1, allow_nan=False) + "\n"
-        images.write([(job.record, lambda place: Path(place).write_text(text, encoding="utf-8"))])
+        images.write([(job.record, lambda target: Path(target).write_text(text, encoding="utf-8"))])
         return values
 
-    def drawn(what, on):
-        return what.drawn_by.render(
-            what, job.pair[0], quality=quality, variant=variant, seed=job.seed, overwrite=overwrite, progress=pace,
+    def drawn(method, on):
+        return method.drawn_by.render(
+            method, job.pair[0], quality=quality, variant=variant, seed=job.seed, overwrite=overwrite, progress=pace,
             **({"resume": True} if on else {}))
 
     try:
@@ -243,18 +243,18 @@ def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=No
     kept = _kept(job)
     if kept.get("made_of") != _made_of(job, quality, variant):
         kept = {}
-    begun = bool(kept) and job.scene.rules.RESUMES
-    spent = kept["seconds"] - kept["compiling"] if begun else 0.0
+    resumable = bool(kept) and job.scene.rules.RESUMES
+    spent = kept["seconds"] - kept["compiling"] if resumable else 0.0
     if kept and kept["finished"] and kept["display"] == _display(job):
         # the last pass may have been too long for what was left of the time
         longest = max(spent, kept.get("asked", 0.0))
-        if not begun or longest >= _ENOUGH * seconds or _noise(job, kept["report"]) <= noise:
+        if not resumable or longest >= _ENOUGH * seconds or _noise(job, kept["report"]) <= noise:
             return _taken(job, kept)
     stop = job.scene.values.stop.model_copy(update={"noise": noise, "time": max(seconds - spent, 0.0), "samples": None})
-    made = render(_stopping(job, stop), quality=quality, variant=variant, resume=begun, asked=seconds, **options)
-    if not job.scene.rules.RESUMES and made.clock < seconds / 2:
+    rendered = render(_stopping(job, stop), quality=quality, variant=variant, resume=resumable, asked=seconds, **options)
+    if not job.scene.rules.RESUMES and rendered.clock < seconds / 2:
         return render(job, quality=quality, variant=variant, force=True, **options)  # without what Mitsuba compiled
-    return made
+    return rendered
 
 
 def _noise(job, report) -> float:
@@ -266,8 +266,8 @@ def _noise(job, report) -> float:
 def _taken(job, kept):
     # paths are of this call: an earlier one may have been made from another folder
     assets = dict.fromkeys(map(str, job.scene.assets))
-    here = {"scene": str(job.scene.path), "asset": ", ".join(assets), "files": [str(path) for path in job.pair]}
-    return Made(job, kept["report"] | here, kept["processor"], kept["compiling"], Paced(*kept["pace"]), True)
+    inputs = {"scene": str(job.scene.path), "asset": ", ".join(assets), "files": [str(path) for path in job.pair]}
+    return Made(job, kept["report"] | inputs, kept["processor"], kept["compiling"], Paced(*kept["pace"]), True)
 
 
 def _stopping(job, stop):

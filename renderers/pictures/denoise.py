@@ -23,6 +23,7 @@ _COARSE = ("draft", "preview")  # qualities whose pictures have their noise take
 _ALLOWED = 2.0  # standard errors by which the filter may move a value
 _NEAR = 5  # pixels: side of the square whose mean a value may be
 _AROUND = 9  # pixels: side of the square over which the scatter of few passes is averaged
+_WIDER = 25  # pixels: side of the square whose mean a value may be too, however few of the pixels near it any path has reached
 
 
 class Features(NamedTuple):
@@ -124,17 +125,17 @@ def denoised(parts, apart=(), features=None) -> Denoised:
     """
     rgb = sum(image for image, _ in parts.values())
     kept = [image for name, (image, _) in parts.items() if name in apart]
-    rest = [part for name, part in parts.items() if name not in apart]
-    whole = np.maximum(sum(kept) + (_cleared(rest, features) if rest else 0.0), 0.0)
+    smoothed = [part for name, part in parts.items() if name not in apart]
+    whole = np.maximum(sum(kept) + (_cleared(smoothed, features) if smoothed else 0.0), 0.0)
     if kept and features is not None and features.detail is not None:
         share = features.detail[..., None]
         whole = share * whole + (1 - share) * _cleared(list(parts.values()), features)
     before, after = (float(np.mean(np.maximum(image, 0.0) @ colour.LUMINANCE)) for image in (rgb, whole))
-    how = f"Open Image Denoise {_version()}"
-    figures = {"filter": how, "features": [] if features is None else ["albedo", "normal"], "apart": list(apart),
+    denoiser = f"Open Image Denoise {_version()}"
+    figures = {"filter": denoiser, "features": [] if features is None else ["albedo", "normal"], "apart": list(apart),
                "mean_change": after / before - 1 if before > 0 else 0.0}
     channels = {f"{PREFIX}{name}": whole[..., i] for i, name in enumerate("RGB")}
-    return Denoised(whole, channels | ({} if features is None else features.channels()), {TEXT: how}, figures)
+    return Denoised(whole, channels | ({} if features is None else features.channels()), {TEXT: denoiser}, figures)
 
 
 def sentence(figures) -> str:
@@ -190,13 +191,19 @@ def _held(seen, filtered, variance):
 
     A mean lies between the least and the most of what is near, and no further from the picture than its noise allows: that of the
     pixel or of its neighbourhood, as a peak makes value and variance large together, and what no path has reached has neither.
+    Where light is found so seldom that all pixels near miss it, the mean of a wider neighbourhood would do: bounds of 0 there
+    left black specks in bodies that few paths through their glass light up.
     """
     from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 
     near = (_NEAR, _NEAR, 1)
     lowest, highest = minimum_filter(seen, near, mode="nearest"), maximum_filter(seen, near, mode="nearest")
     if variance is not None:
-        usual = uniform_filter(variance, (_AROUND, _AROUND, 1), mode="nearest")
+        around, wider = (_AROUND, _AROUND, 1), (_WIDER, _WIDER, 1)
+        dark = maximum_filter(seen, around, mode="nearest") == 0
+        usual = np.where(dark, uniform_filter(variance, wider, mode="nearest"), uniform_filter(variance, around, mode="nearest"))
         allowed = _ALLOWED * np.sqrt(np.maximum(variance, usual))
+        level = uniform_filter(seen, wider, mode="nearest")
+        lowest, highest = np.minimum(lowest, level), np.maximum(highest, level)
         lowest, highest = np.maximum(lowest, seen - allowed), np.minimum(highest, seen + allowed)
     return np.clip(np.where(np.isfinite(filtered), filtered, seen), lowest, highest)

@@ -186,9 +186,9 @@ def compared(pictures, reference, display, *, with_flip: bool = True) -> list[Co
     return listed
 
 
-def same_size(picture: Picture, reference: Picture, place) -> None:
+def same_size(picture: Picture, reference: Picture, path) -> None:
     """UsageError where the reference, from a file or of a method, has another size than a picture."""
     if picture.rgb.shape != reference.rgb.shape:
-        (high, wide), (other_high, other_wide) = picture.rgb.shape[:2], reference.rgb.shape[:2]
-        raise UsageError(f"{place}: has {other_wide} x {other_high} pixels, and {picture.name} {wide} x {high}; a reference of "
+        (height, width), (other_high, other_wide) = picture.rgb.shape[:2], reference.rgb.shape[:2]
+        raise UsageError(f"{path}: has {other_wide} x {other_high} pixels, and {picture.name} {width} x {height}; a reference of "
                          "that size would do, or film: {width: …, height: …} of the scene")

@@ -101,7 +101,7 @@ class Passes:
     def variance(self):
         """(H, W, 4), of `rgb` and its luminance; None before the second pass of each part."""
         variances = [mean.variance for mean in self.means.values()]
-        return None if any(one is None for one in variances) else sum(variances)
+        return None if any(variance_of_part is None for variance_of_part in variances) else sum(variances)
 
     @property
     def noise(self):
@@ -187,14 +187,14 @@ class Passes:
     def _next(self, stop):
         """The part whose pass is next; None where all have their samples."""
         means = [self.means[part.name] for part in self.parts]
-        left = [(mean, part) for mean, part in zip(means, self.parts)
+        unfinished = [(mean, part) for mean, part in zip(means, self.parts)
                 if mean.count < LEAST or stop.samples is None or mean.count * part.samples < stop.samples]
-        unknown = [(mean, part) for mean, part in left if mean.count < LEAST or math.isinf(mean.seconds)]
-        if unknown or not left:
-            return min(unknown, key=lambda one: one[0].count, default=(None, None))[1]
+        unknown = [(mean, part) for mean, part in unfinished if mean.count < LEAST or math.isinf(mean.seconds)]
+        if unknown or not unfinished:
+            return min(unknown, key=lambda candidate: candidate[0].count, default=(None, None))[1]
         spent = sum(mean.count * mean.expected for mean in means)
-        behind = [(mean, part) for mean, part in left if mean.count * mean.expected < _SHARE * spent]
-        return max(behind or left, key=lambda one: one[0].gain())[1]
+        behind = [(mean, part) for mean, part in unfinished if mean.count * mean.expected < _SHARE * spent]
+        return max(behind or unfinished, key=lambda candidate: candidate[0].gain())[1]
 
     def _over(self, stop, part, noise):
         """What stops the passes before one of `part`; None if nothing does."""

@@ -58,16 +58,16 @@ class Pace:
 
     def paced(self, parts: Mapping[str, Mapping]) -> Paced:
         """What the passes of all calls took, now that they are over; `parts`: of the renderer's report, {} of one without."""
-        known = [i for i, (_, noise) in enumerate(self._told) if noise]
-        if not parts or not known:
+        noisy = [i for i, (_, noise) in enumerate(self._told) if noise]
+        if not parts or not noisy:
             return Paced(0.0, self._clock() - self._begin)
-        times, first, kinds = [at for at, _ in self._told], known[0], len(parts)
+        times, first, kinds = [at for at, _ in self._told], noisy[0], len(parts)
         # noise is known after two passes of each kind, or from the beginning where earlier passes are gone on with
-        begun = max(first - 2 * kinds, 0)
-        early = 2 * (times[first] - times[first - kinds]) if first >= 2 * kinds else times[first] - times[begun]
+        earliest = max(first - 2 * kinds, 0)
+        early = 2 * (times[first] - times[first - kinds]) if first >= 2 * kinds else times[first] - times[earliest]
         # between two renders of one call, of which the first ends without noise, lies no pass
-        later = sum(times[i] - times[i - 1] for i in known[1:] if i - 1 in known)
-        setup = times[begun] - self._begin + self._clock() - times[known[-1]]
+        later = sum(times[i] - times[i - 1] for i in noisy[1:] if i - 1 in noisy)
+        setup = times[earliest] - self._begin + self._clock() - times[noisy[-1]]
         return Paced(self._earlier + early + later, setup, *shared_out(parts, self._earlier + early + later))
 
 

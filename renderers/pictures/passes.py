@@ -208,8 +208,8 @@ def _denoised(values, quality, method, estimate, features):
     if method.features is None and set(estimate.means) <= set(method.apart):
         return None, [f"the noise is not taken out: a filter takes the detail of method {method.name} for noise"]
     parts = {name: (mean.layers[""], _variance(mean)) for name, mean in estimate.means.items()}
-    made = denoise.denoised(parts, [name for name in parts if name in method.apart], features and features())
-    return made, [*sentences, denoise.sentence(made.figures)]
+    smoothed = denoise.denoised(parts, [name for name in parts if name in method.apart], features and features())
+    return smoothed, [*sentences, denoise.sentence(smoothed.figures)]
 
 
 def _variance(mean):

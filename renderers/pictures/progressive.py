@@ -115,8 +115,8 @@ class Estimate(Passes):
                 "noise": float(np.sqrt(np.mean(spots)) / level),
                 "concentration": float(np.linalg.norm(spots) / max(np.sum(spots), 1e-300))}
 
-    def _interrupted(self, what):
-        error = Interrupted(f"interrupted {what}")
+    def _interrupted(self, message):
+        error = Interrupted(f"interrupted {message}")
         error.exit_status = 128 + self.signal
         return error
 
@@ -130,18 +130,18 @@ class Estimate(Passes):
             raise UsageError(f"{path}: there is no picture to go on with; {_ANEW}")
         channels, text = bitmaps.read(path)
         try:
-            other = self._restore(channels, json.loads(text[_STATE]))
+            differing = self._restore(channels, json.loads(text[_STATE]))
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError):
             raise UsageError(f"{path}: holds no passes to go on with; {_ANEW}") from None
-        if other:
-            raise UsageError(f"{path}: is a picture of something else (other {', '.join(other)}); {_ANEW}")
+        if differing:
+            raise UsageError(f"{path}: is a picture of something else (other {', '.join(differing)}); {_ANEW}")
 
     def _restore(self, channels, state):
         """Takes the means from a picture, unless what it says of itself differs: the names of what does."""
-        stored, own = ({"parts": list(parts)} | identity for parts, identity in
+        stored, expected = ({"parts": list(parts)} | identity for parts, identity in
                          ((state["parts"], state["identity"]), (self.means, self.identity)))
-        other = sorted(key for key in stored.keys() | own.keys() if stored.get(key) != own.get(key))
-        for name, mean in self.means.items() if not other else ():
+        differing = sorted(key for key in stored.keys() | expected.keys() if stored.get(key) != expected.get(key))
+        for name, mean in self.means.items() if not differing else ():
             prefix, part = self._prefix(name), state["parts"][name]
             whole = prefix or signed.estimate_of(channels)
             mean.count, mean.lost, mean.spread = int(part["passes"]), int(part["lost"]), _spread(part)
@@ -156,7 +156,7 @@ class Estimate(Passes):
             for image in (*mean.layers.values(), *([mean.square] if mean.count >= LEAST else [])):
                 if list(image.shape[:2]) != size or not np.isfinite(image).all():
                     raise ValueError("layers that no passes leave")
-        return other
+        return differing
 
 
 def error_of_mean(text) -> np.ndarray | None:

@@ -79,8 +79,8 @@ def scene(mi, grains: list[Grain], radius: float, k: int, width: int, height: in
     shown, unit = {}, scale(len(grains))
     places = _PLACES[len(grains)][0]
     with tempfile.TemporaryDirectory() as folder:
-        for i, (grain, place) in enumerate(zip(grains, places)):
-            shown[f"grain{i}"] = _shape(mi, grain, place, unit, radius, k, Path(folder))
+        for i, (grain, position) in enumerate(zip(grains, places)):
+            shown[f"grain{i}"] = _shape(mi, grain, position, unit, radius, k, Path(folder))
         return studio.furnished(mi, shown, width, height, {"type": "volpath", "max_depth": DEPTH, "rr_depth": ROULETTE},
                                  (0.0, 0.0, _AIM * max(grain.height for grain in grains) / unit))
 
@@ -139,12 +139,12 @@ def _turning(start, end):
     return np.eye(3) + cross + cross @ cross / (1 + cosine)
 
 
-def _shape(mi, grain: Grain, place, unit: float, radius: float, k: int, folder: Path) -> dict:
+def _shape(mi, grain: Grain, position, unit: float, radius: float, k: int, folder: Path) -> dict:
     """A grain's shape for Mitsuba, its radius 1 / unit; absorption per unit of the studio."""
     right = np.cross(studio.TARGET - studio.CAMERA, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     towards = np.cross([0.0, 0.0, 1.0], right) * -1.0
-    foot = (place[0] * right + place[1] * towards) / unit
+    foot = (position[0] * right + position[1] * towards) / unit
     common = {"bsdf": bsdf(grain.surface, k)}
     sigma = grain.interior[k] * radius * unit if grain.surface["type"] == "dielectric" else 0.0
     if sigma > 0:

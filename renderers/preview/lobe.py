@@ -75,8 +75,8 @@ def grain_strip(asset, grains, width, words=()):
         page.text(0.45, 0, "albedo at", _DIM)
         heads = ["share", "hits", *[f"{asset.wavelength[k]:.3f}" for k in shown], "g", "path", "delta"][narrow:]
         lefts = np.linspace(0.22, 0.83 if narrow else 0.88, len(heads))
-        for left, word in zip(lefts, heads):
-            page.text(left, 1, word, _DIM)
+        for x, word in zip(lefts, heads):
+            page.text(x, 1, word, _DIM)
         for line, grain in enumerate(grains):
             part, tint = asset.grains[grain.name], _GRAINS[line % len(_GRAINS)]
             page.text(0.025, 2 + line, grain.name.replace("_", " ")[:round(0.19 * page.width / (0.6 * page.letter))], tint)
@@ -84,8 +84,8 @@ def grain_strip(asset, grains, width, words=()):
             row += [(_close(float(np.ravel(part["albedo"])[k])) if "albedo" in part else "", colours[k]) for k in shown]
             row += [(word, _TEXT) for word in (_at(part, "g", k_middle, ".3f"), _at(part, "lambda_s", k_middle, ".2f", " R"),
                                                _delta(part, k_middle))]
-            for left, (word, one) in zip(lefts, row[narrow:]):
-                page.text(left, 2 + line, word, one)
+            for x, (word, strip) in zip(lefts, row[narrow:]):
+                page.text(x, 2 + line, word, strip)
         page.foot(words)
         rows = [np.atleast_2d(asset.grains[grain.name]["phase"])[k_middle] for grain in grains]
         _plot(page, 0.13, theta, np.array(rows), _GRAINS)
@@ -135,23 +135,23 @@ class _Page:
     def letter(self) -> float:
         return _LETTER * _scale(self.width)
 
-    def text(self, left, line, word, tint, bold=False):
-        """One line: `left` as a share of the width, `line` counted from 0."""
+    def text(self, x, line, word, tint, bold=False):
+        """One line: `x` as a share of the width, `line` counted from 0."""
         y = (line + 0.9) * _LINE * _scale(self.width)
-        self.figure.text(left, 1 - y / self.height, word, color=tint, fontsize=self.points((1.3 if bold else 1) * self.letter),
+        self.figure.text(x, 1 - y / self.height, word, color=tint, fontsize=self.points((1.3 if bold else 1) * self.letter),
                          weight="bold" if bold else "normal", va="center", parse_math=False)
 
     def foot(self, words):
         """The last lines above the curves, each as many as it needs."""
-        room = int(0.95 * self.width / (0.57 * self.letter))
-        lines = [line for word in words for line in textwrap.wrap(word, room)]
+        letters = int(0.95 * self.width / (0.57 * self.letter))
+        lines = [line for word in words for line in textwrap.wrap(word, letters)]
         for i, line in enumerate(lines):
             self.text(0.025, _LINES - 0.5 - len(lines) + i, line, _DIM)
 
-    def axes(self, left, width, below=0.0):
-        """Axes over the room for curves: `left` and `width` as shares of the width, `below` pixels free."""
+    def axes(self, x, width, below=0.0):
+        """Axes over the room for curves: `x` and `width` as shares of the width, `below` pixels free."""
         high = _curves(self.width)
-        return self.figure.add_axes((left, (below + 4) / self.height, width, (high - below - 10) / self.height),
+        return self.figure.add_axes((x, (below + 4) / self.height, width, (high - below - 10) / self.height),
                                     facecolor=_BACKGROUND)
 
     def points(self, pixels) -> float:
@@ -205,8 +205,8 @@ def _text(page, asset, words):
         rows.append((f"{asset.wavelength[k]:.3f}", _albedo(medium.albedo[k]), f"{medium.g[k]:.3f}", path))
     for line, row in enumerate(rows):
         tint = _DIM if line == 0 else colours[shown[line - 1]]
-        for left, word in zip((0.025, 0.20, 0.48, 0.68), row):
-            page.text(left, 1.4 + line, word, tint)
+        for x, word in zip((0.025, 0.20, 0.48, 0.68), row):
+            page.text(x, 1.4 + line, word, tint)
     page.foot(words)
 
 
@@ -248,10 +248,10 @@ def _polar(page, theta, value, colours):
     axes.axis("off")
 
 
-def _plot(page, left, theta, value, colours):
-    """Phase functions (1/sr) over the angle, from `left` to the right edge."""
+def _plot(page, x, theta, value, colours):
+    """Phase functions (1/sr) over the angle, from `x` to the right edge."""
     size = page.points(page.letter)
-    axes = page.axes(left, 0.965 - left, 2.6 * page.letter)
+    axes = page.axes(x, 0.965 - x, 2.6 * page.letter)
     for row, tint in zip(value, colours):
         axes.semilogy(np.degrees(theta), np.maximum(row, 1e-300), color=tint, lw=page.points(1.3))
     axes.axhline(1 / (4 * np.pi), color=_DIM, lw=page.points(0.8), ls=":")

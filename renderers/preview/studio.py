@@ -58,8 +58,8 @@ def reflectance(x, y):
 
 def scene(mi, medium, width, height, rr_depth):
     """The studio with a block of `medium` (a dict for Mitsuba, its coefficients per edge of the block)."""
-    place = mi.ScalarTransform4f
-    block = {"type": "cube", "to_world": place().translate([0, 0, 0.5 + LIFT]) @ place().scale(0.5), "bsdf": {"type": "null"},
+    to = mi.ScalarTransform4f
+    block = {"type": "cube", "to_world": to().translate([0, 0, 0.5 + LIFT]) @ to().scale(0.5), "bsdf": {"type": "null"},
              "interior": medium}
     return furnished(mi, {"block": block}, width, height, {"type": "volpath", "max_depth": 100_000, "rr_depth": rr_depth})
 
@@ -68,23 +68,23 @@ def furnished(mi, shown, width, height, integrator, target=TARGET):
     """The studio with shapes (dicts for Mitsuba by name) on its ground; the camera stays and looks at `target`."""
     import drjit as dr
 
-    place = mi.ScalarTransform4f
-    centre = place().translate([0.5, 0.5, 0])
+    to = mi.ScalarTransform4f
+    centre = to().translate([0.5, 0.5, 0])
     x = (np.arange(int(32 * CHECKED)) + 0.5) / 32 - CHECKED / 2
     ground = mi.Bitmap(reflectance(x, x[:, None]).astype(np.float32)[..., None])
     built = mi.load_dict({
         "type": "scene",
         "integrator": integrator,
         "sensor": {"type": "perspective", "fov": float(np.degrees(FIELD_OF_VIEW)),
-                   "to_world": place().look_at(origin=CAMERA.tolist(), target=list(target), up=[0, 0, 1]),
+                   "to_world": to().look_at(origin=CAMERA.tolist(), target=list(target), up=[0, 0, 1]),
                    "film": {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "luminance",
                             "rfilter": {"type": "box"}},
                    "sampler": {"type": "independent"}},
-        "sky": {"type": "envmap", "bitmap": mi.Bitmap(sky_map()[..., None]), "to_world": place().rotate([1, 0, 0], 90)},
-        "ground": {"type": "rectangle", "to_world": place().scale([500, 500, 1]),
+        "sky": {"type": "envmap", "bitmap": mi.Bitmap(sky_map()[..., None]), "to_world": to().rotate([1, 0, 0], 90)},
+        "ground": {"type": "rectangle", "to_world": to().scale([500, 500, 1]),
                    "bsdf": {"type": "diffuse", "reflectance": {
                        "type": "bitmap", "bitmap": ground, "raw": True, "wrap_mode": "clamp",
-                       "to_uv": centre @ place().scale(1000 / CHECKED) @ centre.inverse()}}},
+                       "to_uv": centre @ to().scale(1000 / CHECKED) @ centre.inverse()}}},
         **shown,
     }, optimize=False)  # optimised, the order of objects changes from run to run, and with it the noise
     # As variables, not constants of the compiled kernel: wavelengths and assets share it, half a second each.

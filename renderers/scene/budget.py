@@ -73,13 +73,13 @@ def of(scene, share: float | None = None, approximations: float | None = None) -
     stated = getattr(scene.rules, "approximations", None)
     if approximations is None:
         approximations = stated(values, tolerance) if stated else 0.0
-    left = tolerance**2 - approximations**2
-    left = left if left > 0 else tolerance**2
+    remaining = tolerance**2 - approximations**2
+    remaining = remaining if remaining > 0 else tolerance**2
     if noise is None:
-        tables, noise = math.sqrt(share * left), math.sqrt((1 - share) * left)
+        tables, noise = math.sqrt(share * remaining), math.sqrt((1 - share) * remaining)
     else:
-        rest = left - noise**2
-        tables = math.sqrt(rest if rest > SHARES[-1] * left else HALF * left)
+        unspent = remaining - noise**2
+        tables = math.sqrt(unspent if unspent > SHARES[-1] * remaining else HALF * remaining)
     return Split(tolerance, approximations, tables, noise, share)
 
 
@@ -107,10 +107,10 @@ def cheapest(scene, pixels: int, pace: float, seconds: Callable[[Split], float])
     if scene.values.stop.noise is not None or rendering(splits[0]) == limit:
         return splits[-1]
     best, least = None, math.inf
-    for one in splits:
+    for candidate in splits:
         # to know what a bake takes takes a while: not asked where noise alone takes as long
-        if rendering(one) < least and (took := seconds(one) + rendering(one)) <= least:
-            best, least = one, took
+        if rendering(candidate) < least and (took := seconds(candidate) + rendering(candidate)) <= least:
+            best, least = candidate, took
     if math.isinf(least):
         return splits[-1]
     return best._replace(why=f"baking takes about {least - rendering(best):.2g} s and noise {rendering(best):.2g} s of a core "

@@ -204,8 +204,8 @@ def camera_problems(root: Mapping, values: dict) -> Iterator[Problem]:
     if not np.any(ahead):
         yield owner(node_at(root, "camera.target")).problem("found the camera's own place", "expected a point ahead of it")
     elif up is not None and np.linalg.norm(np.cross(ahead, up)) < 1e-6 * np.linalg.norm(ahead) * np.linalg.norm(up):
-        place = node_at(root, "camera.up") or node_at(root, "camera.target")
-        yield owner(place).problem("found a camera that looks along its own up", "expected another up, such as [0, 1, 0]")
+        node = node_at(root, "camera.up") or node_at(root, "camera.target")
+        yield owner(node).problem("found a camera that looks along its own up", "expected another up, such as [0, 1, 0]")
 
 
 def direction_problems(root: Mapping, values: dict, key: str) -> Iterator[Problem]:
@@ -223,9 +223,9 @@ def box_problems(root: Mapping, values: dict, key: str) -> Iterator[Problem]:
         yield owner(node_at(root, f"{key}.hi")).problem("found a box without volume", "expected hi above lo in x, y and z")
 
 
-def names_at(found) -> list[str]:
+def names_at(node) -> list[str]:
     """The names in a mapping that may be part of a dotted key; none where there is no mapping."""
-    return [name for name in found if not set(name) & set(".[]")] if isinstance(found, dict) else []
+    return [name for name in node if not set(name) & set(".[]")] if isinstance(node, dict) else []
 
 
 def node_at(root: Mapping, key: str) -> Node | None:
@@ -258,9 +258,9 @@ def triple(values: dict, key: str):
 def differing(root: Mapping, values: dict, key: str, default) -> Iterator[Problem]:
     """Entries that say different values of a key of which a renderer takes one for all."""
     listed = root.get("materials")
-    found = [values.get(f"materials[{i}].{key}", default) for i in range(len(listed) if isinstance(listed, Sequence) else 0)]
-    for i, value in enumerate(found):
-        if value != found[0]:
+    entries = [values.get(f"materials[{i}].{key}", default) for i in range(len(listed) if isinstance(listed, Sequence) else 0)]
+    for i, value in enumerate(entries):
+        if value != entries[0]:
             node = node_at(root, f"materials[{i}].{key}") or node_at(root, f"materials[0].{key}")
-            yield owner(node).problem(f"found {value}, but materials[0] has {found[0]}", "expected the same in all entries")
+            yield owner(node).problem(f"found {value}, but materials[0] has {entries[0]}", "expected the same in all entries")
             return

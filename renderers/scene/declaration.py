@@ -75,7 +75,7 @@ class Points(NamedTuple):
 
 def table(places: Iterable[str]) -> dict[str, Any]:
     """The declarations at `module:NAME`, by the name of their method."""
-    parts = (place.partition(":") for place in places)
+    parts = (target.partition(":") for target in places)
     methods = (getattr(import_module(module), name) for module, _, name in parts)
     return {method.name: method for method in methods}
 
@@ -98,9 +98,9 @@ def unused(root: MappingNode, values: Mapping[str, Any], methods: Mapping[str, S
     entries = root.get("materials")
     for number in range(len(entries) if isinstance(entries, SequenceNode) else 0):
         method = methods.get(values.get(f"materials[{number}].method", ""))
-        for key in dict.fromkeys(key for each in methods.values() for key in each.keys):
+        for key in dict.fromkeys(key for declared in methods.values() for key in declared.keys):
             node = node_at(root, f"materials[{number}].{key}")
             if method is not None and node is not None and key not in method.keys:
-                takers = [name for name, each in methods.items() if key in each.keys]
+                takers = [name for name, declared in methods.items() if key in declared.keys]
                 yield owner(node).problem(f"found {key}, which method {method.name} does not use",
                                           f"expected it with method: {fields.one_of(takers)}")

@@ -233,9 +233,9 @@ def known(root: Mapping, folder: File, method: str | None = None) -> list[Known]
 
 
 def _known(entry: Mapping, folder: File, method: str | None, default: str) -> Known:
-    place, claimed = _place(entry.get("where")) or "", _text(entry, "as")
-    misspelt = "where" in entry and not place  # what it should say is told; the kind goes by the asset
-    able = [kind for kind, places in PLACES.items() if misspelt or place in places]
+    volume, claimed = _place(entry.get("where")) or "", _text(entry, "as")
+    misspelt = "where" in entry and not volume  # what it should say is told; the kind goes by the asset
+    able = [kind for kind, places in PLACES.items() if misspelt or volume in places]
     held = None if len(able) == 1 and not claimed else _held(entry, folder)
     contradiction = ""
     if claimed in KINDS:
@@ -309,12 +309,12 @@ def problems(root: Mapping, values: dict, entries: list[Known]) -> Iterator[Prob
 def _of_kind(root: Mapping, entry: Mapping, of: Known, key: str) -> Iterator[Problem]:
     """Keys and a place that the kind of an entry does not have."""
     called, node = KINDS[of.kind], entry.get("where")
-    place = _place(node) or ""
+    volume = _place(node) or ""
     if of.contradiction:
         yield entry["as"].place.problem(f"found {of.kind}, but {of.contradiction}",
                                         "expected none, or an asset that holds it")
-    if node is not None and place and place not in PLACES[of.kind]:
-        yield owner(node).problem(f"found {called} in a place of kind {place}", f"expected {fields.one_of(_words(of.kind))}")
+    if node is not None and volume and volume not in PLACES[of.kind]:
+        yield owner(node).problem(f"found {called} in a place of kind {volume}", f"expected {fields.one_of(_words(of.kind))}")
     elif node is None and "" not in PLACES[of.kind]:
         yield owner(entry).problem("missing", f"expected where: {fields.one_of(_words(of.kind))}", key=f"{key}.where")
     for kind, names in KEYS.items():
@@ -334,7 +334,7 @@ def _of_kind(root: Mapping, entry: Mapping, of: Known, key: str) -> Iterator[Pro
 def _words(kind: str) -> list[str]:
     written = {"everywhere": "everywhere", "box": "{box: {lo: …, hi: …}}", "mesh": "{mesh: …}", "shape": "{shape: …}",
                "grid": "{grid: …, lo: …, hi: …}", "": "none, for the asset's own box"}
-    return [written[place] for place in PLACES[kind]]
+    return [written[volume] for volume in PLACES[kind]]
 
 
 def _places(root: Mapping, values: dict, count: int) -> Iterator[Problem]:

@@ -49,29 +49,29 @@ def converted(document: str, root: Mapping) -> str | None:
 
 def _entries(document: str, section: str, root: Mapping) -> list[dict[str, str]] | None:
     """Key -> value as text, of each entry; None where the section is not what it should be."""
-    said = root[section]
+    former = root[section]
     listed = {"granular": "where", "translucent": "bodies"}.get(section)
-    places = said.get(listed) if isinstance(said, Mapping) and listed else None
-    places = list(places) if isinstance(places, Sequence) else [places if listed else said]
-    if not isinstance(said, Mapping) or not all(isinstance(one, Mapping) for one in places):
+    places = former.get(listed) if isinstance(former, Mapping) and listed else None
+    places = list(places) if isinstance(places, Sequence) else [places if listed else former]
+    if not isinstance(former, Mapping) or not all(isinstance(entry, Mapping) for entry in places):
         return None
-    return [_entry(document, section, root, one, alone=len(places) == 1) for one in places]
+    return [_entry(document, section, root, entry, alone=len(places) == 1) for entry in places]
 
 
-def _entry(document: str, section: str, root: Mapping, place: Mapping, alone: bool) -> dict[str, str]:
-    texts, said = {name: _text(document, node) for name, node in place.items()}, root[section]
+def _entry(document: str, section: str, root: Mapping, volume: Mapping, alone: bool) -> dict[str, str]:
+    texts, former = {name: _text(document, node) for name, node in volume.items()}, root[section]
     if section != "discrete":
         inside = [name for name in ("mesh", "unit", "shape") if name in texts]
         texts["where"] = "{" + ", ".join(f"{name}: {texts[name]}" for name in inside) + "}"
         for name in inside:
             del texts[name]
-        shared = [name for name in said if name not in ("where", "bodies", "boundary") and (name != "method" or alone)]
-        texts |= {name: _text(document, said[name]) for name in shared}
-    if not set(_MATERIAL) & set(place):
+        shared = [name for name in former if name not in ("where", "bodies", "boundary") and (name != "method" or alone)]
+        texts |= {name: _text(document, former[name]) for name in shared}
+    if not set(_MATERIAL) & set(volume):
         texts |= {name: _text(document, root[name]) for name in _MATERIAL if name in root}
-    if section == "translucent" and "boundary" in said:
+    if section == "translucent" and "boundary" in former:
         index = texts.get("boundary", "{}")[1:-1]
-        texts["boundary"] = "{" + ", ".join(filter(None, (index, f"tables: {_text(document, said['boundary'])}"))) + "}"
+        texts["boundary"] = "{" + ", ".join(filter(None, (index, f"tables: {_text(document, former['boundary'])}"))) + "}"
     first = ("where", *_MATERIAL, "method")
     return {name: texts[name] for name in (*(name for name in first if name in texts), *texts)}
 
@@ -114,10 +114,10 @@ def _comments(chunk: str) -> Iterator[str]:
             yield mark + comment
 
 
-def _written(entries: list[dict[str, str]], said: Mapping) -> Iterator[str]:
+def _written(entries: list[dict[str, str]], former: Mapping) -> Iterator[str]:
     """The list `materials`, and before it the method of several entries."""
-    if len(entries) > 1 and isinstance(said.get("method"), Scalar):
-        yield f"method: {said['method'].text}\n"
+    if len(entries) > 1 and isinstance(former.get("method"), Scalar):
+        yield f"method: {former['method'].text}\n"
     yield "materials:\n"
     for entry in entries:
         line = ", ".join(f"{name}: {text}" for name, text in entry.items())

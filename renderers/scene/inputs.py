@@ -76,7 +76,7 @@ def parameters_of(path) -> set[str]:
 def integrators(path) -> list[str]:
     """Types of the integrators of a Mitsuba scene; [] where it cannot be read."""
     try:
-        return [one.get("type", "") for one in ElementTree.parse(path).iter("integrator")]
+        return [element.get("type", "") for element in ElementTree.parse(path).iter("integrator")]
     except (OSError, ElementTree.ParseError):
         return []  # Mitsuba says what is wrong with it
 
@@ -93,15 +93,15 @@ def _values(file: Path, parameters: Mapping[str, object]) -> tuple[list[str], li
         elements = list(ElementTree.parse(file).iter())
     except (OSError, ElementTree.ParseError):
         return [], []  # Mitsuba says what is wrong with it
-    known = {one.get("name"): one.get("value") for one in elements if one.tag == "default"} | dict(parameters)
-    named = [(one.tag, one.get(key)) for one in elements for key in ("value", "filename") if one.get(key)]
-    for name in sorted(filter(None, known), key=len, reverse=True):  # $size before $si
-        named = [(tag, text.replace(f"${name}", str(known[name]))) for tag, text in named]
+    defaults = {element.get("name"): element.get("value") for element in elements if element.tag == "default"} | dict(parameters)
+    named = [(element.tag, element.get(key)) for element in elements for key in ("value", "filename") if element.get(key)]
+    for name in sorted(filter(None, defaults), key=len, reverse=True):  # $size before $si
+        named = [(tag, text.replace(f"${name}", str(defaults[name]))) for tag, text in named]
     return [text for tag, text in named if tag != "path"], [text for tag, text in named if tag == "path"]
 
 
-def _status(place: Path) -> os.stat_result | None:
+def _status(path: Path) -> os.stat_result | None:
     try:
-        return place.stat()
+        return path.stat()
     except (OSError, ValueError):
         return None  # not there, or a text that is no path

@@ -17,6 +17,7 @@ import drjit as dr
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport import flights, media
 from renderers.transport.lamps import Departure
+from renderers.transport.strata import Strata
 from renderers.transport.wavefront import ORDERS
 
 import mitsuba as mi  # isort: skip
@@ -37,6 +38,7 @@ class Path:
     inside : bodies in which it is, a bit each, the innermost one first
     order, bounces : scatterings in bodies; those and surfaces
     drawn, density : where the direction was drawn, and its density (1/sr);  single : no light sample could have found it
+    choice : uniform number, of what the first smooth boundary does
     departure : from the last scattering, where lamps are sampled through smooth boundaries; else None
     """
 
@@ -52,6 +54,7 @@ class Path:
     drawn: mi.Point3f
     density: mi.Float
     single: mi.Bool
+    choice: mi.Float
     departure: Departure | None
 
 
@@ -97,8 +100,8 @@ def trace(scene, key, pixels, lanes, samples, by_light, turn=None):
     turn : `Turn`; that through media if None
     """
     turn = turn or Turn(lambda scene, path: path, advance, next_event, turned)
+    lane, pixel, strata, path = begin(scene, key, pixels, lanes, samples)
     samples = dr.opaque(mi.UInt32, samples)
-    lane, pixel, path = begin(scene, key, pixels, lanes)
     path = turn.begin(scene, path)
     sums = [dr.zeros(mi.Float, dr.width(lane)) for _ in range(3 * ORDERS)]
     of_lights = dr.zeros(mi.Float, 3 * pixels * lanes * scene.lights * by_light)
@@ -113,7 +116,7 @@ def trace(scene, key, pixels, lanes, samples, by_light, turn=None):
         if by_light:
             for radiance, source in lights:
                 _add_by_light(scene, of_lights, lane, radiance, source)
-        return _renewed(scene, pixel, samples, turn.turned(scene, path, event)), sums
+        return _renewed(scene, pixel, strata, samples, turn.turned(scene, path, event)), sums
 
     return dr.while_loop((path, sums), lambda path, sums: path.alive, step, label="paths")[1], of_lights
 
@@ -132,35 +135,38 @@ def first_media(scene, key, pixels, lanes):
     return dr.while_loop(start, lambda path, number: path.alive, step, label="first scatterings")[1]
 
 
-def begin(scene, key, pixels, lanes):
-    """Lanes, their pixels, and their first paths."""
+def begin(scene, key, pixels, lanes, samples=1):
+    """Lanes, their pixels, the strata of their samples, and their first paths."""
     # as variables: a number would be part of the kernel, and another one another kernel
     *key, together = (dr.opaque(mi.UInt32, number) for number in (*key, lanes))
     lane = dr.arange(mi.UInt32, pixels * lanes)
     pixel = lane // together
+    strata = Strata(lane, pixel, key, lanes, samples)
     low, high = mi.sample_tea_32(lane ^ key[0], key[1])
     random = mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))
-    path = _camera_paths(scene, pixel, random, dr.zeros(mi.UInt32, dr.width(lane)), dr.full(mi.Bool, True, dr.width(lane)))
-    return lane, pixel, path
+    path = _camera_paths(scene, pixel, strata, random, dr.zeros(mi.UInt32, dr.width(lane)),
+                         dr.full(mi.Bool, True, dr.width(lane)))
+    return lane, pixel, strata, path
 
 
-def _camera_paths(scene, pixel, random, samples, alive):
+def _camera_paths(scene, pixel, strata, random, samples, alive):
     """The camera's paths."""
-    origin, direction = scene.camera_ray(pixel, mi.Point2f(random.next_float32(alive), random.next_float32(alive)))
+    place, choice = strata.drawn(samples, random, alive)
+    origin, direction = scene.camera_ray(pixel, place)
     width = dr.width(pixel)
     zero = dr.zeros(mi.UInt32, width)
     return Path(random, samples, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.waves)],
                 scene.around_camera + zero, mi.UInt32(zero), mi.UInt32(zero),
-                mi.Point3f(origin), dr.zeros(mi.Float, width), dr.full(mi.Bool, True, width),
+                mi.Point3f(origin), dr.zeros(mi.Float, width), dr.full(mi.Bool, True, width), choice,
                 scene.lamps and scene.lamps.none(width))
 
 
-def _renewed(scene, pixel, samples, path):
+def _renewed(scene, pixel, strata, samples, path):
     """Paths, and new ones of the camera where they are over."""
     over = ~path.alive
     count = path.samples + dr.select(over, mi.UInt32(1), mi.UInt32(0))
-    new = _camera_paths(scene, pixel, path.random, count, count < samples)
-    for name in ("alive", "origin", "direction", "inside", "order", "bounces", "drawn", "density", "single"):
+    new = _camera_paths(scene, pixel, strata, path.random, count, count < samples)
+    for name in ("alive", "origin", "direction", "inside", "order", "bounces", "drawn", "density", "single", "choice"):
         setattr(path, name, dr.select(over, getattr(new, name), getattr(path, name)))
     path.throughput = [dr.select(over, mi.Float(1), weight) for weight in path.throughput]
     path.samples = count
@@ -247,7 +253,10 @@ def turned(scene, path, event):
     u = [random.next_float32() for _ in range(3)]
     scattered_direction, density, throughput = media.scattered(scene.media, event.medium, path.direction, path.throughput, u)
     shades = event.meets & ~event.crosses
-    sample, factor = surface.bsdf().sample(mi.BSDFContext(), surface, u[0], mi.Point2f(u[1], u[2]), shades)
+    number, chance_of_lobe = scene.splitting.chosen(path, surface, shades, u[0]) if scene.splitting.any else (u[0], None)
+    sample, factor = surface.bsdf().sample(mi.BSDFContext(), surface, number, mi.Point2f(u[1], u[2]), shades)
+    if chance_of_lobe is not None:
+        factor *= dr.select(chance_of_lobe > 0, sample.pdf / chance_of_lobe, 1)
     factor = scene.reflectance(dr.select(dr.all(dr.isfinite(factor)), factor, 0))
     throughput = [dr.select(event.scatters, a, dr.select(event.crosses, w, w * f))
                   for a, w, f in zip(throughput, path.throughput, factor)]
@@ -257,13 +266,14 @@ def turned(scene, path, event):
     chance = mi.Float(1)
     if scene.regions.always:
         chance = dr.select(event.scatters, flights.return_share(scene, path.origin, event.position), 1)
+    before = path.direction
     path.origin = dr.select(event.scatters, event.position, onward.o)
     path.inside = dr.select(event.scatters, path.inside, scene.boundaries.beyond(surface, direction, path.inside, event.meets))
     path.direction = direction
     path.throughput = throughput
     fresh = event.scatters | shades
     if scene.lamps:
-        path.departure = scene.lamps.departed(path.departure, event, sample, density)
+        path.departure = scene.lamps.departed(path.departure, event, before, sample, density)
     path.single = dr.select(fresh, dr.select(event.scatters, ~event.sampled,
                                              ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Smooth)), path.single)
     path.density = dr.select(fresh, dr.select(event.scatters, density, sample.pdf), path.density)

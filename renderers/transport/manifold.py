@@ -100,6 +100,24 @@ def _determinant(a, b):
 
 
 @dataclass
+class Place:
+    """On triangles.
+
+    point : the place;  edge_u, edge_v : of the triangle;  normal : that shades, not normalised
+    turn_u, turn_v : its changes along both edges;  index : refractive index inside over that outside;  sigma : least extinction
+    """
+
+    point: mi.Point3f
+    edge_u: mi.Vector3f
+    edge_v: mi.Vector3f
+    normal: mi.Vector3f
+    turn_u: mi.Vector3f
+    turn_v: mi.Vector3f
+    index: mi.Float
+    sigma: mi.Float
+
+
+@dataclass
 class Walk:
     """Walks on boundaries.
 
@@ -122,35 +140,40 @@ class Manifold:
     box : (low, high) corners of the box around them
     """
 
-    def __init__(self, scene, boundaries, shapes, sigma, blind):
+    def __init__(self, scene, boundaries, sigma, blind, around=None, panes=()):
         """
         Parameters
         ----------
         scene : of Mitsuba;  boundaries : `boundaries.Boundaries`
-        shapes : of the scene, meshes with a `dielectric`;  sigma : least extinction in each
+        sigma : least extinction in bodies, by shapes of the scene, meshes with a `dielectric`
         blind : whether there are boundaries to which light is blind
+        panes : such shapes that bound no body;  around : by bodies, the index around them over that around lamps
         """
         self._scene, self._boundaries, self._blind = scene, boundaries, blind
-        tables = [_triangles(shape, least) for shape, least in zip(shapes, sigma)]
-        table = np.concatenate(tables)
-        self._firsts = numbered(scene, shapes, 1 + np.cumsum([0, *map(len, tables[:-1])]))
-        self._table = mi.Float(table.astype(np.float32).ravel())
-        self.box = table[:, :3].min(axis=0), table[:, :3].max(axis=0)
+        shapes = list(sigma)
+        tables = [_triangles(shape, sigma.get(shape, 0.0)) for shape in (*shapes, *panes)]
+        firsts = 1 + np.cumsum([0, *map(len, tables)])
+        self._firsts = numbered(scene, shapes, firsts[:len(shapes)])
+        self._pane_firsts = numbered(scene, panes, firsts[len(shapes):-1])
+        self._around = numbered(scene, shapes, [around[shape] for shape in shapes], np.float32) if panes else None
+        self._table = mi.Float(np.concatenate(tables).astype(np.float32).ravel())
+        corners = np.concatenate(tables[:len(shapes)])[:, :3]
+        self.box = corners.min(axis=0), corners.max(axis=0)
 
     def begins_within(self, ray, hit):
         """Whether rays begin in bodies, by what they meet first: a boundary that they leave, or another surface."""
         surface = hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, hit.is_valid())
         return hit.is_valid() & ((self._first(hit.shape) == 0) | (dr.dot(surface.n, ray.d) > 0))
 
-    def walk(self, x, y, active):
-        """`Walk` from x, in bodies, to y."""
+    def walk(self, x, y, active, most=_STEPS):
+        """`Walk` from x, in bodies, to y; most : rays."""
         width = dr.width(active)
         start = Walk(mi.Point3f(x), dr.normalize(y - x), dr.zeros(mi.UInt32, width), dr.zeros(mi.Point2f, width),
                      dr.zeros(mi.UInt32, width), mi.Bool(active), dr.full(mi.Bool, False, width))
-        return dr.while_loop((start,), lambda walk: walk.active, lambda walk: (self._stepped(walk, x, y),),
+        return dr.while_loop((start,), lambda walk: walk.active, lambda walk: (self._stepped(walk, x, y, most),),
                              label="walks on boundaries")[0]
 
-    def _stepped(self, walk, x, y):
+    def _stepped(self, walk, x, y, most):
         ray = mi.Ray3f(walk.origin, walk.direction)
         hit = self._scene.ray_intersect_preliminary(ray, coherent=False, active=walk.active)
         valid, first = walk.active & hit.is_valid(), self._first(hit.shape)
@@ -162,25 +185,45 @@ class Manifold:
         active = valid & ~crosses & (first > 0)
         walk.row = dr.select(active, first + hit.prim_index, 0)
         walk.uv = hit.prim_uv
-        bend = self.bend(walk.row, walk.uv, x, y)
+        bend = self.bend(walk.row, walk.uv, x, y, self._index_around(hit.shape))
         walk.ends = active & bend.is_solution()
         walk.steps += dr.select(crosses, mi.UInt32(0), mi.UInt32(1))
         towards = dr.normalize(bend.point + bend.step() - x)
-        active &= ~walk.ends & (walk.steps < _STEPS) & dr.all(dr.isfinite(towards))
+        active &= ~walk.ends & dr.all(dr.isfinite(towards))
         walk.direction = dr.select(active, towards, walk.direction)
+        active &= walk.steps < most
         walk.origin = dr.select(active, x, walk.origin)
         walk.active = active | crosses
         return walk
 
-    def bend(self, row, uv, x, y):
-        """`Bend` at places on triangles."""
+    def at(self, row, uv):
+        """`Place` on triangles."""
         packets = _COLUMNS // 4
         columns = [entry for k in range(packets)
                    for entry in dr.gather(mi.Vector4f, self._table, (row - 1) * packets + k, row > 0)]
         corner, edge_u, edge_v, normal, turn_u, turn_v = (mi.Vector3f(*columns[k:k + 3]) for k in range(0, 18, 3))
-        index, sigma = columns[18:]
-        point = mi.Point3f(corner + uv.x * edge_u + uv.y * edge_v)
-        normal = normal + uv.x * turn_u + uv.y * turn_v
+        return Place(mi.Point3f(corner + uv.x * edge_u + uv.y * edge_v), edge_u, edge_v,
+                     normal + uv.x * turn_u + uv.y * turn_v, turn_u, turn_v, *columns[18:])
+
+    def rows(self, hit):
+        """Triangles that rays meet, from 1, of bodies, and of panes; 0 of others."""
+        first, pane = (dr.gather(mi.UInt32, firsts, dr.reinterpret_array(mi.UInt32, hit.shape))
+                       for firsts in (self._firsts, self._pane_firsts))
+        return tuple(dr.select(number > 0, number + hit.prim_index, 0) for number in (first, pane))
+
+    def _index_around(self, shape):
+        """Index around bodies over that around lamps."""
+        return 1.0 if self._around is None else dr.gather(mi.Float, self._around, dr.reinterpret_array(mi.UInt32, shape))
+
+    def bend(self, row, uv, x, y, around=1.0):
+        """`Bend` at places on triangles.
+
+        around : factor of the index
+        """
+        place = self.at(row, uv)
+        point, edge_u, edge_v, normal, turn_u, turn_v, sigma = (
+            place.point, place.edge_u, place.edge_v, place.normal, place.turn_u, place.turn_v, place.sigma)
+        index = place.index * around
         scale = dr.rsqrt(dr.squared_norm(normal))
         frame = mi.Frame3f(normal * scale)
         within, beyond = dr.norm(x - point), dr.norm(y - point)
@@ -202,12 +245,12 @@ class Manifold:
         return dr.gather(mi.UInt32, self._firsts, dr.reinterpret_array(mi.UInt32, shape))
 
 
-def numbered(scene, shapes, numbers):
-    """Numbers of shapes of a Mitsuba scene by Dr.Jit's numbers for them; 0 of all others."""
+def numbered(scene, shapes, numbers, kind=np.uint32):
+    """Numbers of shapes of a Mitsuba scene, of a kind, by Dr.Jit's numbers for them; 0 of all others."""
     indices = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in (*shapes, *scene.shapes())]
-    table = np.zeros(max(indices) + 1, np.uint32)
+    table = np.zeros(max(indices) + 1, kind)
     table[indices[:len(shapes)]] = numbers
-    return mi.UInt32(table)
+    return (mi.Float if kind is np.float32 else mi.UInt32)(table)
 
 
 def _triangles(shape, sigma):
@@ -220,6 +263,10 @@ def _triangles(shape, sigma):
     else:
         normals = np.repeat(np.cross(edges[:, 0], edges[:, 1])[:, None], 3, axis=1)
         normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-300)
-    index = float(np.array(mi.traverse(shape.bsdf())["eta"]).ravel()[0])
     return np.concatenate([corners[:, 0], edges.reshape(-1, 6), normals[:, 0], (normals[:, 1:] - normals[:, :1]).reshape(-1, 6),
-                           np.tile([index, sigma], (len(faces), 1))], axis=1)
+                           np.tile([refractive_index(shape), sigma], (len(faces), 1))], axis=1)
+
+
+def refractive_index(shape):
+    """Inside over outside, of a shape with a `dielectric`."""
+    return float(np.array(mi.traverse(shape.bsdf())["eta"]).ravel()[0])

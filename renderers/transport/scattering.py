@@ -36,7 +36,7 @@ def scatterer(sigma_t, albedo, theta, phase) -> Scatterer:
     """A medium of sigma_t, albedo (L,) 1/m, 1 and phase functions (L, A) 1/sr over angles theta (A,) rad."""
     layouts = [phase_layout(theta, row) for row in np.asarray(phase, float)]
     return Scatterer(np.array(sigma_t, float), np.array(albedo, float), *layouts[0][:2],
-                     *(np.array([one[k] for one in layouts]) for k in (2, 3)))
+                     *(np.array([layout[k] for layout in layouts]) for k in (2, 3)))
 
 
 def mean_cosines(medium) -> np.ndarray:
@@ -52,14 +52,14 @@ def flight(medium, weight, states, i):
     sigma, total = medium.sigma_t, 0.0
     for w in range(len(sigma)):
         total += weight[i, w]
-    chosen, one = uniform(states, i) * total, len(sigma) - 1
+    chosen, component = uniform(states, i) * total, len(sigma) - 1
     for w in range(len(sigma)):
         chosen -= weight[i, w]
         if chosen < 0.0:
-            one = w
+            component = w
             break
     u = uniform(states, i)
-    return -math.log1p(-u) / sigma[one] if sigma[one] > 0.0 else np.inf
+    return -math.log1p(-u) / sigma[component] if sigma[component] > 0.0 else np.inf
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -106,13 +106,13 @@ def scattered(medium, first, x, y, z, weight, states, i, values):
     if not total > 0.0:
         weight[i] = 0.0
         return x, y, z, 0.0
-    chosen, one = uniform(states, i) * total, len(values) - 1
+    chosen, component = uniform(states, i) * total, len(values) - 1
     for w in range(len(values)):
         chosen -= weight[i, w] * medium.albedo[first + w]
         if chosen < 0.0:
-            one = w
+            component = w
             break
-    v = phase_sample(medium.v, medium.steps, medium.phase[first + one], medium.cdf[first + one], uniform(states, i))
+    v = phase_sample(medium.v, medium.steps, medium.phase[first + component], medium.cdf[first + component], uniform(states, i))
     x, y, z = turned_direction(x, y, z, v, 2 * math.pi * uniform(states, i))
     density = mean_phase(medium, first, weight, i, v, values)
     for w in range(len(values)):

@@ -12,6 +12,7 @@ from renderers.transport.lamps import lamps
 from renderers.transport.media import Media
 from renderers.transport.regions import Grid, Medium, Regions
 from renderers.transport.solids import volume
+from renderers.transport.splitting import Splitting
 from renderers.transport.voxels import Voxels
 
 import mitsuba as mi  # isort: skip
@@ -74,6 +75,7 @@ class Scene(View):
     media : `Media`, one an entry;  entries : numbers of those in the order of the media
     boundaries : `Boundaries` of bodies;  regions, voxels : of the other media
     extent : middle and size of a ball around all surfaces and more
+    splitting : `splitting.Splitting`, of smooth boundaries that the camera sees
     """
 
     def __init__(self, world, entries, colours, drawn=True):
@@ -102,6 +104,7 @@ class Scene(View):
         low, high = np.nan_to_num([self.scene.bbox().min, self.scene.bbox().max], posinf=0, neginf=0).reshape(2, 3)
         self.extent = mi.Point3f(*((low + high) / 2).tolist()), mi.Float(float(np.linalg.norm(high - low)))
         dr.make_opaque(self.extent)
+        self.splitting = Splitting(self.scene)
         self.lamps = lamps(self, world, bodies) if drawn else None
 
     def innermost(self, inside):

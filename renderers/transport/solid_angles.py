@@ -8,6 +8,7 @@ import numpy as np
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from bakery.kernels import stream_key
 from renderers.transport import wavefront
+from renderers.transport.manifold import numbered, refractive_index
 
 import mitsuba as mi  # isort: skip
 
@@ -16,28 +17,42 @@ import mitsuba as mi  # isort: skip
 # and 0.7 (0.8) at 0.5 sr, 0.6 and 1.4 at 1.4, 1.1 and 1.5 at 2.4
 _WIDEST = 0.6
 _PLACES, _POINTS = 512, 16  # on the boundaries; on a lamp, seen from each of them
-_CROSSED = 8  # boundaries to which light is blind on the way, at most
+_CROSSED = 8  # panes, and boundaries to which light is blind, on the way, at most
 _EVEN = ("Rectangle", "Disk", "Sphere", "Cylinder")  # shapes, besides meshes, on which points are drawn evenly
 
 
-def drawn(scene, boundaries):
+def drawn(scene, boundaries, panes=()):
     """How likely each lamp is to be drawn, by shapes of Mitsuba, in proportion to the light that it sends to the boundaries.
 
-    scene : `scene.Scene`;  boundaries : meshes of Mitsuba
+    scene : `scene.Scene`;  boundaries : meshes of Mitsuba;  panes : such of smooth glass, through which lamps are seen
 
     Lamps are left out that no place sees, and those that are wide: their solid angle, averaged over places by itself, tells how
-    wide they are where their light comes in.
+    wide they are where their light comes in.  Ways through panes count as straight.
     """
     position, normal = _positions(boundaries, _numbers(0, _PLACES, 3))
     shares = {}
     for number, shape in enumerate(scene.scene.shapes()):
         if not _is_lamp(shape):
             continue
-        angle, radiance = _seen(scene, position, normal, shape, _numbers(1 + number, _PLACES * _POINTS, 2))
+        angle, radiance, _ = _seen(scene, position, normal, shape, _numbers(1 + number, _PLACES * _POINTS, 2), panes)
         angle = angle.reshape(_PLACES, _POINTS).mean(axis=1)
         if radiance > 0 and 0 < (angle**2).sum() < _WIDEST * angle.sum():
             shares[shape] = float(angle.mean() * radiance)
     return {shape: share / sum(shares.values()) for shape, share in shares.items()}
+
+
+def index_around(scene, boundary, panes, lamps):
+    """Refractive index around a body over that around lamps, the median over straight ways to them; 1 where there are none.
+
+    scene : `scene.Scene`;  boundary : mesh of Mitsuba, the body's;  panes : as of `drawn`;  lamps : shapes
+    """
+    position, normal = _positions([boundary], _numbers(0, _PLACES, 3))
+    ratios = []
+    for lamp in lamps:
+        angle, _, ratio = _seen(scene, position, normal, lamp, _numbers(1, _PLACES * _POINTS, 2), panes)
+        ratios.append(ratio[angle > 0])
+    ratios = np.concatenate(ratios)
+    return float(np.quantile(ratios, 0.5, method="nearest")) if len(ratios) else 1.0
 
 
 def _is_lamp(shape):
@@ -66,8 +81,9 @@ def _positions(boundaries, numbers):
     return [np.repeat(rows, _POINTS, axis=0).T for rows in (positions, normals[faces] / area[faces, None])]
 
 
-def _seen(scene, position, normal, lamp, numbers):
-    """Solid angles (n,) sr of a lamp, times the cosine, from places, each by one point on it; and its mean radiance there.
+def _seen(scene, position, normal, lamp, numbers, panes=()):
+    """Solid angles (n,) sr of a lamp, times the cosine, from places, each by one point on it; its mean radiance there; and the
+    indices (n,) around the places over those around the lamp.
 
     numbers : (n, 2), of the points
     """
@@ -78,13 +94,18 @@ def _seen(scene, position, normal, lamp, numbers):
     surface = mi.SurfaceInteraction3f(point, dr.zeros(mi.Color0f))
     surface.wi = surface.to_local(-way)
     radiance = dr.mean(lamp.emitter().eval(surface, angle > 0))
+    index = numbered(scene.scene, panes, [refractive_index(pane) for pane in panes], np.float32)
     ray = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), position, normal).spawn_ray_to(point.p)
-    active = angle > 0
+    active, ratio = angle > 0, mi.Float(1)
     for _ in range(_CROSSED):
         hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=active)
-        crosses = active & hit.is_valid() & scene.boundaries.is_blind(hit.shape)
+        of_pane = dr.gather(mi.Float, index, dr.reinterpret_array(mi.UInt32, hit.shape))
+        crosses = active & hit.is_valid() & (scene.boundaries.is_blind(hit.shape) | (of_pane > 0))
         active &= ~hit.is_valid() | crosses
-        across = scene.boundaries.across(hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, crosses), ray.d)
+        met = hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, crosses)
+        ratio *= dr.select(crosses & (of_pane > 0), dr.select(dr.dot(met.n, ray.d) > 0, of_pane, dr.rcp(of_pane)), 1)
+        across = scene.boundaries.across(met, ray.d)
         ray.o, ray.maxt = dr.select(crosses, across, ray.o), dr.select(crosses, ray.maxt - hit.t, ray.maxt)
     angle = np.array(dr.select(active, angle, 0), float)
-    return angle, float((angle * np.array(radiance)).sum() / max(angle.sum(), 1e-30))
+    mean = float((angle * np.array(radiance)).sum() / max(angle.sum(), 1e-30))
+    return angle, mean, np.array(ratio + dr.zeros(mi.Float, len(angle)))

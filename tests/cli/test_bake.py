@@ -241,8 +241,24 @@ def test_cache_commands(call, drops, tmp_path):
 def test_python_does_what_the_command_does(drops, tmp_path):
     import bakery
 
-    path = bakery.bake(drops, output=tmp_path / "a.h5")
-    assert path == tmp_path / "a.h5" and bakery.open(path).medium.sigma_t.shape == (1,)
+    asset = bakery.bake(drops, output=tmp_path / "a.h5")
+    assert asset.path == str(tmp_path / "a.h5") and asset.medium.sigma_t.shape == (1,)
+    assert bakery.open(asset).content_hash == asset.content_hash  # it passes for its path
+
+
+def test_assets_of_texts_and_dicts_stand_in_a_folder_that_goes(drops, tmp_path, monkeypatch):
+    """Two of one name are two files, nothing is written beside them, and the folder ends with the process."""
+    import subprocess
+    import sys
+
+    monkeypatch.chdir(tmp_path)
+    script = (f"import bakery\ntext = open({str(drops)!r}).read()\n"
+              "a, b = bakery.bake(text), bakery.bake(text, settings={'tolerance': '20%'})\n"
+              "assert a.path != b.path and bakery.open(a).content_hash == a.content_hash != b.content_hash\n"
+              "print(a.path)")
+    before = sorted(tmp_path.iterdir())
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert sorted(tmp_path.iterdir()) == before and not os.path.exists(done.stdout.strip())
 
 
 def test_a_missed_tolerance_is_status_3_each_time(call, drops, tmp_path):

@@ -44,7 +44,7 @@ def benchmarks():
 def gel(tmp_path_factory):
     folder = tmp_path_factory.mktemp("gel")
     (folder / "gel.yaml").write_text(GEL)
-    return bakery.bake(folder / "gel.yaml", output=folder / "gel.h5")
+    return bakery.bake(folder / "gel.yaml", output=folder / "gel.h5").path
 
 
 @pytest.mark.slow

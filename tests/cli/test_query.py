@@ -64,13 +64,13 @@ def test_a_stored_value_comes_back(ask, root):
     assert float(ask("medium/g", "wavelength=465 nm")[0]) == known(root["medium/g"].data[1], 0.004)
 
 
-def test_between_two_wavelengths_it_is_linear_and_says_so(ask, root):
-    first, remark, _ = ask("medium/sigma_t", "wavelength=0.5um")
-    low, high = root["medium/sigma_t"].data[::-1]
-    share = (0.5 - 0.465) / (0.61 - 0.465)
-    exact = low + share * (high - low)
-    assert float(first.split()[0]) == known(exact, 0.004 * exact)
-    assert remark == "# linear between the wavelengths 0.465 and 0.61 um"
+def test_between_two_wavelengths_it_is_a_power_and_says_so(ask, root):
+    first, remark, _ = ask("medium/sigma_s", "wavelength=0.5um")
+    low, high = root["medium/sigma_s"].data[::-1]
+    exact = low * (high / low) ** (math.log(0.5 / 0.465) / math.log(0.61 / 0.465))
+    assert float(first.split()[0]) == known(exact, 0.004 * exact) and "nan" not in first
+    assert remark == ("# as a power of the wavelength between 0.465 and 0.61 um; what that is off by is not known of two "
+                      "wavelengths")
 
 
 def test_phase_functions_are_looked_up_as_the_format_says(ask, root):
@@ -234,3 +234,21 @@ def test_an_error_of_a_stage_that_misses_stands_beside_every_figure(call, tmp_pa
     stages = {stage["group"]: stage["missed"] for stage in json.loads(call("inspect", path, "--json")[1])["stages"]}
     assert stages["optics"] is None and "above the tolerance" in stages["medium"]
     assert "above the tolerance of 0.01" in page(bakery.open(path).tree)
+
+
+def test_optical_quantities_in_one_table(ask, call, fog):
+    lines = ask("optics", "length=100m", "density=1g/cm^3")
+    assert lines[0].split() == ["quantity", "unit", "0.61", "um", "+-", "0.465", "um", "+-"]
+    rows = {line.split()[0]: line for line in lines if not line.startswith("#")}
+    assert {"extinction", "lidar_ratio", "optical_depth", "angstrom_exponent_extinction", "effective_radius"} <= rows.keys()
+    assert any(line.startswith("# depolarisation_ratio_90: needs the matrix element s12") for line in lines)
+    told = json.loads(call("query", fog, "optics", "--json")[1])
+    depth = told["quantities"]["optical_depth"]
+    assert depth["value"] is None and "length=100m" in depth["missing"]
+    assert told["intervals"] == [[0.465, 0.61]] and len(told["quantities"]["angstrom_exponent_extinction"]["value"]) == 1
+
+
+def test_moments_of_a_phase_function(ask, root):
+    lines = ask("medium/moments", "orders=2")
+    assert [line.split()[0] for line in lines[1:4]] == ["0", "1", "2"] and lines[-1].startswith("# orders 0 to 2; ")
+    assert float(lines[2].split()[1]) == pytest.approx(root["medium/g"].data[0], rel=1e-2)

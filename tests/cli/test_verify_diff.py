@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ def milk(tmp_path_factory):
 
     folder = tmp_path_factory.mktemp("milk")
     (folder / "milk.yaml").write_text(MILK.format(name="milk", g=0.7))
-    return bakery.bake(folder / "milk.yaml", folder / "milk.h5")
+    return Path(bakery.bake(folder / "milk.yaml", folder / "milk.h5"))
 
 
 @pytest.fixture

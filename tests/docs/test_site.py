@@ -45,7 +45,7 @@ class Links(HTMLParser):
 @pytest.mark.timeout(900)
 def test_the_site(tmp_path):
     """One test, as the site is made once."""
-    for name in ("furo", "myst_nb"):
+    for name in ("furo", "myst_nb", "xarray"):
         pytest.importorskip(name, reason=f"{name} is not installed: pip install '.[docs]'")
     pytest.importorskip("mitsuba", reason="Mitsuba is not installed: pip install '.[mitsuba,llvm]'")
     made(tmp_path)

@@ -29,9 +29,9 @@ RADIUS, VARIANCE = (f"particles.components[0].size.{name}" for name in ("radius"
 def baked(tmp_path):
     """The figures of a cloud from a bake of its own."""
     def bake(radius, variance=0.1):
-        path = bakery.bake(tmp_path / "clouds.yaml", tmp_path / "one.h5",
-                           settings={RADIUS: f"{radius} m", VARIANCE: str(variance)})
-        return optics_of(bakery.open(path).tree["medium"])
+        asset = bakery.bake(tmp_path / "clouds.yaml", tmp_path / "one.h5",
+                            settings={RADIUS: f"{radius} m", VARIANCE: str(variance)})
+        return optics_of(asset.tree["medium"])
 
     (tmp_path / "clouds.yaml").write_text(CLOUDS)
     return bake
@@ -40,9 +40,8 @@ def baked(tmp_path):
 @pytest.mark.slow
 def test_clouds_by_radius(baked, tmp_path):
     """100 radii between the members are within the tolerance; a grid uniform in radius with twice the members is not."""
-    path = bakery.bake(tmp_path / "clouds.yaml", tmp_path / "clouds.h5",
-                       settings={f"sweep.{RADIUS}": "[2, 32] um", "sweep.tolerance": "2%"})
-    family = bakery.open(path)
+    family = bakery.bake(tmp_path / "clouds.yaml", tmp_path / "clouds.h5",
+                         settings={f"sweep.{RADIUS}": "[2, 32] um", "sweep.tolerance": "2%"})
     count = len(family.members)
     assert count <= 12 and family.method == "cubic" and family.achieved_error <= 0.02
     found = [difference(optics_of(family.at(radius=radius).tree["medium"]), baked(radius), True)
@@ -56,9 +55,8 @@ def test_clouds_by_radius(baked, tmp_path):
 
 @pytest.mark.slow
 def test_clouds_by_radius_and_variance(baked, tmp_path):
-    path = bakery.bake(tmp_path / "clouds.yaml", tmp_path / "clouds.h5",
-                       settings={f"sweep.{RADIUS}": "[4, 20] um", f"sweep.{VARIANCE}": "[0.05, 0.2]", "sweep.tolerance": "3%"})
-    family = bakery.open(path)
+    family = bakery.bake(tmp_path / "clouds.yaml", tmp_path / "clouds.h5",
+                         settings={f"sweep.{RADIUS}": "[4, 20] um", f"sweep.{VARIANCE}": "[0.05, 0.2]", "sweep.tolerance": "3%"})
     rng = np.random.default_rng(5)
     found = [difference(optics_of(family.at(radius=radius, variance=variance).tree["medium"]), baked(radius, variance), True)
              for radius, variance in zip(np.exp(rng.uniform(np.log(4e-6), np.log(20e-6), 30)), rng.uniform(0.05, 0.2, 30),

@@ -89,7 +89,7 @@ def baked(folder: Path, names=tuple(RECIPES)) -> dict[str, Path]:
     found = {}
     for name in names:
         (folder / f"{name}.yaml").write_text(RECIPES[name])
-        found[name] = bakery.bake(folder / f"{name}.yaml", folder / f"{name}.h5")
+        found[name] = Path(bakery.bake(folder / f"{name}.yaml", folder / f"{name}.h5"))
     return found
 
 

@@ -92,6 +92,15 @@ def test_light_that_is_known_stays(any_filter):
     assert np.array_equal(found[:, :18], picture[:, :18]) and not np.array_equal(found[:, 22:], picture[:, 22:])
 
 
+def test_light_that_few_pixels_have_found_is_spread(any_filter):
+    """Where a path in fifty finds any light, three squares of 5 x 5 pixels in five have none: they are no black specks."""
+    any_filter(np.ones_like)
+    lit = np.random.default_rng(1).random((96, 96, 1)) < 0.02
+    picture = np.where(lit, 1 / lit.mean(), 0.0) * np.ones(3)
+    spread = denoised({"walk": (picture, picture**2)}).rgb
+    assert np.mean(spread == 0) < 1e-3 and np.median(spread) == pytest.approx(1.0)
+
+
 def test_what_is_kept_apart_is_not_smeared(any_filter):
     """Glints to the last bit on top of the rest; with `detail`, in those pixels alone."""
     any_filter(lambda picture: np.full_like(picture, picture.mean()))

@@ -27,7 +27,7 @@ MAY = {
     "asset": {"draw", "family", "grammar", "physics.medium", "stages", "store"},
     "report": {"asset", "draw", "family", "stages", "store", "system.terminal"},
     "export": {"asset", "draw", "grammar", "physics", "report", "stages", "store", "system.terminal"},
-    "run": {"family", "grammar.files", "grammar.qualities", "plan", "recipe", "stages", "store", "system"},
+    "run": {"asset", "family", "grammar.files", "grammar.qualities", "plan", "recipe", "stages", "store", "system"},
     "starting": {"grammar", "physics", "recipe", "run", "store"},
     "trade": {"draw", "grammar.qualities", "plan", "recipe", "run", "stages", "store", "system"},
 }

@@ -104,14 +104,14 @@ def test_notebooks_show_tables_and_pictures(asset, monkeypatch):
     assert image in asset.medium.phase._repr_html_() and "single-scattering albedo" in part
     assert "&lt;script&gt;" in part and "<script>" not in part
     answer = asset.query("medium/phase", wavelength=0.5)._repr_html_()
-    assert answer.count("<tr>") == 1 + 30 + 1 and "linear between the wavelengths" in answer
+    assert answer.count("<tr>") == 1 + 30 + 1 and "as a power of the wavelength between" in answer
     assert asset.query("medium/g", wavelength=0.61)._repr_html_().count("<tr>") == 2
 
 
 def test_a_plain_shell_shows_little(asset):
     answer = repr(asset.query("medium/phase", wavelength=0.5)).splitlines()
     assert len(answer) == 1 + 30 + 1 + 1 and "medium" not in answer[0] and "theta [rad]  phase [1/sr]" in answer[0]
-    assert answer[-1].startswith("# linear between the wavelengths")
+    assert answer[-1].startswith("# as a power of the wavelength between")
     g = repr(asset.query("medium/g", wavelength=0.61)).split()
     assert g[:2] == ["g", "[1]"] and float(g[2]) == pytest.approx(float(asset.query("medium/g", wavelength=0.61).values), 1e-5)
     picture = repr(asset.medium.phase.plot())

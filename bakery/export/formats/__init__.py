@@ -15,6 +15,7 @@ EXPORTERS = (
     "bakery.export.formats.materialx:EXPORTER",
     "bakery.export.formats.usd:EXPORTER",
     "bakery.export.formats.blender:EXPORTER",
+    "bakery.export.formats.disort:EXPORTER",
     "bakery.export.formats.ply:EXPORTER",
     "bakery.export.formats.obj:EXPORTER",
     "bakery.export.formats.xyz:EXPORTER",
@@ -24,5 +25,5 @@ EXPORTERS = (
 @cache
 def exporters() -> dict[str, Exporter]:
     """Every declared format by its name."""
-    places = (place.partition(":") for place in EXPORTERS)
+    places = (target.partition(":") for target in EXPORTERS)
     return {exporter.name: exporter for exporter in (getattr(import_module(module), name) for module, _, name in places)}

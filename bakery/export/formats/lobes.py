@@ -60,25 +60,25 @@ def _lines(medium, folded) -> list[str]:
     lobes = " + ".join(f"{weight:.3f} of {'Draine' if alpha else 'Henyey-Greenstein'} with g {g:.4f}"
                        + (f" and alpha {alpha:.3g}" if alpha else "")
                        for weight, g, alpha in zip(medium.lobes.weight, medium.lobes.g, medium.lobes.alpha, strict=True))
-    one = len(medium.lobes.g) == 1 and not any(medium.lobes.alpha)
-    said = [f"phase function: one Henyey-Greenstein lobe for all wavelengths, g {medium.lobes.g[0]:.4f}" if one else
+    uniform = len(medium.lobes.g) == 1 and not any(medium.lobes.alpha)
+    lines = [f"phase function: one Henyey-Greenstein lobe for all wavelengths, g {medium.lobes.g[0]:.4f}" if uniform else
             f"phase function for all wavelengths: {lobes}", *table([head, *rows])]
     if isinstance(medium, OneLobe):
         least = max(loss.misdirected for loss in medium.best_losses)
         if least < medium.misdirected - 0.005:
             off = max((1 + loss.reduced for loss in medium.best_losses), key=lambda ratio: abs(math.log(ratio)))
-            said.append(f"g {medium.best:.4f} would misdirect {100 * least:.2g} %, but multiply the reduced scattering by "
+            lines.append(f"g {medium.best:.4f} would misdirect {100 * least:.2g} %, but multiply the reduced scattering by "
                         f"{off:.2g}: only for media that scatter once.")
     if medium.delta:
-        said.append(f"unscattered (delta) transmission of grains, up to {100 * medium.delta:.3g} % of what they scatter, is "
+        lines.append(f"unscattered (delta) transmission of grains, up to {100 * medium.delta:.3g} % of what they scatter, is "
                     "taken out of sigma_s and phase function: the same medium.")
     if medium.within:
-        said.append(f"forward peak: up to {100 * medium.unscattered:.2g} % of the scattered light is deflected by less than "
+        lines.append(f"forward peak: up to {100 * medium.unscattered:.2g} % of the scattered light is deflected by less than "
                     f"{math.degrees(medium.within):.3g} deg and counts as unscattered: sigma_s and sigma_t are smaller by it, "
                     "and what is seen through the medium is brighter and sharper.")
     if folded and folded.misdirected < medium.misdirected - WORTH:
-        said.append(f"--unscattered-within {math.degrees(PEAK):g}deg would misdirect {100 * folded.misdirected:.2g} %: up to "
+        lines.append(f"--unscattered-within {math.degrees(PEAK):g}deg would misdirect {100 * folded.misdirected:.2g} %: up to "
                     f"{100 * folded.unscattered:.2g} % of the scattered light, deflected by less, would count as unscattered "
                     "and be taken out of sigma_s and sigma_t.")
-    return [*said, "misdirected: share of the light that goes to another angle.  reduced scattering: (1 - g) sigma_s.",
+    return [*lines, "misdirected: share of the light that goes to another angle.  reduced scattering: (1 - g) sigma_s.",
             "Polarisation, tables of multiple scattering and errors stay in the asset."]

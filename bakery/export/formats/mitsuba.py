@@ -14,8 +14,8 @@ def write(job: Job) -> Written:
     from bakery.export.mitsuba import fragments
     from bakery.system.terminal import table
 
-    asset, stem, each = job.asset, job.stem, job.settings.get(EACH.name, False)
-    parts = fragments(asset.tree, job.medium_name, job.colour.band_matrix(asset.wavelength), each)
+    asset, stem, by_wavelength = job.asset, job.stem, job.settings.get(EACH.name, False)
+    parts = fragments(asset.tree, job.medium_name, job.colour.band_matrix(asset.wavelength), by_wavelength)
     lines: list = []
     for part in parts:
         head = [("  lost against the asset", "mean error", "largest error", "error of g", "forward peak cut")]
@@ -34,7 +34,7 @@ def write(job: Job) -> Written:
               "forward peak cut: of the angles where the phase function is above half of its forward value."]
     useless = [f"{stem}{part.name}.xml: nearly useless: {part.useless()}" for part in parts if part.useless()]
     files = {f"{stem}{part.name}.xml": part.xml for part in parts}
-    if not each:
+    if not by_wavelength:
         useless += job.unreached_bands(next(iter(files)))
     return Written(files, [part.as_dict() for part in parts], lines, useless)
 

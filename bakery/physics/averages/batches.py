@@ -102,8 +102,8 @@ class _Batch:
             error = np.full(len(error), np.sum(light * error) / np.sum(light) if light.any() else 0.0)
         open_ = (error > self.target) & ~self.left
         # the last level is used up, or cannot be expected to suffice: halving the step at best halves the error
-        more = self.last - self.level
-        hopeless = open_ & ((more <= 0) | ((self.level >= FIRST_LEVEL + 3) & (error > 4 * self.target * 2.0**more)))
+        further = self.last - self.level
+        hopeless = open_ & ((further <= 0) | ((self.level >= FIRST_LEVEL + 3) & (error > 4 * self.target * 2.0**further)))
         self.left |= hopeless
         open_ &= ~hopeless
         return [(np.flatnonzero(open_ & (self.level == level)), int(level) + 1) for level in np.unique(self.level[open_])]

@@ -96,10 +96,10 @@ def forward(albedo, theta, phase, line, planar, stretched, edges, density, r):
         return np.zeros((2, len(r)))
     scale = tau / length
     once = homogeneous.single(albedo, line, tau, r * scale)[0] * scale**2
-    rest = np.maximum(stretched(tau, length, r) - once, 0.0)
+    scattered = np.maximum(stretched(tau, length, r) - once, 0.0)
     alike = small_angle.layered(planar, albedo, np.array([0.0, length]), np.array([scale]), r, once=False)
     change = small_angle.layered(planar, albedo, edges, density, r, once=False) - alike
     # the small-angle model gives too much light where angles are wide: its change shrinks with it, and with the flux
-    share = np.minimum(np.divide(rest, rest[0], out=np.zeros_like(rest), where=rest[0] > 0),
-                       np.divide(rest, alike, out=np.ones_like(rest), where=alike > rest))
-    return single(albedo, theta, phase, edges, density, r) + np.maximum(rest + change * share, 0.0)
+    share = np.minimum(np.divide(scattered, scattered[0], out=np.zeros_like(scattered), where=scattered[0] > 0),
+                       np.divide(scattered, alike, out=np.ones_like(scattered), where=alike > scattered))
+    return single(albedo, theta, phase, edges, density, r) + np.maximum(scattered + change * share, 0.0)

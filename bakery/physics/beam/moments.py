@@ -90,18 +90,18 @@ def absorbed(depth, sigma_s, sigma_a, B):
     n = np.arange(1, int(_FEW + 12 * math.sqrt(_FEW)))
     log_factorial = np.cumsum(np.log(n))
     node, share = np.polynomial.hermite_e.hermegauss(9)
-    few = (S < _FEW)[..., None]
+    small = (S < _FEW)[..., None]
     with np.errstate(divide="ignore"):
         poisson = np.exp(n * np.log(np.maximum(S, 1e-300))[..., None] - S[..., None] - log_factorial)
     poisson[..., 0] = np.where(S < 1e-8, 1.0, poisson[..., 0])  # relative to one event, where more never happen
-    events = np.where(few, n, 1.0)
+    events = np.where(small, n, 1.0)
     many = np.maximum(S[..., None] + np.sqrt(S)[..., None] * node, 1.0)
-    events = np.concatenate([events, np.where(few, 1.0, many)], axis=-1)
-    weight = np.concatenate([np.where(few, poisson, 0.0), np.where(few, 0.0, share)], axis=-1)
+    events = np.concatenate([events, np.where(small, 1.0, many)], axis=-1)
+    weight = np.concatenate([np.where(small, poisson, 0.0), np.where(small, 0.0, share)], axis=-1)
     x = np.sqrt(events * y[..., None])
-    left = weight / np.cosh(np.minimum(x, 300.0))
+    transmitted = weight / np.cosh(np.minimum(x, 300.0))
     with np.errstate(divide="ignore", invalid="ignore"):
         g = np.where(x < 0.03, 1 - 0.4 * x * x, 3 * (x - np.tanh(x)) / x**3)
-    total = left.sum(-1)
-    square = np.sum(left * events * g, -1) / total
+    total = transmitted.sum(-1)
+    square = np.sum(transmitted * events * g, -1) / total
     return total / weight.sum(-1), square / (np.sum(weight * events, -1) / weight.sum(-1))

@@ -46,9 +46,9 @@ def homogeneous(planar: Planar, albedo, depth, ratio, absorb=False):
     out = np.empty((len(depth), len(ratio)))
     for i, z in enumerate(depth):
         scaled = ratio / math.sqrt(shrink[i])
-        rest = _transformed(q, t, _rest(S[i], mean), scaled)
+        remainder = _transformed(q, t, _rest(S[i], mean), scaled)
         once = S[i] * math.exp(-S[i]) * planar.beyond(scaled) / scaled
-        out[i] = math.exp(-(1 - albedo) * z) * weight[i] / (shrink[i] * z * z) * (rest + once)
+        out[i] = math.exp(-(1 - albedo) * z) * weight[i] / (shrink[i] * z * z) * (remainder + once)
     return out
 
 
@@ -116,9 +116,9 @@ def _transformed(q, t, h, ratio):
     at, log_t = t[inner], np.log(t[inner])
     # A Gaussian with all of the power is transformed by hand: what is left falls as q^3 at small q, as 1/q at large q; with a
     # bias of 0.7 both ends, where the transform jumps, are 1e-9 of the middle or less.
-    wide = 1 / np.interp(-0.5 * h[0], -h, q)
-    sharp = fft.fht(q * (h - h[0] * np.exp(-np.square(q * wide))), math.log(q[1] / q[0]), 0.0, 0.0, 0.7)[inner] / (2 * math.pi)
-    sharp += at * h[0] / (4 * math.pi * wide * wide) * np.exp(-np.square(at / wide) / 4)  # t times the result
+    width = 1 / np.interp(-0.5 * h[0], -h, q)
+    sharp = fft.fht(q * (h - h[0] * np.exp(-np.square(q * width))), math.log(q[1] / q[0]), 0.0, 0.0, 0.7)[inner] / (2 * math.pi)
+    sharp += at * h[0] / (4 * math.pi * width * width) * np.exp(-np.square(at / width) / 4)  # t times the result
     rings = sharp * at
     top = int(np.argmax(rings))
     if not rings[top] > 0:  # nothing scatters, or twice so rarely that no double has it

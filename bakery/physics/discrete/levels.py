@@ -65,14 +65,14 @@ def disc_order(extinction):
     return np.argsort(-np.max(extinction, axis=0), kind="stable")
 
 
-def stored_discs(region, extinction, place, kind, velocity=None, time=0.0, per_cell=PER_CELL) -> Discs:
+def stored_discs(region, extinction, position, kind, velocity=None, time=0.0, per_cell=PER_CELL) -> Discs:
     """Particles at given places.
 
     Parameters
     ----------
     region : `Region`; places outside of its box count as on its walls
     extinction : (L, K) m^2, cross sections of the classes' discs, in the order of `disc_order`
-    place : (N, 3) m
+    position : (N, 3) m
     kind : (N,) class of each
     velocity : (K, 3) m/s, equal within a level's classes or None
     time : s
@@ -90,7 +90,7 @@ def stored_discs(region, extinction, place, kind, velocity=None, time=0.0, per_c
     offset = np.zeros(start[-1], np.uint32)
     sorted_place, sorted_kind = np.empty((len(kind), 3), np.float32), np.empty(len(kind), np.uint16)
     if len(kind):
-        _sort(np.asarray(place), np.ascontiguousarray(kind, np.uint16), region.lo, extent, cells, level, start,
+        _sort(np.asarray(position), np.ascontiguousarray(kind, np.uint16), region.lo, extent, cells, level, start,
               (offset, sorted_place, sorted_kind))
     return _discs(region, np.zeros(len(cells), np.uint64), cells, extinction, classes, (velocity, time), stored=1, offset=offset,
                   start=start[:-1].astype(np.int64), place=sorted_place, kind=sorted_kind)
@@ -198,7 +198,7 @@ def along_axis(i, step, bits):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sort(place, kind, lo, extent, cells, level, start, out):
+def _sort(position, kind, lo, extent, cells, level, start, out):
     """Counting sort by level and cell.  out : offset, place and kind of `Discs`."""
     offset, sorted_place, sorted_kind = out
     n = len(kind)
@@ -207,7 +207,7 @@ def _sort(place, kind, lo, extent, cells, level, start, out):
         g = level[kind[i]]
         for axis in range(3):
             m = cells[g, axis]
-            at[axis] = min(max(math.floor((place[i, axis] - lo[axis]) / extent[axis] * m), 0), m - 1)
+            at[axis] = min(max(math.floor((position[i, axis] - lo[axis]) / extent[axis] * m), 0), m - 1)
         cell[i] = start[g] + cell_index(at[0], at[1], at[2], cells[g, 1], cells[g, 2])
         offset[cell[i]] += np.uint32(1)
     total = np.int64(0)
@@ -220,7 +220,7 @@ def _sort(place, kind, lo, extent, cells, level, start, out):
         to = np.int64(offset[cell[i]])
         offset[cell[i]] += np.uint32(1)
         for axis in range(3):
-            sorted_place[to, axis] = np.float32(place[i, axis] - lo[axis])
+            sorted_place[to, axis] = np.float32(position[i, axis] - lo[axis])
         sorted_kind[to] = kind[i]
     for c in range(len(offset) - 1, 0, -1):
         offset[c] = offset[c - 1]

@@ -130,9 +130,9 @@ def realised(region: Region, number, seed: int, map: Callable = lambda function,
         slabs += _slabs(region, int(n), k, 0, seed, int(n)) if region.whole else _kept(region, int(n), k, filled, seed, map)
     done = 0
     for start in range(0, len(slabs), _TOGETHER):
-        for place in map(_places, [(region, seed, slab) for slab in slabs[start:start + _TOGETHER]]):
-            position[done:done + len(place)] = place
-            done += len(place)
+        for batch in map(_places, [(region, seed, slab) for slab in slabs[start:start + _TOGETHER]]):
+            position[done:done + len(batch)] = batch
+            done += len(batch)
         report(min(1.0, (start + _TOGETHER) / len(slabs)))
     return position
 

@@ -44,10 +44,10 @@ def dispersion(observed, probability) -> Figure | None:
     total = observed.sum()
     large = total * probability >= LEAST
     if not large.all():  # all small ones are one bin, if that is large enough
-        rest = observed[~large].sum(), probability[~large].sum()
+        pooled = observed[~large].sum(), probability[~large].sum()
         observed, probability = observed[large], probability[large]
-        if total * rest[1] >= LEAST:
-            observed, probability = np.append(observed, rest[0]), np.append(probability, rest[1])
+        if total * pooled[1] >= LEAST:
+            observed, probability = np.append(observed, pooled[0]), np.append(probability, pooled[1])
         else:
             total = observed.sum()
         probability = probability / probability.sum() if probability.size else probability

@@ -290,11 +290,11 @@ def _roomier(items, used, rays, rows, angles):
                 wider[column, row] = rays[column, row]
         rays = wider
     if used + 4 * angles + 16 > items.shape[0]:
-        more = np.empty((2 * items.shape[0] + 4 * angles + 16, 8))
+        larger = np.empty((2 * items.shape[0] + 4 * angles + 16, 8))
         for row in range(used):
             for column in range(8):
-                more[row, column] = items[row, column]
-        items = more
+                larger[row, column] = items[row, column]
+        items = larger
     return items, rays
 
 

@@ -31,10 +31,10 @@ MOST = 80  # steps
 
 @njit(**INLINE)
 def _all_done(w):
-    left = 0
+    active = 0
     for j in range(WIDTH):
-        left += w[ACTIVE + j] > 0.0
-    return left == 0
+        active += w[ACTIVE + j] > 0.0
+    return active == 0
 
 
 @njit(**STRICT)

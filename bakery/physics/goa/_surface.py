@@ -80,13 +80,13 @@ def real(eta, p, bow, focus, w, o):
         slope, geometry = abs(2.0 * (p * c / u - 1.0)), s * c
         half = flat * s / (u * u * u)
         cube = 0.5 * half * half / (c if c > 1e-12 else 1e-12)
-        steep, wide = cube / (slope * slope * slope), 1.0 / sine
+        steep, width = cube / (slope * slope * slope), 1.0 / sine
         if focus:  # floors of `_field` instead: slope and sine/geometry >= x^(-1/2)/2
-            wide, flat_axis = 0.25 * (geometry / sine) ** 2, 0.25 / (slope * slope)
-            wide = wide if wide > flat_axis else flat_axis
+            width, flat_axis = 0.25 * (geometry / sine) ** 2, 0.25 / (slope * slope)
+            width = width if width > flat_axis else flat_axis
         o[LAM * WIDTH + j], o[PATH * WIDTH + j], o[CHORD * WIDTH + j] = s, 2.0 * (c - p * u), fade * v
         o[SIZE * WIDTH + j] = np.sqrt(geometry / (sine * slope))
-        o[LIMIT * WIDTH + j] = steep if steep > wide else wide
+        o[LIMIT * WIDTH + j] = steep if steep > width else width
         o[GEOMETRY * WIDTH + j], o[SLOPE * WIDTH + j], o[CUBE * WIDTH + j] = geometry, slope, cube
         o[_X1 + j], o[_Y1 + j], o[_Y2 + j] = (c - u) / (c + u), 0.0, 0.0
         o[_X2 + j] = (er * c - u) / (er * c + u)

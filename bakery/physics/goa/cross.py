@@ -29,10 +29,10 @@ def extinction_of_rays(m, x):
     q = np.empty(x.size)
     mirror = np.isinf(m)
     soft = ~mirror & (abs(m - 1.0) * x < 1.0)
-    rest = ~mirror & ~soft
+    refracted = ~mirror & ~soft
     q[mirror] = 2.0
-    z, y = m[rest], x[rest]
-    q[rest] = 2.0 - 8.0 / y * np.imag(z * z * np.exp(2j * y * (z - 1.0)) / ((z + 1.0) ** 2 * (z - 1.0)))
+    z, y = m[refracted], x[refracted]
+    q[refracted] = 2.0 - 8.0 / y * np.imag(z * z * np.exp(2j * y * (z - 1.0)) / ((z + 1.0) ** 2 * (z - 1.0)))
     q[~soft] += EDGE * x[~soft] ** (-2.0 / 3.0)
     w = -2j * x[soft] * (m[soft] - 1.0)
     series = np.zeros(w.shape, dtype=np.complex128)  # sum_{j>=1} (-1)^(j+1) (j+1) w^j/(j+2)!, as |w| < 2

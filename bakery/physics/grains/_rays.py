@@ -104,12 +104,12 @@ def leap(typingctx, state, stride, at, leaps, nx, ny, nz):
         new = []
         for k in range(3):
             # rounding takes nobody out of the cells leapt over, nor out of the grid
-            place = b.fptosi(b.fadd(origin[k], b.fmul(exit_, direction[k])), v.int)
+            reached = b.fptosi(b.fadd(origin[k], b.fmul(exit_, direction[k])), v.int)
             low = b.select(up[k], cell[k], b.add(behind[k], unit))
             high = v.smaller(b.select(up[k], b.sub(ahead[k], unit), cell[k]), b.sub(count[k], unit))
-            place = v.smaller(v.larger(v.larger(place, low), zero), high)
-            place = b.select(through[k], b.select(up[k], ahead[k], behind[k]), place)
-            new.append(b.select(moved, place, cell[k]))
+            reached = v.smaller(v.larger(v.larger(reached, low), zero), high)
+            reached = b.select(through[k], b.select(up[k], ahead[k], behind[k]), reached)
+            new.append(b.select(moved, reached, cell[k]))
             v.store(CELL + k, new[k])
             v.store(SEEN + k, b.fsub(origin[k], b.fadd(b.sitofp(new[k], v.float), v.number(0.5))))
         index = b.add(b.mul(b.add(b.mul(new[2], count[1]), new[1]), count[0]), new[0])

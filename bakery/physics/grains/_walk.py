@@ -83,18 +83,18 @@ def _follow(grid, coat, events_max, uniform, stream, paths, rays, lists):
     total, least = len(uniform), np.min(coat.mu)
     nx, ny, nz = grid.count
     alive = ended = min(_SLOTS, total)
-    begun = aims = 0
+    started = aims = 0
     while True:
         for k in range(ended):  # write down what ended, begin new paths in its place
             i = lists.ended[k]
             if i < 0:  # never: says that indices need no wrapping
                 break
             _record(i, rays, coat.mu, paths)
-            if begun == total:
+            if started == total:
                 rays.ints[_rays.STATE, i] = _rays.IDLE
                 continue
-            _begin(i, begun, uniform, rays, paths)
-            begun += 1
+            _begin(i, started, uniform, rays, paths)
+            started += 1
             lists.aimed[aims] = i
             aims += 1
         for k in range(aims):
@@ -102,7 +102,7 @@ def _follow(grid, coat, events_max, uniform, stream, paths, rays, lists):
             if i < 0:  # never, as above
                 break
             _aim(i, rays, grid)
-        if begun == total and ended:
+        if started == total and ended:
             alive = _closed_up(rays, alive)
         if alive == 0:
             break

@@ -105,9 +105,9 @@ def _reaches(corners, x, y, z, half):
             p, q = (k + 1) % 3, (k + 2) % 3
             ep, eq = v[d, p] - v[c, p], v[d, q] - v[c, q]
             # the edge's own two corners give one value
-            one, other = v[c, q] * ep - v[c, p] * eq, v[(c + 2) % 3, q] * ep - v[(c + 2) % 3, p] * eq
+            first, second = v[c, q] * ep - v[c, p] * eq, v[(c + 2) % 3, q] * ep - v[(c + 2) % 3, p] * eq
             reach = half * (abs(ep) + abs(eq))
-            if min(one, other) > reach or max(one, other) < -reach:
+            if min(first, second) > reach or max(first, second) < -reach:
                 return False
     return True
 

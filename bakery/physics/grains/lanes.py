@@ -32,8 +32,8 @@ class _Lanes:
 
     def fill(self, scalar):
         zero = ir.Constant(ir.IntType(32), 0)
-        one = self.builder.insert_element(ir.Constant(self.vector, ir.Undefined), scalar, zero)
-        return self.builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), self.width), [0] * self.width))
+        lane = self.builder.insert_element(ir.Constant(self.vector, ir.Undefined), scalar, zero)
+        return self.builder.shuffle_vector(lane, lane, ir.Constant(ir.VectorType(ir.IntType(32), self.width), [0] * self.width))
 
     def number(self, value):
         return ir.Constant(self.vector, [float(value)] * self.width)
@@ -148,8 +148,8 @@ def fetch(typingctx, array, at, lines):
         flags, name = [ir.IntType(32)] * 3, "llvm.prefetch.p0i8"
         function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(ir.VoidType(), [byte.type, *flags]), name)
         for line in range(count):
-            place = builder.gep(byte, [ir.Constant(ir.IntType(64), 64 * line)])
-            builder.call(function, [place, *(ir.Constant(ir.IntType(32), flag) for flag in (0, 3, 1))])
+            address = builder.gep(byte, [ir.Constant(ir.IntType(64), 64 * line)])
+            builder.call(function, [address, *(ir.Constant(ir.IntType(32), flag) for flag in (0, 3, 1))])
         return context.get_dummy_value()
 
     return types.void(array, _I8, lines), codegen

@@ -265,8 +265,8 @@ def _result(sums, edges, tolerance, asked):
     dark = changed.sum(0) == 0
     values["phase"] = np.where(dark[:, None], 1 / (4 * np.pi), values["phase"] / solid)
     # no bin is known better than to one path: an empty one would claim to have no error
-    one = 1.0 / np.where(dark, 1.0, changed.sum(0))
-    errors["phase"] = np.maximum(errors["phase"], np.where(dark, 0.0, one)[:, None]) / solid
+    normalisation = 1.0 / np.where(dark, 1.0, changed.sum(0))
+    errors["phase"] = np.maximum(errors["phase"], np.where(dark, 0.0, normalisation)[:, None]) / solid
     scale = {"hit_probability": max(values["hit_probability"], 1e-300), "albedo": np.maximum(values["albedo"], _FLOOR)}
     reached = 0.0
     for name in asked:
@@ -286,8 +286,8 @@ def ratio(numerator, denominator):
     whole = denominator.sum(0)
     safe = np.where(whole == 0, 1.0, whole)
     value = numerator.sum(0) / safe
-    rest = numerator - value * denominator
-    return value, np.sqrt(np.sum(rest**2, axis=0) * count / (count - 1)) / safe
+    residual = numerator - value * denominator
+    return value, np.sqrt(np.sum(residual**2, axis=0) * count / (count - 1)) / safe
 
 
 def _in_turn(function, tasks):

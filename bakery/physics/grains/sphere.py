@@ -109,12 +109,12 @@ def _dielectric(index, mu, edges, polarised):
     knee = math.sqrt(contrast) if index < 1 else min(math.sqrt(contrast), 0.7)  # total reflection up to here if index < 1
     c, w = _gauss(*([0.0, knee, min(4 * knee, 0.5 * (1 + knee)), 1.0] if knee else [0.0, 1.0]))
     w = 2 * c * w
-    beyond, *both = _refracted(c, index)
+    beyond, *reflectances = _refracted(c, index)
     a, b = np.arccos(c), np.arccos(beyond)
     turn = 2 * np.arcsin(np.clip(beyond, 0, 1))  # delta = pi - 2 b
     absorbed = np.exp(-2 * mu[:, None] * beyond)
     rows = np.zeros((5, len(mu)))
-    for F in both if polarised else [0.5 * (both[0] + both[1])]:
+    for F in reflectances if polarised else [0.5 * (reflectances[0] + reflectances[1])]:
         inward = np.where(F < 1, (1 - F) ** 2, 0.0)
         back = np.exp(-1j * turn)
         series = inward * absorbed / np.where(inward > 0, 1 - F * absorbed, 1.0)

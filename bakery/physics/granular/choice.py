@@ -48,19 +48,19 @@ def matched(coefficients: Effective, lossless: Effective, walks: Walks, radius: 
     ------
     ValueError : the random walk is wanted and gives no mean square displacement
     """
-    each = {"mean_flight": (coefficients.sigma_t, coefficients.errors["sigma_t"]),
+    measured = {"mean_flight": (coefficients.sigma_t, coefficients.errors["sigma_t"]),
             "second_moment": (coefficients.sigma_t_second_moment, coefficients.errors["sigma_t_second_moment"])}
     if walks.reason and not math.isfinite(walks.achieved_error):
         if wanted == "random_walk":
             raise ValueError(f"random_walk: {walks.reason}")
-        sigma_t, error = each[wanted or "mean_flight"]
-        return Matched(sigma_t, error, np.zeros_like(sigma_t), each, False, 0.0, 0.0)
+        sigma_t, error = measured[wanted or "mean_flight"]
+        return Matched(sigma_t, error, np.zeros_like(sigma_t), measured, False, 0.0, 0.0)
     M, spread = walks.mean_square_displacement * radius**2, walks.achieved_error
     far = {"mean_flight": lossless.m_rte[at], "second_moment": lossless.m_tele[at]}
     ratio = math.sqrt(lossless.m_rte[at] / M)
-    value, error = each["mean_flight"]
-    each["random_walk"] = value * ratio, np.hypot(error * ratio, value * ratio * spread)
+    value, error = measured["mean_flight"]
+    measured["random_walk"] = value * ratio, np.hypot(error * ratio, value * ratio * spread)
     name = wanted or "random_walk"
     farther = math.sqrt(M / far[name]) - 1 if name in far else 0.0
-    sigma_t, error = each[name]
-    return Matched(sigma_t, error, abs(farther) * sigma_t, each, True, farther, spread)
+    sigma_t, error = measured[name]
+    return Matched(sigma_t, error, abs(farther) * sigma_t, measured, True, farther, spread)

@@ -12,13 +12,13 @@ from bakery.system.compiled import njit
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def distance_to_triangles(tree, middle, scale, p, limit, room):
+def distance_to_triangles(tree, middle, scale, p, limit, stack):
     """Distance of p (3,) to the mesh, or `limit` where it is farther.
 
-    tree : nodes, children, blocks of the mesh in units of `scale` about `middle`;  room : from `bvh.mesh_scratch`
+    tree : nodes, children, blocks of the mesh in units of `scale` about `middle`;  stack : from `bvh.mesh_scratch`
     """
     nodes, children, blocks = tree
-    pending, reach = room[0], room[1]
+    pending, reach = stack[0], stack[1]
     x, y, z = (p[0] - middle[0]) / scale, (p[1] - middle[1]) / scale, (p[2] - middle[2]) / scale
     best = (limit / scale) ** 2
     child, top = np.int64(0), 0
@@ -32,11 +32,11 @@ def distance_to_triangles(tree, middle, scale, p, limit, room):
                 far = _to_box(nodes, at + b, x, y, z)
                 if far >= best:
                     continue
-                other, j = np.int64(children[at + 6 * BOXES + b]), top
+                farther, j = np.int64(children[at + 6 * BOXES + b]), top
                 while j > base and reach[j - 1] < far:  # the nearest comes on top
                     reach[j], pending[j] = reach[j - 1], pending[j - 1]
                     j -= 1
-                reach[j], pending[j] = far, other
+                reach[j], pending[j] = far, farther
                 top += 1
         while top > 0 and reach[top - 1] >= best:
             top -= 1
@@ -91,12 +91,12 @@ def _square(p, u, v, s, t):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def deepest_in_mesh(aggregate, points, room):
+def deepest_in_mesh(aggregate, points, stack):
     """How far inside of an aggregate's mesh the deepest of points (n, 3) is, in its unit; 0 where none is inside."""
     most, p = 0.0, np.empty(3)
     for i in range(len(points)):
         for k in range(3):
             p[k] = points[i, k]
-        if in_mesh(aggregate, p[0], p[1], p[2], room):
-            most = max(most, distance_to_triangles(aggregate.tree, aggregate.middle, aggregate.scale, p, np.inf, room[0]))
+        if in_mesh(aggregate, p[0], p[1], p[2], stack):
+            most = max(most, distance_to_triangles(aggregate.tree, aggregate.middle, aggregate.scale, p, np.inf, stack[0]))
     return most

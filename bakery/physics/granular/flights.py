@@ -16,14 +16,14 @@ from bakery.system.compiled import njit
 
 # inlined, so that arrays are not counted in and out at each call: a fifth of the time of a walk among balls
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def flight_to_sphere(o, d, left, cell, m, start, image, owner, limit, met, to):
+def flight_to_sphere(o, d, remaining, cell, m, start, image, owner, limit, cells, to):
     """Distance along unit d (3,) from o (3,), outside of all spheres, to the first sphere; `limit` where none comes before it.
 
-    o : in the frame of the copy left[1:];  left : (4,) sphere that the ray has just left, or -1, and the tile's copy
-    met : (4,) becomes the sphere and its copy;  to : (3,) becomes the vector from o to its centre
+    o : in the frame of the copy left[1:];  remaining : (4,) sphere that the ray has just left, or -1, and the tile's copy
+    cells : (4,) becomes the sphere and its copy;  to : (3,) becomes the vector from o to its centre
     """
     h0, h1, h2 = cell[0] / m[0], cell[1] / m[1], cell[2] / m[2]
-    skip, far_i, far_j, far_k = left[0], left[1], left[2], left[3]
+    skip, far_i, far_j, far_k = remaining[0], remaining[1], remaining[2], remaining[3]
     i, j, k = math.floor(o[0] / cell[0]), math.floor(o[1] / cell[1]), math.floor(o[2] / cell[2])
     ox, oy, oz = o[0] - i * cell[0], o[1] - j * cell[1], o[2] - k * cell[2]
     i, j, k = i + far_i, j + far_j, k + far_k
@@ -39,8 +39,8 @@ def flight_to_sphere(o, d, left, cell, m, start, image, owner, limit, met, to):
     every_z = h2 / abs(dz) if dz != 0 else np.inf
     best = limit
     while True:
-        here = (a * m[1] + b) * m[2] + c
-        for s in range(start[here], start[here + 1]):
+        bin_index = (a * m[1] + b) * m[2] + c
+        for s in range(start[bin_index], start[bin_index + 1]):
             x, y, z = image[s, 0] - ox, image[s, 1] - oy, image[s, 2] - oz
             along = x * dx + y * dy + z * dz
             if along > 0:
@@ -53,7 +53,7 @@ def flight_to_sphere(o, d, left, cell, m, start, image, owner, limit, met, to):
                                          and owner[s, 3] + k == far_k):
                         best = t
                         to[0], to[1], to[2] = x, y, z
-                        met[0], met[1], met[2], met[3] = owner[s, 0], owner[s, 1] + i, owner[s, 2] + j, owner[s, 3] + k
+                        cells[0], cells[1], cells[2], cells[3] = owner[s, 0], owner[s, 1] + i, owner[s, 2] + j, owner[s, 3] + k
         # the tile repeats: beyond its faces the ray goes on inside, seen from an origin one tile further back
         if wall_x <= wall_y and wall_x <= wall_z:
             if best <= wall_x:

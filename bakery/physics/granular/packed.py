@@ -305,11 +305,11 @@ def open_planes(centers, radii, cell):
     return None
 
 
-def _jackknife(each):
+def _jackknife(batches):
     """Standard error from figures (replicates, ...) with one replicate left out in turn."""
-    if not np.all(np.isfinite(each)):
+    if not np.all(np.isfinite(batches)):
         return math.inf
-    return np.sqrt((len(each) - 1) / len(each) * np.sum((each - each.mean(0)) ** 2, axis=0))
+    return np.sqrt((len(batches) - 1) / len(batches) * np.sum((batches - batches.mean(0)) ** 2, axis=0))
 
 
 # ---- what the loops take

@@ -55,10 +55,10 @@ def index(table: Table, wavelength) -> tuple[np.ndarray, np.ndarray]:
     if not ((wavelength >= low) & (wavelength <= high)).all():
         raise ValueError(f"wavelength outside the table, {low:g} to {high:g} um")
     right = np.clip(np.searchsorted(table.wavelength, wavelength), 1, len(table.wavelength) - 1)
-    left = right - 1
-    share = (wavelength - table.wavelength[left]) / (table.wavelength[right] - table.wavelength[left])
-    n = table.n[left] + share * (table.n[right] - table.n[left])
-    k0, k1 = table.k[left], table.k[right]
+    below = right - 1
+    share = (wavelength - table.wavelength[below]) / (table.wavelength[right] - table.wavelength[below])
+    n = table.n[below] + share * (table.n[right] - table.n[below])
+    k0, k1 = table.k[below], table.k[right]
     k = k0 + share * (k1 - k0)
     positive = (k0 > 0) & (k1 > 0) & (k0 != k1) & (share > 0) & (share < 1)  # a row's own value comes back to the last bit
     k[positive] = k0[positive] * np.exp(share[positive] * np.log(k1[positive] / k0[positive]))

@@ -59,16 +59,16 @@ def improved(sigma_s, sigma_a, g) -> Diffusion:
     Source: Grosjean 1956; d'Eon & Irving 2011, ACM Trans. Graph. 30, 56.
     """
     sigma_t, albedo, sigma_tr = reduced(sigma_s, sigma_a, g)
-    more = 2 - albedo  # (2 sigma_a + sigma_s')/sigma_t'
-    return _parameters(sigma_t, albedo, sigma_a, more, sigma_tr / np.sqrt(more))
+    excess = 2 - albedo  # (2 sigma_a + sigma_s')/sigma_t'
+    return _parameters(sigma_t, albedo, sigma_a, excess, sigma_tr / np.sqrt(excess))
 
 
-def _parameters(sigma_t, albedo, sigma_a, more, sigma_tr):
+def _parameters(sigma_t, albedo, sigma_a, excess, sigma_tr):
     """From 3 D sigma_t' = more."""
     with np.errstate(divide="ignore"):
-        D = more / (3 * sigma_t)
+        D = excess / (3 * sigma_t)
     return Diffusion(sigma_t, albedo, np.broadcast_to(np.asarray(sigma_a, float), sigma_t.shape), D, sigma_tr, 2 * D,
-                     3 * albedo * sigma_t / more)
+                     3 * albedo * sigma_t / excess)
 
 
 def uncollided(medium: Diffusion, r):

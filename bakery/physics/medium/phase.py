@@ -67,10 +67,10 @@ def without_delta(theta, f, share):
     Rows without a delta stay as they are; where there is nothing else (share 1) the result is isotropic.
     """
     share, f = np.asarray(share, float), np.asarray(f, float)
-    rest = f.copy()
-    rest[..., 0] = np.maximum(rest[..., 0] - share / (2 * math.pi * areas(theta)[0]), 0.0)
-    rest[share == 1] = 1.0
-    return np.where((share > 0)[..., None], normalised(theta, rest)[0], f)
+    smooth = f.copy()
+    smooth[..., 0] = np.maximum(smooth[..., 0] - share / (2 * math.pi * areas(theta)[0]), 0.0)
+    smooth[share == 1] = 1.0
+    return np.where((share > 0)[..., None], normalised(theta, smooth)[0], f)
 
 
 def cumulative(theta, f):

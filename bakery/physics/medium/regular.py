@@ -59,14 +59,14 @@ def regular_table(theta, phase, count):
     """
     s, value = haversine(theta), np.asarray(phase, float)
     cell = 1.0 / (count - 1)
-    left, right, at_left, at_right = _segments(s, value, np.arange(count) * cell)
-    index = np.minimum((0.5 * (left + right) / cell).astype(np.int64), count - 2)
+    lower, right, at_left, at_right = _segments(s, value, np.arange(count) * cell)
+    index = np.minimum((0.5 * (lower + right) / cell).astype(np.int64), count - 2)
     # integral of (linear) x (linear), exact by Simpson's rule; `rise` is the hat of the upper grid point
-    rise_left, rise_right = left / cell - index, right / cell - index
+    rise_left, rise_right = lower / cell - index, right / cell - index
     middle, rise_middle = 0.5 * (at_left + at_right), 0.5 * (rise_left + rise_right)
-    upper = (right - left) / 6 * (at_left * rise_left + 4 * middle * rise_middle + at_right * rise_right)
-    both = (right - left) * middle
-    sums = np.bincount(index, both - upper, count) + np.bincount(index + 1, upper, count)
+    upper = (right - lower) / 6 * (at_left * rise_left + 4 * middle * rise_middle + at_right * rise_right)
+    areas = (right - lower) * middle
+    sums = np.bincount(index, areas - upper, count) + np.bincount(index + 1, upper, count)
     area = np.full(count, cell)
     area[[0, -1]] *= 0.5
     return (sums / area)[::-1]
@@ -83,16 +83,16 @@ def loss(theta, phase, values) -> Loss:
     s, value = haversine(theta), np.asarray(phase, float)
     table = np.asarray(values, float)[::-1]
     grid = np.arange(len(table)) / (len(table) - 1)
-    left, right, at_left, at_right = _segments(s, value, grid)
-    table_left, table_right = np.interp(left, grid, table), np.interp(right, grid, table)
+    lower, right, at_left, at_right = _segments(s, value, grid)
+    table_left, table_right = np.interp(lower, grid, table), np.interp(right, grid, table)
     first, last = table_left - at_left, table_right - at_right
-    width = right - left
+    width = right - lower
     # mean of |linear|: where the sign changes inside, two triangles
     crossing = first * last < 0
     total = np.abs(first) + np.abs(last)
     mean = np.where(crossing, (first**2 + last**2) / np.where(crossing, 2 * total, 1), 0.5 * total)
     # first moment of the difference about s, times 4 pi, gives the change of (1 - g) / 2
-    moment = width / 6 * (left * first + (left + right) * (first + last) + right * last)
+    moment = width / 6 * (lower * first + (lower + right) * (first + last) + right * last)
     relative = np.abs(np.interp(s, grid, table) - value) / np.where(value > 0, value, np.inf)
     worst = int(np.argmax(relative))
     below = np.flatnonzero(value < 0.5 * value[0])

@@ -19,13 +19,13 @@ _BYTES = 4
 
 
 @intrinsic
-def blend(typingctx, grid, at, row, basis, there, ring, count, p, w, f):
+def blend(typingctx, grid, at, row, basis, shift, ring, count, p, w, f):
     """a_0 + B_0 + sum over k of a_k B_k, float32.
 
     Parameters
     ----------
     grid, basis : C-contiguous float32, a_k and B_k with k along the last axis
-    at, there : of the first corner, counted in numbers; row, ring : from one corner to the next along the first axis
+    at, shift : of the first corner, counted in numbers; row, ring : from one corner to the next along the first axis
     count : of k, padded, also from one corner to the next along the second axis
     p, w : four float32 each, weights along the first and the second axis of the grid
     f : four float32, weights in the basis: here, next along the second axis, along the first, along both
@@ -36,7 +36,7 @@ def blend(typingctx, grid, at, row, basis, there, ring, count, p, w, f):
 
 
 def _code(context, builder, signature, args):
-    grid, at, row, basis, there, ring, count, p, w, f = args
+    grid, at, row, basis, shift, ring, count, p, w, f = args
     grid, basis = (context.make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 3))
     p, w, f = ([_splat(builder, builder.extract_value(four, k)) for k in range(4)] for four in (p, w, f))
     step = count.type
@@ -51,7 +51,7 @@ def _code(context, builder, signature, args):
 
     def factors(k):
         a = weighted(p, [weighted(w, four) for four in corners(grid, builder.add(at, k), row, 4, 4)])
-        (b0, b1), (b2, b3) = corners(basis, builder.add(there, k), ring, 2, 2)
+        (b0, b1), (b2, b3) = corners(basis, builder.add(shift, k), ring, 2, 2)
         return a, weighted(f, [b0, b1, b2, b3])
 
     # k = 0 is added, the others are multiplied
@@ -75,8 +75,8 @@ def _code(context, builder, signature, args):
 
 
 def _splat(builder, x):
-    one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), x, _INT(0))
-    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(_INT, LANES), [0] * LANES))
+    vector = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), x, _INT(0))
+    return builder.shuffle_vector(vector, vector, ir.Constant(ir.VectorType(_INT, LANES), [0] * LANES))
 
 
 def _load(builder, base, index):

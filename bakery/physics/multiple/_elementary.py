@@ -55,8 +55,8 @@ def exp(x):
 def asinh(x):
     """arsinh(x) to 7e-10, relative below 0.3."""
     size = abs(x)
-    found = log(size + math.sqrt(size * size + 1))
-    return -found if x < 0 else found
+    logarithm = log(size + math.sqrt(size * size + 1))
+    return -logarithm if x < 0 else logarithm
 
 
 @njit(nogil=True, error_model="numpy", fastmath=_FAST, forceinline=True)
@@ -72,13 +72,13 @@ def _arctan(r, z):
 def quadrant(y, x):
     """(2/pi) arctan(y / x) of x, y >= 0, 0 .. 1, to 6e-10; 0 if both are 0."""
     r = min(x, y) / max(max(x, y), _LEAST)
-    found = _arctan(r, r * r)
-    return 1 - found if y > x else found
+    angle = _arctan(r, r * r)
+    return 1 - angle if y > x else angle
 
 
 @njit(nogil=True, error_model="numpy", fastmath=_FAST, forceinline=True)
 def quadrant_of_squares(y, x):
     """The same of x^2 and y^2: the root is not waited for."""
     z = min(x, y) / max(max(x, y), _LEAST)
-    found = _arctan(math.sqrt(z), z)
-    return 1 - found if y > x else found
+    angle = _arctan(math.sqrt(z), z)
+    return 1 - angle if y > x else angle

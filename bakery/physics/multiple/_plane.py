@@ -171,27 +171,27 @@ def along(l, table, d, start, row, row_weight, column, column_weight, weight, co
     out : (N, l + 1)
     """
     K = l // 2 + 1
-    sums, here = np.empty(2 * K), np.empty(2 * K, np.float32)
+    sums, values = np.empty(2 * K), np.empty(2 * K, np.float32)
     for n in range(len(start) - 1):
         sums[:] = 0.0
         for q in range(start[n], start[n + 1]):
             a = column[q]
-            here[:] = np.float32(0)
+            values[:] = np.float32(0)
             for i in range(0, TAPS, 2):
-                share, other = weight[q] * row_weight[q, i], weight[q] * row_weight[q, i + 1]
+                share, next_weight = weight[q] * row_weight[q, i], weight[q] * row_weight[q, i + 1]
                 s0, s1 = share * column_weight[q, 0], share * column_weight[q, 1]
                 s2, s3 = share * column_weight[q, 2], share * column_weight[q, 3]
-                t0, t1 = other * column_weight[q, 0], other * column_weight[q, 1]
-                t2, t3 = other * column_weight[q, 2], other * column_weight[q, 3]
+                t0, t1 = next_weight * column_weight[q, 0], next_weight * column_weight[q, 1]
+                t2, t3 = next_weight * column_weight[q, 2], next_weight * column_weight[q, 3]
                 v, w = table[row[q] + i], table[row[q] + i + 1]
                 v0, v1, v2, v3 = v[a], v[a + 1], v[a + 2], v[a + 3]
                 w0, w1, w2, w3 = w[a], w[a + 1], w[a + 2], w[a + 3]
                 for k in range(2 * K):
-                    here[k] += (s0 * v0[k] + s1 * v1[k] + s2 * v2[k] + s3 * v3[k]
+                    values[k] += (s0 * v0[k] + s1 * v1[k] + s2 * v2[k] + s3 * v3[k]
                                 + t0 * w0[k] + t1 * w1[k] + t2 * w2[k] + t3 * w3[k])
             # azimuth counted from the frame's axis: times exp(i k angle)
             c, s = cosine[q], sine[q]
             for k in range(K):
-                sums[k] += here[k] * c[k] - here[K + k] * s[k]
-                sums[K + k] += here[k] * s[k] + here[K + k] * c[k]
+                sums[k] += values[k] * c[k] - values[K + k] * s[k]
+                sums[K + k] += values[k] * s[k] + values[K + k] * c[k]
         from_normal(l, d, sums, out[n])

@@ -31,7 +31,7 @@ class Boxes(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def means(v_nodes, steps, f, angles, edges, turns, wide, out):
+def means(v_nodes, steps, f, angles, edges, turns, wide_edges, out):
     M, J, B = out.shape
     out[:] = 0.0
     ring = np.empty(turns)
@@ -41,7 +41,7 @@ def means(v_nodes, steps, f, angles, edges, turns, wide, out):
             cosines[m, i] = math.cos(m * math.pi * (i + 0.5) / turns)
     for b in range(B):
         # finer than the phase function turns
-        parts = 4 + int((edges[b + 1] - edges[b]) / wide)
+        parts = 4 + int((edges[b + 1] - edges[b]) / wide_edges)
         top, bottom = math.cos(edges[b]), math.cos(edges[b + 1])
         for part in range(parts):
             c = top + (bottom - top) * (part + 0.5) / parts

@@ -46,12 +46,12 @@ def build(points: Table, halves, fit: uniform.Fit, medium, length, inherited, de
     packed = fit.pack(SEGMENT, length, medium, a, basis)
     # its own error against the same integrals between the corners, and the noise of those
     rho_t, z_t = (x[::3] for x in places(SEGMENT, length, medium.extent, fit.random))
-    exact, *apart = (lobes(one, length, rho_t, z_t, fit.test_polar, fit.test_azimuth) for one in (ready, *halves))
+    exact, *apart = (lobes(source, length, rho_t, z_t, fit.test_polar, fit.test_azimuth) for source in (ready, *halves))
     table = lookup.lobes(lookup.ready(packed), rho_t, z_t, fit.test_polar, fit.test_azimuth)
-    own, noise = fit.share((table - exact) ** 2, exact), fit.share((apart[0] - apart[1]) ** 2, exact) / 4
-    worst = math.hypot(float(np.sqrt((own + noise).max())), inherited)
-    packed = replace(packed, error=math.hypot(upper(own), inherited), worst=worst,
-                   error_with_solver=math.hypot(upper(own + noise), inherited))
+    of_fit, noise = fit.share((table - exact) ** 2, exact), fit.share((apart[0] - apart[1]) ** 2, exact) / 4
+    worst = math.hypot(float(np.sqrt((of_fit + noise).max())), inherited)
+    packed = replace(packed, error=math.hypot(upper(of_fit), inherited), worst=worst,
+                   error_with_solver=math.hypot(upper(of_fit + noise), inherited))
     errors = np.zeros(len(rho))
     _deviations(ready, length, np.ascontiguousarray(deviations), rho, z, errors)
     return packed, np.minimum(errors, 1.0)

@@ -39,12 +39,12 @@ def start(logs, weight, count):
     level = (logs * weight).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
     basis[0] = (logs - level).mean(axis=0)
     # under one weight for all lobes: what is found so far is orthogonal, and taken out exactly
-    rest = logs - basis[0]
-    rest -= (overall * rest).sum(axis=1, keepdims=True)
+    residual = logs - basis[0]
+    residual -= (overall * residual).sum(axis=1, keepdims=True)
     for k in range(1, count + 1):
-        basis[k] = rest[np.argmax((overall * rest**2).sum(axis=1))]
+        basis[k] = residual[np.argmax((overall * residual**2).sum(axis=1))]
         _orthogonal(basis, overall, k)
-        rest -= (overall * rest * basis[k]).sum(axis=1, keepdims=True) * basis[k]
+        residual -= (overall * residual * basis[k]).sum(axis=1, keepdims=True) * basis[k]
     return basis
 
 

@@ -174,10 +174,10 @@ class _Build:
         """Divides cells; the numbers of their children, four of each."""
         after = []
         for leaf in leaves:
-            left, right, low, _ = self.bounds[leaf]
-            half = (right - left) // 2
+            lower, right, low, _ = self.bounds[leaf]
+            half = (right - lower) // 2
             self.child[leaf] = len(self.bounds)
-            for u in (left, left + half):
+            for u in (lower, lower + half):
                 for v in (low, low + half):
                     after.append(len(self.bounds))
                     self.bounds.append((u, u + half, v, v + half))
@@ -233,8 +233,8 @@ class _Build:
         error = _errors(table, self.medium.order, rho, z, c)
         nearest = np.clip(z, 0, self.length)
         r, angle = np.hypot(rho, z - nearest), np.arctan2(rho, z - nearest)
-        both = np.hypot(error, self.solution.error(r, angle))
-        return replace(table, error=upper(error**2), error_with_solver=upper(both**2), worst=float(error.max()))
+        total = np.hypot(error, self.solution.error(r, angle))
+        return replace(table, error=upper(error**2), error_with_solver=upper(total**2), worst=float(error.max()))
 
 
 def places(kind, length, extent, random):

@@ -129,10 +129,10 @@ def by_solver(medium: Medium, kind: int, asked: Asked) -> Tabulated:
     ValueError : the solver or the table refuses
     """
     result = solved(medium, asked.orders)
-    own = result.solution.medium
-    extent = build.extent_needed(own) if asked.extent is None else asked.extent
+    prepared = result.solution.medium
+    extent = build.extent_needed(prepared) if asked.extent is None else asked.extent
     table = build.table(result.solution, kind, extent=extent, length=asked.length, tolerance=asked.tolerance, seed=asked.seed)
-    return Tabulated(table, own.albedo, without_peak(medium.albedo, result.peak)[1], *result[1:], {})
+    return Tabulated(table, prepared.albedo, without_peak(medium.albedo, result.peak)[1], *result[1:], {})
 
 
 def by_photons(medium: Medium, kinds: Iterable[int], asked: Asked) -> dict[int, Tabulated]:

@@ -99,7 +99,7 @@ def build(albedo, theta, phase, kinds=(POINT,), *, extent=None, length=LENGTH, t
                    medium.resolution, sums.photons, sums.flights)
 
 
-def agreement(photons: Table, offset_error, other: Table, nearest=_FROM):
+def agreement(photons: Table, offset_error, compared: Table, nearest=_FROM):
     """Integrals over directions at the corners of a table of photons against those of another table, in standard errors.
 
     Parameters
@@ -118,7 +118,7 @@ def agreement(photons: Table, offset_error, other: Table, nearest=_FROM):
     polar, azimuth = frame.polar(np.linspace(0, 1, shape[0])), np.linspace(0, np.pi, shape[1])
     tabulated, reference = (
         (lookup.lobes(lookup.ready(table), rho, z, polar, azimuth) * frame.solid_angles(shape)).sum(axis=(1, 2))
-        for table in (photons, other))
+        for table in (photons, compared))
     return (tabulated / reference - 1) / offset_error[these]
 
 

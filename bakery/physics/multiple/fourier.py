@@ -81,9 +81,9 @@ def stencil(grid, x):
     t = t - index
     weight = np.ones((_STENCIL, len(t)))
     for n in range(_STENCIL):
-        for other in range(_STENCIL):
-            if other != n:
-                weight[n] *= (t - other) / (n - other)
+        for neighbour in range(_STENCIL):
+            if neighbour != n:
+                weight[n] *= (t - neighbour) / (n - neighbour)
     return index, weight
 
 

@@ -41,8 +41,8 @@ def position(kind, length, extent, u, v):
         return m * np.sin(angle), m * np.cos(angle)
     # (l/2) (cosh(mu) cos(nu) + 1) with b = (l/2) sinh(mu), without cancellation at the origin
     half = length / 2
-    more = m**2 / (half + np.hypot(m, half))
-    return m * np.sin(angle), more * np.cos(angle) + length * np.cos(angle / 2) ** 2
+    excess = m**2 / (half + np.hypot(m, half))
+    return m * np.sin(angle), excess * np.cos(angle) + length * np.cos(angle / 2) ** 2
 
 
 def polar(s):

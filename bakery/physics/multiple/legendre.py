@@ -41,11 +41,11 @@ def moments(theta, phase, order):
     first = np.repeat(np.arange(len(pieces)), pieces)
     part = np.arange(len(first)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     width = np.diff(theta)[first] / pieces[first]
-    left = theta[first] + part * width
-    right = np.where(part == pieces[first] - 1, theta[first + 1], left + width)
+    low = theta[first] + part * width
+    right = np.where(part == pieces[first] - 1, theta[first + 1], low + width)
     whole = _drop(theta[:-1], theta[1:])[first]
     x, weight = np.polynomial.legendre.leggauss(_GAUSS)
-    return _moments(2 * np.sin(left / 2) ** 2, _drop(left, right), _drop(theta[first], left) / whole, _drop(left, right) / whole,
+    return _moments(2 * np.sin(low / 2) ** 2, _drop(low, right), _drop(theta[first], low) / whole, _drop(low, right) / whole,
                     phase, first, x, weight, order)
 
 
@@ -124,15 +124,15 @@ def refuse_backward(p, order):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _moments(left, width, share_left, share_width, f, first, x, weight, order):
+def _moments(low, width, share_left, share_width, f, first, x, weight, order):
     """Pieces from v = left on, `width` wide; share of their angle interval where they begin, and that they take."""
     total = np.zeros(order + 1)
     v, value, p, step = np.empty(len(x)), np.empty(len(x)), np.empty(len(x)), np.empty(len(x))
-    for piece in range(len(left)):
+    for piece in range(len(low)):
         i = first[piece]
         for n in range(len(x)):
             t = 0.5 * (1 + x[n])
-            v[n] = left[piece] + t * width[piece]
+            v[n] = low[piece] + t * width[piece]
             share = share_left[piece] + t * share_width[piece]
             value[n] = (f[i] + share * (f[i + 1] - f[i])) * weight[n] * 0.5 * width[piece] * 2 * math.pi
             p[n], step[n] = 1.0, 0.0

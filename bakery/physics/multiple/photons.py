@@ -80,21 +80,21 @@ def trace(albedo, theta, phase, rho, z, directions, photons, *, seed=0, length=N
     sine = np.sin(lobes[:, 0])
     lobes = np.column_stack([sine * np.cos(lobes[:, 1]), sine * np.sin(lobes[:, 1]), np.cos(lobes[:, 0])])
     table = phase_layout(theta, phase)
-    each = -(-int(photons) // BLOCKS)
+    per_block = -(-int(photons) // BLOCKS)
 
     def block(index):
         stream = rng.generator(seed, "multiple.photons", index)
         sums = np.zeros((len(rho) - 1, len(z) - 1, len(lobes) + 1))
-        _follow(stream, each, float(albedo), table, _Cells(rho, z, lobes, sums), -1.0 if length is None else float(length),
+        _follow(stream, per_block, float(albedo), table, _Cells(rho, z, lobes, sums), -1.0 if length is None else float(length),
                 first, 2**62 if last is None else last, float(rim))
         return sums
 
     with ThreadPoolExecutor(threads) as pool:
         sums = np.array(list(pool.map(block, range(BLOCKS))))
     volume = math.pi * np.diff(rho**2)[:, None] * np.diff(z)
-    means = sums / (each * volume[:, :, None])
+    means = sums / (per_block * volume[:, :, None])
     value, error = means.mean(axis=0), means.std(axis=0, ddof=1) / math.sqrt(BLOCKS)
-    return Tally(value[..., :-1], error[..., :-1], value[..., -1], error[..., -1], each * BLOCKS, bias)
+    return Tally(value[..., :-1], error[..., :-1], value[..., -1], error[..., -1], per_block * BLOCKS, bias)
 
 
 def cell_averages(source: Callable, rho, z, directions, points=5):

@@ -87,10 +87,10 @@ def _places(table: Table, rho, z):
     away, ahead, behind = [], [], []
     for along in ends:
         r = np.hypot(rho, along)
-        more = r + np.abs(along)
+        farther = r + np.abs(along)
         away.append(r)
-        ahead.append(np.where(along > 0, more, rho**2 / more))  # r + z, r - z without cancellation
-        behind.append(np.where(along > 0, rho**2 / more, more))
+        ahead.append(np.where(along > 0, farther, rho**2 / farther))  # r + z, r - z without cancellation
+        behind.append(np.where(along > 0, rho**2 / farther, farther))
     if table.kind == POINT:
         return away[0], rho / ahead[0], 1 / away[0]
     beyond = behind[0] + ahead[1]

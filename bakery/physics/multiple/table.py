@@ -91,9 +91,9 @@ class Table:
     def coefficients(self) -> np.ndarray:
         """a_0 .. a_K on the uniform grid of the finest cells, (2^depth + 1, ASPECT 2^depth + 1, K + 1)."""
         size = 1 << self.depth
-        known = np.column_stack([self.offset, self.coefficient * self.coefficient_scale.astype(float)])
-        values = np.full((size + 1, ASPECT * size + 1, known.shape[1]), np.nan)
-        values[self.corner[:, 0], self.corner[:, 1]] = known
+        columns = np.column_stack([self.offset, self.coefficient * self.coefficient_scale.astype(float)])
+        values = np.full((size + 1, ASPECT * size + 1, columns.shape[1]), np.nan)
+        values[self.corner[:, 0], self.corner[:, 1]] = columns
         return fill(values)
 
     def functions(self) -> np.ndarray:
@@ -135,18 +135,18 @@ def fill(values):
     grid = values[::step, ::step]
     while step > 1:
         step //= 2
-        known = values[::step, ::step]
-        grid = np.where(np.isnan(known), between(grid), known)
+        coarse = values[::step, ::step]
+        grid = np.where(np.isnan(coarse), between(grid), coarse)
     return grid
 
 
 def between(grid):
     """A grid (U, V, K) with the middles added by cubics through four neighbours, (2 U - 1, 2 V - 1, K)."""
     U, V, K = grid.shape
-    wide = margins(grid)
+    padded = margins(grid)
     rows = np.empty((2 * U - 1, V + 2, K))
-    rows[::2] = wide[1:-1]
-    rows[1::2] = (9 * (wide[1:-2] + wide[2:-1]) - wide[:-3] - wide[3:]) / 16
+    rows[::2] = padded[1:-1]
+    rows[1::2] = (9 * (padded[1:-2] + padded[2:-1]) - padded[:-3] - padded[3:]) / 16
     out = np.empty((2 * U - 1, 2 * V - 1, K))
     out[:, ::2] = rows[:, 1:-1]
     out[:, 1::2] = (9 * (rows[:, 1:-2] + rows[:, 2:-1]) - rows[:, :-3] - rows[:, 3:]) / 16

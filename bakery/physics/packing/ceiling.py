@@ -36,8 +36,8 @@ def limit(radii) -> float:
 def _on_a_line(radii) -> float:
     """Share of the line in rods."""
     radii = np.sort(radii)
-    met = np.cumsum(radii**2)  # a line meets a sphere as often as its shadow is large
-    sphere = np.searchsorted(met, (np.arange(RODS) + 0.5) / RODS * met[-1])
+    shadows = np.cumsum(radii**2)  # a line meets a sphere as often as its shadow is large
+    sphere = np.searchsorted(shadows, (np.arange(RODS) + 0.5) / RODS * shadows[-1])
     # uniform over the shadow, in an order foreign to the radii
     chord = np.sqrt((np.arange(RODS) * 0.6180339887498949 + 0.5) % 1.0)
     rods = np.sort(radii[np.minimum(sphere, radii.size - 1)] * chord)[::-1]

@@ -29,7 +29,7 @@ def tile_grid(centers, radii, cell, m):
     h = cell / m
     start = np.zeros(m[0] * m[1] * m[2] + 1, np.int64)
     image, owner = np.zeros((0, 4)), np.zeros((0, 4), np.int64)
-    low, high, shift, place = np.zeros(3, np.int64), np.zeros(3, np.int64), np.zeros(3, np.int64), np.zeros(3, np.int64)
+    low, high, shift, origin = np.zeros(3, np.int64), np.zeros(3, np.int64), np.zeros(3, np.int64), np.zeros(3, np.int64)
     for filling in range(2):
         if filling:
             for k in range(start.size - 1, 0, -1):
@@ -46,13 +46,13 @@ def tile_grid(centers, radii, cell, m):
             for a in range(low[0], high[0] + 1):
                 for b in range(low[1], high[1] + 1):
                     for c in range(low[2], high[2] + 1):
-                        place[0], place[1], place[2] = a, b, c
+                        origin[0], origin[1], origin[2] = a, b, c
                         apart = 0.0
                         for axis in range(3):
                             x = centers[i, axis]
-                            gap = max(max(place[axis] * h[axis] - x, x - (place[axis] + 1) * h[axis]), 0.0)
+                            gap = max(max(origin[axis] * h[axis] - x, x - (origin[axis] + 1) * h[axis]), 0.0)
                             apart += gap * gap
-                            shift[axis] = math.floor(place[axis] / m[axis])
+                            shift[axis] = math.floor(origin[axis] / m[axis])
                         if apart > radii[i] * radii[i]:
                             continue
                         k = ((a - shift[0] * m[0]) * m[1] + b - shift[1] * m[1]) * m[2] + c - shift[2] * m[2]

@@ -59,19 +59,19 @@ class Spheres:
         b = bubble_radius
         expected = 4 * np.pi / (3 * np.prod(cell)) * (
             count * b**3 + 3 * b**2 * b.sum() + 3 * b * np.sum(b**2) + np.sum(b**3))
-        room = 16 * np.ceil((self.room * expected + 8.0) / 16).astype(np.int64)  # whole cache lines of 4-byte entries
+        capacity = 16 * np.ceil((self.room * expected + 8.0) / 16).astype(np.int64)  # whole cache lines of 4-byte entries
         codes = np.arange(27)
         shift = (np.stack([codes // 9, codes // 3 % 3, codes % 3], axis=1) - 1.0) * cell
         bubble = _lines(count, 8)
         bubble[:, 3] = b
         index = bubble.view(np.int64)
-        index[:, kernels.ROOM] = np.cumsum(room)
-        index[:, kernels.FIRST] = index[:, kernels.LAST] = index[:, kernels.ROOM] - room
+        index[:, kernels.ROOM] = np.cumsum(capacity)
+        index[:, kernels.FIRST] = index[:, kernels.LAST] = index[:, kernels.ROOM] - capacity
         index[:, kernels.PARTNER] = kernels.NONE
         leaves = 1
         while 4 * leaves < count:
             leaves *= 4
-        near = _lines(int(room.sum()) // 16, 8).view(np.uint32).reshape(-1)
+        near = _lines(int(capacity.sum()) // 16, 8).view(np.uint32).reshape(-1)
         return State(
             sphere, bubble, index, _lines((4 * leaves - 1) // 3, 8), near, shift, cell, level.astype(np.int32), reach, cells,
             offset[:-1].copy(), np.full(offset[-1], -1, np.int32), np.full(count, -1, np.int32), self.clock, self.tally)

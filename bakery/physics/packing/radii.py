@@ -38,8 +38,8 @@ def species(shares, radii, count: int) -> np.ndarray:
     """
     exact = np.asarray(shares, float) * count
     number = np.floor(exact + 1e-9).astype(int)
-    left = count - number.sum()
-    number[np.argsort(-(exact - number), kind="stable")[:left]] += 1
+    remaining = count - number.sum()
+    number[np.argsort(-(exact - number), kind="stable")[:remaining]] += 1
     if not number.all():
         missing = int(np.argmin(number))
         raise ValueError(f"a share of {shares[missing]:g} of {count} spheres is none")

@@ -130,8 +130,8 @@ def contacts(centers, radii, cell) -> Contacts:
     number = np.bincount(i, minlength=count)
     backbone = np.ones(count, bool)
     while True:
-        left = np.bincount(i[backbone[i] & backbone[j]], minlength=count)
-        loose = backbone & (left < 4)
+        degree = np.bincount(i[backbone[i] & backbone[j]], minlength=count)
+        loose = backbone & (degree < 4)
         if not loose.any():
             break
         backbone &= ~loose

@@ -56,9 +56,9 @@ def _pierces(p, s, e, a, b, c):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _overlap_flat(p, one, two):
+def _overlap_flat(p, triangle, other_triangle):
     """Whether two triangles overlap, seen along the axis that is nearest to the normal of the first: no side separates them."""
-    a, b, c = one
+    a, b, c = triangle
     nx = (p[b, 1] - p[a, 1]) * (p[c, 2] - p[a, 2]) - (p[b, 2] - p[a, 2]) * (p[c, 1] - p[a, 1])
     ny = (p[b, 2] - p[a, 2]) * (p[c, 0] - p[a, 0]) - (p[b, 0] - p[a, 0]) * (p[c, 2] - p[a, 2])
     nz = (p[b, 0] - p[a, 0]) * (p[c, 1] - p[a, 1]) - (p[b, 1] - p[a, 1]) * (p[c, 0] - p[a, 0])
@@ -68,7 +68,7 @@ def _overlap_flat(p, one, two):
     elif abs(ny) >= abs(nz):
         i, j = 0, 2
     for turn in range(2):
-        first, second = (one, two) if turn == 0 else (two, one)
+        first, second = (triangle, other_triangle) if turn == 0 else (other_triangle, triangle)
         for k in range(3):
             a, b, c = first[k], first[(k + 1) % 3], first[(k + 2) % 3]
             ex, ey = p[b, i] - p[a, i], p[b, j] - p[a, j]

@@ -76,11 +76,11 @@ def build(shape, triangles=LEVELS["middle"]) -> Mesh:
         raise ValueError(f"shapes are {', '.join(SHAPES)}; found {kind!r}")
     if not TRIANGLES[0] <= triangles <= TRIANGLES[1]:
         raise ValueError(f"{triangles:,} triangles; from {TRIANGLES[0]} to {TRIANGLES[1]:,} can be made")
-    known = [name for name in inspect.signature(SHAPES[kind]).parameters if name != "triangles"]
-    unknown = sorted(set(shape) - set(known))
+    keys = [name for name in inspect.signature(SHAPES[kind]).parameters if name != "triangles"]
+    unknown = sorted(set(shape) - set(keys))
     if unknown:
-        raise ValueError(f"a {kind} has no {unknown[0]!r}; it takes {', '.join(known) or 'nothing'}")
-    if "data" in known and "data" not in shape:
+        raise ValueError(f"a {kind} has no {unknown[0]!r}; it takes {', '.join(keys) or 'nothing'}")
+    if "data" in keys and "data" not in shape:
         raise ValueError("a mesh needs the content of a file")
     return SHAPES[kind](**shape, triangles=triangles)
 
@@ -334,16 +334,16 @@ def _rods(rng, arrangement, count, smallest, length, overlap):
 
 def _distance(points, start, axis, radius, blend):
     """Distance (N,) to the union of rods, about; corners between them are filled over `blend`."""
-    nearest, each = np.full(len(points), np.inf), np.empty((len(radius), len(points)))
+    nearest, distances = np.full(len(points), np.inf), np.empty((len(radius), len(points)))
     for k in range(len(radius)):
         apart = points - start[k]
         square = (axis[k] ** 2).sum()
         if square > 0:
             along = np.clip((apart * axis[k]).sum(axis=1) / square, 0.0, 1.0)
             apart -= along[:, None] * axis[k]
-        each[k] = np.sqrt((apart**2).sum(axis=1)) - radius[k]
-        np.minimum(nearest, each[k], out=nearest)
-    return nearest - blend * np.log(np.exp((nearest - each) / blend).sum(axis=0))
+        distances[k] = np.sqrt((apart**2).sum(axis=1)) - radius[k]
+        np.minimum(nearest, distances[k], out=nearest)
+    return nearest - blend * np.log(np.exp((nearest - distances) / blend).sum(axis=0))
 
 
 def _scaled(vertices, faces) -> Mesh:

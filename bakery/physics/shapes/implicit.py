@@ -73,12 +73,12 @@ def marched(function, low, high, step):
     edge, faces = np.unique(corners, return_inverse=True)
     start, offset = edge // 8, edge % 8
     end = start + (offset >> 2 & 1) * (shape[1] * shape[2]) + (offset >> 1 & 1) * shape[2] + (offset & 1)
-    moved, place = _step_back(function, low, step, value)
+    moved, stepped = _step_back(function, low, step, value)
 
     def ends(index):
         at = low + step * np.stack(np.unravel_index(index, shape), axis=1)
         row = np.minimum(np.searchsorted(moved, index), max(len(moved) - 1, 0))
-        return np.where((moved[row] == index)[:, None], place[row], at) if len(moved) else at
+        return np.where((moved[row] == index)[:, None], stepped[row], at) if len(moved) else at
 
     vertices = _cuts(function, ends(start), ends(end), value.ravel()[start], value.ravel()[end])
     return vertices, faces.reshape(-1, 3).astype(np.int32)
@@ -112,11 +112,11 @@ def _step_back(function, low, step, value):
     close = (np.abs(old) < _CLEAR * step * np.sqrt(steep)) & (steep > 0)
     near, index, slope, steep, old = near[close], index[close], slope[close], np.sqrt(steep[close]), old[close]
     away = np.where(old < 0, -1.0, 1.0) * _CLEAR * step - old / steep
-    place = low + step * index + (away / steep)[:, None] * slope
-    new = np.concatenate([function(place[s]) for s in _slices(len(place))]) if len(place) else old
+    stepped = low + step * index + (away / steep)[:, None] * slope
+    new = np.concatenate([function(stepped[s]) for s in _slices(len(stepped))]) if len(stepped) else old
     fits = ((new < 0) == (old < 0)) & (np.abs(new) > np.abs(old))
     value.ravel()[near[fits]] = new[fits]
-    return near[fits], place[fits]
+    return near[fits], stepped[fits]
 
 
 def _tetrahedra(solid):
@@ -151,7 +151,7 @@ def _tetrahedra(solid):
                 turn = _parity((i, j, k, m)) ^ even
             else:
                 lone, others = (ins[0], outs) if len(ins) == 1 else (outs[0], ins)
-                new = [tuple(cut(rows, lone, other) for other in others)]
+                new = [tuple(cut(rows, lone, corner) for corner in others)]
                 turn = _parity((lone, *others)) ^ even ^ (len(ins) == 3)
             for triangle in new:
                 triangles.append(np.stack(triangle if turn else triangle[::-1], axis=1))

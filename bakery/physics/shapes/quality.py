@@ -40,8 +40,8 @@ def bodies(vertices, faces):
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    one, two = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    links = coo_array((np.ones(len(one), np.int8), (one, two)), shape=(len(vertices),) * 2)
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    links = coo_array((np.ones(len(start), np.int8), (start, end)), shape=(len(vertices),) * 2)
     label = connected_components(links, directed=False)[1][faces[:, 0]]
     body = np.unique(label, return_inverse=True)[1]
     return body, body_volumes(vertices, faces, body)

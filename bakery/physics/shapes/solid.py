@@ -86,6 +86,6 @@ def point(p) -> str:
     return "(" + ", ".join(f"{x:.6g}" for x in p) + ")"
 
 
-def more(bad, what="place") -> str:
+def more(bad, noun="place") -> str:
     """How many there are besides the first of what is wrong, for messages."""
-    return f" (and {len(bad) - 1:,} more {what}{'s' if len(bad) > 2 else ''})" if len(bad) > 1 else ""
+    return f" (and {len(bad) - 1:,} more {noun}{'s' if len(bad) > 2 else ''})" if len(bad) > 1 else ""

@@ -36,8 +36,8 @@ class _Map:
         i = np.clip(np.searchsorted(self.u, u, side="right") - 1, 0, len(self.s) - 2)
         step = self.s[i + 1] - self.s[i]
         slope = (self.rho[i + 1] - self.rho[i]) / step
-        left = u - self.u[i]
-        d = 2 * left / (self.rho[i] + np.sqrt(np.maximum(self.rho[i] ** 2 + 2 * slope * left, 0.0)))
+        offset = u - self.u[i]
+        d = 2 * offset / (self.rho[i] + np.sqrt(np.maximum(self.rho[i] ** 2 + 2 * slope * offset, 0.0)))
         d = np.clip(d, 0.0, step)
         return self.s[i] + d, self.rho[i] + slope * d
 

@@ -39,7 +39,7 @@ class Beam(Members):
         -----
         0 at depth 0; infinite on the axis (but for path_integral and elek).
         """
-        return np.stack([one.kernel(depth, r, measure) for one in self._ready()])
+        return np.stack([beam.kernel(depth, r, measure) for beam in self._ready()])
 
     def layered(self, thickness, density, r, measure: str = "forward") -> np.ndarray:
         """The kernel behind layers of unequal density, (L, *r.shape), per square of the unit of length.
@@ -55,7 +55,7 @@ class Beam(Members):
         ------
         ValueError : another measure, an optical depth beyond the tables, no layers
         """
-        return np.stack([one.layered(thickness, density, r, measure) for one in self._ready()])
+        return np.stack([beam.layered(thickness, density, r, measure) for beam in self._ready()])
 
     def _ready(self) -> list:
         if "_kernels" not in self.__dict__:

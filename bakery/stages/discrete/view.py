@@ -58,9 +58,9 @@ def kinds_of(group: Group) -> np.ndarray:
     radius, component = group["radius"].data, group["component"].data
     out = np.empty(len(radius), np.uint16)
     for c in range(len(classes.names)):
-        own = np.flatnonzero(classes.component == c)
+        of_component = np.flatnonzero(classes.component == c)
         of = component == c
-        out[of] = own[0] + np.searchsorted(classes.radius[own].astype(np.float32), radius[of])
+        out[of] = of_component[0] + np.searchsorted(classes.radius[of_component].astype(np.float32), radius[of])
     return out
 
 

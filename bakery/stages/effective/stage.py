@@ -171,8 +171,8 @@ def compute(inputs: dict, context) -> Result:
     members |= datasets(OUTPUTS, values)
     if match.walked:
         members["random_walk"] = Group(_walk_members(walks, R, inputs["wavelength"][at]))
-    both = np.hypot(match.error, match.bias)
-    relative = float(np.max(np.divide(both, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)))
+    total = np.hypot(match.error, match.bias)
+    relative = float(np.max(np.divide(total, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0)))
     turned = _turned_wrongly(albedo, means, phase.mean_cosine(theta, f))
     if turned > context.tolerance:
         missed.append("grains turn light by less than the table of the phase function shows: its 1 - albedo g is off by "

@@ -15,7 +15,7 @@ def csv_figures(root: Group) -> tuple[dict[str, str], set[str]]:
     if isinstance(medium, Group):
         groups["medium"] = medium
         groups |= {f"medium/{name}": part for name, part in medium.members.items() if isinstance(part, Group)}
-    for place, group in groups.items():
+    for path, group in groups.items():
         single = {key: member for key, member in group.members.items() if isinstance(member, Dataset)
                   and member.data.shape == (1,) and member.data.dtype.kind in "fiu"}
         rows = [(key, float(member.data[0]), float(single[f"{key}_error"].data[0]) if f"{key}_error" in single else "",
@@ -23,12 +23,12 @@ def csv_figures(root: Group) -> tuple[dict[str, str], set[str]]:
                 or not key.endswith("_error")]
         if rows:
             head = ("figure", "value", "standard error", "unit", "what it is")
-            files[f"{place.replace('/', '_')}_figures.csv"] = csv_text(list(zip(head, zip(*rows, strict=True), strict=True)))
-            written |= {f"{place}/{key}" for key in single}
+            files[f"{path.replace('/', '_')}_figures.csv"] = csv_text(list(zip(head, zip(*rows, strict=True), strict=True)))
+            written |= {f"{path}/{key}" for key in single}
         table, names = _by_radius(root, grains, group)
         if table:
-            files[f"{place.replace('/', '_')}_by_radius.csv"] = csv_text(table)
-            written |= {f"{place}/by_radius/{name}" for name in names}
+            files[f"{path.replace('/', '_')}_by_radius.csv"] = csv_text(table)
+            written |= {f"{path}/by_radius/{name}" for name in names}
     return files, written
 
 

@@ -31,11 +31,11 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
         for key in errors:
             pairs = [(group[f"{name}/{path}"].data, member.data) for path, member in true.walk()
                      if isinstance(member, Dataset) and path.rpartition("/")[2] == key]
-            for own, converged in pairs:
+            for baked, converged in pairs:
                 if key == "phase":
-                    error = integrated_difference(theta, own, converged)
+                    error = integrated_difference(theta, baked, converged)
                 else:
                     scale = {"hit_probability": converged, "albedo": np.maximum(converged, 0.01)}.get(key, 1.0)
-                    error = np.abs(own - converged) / scale
+                    error = np.abs(baked - converged) / scale
                 errors[key] = max(errors[key], float(np.max(error)))
     return {"error": max(0.5 * value if key == "phase" else value for key, value in errors.items())} | errors

@@ -264,8 +264,8 @@ def tables(root: Group, axes) -> Iterator[Table]:
 
 def legend() -> str:
     """What the symbols of `table` stand for."""
-    said = ", ".join(f"{symbol.partition(' ')[0]} {words}" for symbol, words, _ in FIGURES.values())
-    return f"{said}; R is the radius of the bounding sphere; digits in brackets are the standard error of the last ones"
+    entries = ", ".join(f"{symbol.partition(' ')[0]} {words}" for symbol, words, _ in FIGURES.values())
+    return f"{entries}; R is the radius of the bounding sphere; digits in brackets are the standard error of the last ones"
 
 
 def _shown(parts: Mapping[str, Group]) -> list[str]:

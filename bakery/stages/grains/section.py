@@ -145,7 +145,7 @@ def mesh_file(checker: "Checker", node: Node | None) -> None:
         return
     kind = PurePosixPath(name).suffix[1:].lower()
     if kind not in limits.KINDS:
-        kinds = ", ".join(f".{known}" for known in limits.KINDS[:-1])
+        kinds = ", ".join(f".{each_kind}" for each_kind in limits.KINDS[:-1])
         checker.report(node, f"found {show(name)}", f"expected a file that ends in {kinds} or .{limits.KINDS[-1]}")
         return
     try:
@@ -158,7 +158,7 @@ def mesh_file(checker: "Checker", node: Node | None) -> None:
         return
     checker.files.append(file)
     checker.found[node.place.key] = checker.meshes[node.place.key] = data, kind
-    different = {id(known): len(known) for known, _ in checker.meshes.values()}
+    different = {id(each_kind): len(each_kind) for each_kind, _ in checker.meshes.values()}
     if sum(different.values()) > MESHES >= sum(different.values()) - len(data):
         checker.report(node, f"found meshes of more than {MESHES >> 20} MiB together with {show(name)}", "expected smaller files")
 

@@ -65,7 +65,7 @@ def compute(inputs: dict, context) -> Result:
     table = np.insert(theta, 1, PEAK)
     classes = np.unique(np.append(1.0, inputs["classes"])) * inputs["radius"]
     # places of the recipe's own radius and of the law's among all that are traced
-    own, at = int(np.searchsorted(classes, inputs["radius"])), np.searchsorted(classes, inputs["classes"] * inputs["radius"])
+    index, at = int(np.searchsorted(classes, inputs["radius"])), np.searchsorted(classes, inputs["classes"] * inputs["radius"])
     if inputs["engine"] == "mitsuba":
         from bakery.physics.grains.mitsuba_walk import require
 
@@ -89,7 +89,7 @@ def compute(inputs: dict, context) -> Result:
             context.report(done / number, None, name)
             measured.append(_measured(grain, tree, trace, inputs, context, 1000 * k + i, done, number, name))
             done += 1
-        group, error, remarks = _group(component, grain, traced, measured, own, at if len(at) > 1 else None, table)
+        group, error, remarks = _group(component, grain, traced, measured, index, at if len(at) > 1 else None, table)
         members[name] = group
         reached = max(reached, error)
         notes += remarks
@@ -107,8 +107,8 @@ def _mesh_of(component: dict, triangles: int):
     try:
         return shapes.build(component["shape"], triangles)
     except ValueError as error:
-        what = component["file"] or component["shape"]["type"]
-        raise StageError(f"grain {component['name']}: {what}: {error}") from None
+        source = component["file"] or component["shape"]["type"]
+        raise StageError(f"grain {component['name']}: {source}: {error}") from None
 
 
 def _tree(grain, engine):
@@ -142,7 +142,7 @@ def _measured(grain, tree, trace, inputs, context, stream, done, number, name):
         paths_max=scatterometer.PATHS_MAX if paths is None else paths, map=context.map, report=report)
 
 
-def _group(component, grain, traced, measured, own, at, table):
+def _group(component, grain, traced, measured, class_index, at, table):
     """A component's group, its error in the stage's measure, remarks."""
     from bakery.physics.grains import traces
     from bakery.physics.medium import phase
@@ -163,7 +163,7 @@ def _group(component, grain, traced, measured, own, at, table):
             value, _ = phase.normalised(table, phase.phase_at(theta, value, table))
             error = phase.phase_at(theta, error, table)
         tables[name] = value, error
-        values[name], values[name + "_error"] = value[own], error[own]
+        values[name], values[name + "_error"] = value[class_index], error[class_index]
     walks = _walks(measured)
     total = {name: sum(getattr(stats, name) for stats in walks) for name in ("paths", "hits")}
     hits = max(total["hits"], 1)

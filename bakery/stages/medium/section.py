@@ -131,8 +131,8 @@ def coefficients(medium: Values) -> tuple[np.ndarray, np.ndarray]:
 
 def phase_keys(phase: Values) -> dict:
     """type, g (L,), spread (rad) and table (theta, value) of a phase function; None what its type does not have."""
-    known = vars(phase)
-    return {"type": phase.type, "g": known.get("g"), "spread": known.get("spread"), "table": known.get("file")}
+    keys = vars(phase)
+    return {"type": phase.type, "g": keys.get("g"), "spread": keys.get("spread"), "table": keys.get("file")}
 
 
 MEDIUM = RecipeSection("medium", Medium, "A continuous medium given by its coefficients: milk, wax, skin.", check, scatters=True)

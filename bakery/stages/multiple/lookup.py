@@ -29,10 +29,10 @@ def looked_up(asset, path: str, arguments: Mapping[str, float | tuple[float, ...
     UsageError : an argument is missing, has no effect, or more than one is a list
     """
     kind = path.rpartition("/")[2]
-    known = [name for name in UNITS if kind == "segment" or name != "length"]
-    useless = [name for name in arguments if name not in known]
+    keys = [name for name in UNITS if kind == "segment" or name != "length"]
+    useless = [name for name in arguments if name not in keys]
     if useless:
-        raise UsageError(f"{path}: {useless[0]} has no effect on it; {', '.join(known)} would")
+        raise UsageError(f"{path}: {useless[0]} has no effect on it; {', '.join(keys)} would")
     missing = [name for name in _NEEDED if name not in arguments]
     if missing:
         raise UsageError(f"{path}: {', '.join(missing)} missing; give rho=1 z=2 theta=30deg, and phi=…" + (", length=…" * (

@@ -157,14 +157,14 @@ def compute(inputs: dict, context) -> Result:
     values["phase"] = np.zeros_like(inputs["phase"])
     places: dict[str, dict] = {kind: {} for kind in inputs["sources"]}
     reached = 0.0
-    for number, kind, one in results:
-        lobe_table = one.table
+    for number, kind, computed in results:
+        lobe_table = computed.table
         for name in (*_OF_MEDIUM, "phase"):
-            values[name][number] = getattr(one, name)
+            values[name][number] = getattr(computed, name)
         values["k0"][number], values["extent"][number] = lobe_table.k0, lobe_table.extent
         figures = {"error": lobe_table.error, "error_with_solver": lobe_table.error_with_solver, "error_worst": lobe_table.worst}
         places[kind][f"w{number}"] = Group(datasets(
-            OUTPUTS, lobe_table.arrays() | {name: np.array([value]) for name, value in figures.items()} | one.counted,
+            OUTPUTS, lobe_table.arrays() | {name: np.array([value]) for name, value in figures.items()} | computed.counted,
             f"{kind}/WAVELENGTH/"))
         reached = max(reached, lobe_table.error_with_solver)
         if lobe_table.empty:

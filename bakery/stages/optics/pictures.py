@@ -28,7 +28,7 @@ def cross_sections(name: str, component: Group, um) -> Picture:
     extinction = component["extinction"].data[:, order]
     absorption = component["absorption"].data[:, order] if "absorption" in component.members else np.zeros_like(extinction)
     disk = np.pi * radius**2
-    found = methods.boundaries(name, component, um) if "method" in component.members else []
+    curves = methods.boundaries(name, component, um) if "method" in component.members else []
 
     def draw(figure):
         top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(1.25, 1.25, 1))
@@ -58,29 +58,29 @@ def cross_sections(name: str, component: Group, um) -> Picture:
         bottom.legend(loc="best")
         bottom.set_xlim(radius[0], radius[-1])
         plain_decades(bottom.xaxis)
-        _mark_rays((top, middle, bottom), found, um)
+        _mark_rays((top, middle, bottom), curves, um)
 
     columns = [("radius [um]", radius), ("weight [1]", weight)]
     for x, ext, absorbed in zip(um, extinction, absorption, strict=True):
         columns += [(f"extinction at {x:g} um [um^2]", ext), (f"absorption at {x:g} um [um^2]", absorbed)]
-    remarks = [methods.sentence(found, len(found) < len(um)) + ", cross sections are the series' own"] if found else []
+    remarks = [methods.sentence(curves, len(curves) < len(um)) + ", cross sections are the series' own"] if curves else []
     return Picture(f"{name}_cross_sections", f"Cross sections of {name}", "Of single particles against their radius, and how the "
                    f"particles and what they take out of a beam are spread over the radii.{sentences(remarks)}",
                    (9.2, 8.0), draw, tuple(columns))
 
 
-def _mark_rays(panels, found: Sequence[methods.Boundary], um) -> None:
+def _mark_rays(panels, curves: Sequence[methods.Boundary], um) -> None:
     """A line where rays take over from the series, in the colour of its wavelength."""
-    if not found:
+    if not curves:
         return
     ink = dict(zip(um.tolist(), colours(um), strict=True))
     for axes in panels:
-        for boundary in found:
+        for boundary in curves:
             axes.axvline(boundary.radius, color=ink[boundary.wavelength], linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=1)
     low, high = np.log(panels[0].get_xlim())
-    radii = [boundary.radius for boundary in found]
+    radii = [boundary.radius for boundary in curves]
     right = np.log(min(radii)) - low > high - np.log(max(radii))  # the words stand where there is more room
-    text = f"{found[0].below} left of the dots, rays right" if found[0].below else "rays from the dots on"
+    text = f"{curves[0].below} left of the dots, rays right" if curves[0].below else "rays from the dots on"
     panels[0].annotate(text, (min(radii) if right else max(radii), 0.97), xycoords=("data", "axes fraction"),
                        xytext=(-4 if right else 4, 0), textcoords="offset points", ha="right" if right else "left", va="top",
                        color=QUIET, fontsize=8.5)

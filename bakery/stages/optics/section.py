@@ -196,7 +196,7 @@ def _size_table(checker: "Checker", size: Mapping, key: str, host: Index | None,
         _size_parameter(checker, size[key], f"radius of {value:g} um in the table", float(value), host)
 
 
-def _size_parameter(checker: "Checker", node: Node, what: str, radius: float, host: Index | None) -> None:
+def _size_parameter(checker: "Checker", node: Node, noun: str, radius: float, host: Index | None) -> None:
     if host is None or checker.wavelength is None:
         return
     scale = 2 * math.pi * host.n / np.array(checker.wavelength)
@@ -205,7 +205,7 @@ def _size_parameter(checker: "Checker", node: Node, what: str, radius: float, ho
         x, least, most = (low if low < SMALLEST else high), SMALLEST / scale.min(), LARGEST / scale.max()
         checker.report(
             node,
-            f"found a {what}, size parameter {x:.3g}",
+            f"found a {noun}, size parameter {x:.3g}",
             f"expected size parameters {SMALLEST:g} to {LARGEST:g}, here {least:.3g} to {most:.3g} um",
         )
 
@@ -226,8 +226,8 @@ def check_phase(checker: "Checker", section: Mapping) -> None:
 
 def sizes(size: Values) -> SimpleNamespace:
     """A size as `bakery.physics.sizes.population` takes it: lengths in um; without a cut `min` and `max` are None."""
-    known = {"min": None, "max": None} | vars(size)
-    return SimpleNamespace(**known | {"of": tuple((part.share, sizes(part)) for part in known.get("of", ()))})
+    keys = {"min": None, "max": None} | vars(size)
+    return SimpleNamespace(**keys | {"of": tuple((part.share, sizes(part)) for part in keys.get("of", ()))})
 
 
 PARTICLES = RecipeSection("particles", Particles, "Suspended spheres: fog, dust, bubbles.", check_particles, scatters=True)

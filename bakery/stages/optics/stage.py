@@ -11,6 +11,8 @@ import numpy as np
 from bakery.errors import StageError
 from bakery.stages import declaration, measures, rules
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets, later
+from bakery.stages.optics.elements import ELEMENTS
+from bakery.stages.optics.quantities import QUERIES
 from bakery.stages.optics.section import PARTICLES, PHASE, sizes
 from bakery.store.tree import Dataset, Group, read_text, text
 
@@ -21,7 +23,6 @@ _SLOWER = 1.5
 _RAYS_LOADED = 1e8  # bytes
 METHODS = ("rayleigh", "mie", "goa")
 WEIGHTS = 0.2  # of what a component may be off: what the weights of several add, from cross sections held to a tenth of it
-ELEMENTS = ("s12", "s33", "s34")
 _REQUIRED = ("radius", "weight", "extinction", "scattering", "absorption", "method", "mean_extinction", "mean_scattering",
              "mean_absorption", "phase")
 OUTPUTS = (
@@ -335,4 +336,6 @@ STAGE = Stage(
                "phase.switch": "auto"},
     pictures=later("bakery.stages.optics.pictures:pictures"),
     remarks=later("bakery.stages.optics.methods:remarks"),
+    view=later("bakery.stages.optics.view:view"),
+    queries=QUERIES,
 )

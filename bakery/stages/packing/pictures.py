@@ -123,27 +123,27 @@ def chord_length(tile: Group):
     last = min(edges[-1], 8.5 * mean)
 
     def draw(figure):
-        left, right = figure.subplots(1, 2, width_ratios=(1.35, 1))
-        left.fill_between(edges, *(np.append(v, v[-1]) for v in (np.maximum(density - error, 1e-9 / mean), density + error)),
+        chords, tail = figure.subplots(1, 2, width_ratios=(1.35, 1))
+        chords.fill_between(edges, *(np.append(v, v[-1]) for v in (np.maximum(density - error, 1e-9 / mean), density + error)),
                           step="post", color=NEUTRAL[1], alpha=0.22, linewidth=0)
-        left.stairs(density, edges, baseline=None, color=NEUTRAL[1], linewidth=1.4, label="this tile")
+        chords.stairs(density, edges, baseline=None, color=NEUTRAL[1], linewidth=1.4, label="this tile")
         ends = np.array([0.0, last])
-        left.plot(ends, np.exp(-ends / mean) / mean, color=INK, linewidth=1.1, label="Dixmier: exponential")
+        chords.plot(ends, np.exp(-ends / mean) / mean, color=INK, linewidth=1.1, label="Dixmier: exponential")
         shown = density[(density > 0) & (edges[1:] <= last)]
-        left.set(yscale="log", xlim=(0, last), xlabel="chord (mean radii)", ylabel="probability density",
+        chords.set(yscale="log", xlim=(0, last), xlabel="chord (mean radii)", ylabel="probability density",
                  ylim=(0.3 * min(shown.min(), np.exp(-last / mean) / mean), 3 * density.max()))
-        left.set_title(f"Chords between spheres at fraction {fraction:.4g}")
-        left.legend(loc="upper right")
+        chords.set_title(f"Chords between spheres at fraction {fraction:.4g}")
+        chords.legend(loc="upper right")
         near = 5 * mean  # further out there is little to see but noise
-        right.axhline(1, color=INK, linewidth=1.1)
-        right.fill_between(edges, *(np.append(v, v[-1]) for v in ((density - error) / law, (density + error) / law)), step="post",
+        tail.axhline(1, color=INK, linewidth=1.1)
+        tail.fill_between(edges, *(np.append(v, v[-1]) for v in ((density - error) / law, (density + error) / law)), step="post",
                            color=NEUTRAL[1], alpha=0.22, linewidth=0)
-        right.stairs(density / law, edges, baseline=None, color=NEUTRAL[1], linewidth=1.4)
-        right.axvline(mean, color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)))
-        right.annotate(" mean", (mean, 0.02), xycoords=("data", "axes fraction"), color=QUIET, fontsize=8.5)
-        right.set(xlim=(0, near), ylim=(0, 1.15 * float(np.max((density / law)[edges[1:] <= near]))), xlabel="chord (mean radii)")
-        right.set_title("Over Dixmier's law")
-        right.grid(color=FAINT)
+        tail.stairs(density / law, edges, baseline=None, color=NEUTRAL[1], linewidth=1.4)
+        tail.axvline(mean, color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)))
+        tail.annotate(" mean", (mean, 0.02), xycoords=("data", "axes fraction"), color=QUIET, fontsize=8.5)
+        tail.set(xlim=(0, near), ylim=(0, 1.15 * float(np.max((density / law)[edges[1:] <= near]))), xlabel="chord (mean radii)")
+        tail.set_title("Over Dixmier's law")
+        tail.grid(color=FAINT)
 
     return Picture("chord_length", "Chord lengths", "Lengths between spheres along random straight lines.  Dixmier's law "
                    f"is exponential with the exact mean, {mean:.4g} mean radii.", (9.8, 4.1), draw,
@@ -174,23 +174,23 @@ def dictionary(packed: list[Group]) -> Iterator:
                   (3.4 * across, 0.4 + 2.7 * down), sheet,
                   tuple((f"{name} [1]", np.array([tile[name].data[0] for tile in packed])) for name in names))
 
-    known = [tile for tile in packed if "pair_correlation" in tile.members]
+    correlated = [tile for tile in packed if "pair_correlation" in tile.members]
 
     def multiples(figure):
         panels = np.atleast_1d(figure.subplots(down, across)).ravel()
-        for axes, tile in zip(panels, known, strict=False):
+        for axes, tile in zip(panels, correlated, strict=False):
             _draw_g2(axes, tile)
             axes.set_title(f"{_fraction(tile):.4g}")
-        for axes in panels[len(known):]:
+        for axes in panels[len(correlated):]:
             axes.set_axis_off()
         panels[0].legend(loc="upper right")
         figure.supxlabel("distance of centres (mean radii)", fontsize=9.5)
         figure.supylabel("g₂", fontsize=9.5)
 
-    if known:
+    if correlated:
         yield Picture("pair_correlation", "Pair correlation", "Density of centres around a sphere's centre over the mean "
                       "density, on a square-root axis.",
-                      (2.9 * across, 0.6 + 2.1 * down), multiples, _long(known, "pair_correlation", ("g", "g_error")))
+                      (2.9 * across, 0.6 + 2.1 * down), multiples, _long(correlated, "pair_correlation", ("g", "g_error")))
 
     def over_law(figure):
         axes = figure.subplots()

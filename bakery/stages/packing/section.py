@@ -114,9 +114,9 @@ def _tile(checker: "Checker", node: Node, fraction: float, radii: np.ndarray, ce
     most = limit(radii)
     if fraction > most:
         equal = np.ptp(radii) < 1e-9
-        what = "equal spheres" if equal else "these radii"
-        more = "; several sizes reach more (packing.radii)" if equal else ""
-        checker.report(node, f"found {fraction:g}", f"expected at most {most:.4g}, as far as {what} are packed at random{more}")
+        noun = "equal spheres" if equal else "these radii"
+        hint = "; several sizes reach more (packing.radii)" if equal else ""
+        checker.report(node, f"found {fraction:g}", f"expected at most {most:.4g}, as far as {noun} are packed at random{hint}")
         return
     width = room(fraction, radii, cell)
     if width <= 1 + 1e-6:
