@@ -108,8 +108,8 @@ def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: f
                 for part, number in zip(sums, done, strict=True)]
         new = _more(variances[worst], done, dear, tolerance, most - total[HITS])
         if error <= tolerance or not any(new):
-            shares = total[2:] / max(total[WALKS], 1.0)
-            return Measured(channels, int(total[HITS]), int(total[WALKS]), *map(float, shares), error <= tolerance)
+            shares = (total[2:] / max(total[WALKS], 1.0)).tolist()
+            return Measured(channels, int(total[HITS]), int(total[WALKS]), *shares, error <= tolerance)
 
 
 def _in_turn(function, tasks):
