@@ -37,6 +37,6 @@ def sections_for(name: str) -> tuple[tuple[str, ...], ...]:
     alternatives = []
     for stage in all_stages():
         if stage.name == name:
-            own = tuple(section.name for section in stage.sections if not section.beside)
-            alternatives.append(own or tuple(each for need in stage.needs for each in sections_for(need)[0]))
+            names = tuple(section.name for section in stage.sections if not section.beside)
+            alternatives.append(names or tuple(section_name for need in stage.needs for section_name in sections_for(need)[0]))
     return tuple(dict.fromkeys(alternatives))

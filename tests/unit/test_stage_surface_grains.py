@@ -53,6 +53,7 @@ def heap(bake):
     return bake("heap", "{}")
 
 
+@pytest.mark.slow
 def test_what_is_offered_is_that_of_plane_layers(heap):
     surface = heap.surface
     assert surface.reflectance(THETA[:, None], THETA, 1.0).shape == (2, 5, 5) and surface.albedo(THETA).shape == (2, 5)
@@ -65,6 +66,7 @@ def test_what_is_offered_is_that_of_plane_layers(heap):
     np.testing.assert_array_equal(answer.values, surface.reflectance(np.radians(30), np.radians([0, 60]), math.pi))
 
 
+@pytest.mark.slow
 def test_lobes_add_up_to_albedos(heap):
     """Within the tolerance: at normal incidence few cells are passed."""
     x, weight = np.polynomial.legendre.leggauss(40)
@@ -74,6 +76,7 @@ def test_lobes_add_up_to_albedos(heap):
         np.testing.assert_allclose(lobe.mean(axis=-1) @ (2 * mu * 0.5 * (1 + x) * weight), heap.surface.albedo(theta), rtol=0.12)
 
 
+@pytest.mark.slow
 def test_errors_are_those_asked_for(heap):
     group = heap.tree["surface"]
     assert group.attributes["achieved_error"] <= 0.1 and group["noise"].data.shape == (2, 12, 8, 8)
@@ -82,6 +85,7 @@ def test_errors_are_those_asked_for(heap):
     assert set(files) == {"surface_reflected.csv", "surface_albedo.csv"} and "surface/reflected" in told
 
 
+@pytest.mark.slow
 def test_a_part_that_is_missing_is_told(heap):
     group = heap.tree["surface"]
     without = Group({name: member for name, member in group.members.items() if name != "scale"}, dict(group.attributes))
@@ -90,6 +94,7 @@ def test_a_part_that_is_missing_is_told(heap):
     assert list(grains.check(Group({**group.members, "order_albedo": more}, dict(group.attributes))))
 
 
+@pytest.mark.slow
 def test_layers_are_those_of_the_medium(bake):
     """A thickness or a boundary makes grains a medium, and so does the recipe where it says so."""
     layer = bake("layer", "{thickness: 5 mm, tolerance: 5%}")

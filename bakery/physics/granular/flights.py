@@ -79,13 +79,13 @@ def flight_to_sphere(o, d, remaining, cell, m, start, image, owner, limit, cells
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def flight_in_half_space(o, d, left, cell, m, start, image, owner, limit, met, to, base, top):
+def flight_in_half_space(o, d, remaining, cell, m, start, image, owner, limit, cells, to, base, top):
     """`flight_to_sphere` among those spheres alone whose centres lie below a plane across the tile's third axis.
 
     base, top : number of a copy along that axis, and the plane in its frame
     """
     h0, h1, h2 = cell[0] / m[0], cell[1] / m[1], cell[2] / m[2]
-    skip, far_i, far_j, far_k = left[0], left[1], left[2], left[3]
+    skip, far_i, far_j, far_k = remaining[0], remaining[1], remaining[2], remaining[3]
     i, j, k = math.floor(o[0] / cell[0]), math.floor(o[1] / cell[1]), math.floor(o[2] / cell[2])
     ox, oy, oz = o[0] - i * cell[0], o[1] - j * cell[1], o[2] - k * cell[2]
     i, j, k = i + far_i, j + far_j, k + far_k
@@ -101,8 +101,8 @@ def flight_in_half_space(o, d, left, cell, m, start, image, owner, limit, met, t
     every_z = h2 / abs(dz) if dz != 0 else np.inf
     best = limit
     while True:
-        here, highest = (a * m[1] + b) * m[2] + c, top - (k - base) * cell[2]
-        for s in range(start[here], start[here + 1]):
+        bin_index, highest = (a * m[1] + b) * m[2] + c, top - (k - base) * cell[2]
+        for s in range(start[bin_index], start[bin_index + 1]):
             if image[s, 2] > highest:
                 continue
             x, y, z = image[s, 0] - ox, image[s, 1] - oy, image[s, 2] - oz
@@ -117,7 +117,7 @@ def flight_in_half_space(o, d, left, cell, m, start, image, owner, limit, met, t
                                          and owner[s, 3] + k == far_k):
                         best = t
                         to[0], to[1], to[2] = x, y, z
-                        met[0], met[1], met[2], met[3] = owner[s, 0], owner[s, 1] + i, owner[s, 2] + j, owner[s, 3] + k
+                        cells[0], cells[1], cells[2], cells[3] = owner[s, 0], owner[s, 1] + i, owner[s, 2] + j, owner[s, 3] + k
         if wall_x <= wall_y and wall_x <= wall_z:
             if best <= wall_x:
                 return best

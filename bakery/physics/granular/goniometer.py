@@ -174,11 +174,11 @@ def together(goniometer: Goniometer, short, through) -> Counts:
     """
     a, b = goniometer.unpacked(short), goniometer.unpacked(through)
     late, inside = b.entered[:, kernel.LATE].sum(axis=-1), b.inside.sum(axis=-1)
-    more = 1 + np.divide(inside.sum(axis=0), late.sum(axis=0), out=np.zeros(late.shape[1]), where=late.sum(axis=0) > 0)
+    boost = 1 + np.divide(inside.sum(axis=0), late.sum(axis=0), out=np.zeros(late.shape[1]), where=late.sum(axis=0) > 0)
 
     def by_order(name):
         x, y = getattr(a, name), getattr(b, name)
-        higher = y[:, kernel.HIGHER] + more[:, None] * y[:, kernel.LATE]
+        higher = y[:, kernel.HIGHER] + boost[:, None] * y[:, kernel.LATE]
         return np.stack([x[:, 0] + y[:, 0], x[:, 1] + y[:, 1], higher], axis=1)
 
     higher = b.entered[:, kernel.HIGHER:].sum(axis=(1, 3))

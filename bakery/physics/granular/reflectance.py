@@ -97,10 +97,10 @@ def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: f
                 sums[kind] = sums[kind] + goniometer.counted(new[kind], done[kind], kind == 1, map)
                 done[kind] += new[kind]
         counts = together(goniometer, *sums)
-        each, variances = zip(*(_reflectance(fit, counts, c, bool(goniometer.lossless[c])) for c, fit in enumerate(fits)),
+        channels, variances = zip(*(_reflectance(fit, counts, c, bool(goniometer.lossless[c])) for c, fit in enumerate(fits)),
                               strict=True)
-        worst = int(np.argmax([channel.achieved_error for channel in each]))
-        error, total = each[worst].achieved_error, counts.sums.sum(axis=0)
+        worst = int(np.argmax([channel.achieved_error for channel in channels]))
+        error, total = channels[worst].achieved_error, counts.sums.sum(axis=0)
         if report is not None:
             report(min(1.0, tolerance / max(error, 1e-300)), error)
         # hits of a walk of either kind
@@ -108,8 +108,8 @@ def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: f
                 for part, number in zip(sums, done, strict=True)]
         new = _more(variances[worst], done, dear, tolerance, most - total[HITS])
         if error <= tolerance or not any(new):
-            shares = total[2:] / max(total[WALKS], 1.0)
-            return Measured(each, int(total[HITS]), int(total[WALKS]), *(float(share) for share in shares), error <= tolerance)
+            shares = (total[2:] / max(total[WALKS], 1.0)).tolist()
+            return Measured(channels, int(total[HITS]), int(total[WALKS]), *shares, error <= tolerance)
 
 
 def _in_turn(function, tasks):
