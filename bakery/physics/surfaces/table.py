@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.physics.surfaces import fresnel
+from bakery.physics.surfaces.corrected import Corrected
 from bakery.physics.surfaces.look_up import surface_reflectance, surface_transmittance
 from bakery.physics.surfaces.nodes import coordinate, interpolation
 from bakery.system.compiled import njit
@@ -86,11 +87,13 @@ def surface_table(solutions: Sequence, tolerance: float = TOLERANCE) -> tuple[Su
 
     Parameters
     ----------
-    solutions : `solution.Solution` or `covered.Covered` of each of L wavelengths, of the same layer, base or none, and boundary
+    solutions : `solution.Solution`, `covered.Covered` or `corrected.Corrected` of each of L wavelengths, of the same layer, base
+        or none, and boundary
     tolerance : largest relative error, which the finest grid may miss: the errors say so
     """
     probes = probed(solutions)
-    for nodes, azimuths in GRIDS:
+    # factors of cells are not smooth: only the finest grid will do
+    for nodes, azimuths in GRIDS[-1:] if isinstance(solutions[0], Corrected) else GRIDS:
         table = _sampled(solutions, nodes, azimuths)
         errors = errors_of(table, probes)
         if errors.largest <= tolerance:
@@ -128,6 +131,8 @@ def _evaluate(table, mu, mu0, cos_phi, values):
 
 
 def _sampled(solutions, nodes: int, azimuths: int) -> SurfaceTable:
+    if isinstance(solutions[0], Corrected):
+        return _counted(solutions, nodes, azimuths)
     first = solutions[0].slab
     rough = first.roughness > 0 and first.index != 1
     s = np.sin(first.theta / 2) ** 2
@@ -146,6 +151,15 @@ def _sampled(solutions, nodes: int, azimuths: int) -> SurfaceTable:
         np.clip(buckets, 0, len(phase[0]) - 2).astype(np.int64),
         np.stack([_grid(solution, solution.reflected, nodes, azimuths) for solution in solutions]),
         np.stack(transmitted) if free else np.zeros((0, 1, 1, 1), np.float32), free)
+
+
+def _counted(solutions, nodes: int, azimuths: int) -> SurfaceTable:
+    """Of layers that are counted among grains: all of their light is in the grid, that of the first order too."""
+    medium = _sampled([solution.solution for solution in solutions], 2, 2)
+    mu = np.maximum(cosines(nodes, 1.0), _GRAZING)
+    at = mu[:, None, None], mu[:, None], angles(azimuths)
+    grid = np.stack([solution.reflection(*at) for solution in solutions]) * (at[0] + at[1])
+    return medium._replace(once=np.zeros(len(solutions)), reflected=np.ascontiguousarray(grid, np.float32))
 
 
 def _grid(solution, orders, nodes: int, azimuths: int):

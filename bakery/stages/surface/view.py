@@ -67,6 +67,29 @@ class Surface(Members):
         values = albedo_at(self._group, cosine.ravel())
         return self._layers(values.reshape(*values.shape[:2], *cosine.shape))
 
+    def table(self, layer: int = 0):
+        """What compiled loops and plugins look up, and its errors: `bakery.kernels.surface_reflectance` takes it.
+
+        Parameters
+        ----------
+        layer : position of the thickness
+
+        Returns
+        -------
+        table : `bakery.physics.surfaces.table.SurfaceTable`
+        errors : `bakery.physics.surfaces.table.Errors`
+
+        Raises
+        ------
+        UsageError : no such layer
+        """
+        from bakery.physics.surfaces.table import surface_table
+
+        count = self["reflected"].shape[1]
+        if not 0 <= layer < count:
+            raise UsageError(f"surface: found no layer {layer}; it has {count}: 0 to {count - 1}")
+        return surface_table([row[layer] for row in self._rows()])
+
     def _rows(self) -> list[list]:
         """Of each wavelength, the solution of each layer."""
         if "_solutions" not in self.__dict__:

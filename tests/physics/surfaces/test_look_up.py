@@ -9,6 +9,7 @@ import pytest
 
 from bakery.kernels import surface_reflectance, surface_transmittance
 from bakery.physics.surfaces import fresnel, table
+from bakery.physics.surfaces.corrected import Corrected, Factors
 from tests.physics.surfaces.layers import LAYERS, solutions
 from tests.physics.surfaces.layers import table as table_of
 
@@ -72,3 +73,20 @@ def test_nothing_enters_beyond_the_critical_angle():
     looked_up, _ = table_of("lighter")
     assert surface_reflectance(looked_up, 0, 0.5, 0.9, 0.0) == 0  # cos 0.6 is critical
     assert surface_reflectance(looked_up, 0, 0.7, 0.9, 0.0) > 0
+
+
+def test_light_counted_among_grains_is_looked_up():
+    """Factors of a made-up packing, with a peak straight back: what the compiled loops say against what the asset says."""
+    rng = np.random.default_rng(7)
+    back = 1 + 2 * np.exp(-np.arange(48) / 3.0)[:, None, None] * np.ones((48, 8, 8))
+    factors = Factors((back, *(1 + 0.1 * rng.random((2, 12, 8, 8)))), np.linspace(1.1, 0.9, 36).reshape(3, 12), 0.01)
+    counted = [Corrected(solution, factors) for solution in solutions("tinted")]
+    looked_up, errors = table.surface_table(counted)
+    assert errors.mean_square < 0.01
+    mu, mu0 = rng.uniform(0.05, 1, (2, 300))
+    phi = rng.uniform(0, math.pi, 300)
+    for wave, solution in enumerate(counted):
+        values = [surface_reflectance(looked_up, wave, *at) for at in zip(mu, mu0, np.cos(phi), strict=True)]
+        exact = solution.reflection(mu, mu0, phi)
+        assert np.abs(values / exact - 1).max() < 0.05 and np.sqrt(np.mean((values / exact - 1) ** 2)) < 0.01
+        assert np.abs(exact / solution.solution.reflection(mu, mu0, phi) - 1).max() > 0.2  # the medium would not do
