@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bakery.export.medium import Scattering
-from bakery.physics.moments import MOST, legendre_moments, legendre_series
+from bakery.physics.moments import MOST, legendre_moments, legendre_series, series_error
 
 FEWEST = 128  # orders that are always there, so that delta-M finds the one behind the last of up to 128 streams
 
@@ -23,7 +23,7 @@ class Ordinates:
     sigma_t : (L,) 1/m
     omega : (L,) 1, single-scattering albedo
     moments : (L, N + 1) 1, chi_l of the phase function without the factor 2 l + 1; chi_0 = 1, chi_1 = g
-    cut : (L,) 1, bound of the integral over the sphere of |phase function - series|, a share of the scattered light
+    cut : (L,) 1, integral over the sphere of |phase function - series|, a share of the scattered light
     mu, phase : (A,) 1, cosine of the scattering angle, ascending; (L, A) 1, phase function with the integral 2 over mu
     thickness : (T,) m, or None
     """
@@ -60,7 +60,7 @@ def ordinates(wavelength, medium: Scattering, tolerance: float, thickness=None, 
         series = legendre_series(medium.theta, medium.phase, tolerance, MOST)
         orders, cut = series.moments.shape[-1] - 1, series.cut
     else:
-        cut = legendre_series(medium.theta, medium.phase, np.finfo(float).tiny, orders).cut
+        cut = series_error(medium.theta, medium.phase, orders)
     moments = legendre_moments(medium.theta, medium.phase, max(orders, FEWEST))
     moments /= moments[:, :1]  # 1 to the last bit, as PythonicDISORT asks for
     mu = np.cos(medium.theta)[::-1]

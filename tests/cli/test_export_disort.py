@@ -93,13 +93,13 @@ def test_the_file_holds_the_medium(exported):
 
 @pytest.mark.parametrize("orders", [2, 8, 40])
 def test_what_is_cut_is_stated(exported, orders):
-    """The integral of what a series misses stays below the bound, and the warning says how much that may be."""
+    """The integral of what a series misses, and the warning says how much that is."""
     tree = small_asset()
     cloud, report, _ = exported(tree, "--moments", str(orders))
     theta, phase = tree["medium/theta"].data, tree["medium/phase"].data
     fine = np.union1d(theta, np.linspace(0, math.pi, 20001))
     missed = phase_integral(fine, np.abs(phase_at(theta, phase, fine) - phase_of(cloud["moments"][:, :orders + 1], fine)))
-    assert (missed <= cloud["cut"] * (1 + 1e-3)).all() and (cloud["cut"] < 20 * missed).all()
+    np.testing.assert_allclose(cloud["cut"], missed, rtol=0.05)
     assert [lost["cut"] for lost in report["lost"]] == cloud["cut"].tolist()
     assert bool(report["warnings"]) == (cloud["cut"].max() > 0.01)
 

@@ -22,6 +22,7 @@ from bakery.grammar.fields import Leaf
 from bakery.grammar.section import Section
 from bakery.recipe import schema
 from bakery.run import execute, prepare
+from tests.libradtran import libradtran
 
 HEAD = {"bakery": 1, "name": "x", "description": "", "wavelengths": [0.55, 0.6], "seed": 0, "tolerance": 0.1,
         "measure": "pointwise", "sweep": "none"}
@@ -85,13 +86,16 @@ BASES = {
             ("d", {"mass_concentration": "1 ug/m^3"}, {"density": "1 g/cm^3"}))]}},
     "indices": {"particles": {"host": {"n": 1.3}, "volume_fraction": 0.01, "components": [
         {**DROP, "material": {"n": 1.5, "k": 0.1}}]}},
-    "files": {"particles": {"host": {"file": "clear.csv"}, "volume_fraction": 0.01, "components": [
+    "files": {"particles": {"host": {"file": "clear.csv", "relative_to": "air"}, "volume_fraction": 0.01, "components": [
         {**DROP, "material": {"file": "index.csv"}}]}},
+    "file of droplets": {"medium": {"file": "radii.cdf", "mass_concentration": "1 g/m^3", "effective_radius": "7 um"}},
+    "file of an aerosol": {"medium": {"file": "humid.cdf", "mass_concentration": "10 ug/m^3", "humidity": 0.5}},
     "hg": _medium({"type": "hg", "g": 0.5}, multiple_scattering={
         "sources": ["point"], "extent": 2, "length": 1, "tolerance": 0.1, "orders": 8, "method": "solver", "photons": "auto"}),
     "beam": _medium({"type": "hg", "g": 0.5}, beam={"depth": 1, "photons": 1000, "tolerance": 0.5}),
     "surface": _medium({"type": "hg", "g": 0.5}, surface={
-        "thickness": "1 mm", "boundary": {"index": 1.3, "roughness": 0.2}, "base": {"albedo": 0.5}, "tolerance": 0.1}),
+        "thickness": "1 mm", "boundary": {"index": 1.3, "roughness": 0.2}, "base": {"albedo": 0.5}, "tolerance": 0.1,
+        "method": "medium"}),
     "photons": _medium(NOTHING, multiple_scattering={"method": "photons", "photons": 1000}),
     "isotropic": {"medium": {"sigma_s": "1 /mm", "sigma_a": "1 /mm", "phase": NOTHING}},
     "rayleigh": _medium({"type": "rayleigh"}),
@@ -147,6 +151,8 @@ def folder(tmp_path_factory):
     (made / "growth.csv").write_text("relative_humidity_percent,growth_factor\n0,1\n90,2\n")
     (made / "index.csv").write_text("0.3,1.3\n0.9,1.4\n")
     (made / "clear.csv").write_text("0.3,1.1\n0.9,1.2\n")
+    libradtran(made / "radii.cdf", reff=[5, 10])
+    libradtran(made / "humid.cdf", hum=[0, 50, 80])
     (made / "phase.csv").write_text("theta_deg,value\n0,2\n180,1\n")
     (made / "grain.ply").write_text(PLY)
     np.save(made / "grid.npy", np.arange(1.0, 9.0).reshape(2, 2, 2))

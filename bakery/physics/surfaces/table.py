@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bakery import rng
 from bakery.physics.surfaces import fresnel
 from bakery.physics.surfaces.corrected import Corrected
 from bakery.physics.surfaces.look_up import surface_reflectance, surface_transmittance
@@ -103,10 +104,10 @@ def surface_table(solutions: Sequence, tolerance: float = TOLERANCE) -> tuple[Su
 
 def probed(solutions: Sequence, count: int = PROBES):
     """Cosines and azimuth (3, Q) of pairs of directions, and exact reflectance and transmittance (L, Q) of each."""
-    rng = np.random.default_rng(20)  # places, at which nothing is estimated
-    grazing = np.where(rng.random((2, count)) < 0.5, 1, 3)
-    mu, mu0 = np.maximum(rng.random((2, count)) ** grazing, _GRAZING)
-    at = np.stack([mu, mu0, math.pi * rng.random(count)])
+    random = rng.generator(0, "surface.probes")
+    grazing = np.where(random.random((2, count)) < 0.5, 1, 3)
+    mu, mu0 = np.maximum(random.random((2, count)) ** grazing, _GRAZING)
+    at = np.stack([mu, mu0, math.pi * random.random(count)])
     return at, np.stack([solution.reflection(*at) for solution in solutions]), \
         np.stack([solution.transmission(*at) for solution in solutions])
 
