@@ -88,9 +88,9 @@ class RecipeSection:
     beside: str = ""
 
 
-def later(place: str) -> Callable:
+def later(target: str) -> Callable:
     """The function at a place, `bakery.stages.beam.pictures:pictures`, whose module is imported when it is first called."""
-    module, _, name = place.partition(":")
+    module, _, name = target.partition(":")
 
     def called(*arguments):
         return getattr(import_module(module), name)(*arguments)

@@ -82,8 +82,8 @@ def _turn(scene, path, shown):
     through = event.meets & (event.crosses | clear) & (shown.turns < _TURNS)
     stops = event.meets & ~through
     normal = dr.mulsign(mi.Vector3f(surface.sh_frame.n), -dr.dot(surface.sh_frame.n, towards))
-    place = dr.select(event.scatters, event.position, surface.p)
-    way = dr.select(event.misses, dr.inf, shown.way + dr.norm(place - origin))
+    position = dr.select(event.scatters, event.position, surface.p)
+    path_length = dr.select(event.misses, dr.inf, shown.way + dr.norm(position - origin))
 
     medium = scene.seen(scene.media.albedo(event.medium), mi.Color3f(1), event.scatters)
     emitted = surface.emitter(scene.scene, stops | event.misses).eval(surface, stops | event.misses)
@@ -93,7 +93,7 @@ def _turn(scene, path, shown):
 
     shown.albedo = dr.select(alive & ~through, albedo, shown.albedo)
     shown.normal = dr.select(event.meets, normal, dr.select(event.misses, 0, shown.normal))
-    shown.way = dr.select(alive, way, shown.way)
+    shown.way = dr.select(alive, path_length, shown.way)
     shown.turns += 1
     onward, _ = bsdf.sample(mi.BSDFContext(), surface, _THROUGH, mi.Point2f(0.5), through & ~event.crosses)
     ray = surface.spawn_ray(surface.to_world(onward.wo))

@@ -193,8 +193,8 @@ def _add_by_light(scene, sums, lane, radiance, emitter):
     number = scene.light_number(emitter)
     active = (number >= 0) & ((radiance[0] != 0) | (radiance[1] != 0) | (radiance[2] != 0))
     for c in range(3):
-        place = (lane * scene.lights + mi.UInt32(number)) * 3 + c
-        dr.scatter_reduce(dr.ReduceOp.Add, sums, radiance[c], place, active, dr.ReduceMode.NoConflicts)
+        slot = (lane * scene.lights + mi.UInt32(number)) * 3 + c
+        dr.scatter_reduce(dr.ReduceOp.Add, sums, radiance[c], slot, active, dr.ReduceMode.NoConflicts)
 
 
 def advance(scene, path):

@@ -67,7 +67,7 @@ def mesh(vertices, faces, bounds=FREE, solid=False) -> Region:
 def next_boundary(region, origin, direction, inside, distance, begin, end):
     """Whether rays (n, 3) start in a region, inside (n,), and distance (n,) m to where they next come out of it or into it."""
     region = lent(region)
-    lo, hi, room = region.lo, region.hi, mesh_scratch()
+    lo, hi, scratch = region.lo, region.hi, mesh_scratch()
     c, s, meshed = region.centre, region.scale, region.nodes.size > 1
     for i in range(begin, end):
         inside[i], distance[i] = False, np.inf
@@ -90,14 +90,14 @@ def next_boundary(region, origin, direction, inside, distance, begin, end):
             continue
         t = max(near, 0.0)
         dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]
-        at, way = nearest_triangle(
+        at, crossing = nearest_triangle(
             region.nodes, region.children, region.blocks, (origin[i, 0] + t * dx - c[0]) / s, (origin[i, 1] + t * dy - c[1]) / s,
-            (origin[i, 2] + t * dz - c[2]) / s, dx, dy, dz, np.int64(-1), room)
+            (origin[i, 2] + t * dz - c[2]) / s, dx, dy, dz, np.int64(-1), scratch)
         if at < 0:
             continue
         x, y, z = triangle_normal(region.blocks, at)
         inside[i] = x * dx + y * dy + z * dz > 0.0
-        distance[i] = t + way * s
+        distance[i] = t + crossing * s
 
 
 class Places:
@@ -123,12 +123,12 @@ class Places:
 
     def around_of(self, number) -> list[int]:
         """Materials outside of one that its region may keep out."""
-        return [other for other in range(len(self.regions)) if self.rank[other] > self.rank[number] and
-                not self.regions[other].solid and self._meet(number, other)]
+        return [outer for outer in range(len(self.regions)) if self.rank[outer] > self.rank[number] and
+                not self.regions[outer].solid and self._meet(number, outer)]
 
     def within(self, number) -> list[int]:
         """Materials that may be inside of one."""
-        return [other for other in range(len(self.regions)) if self.rank[other] < self.rank[number] and self._meet(number, other)]
+        return [inner for inner in range(len(self.regions)) if self.rank[inner] < self.rank[number] and self._meet(number, inner)]
 
     def _meet(self, number, other):
         mine, its = self.regions[number].box, self.regions[other].box

@@ -119,9 +119,9 @@ class Refractions:
         walk.rays += 1
         refracted, transmits = self._refracted(walk, dr.select(meets, row, 0), hit.prim_uv)
         corrected = _corrected(walk, x, y, ahead)
-        going = arrives & ~corrected.ends & (walk.steps < _STEPS) & dr.all(dr.isfinite(corrected.towards))
+        goes_on = arrives & ~corrected.ends & (walk.steps < _STEPS) & dr.all(dr.isfinite(corrected.towards))
         ended = arrives & corrected.ends
-        active = (meets & transmits | going) & (walk.rays < _RAYS)
+        active = (meets & transmits | goes_on) & (walk.rays < _RAYS)
         new = _started(corrected, x)
         for name in vars(walk):
             kept = dr.select(arrives, getattr(corrected, name), getattr(walk, name))

@@ -100,9 +100,9 @@ class Regions:
             point = ray(start)
             start_beyond = start + _BEYOND * dr.maximum(dr.maximum(dr.max(dr.abs(point)), dr.max(dr.abs(ray.o))), start)
             surface = scene.ray_intersect(mi.Ray3f(ray(start_beyond), ray.d), mi.RayFlags.Minimal, False, active)
-            met = active & surface.is_valid()
-            inside |= dr.select(met & (dr.dot(surface.n, ray.d) > 0), bit, mi.UInt32(0))
-            end = dr.select(met, dr.minimum(end, start_beyond + surface.t), end)
+            reached = active & surface.is_valid()
+            inside |= dr.select(reached & (dr.dot(surface.n, ray.d) > 0), bit, mi.UInt32(0))
+            end = dr.select(reached, dr.minimum(end, start_beyond + surface.t), end)
         return inside, end
 
 

@@ -108,10 +108,10 @@ def _seen(scene, position, normal, lamp, numbers, panes=()):
     """
     position, normal = (kind(*map(mi.Float, rows)) for kind, rows in ((mi.Point3f, position), (mi.Vector3f, normal)))
     point = lamp.sample_position(0.0, mi.Point2f(*(mi.Float(column) for column in numbers.T.astype(np.float32))))
-    distance, way = dr.norm(point.p - position), dr.normalize(point.p - position)
-    angle = dr.maximum(dr.dot(normal, way), 0) * dr.maximum(-dr.dot(point.n, way), 0) / (point.pdf * dr.square(distance))
+    distance, toward = dr.norm(point.p - position), dr.normalize(point.p - position)
+    angle = dr.maximum(dr.dot(normal, toward), 0) * dr.maximum(-dr.dot(point.n, toward), 0) / (point.pdf * dr.square(distance))
     surface = mi.SurfaceInteraction3f(point, dr.zeros(mi.Color0f))
-    surface.wi = surface.to_local(-way)
+    surface.wi = surface.to_local(-toward)
     radiance = dr.mean(lamp.emitter().eval(surface, angle > 0))
     active, ratio = _passes(scene, position, normal, point.p, angle > 0, panes)
     angle = np.array(dr.select(active, angle, 0), float)

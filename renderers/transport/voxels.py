@@ -130,9 +130,9 @@ def _walls(grid, cell):
 def _column(grid, corners, cell, begin, end):
     """Of a piece of a ray in a cell, by Simpson's rule."""
     def density(t):
-        place = dr.clip(dr.clip(grid.origin + t * grid.slope, 0, grid.last) - mi.Vector3f(cell), 0, 1)
+        position = dr.clip(dr.clip(grid.origin + t * grid.slope, 0, grid.last) - mi.Vector3f(cell), 0, 1)
         values = corners
-        for share in (place.z, place.y, place.x):
+        for share in (position.z, position.y, position.x):
             values = [dr.lerp(a, b, share) for a, b in zip(values[::2], values[1::2])]
         return values[0]
 

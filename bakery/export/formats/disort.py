@@ -50,7 +50,7 @@ def write(job: Job) -> Written:
             for um, omega, chi, cut in zip(cloud.wavelength.tolist(), cloud.omega, cloud.moments, cloud.cut, strict=True)]
     lines = [f"{orders + 1} Legendre moments a wavelength, chi_l without the factor 2 l + 1",
              *table([("", "albedo", "g", "cut with the others"), *rows]),
-             "cut: integral of |phase function - series|, twice the share of the scattered light that the series sends elsewhere; "
+             "cut: integral of |phase function - series|, twice the share of scattered light that the series sends elsewhere; "
              "`phase` over `mu` holds all of it."]
     if medium.delta.any():
         lines.append(f"unscattered (delta) transmission of grains, up to {100 * medium.delta.max():.3g} % of what they scatter, "

@@ -185,7 +185,7 @@ def _size_table(checker: "Checker", size: Mapping, key: str, host: Index | None,
         _size_parameter(checker, size[key], f"radius of {value:g} um in the table", float(value), host)
 
 
-def _size_parameter(checker: "Checker", node: Node, what: str, radius: float, host: Index | None) -> None:
+def _size_parameter(checker: "Checker", node: Node, noun: str, radius: float, host: Index | None) -> None:
     if host is None or checker.wavelength is None:
         return
     scale = 2 * math.pi * host.n / np.array(checker.wavelength)
@@ -194,7 +194,7 @@ def _size_parameter(checker: "Checker", node: Node, what: str, radius: float, ho
         x, least, most = (low if low < SMALLEST else high), SMALLEST / scale.min(), LARGEST / scale.max()
         checker.report(
             node,
-            f"found a {what}, size parameter {x:.3g}",
+            f"found a {noun}, size parameter {x:.3g}",
             f"expected size parameters {SMALLEST:g} to {LARGEST:g}, here {least:.3g} to {most:.3g} um",
         )
 

@@ -124,8 +124,8 @@ def _brings(r, ahead, back, k0, g):
     # light keeps its direction the less, the farther it has come: two Henyey-Greenstein lobes, of the way and of the view
     lobe = g * g / (1 + (1 - g) * r)
     from_source, to_eye = 1 + lobe * lobe - 2 * lobe * ahead, 1 + lobe * lobe - 2 * lobe * back
-    both = (1 - lobe * lobe) / (from_source * to_eye)
-    lobes = _ANYWAY + (1 - _ANYWAY) * both * math.sqrt(both * (1 - lobe * lobe))
+    spread = (1 - lobe * lobe) / (from_source * to_eye)
+    lobes = _ANYWAY + (1 - _ANYWAY) * spread * math.sqrt(spread * (1 - lobe * lobe))
     # 1 / exp(far), as far as it matters
     return lobes * (near + 1) / (near * near * (1 + far * (1 + far * (0.5 + far * (1 / 6 + far / 24)))))
 

@@ -44,12 +44,12 @@ def advance(geometry, medium, shells, most, waits, origin, direction, weight, st
             straight = events[i] >= most
             at = largest(shells.radii, radii, clearance(geometry, origin, i)) if radii > 0 and not straight else -1
             if at >= 0:
-                met = jump(shells, at, origin, direction, weight, states, i)
+                jumped = jump(shells, at, origin, direction, weight, states, i)
                 start[i], far[i] = -1, np.nan
-                events[i] += met
-                bounces[i] += met
+                events[i] += jumped
+                bounces[i] += jumped
                 # the event that drew the direction took no light sample
-                single[i] |= met > 0
+                single[i] |= jumped > 0
                 roulette(weight, states, bounces, alive, i, i + 1)
                 if not alive[i]:
                     status[i] = DEAD
@@ -121,13 +121,13 @@ def lit(medium, colours, sigma, inside, seen, direction, weight, towards, radian
         for k in range(3):
             cosine += direction[i, k] * towards[i, k]
         mean = mean_phase(medium, 0, weight, i, min(max(1 - cosine, 0.0), 2.0), values)
-        both = 1.0 if delta[i] else sampled[i] / (sampled[i] + mean)
+        weighted = 1.0 if delta[i] else sampled[i] / (sampled[i] + mean)
         for w in range(waves):
             deep = 0.0
             for body in range(len(sigma)):
                 if inside[i, body] > 0.0:
                     deep += sigma[body, w] * inside[i, body]
-            share[w] = weight[i, w] * medium.albedo[w] * values[w] * both * math.exp(-deep)
+            share[w] = weight[i, w] * medium.albedo[w] * values[w] * weighted * math.exp(-deep)
         to_rgb(colours, share, radiance[i], added[i])
 
 

@@ -112,7 +112,7 @@ class Joins(NamedTuple):
         brought, facing = np.zeros((3, *lines.weight.shape)), np.empty((len(rows), 3))
         run(_dipole.boundary_normals, len(rows), setup.geometry, lines.origin, lines.direction, facing)
         for its in self.sets:
-            beams, cells, radius, rival = (one[number] for one in its)
+            beams, cells, radius, rival = (part[number] for part in its)
             run(_beams.join, len(rows), medium, beams, cells, radius, rival, lines.origin, lines.direction, facing, lengths,
                 brought, block=64)
         for order, values in enumerate(brought):

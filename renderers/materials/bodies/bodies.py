@@ -133,9 +133,9 @@ def _reaches(box, body):
     low, high = box + 1e-5 * float(np.ptp(body.vertices, axis=0).max()) * np.array([[1.0], [-1.0]])
     if not np.all(low < high):
         return False
-    met, vertices = np.zeros((1, 1, 1), np.uint8), np.ascontiguousarray(body.vertices, float)
-    kernels.mark_voxels(met, low, high - low, vertices, body.faces.astype(np.int64), 0.0, np.uint8(1))
-    return bool(met.any()) or holds(body, (low + high) / 2)
+    reached, vertices = np.zeros((1, 1, 1), np.uint8), np.ascontiguousarray(body.vertices, float)
+    kernels.mark_voxels(reached, low, high - low, vertices, body.faces.astype(np.int64), 0.0, np.uint8(1))
+    return bool(reached.any()) or holds(body, (low + high) / 2)
 
 
 def holds(body, point):

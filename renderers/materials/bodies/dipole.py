@@ -51,9 +51,9 @@ def seen(setup, beams, picks, number, seed) -> np.ndarray:
     number, seed : of the pass
     """
     dipoles = [dipole_of(body) for body in setup.bodies]
-    normals = [np.empty(one.origin.shape) for one in beams]
-    for one, normal in zip(beams, normals, strict=True):
-        run(_dipole.boundary_normals, len(normal), setup.geometry, one.origin, one.direction, normal)
+    normals = [np.empty(lit.origin.shape) for lit in beams]
+    for lit, normal in zip(beams, normals, strict=True):
+        run(_dipole.boundary_normals, len(normal), setup.geometry, lit.origin, lit.direction, normal)
     pixels = setup.world.size[0] * setup.world.size[1]
     sums = Sums(pixels, by_paths=False)
     paths = transport.begin(setup, np.arange(pixels), number, seed)
@@ -62,12 +62,12 @@ def seen(setup, beams, picks, number, seed) -> np.ndarray:
         out = body == _geometry.OUTSIDE
         parts = [transport.at_surfaces(setup, paths.of(out), sums, far[out], triangle[out])]
         for at in np.unique(body[~out]):
-            here = body == at
-            lines = paths.of(here)
+            in_it = body == at
+            lines = paths.of(in_it)
             _gathered(setup, lines, at, dipoles[at], beams[at], normals[at], picks, sums)
             # what is not scattered goes on beyond the body; the dipole knows of light that is turned back in it
-            gone = joined(transport.inside(setup, lines, at, far[here], triangle[here], [0] * len(setup.bodies), sums, None))
-            parts.append(gone.of(transport.located(setup.geometry, gone)[0] != at))
+            done = joined(transport.inside(setup, lines, at, far[in_it], triangle[in_it], [0] * len(setup.bodies), sums, None))
+            parts.append(done.of(transport.located(setup.geometry, done)[0] != at))
         paths = joined(parts)
     return sums.gathered
 

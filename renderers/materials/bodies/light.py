@@ -89,7 +89,7 @@ def beams(setup, entries, places, walks, boundary, by_events, number, seed) -> l
             _walk_on(setup, chosen, scale, collected, by_events)
         else:
             _begun(setup, chosen, np.ones(walks, bool), scale, collected)
-    return [one.beams(len(setup.colours.to_waves)) for one in collected]
+    return [part.beams(len(setup.colours.to_waves)) for part in collected]
 
 
 class _Made:
@@ -224,9 +224,9 @@ def _walk_on(setup, paths, scale, collected, by_events):
         parts = [outside(setup, paths.of(within == _geometry.OUTSIDE), far, triangle, within)]
         kept = [np.ones(len(parts[0]), bool)]
         for body in np.unique(within[within >= 0]):
-            here = within == body
+            inside = within == body
             go_on = _ways if by_events else _walked
-            for part, still_walks in go_on(setup, body, paths.of(here), far[here], triangle[here], scale, collected[body]):
+            for part, still_walks in go_on(setup, body, paths.of(inside), far[inside], triangle[inside], scale, collected[body]):
                 parts.append(part)
                 kept.append(np.full(len(part), not still_walks))
         fresh = np.concatenate(kept)
@@ -261,10 +261,10 @@ def _walked(setup, number, paths, far, triangle, scale, collected):
 
 def _ways(setup, number, paths, far, triangle, _scale, _made):
     """The same, up to the next event or surface."""
-    scattered, met = turned(setup, number, paths, far, triangle)
-    meets, owner = paths.of(met), setup.geometry.owner[triangle[met]]
+    scattered, hits = turned(setup, number, paths, far, triangle)
+    meets, owner = paths.of(hits), setup.geometry.owner[triangle[hits]]
     crosses = (owner >= 0) & setup.matched[np.maximum(owner, 0)]
-    return [(scattered, False), (transport.crossed(setup, meets.of(crosses), far[met][crosses], triangle[met][crosses]), False),
+    return [(scattered, False), (transport.crossed(setup, meets.of(crosses), far[hits][crosses], triangle[hits][crosses]), False),
             (_turned(setup, meets.of(~crosses)), False)]
 
 

@@ -139,9 +139,9 @@ def _too_wide(name, vertices, faces, reduced, method):
     density = thin.density(vertices, faces, reduced)
     if density >= method.fewest_beams:
         return ""
-    wide = float(np.ptp(vertices, axis=0).max() * np.max(reduced))
+    size = float(np.ptp(vertices, axis=0).max() * np.max(reduced))
     able = fields.one_of([name for name, declared in methods().items() if not (declared.fewest_beams or declared.surface)])
-    return (f"{name} is {wide:.3g} transport mean free paths wide: to a square one of its boundary come {density:.1g} beams of a "
+    return (f"{name} is {size:.3g} transport mean free paths wide: to a square one of its boundary come {density:.1g} beams of a "
             f"pass, and method {method.name} needs {method.fewest_beams:g}; {able} would do")
 
 
@@ -240,11 +240,11 @@ class _Passes:
         """Light of beams that lines of sight cross."""
         setup = self._setup
         width = [widths * beams.narrower(number) for widths in beams.half_widths(setup)]
-        entered, begun = zip(*(beams.lit(setup, body, entries, _LIT, number, self._seed)
+        entered, walked = zip(*(beams.lit(setup, body, entries, _LIT, number, self._seed)
                                for body, entries in enumerate(self._entries)))
         if not self._method.tabled:
-            begun = [beams.walked(walks) for walks in self._beams(number, by_events=True)]
-        gather = beams.joins(setup, [(entered, width[0], self._rivals), (begun, width[1])])
+            walked = [beams.walked(walks) for walks in self._beams(number, by_events=True)]
+        gather = beams.joins(setup, [(entered, width[0], self._rivals), (walked, width[1])])
         return self._images(transport.from_eye(setup, self._most, gather, number + _BESIDE, self._seed, by_paths=False))
 
     def _images(self, sums):

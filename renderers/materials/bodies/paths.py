@@ -56,6 +56,6 @@ class Paths:
 
 def joined(parts) -> Paths:
     """Paths of several."""
-    some = [part for part in parts if len(part)] or parts[:1]
-    return some[0] if len(some) == 1 else Paths(*(np.concatenate([getattr(part, field.name) for part in some])
+    filled = [part for part in parts if len(part)] or parts[:1]
+    return filled[0] if len(filled) == 1 else Paths(*(np.concatenate([getattr(part, field.name) for part in filled])
                                                   for field in fields(Paths)))

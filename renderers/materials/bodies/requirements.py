@@ -103,12 +103,12 @@ def _orders(about, depth) -> tuple[Knob, ...]:
     the cap, so that from within it the same light comes.  f is the share above the phase function's value at the cap's end.
     """
     medium, widest = about.medium, about.measured(_narrowest_light)
-    few = np.max(1 - thin.again(depth, medium.albedo, _index(about)))
+    share = np.max(1 - thin.again(depth, medium.albedo, _index(about)))
     for orders in _ORDERS:
         angle = _cap(about, orders)
         peak = _peak(medium, angle)
         through = float(np.max(np.exp(-depth * (1 - medium.albedo * peak)) - np.exp(-depth)))
-        turned = 0.0 if angle <= widest else few * float(peak.max())
+        turned = 0.0 if angle <= widest else share * float(peak.max())
         if max(through, turned) <= 0.5 * about.tables:
             return (Knob("multiple_scattering.orders", orders, str(orders),
                          f"of peaks within {math.degrees(angle):.2g} degrees {_percent(max(through, turned))} of the light would "

@@ -25,11 +25,11 @@ def approximations(values, tolerance: float) -> float:
     return METHODS[values.method].error(tolerance)
 
 
-def index_fault(shape: str, index: float | None, own: float) -> str:
-    """What is wrong with the index that a scene says of a shape whose BSDF has `own`; "" where it is that, or none is said."""
-    if index is None or abs(index - own) <= 1e-3 * index:
+def index_fault(shape: str, index: float | None, bsdf: float) -> str:
+    """What is wrong with the index that a scene says of a shape whose BSDF has `bsdf`; "" where it is that, or none is said."""
+    if index is None or abs(index - bsdf) <= 1e-3 * index:
         return ""
-    return f"found {index:g}, and the BSDF of {shape} has {own:g}; the same would do"
+    return f"found {index:g}, and the BSDF of {shape} has {bsdf:g}; the same would do"
 
 
 def problems(root: Mapping, values: dict) -> Iterator[Problem]:

@@ -51,11 +51,11 @@ def seen(transport, rays) -> Seen:
         _, far, triangle = located(transport.geometry, rays)
         owner = np.where(triangle >= 0, transport.geometry.owner[triangle], -1)
         free = ~(transport.world.trace(rays.origin, rays.direction, far * (1 - 1e-4)) < np.inf)
-        met, at = (owner >= 0) & free, rays.pixel
-        body[at[met]], point[at[met]] = owner[met], rays.origin[met] + far[met, None] * rays.direction[met]
+        owned, at = (owner >= 0) & free, rays.pixel
+        body[at[owned]], point[at[owned]] = owner[owned], rays.origin[owned] + far[owned, None] * rays.direction[owned]
         facing = np.zeros((len(rays), 3))
         run(_geometry.normals, len(rays), transport.geometry, triangle, facing)
-        normal[at[met]] = facing[met]
+        normal[at[owned]] = facing[owned]
         if not transport.panes or free.all():
             break
         rays = _beyond_glass(transport.world, rays.of(~free))

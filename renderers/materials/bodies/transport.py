@@ -92,9 +92,9 @@ class Sums:
         self.by_order, self.gathered, self.by_paths = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((pixels, 3)), by_paths
         self._no_light = np.zeros((0, pixels, 3))
 
-    def add(self, paths, added, more=0):
+    def add(self, paths, added, orders=0):
         """What paths bring, added (n, 3), with so many events more."""
-        wavefront.accumulate(added, paths.order + more, np.full(len(paths), -1), paths.pixel, self.by_order, self._no_light)
+        wavefront.accumulate(added, paths.order + orders, np.full(len(paths), -1), paths.pixel, self.by_order, self._no_light)
 
     def add_gathered(self, paths, added):
         """What the tables bring, added (n, 3)."""
@@ -136,11 +136,11 @@ def from_eye(transport, most, gather, number, seed, by_paths=True, chosen=None) 
     chosen : (H, W) bool, which ones have a path; None: all
     """
     height, width = transport.world.size
-    sums, begun, paths = Sums(height * width, by_paths), 0, None
-    while begun < height * width or paths:
-        if begun < height * width and (not paths or len(paths) < _ALL // 2):
-            pixel = np.arange(begun, min(begun + _ALL, height * width))
-            new, begun = begin(transport, pixel, number, seed), begun + len(pixel)
+    sums, started, paths = Sums(height * width, by_paths), 0, None
+    while started < height * width or paths:
+        if started < height * width and (not paths or len(paths) < _ALL // 2):
+            pixel = np.arange(started, min(started + _ALL, height * width))
+            new, started = begin(transport, pixel, number, seed), started + len(pixel)
             new = new if chosen is None else new.of(chosen.ravel()[pixel])
             paths = joined([paths, new]) if paths else new
         paths = onward(transport, paths, most, sums, gather)
@@ -165,8 +165,8 @@ def onward(transport, paths, most, sums, gather=None) -> Paths:
     outside = body == _geometry.OUTSIDE
     parts = [at_surfaces(transport, paths.of(outside), sums, far[outside], triangle[outside])]
     for number in np.unique(body[~outside]):
-        here = body == number
-        parts += inside(transport, paths.of(here), number, far[here], triangle[here], most, sums, gather)
+        at_number = body == number
+        parts += inside(transport, paths.of(at_number), number, far[at_number], triangle[at_number], most, sums, gather)
     return joined(parts)
 
 
@@ -213,13 +213,13 @@ def inside(transport, paths, number, far, triangle, most, sums, gather):
         whole = np.ones(len(paths), bool)
         whole[split] = False
         paths, far, triangle = paths.of(whole), far[whole], triangle[whole]
-    begun = paths.origin.copy()
+    start = paths.origin.copy()
     status = through(transport, number, paths, far, triangle, most[number],
                      body.matched or sums.by_paths and (bool(transport.bent[number]) or transport.chained)
                      or _joins(transport, number, sums))
-    met, events = status == _walk.CONTACT, status == _walk.EVENT
-    parts.append(_at_events(transport, number, paths.of(events), begun[events], sums))
-    return parts + _met(transport, number, paths.of(met), far[met], triangle[met], sums)
+    touching, events = status == _walk.CONTACT, status == _walk.EVENT
+    parts.append(_at_events(transport, number, paths.of(events), start[events], sums))
+    return parts + _met(transport, number, paths.of(touching), far[touching], triangle[touching], sums)
 
 
 def _met(transport, number, paths, far, triangle, sums):
@@ -245,7 +245,7 @@ def _joins(transport, number, sums):
     return sums.by_paths and transport.rivals is not None and transport.rivals[number] > 0
 
 
-def _at_events(transport, number, paths, begun, sums):
+def _at_events(transport, number, paths, start, sums):
     """Paths that go on from events in a body, after light samples have been added; begun (n, 3) m, where their flights began."""
     n = len(paths)
     if n == 0:
@@ -259,7 +259,7 @@ def _at_events(transport, number, paths, begun, sums):
     run(_walk.scatter, n, medium, paths.origin, paths.direction, paths.weight, paths.states, paths.drawn, paths.density,
         paths.single, paths.bounces, alive)
     if _joins(transport, number, sums):
-        flown = np.linalg.norm(paths.origin - begun, axis=1)
+        flown = np.linalg.norm(paths.origin - start, axis=1)
         run(_beams.rivals, n, medium, transport.rivals[number], flown, before, paths.direction, paths.rival)
         paths.rival[paths.events > 1] = np.inf
     return paths.of(alive)
@@ -343,13 +343,13 @@ def shaded(transport, paths, sums, power=False):
     parts = [_turned(transport, paths.of(~seen), _shade(transport, paths.of(~seen), numbers[~seen], power), sums)]
     paths, numbers = paths.of(seen), numbers[seen]
     back, on = (_shade(transport, paths, _chosen(numbers, lobe), power) for lobe in (0.0, 1.0))
-    both = back.hit & back.delta & on.delta & (back.density > 0) & (on.density > 0) \
+    sampled = back.hit & back.delta & on.delta & (back.density > 0) & (on.density > 0) \
         & (np.abs(back.density + on.density - 1) < 1e-4)
-    parts.append(_turned(transport, paths.of(~both), _shade(transport, paths.of(~both), numbers[~both], power), sums))
+    parts.append(_turned(transport, paths.of(~sampled), _shade(transport, paths.of(~sampled), numbers[~sampled], power), sums))
     for shading, add in ((back, sums), (on, Sums(0, by_paths=False))):
-        part = paths.of(both)
-        part.weight *= shading.density[both][:, None]
-        parts.append(_turned(transport, part, _rows(shading, both), add))
+        part = paths.of(sampled)
+        part.weight *= shading.density[sampled][:, None]
+        parts.append(_turned(transport, part, _rows(shading, sampled), add))
     wavefront.skip(parts[-1].states, 1 << 40)
     return joined(parts)
 
