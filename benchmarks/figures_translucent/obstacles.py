@@ -12,7 +12,7 @@ from . import stand
 
 SCENES = {"candle": "massive", "candle_ball": "black ball inside (fig. 32)"}
 SCENES |= sized({"candle_hollow": "hollow (fig. 33)"}, {})
-UNLIT = [(r'<shape type="ply" id="flame">.*?</shape>', ""), ("0.04, 0.05, 0.075", "1, 1, 1")]
+UNLIT = [(r'<shape type="ply" id="flame">.*?</shape>', ""), ("0.055, 0.05, 0.055", "1, 1, 1")]
 COLOURS = 256
 SECONDS = {"paths": 80.0, "vrl+tables": 25.0, "vrl+tables, mirrored": 12.0, "vrl+tables, none": 12.0}
 

@@ -48,7 +48,7 @@ SKY = '<emitter type="constant"><rgb name="radiance" value="1 1 1"/></emitter>'
 
 def every_method():
     """Names of all methods, with boundaries where there is a choice: "vrl+tables" is negative, "vrl+tables, none" without."""
-    each = [name for name, method in METHODS.items() if not method.candidates]
+    each = [name for name, method in METHODS.items() if not (method.candidates or method.surface)]
     return [name if boundary == "negative" else f"{name}, {boundary}" for name in each
             for boundary in (BOUNDARIES if "tables" in name else ("negative",))]
 

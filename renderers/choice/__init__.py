@@ -71,7 +71,7 @@ class Choice(NamedTuple):
         return [self._of_entry(entry) for entry in listed]
 
     def _of_entry(self, entry):
-        shown = {"pilot": self.table} if len(candidates.beside(entry["kind"])) > 1 else {}
+        shown = {"pilot": self.table} if candidates.medium_for(entry["kind"]) else {}
         if entry["bias"] is None:
             why = f"{_figures(self.row)}{self.row['why']}"
             shown |= {"bias": self.approximations, "reasons": [*entry["reasons"], why]}

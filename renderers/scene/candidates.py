@@ -77,6 +77,11 @@ def beside(kind: str) -> tuple[str, ...]:
     return tuple(name for name, method in entries.declared(kind).items() if method.beside)
 
 
+def medium_for(kind: str) -> str | None:
+    """The method of a medium that may stand for materials of a kind; None: there is none."""
+    return next((name for name in beside(kind) if entries.declared(kind)[name].continuous), None)
+
+
 def _of_several(materials):
     first = [beside(entry.kind)[0] for entry in materials]
     asked = [method if entry.method == "auto" else entry.method for method, entry in zip(first, materials, strict=True)]
@@ -92,15 +97,9 @@ def _groups(materials):
     """Numbers of entries of the same material whose method is open, and a medium that may stand for each."""
     groups: dict[tuple, list[int]] = {}
     for number, entry in enumerate(materials):
-        if entry.method == "auto" and _medium_for(entry) and not any(getattr(entry, key) for key in UNKNOWN_TO_MEDIA):
+        if entry.method == "auto" and medium_for(entry.kind) and not any(getattr(entry, key) for key in UNKNOWN_TO_MEDIA):
             groups.setdefault((entry.kind, entry.asset, entry.recipe), []).append(number)
     return list(groups.values())
-
-
-def _medium_for(entry):
-    """The method of a medium that stands for an entry; None: there is none."""
-    declared = entries.declared(entry.kind)
-    return next((name for name in beside(entry.kind) if declared[name].continuous), None)
 
 
 def _chosen(groups):
@@ -112,7 +111,7 @@ def _chosen(groups):
 
 
 def _combined(materials, methods, replaced, eligible=True):
-    methods = [_medium_for(entry) if number in replaced else method
+    methods = [medium_for(entry.kind) if number in replaced else method
                for number, (entry, method) in enumerate(zip(materials, methods, strict=True))]
     declared = [entries.declared(entry.kind)[method] for entry, method in zip(materials, methods, strict=True)]
     media = tuple(number for number, method in enumerate(declared) if method.continuous)
@@ -129,6 +128,6 @@ def _named(materials, methods):
     """Of entries for which a medium may stand: what they are rendered by."""
     by_method: dict[str, list[str]] = {}
     for number, (entry, method) in enumerate(zip(materials, methods, strict=True)):
-        if _medium_for(entry):
+        if medium_for(entry.kind):
             by_method.setdefault(method, []).append(f"materials[{number}]")
     return "; ".join(f"{', '.join(numbers)} by {method}" for method, numbers in by_method.items())
