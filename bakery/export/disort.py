@@ -10,6 +10,7 @@ import numpy as np
 from bakery.export.medium import Scattering
 from bakery.physics.moments import MOST, legendre_moments, legendre_series, series_error
 
+_OF_ANGLES = 0.1  # of the tolerance: at single angles a series is some ten times as far off as its integral over all
 FEWEST = 128  # orders that are always there, so that delta-M finds the one behind the last of up to 128 streams
 
 
@@ -51,13 +52,12 @@ def ordinates(wavelength, medium: Scattering, tolerance: float, thickness=None, 
     ----------
     wavelength : (L,) um
     medium : without its forward delta
-    tolerance : 1, largest integral of what is cut, if `MOST` moments do.  The asset's own: what a table that meets it has beyond
-        the series are mostly the kinks at its angles, and a tenth of 1 % would take 20 times as many moments
+    tolerance : 1, of the asset; the integral of what is cut is at most a tenth of it, if `MOST` moments do
     thickness : (T,) m of layers
     orders : the highest moment, whatever is cut; None: as many as the tolerance needs, `FEWEST` or more
     """
     if orders is None:
-        series = legendre_series(medium.theta, medium.phase, tolerance, MOST)
+        series = legendre_series(medium.theta, medium.phase, _OF_ANGLES * tolerance, MOST)
         orders, cut = series.moments.shape[-1] - 1, series.cut
     else:
         cut = series_error(medium.theta, medium.phase, orders)
