@@ -22,9 +22,7 @@ REACHED = 0.01
 class MultipleScattering(Section):
     """Precomputed multiple scattering."""
 
-    sources: Annotated[list[word(*KINDS)], Field(min_length=1, max_length=2)] = Field(
-        KINDS, description="Kinds of sources."
-    )
+    sources: Annotated[list[word(*KINDS)], Field(min_length=1, max_length=2)] = Field(KINDS, description="Kinds of sources.")
     extent: number(least=0.5, most=200, words=AUTO) = Field(
         "auto", description="Distance that the tables cover, in mean free paths; auto: all but 1e-4 of the light."
     )
