@@ -61,7 +61,8 @@ class _Picture(NamedTuple):
     click.option("--live-port", "port", type=click.IntRange(0, 65535), metavar="N",
                  help="Port of that page.  [default: a free one]"),
     click.option("--frames", metavar="NUMBERS", help="Frames of a scene that has a section frames: 1-48, 1,5,9 or 1-48:2."),
-    click.option("--cluster", metavar="ADDRESS", help="Render the frames on the workers of a Dask scheduler at this address."))
+    click.option("--cluster", metavar="ADDRESS",
+                 help="Share frames or passes of a scene among the workers of a Dask scheduler at this address."))
 @at_option
 @overwrite_option
 @json_option
@@ -75,19 +76,25 @@ def command(source, output, asked, place, overwrite, as_json, quiet):
     that a SCENE asks for was missed; a draft only tells.
 
     With --frames each frame is a picture of its own, NAME.0001.png and .exr; one that is there and made of the same is left as it
-    is.  Of several there are a film (where ffmpeg is) and a contact sheet.
+    is.  Of several there are a film (where ffmpeg is) and a contact sheet.  With --cluster workers render whole frames, or the
+    passes of one picture; the bytes are those of one machine.
     """
     from contextlib import ExitStack
     from pathlib import Path
 
-    from bakery.run import compiling
+    from bakery.run import compiling, dask
     from bakery.run.progress import choose
 
     suffix, live, denoise = Path(source).suffix.lower(), asked.live or asked.port is not None, asked.denoise
-    _check(source, suffix, {"--resume": asked.resume, "--live": live, _denoising(denoise): denoise is not None}, place)
+    _check(source, suffix, {"--resume": asked.resume, "--live": live, "--cluster": asked.cluster is not None,
+                            _denoising(denoise): denoise is not None}, place)
     values = settings_of(None, None, None, asked.settings) | ({} if denoise is None else {"denoise": "yes" if denoise else "no"})
     options = {"quality": asked.quality, "variant": asked.variant, "seed": asked.seed, "overwrite": overwrite}
-    if asked.frames is not None or asked.cluster is not None:
+    if asked.cluster is not None:
+        dask.check_address(asked.cluster)
+    if live and asked.cluster is not None:
+        raise UsageError("--live: shows passes of this process; leave the option or --cluster out")
+    if asked.frames is not None:
         from bakery.cli.render_frames import rendered
 
         if live:
@@ -98,8 +105,13 @@ def command(source, output, asked, place, overwrite, as_json, quiet):
     folders, progress = ExitStack(), choose(quiet)
     try:
         if suffix in SCENES:
-            job = _of_scene(source, output, values, options | ({"resume": True} if asked.resume else {}), progress, live)
-            if live:
+            options |= ({"resume": True} if asked.resume else {}) | ({} if asked.cluster is None else {"elsewhere": None})
+            job = _of_scene(source, output, values, options, progress, live)
+            if asked.cluster is not None:
+                from renderers.cluster.passes import workers
+
+                job.options["elsewhere"] = workers(folders.enter_context(dask.cluster(asked.cluster, progress.say)))
+            elif live:
                 from bakery.cli.live import shown
 
                 job = job._replace(draw=folders.enter_context(shown(job.path, source, asked.port or 0, browser=not as_json)))
@@ -137,7 +149,8 @@ def _denoising(denoise) -> str:
     return f"--{'' if denoise else 'no-'}denoise"
 
 
-_ANEW = {"--resume": "it is always rendered anew", "--live": "nothing of it can be seen before its end, leave the option out"}
+_ANEW = {"--resume": "it is always rendered anew", "--cluster": "it has no frames or passes that workers could share",
+         "--live": "nothing of it can be seen before its end, leave the option out"}
 
 
 def _check(source, suffix, of_scenes, place) -> None:
@@ -172,6 +185,8 @@ def _of_scene(source, output, values, options, progress, live) -> _Job:
     renderer, target, name = path.drawn_by, output or path.picture, path.values.name
     if "resume" in options and not path.rules.RESUMES:
         raise UsageError(f"--resume: the renderer {path.section} cannot go on from an EXR; leave the option out")
+    if "elsewhere" in options and not path.rules.RESUMES:
+        raise UsageError(f"--cluster: the renderer {path.section} has no passes that workers could share; leave the option out")
     if live:
         from renderers.pictures.live import refuse_other
 

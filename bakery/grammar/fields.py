@@ -156,8 +156,11 @@ def number(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, hint: Ca
     return leaf(read, {"anyOf": _words(words) + _patterns(quantity, limits)}, quantity, limits)
 
 
-def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_entries: int = 4096, **bounds):
-    """One value, a list of values, or a list with one unit behind it; several floats in any case."""
+def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_entries: int = 4096, steps: bool = False, **bounds):
+    """One value, a list of values, or a list with one unit behind it; several floats in any case.
+
+    steps : `{from: …, to: …, count: …}` gives values in equal steps, too
+    """
     limits = Range(**bounds)
 
     def read(node):
@@ -179,8 +182,35 @@ def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_en
 
     text = {"anyOf": _words(words) + _patterns(quantity, limits) + [{"type": "string", "pattern": r"^\s*\[.*\]\s*\S*\s*$"}]}
     listed = Annotated[list[number(quantity, **bounds)], Field(min_length=1, max_length=most_entries)]
-    return Annotated[Annotated[leaf(read, text, quantity, limits), Tag("text")] | Annotated[listed, Tag("list")],
-                     Discriminator(lambda node: "list" if isinstance(node, (Sequence, list)) else "text")]
+    kinds = Annotated[leaf(read, text, quantity, limits), Tag("text")] | Annotated[listed, Tag("list")]
+    if steps:
+        kinds |= Annotated[_in_steps(quantity, limits, most_entries), Tag("steps")]
+    return Annotated[kinds, Discriminator(lambda node: "list" if isinstance(node, (Sequence, list)) else
+                                          "steps" if steps and isinstance(node, Mapping) else "text")]
+
+
+def _in_steps(quantity: Quantity, limits: Range, most: int):
+    """`{from: …, to: …, count: …}`: values in equal steps, both ends among them."""
+    names = ("from", "to", "count")
+
+    def read(node):
+        for name in node:
+            if name not in names:
+                raise Wrong(f"found the unknown key {show(name)}", f"expected {one_of(names)}" + nearest(name, names))
+        if lacking := [name for name in names if name not in node]:
+            raise Wrong(f"found no {lacking[0]}", "expected {from: …, to: …, count: …}")
+        low, high = (in_bounds(scalar(node[name], units.example(quantity)).text, quantity, limits) for name in ("from", "to"))
+        count = _whole(scalar(node["count"], "a whole number").text)
+        if count is None or not 2 <= count <= most:
+            raise Wrong(f"found {describe(node['count'])} as count", f"expected a whole number from 2 to {most:,}")
+        if low == high:
+            raise Wrong("found the same from and to", "expected two values")
+        inner = (low + (high - low) * step / (count - 1) for step in range(1, count - 1))
+        return low, *inner, high
+
+    return leaf(read, {"type": "object", "required": list(names), "additionalProperties": False, "properties": {
+        "from": {"anyOf": _patterns(quantity, limits)}, "to": {"anyOf": _patterns(quantity, limits)},
+        "count": {"type": "integer", "minimum": 2, "maximum": most}}})
 
 
 def word(*choices: str):

@@ -74,6 +74,13 @@ class Part(NamedTuple):
     samples: int = 1
 
 
+def rendered_here(part, number):
+    """Layers of a pass of a part, and the seconds that it took."""
+    start = time.monotonic()
+    layers = part.render(number)
+    return layers, time.monotonic() - start
+
+
 class Passes:
     """A picture that is being rendered.
 
@@ -153,7 +160,7 @@ class Passes:
         """A pixel, in the part that has fewest."""
         return min(part.samples * self.means[part.name].count for part in self.parts)
 
-    def run(self, stop, progress=None, observer=None):
+    def run(self, stop, progress=None, observer=None, draw=None):
         """Renders passes until `stop`, or until SIGINT or SIGTERM; the same signal again ends the process at once.
 
         Parameters
@@ -180,8 +187,8 @@ class Passes:
                 if self.stopped_by:
                     self.unreached = self._what_missed(stop)
                     break
-                start, mean = time.monotonic(), self.means[part.name]
-                mean.add(part.render(mean.count), time.monotonic() - start)
+                mean = self.means[part.name]
+                mean.add(*(draw or rendered_here)(part, mean.count))
         self.signal = arrived[0] if arrived else 0
 
     def _next(self, stop):
