@@ -1,22 +1,13 @@
-"""Scenes of separate particles that ship, and what docs/discrete-claims.md is filled by."""
+"""Scenes of separate particles that ship, and the graininess that docs/discrete-claims.md tells of."""
 
 from __future__ import annotations
-
-import re
 
 import numpy as np
 import pytest
 
 from benchmarks.figures_discrete import stand
-from benchmarks.figures_discrete.__main__ import CLAIMS
 from renderers import scene
 from tests.conftest import ROOT
-
-
-def test_each_claim_has_its_place_and_its_picture():
-    page = (ROOT / "docs" / "discrete-claims.md").read_text(encoding="utf-8")
-    assert re.findall(r"<!-- numbers: (\w+) -->", page) == list(CLAIMS)
-    assert all(f"pictures/{picture}" in page for _, picture in CLAIMS.values())
 
 
 @pytest.mark.parametrize("number, size", [(3e4, 8), (1e6, 8), (1e6, 1)])
