@@ -12,9 +12,9 @@ import pytest
 from bakery.cli import status_of
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
-from renderers import choice, scene
+from renderers import choice
 from renderers.scene import candidates, entries
-from tests.conftest import ROOT, slow
+from tests.conftest import slow
 from tests.renders import picture, refused, rendered
 
 RECIPE = """\
@@ -258,17 +258,6 @@ def test_a_picture_without_light_knows_no_noise(call, place):
 def test_an_open_mesh_is_named_with_its_place(call, place):
     err = call("render", place / "s.yaml", "-o", place / "x.png", "--set", "materials[0].where.shape=open")[2]
     assert "face" in err and "edge" in err
-
-
-SHIPPED = sorted(path for path in (ROOT / "assets/scenes").glob("*.yaml")
-                 if path.read_text().count("where:") == path.read_text().count("where: {shape") > 0
-                 and "method: surface" not in path.read_text())
-
-
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_shipped_scenes_are_understood(path):
-    loaded = scene.load(path)
-    assert loaded.section == "translucent" and loaded.values.stop.time and loaded.values.materials
 
 
 INTEGRATOR = """<integrator type="bakery_translucent"><string name="body.ball" value="wax.h5"/>
