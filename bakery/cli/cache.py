@@ -16,19 +16,19 @@ from bakery.system.terminal import clean, remark, say
 _NAMED = 4  # files that are no cache's, by name
 
 
-@click.group(name="cache", short_help="look at and tidy the cache of finished stages")
+@click.group(name="cache", short_help="show or clean up the cache of finished stages")
 def command():
-    """Look at and tidy the cache of finished stages (BAKERY_CACHE, else the user's cache folder).
+    """Show or clean up the cache of finished stages (BAKERY_CACHE, else the user's cache folder).
 
-    Where BAKERY_CACHE names a folder on a network disk or an object store, that is shared, and the user's cache folder is in
-    front of it.
+    If BAKERY_CACHE names a folder on a network disk or an object store, that is a shared cache, used together with the user's
+    local cache folder.
     """
 
 
 @command.command()
 @json_option
 def info(as_json):
-    """Where the cache is and what it holds, what is shared too."""
+    """Show where the cache is and what it holds, shared entries included."""
     from bakery.run.cache import Cache
 
     cache = Cache()
@@ -86,11 +86,11 @@ def _show(folder: str, held: dict) -> None:
 
 @command.command()
 @click.option("--max-size", metavar="SIZE", default="1GB", show_default=True,
-              help="Keep the last used up to this size (kB, MB, GB).")
-@click.option("--max-age", metavar="DAYS", type=FiniteRange(0), help="Remove what was not used for so many days.")
+              help="Keep the most recently used entries up to this size (kB, MB, GB).")
+@click.option("--max-age", metavar="DAYS", type=FiniteRange(0), help="Remove entries not used for this many days.")
 @json_option
 def prune(max_size, max_age, as_json):
-    """Remove the entries that were not used for longest, and what was set aside as damaged; of this machine only."""
+    """Remove the least recently used entries, and damaged ones; on this machine only."""
     from bakery.run.cache import Cache
 
     cache = Cache()
@@ -98,10 +98,10 @@ def prune(max_size, max_age, as_json):
 
 
 @command.command()
-@click.option("--yes", "-y", is_flag=True, help="Do not ask where the folder holds anything else.")
+@click.option("--yes", "-y", is_flag=True, help="Do not ask if the folder holds other files.")
 @json_option
 def clear(yes, as_json):
-    """Remove every entry of this machine, and nothing else; where the folder holds other files, only after a question."""
+    """Remove every entry on this machine and nothing else; asks first if the folder holds other files."""
     from bakery.run.cache import Cache
 
     cache = Cache()

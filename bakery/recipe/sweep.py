@@ -114,7 +114,7 @@ def json_schema() -> dict:
         "type": "object", "additionalProperties": False,
         "properties": {
             "tolerance": {**value, "description": "Error of the interpolation between points."},
-            "refine": {"type": "boolean", "description": "Whether points are added where that error is larger."},
+            "refine": {"type": "boolean", "description": "Whether points are added where that error is too large."},
             "combine": {"enum": ["product", "zip"], "description": "Every combination of the values, or all keys in step."}},
         "patternProperties": {r"^[^.]+\..+$": {"anyOf": [value, {"type": "array", "items": value}, spread]}}}]}
 
