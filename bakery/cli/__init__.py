@@ -73,7 +73,7 @@ class Commands(click.Group):
             return super().invoke(ctx)
         except KeyboardInterrupt:
             remark("")  # after the terminal's ^C; click's own way fails where standard error is full
-            raise Interrupted("interrupted; nothing is half written, finished stages of a bake are in the cache") from None
+            raise Interrupted("interrupted; no file is incomplete, and finished stages of a bake are in the cache") from None
 
     def format_commands(self, ctx, formatter):
         # from the table: help must not import the commands
@@ -167,10 +167,10 @@ def status_of(args: list[str] | None = None) -> int:
         remark(f"bake: {error.format_message()}")
         return 2
     except (KeyboardInterrupt, click.Abort):
-        remark("interrupted; nothing is half written, finished stages of a bake are in the cache")
+        remark("interrupted; no file is incomplete, and finished stages of a bake are in the cache")
         return INTERRUPTED
     except signals.Terminated:
-        remark("terminated; nothing is half written, finished stages of a bake are in the cache")
+        remark("terminated; no file is incomplete, and finished stages of a bake are in the cache")
         return TERMINATED
     except RecipeError as error:
         if "--json" in (sys.argv[1:] if args is None else args):

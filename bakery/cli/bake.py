@@ -169,7 +169,7 @@ def _tell(recipes, failures, done, keep_going: bool) -> int:
     """Say at the end which recipes failed, and how many were not started; the worst exit status."""
     unstarted = len(recipes) - len(failures) - len(done)
     if failures:
-        advice = "" if keep_going else " (--keep-going goes on)"
+        advice = "" if keep_going else " (--keep-going bakes them)"
         addition = f", {unstarted} not started{advice}" if unstarted else ""
         remark(f"{len(failures)} of {len(recipes)} recipes failed{addition}:")
     for index, (message, _) in sorted(failures.items()):

@@ -13,7 +13,7 @@ from bakery.cli.options import FiniteRange, json_option, print_json
 from bakery.errors import StoreError, UsageError
 from bakery.system.terminal import clean, remark, say
 
-_NAMED = 4  # files that are no cache's, by name
+_NAMED = 4  # files that do not belong to the cache, by name
 
 
 @click.group(name="cache", short_help="show or clean up the cache of finished stages")
@@ -81,7 +81,7 @@ def _show(folder: str, held: dict) -> None:
     for name, stage in held["stages"].items():
         say(f"  {clean(name):<8} {_entries(stage['entries'])}, {in_words(stage['bytes'])}")
     if held.get("others"):
-        say(f"  besides  {held['others']} file{'' if held['others'] == 1 else 's'} or folders that are no cache's")
+        say(f"  besides  {held['others']} file{'' if held['others'] == 1 else 's'} or folders that do not belong to the cache")
 
 
 @command.command()
@@ -117,7 +117,7 @@ def _ask(folder, held) -> None:
         return
     named = ", ".join(clean(path.name) for path in held.others[:_NAMED])
     unnamed = f" and {len(held.others) - _NAMED} more" if len(held.others) > _NAMED else ""
-    message = f"{folder}: holds besides {_entries(count)} also {named}{unnamed}, which are no cache's and would stay"
+    message = f"{folder}: holds besides {_entries(count)} also {named}{unnamed}, which do not belong to the cache and would stay"
     if not sys.stdin.isatty():
         raise UsageError(f"{message}; --yes removes the entries without a question")
     if not click.confirm(f"{message}. Remove the entries?", err=True):
@@ -126,7 +126,7 @@ def _ask(folder, held) -> None:
 
 def _tell(cache, removed, as_json: bool) -> None:
     if cache.shared:
-        remark(f"{cache.where} was tidied; {cache.shared.address} is shared and stays as it is")
+        remark(f"{cache.where} was cleaned up; {cache.shared.address} is shared and unchanged")
     if as_json:
         print_json({"removed": [path.name for path in removed]})
     else:

@@ -56,7 +56,7 @@ def command(source, methods, reference, output, seconds, noise, quality, variant
     if Path(source).suffix.lower() not in (".yaml", ".yml"):
         raise UsageError(f'found "{source}", which is no scene (.yaml); only scenes have methods to compare')
     if resume and force:
-        raise UsageError("--resume goes on with what is there, --force begins anew; one of them would do")
+        raise UsageError("--resume continues existing pictures, --force starts again; use one of them")
     qualities.quality(quality)
     stop = [f"stop.{key}={value}" for key, value in (("time", seconds), ("noise", noise)) if value is not None]
     values = settings_of(None, None, None, [*settings, *stop])
@@ -66,7 +66,7 @@ def command(source, methods, reference, output, seconds, noise, quality, variant
         summary = _compared(jobs, page, reference or jobs[0].name, file, progress, quality=quality, variant=variant,
                             resume=resume, force=force, overwrite=overwrite)
     except KeyboardInterrupt:
-        raise Interrupted("interrupted; pictures that are finished are kept, the same call goes on") from None
+        raise Interrupted("interrupted; finished pictures are kept, and the same call continues") from None
     finally:
         progress.close()
     missed = max(status_of_missed(method["files"][0], method["missed"]) for method in summary["methods"])

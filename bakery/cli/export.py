@@ -107,7 +107,7 @@ def _asked(target, given):
 
     formats = exporters()
     if target not in formats:
-        raise UsageError(f'--to: found "{target}", which is no format of ours; there is ' +
+        raise UsageError(f'--to: found "{target}", which is no export format; expected ' +
                          " and ".join(f"{name} ({exporter.words})" for name, exporter in formats.items()))
     settings = {}
     for option, names in _options(formats).items():

@@ -57,7 +57,7 @@ def command(kind, output, mesh, mitsuba, as_list, overwrite, force, as_json, **s
     files = {target.parent / name: content for name, content in files.items()}
     standing = [path for path, content in files.items() if path.exists() and not _is(path, content)]
     if standing and not (overwrite or force):
-        raise UsageError(f"{standing[0]}: is there already; choose another file with -o, or write over it with --overwrite")
+        raise UsageError(f"{standing[0]}: exists already; choose another file with -o, or replace it with --overwrite")
     written = [str(path) for path in put_all(files)]
     if as_json:
         print_json({"kind": kind, "files": written, "remarks": remarks})
@@ -73,12 +73,12 @@ def _refuse_in_vain(kind, mesh, mitsuba, as_list, unit, height, up):
     from bakery.starting.meshes import UNITS
 
     if mesh and mitsuba:
-        raise UsageError("--mesh and --mitsuba: found both; a material fills a mesh, or the air of a scene: one of them would do")
+        raise UsageError("--mesh and --mitsuba: found both; a material fills a mesh or the air of a scene: use one of them")
     if (mesh or mitsuba) and (as_list or not kind):
         raise UsageError("found no KIND; a material would do, as in `bake new milk --mesh drink.ply`")
     for option, value, needed in (("--unit", unit, mesh or mitsuba), ("--height", height, mesh), ("--up", up, mesh)):
         if value and not needed:
-            raise UsageError(f"{option}: found without --mesh, which it is about")
+            raise UsageError(f"{option}: found without --mesh, to which it applies")
     if unit and unit not in UNITS:
         raise UsageError(f'--unit: found "{unit}"; {", ".join(UNITS)} would do')
 

@@ -105,7 +105,7 @@ def one_asset(asset: str, place):
     if isinstance(asset_at_place, bakery.Family):
         axes = " ".join(f"--at {name}=…" for name in asset_at_place.axes)
         assets = counted([member.reason for member in asset_at_place.members])
-        raise UsageError(f"{asset}: is a family of {assets}; {axes} takes the asset of a place, and "
+        raise UsageError(f"{asset}: is a family of {assets}; {axes} interpolates one asset, and "
                          f"{asset_at_place.members[0].path.parent}/ holds the members")
     return asset_at_place
 

@@ -36,7 +36,7 @@ def command(asset, output, place, overwrite, as_json):
     root = shown.tree
     figures = list(pictures(root))
     if not figures:
-        raise AssetError(f"{asset}: holds nothing that is drawn; `bake inspect {asset}` shows what it holds")
+        raise AssetError(f"{asset}: holds nothing to draw; `bake inspect {asset}` shows its contents")
     stem = Path(shown.path).stem
     folder = folder_for(Path(output) if output else Path(shown.path).with_name(f"{stem}-plots"))
     check_outputs(by_suffix(folder / f"{stem}_{picture.name}.{form}" for picture in figures for form in ("png", "svg", "csv")),

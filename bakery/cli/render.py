@@ -119,7 +119,7 @@ def _denoising(denoise) -> str:
     return f"--{'' if denoise else 'no-'}denoise"
 
 
-_ANEW = {"--resume": "it is always rendered anew", "--live": "nothing of it can be seen before its end, leave the option out"}
+_ANEW = {"--resume": "it is always rendered from the start", "--live": "it has no passes to show, leave the option out"}
 
 
 def _check(source, suffix, of_scenes, place) -> None:

@@ -25,9 +25,10 @@ def rendered(source, frames, address, options, as_json, quiet) -> int:
     from renderers.scene.frames import numbers
 
     if Path(source).suffix.lower() not in (".yaml", ".yml"):
-        raise UsageError(f"{'--cluster' if frames is None else '--frames'}: {source} is no scene (.yaml), which alone has frames")
+        option = "--cluster" if frames is None else "--frames"
+        raise UsageError(f"{option}: {source} is no scene (.yaml); only scenes have frames")
     if frames is None:
-        raise UsageError("--cluster: shares the frames of a sequence; --frames 1-48 beside it would do")
+        raise UsageError("--cluster: distributes the frames of a sequence; give --frames 1-48 too")
     asked = numbers(frames)
     progress = choose(quiet)
     try:

@@ -67,7 +67,7 @@ def command(source, output, methods, beside, measure, budget, overwrite, as_json
             value, lines = _of_recipe(source, output, values, options, measure=measure, budget=budget, progress=progress,
                                       verbose=verbose, overwrite=overwrite)
     except KeyboardInterrupt:
-        raise Interrupted("interrupted; finished runs are kept, the same call goes on") from None
+        raise Interrupted("interrupted; finished runs are kept, and the same call continues") from None
     finally:
         progress.close()
     if as_json:

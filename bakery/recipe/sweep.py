@@ -192,7 +192,7 @@ def _numbers(item: Node) -> tuple[Quantity, float]:
         if "," in item.text:
             raise Wrong(f"found {describe(item)}, several values", f"expected a list: [{item.text}]")
         if item.broken or not units.NUMBER.match(item.text.strip()):
-            raise Wrong(f"found {describe(item)}", "expected a number: what is no number has nothing between its values")
+            raise Wrong(f"found {describe(item)}", "expected a number: only numbers can be interpolated")
         quantity = units.quantity_of(item.text)
         return quantity, units.parse(item.text, quantity)
     except Wrong as wrong:

@@ -365,7 +365,7 @@ def _parsed(path: Path) -> tuple[text.Source, text.Tree]:
         raise RecipeError([source.problem(None, "", "is a recipe", instead)])
     if isinstance(tree.root, Mapping) and not tree.problems and (anew := former.converted(source.text, tree.root)):
         where = tree.root.names.get("bakery_scene") or tree.root.place
-        problem = where.problem("found a scene of an earlier form", f"expected its text in format {FORMAT}, to be saved in its "
+        problem = where.problem("found a scene of an earlier format", f"expected its text in format {FORMAT}, to be saved in its "
                              f"place:\n\n{anew}")
         raise RecipeError([dataclasses.replace(problem, excerpt="")])
     return source, text.Tree(tree.root, list(map(_of_scenes, tree.problems)))

@@ -127,7 +127,7 @@ def test_grains_keep_their_size(call, tmp_path):
     (("fog", "--mitsuba", "a.xml", "--mesh", "good.ply"), "found both"),
     (("milk", "--unit", "mm"), "--unit: found without --mesh"),
     (("--mesh", "good.ply"), "found no KIND"),
-    (("wax", "--mesh", "good.ply"), "wax.scene.yaml: is there already"),
+    (("wax", "--mesh", "good.ply"), "wax.scene.yaml: exists already"),
 ])
 def test_what_cannot_start_a_scene_is_told(args, said, call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
