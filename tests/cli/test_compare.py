@@ -275,7 +275,7 @@ WRONG = (
     ("haze.yaml --methods single,isotropic --set toy.method=single", "those of --methods"),
     ("haze.yaml --methods single,isotropic --time 5", "has no unit"),
     ("haze.yaml --methods single,isotropic --quality good", "draft, preview, final would do"),
-    ("haze.yaml --methods single,isotropic --resume --force", "one of them would do"),
+    ("haze.yaml --methods single,isotropic --resume --force", "use one of them"),
     ("haze.yaml --methods single,isotropic -o page.htm", "ends in .html"),
     ("haze.yaml --methods single,isotropic -o notes.html", "not an HTML page"),
     ("milk.h5 --methods single,isotropic", "only scenes have methods"),

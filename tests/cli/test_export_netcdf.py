@@ -145,7 +145,7 @@ def test_what_libradtran_needs(call, tmp_path, options, words):
     assert status == 2 and not out and words in err
     bare = with_member(small_asset(), "optics", None)
     write(tmp_path / "bare.h5", bare)
-    assert "--effective-radius 10um would do" in call("export", tmp_path / "bare.h5", "--to", "libradtran")[2]
+    assert "give --effective-radius 10um" in call("export", tmp_path / "bare.h5", "--to", "libradtran")[2]
 
 
 def test_eradiate_has_its_own_order(export):

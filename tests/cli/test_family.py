@@ -65,7 +65,7 @@ def test_what_knows_one_asset_says_so(call, lobes, milk):
         status, out, err = call(*words)
         assert status == 2 and not out and "family" in err
     assert "a single asset is needed" in call("trade", lobes.with_suffix(".yaml"))[2]
-    assert "--at g=… takes the asset of a place" in call("export", lobes, "--to", "csv")[2]
+    assert "--at g=… interpolates one asset" in call("export", lobes, "--to", "csv")[2]
     assert call("bake", milk, "-o", milk.with_suffix(".h5"))[0] == 0
     assert "is one asset, not a family" in call("query", milk.with_suffix(".h5"), "medium/g", "--at", "g=0.5")[2]
 

@@ -162,7 +162,7 @@ def test_each_kind_is_told_from_the_others(tmp_path):
             if other == kind:
                 check_outputs([(tmp_path / "file", asked)])
             elif other not in ("text", "JSON file", "CSV table", "OBJ file"):
-                with pytest.raises(UsageError, match="that is not an? " + other):
+                with pytest.raises(UsageError, match="an existing file is not an? " + other):
                     check_outputs([(tmp_path / "file", asked)])
     for data in (NOTES.encode(), MILK.encode(), b"\0\1"):
         (tmp_path / "file").write_bytes(data)
