@@ -164,8 +164,8 @@ def load(path, settings: MappingType[str, str] | None = None, *, assets: bool = 
     ----------
     path : of the scene, a regular file of at most 1 MiB
     settings : dotted key -> value as YAML text, such as `{"fog.density.scale": "5"}`
-    assets : those that it names have to be there, or else their recipes beside them
-    frame : number of a frame, whose values stand in the place of the scene's; None: the scene as it stands
+    assets : whether the assets that it names, or recipes beside them, must exist
+    frame : number of a frame, whose values replace the scene's; None: the scene itself
 
     Raises
     ------
