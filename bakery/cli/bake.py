@@ -34,11 +34,11 @@ from bakery.system.terminal import remark
 @recipe_options
 @sweep_option
 @click.option("--jobs", "-j", type=click.IntRange(1), metavar="N",
-              help="Threads, of all recipes together; all processors by default (or BAKERY_JOBS).")
+              help="Threads for all recipes together; by default BAKERY_JOBS, or all processors.")
 @click.option("--cluster", metavar="ADDRESS", help="Run the blocks on a Dask scheduler at this address.")
-@click.option("--force", is_flag=True, help="Compute every stage again, whatever is known.")
+@click.option("--force", is_flag=True, help="Compute every stage again.")
 @click.option("--keep-going", "-k", is_flag=True,
-              help="Of several recipes, and of the points of a sweep, bake the others also where one is wrong.")
+              help="If one recipe, or one point of a sweep, is wrong or fails, bake the others.")
 @click.option("--dry-run", is_flag=True, help="Print the plan and stop.")
 @click.option("--depfile", type=click.Path(), metavar="FILE",
               help="Write the files that the asset depends on, in Make's syntax.")
@@ -48,11 +48,11 @@ from bakery.system.terminal import remark
 @verbose_option
 def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, sweeps, jobs, cluster, force, keep_going, dry_run,
             depfile, overwrite, as_json, quiet, verbose):
-    """Bake each RECIPE into one asset, called as its file (fog.yaml: fog.h5) unless -o says otherwise; a recipe that sweeps keys
-    into a family of them.
+    """Bake each RECIPE into one asset, named after the recipe's file (fog.yaml: fog.h5) unless -o is given.  A recipe that sweeps
+    keys becomes a family of assets.
 
-    Stages whose inputs did not change are reused, from the asset that stands or from the cache.  Prints the path of each asset,
-    and nothing else, on standard output.  Several recipes share the processors; those that failed are listed at the end.
+    Stages whose inputs did not change are reused, from the existing asset or from the cache.  Standard output gets the path of
+    each asset and nothing else.  Several recipes share the processors; failed ones are listed at the end.
     """
     from bakery.run import files_of
     from bakery.run.bake import planned
@@ -169,7 +169,7 @@ def _tell(recipes, failures, done, keep_going: bool) -> int:
     """Say at the end which recipes failed, and how many were not started; the worst exit status."""
     unstarted = len(recipes) - len(failures) - len(done)
     if failures:
-        advice = "" if keep_going else " (--keep-going goes on)"
+        advice = "" if keep_going else " (--keep-going bakes them)"
         addition = f", {unstarted} not started{advice}" if unstarted else ""
         remark(f"{len(failures)} of {len(recipes)} recipes failed{addition}:")
     for index, (message, _) in sorted(failures.items()):

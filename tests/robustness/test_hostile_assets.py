@@ -433,7 +433,7 @@ def foreign(tmp_path):
     (tmp_path / "text.h5").write_bytes(resealed(data[:512] + b"no HDF5 here"))
     return [("plain.h5", "not a bakery asset: it is an HDF5 file"), ("net.nc", "netCDF"), ("classic.nc", "netCDF"),
             ("pipe", "folder, pipe or device"), ("empty.h5", "empty"),
-            ("recipe.yaml", "it is a recipe; `bake RECIPE` makes an asset of it"), ("noise.h5", "not a bakery asset"),
+            ("recipe.yaml", "it is a recipe; `bake RECIPE` bakes it into an asset"), ("noise.h5", "not a bakery asset"),
             ("zeros.h5", "not a bakery asset"),
             ("newer.h5", "written by a newer bakery (asset format 2"), ("older.h5", "no longer read"),
             ("cut.h5", "damaged: container"),

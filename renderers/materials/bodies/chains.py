@@ -67,13 +67,13 @@ def left_out(setup, seed) -> tuple[np.ndarray | None, list[str]]:
     panes = [shape.name for shape in setup.world.shapes() if shape.specular and shape.name not in named]
     if panes and setup.world.without_extent:
         examples = ", ".join(panes[:3]) + (", …" if len(panes) > 3 else "")
-        return None, [f"light without extent that comes by way of mirrors and panes of glass ({examples}) is left out, and how "
-                      "much is not measured; of a small sphere that shines in its place it would be found"]
+        return None, [f"light of lamps without extent by way of mirrors and panes of glass ({examples}) is left out, and how "
+                      "much is not measured; a small sphere that shines in its place is found"]
     if not setup.chained:
         return np.zeros(3), []
     missing = caustics(setup, [light.entries_of(setup, body, _FIRST, seed) for body in range(len(setup.bodies))], seed)
-    return missing, ["light without extent that bodies of smooth glass throw on other surfaces (caustics) is left out, and "
-                     "counts as bias; of a small sphere that shines in its place it would be found"] if missing.any() else []
+    return missing, ["light of lamps without extent that smooth glass of bodies focuses on surfaces (caustics) is left out, "
+                     "and counts as bias; a small sphere that shines in its place is found"] if missing.any() else []
 
 
 # ---- light up to its first smooth surface
