@@ -168,10 +168,8 @@ def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_en
         if words and node.text in words:
             return words[node.text]
         if words and not units.NUMBER.match(node.text.strip()) and not units.is_list(node.text):
-            raise Wrong(
-                f"found {show(node.text)}",
-                f"expected {one_of(list(words))}, or a list in {quantity.base}" + nearest(node.text, words),
-            )
+            raise Wrong(f"found {show(node.text)}", f"expected {one_of(list(words))}, or a list in {quantity.base}"
+                        + nearest(node.text, words))
         if not units.is_list(node.text):
             return (in_bounds(node.text, quantity, limits, node.quoted),)
         values = units.parse_list(node.text, quantity)
@@ -182,11 +180,7 @@ def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_en
             raise Wrong(f"found {show(node.text)}", f"expected {quantity.plural} {limits}{percent}")
         return values
 
-    text = {
-        "anyOf": _words(words)
-        + _patterns(quantity, limits)
-        + [{"type": "string", "pattern": r"^\s*\[.*\]\s*\S*\s*$"}]
-    }
+    text = {"anyOf": _words(words) + _patterns(quantity, limits) + [{"type": "string", "pattern": r"^\s*\[.*\]\s*\S*\s*$"}]}
     listed = Annotated[list[number(quantity, **bounds)], Field(min_length=1, max_length=most_entries)]
     kinds = Annotated[leaf(read, text, quantity, limits), Tag("text")] | Annotated[listed, Tag("list")]
     if steps:
@@ -258,9 +252,8 @@ def _read_text(node):
 def _read_name(node):
     text = scalar(node, "a name").text
     if not _NAME.fullmatch(text):
-        raise Wrong(
-            f"found {show(text)}", "expected a name of letters, digits, - and _ that starts with a letter, at most 64 long"
-        )
+        raise Wrong(f"found {show(text)}",
+                    "expected a name of letters, digits, - and _ that starts with a letter, at most 64 long")
     if _RESERVED.fullmatch(text):
         raise Wrong(f"found {show(text)}, a name that some systems reserve for devices", "expected another name")
     return text
@@ -280,9 +273,8 @@ def component_name(**taken: str):
 def _read_flag(node):
     node = scalar(node, "true or false")
     if node.quoted or node.text not in ("true", "false"):
-        raise Wrong(
-            f"found {show(node.text)}", "expected true or false" + (" without quotes" if node.text in ("true", "false") else "")
-        )
+        quotes = " without quotes" if node.text in ("true", "false") else ""
+        raise Wrong(f"found {show(node.text)}", f"expected true or false{quotes}")
     return node.text == "true"
 
 
