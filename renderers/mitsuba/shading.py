@@ -142,9 +142,14 @@ def finite(colour):
     return dr.select(dr.all(dr.isfinite(colour)), colour, 0)
 
 
+def selected(result, chosen):
+    """Of some of the rays, a mask, numbers or a slice: of a `Shading` or a `LightSample`."""
+    return type(result)(*(selected(values, chosen) if isinstance(values, tuple) else values[chosen] for values in result))
+
+
 def empty(result):
     """Without its rays: Dr.Jit ends the process over arrays of length 0."""
-    return result[:0] if isinstance(result, np.ndarray) else type(result)(*map(empty, result))
+    return result[:0] if isinstance(result, np.ndarray) else selected(result, slice(0))
 
 
 def arrays(count, *values):
