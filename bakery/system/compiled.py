@@ -37,9 +37,10 @@ class Kernel(CPUDispatcher):
             # a constant, or another order of optimisations, may change which products and sums are made in a single step, and so
             # the last bit
             return super().get_call_template(args, kws)
+        args, kws = [_number(kind) for kind in args], {name: _number(kind) for name, kind in kws.items()}
         self._called = _compiling > 0  # kernels of others do not give environments, see `linked`
         try:
-            return super().get_call_template([_number(kind) for kind in args], {name: _number(kind) for name, kind in kws.items()})
+            return super().get_call_template(args, kws)
         finally:
             self._called = False
 
@@ -68,7 +69,7 @@ class Kernel(CPUDispatcher):
             details = {"dispatcher": self, "args": arguments, "return_type": None}
             try:
                 with event.trigger_event("numba:compile", data=details), self._compiling_counter:
-                    result = linked.compiled(self, arguments)
+                    result = self._compiler.for_linking(arguments)
             except errors.NumbaError:
                 return None  # numba's own way says it as numba does
             if result is not None and cache:
@@ -116,6 +117,7 @@ def _kernel(dispatcher):
     # numba asks for the class by the target and not by an option; ours adds no fields.  Without a compiler it is the function
     if type(dispatcher) is CPUDispatcher:
         dispatcher.__class__ = Kernel
+        dispatcher._compiler.__class__ = linked.FunctionCompiler
     return dispatcher
 
 

@@ -11,7 +11,7 @@ import copy
 from pathlib import Path
 
 import llvmlite.binding as llvm
-from numba.core import codegen, compiler, environment
+from numba.core import codegen, compiler, dispatcher, environment
 
 _UNRESOLVED = codegen.RuntimeLinker.PREFIX  # of a function that calls itself: an address, known when it has machine code
 _ENVIRONMENT = "_ZN08NumbaEnv"  # of a function's constants: an address as well
@@ -19,6 +19,13 @@ _ENVIRONMENT = "_ZN08NumbaEnv"  # of a function's constants: an address as well
 
 class Library(codegen.JITCodeLibrary):
     """A library of numba's that is linked into others, and for which no machine code is made."""
+
+    def _optimize_final_module(self):
+        # the kernels that it is linked into are optimised with it, once more and in full; without this one, which drops counts
+        # of references and dead branches, compiling takes as long, and with all of numba's a sixth longer
+        passes, builder = self._codegen._module_pass_manager(loop_vectorize=False, slp_vectorize=False,
+                                                             opt=self._codegen._opt_level, cost="cheap")
+        passes.run(self._final_module, builder)
 
     def _finalize_final_module(self):
         self._finalize_dynamic_globals()
@@ -37,28 +44,61 @@ class Library(codegen.JITCodeLibrary):
         return any(variable.name.startswith(_UNRESOLVED) for variable in self._final_module.global_variables)
 
 
-def compiled(kernel, arguments: tuple):
-    """What numba compiles of a kernel for arguments of these types, for linking alone; None where that cannot be.
+class _Flags(compiler.Flags):
+    """numba's, which it compares thousands of times a kernel, all forty of them: here those that are set."""
 
-    Raises
-    ------
-    numba.core.errors.NumbaError : as where numba compiles it
-    """
-    flags = compiler.Flags()
-    kernel.targetdescr.options.parse_as_flags(flags, kernel.targetoptions)
-    flags.no_cpython_wrapper = flags.no_compile = True
-    context = kernel.targetctx
-    result = compiler.compile_extra(kernel.typingctx, context, kernel.py_func, arguments, None, flags, kernel.locals,
-                                    Library(context.codegen(), kernel.py_func.__qualname__))
-    result.library.finalize()
-    return None if result.library.needs_address() else result._replace(entry_point=_Name(kernel))
+    __slots__ = ()
+    _HASH = hash(compiler.Flags())  # of their names, so that of all flags
+
+    def __hash__(self):
+        return self._HASH
+
+    def __eq__(self, other):
+        if not isinstance(other, compiler.Flags):
+            return NotImplemented
+        names = self._values.keys() | other._values.keys()
+        return self._values == other._values or all(getattr(self, name) == getattr(other, name) for name in names)
+
+
+class _ForLinking(compiler.Compiler):
+    """numba's passes, for a library that is linked into others."""
+
+    def define_pipelines(self):
+        # here and not where flags are made: functions of numba's that a kernel calls are compiled for each set of those
+        self.state.flags.no_cpython_wrapper = self.state.flags.no_compile = True
+        return super().define_pipelines()
+
+
+class FunctionCompiler(dispatcher._FunctionCompiler):
+    """numba's, of a kernel."""
+
+    def _compile_core(self, args, return_type):
+        return self._compiled(args, return_type, self.pipeline_class)
+
+    def for_linking(self, args):
+        """What numba compiles for arguments of these types, for linking alone; None where that cannot be.
+
+        Raises
+        ------
+        numba.core.errors.NumbaError : as where numba compiles it
+        """
+        library = Library(self.targetdescr.target_context.codegen(), self.py_func.__qualname__)
+        result = self._compiled(args, None, _ForLinking, library)
+        library.finalize()
+        return None if library.needs_address() else result._replace(entry_point=_Name(self.py_func))
+
+    def _compiled(self, args, return_type, pipeline, library=None):
+        flags = _Flags()
+        self.targetdescr.options.parse_as_flags(flags, self.targetoptions)
+        return compiler.compile_extra(self.targetdescr.typing_context, self.targetdescr.target_context, self.py_func, args,
+                                      return_type, flags, self.locals, library, pipeline)
 
 
 class _Name:
     """What a kernel is known by to those that call it, in place of a function for Python to call."""
 
-    def __init__(self, kernel):
-        self._kernel = kernel.py_func.__qualname__
+    def __init__(self, function):
+        self._kernel = function.__qualname__
 
     def __repr__(self):
         return f"<linked {self._kernel}>"
@@ -117,7 +157,7 @@ def _read(kernel, name, bitcode, fndesc, constants, signature, reload_init, all_
         function()
     context = kernel.targetctx
     return compiler.compile_result(
-        target_context=context, typing_context=context.typing_context, entry_point=_Name(kernel), fndesc=fndesc,
+        target_context=context, typing_context=context.typing_context, entry_point=_Name(kernel.py_func), fndesc=fndesc,
         environment=constants, library=Library.read(context.codegen(), name, bitcode), signature=signature, objectmode=False,
         lifted=(), type_annotation="", typing_error=None, call_helper=None, metadata=None, reload_init=reload_init,
         referenced_envs=all_constants)
