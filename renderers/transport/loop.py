@@ -1,8 +1,8 @@
 """Paths from the eye through bodies and the surfaces and lights around them, as one loop of Dr.Jit: one kernel a pass.
 
 Every turn of the loop takes a path to its next surface or scattering, adds the light that it meets there and that of a light
-sample, and gives it a new direction.  A path that has ended makes room for the next sample of its pixel, so that paths of a
-packet wait for each other once in several.  Light samples reach events in bodies, and surfaces, through boundaries to which light
+sample, and gives it a new direction.  A path that has ended makes room for the next one of its lane, which has many pixels, so
+that lanes of a packet wait for each other once in hundreds of paths.  Light samples reach events in bodies, and surfaces, through boundaries to which light
 is blind, less what the media on the way take; small lamps are sampled through smooth boundaries, too (`lamps`).
 """
 
@@ -25,6 +25,9 @@ import mitsuba as mi  # isort: skip
 # bounces after which roulette by the throughput begins, and after which surfaces end paths one time in twenty: light that is
 # caught in glass loses nothing on its way
 _ROULETTE, _FAR, _GOES_ON = 4, 64, 0.95
+# paths of a lane, about, and lanes at least: a packet goes on until the last of its lanes has none.  In a glass of milk (64 x 64
+# pixels, 16 lanes a packet) TODO
+_PATHS, _LANES = 256, 256
 # bounces after which one path in a thousand ends; what ends earlier makes the others bright
 _ENDLESS, _ALMOST = 100_000, 0.999
 
@@ -33,7 +36,7 @@ _ENDLESS, _ALMOST = 100_000, 0.999
 class Path:
     """Paths, one a lane.
 
-    random : PCG32;  samples : paths of the lane that are over;  alive : whether there is one
+    random : PCG32;  pixel, sample : which path it is;  alive : whether there is one
     origin, direction : of the next flight;  throughput : of each wavelength
     inside : bodies in which it is, a bit each, the innermost one first
     order, bounces : scatterings in bodies; those and surfaces
@@ -43,7 +46,8 @@ class Path:
     """
 
     random: mi.PCG32
-    samples: mi.UInt32
+    pixel: mi.UInt32
+    sample: mi.UInt32
     alive: mi.Bool
     origin: mi.Point3f
     direction: mi.Vector3f
@@ -92,30 +96,48 @@ class Turn(NamedTuple):
     turned: Callable
 
 
-def trace(scene, key, pixels, lanes, samples, by_light, turn=None):
-    """Light of paths: 3 ORDERS arrays (pixels * lanes) of linear sRGB, sums of `samples` paths a lane, and the same by lights.
+def trace(scene, key, pixels, samples, by_light, turn=None):
+    """Light of paths, sums of `samples` of each pixel: (pixels * ORDERS * 3,) of linear sRGB, and the same by lights.
 
     scene : `scene.Scene`;  key : two numbers of 32 bits, of the random stream of a pass
-    by_light : whether the second, (pixels * lanes * lights * 3,), is more than empty
+    by_light : whether the second, (pixels * lights * 3,), is more than empty
     turn : `Turn`; that through media if None
     """
     turn = turn or Turn(lambda scene, path: path, advance, next_event, turned)
-    lane, pixel, strata, path = begin(scene, key, pixels, lanes, samples)
-    samples = dr.opaque(mi.UInt32, samples)
-    path = turn.begin(scene, path)
-    sums = [dr.zeros(mi.Float, dr.width(lane)) for _ in range(3 * ORDERS)]
-    of_lights = dr.zeros(mi.Float, 3 * pixels * lanes * scene.lights * by_light)
+    lanes = min(pixels, max(_LANES, pixels * samples // _PATHS))
+    strata = Strata(key, samples)
+    path = turn.begin(scene, begin(scene, key, strata, dr.arange(mi.UInt32, lanes)))
+    by_order, of_lights = (dr.zeros(mi.Float, 3 * pixels * kinds) for kinds in (ORDERS, scene.lights * by_light))
+    numbers = [dr.opaque(mi.UInt32, number) for number in (pixels, samples, lanes)]
 
-    def step(path, sums):
+    def step(path):
         path, event = turn.advance(scene, path)
         lights = brought(scene, turn, path, event)
-        add(sums, path.order, *(radiance for radiance, _ in lights))
+        _add(by_order, path.pixel * ORDERS + dr.minimum(path.order, ORDERS - 1), total([radiance for radiance, _ in lights]))
         if by_light:
-            for radiance, source in lights:
-                _add_by_light(scene, of_lights, lane, radiance, source)
-        return _renewed(scene, pixel, strata, samples, turn.turned(scene, path, event)), sums
+            for radiance, emitter in lights:
+                number = scene.light_number(emitter)
+                _add(of_lights, path.pixel * scene.lights + mi.UInt32(number), radiance, number >= 0)
+        path = turn.turned(scene, path, event)
+        return (dr.if_stmt((path,), ~path.alive, lambda path: _next(scene, strata, numbers, path), lambda path: path,
+                           label="next paths"),)
 
-    return dr.while_loop((path, sums), lambda path, sums: path.alive, step, label="paths")[1], of_lights
+    dr.while_loop((path,), lambda path: path.alive, step, label="paths")
+    return by_order, of_lights
+
+
+def _next(scene, strata, numbers, path):
+    """The lane's next path, in the place of one that is over; numbers : of pixels, of samples of each, of lanes."""
+    pixels, samples, lanes = numbers
+    path.sample += 1
+    done = path.sample >= samples
+    path.sample = dr.select(done, 0, path.sample)
+    path.pixel += dr.select(done, lanes, 0)
+    path.alive = path.pixel < pixels
+    drawn = strata.drawn(path.pixel, path.sample, path.random, path.alive)
+    for name, value in vars(camera_paths(scene, path.pixel, drawn, path.random, path.alive, path.sample)).items():
+        setattr(path, name, value)
+    return path
 
 
 def brought(scene, turn, path, event):
@@ -125,9 +147,8 @@ def brought(scene, turn, path, event):
     return [emitted, turn.next_event(scene, path, event), *([refracted[:2]] if refracted else [])]
 
 
-def first_media(scene, key, pixels, lanes):
-    """Media (pixels * lanes,) int32 in which a path of each lane first scatters, -1 for none; parameters as of `trace`."""
-    *_, path = begin(scene, key, pixels, lanes)
+def first_media(scene, key, pixels):
+    """Media (pixels,) int32 in which a path of each pixel first scatters, -1 for none; parameters as of `trace`."""
 
     def step(path, number):
         path, event = advance(scene, path)
@@ -135,66 +156,43 @@ def first_media(scene, key, pixels, lanes):
         path.alive &= ~event.scatters
         return path, dr.select(event.scatters, mi.Int32(event.medium), number)
 
-    start = path, dr.full(mi.Int32, -1, dr.width(path.alive))
+    start = begin(scene, key, Strata(key, 1), dr.arange(mi.UInt32, pixels)), dr.full(mi.Int32, -1, pixels)
     return dr.while_loop(start, lambda path, number: path.alive, step, label="first scatterings")[1]
 
 
-def begin(scene, key, pixels, lanes, samples=1):
-    """Lanes, their pixels, the strata of their samples, and their first paths."""
+def begin(scene, key, strata, pixel, sample=None):
+    """First paths of lanes, samples of pixels, the first ones if None."""
     # as variables: a number would be part of the kernel, and another one another kernel
-    *key, together = (dr.opaque(mi.UInt32, number) for number in (*key, lanes))
-    lane = dr.arange(mi.UInt32, pixels * lanes)
-    pixel = lane // together
-    strata = Strata(lane, pixel, key, lanes, samples)
-    low, high = mi.sample_tea_32(lane ^ key[0], key[1])
+    key = [dr.opaque(mi.UInt32, number) for number in key]
+    width = dr.width(pixel)
+    low, high = mi.sample_tea_32(dr.arange(mi.UInt32, width) ^ key[0], key[1])
     random = mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))
-    first, alive = dr.zeros(mi.UInt32, dr.width(lane)), dr.full(mi.Bool, True, dr.width(lane))
-    path = camera_paths(scene, pixel, strata.drawn(first, random, alive), random, first, alive)
-    return lane, pixel, strata, path
+    sample, alive = dr.zeros(mi.UInt32, width) if sample is None else sample, dr.full(mi.Bool, True, width)
+    return camera_paths(scene, pixel, strata.drawn(pixel, sample, random, alive), random, alive, sample)
 
 
-def camera_paths(scene, pixel, drawn, random, samples, alive):
+def camera_paths(scene, pixel, drawn, random, alive, sample=None):
     """The camera's paths; drawn : places in pixels, and numbers for choices."""
     offset, choice = drawn
     origin, direction = scene.camera_ray(pixel, offset)
     width = dr.width(pixel)
     zero = dr.zeros(mi.UInt32, width)
-    return Path(random, samples, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.waves)],
-                scene.around_camera + zero, mi.UInt32(zero), mi.UInt32(zero),
-                mi.Point3f(origin), dr.zeros(mi.Float, width), dr.full(mi.Bool, True, width), choice,
+    return Path(random, pixel, mi.UInt32(zero) if sample is None else sample, alive, origin, direction,
+                [dr.full(mi.Float, 1, width) for _ in range(scene.waves)], scene.around_camera + zero, mi.UInt32(zero),
+                mi.UInt32(zero), mi.Point3f(origin), dr.zeros(mi.Float, width), dr.full(mi.Bool, True, width), choice,
                 scene.lamps and scene.lamps.none(width))
 
 
-def _renewed(scene, pixel, strata, samples, path):
-    """Paths, and new ones of the camera where they are over."""
-    over = ~path.alive
-    count = path.samples + dr.select(over, mi.UInt32(1), mi.UInt32(0))
-    alive = count < samples
-    new = camera_paths(scene, pixel, strata.drawn(count, path.random, alive), path.random, count, alive)
-    for name in ("alive", "origin", "direction", "inside", "order", "bounces", "drawn", "density", "single", "choice"):
-        setattr(path, name, dr.select(over, getattr(new, name), getattr(path, name)))
-    path.throughput = [dr.select(over, mi.Float(1), weight) for weight in path.throughput]
-    path.samples = count
-    if scene.lamps:
-        path.departure.density = dr.select(over, 0, path.departure.density)
-    return path
+def total(lights):
+    """Sum of lights, each of three colours."""
+    return [media.total(values) for values in zip(*lights)]
 
 
-def add(sums, order, *lights):
-    """Adds light to the sums of its order."""
-    for k in range(ORDERS):
-        of_order = order == k if k < ORDERS - 1 else order >= k
-        for c in range(3):
-            sums[3 * k + c] = sums[3 * k + c] + dr.select(of_order, media.total([light[c] for light in lights]), 0)
-
-
-def _add_by_light(scene, sums, lane, radiance, emitter):
-    """Adds light to the sums of its emitter; those of a lane are its own, so that their order is that of the paths."""
-    number = scene.light_number(emitter)
-    active = (number >= 0) & ((radiance[0] != 0) | (radiance[1] != 0) | (radiance[2] != 0))
+def _add(sums, number, light, active=True):
+    """Adds light to sums, by their numbers; those of a pixel belong to one lane, so that their order is that of its paths."""
+    active &= (light[0] != 0) | (light[1] != 0) | (light[2] != 0)
     for c in range(3):
-        slot = (lane * scene.lights + mi.UInt32(number)) * 3 + c
-        dr.scatter_reduce(dr.ReduceOp.Add, sums, radiance[c], slot, active, dr.ReduceMode.NoConflicts)
+        dr.scatter_reduce(dr.ReduceOp.Add, sums, light[c], 3 * number + c, active, dr.ReduceMode.NoConflicts)
 
 
 def advance(scene, path):

@@ -171,7 +171,7 @@ def light(scene, source):
     def camera(number, alive):
         pixel, offset, numbers = source.begin(number, alive)
         drawn = offset, numbers.next_float32(alive)
-        return loop.camera_paths(scene, pixel, drawn, numbers, dr.zeros(mi.UInt32, dr.width(number)), alive)
+        return loop.camera_paths(scene, pixel, drawn, numbers, alive)
 
     def following(path, number, sums):
         for channel, value in zip(brought, sums):
