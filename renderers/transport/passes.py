@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import cache, partial
 
-import drjit as dr
 import numpy as np
 
 from bakery.kernels import stream_key
@@ -88,10 +87,9 @@ def halves(key):
 def _rendered(traced, size, samples, seed, lights, number):
     """Layers of a pass."""
     by_order, by_light = traced(halves(stream_key(seed, "render.paths", number)), size[0] * size[1], samples, len(lights) > 0)
-    dr.eval(by_order, by_light)  # both by one kernel
-    by_order = np.moveaxis(np.asarray(by_order).reshape(*size, ORDERS, 3), 2, 0) / samples
+    by_order = np.moveaxis(by_order.reshape(*size, ORDERS, 3), 2, 0) / samples
     layers = {"": by_order.sum(axis=0)} | dict(zip(LAYERS, by_order))
     if lights:
-        by_light = np.asarray(by_light).reshape(*size, len(lights), 3) / samples
+        by_light = by_light.reshape(*size, len(lights), 3) / samples
         layers |= {f"light.{name}": by_light[:, :, number] for number, name in enumerate(lights)}
     return layers
