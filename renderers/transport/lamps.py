@@ -6,8 +6,9 @@ chance would have been found so if the walk from its scattering to the point of 
 share by the balance heuristic of their densities, else it counts alone.  So nothing is lost where walks end nowhere, or at one of
 several places.
 
-Walks wait until all paths of a pass are over: in the loop a packet would wait for the few of its paths that walk.  The loop keeps
-records of scatterings and of lamps that paths have met.
+Walks wait until all paths of a pass are over: in the loop a packet would wait for the few of its paths that walk.  Each lane
+keeps records of scatterings and of lamps that its paths have met.  Where there is no more room for them no lamp is looked for,
+and what paths meet by chance counts in full.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ from renderers.transport.skies import Sky
 
 import mitsuba as mi  # isort: skip
 
-_MOST = 4  # scatterings of a path from which lamps are looked for; of more, as many are drawn
+# records of a lane: scatterings from which lamps are looked for, and lamps met, for each path, and at least.  In a glass of milk
+# a path of the camera has half a scattering and a twentieth of a lamp
+_LOOKED, _MET = (2.0, 8), (0.25, 2)
 _SHORT = 1e-3  # of the distance to a lamp: the ray that meets it begins so far before the point
 
 
@@ -37,7 +40,6 @@ class Departure:
     event : where;  before : direction of the path there;  medium : the body's
     density : 1/sr, of the direction from there; 0 where no light sample could take its place
     turned : whether a surface has turned the path since
-    looked : scatterings of the path from which lamps are looked for;  met : whether it has met a lamp that these might have found
     """
 
     event: mi.Point3f
@@ -45,18 +47,26 @@ class Departure:
     medium: mi.UInt32
     density: mi.Float
     turned: mi.Bool
+
+
+@dataclass
+class Counts:
+    """How many records of `Looked` and `Met` lanes have, by their numbers."""
+
+    lane: mi.UInt32
     looked: mi.UInt32
-    met: mi.Bool
+    met: mi.UInt32
 
 
 @dataclass
 class Looked:
     """Scatterings from which lamps are looked for.
 
-    event, before, medium : as of a `Departure`;  inside, order : of the path there;  throughput : of each wavelength
+    number, inside, order, throughput : of the path there;  event, before, medium : as of a `Departure`
     lamp, u, v : which of all lamps, and numbers for a point on it
     """
 
+    number: mi.UInt32
     event: mi.Point3f
     before: mi.Vector3f
     medium: mi.UInt32
@@ -72,10 +82,11 @@ class Looked:
 class Met:
     """Lamps that paths have met by single directions after scatterings.
 
-    event, before, medium, density : as of a `Departure`;  order, inside : of the path
+    number, inside, order : of the path;  event, before, medium, density : as of a `Departure`
     drawn : where it came from;  lamp : which of all;  point, normal : there;  light : linear sRGB
     """
 
+    number: mi.UInt32
     event: mi.Point3f
     before: mi.Vector3f
     medium: mi.UInt32
@@ -90,22 +101,40 @@ class Met:
 
 
 class Records:
-    """What paths leave to be looked up, by their numbers: `_MOST` of `Looked` each, and one of `Met`."""
+    """Of lanes that follow so many paths each."""
 
-    def __init__(self, paths, waves):
-        """paths : how many;  waves : wavelengths"""
-        self.looked, self.met = _arrays(Looked, _MOST * paths, waves), _arrays(Met, paths, 3)
-        self.counts, self.has_met = dr.zeros(mi.UInt32, paths), dr.zeros(mi.Bool, paths)
+    def __init__(self, lanes, paths, waves):
+        """waves : wavelengths"""
+        looked, met = (max(int(share * paths), least) for share, least in (_LOOKED, _MET))
+        self.looked, self.met = _arrays(Looked, looked * lanes, waves), _arrays(Met, met * lanes, 3)
+        self._room_looked, self._room_met = (dr.opaque(mi.UInt32, room) for room in (looked, met))
+        self._lanes, self._ends = lanes, dr.zeros(mi.UInt32, 2 * lanes)
 
-    def look(self, number, slot, count, record, active):
-        """Keeps a `Looked` of paths, and how many these have."""
-        _scatter(self.looked, record, number * _MOST + slot, active & (slot < _MOST))
-        dr.scatter(self.counts, count, number, active)
+    def has_room(self, counts):
+        return (counts.looked < self._room_looked) & (counts.met < self._room_met)
 
-    def meet(self, number, record, active):
-        """Keeps a `Met` of paths."""
-        _scatter(self.met, record, number, active)
-        dr.scatter(self.has_met, mi.Bool(True), number, active)
+    def look(self, counts, record, active):
+        """Keeps a `Looked`."""
+        _scatter(self.looked, record, counts.lane * self._room_looked + counts.looked, active)
+        counts.looked += dr.select(active, mi.UInt32(1), mi.UInt32(0))
+        dr.scatter(self._ends, counts.looked, 2 * counts.lane, active)
+
+    def meet(self, counts, record, active):
+        """Keeps a `Met`."""
+        _scatter(self.met, record, counts.lane * self._room_met + counts.met, active)
+        counts.met += dr.select(active, mi.UInt32(1), mi.UInt32(0))
+        dr.scatter(self._ends, counts.met, 2 * counts.lane + 1, active)
+
+    def kept(self):
+        """All `Looked`, and all `Met`; None where there are none."""
+        dr.eval(self.looked, self.met, self._ends)
+        both = []
+        for kind, (arrays, room) in enumerate(((self.looked, self._room_looked), (self.met, self._room_met))):
+            index = dr.arange(mi.UInt32, dr.width(arrays.number))
+            lane = index // room
+            index = dr.compress(index - lane * room < dr.gather(mi.UInt32, self._ends, 2 * lane + kind))
+            both.append(_gather(arrays, index) if dr.width(index) else None)
+        return both
 
 
 class Lamps:
@@ -136,35 +165,32 @@ class Lamps:
         self._emitters = mi.EmitterPtr([lamp.emitter if isinstance(lamp, Sky) else lamp.emitter() for lamp in lamps])
         self._distances = Distances(scene.scene, manifold, list(lamps))
 
-    def none(self, width):
+    @staticmethod
+    def none(width):
         """`Departure` of paths that have not scattered."""
         return dr.zeros(Departure, width)
 
-    def records(self, paths):
-        """`Records` of so many paths, to be given to `departs` and `meets`."""
-        return Records(paths, self._scene.waves)
+    def records(self, lanes, paths):
+        """`Records` of lanes that follow so many paths each, and their `Counts`."""
+        none = dr.zeros(mi.UInt32, lanes)
+        return Records(lanes, paths, self._scene.waves), Counts(dr.arange(mi.UInt32, lanes), none, mi.UInt32(none))
 
     def departs(self, path, medium, position, density, active, records):
         """Changes departures of paths that scatter at positions, and go on with density (1/sr); some keep a record."""
         departure, random = path.departure, path.random
         sigma = dr.gather(mi.Float, self._sigma, medium)
-        looks = active & (sigma > 0) & ~departure.met
-        u, first, second = (random.next_float32() for _ in range(3))
-        lamp = self._drawn(random.next_float32()) if self._cumulated else dr.zeros(mi.UInt32, dr.width(u))
-        chance = self._chance(sigma, position, lamp, looks)
-        looks &= u < chance
-        count = departure.looked
-        slot = dr.select(count < _MOST, count, mi.UInt32(u / chance * mi.Float(count + 1)))
-        count += dr.select(looks, mi.UInt32(1), mi.UInt32(0))
-        records.look(path.number, slot, count, Looked(position, path.direction, medium, path.inside, path.order, path.throughput,
-                                                      lamp, first, second), looks)
-        departure.looked = count
-        density = dr.select((sigma > 0) & ~departure.met, density, 0)
+        looks = active & (sigma > 0) & records.has_room(path.counts)
+        density = dr.select(looks, density, 0)
         departure.event, departure.before, departure.medium, departure.density = (
             dr.select(active, after, before) for after, before in (
                 (position, departure.event), (path.direction, departure.before), (medium, departure.medium),
                 (density, departure.density)))
         departure.turned &= ~active
+        u, first, second = (random.next_float32() for _ in range(3))
+        lamp = self._drawn(random.next_float32()) if self._cumulated else dr.zeros(mi.UInt32, dr.width(u))
+        record = Looked(path.number, position, path.direction, medium, path.inside, path.order, path.throughput, lamp, first,
+                        second)
+        records.look(path.counts, record, looks & (u < self._chance(sigma, position, lamp, looks)))
 
     def turned(self, path, sample, shades):
         """Changes departures of paths that a surface has turned, by a sample of the BSDF."""
@@ -182,32 +208,24 @@ class Lamps:
         if self._sky:
             point = dr.select(event.misses, self._sky.reached(departure.event, path.drawn, path.direction), point)
             normal = dr.select(event.misses, -path.direction, normal)
-        records.meet(path.number, Met(departure.event, departure.before, departure.medium, departure.density, path.inside,
-                                      path.order, path.drawn, lamp_ahead - 1, point, normal, light), arrives)
-        departure.met |= arrives
+        record = Met(path.number, departure.event, departure.before, departure.medium, departure.density, path.inside, path.order,
+                     path.drawn, lamp_ahead - 1, point, normal, light)
+        records.meet(path.counts, record, arrives)
         return [dr.select(arrives, 0, value) for value in light]
 
-    def found(self, records):
-        """What records come to: pairs of numbers (n,) of paths, orders (n,), `lights` (n,) and light (n, 3)."""
-        dr.eval(records.looked, records.met, records.counts, records.has_met)
-        slot = dr.arange(mi.UInt32, _MOST * dr.width(records.counts))
-        looked = dr.compress(slot % _MOST < dr.gather(mi.UInt32, records.counts, slot // _MOST))
-        met = dr.compress(records.has_met)
-        both = []
-        if dr.width(looked):
-            record, number = _gather(records.looked, looked), looked // _MOST
-            scale = dr.maximum(mi.Float(dr.gather(mi.UInt32, records.counts, number)) / _MOST, 1)
-            both.append((number, record, [value * scale for value in self._light(record)]))
-        if dr.width(met):
-            record = _gather(records.met, met)
-            share = self._share(record)
-            both.append((met, record, [value * share for value in record.light]))
-        return [self._columns(*each) for each in both]
+    def light(self, records):
+        """What records come to: numbers (n,) of paths, orders (n,), emitters (n,) by their numbers, and light (n, 3)."""
+        looked, met = records.kept()
+        if looked is not None:
+            yield self._columns(looked, self._light(looked))
+        if met is not None:
+            share = self._share(met)
+            yield self._columns(met, [value * share for value in met.light])
 
-    def _columns(self, number, record, light):
+    def _columns(self, record, light):
         emitter = self._scene.light_number(dr.gather(mi.EmitterPtr, self._emitters, record.lamp))
-        dr.eval(number, record.order, emitter, light)
-        columns = [np.asarray(column) for column in (number, record.order, emitter, *light)]
+        dr.eval(record.number, record.order, emitter, light)
+        columns = [np.asarray(column) for column in (record.number, record.order, emitter, *light)]
         return *columns[:3], np.stack(columns[3:], axis=1)
 
     def _walk(self, x, y):
@@ -317,8 +335,8 @@ def _arrays(record, count, entries):
     """A record whose fields are arrays for so many, those of vectors with three numbers each; entries : of its lists."""
     def zeros(kind):
         if kind == "list":
-            return [dr.zeros(mi.Float, count) for _ in range(entries)]
-        return dr.zeros(mi.UInt32, count) if kind == "mi.UInt32" else dr.zeros(mi.Float, (1 if kind == "mi.Float" else 3) * count)
+            return [dr.empty(mi.Float, count) for _ in range(entries)]
+        return dr.empty(mi.UInt32, count) if kind == "mi.UInt32" else dr.empty(mi.Float, (1 if kind == "mi.Float" else 3) * count)
 
     return record(**{name: zeros(kind) for name, kind in record.__annotations__.items()})
 

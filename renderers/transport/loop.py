@@ -18,7 +18,7 @@ import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport import flights, media
-from renderers.transport.lamps import Departure
+from renderers.transport.lamps import Counts, Departure
 from renderers.transport.strata import Strata
 from renderers.transport.wavefront import ORDERS
 
@@ -31,7 +31,7 @@ _ROULETTE, _FAR, _GOES_ON = 4, 64, 0.95
 # pixels, 16 lanes a packet) TODO
 _PATHS, _LANES = 256, 256
 # scatterings in bodies until all paths of a packet are looked at together
-_SCATTERINGS = 6
+_SCATTERINGS = 8
 # bounces after which one path in a thousand ends; what ends earlier makes the others bright
 _ENDLESS, _ALMOST = 100_000, 0.999
 
@@ -46,7 +46,8 @@ class Path:
     order, bounces : scatterings in bodies; those and surfaces
     drawn, density : where the direction was drawn, and its density (1/sr);  single : no light sample could have found it
     choice : uniform number, of what the first smooth boundary does
-    departure : from the last scattering, where lamps are sampled through smooth boundaries; else None
+    departure, counts : from the last scattering, and records of the lane, where lamps are sampled through smooth boundaries; else
+        None
     """
 
     random: mi.PCG32
@@ -64,6 +65,7 @@ class Path:
     single: mi.Bool
     choice: mi.Float
     departure: Departure | None
+    counts: Counts | None = None
 
 
 @dataclass
@@ -108,9 +110,10 @@ def trace(scene, key, pixels, samples, by_light, turn=None):
     """
     turn = turn or Turn(lambda scene, path: path, wandered, next_event, turned)
     lanes = min(pixels, max(_LANES, pixels * samples // _PATHS))
-    strata, records = Strata(key, samples), scene.lamps.records(pixels * samples) if scene.lamps else None
+    strata = Strata(key, samples)
     numbers = [dr.opaque(mi.UInt32, number) for number in (pixels, samples, lanes)]
     path = turn.begin(scene, begin(scene, key, strata, dr.arange(mi.UInt32, lanes), numbers[1]))
+    records, path.counts = scene.lamps.records(lanes, pixels * samples / lanes) if scene.lamps else (None, None)
     by_order, of_lights = (dr.zeros(mi.Float, 3 * pixels * kinds) for kinds in (ORDERS, scene.lights * by_light))
 
     def step(path):
@@ -127,7 +130,7 @@ def trace(scene, key, pixels, samples, by_light, turn=None):
     dr.while_loop((path,), lambda path: path.alive, step, label="paths")
     dr.eval(by_order, of_lights)  # both by one kernel
     by_order, of_lights = (np.asarray(sums, dtype=float).reshape(-1, 3) for sums in (by_order, of_lights))
-    for number, order, emitter, light in scene.lamps.found(records) if scene.lamps else ():
+    for number, order, emitter, light in scene.lamps.light(records) if scene.lamps else ():
         pixel = number // samples
         add(by_order, pixel * ORDERS + np.minimum(order, ORDERS - 1), light)
         if by_light:
@@ -149,8 +152,7 @@ def _next(scene, strata, numbers, path):
     pixel = path.pixel + dr.select(done, lanes, 0)
     path.number, path.alive = dr.select(done, pixel * samples, number), pixel < pixels
     drawn = strata.drawn(pixel, path.number - pixel * samples, path.random, path.alive)
-    for name, value in vars(camera_paths(scene, pixel, drawn, path.random, path.alive, path.number)).items():
-        setattr(path, name, value)
+    vars(path).update(vars(camera_paths(scene, pixel, drawn, path.random, path.alive, path.number)) | {"counts": path.counts})
     return path
 
 

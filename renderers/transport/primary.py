@@ -167,18 +167,21 @@ def light(scene, source):
     step, count = dr.opaque(mi.UInt32, lanes), dr.opaque(mi.UInt32, source.count)
     brought = [dr.zeros(mi.Float, source.count) for _ in range(3 * ORDERS)]
     turn = loop.Turn(lambda scene, path: path, loop.wandered, loop.next_event, loop.turned)
-    records = scene.lamps.records(source.count) if scene.lamps else None
+    records, counts = scene.lamps.records(lanes, _TOGETHER) if scene.lamps else (None, None)
 
-    def camera(number, alive):
+    def camera(number, counts):
+        alive = number < count
         pixel, offset, numbers = source.begin(number, alive)
         drawn = offset, numbers.next_float32(alive)
-        return loop.camera_paths(scene, pixel, drawn, numbers, alive, number)
+        path = loop.camera_paths(scene, pixel, drawn, numbers, alive, number)
+        path.counts = counts
+        return path
 
     def following(path, sums):
         for channel, value in zip(brought, sums):
             dr.scatter(channel, value, path.number)
         number = path.number + step
-        return camera(number, number < count), [dr.zeros(mi.Float, dr.width(number)) for _ in sums]
+        return camera(number, path.counts), [dr.zeros(mi.Float, dr.width(number)) for _ in sums]
 
     def go(path, sums):
         path, event = turn.advance(scene, path, records)
@@ -188,11 +191,11 @@ def light(scene, source):
         return dr.if_stmt((path, sums), ~path.alive, following, lambda *state: state, label="following paths")
 
     number = dr.arange(mi.UInt32, lanes)
-    start = camera(number, number < count), [dr.zeros(mi.Float, lanes) for _ in range(3 * ORDERS)]
+    start = camera(number, counts), [dr.zeros(mi.Float, lanes) for _ in range(3 * ORDERS)]
     dr.while_loop(start, lambda path, sums: path.alive, go, label="primary samples")
     dr.eval(brought)
     light = np.stack([np.asarray(channel) for channel in brought], axis=1)
-    for number, order, _, refracted in scene.lamps.found(records) if scene.lamps else ():
+    for number, order, _, refracted in scene.lamps.light(records) if scene.lamps else ():
         loop.add(light.reshape(-1, 3), number * ORDERS + np.minimum(order, ORDERS - 1), refracted)
     pixel = source.begin(dr.arange(mi.UInt32, source.count))[0]
     return light, np.asarray(pixel)
