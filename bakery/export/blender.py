@@ -130,3 +130,46 @@ def _bounces(sigma_s, sigma_a) -> int:
 
 def _colour(values) -> str:
     return "(" + ", ".join(f"{value:.9g}" for value in np.asarray(values).tolist()) + ")"
+
+
+_OPAQUE = '''# A baked surface for Cycles in Blender 5.
+# Run it in Blender's text editor, or as
+#   blender scene.blend --python ...
+# It makes the material "{plain}", or makes it anew, and marks it as an asset.
+{remarks}
+import bpy
+
+NAME = "{plain}"
+INPUTS = {inputs}
+
+if bpy.app.version < (5, 0, 0):
+    raise RuntimeError(f"{{NAME}}: this script is for Blender 5.0 and later, this is {{bpy.app.version_string}}")
+material = bpy.data.materials.get(NAME) or bpy.data.materials.new(NAME)
+tree = material.node_tree
+tree.nodes.clear()
+surface = tree.nodes.new("ShaderNodeBsdfPrincipled")
+for key, value in INPUTS.items():
+    surface.inputs[key].default_value = value
+output = tree.nodes.new("ShaderNodeOutputMaterial")
+output.location = 300, 0
+tree.links.new(surface.outputs[0], output.inputs["Surface"])
+if not material.asset_data:
+    material.asset_mark()
+material.asset_data.description = "Baked surface"
+material.asset_data.tags.new("bakery", skip_if_exists=True)
+'''
+
+
+def surface_text(name: str, fit, remarks) -> str:
+    """A script for Blender 5 that makes a material of a baked surface.
+
+    Parameters
+    ----------
+    fit : `bakery.physics.surfaces.principled.Principled`
+    remarks : lines for a comment
+    """
+    # Blender's roughness is the root of alpha; "Specular IOR Level" 0.5 is Fresnel's reflection at "IOR", 0 none
+    inputs = {"Base Color": (*(round(float(x), 9) for x in fit.colour), 1.0), "Diffuse Roughness": fit.diffuse_roughness,
+              "Metallic": 0.0, "IOR": fit.index if fit.index != 1 else 1.5, "Roughness": math.sqrt(fit.roughness),
+              "Specular IOR Level": 0.5 if fit.index != 1 else 0.0}
+    return _OPAQUE.format(plain=identifier(name), inputs=repr(inputs), remarks="\n".join(f"# {line}" for line in remarks))

@@ -35,14 +35,18 @@ class Surface(Members):
         super().__init__(group, "surface")
         self._medium = medium
 
-    def reflectance(self, theta_in, theta_out, phi=0.0) -> np.ndarray:
+    def reflectance(self, theta_in, theta_out, phi=0.0, layer: int | None = None) -> np.ndarray:
         """pi times the BRDF (L, ...), 1 for a white Lambertian surface; arguments broadcast.
+
+        Parameters
+        ----------
+        layer : position of the thickness; all of them if absent
 
         Notes
         -----
         Light that a smooth boundary mirrors is left out, that of the facets of a rough one is not.
         """
-        return self._looked_up("reflection", theta_in, theta_out, phi)
+        return self._looked_up("reflection", theta_in, theta_out, phi, layer)
 
     def transmittance(self, theta_in, theta_out, phi=0.0) -> np.ndarray:
         """pi times the BTDF (L, ...), 0 over a base; unscattered light left out."""
@@ -85,10 +89,18 @@ class Surface(Members):
         """
         from bakery.physics.surfaces.table import surface_table
 
-        count = self["reflected"].shape[1]
-        if not 0 <= layer < count:
-            raise UsageError(f"surface: found no layer {layer}; it has {count}: 0 to {count - 1}")
-        return surface_table([row[layer] for row in self._rows()])
+        return surface_table(self._of_layer(layer))
+
+    @property
+    def layers(self) -> int:
+        """Number of thicknesses."""
+        return self["reflected"].shape[1]
+
+    def _of_layer(self, layer: int) -> list:
+        """Of each wavelength, the solution of a layer."""
+        if not 0 <= layer < self.layers:
+            raise UsageError(f"surface: found no layer {layer}; it has {self.layers}: 0 to {self.layers - 1}")
+        return [row[layer] for row in self._rows()]
 
     def _rows(self) -> list[list]:
         """Of each wavelength, the solution of each layer."""
@@ -98,8 +110,10 @@ class Surface(Members):
             self._solutions = solutions_of(self._group, self._medium)
         return self._solutions
 
-    def _looked_up(self, name: str, theta_in, theta_out, phi) -> np.ndarray:
+    def _looked_up(self, name: str, theta_in, theta_out, phi, layer: int | None = None) -> np.ndarray:
         at = _cosine(theta_out), _cosine(theta_in), np.asarray(phi, float)
+        if layer is not None:
+            return np.stack([getattr(solution, name)(*at) for solution in self._of_layer(layer)])
         return self._layers(np.stack([np.stack([getattr(solution, name)(*at) for solution in row]) for row in self._rows()]))
 
     def _layers(self, values):
