@@ -114,9 +114,9 @@ def follow(stream, walks, layer, table, edges, light, square, beyond):
             continue
         px, py, pz, weight = 0.0, 0.0, 0.0, 1.0
         while True:
-            room = min(pz, thickness - pz)
-            if room > _DEEP * transport:
-                weight, px, py, pz, ux, uy, uz = _leapt(stream, weight, px, py, pz, room - _REST * transport, decay)
+            clearance = min(pz, thickness - pz)
+            if clearance > _DEEP * transport:
+                weight, px, py, pz, ux, uy, uz = _leapt(stream, weight, px, py, pz, clearance - _REST * transport, decay)
                 if pz > edges[last]:
                     beyond[into] += weight
                     break

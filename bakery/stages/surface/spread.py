@@ -47,16 +47,16 @@ def stored(spreads: list, unit, shape: tuple[int, int]) -> dict:
     """
     from bakery.physics.surfaces.spread import profile
 
-    profiles = np.array([profile(one.edges, one.light.mean(axis=0).sum(axis=0), one.beyond) for one in spreads])
+    profiles = np.array([profile(walked.edges, walked.light.mean(axis=0).sum(axis=0), walked.beyond) for walked in spreads])
     unit = np.asarray(unit, float)
-    across = {"spread": [one.light for one in spreads], "spread_error": [one.light_error for one in spreads]}
+    across = {"spread": [walked.light for walked in spreads], "spread_error": [walked.light_error for walked in spreads]}
     values = {name: np.stack(parts).astype(np.float32) for name, parts in across.items()}
-    values["spread_radius"] = np.stack([one.edges[1:] for one in spreads]) * unit[:, None]
+    values["spread_radius"] = np.stack([walked.edges[1:] for walked in spreads]) * unit[:, None]
     for name, part in (("spread_square", "square"), ("spread_square_error", "square_error"), ("mean_square", "mean_square"),
                        ("mean_square_error", "mean_square_error")):
-        square = np.stack([np.asarray(getattr(one, part)) for one in spreads])
+        square = np.stack([np.asarray(getattr(walked, part)) for walked in spreads])
         values[name] = square * (unit**2).reshape(-1, *[1] * (square.ndim - 1))
-    values |= {"beyond": np.clip([one.beyond for one in spreads], 0, 1), "profile": profiles[:, 0] * unit,
+    values |= {"beyond": np.clip([walked.beyond for walked in spreads], 0, 1), "profile": profiles[:, 0] * unit,
                "profile_misfit": profiles[:, 1]}
     return {name: value.reshape(*shape, *value.shape[1:]) for name, value in values.items()}
 
@@ -84,6 +84,6 @@ def within(radius_of, light, beyond, radius):
     shares = np.empty((*light.shape[:2], *radius.shape))
     for at in np.ndindex(light.shape[:2]):
         total = light[at].sum() + beyond[at]
-        known = np.concatenate([[0.0], np.cumsum(light[at])]) / total if total > 0 else np.zeros(light.shape[2] + 1)
-        shares[at] = np.interp(radius, np.concatenate([[0.0], radius_of[at]]), known)
+        cumulated = np.concatenate([[0.0], np.cumsum(light[at])]) / total if total > 0 else np.zeros(light.shape[2] + 1)
+        shares[at] = np.interp(radius, np.concatenate([[0.0], radius_of[at]]), cumulated)
     return shares
