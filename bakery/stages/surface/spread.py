@@ -31,7 +31,7 @@ NAMES = tuple(output.path for output in OUTPUTS)
 
 
 def spread_of(slab, seed: int, wave: int, layer: int):
-    """Of one layer at one wavelength: a task that any worker may run."""
+    """Of a layer at a wavelength: a task that any worker may run."""
     from bakery.physics.surfaces.spread import spread
 
     return spread(slab, seed, wave, layer)
