@@ -127,6 +127,17 @@ def test_a_table_is_as_far_off_as_it_says():
         assert off == pytest.approx(table.losses.misdirected, rel=0.5)
 
 
+def test_many_wavelengths_get_a_coarser_grid():
+    """At most 134 MB, and the error of that grid."""
+    def smooth(theta_in, theta_out, phi):
+        return np.ones((300, 1)) * (1 + np.cos(theta_in) * np.cos(theta_out) * np.cos(phi) ** 2)
+
+    table = measured.measured(smooth, np.linspace(0.3, 1.0, 300))
+    single = measured.measured(lambda *at: smooth(*at)[:1], [0.5], 1e-6)
+    assert table.values.nbytes <= 4 * measured.MOST and table.values.shape[3] < single.values.shape[3]
+    assert table.losses.misdirected > single.losses.misdirected
+
+
 # ---- Mitsuba
 
 
@@ -244,7 +255,7 @@ def test_a_base_under_a_boundary_comes_back():
 
 
 @pytest.mark.parametrize("name", ["gloss", pytest.param("matt", marks=pytest.mark.slow)])
-def test_materialx_and_blender_hold_one_fit(name, export, monkeypatch):
+def test_materialx_and_blender_hold_one_fit(name, export, assets, monkeypatch):
     mx = pytest.importorskip("MaterialX", reason="the package MaterialX is not installed (extra `exchange`)")
     folder, (lost,) = export(name, "materialx")
     document, library = mx.createDocument(), mx.createDocument()
@@ -269,5 +280,17 @@ def test_materialx_and_blender_hold_one_fit(name, export, monkeypatch):
     assert np.allclose(surface.inputs["Base Color"].default_value[:3], inputs["base_color"].asTuple(), rtol=1e-6)
     assert surface.inputs["Diffuse Roughness"].default_value == pytest.approx(inputs["base_diffuse_roughness"])
     assert surface.inputs["IOR"].default_value == index and blender.tags == ["bakery"]
+    assert "Subsurface Weight" not in surface.inputs
+    # with SPREAD, by Cycles' own definition, the profile that is baked
+    script = (folder / f"{name}_surface.py").read_text()
+    (folder / "spread.py").write_text(script.replace("SPREAD = False", "SPREAD = True"))
+    bpy, blender = fake_bpy(0)
+    monkeypatch.setitem(sys.modules, "bpy", bpy)
+    runpy.run_path(str(folder / "spread.py"))
+    surface, = (node for node in blender.nodes if node.kind == "ShaderNodeBsdfPrincipled")
+    albedo, radius = (np.array(surface.inputs[key].default_value[:3]) for key in ("Base Color", "Subsurface Radius"))
+    widths = 0.01 * radius / (4 * math.pi) / (1.9 - albedo + 3.5 * (albedo - 0.8) ** 2)
+    assert surface.subsurface_method == "BURLEY"
+    assert np.allclose(widths, 1e-6 * bakery.open(assets[name]).surface["profile"][:, 0], rtol=1e-5)
     # light reddens: the albedo falls from the first band to the last
     assert np.all(np.diff(inputs["base_color"].asTuple()) < 0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bakery.errors import UsageError
 from bakery.export.declaration import Exporter, Job, Option, Written
 from bakery.export.formats.lobes import WITHIN, written
-from bakery.export.formats.surfaces import Addition, Layer, fit_of, with_surfaces
+from bakery.export.formats.surfaces import Addition, Layer, fit_of, profile_of, with_surfaces
 from bakery.store.outputs import FileKind, begins_as_text
 
 
@@ -44,7 +44,14 @@ def _surface(job: Job, layer: Layer) -> Addition:
     from bakery.export.blender import surface_text
 
     fit, loss, lines = fit_of(job, layer)
-    return Addition({f"{layer.name}.py": surface_text(layer.name, fit, lines)}, loss, lines)
+    widths = None
+    if (spread := profile_of(job, layer)) is not None:
+        widths, misfit = spread
+        loss["profile"], loss["profile_misfit"] = widths.tolist(), misfit
+        lines.append("SPREAD = True lets light spread by Burley and Christensen's profile, d " +
+                     ", ".join(f"{1e3 * width:.3g}" for width in widths) + f" mm: off by up to {100 * misfit:.2g} % of the light "
+                     "within a distance")
+    return Addition({f"{layer.name}.py": surface_text(layer.name, fit, lines, widths)}, loss, lines)
 
 
 EXPORTER = Exporter(

@@ -99,6 +99,15 @@ def table_of(job: Job, layer: Layer):
     return table, {"misdirected": table.losses.misdirected, "albedo": table.losses.albedo}, lines
 
 
+def profile_of(job: Job, layer: Layer):
+    """Widths d (3,) m of Burley and Christensen's profile in red, green and blue, and its largest misfit; None: none is baked."""
+    surface = job.asset.surface
+    if "profile" not in surface:
+        return None
+    bands = job.colour.band_matrix(job.asset.wavelength)
+    return bands @ (1e-6 * surface["profile"][:, layer.number]), float(surface["profile_misfit"][:, layer.number].max())
+
+
 def fit_of(job: Job, layer: Layer):
     """`bakery.physics.surfaces.principled.Principled` of a layer, its loss for machines and in words."""
     from bakery.physics.surfaces.principled import ANGLES, principled

@@ -16,6 +16,7 @@ import numpy as np
 from bakery import rng
 
 GRIDS = (16, 32), (32, 64), (48, 96)  # angles of incidence, steps along the square; the first that is good enough is taken
+MOST = 1 << 25  # values of a table of many wavelengths, 134 MB, which leave only the first grid where that has more
 TOLERANCE = 5e-3  # of the light to another direction
 STEEPEST = math.radians(89.9)
 PROBES = 4096  # pairs of directions of even light by which the error is measured
@@ -66,7 +67,7 @@ def measured(reflectance, um, tolerance: float = TOLERANCE) -> Measured:
         return reflectance(*at)[order]
 
     probes = _probes(ascending)
-    for angles, steps in GRIDS:
+    for angles, steps in [grid for grid in GRIDS if grid[0] * grid[1] ** 2 * len(um) <= MOST] or GRIDS[:1]:
         theta_in = STEEPEST * np.sin(0.5 * math.pi * np.linspace(0, 1, angles))
         table = Measured(1e3 * np.asarray(um, float)[order], theta_in, _sampled(ascending, theta_in, steps), Losses(0, 0))
         table = table._replace(losses=_losses(table, *probes))
