@@ -43,7 +43,7 @@ def _means(image, features):
     edge = ((_REACH, _REACH), (_REACH, _REACH), (0, 0))
     # neighbours are views of one padded array: normals, distance, share of grains, picture
     distance = np.where(np.isfinite(features.distance), features.distance, 0.0)
-    seen = (features.detail > 0) & np.isfinite(features.distance)
+    seen = (features.detail > 0) & (features.grain > 0)
     stacked = np.dstack([features.normal / _TURNED, distance, seen, image])
     padded = np.pad(stacked, edge).astype(np.float32)
     scale = (1 / np.maximum(features.grain, 1e-12)).astype(np.float32)

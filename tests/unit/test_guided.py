@@ -62,17 +62,16 @@ def test_pixels_without_grains_are_left():
     """And are no part of the means beside them."""
     level, features = grains()
     picture, variance = passes(level, 1.0, 4)
-    detail = np.ones(level.shape[:2])
-    detail[:, 36:] = 0.0
+    grain = np.where(np.arange(level.shape[1]) < 36, features.grain, 0.0)
     picture[:, 36:] = 1e6
-    smoothed = guided.smoothed(picture, variance, features._replace(detail=detail))
+    smoothed = guided.smoothed(picture, variance, features._replace(grain=grain))
     assert np.array_equal(smoothed[:, 36:], picture[:, 36:]) and smoothed[:, :36].max() < 100
 
 
 def test_nothing_is_lost_where_grains_end():
     """Beyond them nothing is seen: its distance is infinite."""
     level, features = grains()
-    features.distance[:4], features.detail[:4] = np.inf, 0.0
+    features.distance[:4], features.grain[:4] = np.inf, 0.0
     assert np.isfinite(guided.smoothed(*passes(level, 1.0, 4), features)).all()
 
 
