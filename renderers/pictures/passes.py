@@ -15,6 +15,7 @@ from renderers import choice
 from renderers.mitsuba.lights import DARK
 from renderers.mitsuba.world import World
 from renderers.pictures import denoise, images, reached, running
+from renderers.pictures.engine import in_time
 from renderers.pictures.means import student, tiled
 from renderers.pictures.progressive import Estimate, Part, Stop, fingerprint, made_of
 from renderers.pictures.running import Render
@@ -143,7 +144,8 @@ class Rendering:
         job.part_over("preparation")
         identity = {"scene": fingerprint(*made_of(scene)), "seed": seed, "size": list(world.size),
                     "asset": [asset.content_hash for asset in job.assets]}
-        self.estimate = Estimate(self.method.parts, identity)
+        parts = in_time(self.method.parts, reached.limit(job.scene.values.stop.time, job.quality))
+        self.estimate = Estimate(parts, identity)
         if resume:
             self.estimate.resume(job.pair[1])
         self.stop, self.reasons = self._stop()
