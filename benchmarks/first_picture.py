@@ -82,7 +82,7 @@ def alone(asked) -> dict:
     report, display = rendering.finish(), dict(rendering.job.scene.values.display)
     cleared = rendering.estimate.rgb if rendering.denoised is None else rendering.denoised.rgb
     for name, linear in (("rendered", rendering.estimate.rgb), ("cleared", cleared)):
-        np.save(Path(asked["picture"]).with_suffix(f".{name}.npy"), images.shown(linear, **display)[0])
+        np.save(Path(asked["picture"]).with_suffix(f".{name}.npy"), images.eight_bits(images.shown(linear, **display)[0]))
     return {key: report[key] for key in ("method", "samples", "noise", "noise_region")} | {"seconds": time.process_time()}
 
 

@@ -37,7 +37,8 @@ class Features(NamedTuple):
     normal : (H, W, 3) in the scene's axes, turned to the camera; a mean over the pixel, shorter than 1 at edges
     distance : (H, W) m, inf where there is nothing
     detail : (H, W), share of the pixel in which parts of the picture count that are kept from the filter; None: all of it
-    grain : (H, W) m, radius of the grain whose surface normal and distance are of; None: they are not those of the detail
+    grain, width : (H, W) m, radius of the grain whose surface normal and distance are of, 0 where there is none, and its width in
+        pixels; None: they are not those of the detail
     """
 
     albedo: np.ndarray
@@ -45,6 +46,7 @@ class Features(NamedTuple):
     distance: np.ndarray
     detail: np.ndarray | None = None
     grain: np.ndarray | None = None
+    width: np.ndarray | None = None
 
     def channels(self) -> dict[str, np.ndarray]:
         """Of the EXR, by name."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-_REACH = 5  # pixels, of the disc of neighbours
+_REACH = 5  # pixels, at most, of the disc of neighbours: it is as wide as two grains
 _TURNED = 0.3  # of unit normals: difference at which a neighbour counts exp(-1/2)
 _AROUND = 9  # pixels: side of the square over which noise and what is left are told
 _ROWS = 64  # of the picture at a time
@@ -22,7 +22,7 @@ def smoothed(image, variance, features):
     Parameters
     ----------
     image, variance : (H, W, 3) linear sRGB and its variance; None where that is not known
-    features : `renderers.pictures.denoise.Features` with `grain`
+    features : `renderers.pictures.denoise.Features` with `grain` and `width`
     """
     means, weight = _means(image, features)
     if variance is None:
@@ -47,17 +47,18 @@ def _means(image, features):
     stacked = np.dstack([features.normal / _TURNED, distance, seen, image])
     padded = np.pad(stacked, edge).astype(np.float32)
     scale = (1 / np.maximum(features.grain, 1e-12)).astype(np.float32)
+    reach = np.where(seen, np.clip(np.round(features.width), 1, _REACH), 0).astype(np.float32)
     sums, weights = np.empty((height, width, 3)), np.empty((height, width))
     for top in range(0, height, _ROWS):
         rows = slice(top, min(top + _ROWS, height))
-        sums[rows], weights[rows] = _of_rows(padded, scale[rows], top, width)
+        sums[rows], weights[rows] = _of_rows(padded, scale[rows], reach[rows], top)
     means = np.where(seen[..., None], sums / weights[..., None], image)
     return means, np.where(seen, 1 / weights, 1.0)
 
 
-def _of_rows(padded, scale, top, width):
+def _of_rows(padded, scale, reach, top):
     """Sums of the picture and of weights for some rows."""
-    height = len(scale)
+    height, width = scale.shape
     middle = padded[top + _REACH:top + _REACH + height, _REACH:_REACH + width]
     sums, weights = np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32)
     for down in range(-_REACH, _REACH + 1):
@@ -68,7 +69,8 @@ def _of_rows(padded, scale, top, width):
             near = padded[row:row + height, _REACH + right:_REACH + right + width]
             turned = near[..., :3] - middle[..., :3]
             apart = (near[..., 3] - middle[..., 3]) * scale
-            weight = near[..., 4] * np.exp(-0.5 * (np.einsum("ijk,ijk->ij", turned, turned) + apart * apart))
+            likeness = np.exp(-0.5 * (np.einsum("ijk,ijk->ij", turned, turned) + apart * apart))
+            weight = near[..., 4] * (reach**2 + 1 >= down**2 + right**2) * likeness
             weights += weight
             sums += weight[..., None] * near[..., 5:]
     return sums, np.maximum(weights, 1e-30)

@@ -19,7 +19,8 @@ def grains(word=0):
     level = 1 + 0.5 * rng.uniform(-1, 1, (COUNT, COUNT, 1)) * np.ones(3)
     level, normal = (np.repeat(np.repeat(of_grain, WIDE, axis=0), WIDE, axis=1) for of_grain in (level, normal))
     shape = level.shape[:2]
-    return level, Features(np.ones(level.shape), normal, np.ones(shape), np.ones(shape), np.full(shape, 1e-3))
+    return level, Features(np.ones(level.shape), normal, np.ones(shape), np.ones(shape), np.full(shape, 1e-3),
+                           np.full(shape, float(WIDE)))
 
 
 def passes(level, scatter, count, word=1):
@@ -81,3 +82,13 @@ def test_the_part_that_shows_grains_is_filtered_by_itself():
     shown = denoised({"grains": (picture, variance)}, ["grains"], features)
     assert np.allclose(shown.rgb, np.maximum(guided.smoothed(picture, variance, features), 0), atol=1e-6)
     assert shown.figures["grains"] and not denoised({"grains": (picture, variance)}, ["grains"]).figures["grains"]
+
+
+def test_means_reach_no_further_than_a_grain_is_wide():
+    """A bright pixel beside others whose surfaces are alike."""
+    level, features = grains()
+    features = features._replace(normal=np.zeros(level.shape), width=np.full(level.shape[:2], 2.0))
+    picture = np.zeros(level.shape)
+    picture[30, 30] = 1.0
+    rows, columns = np.nonzero(guided.smoothed(picture, None, features)[..., 1])
+    assert (abs(rows - 30).max(), abs(columns - 30).max()) == (2, 2) and len(rows) == 21

@@ -10,7 +10,7 @@ from renderers.transport.scattering import scatterer
 
 _PLACES = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])  # in a pixel, row and column
 _STEP = 1.0 / 64  # pixels: between rays whose ends tell how a surface is turned
-_NARROW = 1.0  # pixels: grains of less width are seen as their mean
+_NARROW, _WIDE = 1.0, 4.0  # pixels: grains of less width are seen as their mean;  of more each by itself
 _SIDES = np.array([[0.0, 0.0], [_STEP, 0.0], [0.0, _STEP]])
 
 
@@ -27,7 +27,7 @@ def first_hits(world, scene, assets, meshes, seed) -> Features:
     Notes
     -----
     Grains have the albedo of a meeting with one of their body, and are seen along straight rays: behind glass it is the medium
-    which stands for them that counts, and that has no normals.  Pixels show detail where grains are wider than they are.
+    which stands for them that counts, and that has no normals.  Pixels show detail where grains are wider than they are, all of it from four pixels on.
     """
     media = [regions.Medium(regions.Mesh(*mesh), _scatterer(asset)) for asset, mesh in zip(assets, meshes)]
     around = features.first_hits(world, media, scene.colours, seed)
@@ -52,11 +52,12 @@ def of_grains(world, bodies, albedo, around) -> Features:
     normal = np.mean([normal for _, normal, _ in seen], axis=0)
     distance = np.quantile([distance for *_, distance in seen], 0.5, axis=0, method="lower")
     without_grains = (1 - share)[..., None]
-    narrow, radius = _NARROW * world.camera.angle(*world.size), np.array([radius for _, radius in bodies])
+    angle, radius = world.camera.angle(*world.size), np.array([radius for _, radius in bodies])
     grain = np.max([np.where(body >= 0, radius[body], 0.0) for body, _, _ in seen], axis=0)
-    detail = np.mean([(body >= 0) & (2 * radius[body] > narrow * distance) for body, _, distance in seen], axis=0)
+    widths = [np.where(body >= 0, 2 * radius[body] / (angle * distance), 0.0) for body, _, distance in seen]
+    detail = np.mean([np.clip((width - _NARROW) / (_WIDE - _NARROW), 0, 1) for width in widths], axis=0)
     return Features(colours + without_grains * around.albedo, normal + without_grains * around.normal,
-                    np.where(np.isfinite(distance), distance, around.distance), detail, grain)
+                    np.where(np.isfinite(distance), distance, around.distance), detail, grain, np.max(widths, axis=0))
 
 
 def albedos(media, colours):
