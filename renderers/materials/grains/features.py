@@ -27,7 +27,8 @@ def first_hits(world, scene, assets, meshes, seed) -> Features:
     Notes
     -----
     Grains have the albedo of a meeting with one of their body, and are seen along straight rays: behind glass it is the medium
-    which stands for them that counts, and that has no normals.  Pixels show detail where grains are wider than they are, all of it from four pixels on.
+    which stands for them that counts, and that has no normals.  Pixels show detail where grains are wider than they are, all
+    of it where they are four times as wide.
     """
     media = [regions.Medium(regions.Mesh(*mesh), _scatterer(asset)) for asset, mesh in zip(assets, meshes)]
     around = features.first_hits(world, media, scene.colours, seed)
