@@ -46,22 +46,22 @@ class Run(NamedTuple):
 @gathered(
     "run", Run,
     click.option("--jobs", "-j", type=click.IntRange(1), metavar="N",
-                 help="Threads, of all recipes together; all processors by default (or BAKERY_JOBS)."),
+                 help="Threads for all recipes together; by default BAKERY_JOBS, or all processors."),
     click.option("--cluster", metavar="ADDRESS", help="Run the blocks on a Dask scheduler at this address."),
-    click.option("--force", is_flag=True, help="Compute every stage again, whatever is known."),
+    click.option("--force", is_flag=True, help="Compute every stage again."),
     click.option("--keep-going", "-k", is_flag=True,
-                 help="Of several recipes, and of the points of a sweep, bake the others also where one is wrong."),
+                 help="If one recipe, or one point of a sweep, is wrong or fails, bake the others."),
     click.option("--dry-run", is_flag=True, help="Print the plan and stop."))
 @click.option("--depfile", type=click.Path(), metavar="FILE",
               help="Write the files that the asset depends on, in Make's syntax.")
 @overwrite_option
 @told_options
 def command(recipes, output, asked, sweeps, run, depfile, overwrite, told):
-    """Bake each RECIPE into one asset, called as its file (fog.yaml: fog.h5) unless -o says otherwise; a recipe that sweeps keys
-    into a family of them.
+    """Bake each RECIPE into one asset, named after the recipe's file (fog.yaml: fog.h5) unless -o is given.  A recipe that sweeps
+    keys becomes a family of assets.
 
-    Stages whose inputs did not change are reused, from the asset that stands or from the cache.  Prints the path of each asset,
-    and nothing else, on standard output.  Several recipes share the processors; those that failed are listed at the end.
+    Stages whose inputs did not change are reused, from the existing asset or from the cache.  Standard output gets the path of
+    each asset and nothing else.  Several recipes share the processors; failed ones are listed at the end.
     """
     from bakery.run import files_of
     from bakery.run.bake import planned
@@ -120,7 +120,7 @@ def _check_apart(recipes, plans) -> None:
 
 
 def _baked(recipes, plans, failures, where, keep_going, depfile, told) -> int:
-    """Bake, print in the order of the recipes what came of it, and give the exit status; `where` as `executed` takes it."""
+    """Bake, print in the order of the recipes what came of it, and give the exit status; arguments as of the command."""
     from pathlib import Path
 
     from bakery.run.bake import executed
@@ -178,7 +178,7 @@ def _tell(recipes, failures, done, keep_going: bool) -> int:
     """Say at the end which recipes failed, and how many were not started; the worst exit status."""
     unstarted = len(recipes) - len(failures) - len(done)
     if failures:
-        advice = "" if keep_going else " (--keep-going goes on)"
+        advice = "" if keep_going else " (--keep-going bakes them)"
         addition = f", {unstarted} not started{advice}" if unstarted else ""
         remark(f"{len(failures)} of {len(recipes)} recipes failed{addition}:")
     for index, (message, _) in sorted(failures.items()):

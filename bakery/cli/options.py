@@ -26,15 +26,15 @@ class FiniteRange(click.FloatRange):
         return number if math.isfinite(number) else self.fail(f"{value!r} is not a finite number.", param, ctx)
 
 
-json_option = click.option("--json", "as_json", is_flag=True, help="Print the machine-readable twin of the report.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Only errors on standard error.")
 overwrite_option = click.option("--overwrite", is_flag=True,
-                                help="Replace also a file of another kind, or the asset of another recipe, where an output goes.")
+                                help="Also replace a file of another kind, or an asset of another recipe, at the output path.")
 sweep_option = click.option("--sweep", "sweeps", multiple=True, metavar="KEY=VALUES",
                             help="Bake a family over values of a key, such as 'KEY=[2, 4, 8] um'; repeatable.")
 at_option = click.option("--at", "place", multiple=True, metavar="AXIS=VALUE",
-                         help="Of a family the asset at this place, such as radius=5um; once for each axis.")
-verbose_option = click.option("--verbose", "-v", is_flag=True, help="Say more on standard error.")
+                         help="For a family: interpolate the asset at this value, such as radius=5um; once for each axis.")
+verbose_option = click.option("--verbose", "-v", is_flag=True, help="Print more on standard error.")
 
 
 def gathered(name: str, record: type, *options):
@@ -73,13 +73,13 @@ class Told(NamedTuple):
 recipe_options = gathered(
     "asked", OfRecipe,
     click.option("--stage", multiple=True, metavar="NAME", shell_complete=offers.stages,
-                 help="Only this stage and what it needs; repeatable."),
+                 help="Only this stage and the stages it needs; repeatable."),
     click.option("--scene", "scenes", type=click.Path(), multiple=True, metavar="FILE",
-                 help="Bake what this scene needs and nothing else; repeatable: what any of them needs."),
+                 help="Bake only what this scene needs; repeatable: what any of the scenes needs."),
     click.option("--quality", metavar="|".join(QUALITIES), shell_complete=offers.qualities,
-                 help="10 or 3 % of all light, or the recipe as it stands."),
-    click.option("--tolerance", metavar="X", help="Error that each figure should reach, such as 2%."),
-    click.option("--seed", metavar="N", help="Seed of every random stream."),
+                 help="Tolerance of 10 % (draft) or 3 % (preview) of all light; final: the recipe unchanged."),
+    click.option("--tolerance", metavar="X", help="Relative error allowed in each baked quantity, such as 2%."),
+    click.option("--seed", metavar="N", help="Seed of all random numbers."),
     click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one recipe value; repeatable."))
 told_options = gathered("told", Told, json_option, quiet_option, verbose_option)
 
@@ -137,7 +137,7 @@ def one_asset(asset: str, place):
     if isinstance(asset_at_place, bakery.Family):
         axes = " ".join(f"--at {name}=…" for name in asset_at_place.axes)
         assets = counted([member.reason for member in asset_at_place.members])
-        raise UsageError(f"{asset}: is a family of {assets}; {axes} takes the asset of a place, and "
+        raise UsageError(f"{asset}: is a family of {assets}; {axes} interpolates one asset, and "
                          f"{asset_at_place.members[0].path.parent}/ holds the members")
     return asset_at_place
 

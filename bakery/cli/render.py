@@ -49,18 +49,18 @@ class _Picture(NamedTuple):
 @gathered(
     "asked", _Picture,
     click.option("--quality", metavar="|".join(QUALITIES), shell_complete=offers.qualities,
-                 help="Noise against time: 4, 2 or 1 times the noise that a scene asks for; a draft ends after 60 s at the "
-                      "latest.  [default: final; preview of an asset]"),
+                 help="4, 2 or 1 times the noise that a scene asks for; a draft ends after at most 60 s.  [default: final; "
+                      "preview for an asset]"),
     click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_mono); the best that runs by default."),
     click.option("--seed", type=click.IntRange(0), metavar="N", help="Seed of Mitsuba's pictures.  [default: 0]"),
     click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one value of a scene; repeatable."),
-    click.option("--denoise/--no-denoise", default=None, help="Take the noise out of a scene's PNG, or not.  "
-                 "[default: as the scene says; else at draft and preview]"),
-    click.option("--resume", is_flag=True, help="Go on from the samples of the scene's EXR, where its renderer can."),
-    click.option("--live", is_flag=True, help="Show a scene's picture on a page while it gets better; the page can stop it."),
+    click.option("--denoise/--no-denoise", default=None, help="Remove the noise from a scene's PNG, or keep it.  [default: the "
+                                                              "scene's setting; else at draft and preview]"),
+    click.option("--resume", is_flag=True, help="Continue from the samples in the scene's EXR, if its renderer can."),
+    click.option("--live", is_flag=True, help="Show a scene's picture on a web page while it renders; the page can stop it."),
     click.option("--live-port", "port", type=click.IntRange(0, 65535), metavar="N",
                  help="Port of that page.  [default: a free one]"),
-    click.option("--frames", metavar="NUMBERS", help="Frames of a scene that has a section frames: 1-48, 1,5,9 or 1-48:2."),
+    click.option("--frames", metavar="NUMBERS", help="Frames of a scene with a section frames: 1-48, 1,5,9 or 1-48:2."),
     click.option("--cluster", metavar="ADDRESS",
                  help="Share frames or passes of a scene among the workers of a Dask scheduler at this address."))
 @at_option
@@ -68,16 +68,16 @@ class _Picture(NamedTuple):
 @json_option
 @quiet_option
 def command(source, output, asked, place, overwrite, as_json, quiet):
-    """Render a SCENE (.yaml), a Mitsuba scene (.xml) in which bakery's plugins may be used, or the standard preview of an ASSET.
+    """Render a SCENE (.yaml), a Mitsuba scene (.xml), which may use Bakery's plugins, or the standard preview of an ASSET.
 
-    A SCENE that names a recipe takes its asset where that is there and good enough; else it is baked first, into the cache.  No
-    asset is replaced.  In a Mitsuba scene --set gives a parameter: `$NAME` in the file takes the value of --set NAME=VALUE.
-    Prints the paths of both pictures; how they were made is said on standard error.  Exit status 3 where the noise or tolerance
-    that a SCENE asks for was missed; a draft only tells.
+    If a SCENE names a recipe, its asset is used if it exists and is good enough; otherwise it is baked first, into the cache.  No
+    asset is replaced.  For a Mitsuba scene --set NAME=VALUE sets the parameter `$NAME` of the file.  Standard output gets the
+    paths of both pictures, standard error how they were made.  Exit status 3 if the noise or tolerance that a SCENE asks for
+    was missed; a draft only reports it.
 
-    With --frames each frame is a picture of its own, NAME.0001.png and .exr; one that is there and made of the same is left as it
-    is.  Of several there are a film (where ffmpeg is) and a contact sheet.  With --cluster workers render whole frames, or the
-    passes of one picture; the bytes are those of one machine.
+    With --frames each frame is a picture NAME.0001.png and .exr; an existing frame with the same inputs is kept.  Several frames
+    also give a film (if ffmpeg is installed) and a contact sheet.  With --cluster workers render whole frames, or the passes of
+    one picture; the bytes are those of one machine.
     """
     from contextlib import ExitStack
     from pathlib import Path
@@ -149,8 +149,8 @@ def _denoising(denoise) -> str:
     return f"--{'' if denoise else 'no-'}denoise"
 
 
-_ANEW = {"--resume": "it is always rendered anew", "--cluster": "it has no frames or passes that workers could share",
-         "--live": "nothing of it can be seen before its end, leave the option out"}
+_ANEW = {"--resume": "it is always rendered from the start", "--cluster": "it has no frames or passes to share",
+         "--live": "it has no passes to show, leave the option out"}
 
 
 def _check(source, suffix, of_scenes, place) -> None:

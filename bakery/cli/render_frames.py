@@ -25,7 +25,7 @@ def rendered(source, frames, address, options, as_json, quiet) -> int:
     from renderers.scene.frames import numbers
 
     if Path(source).suffix.lower() not in (".yaml", ".yml"):
-        raise UsageError(f"--frames: {source} is no scene (.yaml), which alone has frames")
+        raise UsageError(f"--frames: {source} is no scene (.yaml); only scenes have frames")
     asked = numbers(frames)
     progress = choose(quiet)
     try:

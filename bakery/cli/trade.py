@@ -12,7 +12,7 @@ from bakery.errors import Interrupted, UsageError
 
 @click.command(
     name="trade",
-    short_help="measure error against time over a recipe's knobs, or a scene's methods",
+    short_help="measure error against time, of a recipe's settings or a scene's methods",
     epilog="Exit status: 0 done; 2 wrong usage, recipe or scene; 3 a stage failed; 130 interrupted.",
 )
 @click.argument("source", type=click.Path(), metavar="RECIPE|SCENE")
@@ -20,19 +20,20 @@ from bakery.errors import Interrupted, UsageError
               help="Folder of a recipe's results, page of a scene.  Default: RECIPE.trade, NAME_trade.html beside the scene.")
 @recipe_options
 @click.option("--methods", metavar="A,B,C", shell_complete=offers.scene_methods,
-              help="Of a scene: points in place of those that its renderer names, as `bake compare` takes them.")
+              help="For a scene: methods to measure, instead of the renderer's list; as for `bake compare`.")
 @click.option("--beside", type=click.Path(), multiple=True, metavar="FILE",
-              help="Of a scene: another scene of the same picture, for another renderer; repeatable.")
-@click.option("--measure", metavar="NAME", help="Of a recipe: error that ranks the settings.  Default: the stage's first.")
+              help="For a scene: another scene of the same picture, for another renderer; repeatable.")
+@click.option("--measure", metavar="NAME", help="For a recipe: error by which settings are ranked.  Default: the stage's first.")
 @click.option("--budget", type=float, default=5.0, show_default=True, metavar="MINUTES", help="Time that the runs may take.")
 @overwrite_option
 @told_options
 def command(source, output, asked, methods, beside, measure, budget, overwrite, told):
-    """Measure true error against time: over the knobs of each stage of a RECIPE, or over the methods of a SCENE and their knobs.
+    """Measure true error against time: over settings of each stage of a RECIPE, or over the methods of a SCENE and their
+    settings.
 
-    Prints what is worth its time and what meets the tolerance first.  Of a recipe DIR gets trade.csv, trade.json and a picture a
-    stage, of a scene the page gets the pictures and differences of the points on the front.  Finished runs are kept: the same
-    call goes on where it stopped.
+    Prints which settings are worth their time, and which meets the tolerance first.  For a recipe, DIR gets trade.csv, trade.json
+    and a picture for each stage; for a scene, the page gets the pictures and differences of the best methods.  Finished runs are
+    kept: the same call continues where it stopped.
     """
     from bakery.run.progress import choose
     from bakery.system.terminal import say
@@ -55,7 +56,7 @@ def command(source, output, asked, methods, beside, measure, budget, overwrite, 
             value, lines = _of_recipe(source, output, values, asked, measure=measure, budget=budget, progress=progress,
                                       verbose=told.verbose, overwrite=overwrite)
     except KeyboardInterrupt:
-        raise Interrupted("interrupted; finished runs are kept, the same call goes on") from None
+        raise Interrupted("interrupted; finished runs are kept, and the same call continues") from None
     finally:
         progress.close()
     if told.as_json:

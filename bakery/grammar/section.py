@@ -87,7 +87,7 @@ class HostIndex(Section):
 
 
 class MaterialFile(Section):
-    """A table of one's own, or somebody else's file."""
+    """A table from a file."""
 
     file: Path = Field(description="CSV file with the columns wavelength_um, n and, optionally, k; YAML of refractiveindex.info; "
                        "text of the Aerosol Refractive Index Archive.")
@@ -120,7 +120,7 @@ class MixedMaterial(Section):
     mixing: word(*RULES) = Field(
         description="Rule: bruggeman, maxwell_garnett (inclusions in a matrix), lorentz_lorenz or volume (the mean of n and k)."
     )
-    matrix: PureMaterialOf | None = Field(None, description="Of maxwell_garnett: what has the rest of the volume.")
+    matrix: PureMaterialOf | None = Field(None, description="For maxwell_garnett: fills the rest of the volume.")
     of: list[Ingredient] = Field(min_length=1, max_length=32, description="The materials, each with its share of the volume.")
 
 

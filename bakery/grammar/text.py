@@ -118,7 +118,7 @@ def decode(data: bytes, label: str) -> str:
     """The text of a file; RecipeError if it is an asset, too large or no clean UTF-8."""
     if data.startswith(ASSET):
         raise RecipeError([Problem(label, None, None, "", "found an asset",
-                                   "expected a text, such as the recipe of it; `bake inspect` shows what an asset holds")])
+                                   "expected a recipe, which is text; `bake inspect` shows what an asset holds")])
     if len(data) > MAX_BYTES:
         raise RecipeError([Problem(label, None, None, "", f"found {len(data):,} bytes", f"a recipe has at most {MAX_BYTES:,}")])
     try:

@@ -88,7 +88,7 @@ class _Ahead:
 
     def __init__(self, cluster, rendering):
         scene = rendering.job.scene
-        self._cluster, self._stop = cluster, rendering.stop
+        self._cluster, self._stop, self._means = cluster, rendering.stop, rendering.estimate.means
         self._picture = Picture(_key(rendering), str(scene.path), dict(scene.overrides), files.handed(scene),
                                 rendering.job.quality, rendering.variant, rendering.seed, versions())
         self._content = files.content(files.needed(scene))
@@ -118,7 +118,7 @@ class _Ahead:
         """Asks for passes from this one on: all that samples leave, or as many as there were, since nobody knows the last one."""
         count = max(_AHEAD * self._threads, number)
         if self._stop.samples is not None:
-            left = max(1, math.ceil(self._stop.samples / part.samples) - number)
+            left = max(1, math.ceil((self._stop.samples - self._means[part.name].samples) / part.samples))
             open_ended = self._stop.noise is not None or self._stop.time is not None
             count = min(count, left) if open_ended else left
         numbers = range(number, number + count)
@@ -134,7 +134,8 @@ class _Ahead:
 
 
 def _key(rendering) -> str:
-    return fingerprint(rendering.estimate.identity, rendering.method.name, rendering.job.quality, rendering.variant)
+    samples = [part.samples for part in rendering.estimate.parts]
+    return fingerprint(rendering.estimate.identity, samples, rendering.method.name, rendering.job.quality, rendering.variant)
 
 
 def rendered(content: Mapping[str, bytes], picture: Picture, part: str, number: int) -> Pass:
@@ -143,7 +144,7 @@ def rendered(content: Mapping[str, bytes], picture: Picture, part: str, number: 
         return Pass({}, 0.0, unlike, 2)
     with files.ONE_AT_A_TIME:
         try:
-            parts = {candidate.name: candidate for candidate in _rendering(content, picture).method.parts}
+            parts = {candidate.name: candidate for candidate in _rendering(content, picture).estimate.parts}
             return Pass(*rendered_here(parts[part], number))
         except BakeryError as error:
             return Pass({}, 0.0, str(error).replace(files.unpacked(content), ""), error.exit_status)

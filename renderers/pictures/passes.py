@@ -17,6 +17,7 @@ from renderers import choice
 from renderers.mitsuba.lights import DARK
 from renderers.mitsuba.world import World
 from renderers.pictures import denoise, images, reached, running
+from renderers.pictures.engine import in_time
 from renderers.pictures.means import student, tiled
 from renderers.pictures.progressive import Estimate, Part, Stop, fingerprint, made_of
 from renderers.pictures.running import Render
@@ -149,7 +150,8 @@ class Rendering:
         job.part_over("preparation")
         identity = {"scene": fingerprint(*made_of(scene)), "seed": self.seed, "size": list(world.size),
                     "asset": [asset.content_hash for asset in job.assets]}
-        self.estimate = Estimate(self.method.parts, identity)
+        parts = in_time(self.method.parts, reached.limit(job.scene.values.stop.time, job.quality))
+        self.estimate = Estimate(parts, identity)
         if resume:
             self.estimate.resume(job.pair[1])
         self.stop, self.reasons = self._stop()
@@ -213,14 +215,11 @@ def _denoised(values, quality, method, estimate, features):
         return None, sentences
     if method.features is None and set(estimate.means) <= set(method.apart):
         return None, [f"the noise is not taken out: a filter takes the detail of method {method.name} for noise"]
-    parts = {name: (mean.layers[""], _variance(mean)) for name, mean in estimate.means.items()}
-    smoothed = denoise.denoised(parts, [name for name in parts if name in method.apart], features and features())
+    parts = {name: (mean.layers[""], None if mean.variance is None else mean.variance[..., :3])
+             for name, mean in estimate.means.items()}
+    widened = {name: student([1.0], [mean.count]) for name, mean in estimate.means.items() if mean.variance is not None}
+    smoothed = denoise.denoised(parts, [name for name in parts if name in method.apart], features and features(), widened)
     return smoothed, [*sentences, denoise.sentence(smoothed.figures)]
-
-
-def _variance(mean):
-    """(H, W, 3) as far as so few passes tell it; None after one."""
-    return None if mean.variance is None else mean.variance[..., :3] * student([1.0], [mean.count]) ** 2
 
 
 def _shared(estimate) -> str:

@@ -74,6 +74,7 @@ class Scene(View):
 
     media : `Media`, one an entry;  entries : numbers of those in the order of the media
     boundaries : `Boundaries` of bodies;  regions, voxels : of the other media
+    samples, hides : whether light samples reach scatterings in any medium, and whether not in all (`takes_samples`)
     extent : middle and size of a ball around all surfaces and more
     splitting : `splitting.Splitting`, of smooth boundaries that the camera sees; None where there are none
     """
@@ -101,7 +102,8 @@ class Scene(View):
         self.voxels = Voxels({number: entry.region for number, entry in unbounded.items() if isinstance(entry.region, Grid)},
                              len(numbered), unit)
         self._is_body = mi.UInt32([int(number in bodies) for number in numbered])
-        self._sampled = mi.UInt32([int(number in unbounded or entry.matched) for number, entry in numbered.items()])
+        sampled = [number in unbounded or entry.matched for number, entry in numbered.items()]
+        self._sampled, self.samples, self.hides = mi.UInt32([int(each) for each in sampled]), any(sampled), not all(sampled)
         low, high = np.nan_to_num([self.scene.bbox().min, self.scene.bbox().max], posinf=0, neginf=0).reshape(2, 3)
         self.extent = mi.Point3f(*((low + high) / 2).tolist()), mi.Float(float(np.linalg.norm(high - low)))
         dr.make_opaque(self.extent)

@@ -148,7 +148,7 @@ def test_resume_goes_on_with_the_same_alone(call, place):
     assert [begun for *_, begun, _ in render.asked] == [0, 0, 4, 4]
     assert call(place / "milk.yaml", "-o", place / "milk.h5", "--set", "medium.phase.g=0.1", "--quiet")[0] == 0
     status, _, err = call("compare", *words[:3], "--resume")
-    assert status == 0 and err.count("(rendered anew: what was there is made of something else)") == 2
+    assert status == 0 and err.count("(rendered again: the earlier picture had other inputs)") == 2
     assert [begun for *_, begun, _ in render.asked[4:]] == [0, 0]
 
 
@@ -258,7 +258,7 @@ WRONG = (
     ("haze.yaml --methods single,isotropic --set toy.method=single", "those of --methods"),
     ("haze.yaml --methods single,isotropic --time 5", "has no unit"),
     ("haze.yaml --methods single,isotropic --quality good", "draft, preview, final would do"),
-    ("haze.yaml --methods single,isotropic --resume --force", "one of them would do"),
+    ("haze.yaml --methods single,isotropic --resume --force", "use one of them"),
     ("haze.yaml --methods single,isotropic -o page.htm", "ends in .html"),
     ("haze.yaml --methods single,isotropic -o notes.html", "not an HTML page"),
     ("milk.h5 --methods single,isotropic", "only scenes have methods"),

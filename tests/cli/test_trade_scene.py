@@ -96,7 +96,7 @@ def test_finished_points_are_kept(call, place):
     """An interruption loses none, the same call again renders nothing; another scene or seed is rendered anew."""
     render.interrupt = ("isotropic", 2)
     status, out, err = call("trade", place / "haze.yaml")
-    assert (status, out) == (130, "") and "the same call goes on" in err and not (place / "haze_trade.html").exists()
+    assert (status, out) == (130, "") and "the same call goes on with it" in err and not (place / "haze_trade.html").exists()
     render.interrupt, before = None, list(render.asked)
     found = traded(call, place)
     assert before[0][:2] == ("single", 0) and before[1][:2] == ("isotropic", 0)
@@ -167,7 +167,7 @@ WRONG = (
     ("haze.yaml --set toy.method=single", "the methods are those of --methods"),
     ("haze.yaml --set toy.methd=single", "toy.methd"),
     ("haze.yaml -o haze.trade", "ends in .html"),
-    ("haze.yaml --beside haze.yaml", "--beside: haze.yaml is for the renderer toy, as another one is"),
+    ("haze.yaml --beside haze.yaml", "--beside: haze.yaml is for the renderer toy, like another one"),
     ("haze.yaml --beside gone.yaml", "gone.yaml: there is no such scene"),
     ("haze.yaml -o notes.html", "not an HTML page"),
     ("milk.yaml --methods single", "--methods: milk.yaml is a recipe"),

@@ -234,7 +234,7 @@ def test_foreign_files(tmp_path):
              "none.h5": "no such file", "": "folder, pipe or device"}
     for name, content, words in (
         ("empty.h5", b"", "empty"), ("classic.nc", b"CDF\x01" + bytes(100), "netCDF"),
-        ("recipe.yaml", "bakery: 1\nname: fog # µm\n".encode(), "it is a recipe; `bake RECIPE` makes an asset of it"),
+        ("recipe.yaml", "bakery: 1\nname: fog # µm\n".encode(), "it is a recipe; `bake RECIPE` bakes it into an asset"),
         ("noise.h5", np.random.default_rng(0).bytes(5000), "not a bakery asset"), ("zeros.h5", bytes(5000), "not a bakery asset"),
         ("newer.h5", data.replace(b"bakery-asset 1 ", b"bakery-asset 2 ", 1), "written by a newer bakery (asset format 2"),
         ("older.h5", data.replace(b"bakery-asset 1 ", b"bakery-asset 0 ", 1), "no longer read"),

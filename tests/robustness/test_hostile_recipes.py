@@ -117,7 +117,7 @@ def test_no_recipe(tmp_path):
         (tmp_path / "link.yaml", "no such file"),
         (tmp_path / "loop.yaml", "cannot be read"),
         (tmp_path / "fog.yaml" / "x", "no such file"),
-        ("a\0b.yaml", "no file has a name like this"),
+        ("a\0b.yaml", "not a valid file name"),
         ("x" * 5000, "cannot be read"),
     ]:
         with pytest.raises(UsageError, match=says) as error:

@@ -12,7 +12,7 @@ from tests.conftest import ROOT
 
 # what is measured -> pages that it fills
 PAGES = {"goa": ("goa-claims",), "discrete": ("discrete-claims",), "granular": ("granular-claims",),
-         "translucent": ("translucent-claims", "translucent")}
+         "translucent": ("translucent-claims", "measurements/translucent")}
 
 
 @pytest.mark.parametrize("subject", PAGES)

@@ -51,7 +51,7 @@ Surface = Annotated[Annotated[Dielectric, Tag("dielectric")] | Annotated[Diffuse
 
 
 class Interior(Section):
-    """What absorbs inside a dielectric: absorption or material."""
+    """Absorption inside a dielectric: absorption or material."""
 
     absorption: numbers(COEFFICIENT, least=0, most=1e12) | None = Field(
         None, description="Absorption coefficient, such as [0.1, 0.2, 0.4] /mm; one value, or one a wavelength."
@@ -63,15 +63,15 @@ class Grain(Section):
     name: GrainName = Field(description="Name of the group in the asset.")
     weight: Share = Field(1.0, description="Share of the grains by number; the weights of all components add up to 1.")
     shape: Shape = Field(description="Shape of the grain, scaled to the bounding sphere.")
-    surface: Surface = Field(description="Its surface.")
-    interior: Interior | None = Field(None, description="What absorbs inside a dielectric; clear if absent.")
+    surface: Surface = Field(description="Surface of the grain.")
+    interior: Interior | None = Field(None, description="Absorption inside a dielectric; default: clear.")
 
 
 class Grains(Section):
     """Packed grains."""
 
     radius: Length = Field(description="Radius of the bounding sphere, such as 0.5 mm; the mean if packing.radii gives several.")
-    host: HostOf = Field("vacuum", description="What the grains lie in: a material, {n}, or {file}.")
+    host: HostOf = Field("vacuum", description="Medium between the grains: a material, {n}, or {file}.")
     components: list[Grain] = Field(min_length=1, max_length=256, description="The kinds of grains.")
 
 
@@ -79,12 +79,12 @@ class Scatterometer(Section):
     """Options of the grain stage."""
 
     tolerance: number(FRACTION, least=1e-6, most=0.5) | None = Field(
-        None, description="Error that each figure of a grain should reach; half of the recipe's tolerance if absent."
+        None, description="Error allowed in each statistic of a grain; default: half of the recipe's tolerance."
     )
     triangles: whole(*limits.TRIANGLES, words=limits.LEVELS) = Field(
         limits.LEVELS["middle"], description="Triangles of a grain: coarse (1,300), middle (20,000), fine (200,000) or a number."
     )
-    paths: whole(1_000, 10**12, words=AUTO) = Field("auto", description="Number of paths, whatever error they leave.")
+    paths: whole(1_000, 10**12, words=AUTO) = Field("auto", description="Number of paths, whatever the error.")
     depth: whole(1, 10**9) = Field(100_000, description="Surface interactions after which a path is cut.")
     engine: word("numba", "mitsuba") = Field("numba", description="What traces the paths.")
 

@@ -209,7 +209,7 @@ def begin(scene, path):
     return Path(**vars(path), grain=dr.zeros(mi.UInt32, dr.width(path.alive)))
 
 
-def advance(scene, path):
+def advance(scene, path, records=None):
     """Paths after a flight to the next surface, and which."""
     ray = mi.Ray3f(path.origin, path.direction)
     hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=path.alive)
@@ -239,7 +239,7 @@ def next_event(scene, path, meeting):
     return scene.seen(weight, radiance, active), light.emitter
 
 
-def turned(scene, path, meeting):
+def turned(scene, path, meeting, records=None):
     """Paths with a new direction, from where they have come to, or ended."""
     surface, sample, factor = meeting.surface, meeting.sample, meeting.factor
     factor = scene.reflectance(dr.select(dr.all(dr.isfinite(factor)), factor, 0))
