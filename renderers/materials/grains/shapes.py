@@ -34,7 +34,7 @@ _SAMPLES, _PATHS = 64, 1 << 19  # a pixel and pass, at most, where a pixel has s
 class Path(loop.Path):
     """As `loop.Path`, with `inside` the type of grain around, from 1; grain : number of the one that each is on, 0 for none."""
 
-    grain: mi.UInt32
+    grain: mi.UInt32 = None
 
 
 @dataclass
