@@ -454,6 +454,11 @@ class World:
         distance = np.where(self._infinite[light], FAR, self._metres(distance))
         return LightSample(direction, distance, radiance, density, delta, light)
 
+    @property
+    def light_positions(self):
+        """Of emitters in `light_names`, by Dr.Jit's numbers of them."""
+        return self._positions
+
     def light_number(self, emitter):
         """Positions of emitters in `light_names`; Dr.Jit's 0 is none."""
         return _number(self._positions, emitter)

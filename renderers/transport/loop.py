@@ -17,7 +17,7 @@ import drjit as dr
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport import flights, media
 from renderers.transport.lamps import Departure
-from renderers.transport.strata import Strata
+from renderers.transport.strata import Counts, Strata
 from renderers.transport.wavefront import ORDERS
 
 import mitsuba as mi  # isort: skip
@@ -92,16 +92,45 @@ class Turn(NamedTuple):
     turned: Callable
 
 
-def trace(scene, key, pixels, lanes, samples, by_light, turn=None):
+class Numbers(NamedTuple):
+    """Numbers of a pass as variables: they would be part of the kernel, and others another kernel.
+
+    key : two of 32 bits, of the random stream;  lanes, samples : of a pixel, and of each of its lanes;  counts : `strata.Counts`
+    """
+
+    key: list
+    lanes: mi.UInt32
+    samples: mi.UInt32
+    counts: Counts
+
+    @classmethod
+    def of(cls, key, lanes, samples) -> Numbers:
+        """Of a key, lanes of a pixel, and samples of a lane."""
+        *halves, together, each = (dr.opaque(mi.UInt32, number) for number in (*key, lanes, samples))
+        return cls(halves, together, each, Counts.of(lanes, samples))
+
+    @classmethod
+    def from_list(cls, numbers) -> Numbers:
+        """Of what `to_list` gives: recordings take lists."""
+        first, second, lanes, samples, *counts = numbers
+        return cls([first, second], lanes, samples, Counts(*counts))
+
+    def to_list(self) -> list:
+        """All of its variables."""
+        return [*self.key, self.lanes, self.samples, *self.counts]
+
+
+def trace(scene, key, pixels, lanes, samples, by_light, turn=None, numbers=None):
     """Light of paths: 3 ORDERS arrays (pixels * lanes) of linear sRGB, sums of `samples` paths a lane, and the same by lights.
 
     scene : `scene.Scene`;  key : two numbers of 32 bits, of the random stream of a pass
     by_light : whether the second, (pixels * lanes * lights * 3,), is more than empty
     turn : `Turn`; that through media if None
+    numbers : `Numbers` of key, lanes and samples, where they are known
     """
     turn = turn or Turn(lambda scene, path: path, advance, next_event, turned)
-    lane, pixel, strata, path = begin(scene, key, pixels, lanes, samples)
-    samples = dr.opaque(mi.UInt32, samples)
+    numbers = numbers or Numbers.of(key, lanes, samples)
+    lane, pixel, strata, path = _begin(scene, numbers, pixels * lanes)
     path = turn.begin(scene, path)
     sums = [dr.zeros(mi.Float, dr.width(lane)) for _ in range(3 * ORDERS)]
     of_lights = dr.zeros(mi.Float, 3 * pixels * lanes * scene.lights * by_light)
@@ -113,7 +142,7 @@ def trace(scene, key, pixels, lanes, samples, by_light, turn=None):
         if by_light:
             for radiance, source in lights:
                 _add_by_light(scene, of_lights, lane, radiance, source)
-        return _renewed(scene, pixel, strata, samples, turn.turned(scene, path, event)), sums
+        return _renewed(scene, pixel, strata, numbers.samples, turn.turned(scene, path, event)), sums
 
     return dr.while_loop((path, sums), lambda path, sums: path.alive, step, label="paths")[1], of_lights
 
@@ -141,11 +170,13 @@ def first_media(scene, key, pixels, lanes):
 
 def begin(scene, key, pixels, lanes, samples=1):
     """Lanes, their pixels, the strata of their samples, and their first paths."""
-    # as variables: a number would be part of the kernel, and another one another kernel
-    *key, together = (dr.opaque(mi.UInt32, number) for number in (*key, lanes))
-    lane = dr.arange(mi.UInt32, pixels * lanes)
-    pixel = lane // together
-    strata = Strata(lane, pixel, key, lanes, samples)
+    return _begin(scene, Numbers.of(key, lanes, samples), pixels * lanes)
+
+
+def _begin(scene, numbers, width):
+    key, lane = numbers.key, dr.arange(mi.UInt32, width)
+    pixel = lane // numbers.lanes
+    strata = Strata(lane, pixel, key, numbers.counts)
     low, high = mi.sample_tea_32(lane ^ key[0], key[1])
     random = mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))
     first, alive = dr.zeros(mi.UInt32, dr.width(lane)), dr.full(mi.Bool, True, dr.width(lane))

@@ -41,12 +41,17 @@ class View:
         colours : to_rgb (3, L) and to_waves (L, 3)
         """
         self.scene, self.light_number, self.lights = scene, world.light_number, len(world.light_names)
+        self._light_positions = world.light_positions  # which `light_number` looks up
         self.waves = len(colours.to_waves)
         self._camera = [mi.Point3f(*row) for row in _camera(world.camera, world.unit).tolist()]
         self._to_rgb, self._to_waves = _entries(colours.to_rgb), _entries(colours.to_waves)
         self._width = mi.UInt32(world.size[1])
         self._corners = None if world.corners is None else [mi.Float(column.astype(np.float32)) for column in world.corners.T]
         dr.make_opaque(self._camera, self._width)
+
+    def variables(self) -> list:
+        """Arrays of Dr.Jit's that it holds, which a recording of the loop is given beside Mitsuba's scene."""
+        return list(_variables(vars(self)))
 
     def camera_ray(self, pixel, offset):
         """Origin and direction through pixels, numbered by rows, at places in them."""
@@ -120,6 +125,16 @@ class Scene(View):
     def holds(self, medium, point):
         """Whether points may be in a medium; rounding can lose a path through an edge of a body."""
         return (dr.gather(mi.UInt32, self._is_body, medium) == 0) | self.boundaries.near(point)
+
+
+def _variables(value):
+    if dr.is_array_v(value):
+        yield value
+    elif isinstance(value, dict | list | tuple):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from _variables(part)
+    elif type(value).__module__.startswith("renderers."):
+        yield from _variables(vars(value))
 
 
 def _place(entry):

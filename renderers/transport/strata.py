@@ -7,6 +7,7 @@ that chooses whether the path is reflected or refracted.  A sample by itself is 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import drjit as dr
 
@@ -18,21 +19,31 @@ _BELOW_ONE = 1 - 2.0**-24
 _STRIDE = 7  # between strata of choices of samples whose strata of the pixel are neighbours
 
 
+class Counts(NamedTuple):
+    """Variables, as numbers would be part of the kernel.
+
+    lanes, samples : of a pixel, and of each of its lanes;  count : samples of a pixel;  columns : of their strata
+    """
+
+    lanes: mi.UInt32
+    samples: mi.UInt32
+    count: mi.UInt32
+    columns: mi.UInt32
+
+    @classmethod
+    def of(cls, lanes, samples) -> Counts:
+        count = lanes * samples
+        columns = max(divisor for divisor in range(1, math.isqrt(count) + 1) if count % divisor == 0)
+        return cls(*(dr.opaque(mi.UInt32, number) for number in (lanes, samples, count, columns)))
+
+
 class Strata:
     """Strata of the samples of pixels."""
 
-    def __init__(self, lane, pixel, key, lanes, samples):
-        """
-        Parameters
-        ----------
-        lane, pixel : numbers of lanes, and of their pixels;  key : two numbers of 32 bits, of the pass
-        lanes, samples : of a pixel, and of each of its lanes
-        """
-        count = lanes * samples
-        columns = max(divisor for divisor in range(1, math.isqrt(count) + 1) if count % divisor == 0)
-        # as variables: numbers would be part of the kernel
-        lanes, self._samples, self._count, self._columns = (dr.opaque(mi.UInt32, n) for n in (lanes, samples, count, columns))
-        self._first = (lane - pixel * lanes) * self._samples
+    def __init__(self, lane, pixel, key, counts):
+        """lane, pixel : numbers of lanes, and of their pixels;  key : two numbers of 32 bits, of the pass;  counts : `Counts`"""
+        _, self._samples, self._count, self._columns = counts
+        self._first = (lane - pixel * counts.lanes) * self._samples
         self._size = dr.rcp(mi.Float(self._columns)), mi.Float(self._columns) / mi.Float(self._count)
         self._chosen = dr.rcp(mi.Float(self._count))
         self._turn = mi.sample_tea_32(pixel ^ key[1], key[0])[0] % self._count

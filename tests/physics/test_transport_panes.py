@@ -117,7 +117,7 @@ def test_samples_of_a_pixel_have_strata_of_their_own():
     """One in each of the pixel and in each of the choices, and all choices alike in each stratum of the pixel."""
     pixels, lanes, samples = 4096, 4, 4
     lane = dr.arange(mi.UInt32, pixels * lanes)
-    drawn = strata.Strata(lane, lane // lanes, (3, 5), lanes, samples)
+    drawn = strata.Strata(lane, lane // lanes, (3, 5), strata.Counts.of(lanes, samples))
     places, choices = np.empty((samples, 2, pixels, lanes)), np.empty((samples, pixels, lanes))
     for sample in range(samples):
         place, choice = drawn.drawn(mi.UInt32(sample), mi.PCG32(pixels * lanes), dr.full(mi.Bool, True, pixels * lanes))

@@ -261,9 +261,5 @@ TURN = loop.Turn(begin, advance, next_event, turned)
 
 def part(name, world, bodies, colours, seed):
     """Passes of paths among grains that are shapes; parameters as those of `Scene`, seed of the random numbers of all passes."""
-    scene = cache(lambda: Scene(world, bodies, colours))  # with the first pass
-
-    def traced(*arguments):
-        return loop.trace(scene(), *arguments, TURN)
-
-    return passes.of_loop(name, world, traced, seed, True, _SAMPLES, _PATHS)
+    traced = cache(lambda: passes.recorded(Scene(world, bodies, colours), TURN))  # with the first pass
+    return passes.of_loop(name, world, lambda *arguments: traced()(*arguments), seed, True, _SAMPLES, _PATHS)
