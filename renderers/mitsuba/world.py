@@ -435,8 +435,9 @@ class World:
         places = self._inside(mi, origin)
         drawn = places if drawn is None else self._inside(mi, drawn)
         hit, point, emitted, source, by_light, *sample, start, chosen, weight, by_next, smooth = _arrays(
-            len(origin), *self._meets(power, self._scene, self._positions, places, mi.Vector3f(*_columns(mi, direction)), drawn,
-                                             _uniform(mi, random, 0, LOBE + 3), _single(mi, density), _single(mi, delta)))
+            len(origin), *self._meets(power, self._scene, pointers(self._scene), self._positions, places,
+                                      mi.Vector3f(*_columns(mi, direction)), drawn,
+                                      _uniform(mi, random, 0, LOBE + 3), _single(mi, density), _single(mi, delta)))
         return Shading(hit, self._metres(point), emitted, source, by_light, self._light(*sample), self._metres(start), chosen,
                        weight, by_next, ~smooth)
 
@@ -480,8 +481,19 @@ def _number(positions, emitter):
     return dr.gather(mi.Int32, positions, dr.reinterpret_array(mi.UInt32, emitter))
 
 
-def _met(power, scene, positions, origin, direction, drawn, random, by_ray, delta):
-    """What `World.shade` gives, as Dr.Jit's arrays, in units of the scene; positions : of emitters in `World.light_names`."""
+def pointers(scene) -> list:
+    """A surface, what it does with light, and a light of a scene that has them: by their kinds, as inputs of a recording, Dr.Jit
+    knows to look for all that there are, also in other scenes."""
+    import mitsuba as mi
+
+    shapes = [shape for shape in scene.shapes() if shape.bsdf() is not None]
+    kinds = (mi.ShapePtr(shapes[0]), mi.BSDFPtr(shapes[0].bsdf())) if shapes else ()
+    return [*kinds, *map(mi.EmitterPtr, scene.emitters()[:1])]
+
+
+def _met(power, scene, seen, positions, origin, direction, drawn, random, by_ray, delta):
+    """What `World.shade` gives, as Dr.Jit's arrays, in units of the scene; positions : of emitters in `World.light_names`;
+    seen : of a recording, `pointers`."""
     import drjit as dr
     import mitsuba as mi
 

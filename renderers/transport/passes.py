@@ -67,7 +67,7 @@ def recorded(view, turn):
 
     Dr.Jit's work to trace what all shapes do was two thirds of the time of passes among some hundred of them.
     """
-    def trace(numbers, scene, variables, pixels, lanes, by_light):
+    def trace(numbers, variables, pixels, lanes, by_light):
         return loop.trace(view, None, pixels, lanes, None, by_light, turn, loop.Numbers.from_list(numbers))
 
     # a recording sees the surfaces and lights of all scenes that there are only if this one has some
@@ -76,7 +76,7 @@ def recorded(view, turn):
 
     def traced(key, pixels, lanes, samples, by_light):
         numbers = loop.Numbers.of(key, lanes, samples).to_list()
-        return trace(numbers, view.scene, view.variables(), pixels, lanes, by_light)
+        return trace(numbers, view.variables(), pixels, lanes, by_light)
 
     return traced
 

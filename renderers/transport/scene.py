@@ -6,6 +6,7 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from renderers.mitsuba.world import pointers
 from renderers.transport import regions
 from renderers.transport.boundaries import Boundaries
 from renderers.transport.lamps import lamps
@@ -50,8 +51,8 @@ class View:
         dr.make_opaque(self._camera, self._width)
 
     def variables(self) -> list:
-        """Arrays of Dr.Jit's that it holds, which a recording of the loop is given beside Mitsuba's scene."""
-        return list(_variables(vars(self)))
+        """What a recording of the loop is given: arrays of Dr.Jit's and scenes of Mitsuba's, and kinds of what is in these."""
+        return [*_variables(vars(self)), *pointers(self.scene)]
 
     def camera_ray(self, pixel, offset):
         """Origin and direction through pixels, numbered by rows, at places in them."""
@@ -128,7 +129,7 @@ class Scene(View):
 
 
 def _variables(value):
-    if dr.is_array_v(value):
+    if dr.is_array_v(value) or isinstance(value, mi.Scene):
         yield value
     elif isinstance(value, dict | list | tuple):
         for part in value.values() if isinstance(value, dict) else value:
