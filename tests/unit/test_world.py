@@ -199,6 +199,18 @@ def test_what_is_the_same_for_all_rays_is_done_once_and_changes_nothing(tmp_path
     assert beside.light_names
 
 
+def test_surfaces_of_other_kinds_in_another_scene_change_nothing(tmp_path):
+    """What is done once for all rays of a scene knows of all surfaces that there are."""
+    metal = BOX + '<bsdf type="roughconductor" id="of no shape"><string name="material" value="Au"/></bsdf>'
+    random = np.random.default_rng(3).random((64, 5))
+    rays = random[:, :3], np.tile([0.0, 0.0, -1.0], (64, 1)), random, np.ones(64), random[:, 3] < 0.5
+    alone = World(written(tmp_path, SENSOR, BOX, LAMP)).shade(*rays)
+    (tmp_path / "other").mkdir()
+    beside = World(written(tmp_path / "other", SENSOR, metal, LAMP))
+    again = World(written(tmp_path, SENSOR, BOX, LAMP)).shade(*rays)
+    assert beside.shade(*rays).hit.any() and all(np.array_equal(*fields) for fields in zip(alone[:4], again[:4]))
+
+
 def test_numbers_next_to_one(tmp_path):
     """Samplers take numbers below 1, and 1 - 1e-12 is 1 in single precision."""
     world = World(written(tmp_path, SENSOR, BOX, LAMP))

@@ -25,8 +25,9 @@ import mitsuba as mi  # isort: skip
 # bounces after which paths end one time in twenty: in heaps of clear grains many are as long as some hundred grains, and what
 # ends them earlier makes the others bright
 _FAR = 1024
-# Of all bodies: balls, which are listed in a second; triangles, some 300 bytes each
-_BALLS, _TRIANGLES = 1 << 18, 1 << 20
+# Of all bodies: balls, listed in a second; clear ones, among whom short paths wait for long ones, so that beyond many
+# the compiled loops are quicker; triangles, some 300 bytes each
+_BALLS, _CLEAR, _TRIANGLES = 1 << 18, 2048, 1 << 20
 _SEARCHED = 1 << 20  # grains in the box around a body, up to which they are counted
 # of coordinates in single precision, by which rays begin beside grains; share of the least radius that it may be at most
 _OFF, _OFF_RADIUS = 2e-6, 0.01
@@ -211,10 +212,14 @@ def _shapes(grains, unit, first):
 
 def _balls(centre, radius, bsdf):
     """Mitsuba's shape of all of them."""
+    some = {name: mi.TensorXf(np.array([values], np.float32)) for name, values in
+            (("centers", [0, 0, 0]), ("scales", [1, 1, 1]), ("quaternions", [0, 0, 0, 1]))}
+    shape = mi.load_dict({"type": "ellipsoids", "extent": 1.0, "bsdf": bsdf} | some)
     turn, scales = np.tile([0.0, 0.0, 0.0, 1.0], (len(radius), 1)), np.repeat(radius[:, None], 3, axis=1)
-    values = {"centers": centre, "scales": scales, "quaternions": turn}
-    return mi.load_dict({"type": "ellipsoids", "extent": 1.0, "bsdf": bsdf}
-                        | {name: mi.TensorXf(value.astype(np.float32)) for name, value in values.items()})
+    values = mi.traverse(shape)  # tensors of three rows would be taken for colours, with words on the terminal
+    values["data"] = np.concatenate([centre, scales, turn], axis=1).astype(np.float32).ravel()
+    values.update()
+    return shape
 
 
 def _bsdf(surface, index, roughness):
@@ -243,7 +248,7 @@ def fit(world, bodies) -> bool:
     world."""
     if any(shape.class_name() == "Instance" for shape in world.scene.shapes()):  # their groups cannot be asked for
         return False
-    balls = triangles = 0
+    balls = clear = triangles = 0
     for body in bodies:
         if type(body) is not Explicit or _most(body.grains) > _SEARCHED:
             return False
@@ -254,9 +259,10 @@ def fit(world, bodies) -> bool:
             return False
         numbers = np.bincount(listed(grains).kind, minlength=len(table))
         balls += int(numbers[table[:, 3] > 0.0].sum())
+        clear += int(numbers[(table[:, 3] > 0.0) & (table[:, 0] == DIELECTRIC)].sum())
         triangles += sum(int(number) * len(exemplar_mesh(grains, kind)) for kind, number in enumerate(numbers)
                          if number and table[kind, 3] == 0.0)
-    return balls <= _BALLS and triangles <= _TRIANGLES
+    return balls <= _BALLS and clear <= _CLEAR and triangles <= _TRIANGLES
 
 
 def _reach(grains):
