@@ -24,6 +24,7 @@ import numpy as np
 from bakery.errors import UsageError
 from renderers.camera import Camera, length
 from renderers.mitsuba import lights, variants
+from renderers.mitsuba.recording import pointers, undisturbed
 from renderers.mitsuba.scene import load
 from renderers.mitsuba.sensor import camera_of
 
@@ -434,10 +435,11 @@ class World:
             return _empty(self.shade(np.zeros((1, 3)), np.eye(1, 3), np.zeros((1, 5)), np.ones(1), np.ones(1), power=power))
         places = self._inside(mi, origin)
         drawn = places if drawn is None else self._inside(mi, drawn)
-        hit, point, emitted, source, by_light, *sample, start, chosen, weight, by_next, smooth = _arrays(
-            len(origin), *self._meets(power, self._scene, pointers(self._scene), self._positions, places,
-                                      mi.Vector3f(*_columns(mi, direction)), drawn,
-                                      _uniform(mi, random, 0, LOBE + 3), _single(mi, density), _single(mi, delta)))
+        rays = (pointers(self._scene), self._positions, places, mi.Vector3f(*_columns(mi, direction)), drawn,
+                _uniform(mi, random, 0, LOBE + 3), _single(mi, density), _single(mi, delta))
+        with undisturbed():
+            met = self._meets(power, self._scene, *rays)
+        hit, point, emitted, source, by_light, *sample, start, chosen, weight, by_next, smooth = _arrays(len(origin), *met)
         return Shading(hit, self._metres(point), emitted, source, by_light, self._light(*sample), self._metres(start), chosen,
                        weight, by_next, ~smooth)
 
@@ -479,16 +481,6 @@ def _number(positions, emitter):
     import mitsuba as mi
 
     return dr.gather(mi.Int32, positions, dr.reinterpret_array(mi.UInt32, emitter))
-
-
-def pointers(scene) -> list:
-    """A surface, what it does with light, and a light of a scene that has them: by their kinds, as inputs of a recording, Dr.Jit
-    knows to look for all that there are, also in other scenes."""
-    import mitsuba as mi
-
-    shapes = [shape for shape in scene.shapes() if shape.bsdf() is not None]
-    kinds = (mi.ShapePtr(shapes[0]), mi.BSDFPtr(shapes[0].bsdf())) if shapes else ()
-    return [*kinds, *map(mi.EmitterPtr, scene.emitters()[:1])]
 
 
 def _met(power, scene, seen, positions, origin, direction, drawn, random, by_ray, delta):

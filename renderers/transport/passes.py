@@ -8,6 +8,7 @@ import drjit as dr
 import numpy as np
 
 from bakery.kernels import stream_key
+from renderers.mitsuba.recording import undisturbed
 from renderers.pictures.engine import Part
 from renderers.transport import loop
 from renderers.transport.scene import Scene
@@ -76,7 +77,8 @@ def recorded(view, turn):
 
     def traced(key, pixels, lanes, samples, by_light):
         numbers = loop.Numbers.of(key, lanes, samples).to_list()
-        return trace(numbers, view.variables(), pixels, lanes, by_light)
+        with undisturbed():
+            return trace(numbers, view.variables(), pixels, lanes, by_light)
 
     return traced
 

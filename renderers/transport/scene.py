@@ -6,7 +6,7 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
-from renderers.mitsuba.world import pointers
+from renderers.mitsuba.recording import pointers
 from renderers.transport import regions
 from renderers.transport.boundaries import Boundaries
 from renderers.transport.lamps import lamps

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+
 import numpy as np
 import pytest
 
@@ -209,6 +211,15 @@ def test_surfaces_of_other_kinds_in_another_scene_change_nothing(tmp_path):
     beside = World(written(tmp_path / "other", SENSOR, metal, LAMP))
     again = World(written(tmp_path, SENSOR, BOX, LAMP)).shade(*rays)
     assert beside.shade(*rays).hit.any() and all(np.array_equal(*fields) for fields in zip(alone[:4], again[:4]))
+
+
+def test_nothing_is_collected_while_rays_are_recorded(tmp_path):
+    """A scene that Python's collector took away meanwhile would end the process."""
+    world, collects = World(written(tmp_path, SENSOR, BOX, LAMP)), []
+    meets = world._meets
+    world.__dict__["_meets"] = lambda *rays: collects.append(gc.isenabled()) or meets(*rays)
+    world.shade(np.zeros((2, 3)), np.eye(2, 3), np.full((2, 5), 0.5), np.ones(2), np.ones(2, bool))
+    assert collects == [False] and gc.isenabled()
 
 
 def test_numbers_next_to_one(tmp_path):
