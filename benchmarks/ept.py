@@ -1,6 +1,7 @@
 """Paths from grain to grain (`ept`) beside Mitsuba's `path` over the same grains as shapes, in the same scenes.
 
-    python benchmarks/ept.py [--small] [--width 64] [--seconds 10] [--cases NAME ...]
+    python benchmarks/ept.py [--small] [--width 64] [--seconds 10] [--count 425]
+                             [--cases NAME ...]
 
 Some 425 balls, or stones as instances, clear, grey or of rough steel, fill a cube on a floor below a lamp and a sky.  Both
 engines render in turns, each for so many seconds of processor time in all, and in a process of its own: Dr.Jit traces a call
@@ -107,10 +108,10 @@ def written(folder, name, edge, width, more=""):
     return path
 
 
-def engine(name, case, folder, width):
+def engine(name, case, folder, width, count=COUNT):
     """Function of the number of a pass -> picture, and samples a pixel of a pass, of `ept` or `path`; files in a folder."""
     spheres = tile(0.6, 500)
-    edge = (COUNT / len(spheres[1]) * np.prod(spheres[2])) ** (1 / 3)
+    edge = (count / len(spheres[1]) * np.prod(spheres[2])) ** (1 / 3)
     cube = (CUBE[0] - 0.5) * edge, CUBE[1]
     packed = grains([Kind(case.surface, stone() if case.stones else None)], cube, spheres)
     if name == "ept":
@@ -126,10 +127,10 @@ def engine(name, case, folder, width):
     return lambda number: np.array(mi.render(scene, spp=samples, seed=number), float)[..., :3], samples
 
 
-def _begin(name, case, width):
+def _begin(name, case, width, count):
     variants.activate("rgb")
     with tempfile.TemporaryDirectory() as folder:
-        RENDERED[:] = engine(name, case, Path(folder), width)
+        RENDERED[:] = engine(name, case, Path(folder), width, count)
         RENDERED[0](1 << 20)  # compiles
 
 
@@ -177,9 +178,9 @@ class Engine:
         return means.mean(), means.std(ddof=1) / len(means) ** 0.5
 
 
-def row(name, case, width, seconds):
+def row(name, case, width, seconds, count):
     """Measures a case, prints its row, and returns variance times time over Mitsuba's."""
-    ours, theirs = both = [Engine(engine, case, width) for engine in ("ept", "path")]
+    ours, theirs = both = [Engine(engine, case, width, count) for engine in ("ept", "path")]
     while any(sum(engine.seconds) < seconds or len(engine.seconds) < sized(8, 2) for engine in both):
         min(both, key=lambda engine: sum(engine.seconds)).go()
     for engine in both:
@@ -197,12 +198,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--width", type=int, default=sized(64, 16))
     parser.add_argument("--seconds", type=float, default=sized(10.0, 0.0))
+    parser.add_argument("--count", type=int, default=COUNT)
     parser.add_argument("--cases", nargs="+", choices=CASES, default=sized(list(CASES), list(SMALL)))
     args = parser.parse_args()
     print(variants.activate("rgb"))
     print("| case | ept, us a path | path | ept, variance | path | time | variance | variance x time | mean |\n|" + "---|" * 9,
           flush=True)
-    worst = max(row(name, CASES[name], args.width, args.seconds) for name in args.cases)
+    worst = max(row(name, CASES[name], args.width, args.seconds, args.count) for name in args.cases)
     print(f"worst: variance x time {worst:.2f}")
 
 

@@ -91,9 +91,9 @@ class Scene(View):
         for thing, name in zip(around, names):  # which loading has changed
             thing.set_id(name)
         super().__init__(world, scene, colours)
-        self._number(scene, packed, world)
-        self._size = dr.opaque(mi.Float, max(float(grains.aggregate.radii.max()) * grains.unit / world.unit for grains in bodies))
         table = np.concatenate([grains.exemplars.table for grains in bodies])
+        self._number(scene, packed, world, np.append(False, table[:, 0] == DIELECTRIC))
+        self._size = dr.opaque(mi.Float, max(float(grains.aggregate.radii.max()) * grains.unit / world.unit for grains in bodies))
         self._surfaces = {int(kind) for kind in table[:, 0]}
         self._surface, self._index = mi.UInt32(table[:, 0].astype(np.uint32)), mi.Float(table[:, 1].astype(np.float32))
         channels = np.concatenate([grains.channels for grains in bodies]).astype(float)
@@ -103,8 +103,8 @@ class Scene(View):
         self._channels = [[mi.Float(column.astype(np.float32)) for column in rows.T] for rows in np.moveaxis(channels, 1, 0)]
         self._absorption = [mi.Float(column.astype(np.float32)) for column in absorption.T] if absorption.any() else None
 
-    def _number(self, scene, packed, world):
-        """Numbers the grains, from 1, shape by shape;  packed : `Packed` by names of shapes"""
+    def _number(self, scene, packed, world, clear):
+        """Numbers the grains, from 1, shape by shape;  packed : `Packed` by names of shapes;  clear : of types, from 1"""
         numbers = {shape.id(): int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in scene.shapes()}
         of_shape = np.zeros((3, max(numbers.values(), default=0) + 1), np.uint32)  # first grain, type, parts of a grain
         of_grain = [np.zeros((6, 1))]  # type, shape, first grain there; radius and centre
@@ -118,6 +118,7 @@ class Scene(View):
         self._balls = [mi.Float(column.astype(np.float32)) for column in (radius, *centre)]
         away = np.linalg.norm(np.array(centre) - (np.asarray(world.camera.origin) / world.unit)[:, None], axis=0)
         self.around_camera = int(np.argmax(away < radius))
+        self._clear = self.around_camera > 0 or bool(np.any(clear[kind.astype(int)] & (radius > 0)))
 
     def kind_of(self, number):
         """Types, from 1, of grains by their numbers; 0 of none."""
@@ -125,6 +126,8 @@ class Scene(View):
 
     def way_out(self, number, origin, direction):
         """Distances at which rays leave balls that they are in, by their numbers; inf where that is no ball."""
+        if not self._clear:  # no ray is in a ball
+            return mi.Float(dr.inf)
         radius, *centre = (dr.gather(mi.Float, column, number) for column in self._balls)
         to = origin - mi.Point3f(centre)
         along = dr.dot(to, direction)
@@ -134,6 +137,8 @@ class Scene(View):
     def reached(self, ray, number, active):
         """What rays in grains, by their numbers, or in none meet first."""
         hit = self.scene.ray_intersect_preliminary(ray, coherent=False, active=active)
+        if not self._clear:
+            return hit
         end = self.way_out(number, ray.o, ray.d)
         leaves = active & (end < dr.select(hit.is_valid(), hit.t, dr.inf))
         shape = dr.gather(mi.UInt32, self._shape, number)
