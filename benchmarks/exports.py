@@ -1,4 +1,4 @@
-"""What each format loses of each shipped recipe: the table of docs/export.md.
+"""What each format loses of each shipped recipe: the table of docs/measurements/export.md.
 
     python -m benchmarks.exports [RECIPE…]           some five minutes; what the cache knows is not baked again
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 def live(scene, output=None, **options):
-    """An iterator over the pictures of a scene while its passes go on, of which the last one is written.
+    """An iterator over the pictures of a scene while it renders; the last one is written.
 
     Parameters, errors and how to stop it: `renderers.pictures.live.Pictures`.
     """

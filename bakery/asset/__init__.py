@@ -26,7 +26,7 @@ def open(path: str | os.PathLike) -> Asset | Family:
 
     Parameters
     ----------
-    path : of the asset file; it is closed again on return, later changes to it do not show
+    path : of the asset file; it is closed on return, and later changes to it have no effect
 
     Raises
     ------
@@ -46,22 +46,22 @@ def open(path: str | os.PathLike) -> Asset | Family:
 
 def from_xarray(arrays: xarray.DataTree | xarray.Dataset, path: str | os.PathLike | None = None, *,
                 overwrite: bool = False) -> Asset | Family | Members:
-    """What xarray's labelled arrays hold, as `to_xarray` gave them, also by way of a NetCDF file: an asset, or one group of it.
+    """An asset, or one group, from xarray's labelled arrays as `to_xarray` returns them, also through a NetCDF file.
 
     Parameters
     ----------
     arrays : a tree of a whole asset or family, or the dataset of one group
-    path : of a file to write the asset to; without one it is in memory alone
-    overwrite : replace what stands there also where it is no asset
+    path : of a file to write the asset to; without one it is in memory only
+    overwrite : also replace a file there that is no asset
 
     Returns
     -------
-    asset : held to what its stages declare, as `bakery.open` holds it; of a dataset its arrays, with units and errors
+    asset : checked like by `bakery.open`; for a dataset its arrays, with units and errors
 
     Raises
     ------
-    AssetError : the tree is no asset, or departs from what its stages declare
-    UsageError : nothing can be written at `path`, or there is one beside the dataset of a single group
+    AssetError : the tree is no asset, or deviates from its stages' declarations
+    UsageError : `path` cannot be written, or is given with the dataset of a single group
 
     Examples
     --------

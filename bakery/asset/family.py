@@ -188,7 +188,7 @@ class Family:
 
         Raises
         ------
-        UsageError : a path that is not there, an argument that has no effect on it or lies outside of what is stored
+        UsageError : a missing path, an argument that has no effect on it or is outside of the stored range
         """
         return ask(self, path, arguments)
 

@@ -57,7 +57,7 @@ class Asset:
     stages : name -> attributes of the stage (`tolerance`, `achieved_error`, `error_measure`, `input_hash`, ...)
     provenance : group; when, with which versions and command, seconds and memory of each stage
     attributes : of the root
-    NAME : each group that was baked, by its stage's name (`medium`): its `Members`, or what the stage declares
+    NAME : each baked group, by its stage's name (`medium`): `Members`, or the class that the stage declares
     """
 
     def __init__(self, root: Group, path: str):
@@ -107,7 +107,7 @@ class Asset:
 
         Raises
         ------
-        UsageError : a path that is not there, an argument that has no effect on it or lies outside of what is stored
+        UsageError : a missing path, an argument that has no effect on it or is outside of the stored range
 
         Examples
         --------

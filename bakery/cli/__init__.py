@@ -22,19 +22,19 @@ from bakery.system.terminal import remark
 COMMANDS = {
     "new": "write a commented recipe to start from",
     "bake": "bake recipes into assets (the default: `bake fog.yaml`)",
-    "plan": "say what a bake or a render would run, why, and what it will cost",
+    "plan": "show what a bake or a render would run, why, and what it will cost",
     "inspect": "print the tree of an asset",
     "verify": "check an asset's integrity and physics",
     "diff": "compare the values of two assets",
     "query": "print one baked value",
-    "plot": "draw pictures of what an asset holds",
+    "plot": "draw pictures of an asset's contents",
     "report": "write one self-contained page about an asset",
     "render": "render an asset's preview, or a scene",
-    "compare": "render a scene by several methods, and show them beside one another",
-    "export": "hand an asset to other software",
-    "trade": "measure error against time over a recipe's knobs, or a scene's methods",
+    "compare": "render a scene with several methods and compare them",
+    "export": "write an asset for other software",
+    "trade": "measure error against time, of a recipe's settings or a scene's methods",
     "schema": "print the recipe's JSON Schema",
-    "cache": "look at and tidy the cache of finished stages",
+    "cache": "show or clean up the cache of finished stages",
     "cluster-script": "print a script that starts a cluster for --cluster: slurm or local",
     "completion": "print the shell's completion script",
 }
@@ -73,7 +73,7 @@ class Commands(click.Group):
             return super().invoke(ctx)
         except KeyboardInterrupt:
             remark("")  # after the terminal's ^C; click's own way fails where standard error is full
-            raise Interrupted("interrupted; nothing is half written, finished stages of a bake are in the cache") from None
+            raise Interrupted("interrupted; no file is incomplete, and finished stages of a bake are in the cache") from None
 
     def format_commands(self, ctx, formatter):
         # from the table: help must not import the commands
@@ -167,10 +167,10 @@ def status_of(args: list[str] | None = None) -> int:
         remark(f"bake: {error.format_message()}")
         return 2
     except (KeyboardInterrupt, click.Abort):
-        remark("interrupted; nothing is half written, finished stages of a bake are in the cache")
+        remark("interrupted; no file is incomplete, and finished stages of a bake are in the cache")
         return INTERRUPTED
     except signals.Terminated:
-        remark("terminated; nothing is half written, finished stages of a bake are in the cache")
+        remark("terminated; no file is incomplete, and finished stages of a bake are in the cache")
         return TERMINATED
     except RecipeError as error:
         if "--json" in (sys.argv[1:] if args is None else args):

@@ -13,22 +13,22 @@ from bakery.cli.options import FiniteRange, json_option, print_json
 from bakery.errors import StoreError, UsageError
 from bakery.system.terminal import clean, remark, say
 
-_NAMED = 4  # files that are no cache's, by name
+_NAMED = 4  # files that do not belong to the cache, by name
 
 
-@click.group(name="cache", short_help="look at and tidy the cache of finished stages")
+@click.group(name="cache", short_help="show or clean up the cache of finished stages")
 def command():
-    """Look at and tidy the cache of finished stages (BAKERY_CACHE, else the user's cache folder).
+    """Show or clean up the cache of finished stages (BAKERY_CACHE, else the user's cache folder).
 
-    Where BAKERY_CACHE names a folder on a network disk or an object store, that is shared, and the user's cache folder is in
-    front of it.
+    If BAKERY_CACHE names a folder on a network disk or an object store, that is a shared cache, used together with the user's
+    local cache folder.
     """
 
 
 @command.command()
 @json_option
 def info(as_json):
-    """Where the cache is and what it holds, what is shared too."""
+    """Show where the cache is and what it holds, shared entries included."""
     from bakery.run.cache import Cache
 
     cache = Cache()
@@ -81,16 +81,16 @@ def _show(folder: str, held: dict) -> None:
     for name, stage in held["stages"].items():
         say(f"  {clean(name):<8} {_entries(stage['entries'])}, {in_words(stage['bytes'])}")
     if held.get("others"):
-        say(f"  besides  {held['others']} file{'' if held['others'] == 1 else 's'} or folders that are no cache's")
+        say(f"  besides  {held['others']} file{'' if held['others'] == 1 else 's'} or folders that do not belong to the cache")
 
 
 @command.command()
 @click.option("--max-size", metavar="SIZE", default="1GB", show_default=True,
-              help="Keep the last used up to this size (kB, MB, GB).")
-@click.option("--max-age", metavar="DAYS", type=FiniteRange(0), help="Remove what was not used for so many days.")
+              help="Keep the most recently used entries up to this size (kB, MB, GB).")
+@click.option("--max-age", metavar="DAYS", type=FiniteRange(0), help="Remove entries not used for this many days.")
 @json_option
 def prune(max_size, max_age, as_json):
-    """Remove the entries that were not used for longest, and what was set aside as damaged; of this machine only."""
+    """Remove the least recently used entries, and damaged ones; on this machine only."""
     from bakery.run.cache import Cache
 
     cache = Cache()
@@ -98,10 +98,10 @@ def prune(max_size, max_age, as_json):
 
 
 @command.command()
-@click.option("--yes", "-y", is_flag=True, help="Do not ask where the folder holds anything else.")
+@click.option("--yes", "-y", is_flag=True, help="Do not ask if the folder holds other files.")
 @json_option
 def clear(yes, as_json):
-    """Remove every entry of this machine, and nothing else; where the folder holds other files, only after a question."""
+    """Remove every entry on this machine and nothing else; asks first if the folder holds other files."""
     from bakery.run.cache import Cache
 
     cache = Cache()
@@ -117,7 +117,7 @@ def _ask(folder, held) -> None:
         return
     named = ", ".join(clean(path.name) for path in held.others[:_NAMED])
     unnamed = f" and {len(held.others) - _NAMED} more" if len(held.others) > _NAMED else ""
-    message = f"{folder}: holds besides {_entries(count)} also {named}{unnamed}, which are no cache's and would stay"
+    message = f"{folder}: holds besides {_entries(count)} also {named}{unnamed}, which do not belong to the cache and would stay"
     if not sys.stdin.isatty():
         raise UsageError(f"{message}; --yes removes the entries without a question")
     if not click.confirm(f"{message}. Remove the entries?", err=True):
@@ -126,7 +126,7 @@ def _ask(folder, held) -> None:
 
 def _tell(cache, removed, as_json: bool) -> None:
     if cache.shared:
-        remark(f"{cache.where} was tidied; {cache.shared.address} is shared and stays as it is")
+        remark(f"{cache.where} was cleaned up; {cache.shared.address} is shared and unchanged")
     if as_json:
         print_json({"removed": [path.name for path in removed]})
     else:

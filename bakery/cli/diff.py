@@ -14,13 +14,13 @@ from bakery.errors import UsageError
 @click.argument("a", type=click.Path(), metavar="A")
 @click.argument("b", type=click.Path(), metavar="B")
 @click.option("--rtol", default="0", show_default=True, metavar="X",
-              help="Largest relative difference that passes, such as 1e-6 or 5%; 0 asks for equal numbers, which two bakes of "
-                   "one recipe have.")
+              help="Largest relative difference allowed, such as 1e-6 or 5%; 0 means equal numbers, as two bakes of one "
+                   "recipe have.")
 @json_option
 def command(a, b, rtol, as_json):
-    """Compare the values, shapes and units of two assets, or of two families at all points; provenance and hashes do not count.
+    """Compare the values, shapes and units of two assets, or of two families at all points; provenance and hashes are ignored.
 
-    Exit status 0 if they hold the same, 1 if not: the table then names each dataset that differs, with its worst place.
+    Exit status 0 if they are equal, 1 if not: the table then names each dataset that differs, and where it differs most.
     """
     from bakery.asset.compare_families import compare_any
 

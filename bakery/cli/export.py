@@ -25,7 +25,7 @@ class _Export(click.Command):
                           help="; ".join(f"{name}: {exporter.words}" for name, exporter in formats.items()))
         asset, *others = super().get_params(ctx)
         every = click.Option(["--list"], is_flag=True, is_eager=True, expose_value=False, callback=_print_formats,
-                             help="Print what each format takes, holds and loses, and its options.")
+                             help="Print what each format needs, holds and loses, and its options.")
         return [asset, to, every, *(self._option(option, names) for option, names in _options(formats).items()), *others]
 
     @staticmethod
@@ -58,7 +58,7 @@ def _options(formats) -> dict:
             for exporter in formats.values() for option in exporter.options}
 
 
-@click.command(name="export", cls=_Export, short_help="hand an asset to other software")
+@click.command(name="export", cls=_Export, short_help="write an asset for other software")
 @click.argument("asset", type=click.Path(), metavar="ASSET")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR",
               help="Folder of the files.  Default: NAME-FORMAT beside the asset.")
@@ -68,7 +68,7 @@ def _options(formats) -> dict:
 def command(asset, target, output, place, overwrite, as_json, **given):
     """Write ASSET for other software.
 
-    Prints the files on standard output; on standard error what was lost on the way, and first what makes a file nearly useless.
+    Prints the paths of the files on standard output, and what was lost on standard error, severe losses first.
     """
     from bakery.draw.files import folder_for
     from bakery.export.declaration import Job
@@ -107,7 +107,7 @@ def _asked(target, given):
 
     formats = exporters()
     if target not in formats:
-        raise UsageError(f'--to: found "{target}", which is no format of ours; there is ' +
+        raise UsageError(f'--to: found "{target}", which is no export format; expected ' +
                          " and ".join(f"{name} ({exporter.words})" for name, exporter in formats.items()))
     settings = {}
     for option, names in _options(formats).items():

@@ -17,7 +17,7 @@ from bakery.system.terminal import columns_in_pipes
 @click.argument("path", metavar="[PATH]", default="", shell_complete=offers.members)
 @json_option
 def command(asset, path, as_json):
-    """Print what ASSET holds (or only what lies below PATH): names, shapes, ranges with units, bytes, errors, provenance."""
+    """Print the contents of ASSET (or only those below PATH): names, shapes, ranges with units, bytes, errors, provenance."""
     import bakery
     from bakery.asset.ask import not_found
     from bakery.asset.summary import describe

@@ -38,7 +38,7 @@ def shown(scene, source: str, port: int, browser: bool) -> Iterator[Callable]:
     except (OSError, OverflowError) as fault:
         wanted = f"port {port}" if port else "a port"
         why = getattr(fault, "strerror", None) or fault
-        remark(f"--live: {wanted} of {served.HOST} cannot be had ({why}); the render goes on without its page")
+        remark(f"--live: {wanted} of {served.HOST} is not available ({why}); the render continues without its page")
     if server and browser and _somebody_looks():
         _open(server.address)
     try:
@@ -66,4 +66,4 @@ def _open(address: str) -> None:
     except (webbrowser.Error, OSError):
         opened = False
     if not opened:
-        remark("--live: no browser could be opened; the address above can be, in one on this machine")
+        remark("--live: no browser could be opened; open the address above in one on this machine")

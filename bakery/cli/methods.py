@@ -16,7 +16,7 @@ def split(names: str) -> list[str]:
     """Methods as `--methods` lists them."""
     parts = [name.strip() for name in re.split(r",(?![^\[]*\])", names)]  # not at commas of [lists]
     if not all(parts):
-        raise UsageError(f'--methods: found "{names}", with a name missing; such as "paths,vrl" would do')
+        raise UsageError(f'--methods: found "{names}", with a name missing; write for example "paths,vrl"')
     return parts
 
 
@@ -120,9 +120,9 @@ def summary(renders, comparison, base, file=None) -> dict:
     remarks = [differences.flip_missing()]
     unknown = dict.fromkeys(name for seen in comparison if seen.difference for name in seen.difference.left_in)
     whose = "all pictures" if len(unknown) == len(comparison) else ", ".join(unknown)
-    remarks += [f"Noise that is not known is not taken off: that of {whose}."] if unknown else []
-    remarks += [f"{base.name} is black: nothing is relative to it."] if base.luminance.mean() <= 0 else []
-    remarks += [f"{base.name} does not have all of the light, and neither errors nor bias count what it lacks: {sentence}."
+    remarks += [f"Unknown noise is not subtracted: that of {whose}."] if unknown else []
+    remarks += [f"{base.name} is black: errors relative to it are undefined."] if base.luminance.mean() <= 0 else []
+    remarks += [f"{base.name} lacks some light, which errors and bias do not include: {sentence}."
                 for method in methods if method["name"] == base.name for sentence in method["left_out"]]
     pixels = any(method.job.scene.values.measure == "pixels" for method in renders)
     remarks += ["Errors, noise and times are those of the picture as a whole; the tolerance is one of pixels (measure: pixels), "
@@ -202,6 +202,6 @@ def lines(summary) -> list[str]:
         words += [f"FLIP {method['flip']:.3f}"] if method["flip"] is not None else []
         words += [f"noise {100 * method['noise']:.2g} %"] if method["noise"] is not None else []
         words += [f"{method['seconds']['total'] - method['compiling']:.3g} s" + " (rendered before)" * method["taken"]
-                  + " (rendered anew: what was there is made of something else)" * method["anew"]]
+                  + " (rendered again: the earlier picture had other inputs)" * method["anew"]]
         text.append(f"{method['name']}: {', '.join(words)}")
     return text

@@ -15,25 +15,24 @@ from bakery.errors import UsageError
 @click.command(name="new", short_help="write a recipe or a scene to start from")
 @click.argument("kind", default="", metavar="[KIND]", shell_complete=offers.starts)
 @click.option("-o", "--output", type=click.Path(), metavar="FILE or DIR/",
-              help="The recipe; DIR/, or a folder that is there, takes KIND.yaml.  Default: KIND.yaml in the current folder.")
+              help="The recipe; DIR/, or an existing folder, gets KIND.yaml.  Default: KIND.yaml in the current folder.")
 @click.option("--mesh", type=click.Path(), metavar="FILE",
-              help="Also a scene in which the material fills this closed mesh: PLY, OBJ, STL, OFF or 3MF.")
+              help="Also write a scene in which the material fills this closed mesh: PLY, OBJ, STL, OFF or 3MF.")
 @click.option("--mitsuba", type=click.Path(), metavar="FILE.xml",
-              help="Also a scene in which it fills the air of this Mitsuba scene.")
+              help="Also write a scene in which it fills the air of this Mitsuba scene.")
 @click.option("--unit", metavar="UNIT", help="Length of one unit of the mesh or the Mitsuba scene: mm, cm, m, um, km, in or ft.")
-@click.option("--height", metavar="LENGTH", help='Height that the mesh shall have, such as "12 cm".')
+@click.option("--height", metavar="LENGTH", help='Height of the mesh, such as "12 cm".')
 @click.option("--up", type=click.Choice(["z", "y"]), help="Axis of the mesh that points up (z).")
-@click.option("--list", "as_list", is_flag=True, help="List all that can be started from, as without KIND.")
-@click.option("--overwrite", is_flag=True, help="Write over what stands there.")
+@click.option("--list", "as_list", is_flag=True, help="List all kinds, materials, recipes and scenes, as without KIND.")
+@click.option("--overwrite", is_flag=True, help="Replace existing files.")
 @click.option("--force", is_flag=True, hidden=True)
 @json_option
 def command(kind, output, mesh, mitsuba, as_list, overwrite, force, as_json, **size):
-    """Write a recipe of a KIND (fog, sand, family, scene, …), of a published material (espresso, opac_fog, …), or a recipe or
-    scene that ships.
+    """Write a recipe to start from: of a KIND (fog, sand, family, scene, …), of a published material (espresso, opac_fog, …), or
+    a shipped recipe or scene.
 
-    With --mesh or --mitsuba a scene is written, too: `bake new milk --mesh drink.ply`, then `bake render milk.scene.yaml`.
-    Without KIND all are listed.  The recipe takes the file's name; tables and other files that it needs are
-    written beside it.
+    --mesh and --mitsuba also write a scene: `bake new milk --mesh drink.ply`, then `bake render milk.scene.yaml`.  Without KIND
+    all are listed.  The recipe is named after its file; tables and other files that it needs are written beside it.
     """
     from bakery.store.put import put_all
     from bakery.system.terminal import remark
@@ -58,7 +57,7 @@ def command(kind, output, mesh, mitsuba, as_list, overwrite, force, as_json, **s
     files = {target.parent / name: content for name, content in files.items()}
     standing = [path for path, content in files.items() if path.exists() and not _is(path, content)]
     if standing and not (overwrite or force):
-        raise UsageError(f"{standing[0]}: is there already; choose another file with -o, or write over it with --overwrite")
+        raise UsageError(f"{standing[0]}: exists already; choose another file with -o, or replace it with --overwrite")
     written = [str(path) for path in put_all(files)]
     if as_json:
         print_json({"kind": kind, "files": written, "remarks": remarks})
@@ -74,12 +73,12 @@ def _refuse_in_vain(kind, mesh, mitsuba, as_list, unit, height, up):
     from bakery.starting.meshes import UNITS
 
     if mesh and mitsuba:
-        raise UsageError("--mesh and --mitsuba: found both; a material fills a mesh, or the air of a scene: one of them would do")
+        raise UsageError("--mesh and --mitsuba: found both; a material fills a mesh or the air of a scene: use one of them")
     if (mesh or mitsuba) and (as_list or not kind):
         raise UsageError("found no KIND; a material would do, as in `bake new milk --mesh drink.ply`")
     for option, value, needed in (("--unit", unit, mesh or mitsuba), ("--height", height, mesh), ("--up", up, mesh)):
         if value and not needed:
-            raise UsageError(f"{option}: found without --mesh, which it is about")
+            raise UsageError(f"{option}: found without --mesh, to which it applies")
     if unit and unit not in UNITS:
         raise UsageError(f'--unit: found "{unit}"; {", ".join(UNITS)} would do')
 

@@ -6,7 +6,9 @@ import json
 import math
 import os
 from dataclasses import replace
+from functools import wraps
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 
@@ -24,32 +26,62 @@ class FiniteRange(click.FloatRange):
         return number if math.isfinite(number) else self.fail(f"{value!r} is not a finite number.", param, ctx)
 
 
-json_option = click.option("--json", "as_json", is_flag=True, help="Print the machine-readable twin of the report.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Only errors on standard error.")
 overwrite_option = click.option("--overwrite", is_flag=True,
-                                help="Replace also a file of another kind, or the asset of another recipe, where an output goes.")
+                                help="Also replace a file of another kind, or an asset of another recipe, at the output path.")
 sweep_option = click.option("--sweep", "sweeps", multiple=True, metavar="KEY=VALUES",
                             help="Bake a family over values of a key, such as 'KEY=[2, 4, 8] um'; repeatable.")
 at_option = click.option("--at", "place", multiple=True, metavar="AXIS=VALUE",
-                         help="Of a family the asset at this place, such as radius=5um; once for each axis.")
-verbose_option = click.option("--verbose", "-v", is_flag=True, help="Say more on standard error.")
+                         help="For a family: interpolate the asset at this value, such as radius=5um; once for each axis.")
+verbose_option = click.option("--verbose", "-v", is_flag=True, help="Print more on standard error.")
 
 
-def recipe_options(command):
-    """The options that choose stages and override recipe values."""
-    for option in reversed((
-        click.option("--stage", multiple=True, metavar="NAME", shell_complete=offers.stages,
-                     help="Only this stage and what it needs; repeatable."),
-        click.option("--scene", "scenes", type=click.Path(), multiple=True, metavar="FILE",
-                     help="Bake what this scene needs and nothing else; repeatable: what any of them needs."),
-        click.option("--quality", metavar="|".join(QUALITIES), shell_complete=offers.qualities,
-                     help="10 or 3 % of all light, or the recipe as it stands."),
-        click.option("--tolerance", metavar="X", help="Error that each figure should reach, such as 2%."),
-        click.option("--seed", metavar="N", help="Seed of every random stream."),
-        click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one recipe value; repeatable."),
-    )):
-        command = option(command)
-    return command
+def gathered(name: str, record: type, *options):
+    """A decorator that gives a command several options as one record, whose fields have their names."""
+    def decorate(command):
+        @wraps(command)
+        def called(**given):
+            gathered_here = record(*(given.pop(field) for field in record._fields))
+            return command(**given, **{name: gathered_here})
+
+        for option in reversed(options):
+            called = option(called)
+        return called
+    return decorate
+
+
+class OfRecipe(NamedTuple):
+    """Which stages of a recipe, for which scenes, and the values of it that are overridden."""
+
+    stage: tuple[str, ...]
+    scenes: tuple[str, ...]
+    quality: str | None
+    tolerance: str | None
+    seed: str | None
+    settings: tuple[str, ...]
+
+
+class Told(NamedTuple):
+    """For whom a command prints, and how much it says."""
+
+    as_json: bool
+    quiet: bool
+    verbose: bool
+
+
+recipe_options = gathered(
+    "asked", OfRecipe,
+    click.option("--stage", multiple=True, metavar="NAME", shell_complete=offers.stages,
+                 help="Only this stage and the stages it needs; repeatable."),
+    click.option("--scene", "scenes", type=click.Path(), multiple=True, metavar="FILE",
+                 help="Bake only what this scene needs; repeatable: what any of the scenes needs."),
+    click.option("--quality", metavar="|".join(QUALITIES), shell_complete=offers.qualities,
+                 help="Tolerance of 10 % (draft) or 3 % (preview) of all light; final: the recipe unchanged."),
+    click.option("--tolerance", metavar="X", help="Relative error allowed in each baked quantity, such as 2%."),
+    click.option("--seed", metavar="N", help="Seed of all random numbers."),
+    click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one recipe value; repeatable."))
+told_options = gathered("told", Told, json_option, quiet_option, verbose_option)
 
 
 def settings_of(quality, tolerance, seed, settings, sweeps=()) -> dict[str, str]:
@@ -105,7 +137,7 @@ def one_asset(asset: str, place):
     if isinstance(asset_at_place, bakery.Family):
         axes = " ".join(f"--at {name}=…" for name in asset_at_place.axes)
         assets = counted([member.reason for member in asset_at_place.members])
-        raise UsageError(f"{asset}: is a family of {assets}; {axes} takes the asset of a place, and "
+        raise UsageError(f"{asset}: is a family of {assets}; {axes} interpolates one asset, and "
                          f"{asset_at_place.members[0].path.parent}/ holds the members")
     return asset_at_place
 

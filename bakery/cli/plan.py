@@ -17,21 +17,21 @@ from bakery.cli.options import (
 from bakery.system.terminal import remark, say
 
 
-@click.command(name="plan", short_help="say what a bake or a render would run, why, and what it will cost")
+@click.command(name="plan", short_help="show what a bake or a render would run, why, and what it will cost")
 @click.argument("recipes", nargs=-1, required=True, type=click.Path(), metavar="RECIPE|SCENE…")
 @click.option("-o", "--output", type=click.Path(), metavar="FILE or DIR/", help="Asset or picture that would be written.")
 @recipe_options
 @sweep_option
-@click.option("--jobs", "-j", type=click.IntRange(1), metavar="N", help="Threads that the bake would take.")
+@click.option("--jobs", "-j", type=click.IntRange(1), metavar="N", help="Threads that the bake would use.")
 @click.option("--force", is_flag=True, help="Plan to compute every stage again.")
 @overwrite_option
 @json_option
 @verbose_option
-def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, sweeps, jobs, force, overwrite, as_json, verbose):
-    """Say what `bake RECIPE` would run, why, and what it will cost in time, memory and file size.  Runs nothing.
+def command(recipes, output, asked, sweeps, jobs, force, overwrite, as_json, verbose):
+    """Show what `bake RECIPE` would run, why, and what it will cost in time, memory and file size.  Runs nothing.
 
-    Of a SCENE what `bake render SCENE` would bake, and seconds, noise and memory of its picture, from a pilot: small pictures of
-    few passes.  What they have to bake stays in the cache; nothing else is written.
+    For a SCENE: what `bake render SCENE` would bake, and the time, noise and memory of its picture, from a pilot (small pictures
+    of few passes).  The pilot may bake into the cache; nothing else is written.
     """
     from bakery.cli import plan_scene
     from bakery.cli.trade_scene import is_scene
@@ -39,18 +39,18 @@ def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, 
     from bakery.run.cache import Cache
     from bakery.run.progress import choose
 
-    values = settings_of(quality, tolerance, seed, settings, sweeps)
+    values = settings_of(asked.quality, asked.tolerance, asked.seed, asked.settings, sweeps)
     progress = choose()
     try:
         cache, plans = Cache(say=progress.say), []
         for recipe in recipes:
             if is_scene(recipe):
-                plan_scene.refused(recipe, {"--stage": stage, "--scene": scenes, "--sweep": sweeps, "--jobs": jobs,
+                plan_scene.refused(recipe, {"--stage": asked.stage, "--scene": asked.scenes, "--sweep": sweeps, "--jobs": jobs,
                                             "--force": force})
-                plans.append(plan_scene.planned(recipe, output, settings_of(None, tolerance, None, settings), quality, seed,
-                                                overwrite, progress))
+                plans.append(plan_scene.planned(recipe, output, settings_of(None, asked.tolerance, None, asked.settings),
+                                                asked.quality, asked.seed, overwrite, progress))
                 continue
-            wanted = for_scenes(recipe, values, scenes, stage, cache, progress)
+            wanted = for_scenes(recipe, values, asked.scenes, asked.stage, cache, progress)
             plans.append(planned(recipe, output, force=force, cache=cache, jobs=jobs, overwrite=overwrite, progress=progress,
                                  **wanted.of_plan))
     finally:

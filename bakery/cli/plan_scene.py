@@ -10,7 +10,7 @@ def refused(scene, options) -> None:
     """UsageError for an option of `bake plan` that has no meaning for scenes; options : name -> value."""
     for name, value in options.items():
         if value:
-            raise UsageError(f"{name}: {scene} is a scene, and this is of recipes; --set KEY=VALUE would set a value of it")
+            raise UsageError(f"{name}: is for recipes, and {scene} is a scene; use --set KEY=VALUE for its values")
 
 
 def planned(path, output, settings, quality, seed, overwrite, progress):
@@ -57,14 +57,14 @@ def show(plan, pair) -> None:
         else:
             say(f"  reuse  {bake.asset}")
     if plan.forecast is None:
-        say(f"  render {plan.scene.section}: not known, as a pilot would have to bake that first")
+        say(f"  render {plan.scene.section}: unknown, because a pilot would have to bake that first")
     else:
         _show_forecast(plan)
     unknown = " and the picture" if plan.forecast is None else ""
     say(f"  in all {duration(plan.seconds)}{unknown}, {in_words(plan.memory)} memory")
     free = free_memory()
     if free is not None and plan.memory > free:
-        say(f"  that is more than the {in_words(free)} of memory that are free: a smaller film would do")
+        say(f"  that is more than the {in_words(free)} of free memory: use a smaller film")
 
 
 def _show_forecast(plan) -> None:

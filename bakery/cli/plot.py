@@ -10,7 +10,7 @@ from bakery.cli.options import at_option, json_option, opened, overwrite_option,
 from bakery.errors import AssetError
 
 
-@click.command(name="plot", short_help="draw pictures of what an asset holds")
+@click.command(name="plot", short_help="draw pictures of an asset's contents")
 @click.argument("asset", type=click.Path(), metavar="ASSET")
 @click.option("-o", "--output", type=click.Path(), metavar="DIR",
               help="Folder of the pictures.  Default: NAME-plots beside the asset.")
@@ -18,7 +18,8 @@ from bakery.errors import AssetError
 @overwrite_option
 @json_option
 def command(asset, output, place, overwrite, as_json):
-    """Draw what ASSET holds: phase functions, cross sections, coefficients, polarisation, grains, tiles; a family over its axes.
+    """Draw the contents of ASSET: phase functions, cross sections, coefficients, polarisation, grains, tiles; for a family over
+    its axes.
 
     Each picture is written as PNG and as SVG, with its data as CSV; the paths are printed.
     """
@@ -35,7 +36,7 @@ def command(asset, output, place, overwrite, as_json):
     root = shown.tree
     figures = list(pictures(root))
     if not figures:
-        raise AssetError(f"{asset}: holds nothing that is drawn; `bake inspect {asset}` shows what it holds")
+        raise AssetError(f"{asset}: holds nothing to draw; `bake inspect {asset}` shows its contents")
     stem = Path(shown.path).stem
     folder = folder_for(Path(output) if output else Path(shown.path).with_name(f"{stem}-plots"))
     check_outputs(by_suffix(folder / f"{stem}_{picture.name}.{form}" for picture in figures for form in ("png", "svg", "csv")),

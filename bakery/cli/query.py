@@ -20,7 +20,7 @@ _BEYOND = 3  # digits of a figure from the first one of its error on
 @at_option
 @json_option
 def command(asset, path, arguments, place, as_json):
-    """Print the value at PATH of ASSET, such as medium/sigma_t, or look it up at arguments with units.
+    """Print the value at PATH of ASSET, such as medium/sigma_t, or interpolate it at arguments with units.
 
     \b
     bake query fog.h5 medium/sigma_t wavelength=0.55um

@@ -15,14 +15,14 @@ OTHER_FORMATS = (".pdf", ".ps", ".md", ".rst", ".tex", ".doc", ".docx", ".odt", 
 @click.command(name="report", short_help="write one self-contained page about an asset")
 @click.argument("asset", type=click.Path(), metavar="ASSET")
 @click.option("-o", "--output", type=click.Path(), metavar="FILE.html", help="The page.  Default: NAME.html beside the asset.")
-@click.option("--no-render", is_flag=True, help="Do not render a picture where none of this asset lies beside it.")
+@click.option("--no-render", is_flag=True, help="Do not render a preview if there is none beside the asset.")
 @at_option
 @overwrite_option
 @json_option
 def command(asset, output, no_render, place, overwrite, as_json):
-    """Write one HTML page about ASSET: pictures, tables, recipe, provenance.  It links to nothing outside of itself.
+    """Write one HTML page about ASSET: pictures, tables, recipe, provenance.  The page has no external links.
 
-    On top stands the preview that `bake render ASSET` put beside the asset, NAME.png; without one a draft is rendered.
+    At the top is the preview that `bake render ASSET` wrote beside the asset, NAME.png; without one a draft is rendered.
     """
     from bakery.draw.files import preview_beside
     from bakery.report.page import page

@@ -5,23 +5,14 @@ from __future__ import annotations
 import click
 
 from bakery.cli import offers
-from bakery.cli.options import (
-    for_scenes,
-    json_option,
-    overwrite_option,
-    print_json,
-    quiet_option,
-    recipe_options,
-    settings_of,
-    verbose_option,
-)
+from bakery.cli.options import for_scenes, overwrite_option, print_json, recipe_options, settings_of, told_options
 from bakery.cli.trade_scene import is_scene
 from bakery.errors import Interrupted, UsageError
 
 
 @click.command(
     name="trade",
-    short_help="measure error against time over a recipe's knobs, or a scene's methods",
+    short_help="measure error against time, of a recipe's settings or a scene's methods",
     epilog="Exit status: 0 done; 2 wrong usage, recipe or scene; 3 a stage failed; 130 interrupted.",
 )
 @click.argument("source", type=click.Path(), metavar="RECIPE|SCENE")
@@ -29,21 +20,20 @@ from bakery.errors import Interrupted, UsageError
               help="Folder of a recipe's results, page of a scene.  Default: RECIPE.trade, NAME_trade.html beside the scene.")
 @recipe_options
 @click.option("--methods", metavar="A,B,C", shell_complete=offers.scene_methods,
-              help="Of a scene: points in place of those that its renderer names, as `bake compare` takes them.")
+              help="For a scene: methods to measure, instead of the renderer's list; as for `bake compare`.")
 @click.option("--beside", type=click.Path(), multiple=True, metavar="FILE",
-              help="Of a scene: another scene of the same picture, for another renderer; repeatable.")
-@click.option("--measure", metavar="NAME", help="Of a recipe: error that ranks the settings.  Default: the stage's first.")
+              help="For a scene: another scene of the same picture, for another renderer; repeatable.")
+@click.option("--measure", metavar="NAME", help="For a recipe: error by which settings are ranked.  Default: the stage's first.")
 @click.option("--budget", type=float, default=5.0, show_default=True, metavar="MINUTES", help="Time that the runs may take.")
 @overwrite_option
-@json_option
-@quiet_option
-@verbose_option
-def command(source, output, methods, beside, measure, budget, overwrite, as_json, quiet, verbose, **options):
-    """Measure true error against time: over the knobs of each stage of a RECIPE, or over the methods of a SCENE and their knobs.
+@told_options
+def command(source, output, asked, methods, beside, measure, budget, overwrite, told):
+    """Measure true error against time: over settings of each stage of a RECIPE, or over the methods of a SCENE and their
+    settings.
 
-    Prints what is worth its time and what meets the tolerance first.  Of a recipe DIR gets trade.csv, trade.json and a picture a
-    stage, of a scene the page gets the pictures and differences of the points on the front.  Finished runs are kept: the same
-    call goes on where it stopped.
+    Prints which settings are worth their time, and which meets the tolerance first.  For a recipe, DIR gets trade.csv, trade.json
+    and a picture for each stage; for a scene, the page gets the pictures and differences of the best methods.  Finished runs are
+    kept: the same call continues where it stopped.
     """
     from bakery.run.progress import choose
     from bakery.system.terminal import say
@@ -51,38 +41,38 @@ def command(source, output, methods, beside, measure, budget, overwrite, as_json
     scene = is_scene(source)
     if not scene and source.lower().endswith(".xml"):
         raise UsageError(f'found "{source}", which is no scene (.yaml); those of Mitsuba have no methods to measure')
-    refused = {"stage": options["stage"], "scene": options["scenes"], "quality": options["quality"], "measure": measure} \
+    refused = {"stage": asked.stage, "scene": asked.scenes, "quality": asked.quality, "measure": measure} \
         if scene else {"methods": methods, "beside": beside}
     for name, value in refused.items():
         if value:
             raise UsageError(f"--{name}: {source} is a {'scene' if scene else 'recipe'}, which has none; leave it out")
-    values = settings_of(None, options["tolerance"], None if scene else options["seed"], options["settings"])
-    progress = choose(quiet)
+    values = settings_of(None, asked.tolerance, None if scene else asked.seed, asked.settings)
+    progress = choose(told.quiet)
     try:
         if scene:
-            value, lines = _of_scene(source, output, methods, values, _seed(options["seed"]), budget=budget, beside=beside,
-                                     progress=progress, verbose=verbose, overwrite=overwrite)
+            value, lines = _of_scene(source, output, methods, values, _seed(asked.seed), budget=budget, beside=beside,
+                                     progress=progress, verbose=told.verbose, overwrite=overwrite)
         else:
-            value, lines = _of_recipe(source, output, values, options, measure=measure, budget=budget, progress=progress,
-                                      verbose=verbose, overwrite=overwrite)
+            value, lines = _of_recipe(source, output, values, asked, measure=measure, budget=budget, progress=progress,
+                                      verbose=told.verbose, overwrite=overwrite)
     except KeyboardInterrupt:
-        raise Interrupted("interrupted; finished runs are kept, the same call goes on") from None
+        raise Interrupted("interrupted; finished runs are kept, and the same call continues") from None
     finally:
         progress.close()
-    if as_json:
+    if told.as_json:
         print_json(value)
         return
     for line in lines:
         say(line)
 
 
-def _of_recipe(recipe, output, values, options, *, progress, **options_of_trade):
+def _of_recipe(recipe, output, values, asked, *, progress, **options_of_trade):
     """What `--json` prints, and the lines for people."""
     from bakery.trade import trade
     from bakery.trade.tables import report
 
-    wanted = for_scenes(recipe, values, options["scenes"], options["stage"], None, progress)
-    result = trade(recipe, output, stages=wanted.stages, quality=options["quality"], settings=wanted.settings, progress=progress,
+    wanted = for_scenes(recipe, values, asked.scenes, asked.stage, None, progress)
+    result = trade(recipe, output, stages=wanted.stages, quality=asked.quality, settings=wanted.settings, progress=progress,
                    **options_of_trade)
     value, files = result.as_dict(), [str(file) for file in result.files]
     return value | {"files": files}, [*(line for sweep in value["stages"] for line in report(sweep, recipe)), *files]

@@ -104,8 +104,8 @@ def _distinct(scenes):
     sections = [scene.section for scene in scenes]
     for scene in scenes[1:]:
         if sections.count(scene.section) > 1:
-            raise UsageError(f"--beside: {scene.path} is for the renderer {scene.section}, as another one is; scenes of the same "
-                             "picture for different renderers would do")
+            raise UsageError(f"--beside: {scene.path} is for the renderer {scene.section}, like another one; give scenes of the "
+                             "same picture for different renderers")
 
 
 class _Sweep:
@@ -155,7 +155,7 @@ class _Sweep:
         exact = [rendered for name, rendered in self.made.items() if name in self.loaded.rules.EXACT]  # of the first scene
         whole = [rendered for rendered in exact if not rendered.report.get("left_out")]
         if exact and not whole:
-            raise UsageError(f"{self.loaded.path}: no method has all of the light, so none is a reference for errors: "
+            raise UsageError(f"{self.loaded.path}: every method leaves light out, so none is a reference for errors: "
                              f"{'; '.join(exact[0].report['left_out'])}")
         return whole
 

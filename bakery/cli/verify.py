@@ -16,8 +16,8 @@ from bakery.errors import StoreError
 def command(assets, as_json):
     """Check every byte (checksums) and the physics (normalisation, energy, ranges) of each ASSET.
 
-    Each has its verdict, whatever the others are.  Exit status 1 if a rule is broken, 2 if a file is missing, 3 if the system
-    would not read one; the largest of them.
+    All assets are checked, whatever the result of others.  Exit status 1 if a rule is broken, 2 if a file is missing, 3 if the
+    system cannot read one; the largest of them.
     """
     verdicts = []
     for asset in assets:

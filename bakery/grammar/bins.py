@@ -21,7 +21,7 @@ _POWERS = {"n": 0.0, "s": 2.0, "v": 3.0}
 _SIZE = re.compile(r"(radius|diameter)(?:_(lower|upper))?_(um|nm|mm)")
 _AMOUNT = re.compile(r"d([NSV])(?:/d(ln|log10|log|)(?:r|Dp?))?", re.IGNORECASE)
 _NAMES = ("a first line with the names radius_um or diameter_um (centres of bins), or radius_lower_um,radius_upper_um or "
-          "diameter_lower_um,diameter_upper_um (edges); then dN, dN/dlnr, dN/dlogD, dN/dr or the like, S or V for N; nm, mm do")
+          "diameter_lower_um,diameter_upper_um (edges); then dN, dN/dlnr, dN/dlogD, dN/dr or the like, S or V for N; also nm, mm")
 
 
 class Bins(NamedTuple):

@@ -52,7 +52,7 @@ def read_recipe(path: str | os.PathLike) -> bytes:
     if isinstance(path, Written):
         return path.text.encode("utf-8", "surrogateescape")[:MAX_BYTES + 1]
     if "\0" in os.fspath(path):
-        raise UsageError(f"{label}: no file has a name like this; give the path of a recipe")
+        raise UsageError(f"{label}: not a valid file name; give the path of a recipe")
     try:
         return _read(path, MAX_BYTES + 1)
     except FileNotFoundError:

@@ -83,12 +83,11 @@ class HostIndex(Section):
     """A clear host."""
 
     n: numbers(least=SMALLEST_N, most=1000) = Field(
-        description="Refractive index relative to vacuum; one value, or one a wavelength."
-    )
+        description="Refractive index relative to vacuum; one value, or one a wavelength.")
 
 
 class MaterialFile(Section):
-    """A table of one's own, or somebody else's file."""
+    """A table from a file."""
 
     file: Path = Field(description="CSV file with the columns wavelength_um, n and, optionally, k; YAML of refractiveindex.info; "
                        "text of the Aerosol Refractive Index Archive.")
@@ -102,12 +101,10 @@ def _index_tag(node):
     return None if not isinstance(node, Mapping) else "file" if "file" in node else "index"
 
 
-_index = Discriminator(
-    _index_tag, custom_error_type="choice", custom_error_message="|the name of a material|{n: …, k: …}|{file: …}"
-)
-PureMaterialOf = Annotated[
-    Annotated[Material, Tag("name")] | Annotated[NK, Tag("index")] | Annotated[MaterialFile, Tag("file")], _index
-]
+_index = Discriminator(_index_tag, custom_error_type="choice",
+                       custom_error_message="|the name of a material|{n: …, k: …}|{file: …}")
+PureMaterialOf = Annotated[Annotated[Material, Tag("name")] | Annotated[NK, Tag("index")] | Annotated[MaterialFile, Tag("file")],
+                           _index]
 
 
 class Ingredient(Section):
@@ -123,7 +120,7 @@ class MixedMaterial(Section):
     mixing: word(*RULES) = Field(
         description="Rule: bruggeman, maxwell_garnett (inclusions in a matrix), lorentz_lorenz or volume (the mean of n and k)."
     )
-    matrix: PureMaterialOf | None = Field(None, description="Of maxwell_garnett: what has the rest of the volume.")
+    matrix: PureMaterialOf | None = Field(None, description="For maxwell_garnett: fills the rest of the volume.")
     of: list[Ingredient] = Field(min_length=1, max_length=32, description="The materials, each with its share of the volume.")
 
 
@@ -132,14 +129,9 @@ def _material_tag(node):
     return "mixing" if mixture else _index_tag(node)
 
 
-_material = Discriminator(
-    _material_tag, custom_error_type="choice",
-    custom_error_message="|the name of a material|{n: …, k: …}|{file: …}|{mixing: …, of: …}"
-)
-MaterialOf = Annotated[
-    Annotated[Material, Tag("name")] | Annotated[NK, Tag("index")] | Annotated[MaterialFile, Tag("file")]
-    | Annotated[MixedMaterial, Tag("mixing")], _material
-]
-HostOf = Annotated[
-    Annotated[Material, Tag("name")] | Annotated[HostIndex, Tag("index")] | Annotated[MaterialFile, Tag("file")], _index
-]
+_material = Discriminator(_material_tag, custom_error_type="choice",
+                          custom_error_message="|the name of a material|{n: …, k: …}|{file: …}|{mixing: …, of: …}")
+MaterialOf = Annotated[Annotated[Material, Tag("name")] | Annotated[NK, Tag("index")] | Annotated[MaterialFile, Tag("file")]
+                       | Annotated[MixedMaterial, Tag("mixing")], _material]
+HostOf = Annotated[Annotated[Material, Tag("name")] | Annotated[HostIndex, Tag("index")] | Annotated[MaterialFile, Tag("file")],
+                   _index]

@@ -51,8 +51,8 @@ class Recipe:
     def unswept(self) -> Recipe:
         """Itself; UsageError where it has several points, for what knows of one only."""
         if self.sweep is not None:
-            raise UsageError(f"{self.path}: sweeps {' and '.join(self.sweep.where)}, so it bakes a family of assets; here one is "
-                             "wanted: save one of the family (`at(…).save(…)`); or `--set sweep=none`, the recipe's own values")
+            raise UsageError(f"{self.path}: sweeps {' and '.join(self.sweep.where)}, so it bakes a family, but a single asset is "
+                             "needed here: save one from it (`at(…).save(…)`), or use `--set sweep=none`, its own values")
         return self
 
     def where(self, key: str) -> str:

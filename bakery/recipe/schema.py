@@ -29,19 +29,19 @@ class Common(Section):
     """Keys of every recipe."""
 
     bakery: Format = Field(description="Recipe format.")
-    name: Name = Field(description="What pages and pictures call the asset; its file is called as the recipe's.")
+    name: Name = Field(description="Name of the asset in pages and pictures; its file is named after the recipe's file.")
     description: Text = Field("", description="Free text.")
-    wavelengths: numbers(WAVELENGTH, words=NAMED_WAVELENGTHS, least=1e-9, most=1e6) = Field(
-        NAMED_WAVELENGTHS["rgb"], description="rgb, visible8, or a list in um, in vacuum."
+    wavelengths: numbers(WAVELENGTH, words=NAMED_WAVELENGTHS, steps=True, least=1e-9, most=1e6) = Field(
+        NAMED_WAVELENGTHS["rgb"], description="rgb, visible8, a list in um, or {from, to, count} in equal steps; in vacuum."
     )
-    seed: whole(0, 2**53) = Field(0, description="Every random stream derives from it.")
-    tolerance: number(FRACTION, least=1e-6, most=0.5) = Field(0.01, description="Error that each baked figure should reach.")
+    seed: whole(0, 2**53) = Field(0, description="All random streams derive from it.")
+    tolerance: number(FRACTION, least=1e-6, most=0.5) = Field(0.01, description="Relative error allowed in each baked quantity.")
     measure: word("pointwise", "integrated") = Field(
-        "pointwise", description="Where the tolerance of particles' phase functions holds: at every angle, or for the light as a "
-        "whole (the integral of the error over the sphere)."
+        "pointwise", description="pointwise: the tolerance of particles' phase functions holds at every angle; integrated: "
+        "for the integral of the error over the sphere."
     )
     sweep: leaf(_sweep, {"sweep": ""}) = Field(
-        None, description="Several values of some keys, which bake a family of assets; none: the recipe's own values."
+        None, description="Several values of some keys: bakes a family of assets; none: the recipe's own values."
     )
 
 

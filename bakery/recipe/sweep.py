@@ -114,7 +114,7 @@ def json_schema() -> dict:
         "type": "object", "additionalProperties": False,
         "properties": {
             "tolerance": {**value, "description": "Error of the interpolation between points."},
-            "refine": {"type": "boolean", "description": "Whether points are added where that error is larger."},
+            "refine": {"type": "boolean", "description": "Whether points are added where that error is too large."},
             "combine": {"enum": ["product", "zip"], "description": "Every combination of the values, or all keys in step."}},
         "patternProperties": {r"^[^.]+\..+$": {"anyOf": [value, {"type": "array", "items": value}, spread]}}}]}
 
@@ -192,7 +192,7 @@ def _numbers(item: Node) -> tuple[Quantity, float]:
         if "," in item.text:
             raise Wrong(f"found {describe(item)}, several values", f"expected a list: [{item.text}]")
         if item.broken or not units.NUMBER.match(item.text.strip()):
-            raise Wrong(f"found {describe(item)}", "expected a number: what is no number has nothing between its values")
+            raise Wrong(f"found {describe(item)}", "expected a number: only numbers can be interpolated")
         quantity = units.quantity_of(item.text)
         return quantity, units.parse(item.text, quantity)
     except Wrong as wrong:

@@ -141,7 +141,7 @@ def _no_worse(plan: Plan, held, recipe_parts: Mapping[str, Mapping], force: bool
         return replace(plan, steps=tuple(steps), write=False)
     if not overwrite and (worse := lost(held, plan.steps, recipe_parts, knobs)):
         raise UsageError(f"{plan.output}: holds more than the scene needs ({', '.join(worse)}), so it is not replaced; name "
-                         "another output, or say --overwrite")
+                         "another output, or give --overwrite")
     return plan
 
 

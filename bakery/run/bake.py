@@ -50,15 +50,15 @@ def bake(
     settings: Mapping[str, str] | None = None, jobs: int | None = None, executor: Executor | None = None,
     cluster: str | None = None, force: bool = False, progress: Progress | None = None, overwrite: bool = False,
 ) -> Asset | Family:
-    """Bake a recipe into one asset, or a family of them where it sweeps keys; what `bake RECIPE` does.
+    """Bake a recipe into one asset, or into a family if it sweeps keys; the same as `bake RECIPE`.
 
     Parameters
     ----------
     recipe : path of the recipe; or its text, of several lines; or a dict of the same keys, `{"bakery": 1, "name": "milk", ...}`.
-        Files that a text or a dict names lie in the current folder
+        Files that a text or a dict names are in the current folder
     output : path of the asset, or of a folder with a closing slash; by default FILE.h5 in the current folder, by the name of the
-        recipe's file.  Of a text or a dict it is by default a file in a folder of its own, which goes when the process ends; the
-        stages stay in the cache, so that baking it again, with `output=`, takes no time
+        recipe's file.  For a text or a dict it is by default a temporary file, until the process ends; the stages stay in the
+        cache, so baking it again, with `output=`, takes no time
     stages : names of the only stages to bake (and what they need)
     quality : draft, preview or final
     tolerance, seed : override the recipe's
@@ -68,16 +68,16 @@ def bake(
     cluster : address of a Dask scheduler
     force : compute every stage again
     progress : from `bakery.run.progress`; silent by default
-    overwrite : replace what stands at `output` also where it is no asset, or one of another recipe
+    overwrite : also replace a file at `output` that is no asset, or an asset of another recipe
 
     Returns
     -------
-    asset : as `bakery.open` gives it; it passes for its path (`os.fspath(asset)`, `asset.path`) wherever one is taken
+    asset : as from `bakery.open`; it can be used wherever its path is accepted (`os.fspath(asset)`, `asset.path`)
 
     Raises
     ------
-    RecipeError, UsageError, StageError, StoreError : see `bakery.errors`; StageError also where the asset was written but does
-        not meet its tolerance or another target, saying which
+    RecipeError, UsageError, StageError, StoreError : see `bakery.errors`; StageError also if the asset was written but misses
+        its tolerance or another target; the text says which
 
     Examples
     --------

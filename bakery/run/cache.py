@@ -58,7 +58,7 @@ def _refuse_name(folder: Path, message: str) -> None:
         if error.errno in (errno.ENAMETOOLONG, errno.ELOOP):
             raise UsageError(f"{message}, which cannot be a folder ({error.strerror}); another one would do") from None
     except ValueError:
-        raise UsageError(f"{message}, which no folder can be called; another one would do") from None
+        raise UsageError(f"{message}, which cannot be the name of a folder; use another one") from None
 
 
 def _median(votes: list[tuple[float, float]]) -> float:

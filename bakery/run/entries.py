@@ -35,7 +35,7 @@ class Held(NamedTuple):
     ----------
     entries : path, size in bytes and time of last use of each entry, stages and assets, oldest first
     bad : what was set aside as damaged
-    others : files and folders that are no cache's
+    others : files and folders that do not belong to the cache
     """
 
     entries: list[tuple[Path, int, float]]

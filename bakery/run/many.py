@@ -165,7 +165,7 @@ class _Worker:
         if status > 0:
             raise RuntimeError("a worker process ended by an exception, printed above")
         if status == -signal.SIGKILL:
-            return "its process was killed: most likely its memory did not suffice; fewer --jobs, or see `bake plan`"
+            return "its process was killed: most likely it ran out of memory; fewer --jobs, or see `bake plan`"
         return f"its process died of signal {-status}"
 
 

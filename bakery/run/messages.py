@@ -24,7 +24,7 @@ AHEAD = 2  # messages a thread that are under way: one that runs and the next on
 LOOK, _PATIENCE = 2.0, 30.0  # seconds between looks at the workers, and without any before we give up
 _DEATHS = 3  # times that blocks may lose all of the workers that may run them
 _LATE, _TIMES = 10.0, 3.0  # a block is late after so many seconds, and so many times the longest of the others
-RESUME = "finished stages are in the cache, and the same call goes on from there"
+RESUME = "finished stages are in the cache, and the same call continues from there"
 
 
 class ClusterLost(StageError):

@@ -85,4 +85,4 @@ def check_recipe(target: Path, root: Group, recipe) -> None:
     origin = target.resolve().parent / seen if isinstance(seen, str) else None
     if os.path.basename(made_from) != recipe.path.name or origin and origin.is_file() and not same_file(origin, recipe.path):
         raise UsageError(f"{target}: holds the asset of another recipe, {origin or made_from}, so it is not replaced; "
-                         "name another output, or say --overwrite")
+                         "name another output, or give --overwrite")

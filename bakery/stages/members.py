@@ -143,9 +143,9 @@ class Members(Mapping):
 
 
 class Values(np.ndarray):
-    """An array that knows its unit: `units`, "1" for pure numbers.
+    """An array with a unit: `units`, "1" for pure numbers.
 
-    Slices and copies keep the unit.  Arithmetic gives plain arrays, which have none: nobody here works out what it would be.
+    Slices and copies keep the unit.  Arithmetic gives plain arrays without a unit.
     """
 
     units = ""

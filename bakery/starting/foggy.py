@@ -35,7 +35,7 @@ def filled(material: Start, mitsuba: Path, folder: Path, name: str, view, unit: 
     Returns files and remarks, as `studio.in_studio`.
     """
     metres = UNITS[unit or "m"]
-    why = "as asked (--unit)" if unit else "ASSUMED, Mitsuba's files say none; --unit says another"
+    why = "as asked (--unit)" if unit else "ASSUMED, Mitsuba's files have no unit (change it with --unit)"
     text, remarks = material.text(name), [f"{mitsuba.name}: one unit is 1 {unit or 'm'}, {why}"]
     recipe = load(material.path)
     baked = draft.medium(recipe, {}, Cache())

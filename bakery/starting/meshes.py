@@ -133,7 +133,7 @@ def _finite(path, low, high):
 def _metres(path, edges, usual_height, unit, height, stated):
     """Length of one unit of the file in m, and the sentence that says why."""
     if unit and height:
-        raise UsageError("--unit and --height: found both, and each says how large the mesh is; one of them would do")
+        raise UsageError("--unit and --height: found both, but each sets the size of the mesh; give one of them")
     if height:
         if not edges[2] > 0:
             raise UsageError(f"{path}: found a flat mesh, which has no height")
@@ -146,10 +146,10 @@ def _metres(path, edges, usual_height, unit, height, stated):
     distance = {name: abs(math.log(longest * UNITS[name] / usual_height)) for name in _GUESSED}
     guess = min(distance, key=distance.get)
     if distance[guess] > math.log(_FAR):
-        raise UsageError(f"{path}: found a mesh {longest:.4g} units across and no unit, which in none of {', '.join(_GUESSED)} "
-                         f"is near to {length(usual_height)}; say --unit mm, cm or m, or --height \"12 cm\"")
-    return UNITS[guess], (f"{length(longest * UNITS[guess])} across: GUESSED, the file says no unit, and 1 {guess} is nearest to "
-                          f"{length(usual_height)}; --unit or --height says another")
+        raise UsageError(f"{path}: found a mesh {longest:.4g} units across and no unit, and in none of {', '.join(_GUESSED)} "
+                         f"is that near {length(usual_height)}; give --unit mm, cm or m, or --height \"12 cm\"")
+    return UNITS[guess], (f"{length(longest * UNITS[guess])} across: GUESSED, because the file has no unit: 1 {guess} comes "
+                          f"nearest to {length(usual_height)} (change it with --unit or --height)")
 
 
 def written(unit: str) -> str:

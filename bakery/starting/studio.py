@@ -51,7 +51,7 @@ def in_studio(material: str, mesh: Path, name: str, *, unit=None, height=None, u
     files |= {f"{name}{path.suffix}": path.read_text(encoding="utf-8") for path in source.beside()}
     entry = f"{{where: {{shape: body}}, recipe: {name}.yaml, boundary: {{index: {fill.index:g}}}}}" if fill.index else \
         f"{{where: {{mesh: {name}.scene.ply, unit: {inside}}}, recipe: {name}.yaml}}"
-    remarks = [f"{mesh.name}: {body.size}", f"{up} of the file points up (--up says another)", *about]
+    remarks = [f"{mesh.name}: {body.size}", f"{up} of the file points up (change it with --up)", *about]
     files[f"{name}.scene.yaml"] = _scene(name, material, mesh, inside, entry, remarks)
     files[f"{name}.scene.xml"] = _surroundings(name, body, scale, fill, gap)
     files[f"{name}.scene.ply"] = ply.mesh(scale * body.vertices, body.faces, [f"unit: {inside.split()[1]}"], single=True)

@@ -94,8 +94,8 @@ def _what_it_is(data: bytes) -> str:
             if error.start < len(head) - 4:  # not merely a character that the cut split
                 return "its first line is missing"
         if re.search(rb"^[\"']?bakery_scene[\"']?\s*:", head, re.MULTILINE):
-            return "it is a scene, which `bake render` renders; the asset that it names would do"
+            return "it is a scene; use `bake render`, or the asset that it names"
         if re.search(rb"^[\"']?bakery[\"']?\s*:", head, re.MULTILINE):
-            return "it is a recipe; `bake RECIPE` makes an asset of it, which would do"
+            return "it is a recipe; `bake RECIPE` bakes it into an asset"
         return "it is a text file"
     return "its first line is missing"

@@ -43,7 +43,7 @@ def decode(path: str, data: bytes, limits: Limits = LIMITS, on_fault: Callable[[
     except _TooMuch as excess:
         raise AssetError(f"{path}: damaged: container: it holds more than {excess}") from None
     except MemoryError:
-        raise AssetError(f"{path}: needs more memory than there is") from None
+        raise AssetError(f"{path}: needs more memory than is available") from None
     except Exception as error:  # h5py turns the library's complaints into many kinds of exception
         raise AssetError(f"{path}: damaged: container: the HDF5 library cannot read it ({_first_line(error)})") from None
 

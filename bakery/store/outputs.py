@@ -81,8 +81,8 @@ def check_outputs(outputs: Iterable[tuple[str | os.PathLike, str | FileKind]], i
         if not overwrite and not _may_replace(path, kind):
             name = kind if isinstance(kind, str) else kind.name
             article = "an" if name[0] in "aeHSX" else "a"
-            raise UsageError(f"{shown}: a file stands there that is not {article} {name}, so it is not replaced; "
-                             "name another output, or say --overwrite")
+            raise UsageError(f"{shown}: an existing file is not {article} {name}, so it is not replaced; "
+                             "name another output, or give --overwrite")
         before.append(path)
 
 

@@ -156,4 +156,4 @@ def _refused(path: str, error: OSError) -> BakeryError:
         space = f"; {free_space(path) / 1e6:.0f} MB are free there"
     except OSError:
         space = ""
-    return StoreError(f"{path}: not written: {error.strerror or error}{space}; what was there is unchanged")
+    return StoreError(f"{path}: not written: {error.strerror or error}{space}; the old file is unchanged")

@@ -98,7 +98,7 @@ class Worker:
         status = self._process.wait()
         self.close()
         if status == -signal.SIGKILL:
-            return "its process was killed: most likely its memory did not suffice"
+            return "its process was killed: most likely it ran out of memory"
         if status < 0:
             return f"its process died of signal {-status}"
         raise RuntimeError("the worker of bake trade ended by an exception, printed above")

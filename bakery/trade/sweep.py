@@ -120,7 +120,7 @@ class Sweeper:
                              for overrides, key in zip(pair, keys, strict=True)]
                 floor = self._ranked(self._bench.compare(keys[1], keys[0], limit=self.left + GRACE))
             except OutOfTime:
-                refusal, kind = "they were not ready in the time; a larger --budget would do", UsageError
+                refusal, kind = "they were not ready in time; use a larger --budget", UsageError
             except StageError as error:
                 self.settings.refuse_changes()
                 refusal, kind = str(error), StageError
@@ -228,8 +228,8 @@ class Sweeper:
     def _result(self, presets, preset_tolerances, reference, floor, too_long) -> Sweep:
         settings = list(self._measured)
         if start_of(self.settings.ladders) not in settings:
-            raise UsageError(f"{self.job.recipe}: {self.settings.stage.name}: the time did not suffice for the recipe as it "
-                             "stands; the same call with a larger --budget goes on")
+            raise UsageError(f"{self.job.recipe}: {self.settings.stage.name}: the time was not enough for the recipe as it "
+                             "stands; the same call with a larger --budget continues")
         if self._measured[start_of(self.settings.ladders)].failed:
             raise StageError(f"{self.job.recipe}: as it stands: {self._measured[start_of(self.settings.ladders)].failed}")
         self.progress.done(self.settings.stage.name, f"{len(settings)} settings, {self._reused} of them kept from before")

@@ -121,4 +121,4 @@ def _remarks(stage: Mapping) -> Iterable[str]:
         yield f"not for this recipe: {said(entry['setting'])}: {entry['message']}"
     if stage["untried"]:
         yield (f"not finished: {len(stage['untried'])} more settings would take longer than the --budget; "
-               "the same call with a larger one goes on")
+               "the same call with a larger one continues")

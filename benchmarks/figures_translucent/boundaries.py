@@ -7,7 +7,7 @@ from benchmarks.sizes import sized
 
 from . import stand
 
-PAGE = "translucent.md"
+PAGE = "measurements/translucent.md"
 RADII = sized((0.5, 2.0, 5.0, 20.0, 100.0), (2.0,))  # mean free paths
 ALBEDOS, COSINES, INDICES = sized((0.5, 0.95, 0.99, 0.999), (0.5,)), sized((0.0, 0.8), (0.0,)), (1.0, 1.4)
 BOUNDARIES = ("negative", "mirrored", "none")

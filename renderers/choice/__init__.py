@@ -151,7 +151,7 @@ def chosen(prepare: Callable, opened, world, quality: str | None = None, picture
     kept = _choice_of(remembered.get("choice", key), offered)
     earlier = _of_picture(picture, offered) if picture is not None else None
     if earlier is not None and (kept is None or kept.method != earlier):
-        return _taken(offered, earlier, "the picture that is gone on with is by it")
+        return _taken(offered, earlier, "the picture that is continued used it")
     if alone := _without_pilots(world, offered, stop):
         return _taken(offered, offered[0].name, alone)
     if kept:
@@ -289,7 +289,7 @@ class _Pilots:
         times = 1.3 * (bias.error / (allowed - bias.size)) ** 2
         needed = times * sum(pilot.seconds for pilot in trials)
         if needed > seconds_left or times > _LONGER:
-            self._why[name] = f"how far it is off takes {needed:.2g} s to tell, and pilots have {seconds_left:.2g} s left"
+            self._why[name] = f"measuring its error takes {needed:.2g} s, and pilots have {seconds_left:.2g} s left"
             return
         for again, pilot in zip((name, reference), trials):
             self._try(again, times * pilot.seconds)
@@ -336,7 +336,7 @@ class _Pilots:
                 best = name, cost
         for row in table:
             row["chosen"] = row["method"] == best[0]
-        by = "nothing else would do"
+        by = "there is no other candidate"
         if self._trials:
             by = f"by pilots: seconds of a processor to a noise of {percent(self._noise)}"
         return Choice(best[0], table, allowed.get(best[0]), by)
@@ -360,15 +360,15 @@ class _Pilots:
             return True, trial.NO_BIAS, f"without an error of its own{lacking}", 0.0
         allowed, stated = budget.ROOM * self._tolerance, candidate.stated(self._tolerance)
         if not exact:
-            why = "how far it is off is not known: none without an error has found all of the light"
+            why = "its error is unknown: no exact method has found all of the light"
             return not candidate.media or stated <= allowed, None, why, None
         bias = trial.bias(tried, min(exact.values(), key=self._variance))
         if bias.size + bias.error <= allowed:
-            return True, bias, f"within the {percent(allowed)} that it may be off", bias.size + bias.error
+            return True, bias, f"within the {percent(allowed)} allowed", bias.size + bias.error
         order, (shift, error) = max(bias.by_order.items(), key=lambda item: abs(item[1][0]) - _ORDER_SURE * item[1][1])
         if bias.resolved or abs(shift) - _ORDER_SURE * error > allowed:
             where = f", {percent(abs(shift))} +- {percent(error)} of it in layer {order}"
-            return False, bias, f"off by more than the {percent(allowed)} that it may be{where}", \
+            return False, bias, f"off by more than the {percent(allowed)} allowed{where}", \
                 bias.size + bias.error if candidate.media else None
-        states = f"it states {percent(stated)}, of {percent(allowed)} that it may have"
+        states = f"it declares an error of {percent(stated)}; {percent(allowed)} is allowed"
         return stated <= allowed, bias, f"the pilot does not tell more: {self._why.get(name, states)}", None

@@ -34,7 +34,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     Noise of a picture from Mitsuba is that of two halves of its passes, each of which is filtered; of files it is not known.
     The EXR holds R, G, B, that noise as `noise.R` … (standard error, a mean over some pixels), the picture without fog as
     `clear.R`, `clear.G`, `clear.B`, and `distance` (m): with
-    `picture: {color: X.exr, layer: clear, depth: X.exr, channel: distance, measure: distance}` it is fogged anew in no time.
+    `picture: {color: X.exr, layer: clear, depth: X.exr, channel: distance, measure: distance}` it gets other fog in seconds.
     """
     from renderers.fog.view import View
     from renderers.pictures.running import Render

@@ -1,6 +1,6 @@
 """Where the medium is and how dense: relative density in space and its moments along rays.
 
-The moments are all that a filter needs of a density (docs/scenes.md): S_n = integral of rho(z') (z - z')^n dz' from the camera to
+The moments are all that a filter needs of a density (docs/screen.md): S_n = integral of rho(z') (z - z')^n dz' from the camera to
 the distance z.  S_0 is the column, sqrt(3 S_2/S_0) the lever: the distance at which a homogeneous medium would spread light as
 far.
 """

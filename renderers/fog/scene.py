@@ -34,21 +34,21 @@ UNUSED = {
 
 class _Distances(Section):
     unit: Length = Field(1.0, description="Length of one unit of the depth or of the Mitsuba scene, such as 1 cm.")
-    far: Length | None = Field(None, description="Where pixels without a surface are taken to lie, and the fog to end there.")
+    far: Length | None = Field(None, description="Distance of pixels without a surface; the fog ends there.")
 
 
 class Files(_Distances):
-    color: Path = Field(description="EXR (linear) or PNG (sRGB) file of what the camera would see without fog.")
-    layer: Path | None = Field(None, description="Of an EXR file with several: the layer X of the channels X.R, X.G, X.B.")
+    color: Path = Field(description="EXR (linear) or PNG (sRGB) file of the picture without fog.")
+    layer: Path | None = Field(None, description="For an EXR file with several layers: X for the channels X.R, X.G, X.B.")
     depth: Path = Field(description="File of the distances: EXR, NPY, or PNG of 16 bits.")
-    channel: Path | None = Field(None, description="Of a depth file with several, such as depth.Z.")
+    channel: Path | None = Field(None, description="Channel of a depth file with several, such as depth.Z.")
     measure: word("distance", "z") = Field(description="distance (from the camera) or z (along its axis).")
-    sky: number() | None = Field(None, description="Value of the depth that means no surface, besides inf.")
+    sky: number() | None = Field(None, description="A depth that means no surface, besides inf.")
 
 
 class Rendered(_Distances):
     mitsuba: Path = Field(description="Mitsuba scene (XML), without fog; its first sensor is the camera.")
-    samples: whole(1, 10**6) | None = Field(None, description="A pixel; what the scene asks for if absent.")
+    samples: whole(1, 10**6) | None = Field(None, description="Samples a pixel; default: the scene's.")
 
 
 Picture = Annotated[
@@ -76,14 +76,14 @@ class HeightDensity(Section):
     type: word("height") = Field(description="Constant up to a height, falling exponentially above.")
     scale: Scale = Field(1.0, description="Density at the ground relative to the asset's medium.")
     base: number(LENGTH) = Field(0.0, description="Height from which the density falls.")
-    falloff: Length = Field(description="Height over which it falls by e.")
+    falloff: Length = Field(description="Height over which the density falls by a factor of e.")
     up: Direction = Field((0.0, 0.0, 1.0), description="Direction in which heights are measured.")
 
 
 class GridDensity(Section):
     type: word("grid") = Field(description="Trilinear between the values of a file.")
     file: Path = Field(description="File of the densities: HDF5, NPY or Mitsuba's VOL.")
-    dataset: Path | None = Field(None, description="Of an HDF5 file.")
+    dataset: Path | None = Field(None, description="Name of the dataset in an HDF5 file.")
     lo: Position | None = Field(None, description="Corner of the box that the grid fills; a VOL file holds its own.")
     hi: Position | None = Field(None, description="The opposite corner.")
     scale: Scale = Field(1.0, description="Factor on the file's values.")
@@ -97,22 +97,22 @@ Density = Annotated[
 
 class Sun(Section):
     type: word("sun") = Field(description="Parallel light.")
-    direction: Direction = Field(description="In which it travels.")
-    irradiance: numbers(least=0, most_entries=3) = Field(description="Across its direction; one value or [r, g, b].")
+    direction: Direction = Field(description="Direction in which the light travels.")
+    irradiance: numbers(least=0, most_entries=3) = Field(description="Irradiance across its direction; one value or [r, g, b].")
 
 
 class Ambient(Section):
-    type: word("ambient") = Field(description="What lies outside the picture, the same in all directions.")
-    radiance: numbers(least=0, most_entries=3) = Field(description="One value or [r, g, b].")
+    type: word("ambient") = Field(description="Light from outside the picture, the same in all directions.")
+    radiance: numbers(least=0, most_entries=3) = Field(description="Radiance: one value or [r, g, b].")
 
 
 Light = Annotated[Annotated[Sun, Tag("sun")] | Annotated[Ambient, Tag("ambient")], pick("type", ("sun", "ambient"))]
 
 
 class Fog(Section):
-    density: Density = Field(UniformDensity.model_construct(type="uniform", scale=1.0), description="Where the fog is.")
+    density: Density = Field(UniformDensity.model_construct(type="uniform", scale=1.0), description="Density of the fog.")
     light: Annotated[list[Light], Field(max_length=64)] = Field((), description="Light that falls on the fog from outside.")
-    diffuse: Flag = Field(True, description="Also the part of that light which the fog scatters more than once.")
+    diffuse: Flag = Field(True, description="Whether that light is also added where the fog scatters it more than once.")
 
 
 # ---- filter
@@ -120,24 +120,24 @@ class Fog(Section):
 
 class Filter(Section):
     kernel: word(*KERNELS) = Field(
-        "flux", description="flux, what a surface across the beam receives; the others for comparison."
+        "flux", description="flux: what a surface across the beam receives; the others for comparison."
     )
     energy: word("kept", "lost") | None = Field(
-        None, description="Of scattered light. lost: without what goes back past the camera; kept: with it.  With ambient light "
+        None, description="Of scattered light. lost: without light that goes back past the camera; kept: with it.  With ambient "
         "lost, else kept."
     )
     outside: word("edge", "black") | None = Field(
-        None, description="What lies outside the picture: as what it shows nearby, or dark.  With ambient light that, else edge."
+        None, description="What is outside the picture: edge, as near its edge; black.  With ambient light that, else edge."
     )
     cut_off: number(above=0, most=1e6, words={"none": None}) = Field(
-        None, description="Where the kernel is cut, in its own widths; what is cut is spread over the rest."
+        None, description="Where the kernel is cut, in its own widths; the light cut off is spread over the rest."
     )
 
 
 class SceneFile(Common):
     """A picture, seen through fog."""
 
-    picture: Picture = Field(description="What the camera would see without fog.")
+    picture: Picture = Field(description="The picture without fog.")
     fog: Fog = Field(description="The fog; this section chooses the renderer.")
     filter: Filter = Field(
         Filter.model_construct(kernel="flux", energy=None, outside=None, cut_off=None), description="How light is spread."

@@ -51,9 +51,9 @@ def _picture(rendering, *, noise=None, denoised=None, report=None) -> Picture:
 class Pictures:
     """The pictures of a render, one after another: an iterator of `renderers.pictures.picture.Picture`.
 
-    The passes go on while the next picture is asked for, and rest in between.  The last picture is the one that was written, and
-    has the `report`.  Who leaves the loop before that leaves no files, and those that were there stay; `stop` ends the passes and
-    has the picture written.  In a notebook `Pictures` as the last line of a cell shows one picture that gets better.
+    The passes run only while the next picture is requested.  The last picture is the one that is written, and has the `report`.
+    Leaving the loop before that writes no files, and existing ones stay; `stop` ends the passes and has the picture written.  In
+    a notebook `Pictures` as the last line of a cell shows one picture that is updated.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class Pictures:
         return _picture(rendering, denoised=None if cleared is None else cleared.rgb, report=self.report)
 
     def stop(self) -> None:
-        """The passes end where they are, and the next picture is the last one, which is written."""
+        """Ends the passes; the next picture is the last one, which is written."""
         self._asked = True
 
     def _ipython_display_(self) -> None:

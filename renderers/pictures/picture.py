@@ -32,7 +32,7 @@ class Picture:
     display : what the scene says of tone curve and exposure, arguments of `renderers.pictures.images.shown`
     method : its name
     seconds : of the passes so far
-    seconds_left : until noise, samples or time end the passes; None where nothing tells
+    seconds_left : until noise, samples or time end the passes; None if unknown
     denoised : (H, W, 3) linear sRGB, the picture without its noise, or None
     report : of the render whose last picture this is, which is written; None of those before
     """

@@ -62,7 +62,7 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
             seed=0, denoise=True, progress=None, overwrite=False) -> dict:
     """Renders the standard preview to a PNG and an EXR file beside each other.
 
-    An asset of packed grains has two panels side by side: its exemplar grains, and a block of the medium that stands for them.
+    An asset of packed grains has two panels side by side: its exemplar grains, and a block of their equivalent medium.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
     width : pixels of a panel
     spp : samples a pixel and wavelength, at most
     tolerance : noise at which to stop: root mean square standard error of the luminance over its mean
-    time_limit : seconds after which no further pass is begun, for all panels together
+    time_limit : seconds after which no further pass starts, for all panels together
     variant : of Mitsuba; default the best that the machine can run
     denoise : whether the PNG shows the filtered picture; the EXR never does
     progress : function of (fraction 0 to 1, noise so far or None), called after each wavelength of each pass

@@ -164,8 +164,8 @@ def load(path, settings: MappingType[str, str] | None = None, *, assets: bool = 
     ----------
     path : of the scene, a regular file of at most 1 MiB
     settings : dotted key -> value as YAML text, such as `{"fog.density.scale": "5"}`
-    assets : those that it names have to be there, or else their recipes beside them
-    frame : number of a frame, whose values stand in the place of the scene's; None: the scene as it stands
+    assets : whether the assets that it names, or recipes beside them, must exist
+    frame : number of a frame, whose values replace the scene's; None: the scene itself
 
     Raises
     ------
@@ -365,7 +365,7 @@ def _parsed(path: Path) -> tuple[text.Source, text.Tree]:
         raise RecipeError([source.problem(None, "", "is a recipe", instead)])
     if isinstance(tree.root, Mapping) and not tree.problems and (anew := former.converted(source.text, tree.root)):
         where = tree.root.names.get("bakery_scene") or tree.root.place
-        problem = where.problem("found a scene of an earlier form", f"expected its text in format {FORMAT}, to be saved in its "
+        problem = where.problem("found a scene of an earlier format", f"expected its text in format {FORMAT}, to be saved in its "
                              f"place:\n\n{anew}")
         raise RecipeError([dataclasses.replace(problem, excerpt="")])
     return source, text.Tree(tree.root, list(map(_of_scenes, tree.problems)))

@@ -80,7 +80,7 @@ class Surfaces(Section):
     mitsuba: fields.Path = Field(description="Mitsuba scene (XML), relative to the scene's folder.")
     unit: Length = Field(1.0, description="Length of one unit of the Mitsuba scene, such as 1 cm.")
     parameters: dict[str, Parameter] | None = Field(
-        None, description="What stands for $NAME in the Mitsuba scene, by name; its <default> if absent."
+        None, description="Values of $NAME in the Mitsuba scene, by name; default: the <default> of the file."
     )
 
 
@@ -88,7 +88,7 @@ class Grid(Section):
     """Densities in a box: a file, and the box that they fill."""
 
     grid: fields.Path = Field(description="File of densities: HDF5, NPY or Mitsuba's VOL.")
-    dataset: fields.Path | None = Field(None, description="Of an HDF5 file.")
+    dataset: fields.Path | None = Field(None, description="Name of the dataset in an HDF5 file.")
     lo: Position | None = Field(None, description="Corner of the box that the grid fills; a VOL file holds its own.")
     hi: Position | None = Field(None, description="The opposite corner.")
 
@@ -96,8 +96,8 @@ class Grid(Section):
 class Camera(Section):
     """A pinhole camera."""
 
-    origin: Position = Field(description="Where the camera stands.")
-    target: Position = Field(description="A point that lies in the middle of the picture.")
+    origin: Position = Field(description="Position of the camera.")
+    target: Position = Field(description="A point at the centre of the picture.")
     up: Direction = Field((0.0, 0.0, 1.0), description="Direction that is up in the picture.")
     fov: number(ANGLE, above=0, below=3.141592653589793) = Field(
         description="Angle between the left and the right edge of the picture, such as 40 deg."
@@ -107,19 +107,19 @@ class Camera(Section):
 class Film(Section):
     """The picture's pixels and wavelengths."""
 
-    width: Edge | None = Field(None, description="Pixels; what the Mitsuba scene or else the renderer says if absent.")
+    width: Edge | None = Field(None, description="Pixels; default: the Mitsuba scene's, or else the renderer's.")
     height: Edge | None = Field(None, description="Pixels; given together with the width.")
     wavelengths: word("asset", "rgb") = Field(
-        "asset", description="asset: every wavelength of the asset, then colours; rgb: three bands."
+        "asset", description="asset: every wavelength of the asset, converted to colours at the end; rgb: three bands."
     )
 
 
 class Stop(Section):
     """When a renderer that samples stops: whichever comes first."""
 
-    noise: Share | None = Field(None, description="Relative noise of the picture; the tolerance's share if absent.")
-    time: number(TIME, above=0, most=1e9) | None = Field(None, description="Seconds after which no pass is begun.")
-    samples: whole(1, 10**9) | None = Field(None, description="A pixel, at most.")
+    noise: Share | None = Field(None, description="Relative noise of the picture; default: its share of the tolerance.")
+    time: number(TIME, above=0, most=1e9) | None = Field(None, description="Time in s after which no pass starts.")
+    samples: whole(1, 10**9) | None = Field(None, description="Most samples a pixel.")
 
 
 class Display(Section):
@@ -134,23 +134,23 @@ class Every(Section):
     """Keys of every scene."""
 
     bakery_scene: Format = Field(description=f"Scene format, {FORMAT}.")
-    name: fields.Name = Field(description="Of the scene; without -o the pictures are NAME.png and NAME.exr beside it.")
+    name: fields.Name = Field(description="Name of the scene; without -o the pictures are NAME.png and NAME.exr beside it.")
     description: fields.Text = Field("", description="Free text.")
     tolerance: Tolerance | None = Field(
-        None, description="Of the picture: relative root mean square error of linear radiance; the renderer's own if absent."
+        None, description="Relative root mean square error of the picture's linear radiance; default: the renderer's."
     )
     measure: word("picture", "pixels") = Field(
-        "picture", description="What the tolerance is of: the picture as a whole, or 99 of 100 pixels each by itself."
+        "picture", description="Whether the tolerance holds for the picture as a whole, or for each of 99 of 100 pixels."
     )
     scene: Surfaces | None = Field(None, description="Surfaces, lights and camera.")
-    camera: Camera | None = Field(None, description="Where the picture is taken from, instead of the Mitsuba scene's sensor.")
+    camera: Camera | None = Field(None, description="The camera, instead of the Mitsuba scene's sensor.")
     film: Film = Field(Film.model_construct(width=None, height=None, wavelengths="asset"), description="Pixels, wavelengths.")
     stop: Stop = Field(Stop.model_construct(noise=None, time=None, samples=None), description="When to stop.")
     display: Display = Field(
-        Display.model_construct(curve="reinhard", exposure=1.0, white=4.0), description="How the PNG shows it."
+        Display.model_construct(curve="reinhard", exposure=1.0, white=4.0), description="How the PNG shows the picture."
     )
     frames: leaf(read_frames, {"type": "object"}) | None = Field(
-        None, description="Of a sequence: dotted key -> its value in each frame; only `--frames` goes by it."
+        None, description="For a sequence: dotted key -> its value in each frame; used by `--frames` only."
     )
 
 
@@ -159,7 +159,7 @@ class Common(Every):
 
     asset: fields.Path | None = Field(None, description="Asset of the medium, relative to the scene's folder.")
     recipe: fields.Path | None = Field(
-        None, description="Instead of the asset: its recipe, baked into the cache unless its asset is there and good enough."
+        None, description="Recipe, instead of the asset: baked into the cache unless its asset exists and is good enough."
     )
 
 

@@ -58,20 +58,20 @@ class Box(Section):
 
 
 class InBox(Section):
-    box: Box = Field(description="All of a box.")
+    box: Box = Field(description="A box.")
 
 
 class InMesh(Section):
     """What is inside of a mesh."""
 
-    mesh: Path = Field(description="PLY, OBJ, STL or OFF file of a closed mesh: what is inside.")
+    mesh: Path = Field(description="PLY, OBJ, STL or OFF file of a closed mesh, which the material fills.")
     unit: Length = Field(1.0, description="Length of one unit of the mesh.")
 
 
 class InShape(Section):
     """What is inside of a shape of the Mitsuba scene."""
 
-    shape: fields.Text = Field(description="Its id in the Mitsuba scene: a closed mesh.")
+    shape: fields.Text = Field(description="Id of a shape of the Mitsuba scene: a closed mesh.")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,40 +123,40 @@ class Boundary(Section):
     """Between a body and what is around it."""
 
     index: number(above=0, most=10) | None = Field(
-        None, description="Refractive index inside over that outside, as the shape's BSDF has it; what that says if absent."
+        None, description="Refractive index inside over outside, equal to that of the shape's BSDF; default: the BSDF's."
     )
     tables: word(*BOUNDARIES) = Field(
-        "negative", description="Of the tables, which know none. negative: light that leaves a body is taken away, exactly; "
-        "mirrored: by a mirror outside of the boundary, approximately; none: it is not."
+        "negative", description="Correction of the tables, which are of an infinite medium. negative: exact, by beams of "
+        "negative power; mirrored: approximate, by a mirror outside of the boundary; none."
     )
 
 
 class _Entry(Section):
-    where: Where | None = Field(None, description="Where the material is; of particles the asset's own box from the origin if "
-                                                  "absent.")
+    where: Where | None = Field(None, description="Where the material is; default for particles: the asset's own box, "
+                                                  "its corner at the origin.")
     asset: Path | None = Field(None, description="Asset of the material, relative to the scene's folder.")
     recipe: Path | None = Field(
-        None, description="Instead of the asset: its recipe, baked into the cache unless its asset is there and good enough."
+        None, description="Recipe, instead of the asset: baked into the cache unless its asset exists and is good enough."
     )
-    method: fields.Text = Field("auto", description="How it is rendered; auto: the cheapest that keeps the tolerance.")
-    velocity: vector(SPEED, "[0, 0, -1] m/s") = Field((0.0, 0.0, 0.0), description="Of all particles.")
-    time: number(TIME) = Field(0.0, description="At which the moving particles are seen.")
+    method: fields.Text = Field("auto", description="Rendering method; auto: the cheapest that keeps the tolerance.")
+    velocity: vector(SPEED, "[0, 0, -1] m/s") = Field((0.0, 0.0, 0.0), description="Velocity of all particles.")
+    time: number(TIME) = Field(0.0, description="Time at which moving particles are seen.")
     footprint: number(above=0, most=100) = Field(
-        0.5, description="Of method query: cross section of the cylinder, in pixels (k of the paper)."
+        0.5, description="For method query: cross section of the cylinder, in pixels (k of the paper)."
     )
     peak: leaf(_peak, {"type": ["string", "number"]}) = Field(
-        "auto", description="Peak of the phase functions within this angle counts as unscattered; auto: half a pixel; keep."
+        "auto", description="Light scattered by less than this angle counts as unscattered; auto: half a pixel; keep: none."
     )
     spread: number(above=0, most=1e6) = Field(
-        4.0, description="Radii of the largest sphere by which paths of neighbouring pixels come apart before they switch."
+        4.0, description="Radii of the largest sphere by which paths of neighbouring pixels separate before they switch."
     )
-    fraction: Grid | None = Field(None, description="Local packing fraction, of volume; the asset's everywhere if absent.")
+    fraction: Grid | None = Field(None, description="Local packing fraction, by volume; default: the asset's everywhere.")
     mixture: Annotated[dict[str, Grid], Field(min_length=1)] | None = Field(
-        None, description="Component of the asset -> its local share of the number of grains; the asset's if absent."
+        None, description="Component of the asset -> its local share of the number of grains; default: the asset's."
     )
-    boundary: Boundary | None = Field(None, description="Of a body; what the shape's BSDF says if absent.")
+    boundary: Boundary | None = Field(None, description="Boundary of a body; default: that of the shape's BSDF.")
     layer: fields.whole(0, 1000) | None = Field(
-        None, description="Of method surface: position among the asset's thicknesses, from 0, which it is if absent."
+        None, description="For method surface: index of the asset's thickness, from 0; default 0."
     )
 
     @property
@@ -191,15 +191,15 @@ def _hint(word: str, accepted) -> str:
 
 # `as` is a word of Python
 Entry = create_model("Entry", __base__=_Entry, **{"as": (leaf(_kind, {"enum": list(KINDS)}) | None, Field(
-    None, description="What it is, where several kinds would do.")), "__doc__": "A material: where it is, of what, and how."})
+    None, description="Kind of material, where several are possible.")), "__doc__": "A material: where, what, and how rendered."})
 
 
 class SceneFile(Every):
     """A scene of materials."""
 
-    materials: Annotated[list[Entry], Field(min_length=1, max_length=MOST)] = Field(description="What is there, and where.")
-    method: fields.Text | None = Field(None, description="Of all materials that say none of their own.")
-    denoise: word(*DENOISE) = Field("auto", description="Whether noise is taken out of the PNG; auto: at draft and preview.")
+    materials: Annotated[list[Entry], Field(min_length=1, max_length=MOST)] = Field(description="The materials, with places.")
+    method: fields.Text | None = Field(None, description="Method of all materials without one of their own.")
+    denoise: word(*DENOISE) = Field("auto", description="Whether noise is removed from the PNG; auto: at draft and preview.")
 
 
 def declared(kind: str) -> dict:

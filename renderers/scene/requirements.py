@@ -247,7 +247,7 @@ def _shared_out(about, rules, seconds) -> Required:
     """
     def needs(split):
         about.split = split
-        strangers = [f"{about.scene.path}: nothing in it is made of {about.recipe.path}, which is taken for all"] * about.guessed
+        strangers = [f"{about.scene.path}: no material uses {about.recipe.path}; it is taken for all"] * about.guessed
         return Required(tuple(rules(about)), (*strangers, *_out_of_reach(about)), split.share)
 
     scene = about.scene
@@ -299,7 +299,7 @@ def _of_scene(path, recipe, medium, seconds, settings) -> Required:
 def _unmeasured(stages, path, fault) -> Required:
     """The stages alone; what is wrong with the scene is said, not passed over."""
     return Required(tuple(Need(stage, True, "the renderer reads it") for stage in stages),
-                    (f"{path}: knobs stay as the recipe has them, as the scene could not be measured: {fault}",))
+                    (f"{path}: the recipe's keys stay, because the scene could not be measured: {fault}",))
 
 
 def _rules(scene) -> Callable:

@@ -56,8 +56,12 @@ def of_loop(name, world, traced, seed, by_light=False, most=_SAMPLES, paths=_PAT
     """
     height, width = world.size
     samples = 1 << max(0, min(most, paths // (height * width)).bit_length() - 1)
-    return Part(name, partial(_rendered, traced, (height, width), samples, seed, world.light_names if by_light else ()),
-                samples)
+    return _of_samples(name, traced, (height, width), seed, world.light_names if by_light else (), samples)
+
+
+def _of_samples(name, traced, size, seed, lights, samples):
+    return Part(name, partial(_rendered, traced, size, samples, seed, lights), samples,
+                partial(_of_samples, name, traced, size, seed, lights))
 
 
 def _traced(scene, *arguments):

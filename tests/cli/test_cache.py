@@ -47,7 +47,7 @@ def entry_of(folder):
 def test_info_counts_entries_alone(call, here):
     found = json.loads(call("cache", "info", "--json")[1])
     assert (found["entries"], set(found["stages"]), found["others"]) == (1, {"medium"}, 10)
-    assert "besides  10 files or folders that are no cache's" in call("cache", "info")[1]
+    assert "besides  10 files or folders that do not belong to the cache" in call("cache", "info")[1]
 
 
 def test_clear_asks_where_the_folder_is_not_the_caches_alone(call, here, monkeypatch):

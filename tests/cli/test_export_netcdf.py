@@ -136,7 +136,7 @@ def test_libradtran_has_extinction_over_mass(export, drops, option):
 
 
 @pytest.mark.parametrize(("options", "words"), [
-    ((), "fog: holds no mass of particles, over which libradtran's extinction is; --density 2.6g/cm^3 or --mass-concentration"),
+    ((), "fog: holds no mass of particles, by which libradtran scales extinction; give --density 2.6g/cm^3 or"),
     (("--density", "1"), '--density: found "1", which has no unit'),
     (("--effective-radius", "0 um"), '--effective-radius: found "0 um"; a value above 0')])
 def test_what_libradtran_needs(call, tmp_path, options, words):
@@ -145,7 +145,7 @@ def test_what_libradtran_needs(call, tmp_path, options, words):
     assert status == 2 and not out and words in err
     bare = with_member(small_asset(), "optics", None)
     write(tmp_path / "bare.h5", bare)
-    assert "--effective-radius 10um would do" in call("export", tmp_path / "bare.h5", "--to", "libradtran")[2]
+    assert "give --effective-radius 10um" in call("export", tmp_path / "bare.h5", "--to", "libradtran")[2]
 
 
 def test_eradiate_has_its_own_order(export):

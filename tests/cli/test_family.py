@@ -64,8 +64,8 @@ def test_what_knows_one_asset_says_so(call, lobes, milk):
     for words in (["trade", lobes.with_suffix(".yaml")], ["export", lobes, "--to", "csv"], ["report", lobes]):
         status, out, err = call(*words)
         assert status == 2 and not out and "family" in err
-    assert "here one is wanted" in call("trade", lobes.with_suffix(".yaml"))[2]
-    assert "--at g=… takes the asset of a place" in call("export", lobes, "--to", "csv")[2]
+    assert "a single asset is needed" in call("trade", lobes.with_suffix(".yaml"))[2]
+    assert "--at g=… interpolates one asset" in call("export", lobes, "--to", "csv")[2]
     assert call("bake", milk, "-o", milk.with_suffix(".h5"))[0] == 0
     assert "is one asset, not a family" in call("query", milk.with_suffix(".h5"), "medium/g", "--at", "g=0.5")[2]
 
@@ -74,7 +74,7 @@ def test_an_asset_is_no_recipe(call, lobes):
     for command in "bake", "plan", "trade":
         status, out, err = call(command, lobes)
         assert status == 2 and not out
-        assert err.endswith(f"{lobes}: found an asset; expected a text, such as the recipe of it; `bake inspect` shows what an "
+        assert err.endswith(f"{lobes}: found an asset; expected a recipe, which is text; `bake inspect` shows what an "
                             "asset holds\n")
 
 

@@ -178,8 +178,8 @@ def test_a_missed_noise_is_told_in_the_end(call, place):
 
 @pytest.mark.parametrize(("options", "told"), [
     (("--frames", "4"), "--frames: found frame 4; "), (("--frames", "3-1"), "1-48, 1,5,9 or 1-48:2 would do"),
-    (("--cluster", "tcp://host:1"), "--frames 1-48 beside it would do"),
-    (("--frames", "1", "--cluster", "host"), "Dask scheduler"),
+    (("--cluster", "tcp://host:1", "--live"), "leave the option or --cluster out"),
+    (("--frames", "1", "--cluster", "host"), "Dask scheduler"), (("--cluster", "host"), "Dask scheduler"),
     (("--frames", "1", "--set", "frames.count=4"), "found 3 values; expected 4, as count says"),
     (("--frames", "2", "--set", "frames.display.exposure=[1, 1, 0]"), "display.exposure: found \"0\", in frame 3"),
     (("--frames", "1-2", "-o", "gone/a.png"), "there is no folder gone"),
@@ -190,7 +190,7 @@ def test_refusals_come_before_any_work(call, place, options, told):
 
 
 def test_only_scenes_have_frames(call, place):
-    assert "which alone has frames" in call("render", place / "drops.h5", "--frames", "1")[2]
+    assert "only scenes have frames" in call("render", place / "drops.h5", "--frames", "1")[2]
     text = (place / "s.yaml").read_text()
     (place / "s.yaml").write_text(text[:text.index("frames:")])
     status, _, err = call("render", place / "s.yaml", "--frames", "1")
@@ -200,7 +200,7 @@ def test_only_scenes_have_frames(call, place):
 def test_no_file_of_another_kind_is_replaced(call, place):
     (place / "drift.mp4").write_text("my notes")
     status, _, err = call("render", place / "s.yaml", "--frames", "1-2")
-    assert status == 2 and "drift.mp4: a file stands there that is not a film (MP4)" in err and not content(place)
+    assert status == 2 and "drift.mp4: an existing file is not a film (MP4)" in err and not content(place)
 
 
 FFMPEG = """\

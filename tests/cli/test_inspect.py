@@ -270,6 +270,6 @@ def test_an_asset_of_other_stages_is_shown_too(call, tmp_path):
     assert status == 0 and "5 x 3" in out and "nan" in out
     assert json.loads(call("inspect", path, "--json")[1])["datasets"][3]["minimum"] is None
     assert call("report", path, "--no-render")[0] == 0
-    assert "holds nothing that is drawn" in call("plot", path)[2]
+    assert "holds nothing to draw" in call("plot", path)[2]
     assert "holds no stage `medium`" in call("export", path, "--to", "mitsuba")[2]
     assert call("query", path, "shards/centers")[0] == 0

@@ -55,7 +55,7 @@ def failing(monkeypatch, recipes):
 def test_after_a_failure_no_recipe_is_started(call, failing, tmp_path):
     status, out, err = call(*failing, "-o", f"{tmp_path}/")
     assert status == 3 and out == f"{tmp_path}/a.h5\n" and not (tmp_path / "c.h5").exists()
-    assert err.splitlines()[-2:] == ["1 of 3 recipes failed, 1 not started (--keep-going goes on):", f"{failing[1]}: burnt"]
+    assert err.splitlines()[-2:] == ["1 of 3 recipes failed, 1 not started (--keep-going bakes them):", f"{failing[1]}: burnt"]
     found = json.loads(call(*failing, "-o", f"{tmp_path}/", "--json")[1])
     assert [one.get("failed") for one in found] == [None, "burnt", "not started"]
 
@@ -201,4 +201,4 @@ def test_a_worker_that_is_killed_takes_one_recipe_with_it(tmp_path):
     os.kill(workers[0], signal.SIGKILL)
     out, err = process.communicate(timeout=300)
     assert process.returncode == 3 and len(out.split()) == 2, err
-    assert "1 of 3 recipes failed:" in err and "most likely its memory did not suffice" in err
+    assert "1 of 3 recipes failed:" in err and "most likely it ran out of memory" in err

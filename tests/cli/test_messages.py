@@ -53,7 +53,7 @@ def test_values_of_a_sweep_are_a_list(call, drops):
 @pytest.mark.parametrize("words", [("plot",), ("inspect",), ("query", "medium/g"), ("report",), ("export", "--to", "csv")])
 def test_a_recipe_is_no_asset(call, milk, words):
     status, out, err = call(words[0], milk, *words[1:])
-    assert (status, out) == (2, "") and "it is a recipe; `bake RECIPE` makes an asset of it" in err
+    assert (status, out) == (2, "") and "it is a recipe; `bake RECIPE` bakes it into an asset" in err
 
 
 def test_a_recipe_is_no_scene(call, milk):

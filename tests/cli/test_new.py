@@ -88,7 +88,7 @@ def test_a_recipe_that_ships(call, tmp_path):
     (("fog", "-o", "fog.h5"), "fog.yaml would do"),
     (("fog", "-o", "a b.yaml"), 'found "a b"'),
     (("fog", "-o", "missing/fog.yaml"), "its folder does not exist"),
-    (("fog",), "fog.yaml: is there already; choose another file with -o, or write over it with --overwrite"),
+    (("fog",), "fog.yaml: exists already; choose another file with -o, or replace it with --overwrite"),
 ])
 def test_what_cannot_be_written_is_told(args, said, call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -111,7 +111,7 @@ def test_grains_keep_their_size(call, tmp_path):
     (("milk", "--mesh", "nan.ply"), "no finite numbers"),
     (("milk", "--mesh", "mine.txt"), "found a name that ends in .txt; a mesh in a file of PLY"),
     (("milk", "--mesh", "mine.3mf"), "mine.3mf: no 3mf file"),
-    (("milk", "--mesh", "good.ply", "--unit", "km", "--height", "2 m"), "each says how large the mesh is"),
+    (("milk", "--mesh", "good.ply", "--unit", "km", "--height", "2 m"), "each sets the size of the mesh"),
     (("milk", "--mesh", "good.ply", "--unit", "yard"), '--unit: found "yard"; um, mm, cm, m, km, in, ft would do'),
     (("milk", "--mesh", "good.ply", "--height", "12"), "has no unit"),
     (("milk", "--mesh", "good.ply", "--height", "0 m"), "a length above 0"),
@@ -127,7 +127,7 @@ def test_grains_keep_their_size(call, tmp_path):
     (("fog", "--mitsuba", "a.xml", "--mesh", "good.ply"), "found both"),
     (("milk", "--unit", "mm"), "--unit: found without --mesh"),
     (("--mesh", "good.ply"), "found no KIND"),
-    (("wax", "--mesh", "good.ply"), "wax.scene.yaml: is there already"),
+    (("wax", "--mesh", "good.ply"), "wax.scene.yaml: exists already"),
 ])
 def test_what_cannot_start_a_scene_is_told(args, said, call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -68,7 +68,7 @@ def unchanged(folder, place):
     ("plot a.h5 -o -", "not to standard output"),
     ("export a.h5 --to csv -o -", "not to standard output"),
     ("trade drops.yaml -o -", "not to standard output"),
-    ("trade drops.yaml -o trades", "trade.csv: a file stands there that is not a CSV table"),
+    ("trade drops.yaml -o trades", "trade.csv: an existing file is not a CSV table"),
 ])
 def test_what_is_not_written_over(call, place, tmp_path, words, said):
     """One message, status 2, every file as it was, and nothing new."""
@@ -121,7 +121,7 @@ def test_folders(call, undrawn, place, tmp_path, words):
         file.write(b"\0 mine")
     before = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "out").iterdir()}
     status, out, err = call(*words.split())
-    assert status == 2 and not out and f"{victim}: a file stands there that is not a" in err
+    assert status == 2 and not out and f"{victim}: an existing file is not a" in err
     assert before == {path.name: path.stat().st_mtime_ns for path in (tmp_path / "out").iterdir()}
     assert call(*words.split(), "--overwrite")[:2] == (0, first)
 
@@ -151,6 +151,7 @@ def test_each_kind_is_told_from_the_others(tmp_path):
                 "Mitsuba scene": b"<?xml version='1.0'?>\n<scene>", "pbrt file": b"# fog\nMakeNamedMedium \"fog\"\n",
                 "MaterialX document": b"<?xml version='1.0'?>\n<materialx>", "USD layer": b"#usda 1.0\n",
                 "Blender script": b"# A baked medium for Cycles in Blender 5.\n", "text": b"whatever",
+                "BRDF tensor file": b"tensor_file\0\1\0",
                 "NumPy archive": b"PK\x03\x04\x2d\0", "NetCDF file": b"CDF\x02\0\0\0\0",
                 "libRadtran layer": b"550.000000 7.8e+00 0.999999811529 1.00000000e+00 8.4e-01\n"}
     declared = {kind.name: kind for exporter in exporters().values() for kind in exporter.kinds.values()}
@@ -162,7 +163,7 @@ def test_each_kind_is_told_from_the_others(tmp_path):
             if other == kind:
                 check_outputs([(tmp_path / "file", asked)])
             elif other not in ("text", "JSON file", "CSV table", "OBJ file"):
-                with pytest.raises(UsageError, match="that is not an? " + other):
+                with pytest.raises(UsageError, match="an existing file is not an? " + other):
                     check_outputs([(tmp_path / "file", asked)])
     for data in (NOTES.encode(), MILK.encode(), b"\0\1"):
         (tmp_path / "file").write_bytes(data)

@@ -178,7 +178,7 @@ def test_what_a_body_says_is_held_against_its_shape(call, place):
 def test_a_scene_of_another_material_is_taken_for_this_one(call, place):
     (place / "s.yaml").write_text(SCENE.replace("wax", "haze"))
     stages, _, _, err = needs(call, place / "wax.yaml", "--scene", place / "s.yaml")
-    assert stages == ["medium", "multiple"] and f"nothing in it is made of {place / 'wax.yaml'}, which is taken for all" in err
+    assert stages == ["medium", "multiple"] and f"no material uses {place / 'wax.yaml'}; it is taken for all" in err
     assert "taken for all" not in needs(call, place / "haze.yaml", "--scene", place / "s.yaml")[3]
 
 

@@ -88,7 +88,7 @@ def test_an_interrupt_leaves_what_is_finished(recipe, tmp_path):
     os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=30)
     assert process.returncode == 130 and not out
-    assert "interrupted; finished runs are kept, the same call goes on" in err and "Traceback" not in err
+    assert "interrupted; finished runs are kept, and the same call continues" in err and "Traceback" not in err
     files = list(runs.iterdir())
     assert files and all(json.loads(file.read_text())["run"]["seconds"] for file in files)
     assert {file.name for file in (tmp_path / "out").iterdir()} == {"runs", "reference"}

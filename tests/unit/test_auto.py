@@ -141,7 +141,7 @@ def test_clocks_that_differ_little_leave_the_first(monkeypatch):
 def test_what_few_passes_cannot_tell_goes_by_what_is_declared(monkeypatch):
     exact = method("paths", exact=True), tried(1.0, error=1.0)
     best = taken(monkeypatch, exact, (method("tables", stated=0.01), tried(0.1, error=1.0)))
-    assert best.method == "tables" and best.approximations is None and "states 1 %" in best.row["why"]
+    assert best.method == "tables" and best.approximations is None and "an error of 1 %" in best.row["why"]
     assert taken(monkeypatch, exact, (method("tables", stated=0.06), tried(0.1, error=1.0))).method == "paths"
 
 
@@ -177,7 +177,7 @@ def test_what_states_too_much_is_taken_only_where_pilots_tell_its_error(monkeypa
     best = taken(monkeypatch, (method("paths", exact=True), longer(1.0)), (medium, longer(0.1)), stop=Stop(noise=0.01, time=1e4))
     assert best.method == "medium" and 0 < best.approximations < 0.05 and max(limits) > min(limits)
     best = taken(monkeypatch, (method("paths", exact=True), longer(1.0)), (medium, longer(0.1)), stop=Stop(noise=0.01, time=20.0))
-    assert best.method == "paths" and "s to tell" in best.table[1]["why"]
+    assert best.method == "paths" and "measuring its error takes" in best.table[1]["why"]
 
 
 def test_of_what_is_asked_for_pilots_tell_the_error(monkeypatch):

@@ -70,7 +70,7 @@ def test_the_message_has_the_new_text(tmp_path):
     with pytest.raises(RecipeError) as fault:
         scene.load(tmp_path / "s.yaml")
     said = str(fault.value)
-    assert said.startswith(f"{tmp_path / 's.yaml'}:2: bakery_scene: found a scene of an earlier form") and "^" not in said
+    assert said.startswith(f"{tmp_path / 's.yaml'}:2: bakery_scene: found a scene of an earlier format") and "^" not in said
     (tmp_path / "s.yaml").write_text(said[said.index("\n\n") + 2:])
     found = scene.load(tmp_path / "s.yaml")
     assert found.section == "discrete" and found.values.materials[0].method == "query"

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from bakery.errors import UsageError
-from renderers.mitsuba.world import FAR, World, _met
+from renderers.mitsuba.shading import FAR, met
+from renderers.mitsuba.world import World
 from tests.conftest import slow
 
 DEPTH = 5  # surfaces
@@ -188,7 +189,7 @@ def test_what_is_the_same_for_all_rays_is_done_once_and_changes_nothing(tmp_path
     (tmp_path / "other").mkdir()
     beside, world = World(written(tmp_path / "other", SENSOR, BOX, LAMP)), World(written(tmp_path, SENSOR, *parts))
     plain = World(world.scene)
-    plain.__dict__["_meets"] = _met
+    plain.__dict__["_meets"] = met
     for count in (50, 3, 1, 700, 8, 12, 50):
         random = np.random.default_rng(count).random((count, 5))
         rays = random[:, :3], np.tile([0.0, 0.0, -1.0], (count, 1)), random, np.ones(count), random[:, 3] < 0.5

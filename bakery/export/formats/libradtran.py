@@ -54,13 +54,13 @@ def _particles(job: Job, medium) -> tuple[float, float, float]:
         number = medium.medium.sigma_s[0] / (1e-12 * component["mean_scattering"].data[first])
         volume = number * 1e-18 * float(component["mean_volume"].data[0])
     if radius is None:
-        raise UsageError(f"{job.asset.name}: holds no single kind of particles, of which libradtran takes the effective radius; "
-                         "--effective-radius 10um would do")
+        raise UsageError(f"{job.asset.name}: has not one kind of particles, whose effective radius libradtran needs; "
+                         "give --effective-radius 10um")
     if mass is None:
         if volume is None or density is None:
             first = "--density 2.6g/cm^3 or " if volume is not None else ""
-            raise UsageError(f"{job.asset.name}: holds no mass of particles, over which libradtran's extinction is; {first}"
-                             "--mass-concentration 0.3g/m^3 would do")
+            raise UsageError(f"{job.asset.name}: holds no mass of particles, by which libradtran scales extinction; give {first}"
+                             "--mass-concentration 0.3g/m^3")
         mass = volume * density
     return radius, mass, density or (mass / volume if volume else 1000.0)
 

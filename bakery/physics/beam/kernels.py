@@ -69,7 +69,7 @@ def path_integral(depth, sigma_s, sigma_a, B, M0, r):
 
 
 def elek(depth, sigma_s, B, M0, r):
-    """Stands for the kernel of Elek et al. 2013, approximately (its constants are not at hand): no absorption in the width."""
+    """Stands for the kernel of Elek et al. 2013, approximately (its constants are unknown to us): no absorption in the width."""
     return path_integral(depth, sigma_s, 0.0, B, M0, r)
 
 

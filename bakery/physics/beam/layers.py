@@ -88,8 +88,8 @@ def forward(albedo, theta, phase, line, planar, stretched, edges, density, r):
 
     Notes
     -----
-    Errors against photons stand in docs/beam.md: 1 % at a spread of 10 degrees, 2 to 7 % at 30 and albedo 0.9; at albedo 1 and 60
-    degrees up to 50 %, where hardly anything that could send light back lies behind the plane.
+    Errors against photons (docs/measurements/beam.md): 1 % at a spread of 10 degrees, 2 to 7 % at 30 and albedo 0.9; at albedo 1
+    and 60 degrees up to 50 %, where hardly anything behind the plane could send light back.
     """
     tau, length = equivalent(edges, density)
     if tau == 0:

@@ -20,8 +20,8 @@ KERNELS: Mapping[str, str] = {
     "small_angle": "small-angle model, exact",
     "small_angle_absorbing": "small-angle model, longer paths absorbed",
     "erf": "error function, Shinya et al. 2016 with corrected constants",
-    "path_integral": "path integral, Premoze et al. 2003, its width derived anew",
-    "elek": "approximately that of Elek et al. 2013, whose constants are not at hand"}
+    "path_integral": "path integral, Premoze et al. 2003, width derived by us",
+    "elek": "approximates Elek et al. 2013, whose constants are unknown to us"}
 LAYERED = ("forward", "flux", "single", "small_angle", "erf")
 
 

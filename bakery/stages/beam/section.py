@@ -22,10 +22,10 @@ class Beam(Section):
 
     depth: number(least=0.01, most=1000) = Field(32.0, description="Deepest depth, in mean free paths.")
     tolerance: number(FRACTION, least=1e-3, most=0.5) | None = Field(
-        None, description="Relative error of the fluence; the recipe's tolerance, but at least 3 %, if absent."
+        None, description="Relative error of the fluence; default: the recipe's tolerance, but at least 3 %."
     )
     photons: whole(1000, 10**9, words=AUTO) = Field(
-        "auto", description="Photons that measure the error of each wavelength; auto: as many as show that the tolerance is met."
+        "auto", description="Photons that measure the error of each wavelength; auto: enough to show that the tolerance is met."
     )
 
 

@@ -34,21 +34,21 @@ class MeshBody(Section):
     """A closed mesh that holds the particles; its bounding box is the box."""
 
     file: Path = Field(description="ply, obj, stl or off file of a closed mesh.")
-    unit: number(LENGTH, least=1e-3, most=1e13) = Field(1e6, description="Length of 1 in the file, such as 1 m or 1 cm.")
+    unit: number(LENGTH, least=1e-3, most=1e13) = Field(1e6, description="Length of one unit of the file, such as 1 m or 1 cm.")
 
 
 class DensityGrid(Section):
     """Relative densities in the box: the largest value is the full density."""
 
     file: Path = Field(description="h5 or npy file with densities on three axes, x, y, z.")
-    dataset: Text | None = Field(None, description="Its name in an HDF5 file.")
+    dataset: Text | None = Field(None, description="Name of the dataset in an HDF5 file.")
 
 
 class Discrete(Section):
     """Separate particles."""
 
     count: whole(0, 10**12) | None = Field(
-        None, description="Number of particles; if absent, as many as the number density of `particles` brings by chance."
+        None, description="Number of particles; default: random (Poisson), by the number density of `particles`."
     )
     box: Annotated[list[number(LENGTH, least=1e-3, most=1e13)], Field(min_length=3, max_length=3)] | None = Field(
         None, description="Edges of the box that holds them, such as [1 m, 1 m, 1 m]."
@@ -56,12 +56,12 @@ class Discrete(Section):
     mesh: MeshBody | None = Field(None, description="A closed mesh that holds them, instead of a box.")
     grid: DensityGrid | None = Field(None, description="Relative densities in the box.")
     method: word(*METHODS) | None = Field(
-        None, description="stored: every place in the asset; procedural: none, a renderer draws them from a hash of the place."
+        None, description="stored: the asset holds every position; procedural: none, a renderer draws them from hashes."
     )
-    seed: whole(0, 2**53) | None = Field(None, description="Of the realisation; the recipe's seed if absent.")
+    seed: whole(0, 2**53) | None = Field(None, description="Seed of the realisation; default: the recipe's.")
     classes: whole(1, 4096, words=AUTO) = Field("auto", description="Classes of radii of each component.")
     tolerance: number(FRACTION, least=1e-4, most=0.5) | None = Field(
-        None, description="Error of the classes' averages; the recipe's tolerance, but at least 3 %, if absent."
+        None, description="Error of the classes' averages; default: the recipe's tolerance, but at least 3 %."
     )
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class EffectiveMedium(Section):
-    """Options of the medium that stands for packed grains."""
+    """Options of the equivalent medium of packed grains."""
 
     sigma_t: word("auto", *CHOICES) = Field(
         "auto", description="Length scale: from the mean flight, from its second moment, or matched to a random walk through "
@@ -32,5 +32,5 @@ def check(checker: "Checker", section: Mapping) -> None:
     checker.only_with(section, "grains")
 
 
-EFFECTIVE = RecipeSection("effective_medium", EffectiveMedium, "Options of the medium that stands for packed grains.", check,
+EFFECTIVE = RecipeSection("effective_medium", EffectiveMedium, "Options of the equivalent medium of packed grains.", check,
                           beside="grains")

@@ -36,8 +36,7 @@ class Dielectric(Section):
 class Diffuse(Section):
     type: word("diffuse") = Field(description="Opaque and matt (Lambertian).")
     reflectance: numbers(FRACTION, least=0, most=1) = Field(
-        description="Share of the light that is reflected; one value, or one a wavelength."
-    )
+        description="Share of the light that is reflected; one value, or one a wavelength.")
 
 
 class Conductor(Section):
@@ -46,14 +45,13 @@ class Conductor(Section):
     roughness: Roughness = Field(0.0, description="GGX alpha, 0.0001 to 1; 0 is smooth.")
 
 
-Surface = Annotated[
-    Annotated[Dielectric, Tag("dielectric")] | Annotated[Diffuse, Tag("diffuse")] | Annotated[Conductor, Tag("conductor")],
-    pick("type", ("dielectric", "diffuse", "conductor")),
-]
+Surface = Annotated[Annotated[Dielectric, Tag("dielectric")] | Annotated[Diffuse, Tag("diffuse")]
+                    | Annotated[Conductor, Tag("conductor")],
+                    pick("type", ("dielectric", "diffuse", "conductor"))]
 
 
 class Interior(Section):
-    """What absorbs inside a dielectric: absorption or material."""
+    """Absorption inside a dielectric: absorption or material."""
 
     absorption: numbers(COEFFICIENT, least=0, most=1e12) | None = Field(
         None, description="Absorption coefficient, such as [0.1, 0.2, 0.4] /mm; one value, or one a wavelength."
@@ -65,15 +63,15 @@ class Grain(Section):
     name: GrainName = Field(description="Name of the group in the asset.")
     weight: Share = Field(1.0, description="Share of the grains by number; the weights of all components add up to 1.")
     shape: Shape = Field(description="Shape of the grain, scaled to the bounding sphere.")
-    surface: Surface = Field(description="Its surface.")
-    interior: Interior | None = Field(None, description="What absorbs inside a dielectric; clear if absent.")
+    surface: Surface = Field(description="Surface of the grain.")
+    interior: Interior | None = Field(None, description="Absorption inside a dielectric; default: clear.")
 
 
 class Grains(Section):
     """Packed grains."""
 
     radius: Length = Field(description="Radius of the bounding sphere, such as 0.5 mm; the mean if packing.radii gives several.")
-    host: HostOf = Field("vacuum", description="What the grains lie in: a material, {n}, or {file}.")
+    host: HostOf = Field("vacuum", description="Medium between the grains: a material, {n}, or {file}.")
     components: list[Grain] = Field(min_length=1, max_length=256, description="The kinds of grains.")
 
 
@@ -81,12 +79,12 @@ class Scatterometer(Section):
     """Options of the grain stage."""
 
     tolerance: number(FRACTION, least=1e-6, most=0.5) | None = Field(
-        None, description="Error that each figure of a grain should reach; half of the recipe's tolerance if absent."
+        None, description="Error allowed in each statistic of a grain; default: half of the recipe's tolerance."
     )
     triangles: whole(*limits.TRIANGLES, words=limits.LEVELS) = Field(
         limits.LEVELS["middle"], description="Triangles of a grain: coarse (1,300), middle (20,000), fine (200,000) or a number."
     )
-    paths: whole(1_000, 10**12, words=AUTO) = Field("auto", description="Number of paths, whatever error they leave.")
+    paths: whole(1_000, 10**12, words=AUTO) = Field("auto", description="Number of paths, whatever the error.")
     depth: whole(1, 10**9) = Field(100_000, description="Surface interactions after which a path is cut.")
     engine: word("numba", "mitsuba") = Field("numba", description="What traces the paths.")
 
@@ -116,11 +114,8 @@ def _radius(checker: "Checker", section: Mapping, host: Index | None) -> None:
         return
     least = RAYS * (np.array(checker.wavelength) / (2 * math.pi * host.n)).max()
     if radius < least:
-        checker.report(
-            section["radius"],
-            f"found grains of {radius:g} um, too small for rays",
-            f"expected at least {least:.3g} um (size parameter {RAYS}), or particles instead of grains",
-        )
+        checker.report(section["radius"], f"found grains of {radius:g} um, too small for rays",
+                       f"expected at least {least:.3g} um (size parameter {RAYS}), or particles instead of grains")
     elif radius > LARGEST:
         checker.report(section["radius"], f"found grains of {radius:g} um", f"expected at most {LARGEST:g} um")
 
@@ -129,11 +124,8 @@ def _shape(checker: "Checker", shape: Mapping) -> None:
     for name in ("axes", "size"):
         values = checker.several(shape.get(name))
         if values is not None and len(values) == 3 and max(values) > limits.ASPECT * min(values):
-            checker.report_section(
-                shape[name],
-                f"found {name} that differ by a factor of {max(values) / min(values):,.0f}",
-                f"expected at most {limits.ASPECT:,.0f}",
-            )
+            checker.report_section(shape[name], f"found {name} that differ by a factor of {max(values) / min(values):,.0f}",
+                                   f"expected at most {limits.ASPECT:,.0f}")
     if checker.value(shape, "type") == "mesh":
         mesh_file(checker, shape.get("file"))
 
@@ -167,9 +159,8 @@ def _surface(checker: "Checker", surface: Mapping, host: Index | None) -> None:
     kind = checker.value(surface, "type")
     roughness = checker.value(surface, "roughness")
     if roughness is not None and 0 < roughness < limits.ALPHA_MIN:
-        checker.report(
-            surface["roughness"], f"found {show(surface['roughness'].text)}", f"expected 0 (smooth) or {limits.ALPHA_MIN:g} to 1"
-        )
+        checker.report(surface["roughness"], f"found {show(surface['roughness'].text)}",
+                       f"expected 0 (smooth) or {limits.ALPHA_MIN:g} to 1")
     if kind == "diffuse":
         checker.one_each(surface, "reflectance")
     if kind not in ("dielectric", "conductor") or "material" not in surface:
@@ -181,11 +172,8 @@ def _surface(checker: "Checker", surface: Mapping, host: Index | None) -> None:
     least, most = limits.INDEX
     outside = relative[(relative < least) | (relative > most)]
     if outside.size:
-        checker.report_section(
-            surface["material"],
-            f"found an index of {outside[0]:.4g} relative to the host",
-            f"expected {least:g} to {most:g}, as dielectrics have it",
-        )
+        checker.report_section(surface["material"], f"found an index of {outside[0]:.4g} relative to the host",
+                               f"expected {least:g} to {most:g}, as dielectrics have it")
     contrast = (relative - 1)[relative != 1]
     near = contrast[np.abs(contrast) < (1 - 1e-9) * limits.CONTRAST_MIN]
     if near.size:
@@ -199,18 +187,13 @@ def _surface(checker: "Checker", surface: Mapping, host: Index | None) -> None:
 def _interior(checker: "Checker", interior: Mapping, surface: Node | None) -> None:
     kind = checker.value(surface, "type") if isinstance(surface, Mapping) else None
     if kind in ("diffuse", "conductor"):
-        checker.report_section(
-            interior,
-            f"found an interior below a {kind} surface, which lets no light in",
-            "expected none, or a dielectric surface",
-        )
+        checker.report_section(interior, f"found an interior below a {kind} surface, which lets no light in",
+                               "expected none, or a dielectric surface")
     sources = given(interior, "absorption", "material")
     if len(sources) != 1:
-        checker.report_section(
-            interior,
-            "found absorption beside material" if sources else "found neither absorption nor material",
-            "expected only one of them" if sources else "expected one of them",
-        )
+        found, expected = ("absorption beside material", "only one of them") if sources else (
+            "neither absorption nor material", "one of them")
+        checker.report_section(interior, f"found {found}", f"expected {expected}")
     if "absorption" in interior:
         checker.one_each(interior, "absorption")
     if "material" in interior:

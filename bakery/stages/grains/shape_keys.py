@@ -24,7 +24,7 @@ Sharpness = _between(limits.SHARPNESS, words={"inf": "inf"})
 
 
 class SphereShape(Section):
-    type: word("sphere") = Field(description="The ball itself.")
+    type: word("sphere") = Field(description="An exact ball.")
 
 
 class BoxShape(Section):
@@ -47,27 +47,27 @@ class SuperellipsoidShape(Section):
 
 class RockShape(Section):
     type: word("rock") = Field(description="A worn fragment: sand, gravel, pebbles.")
-    seed: Seed = Field(0, description="Another seed, another grain of the kind.")
+    seed: Seed = Field(0, description="Another seed gives another grain of the same kind.")
     axes: Three = Field((1.0, 0.8, 0.65), description="Proportions.")
     corners: whole(*limits.CORNERS) = Field(45, description="Few give a splinter, many a pebble.")
-    sharpness: Sharpness = Field(24.0, description="Of the edges; inf: not rounded at all.")
-    roughness: _between(limits.NOISE) = Field(0.02, description="Height of the bumps over the radius, about.")
+    sharpness: Sharpness = Field(24.0, description="Sharpness of the edges; inf: not rounded.")
+    roughness: _between(limits.NOISE) = Field(0.02, description="Approximate height of the bumps over the radius.")
 
 
 class CrystalShape(Section):
     type: word("crystal") = Field(description="A crystal with chipped corners: salt, sugar.")
-    seed: Seed = Field(0, description="Another seed, another grain of the kind.")
+    seed: Seed = Field(0, description="Another seed gives another grain of the same kind.")
     habit: word(*limits.HABITS) = Field("cube", description="Perfect form: cube (salt), octahedron, prism (ice) or sucrose.")
     axes: Three = Field((1.0, 1.0, 1.0), description="Proportions, by which the perfect form is stretched.")
     chips: whole(*limits.CHIPS) = Field(2, description="Corners cut off.")
-    depth: _between(limits.DEPTH) = Field(0.2, description="Largest share of the height that a chip takes.")
-    sharpness: Sharpness = Field(60.0, description="Of the edges; inf: not rounded at all.")
-    roughness: _between(limits.NOISE) = Field(0.004, description="Height of the bumps over the radius, about.")
+    depth: _between(limits.DEPTH) = Field(0.2, description="Largest depth of a chip, as a share of the height.")
+    sharpness: Sharpness = Field(60.0, description="Sharpness of the edges; inf: not rounded.")
+    roughness: _between(limits.NOISE) = Field(0.004, description="Approximate height of the bumps over the radius.")
 
 
 class AggregateShape(Section):
     type: word("aggregate") = Field(description="Balls or rods grown together: snow, flour.")
-    seed: Seed = Field(0, description="Another seed, another grain of the kind.")
+    seed: Seed = Field(0, description="Another seed gives another grain of the same kind.")
     arrangement: word(*limits.ARRANGEMENTS) = Field(
         "cluster", description="cluster: each grows somewhere on another; star: rods outward from the first."
     )
@@ -75,16 +75,16 @@ class AggregateShape(Section):
     smallest: _between(limits.SMALLEST) = Field(0.6, description="Radius of the smallest body over the largest.")
     length: _between(limits.LENGTH) = Field(0.0, description="Length of a rod over its radius; 0: balls.")
     overlap: _between(limits.OVERLAP) = Field(
-        0.35, description="How deep two bodies of a cluster stand in each other, over the smaller radius."
+        0.35, description="How far two bodies of a cluster overlap, over the smaller radius."
     )
     blend: _between(limits.BLEND) = Field(0.05, description="Width over which grooves are filled, over the largest radius.")
 
 
 class MeshShape(Section):
-    type: word("mesh") = Field(description="A closed mesh of one's own.")
+    type: word("mesh") = Field(description="A closed mesh from a file.")
     file: Path = Field(description="ply, obj, stl or off file.")
     repair: word(*limits.REPAIRS) | None = Field(
-        None, description="Program that closes holes and the like before the mesh is checked (extra `repair`)."
+        None, description="Program that closes holes and similar defects before the mesh is checked (extra `repair`)."
     )
 
 

@@ -70,7 +70,7 @@ class Medium(Section):
     sigma_a: numbers(COEFFICIENT, least=0) | None = Field(None, description="Absorption coefficient.")
     phase: MediumPhase | None = Field(None, description="Phase function.")
     file: Path | None = Field(
-        None, description="NetCDF file with coefficients and phase functions, in place of both: of libRadtran (`mie`, OPAC), "
+        None, description="NetCDF file with coefficients and phase functions, instead of both: of libRadtran (`mie`, OPAC), "
         "Eradiate, or `bake export --to netcdf`.")
     mass_concentration: number(MASS_CONCENTRATION, above=0) | None = Field(
         None, description="With a file that holds extinction per mass: mass of the particles in a volume, such as 0.3 g/m^3.")

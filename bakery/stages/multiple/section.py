@@ -9,35 +9,31 @@ from bakery.grammar.fields import AUTO, number, whole, word
 from bakery.grammar.section import Section
 from bakery.grammar.text import Mapping
 from bakery.grammar.units import FRACTION
+from bakery.physics.multiple.budget import REACHED
 from bakery.physics.multiple.kinds import KINDS
 from bakery.stages.declaration import RecipeSection
 
 if TYPE_CHECKING:
     from bakery.recipe.checker import Checker
 
-# what the solver reaches for forward lobes that it just resolves (g = 0.9: 0.5 %): a default below that would miss itself
-REACHED = 0.01
-
 
 class MultipleScattering(Section):
     """Precomputed multiple scattering."""
 
-    sources: Annotated[list[word(*KINDS)], Field(min_length=1, max_length=2)] = Field(
-        KINDS, description="Kinds of sources."
-    )
+    sources: Annotated[list[word(*KINDS)], Field(min_length=1, max_length=2)] = Field(KINDS, description="Kinds of sources.")
     extent: number(least=0.5, most=200, words=AUTO) = Field(
         "auto", description="Distance that the tables cover, in mean free paths; auto: all but 1e-4 of the light."
     )
     length: number(least=0.1, most=10) = Field(2.0, description="Length of the tabulated segment, in mean free paths.")
     tolerance: number(FRACTION, least=1e-4, most=0.5) | None = Field(
-        None, description="Relative error of a lobe; the recipe's tolerance, but at least 1 %, if absent."
+        None, description="Relative error of a lobe; default: the recipe's tolerance, but at least 1 %."
     )
     orders: whole(2, 128, words=AUTO) = Field("auto", description="Legendre orders that are solved; narrower peaks are left out.")
     method: word("auto", "solver", "photons") = Field(
-        "auto", description="How tables are made; auto: photons where the solver refuses or its error is above 20 %."
+        "auto", description="How tables are computed; auto: photons if the solver refuses or its error is above 20 %."
     )
     photons: whole(1000, 10**10, words=AUTO) = Field(
-        "auto", description="Photons that are followed for a wavelength, at most; auto: as many as fly 4e7 times."
+        "auto", description="Most photons for a wavelength; auto: until they have flown 4e7 times."
     )
 
 

@@ -32,10 +32,10 @@ RelativeHumidity = number(FRACTION, least=0, below=1) | None
 class Coating(Section):
     """A concentric shell around each particle."""
 
-    material: MaterialOf = Field(description="Of the shell: a material, {n, k}, {file} or {mixing}.")
-    thickness: number(LENGTH, least=0) | None = Field(None, description="Of the shell, the same around all particles.")
-    ratio: number(least=1, most=MOST_RATIO) | None = Field(None, description="Radius of the whole over that of the core.")
-    volume_share: number(FRACTION, least=0, below=1) | None = Field(None, description="Of the shell, in the volume of the whole.")
+    material: MaterialOf = Field(description="Material of the shell: a name, {n, k}, {file} or {mixing}.")
+    thickness: number(LENGTH, least=0) | None = Field(None, description="Thickness of the shell, the same for all particles.")
+    ratio: number(least=1, most=MOST_RATIO) | None = Field(None, description="Total radius over core radius.")
+    volume_share: number(FRACTION, least=0, below=1) | None = Field(None, description="Share of the shell in the total volume.")
     density: Density = DENSITY_KEY
 
 
@@ -43,13 +43,13 @@ class Growth(Section):
     """Water that particles take up from humid air."""
 
     kappa: number(least=0, most=5) | None = Field(
-        None, description="Hygroscopicity of kappa-Koehler theory; 0.61 of ammonium sulphate, 1.1 of sea salt."
+        None, description="Hygroscopicity of kappa-Koehler theory; 0.61 for ammonium sulphate, 1.1 for sea salt."
     )
     file: Path | None = Field(
         None, description="CSV file with the columns relative_humidity_percent and growth_factor, radius over the dry one."
     )
     material: MaterialOf = Field("water", description="What is taken up.")
-    mixing: word(*RULES, AS_SHELL) = Field("volume", description="How it mixes with the particle, or, shell, lies around it.")
+    mixing: word(*RULES, AS_SHELL) = Field("volume", description="How the water mixes with the particle; shell: around it.")
 
 
 def check_layers(checker: "Checker", section: Mapping, parts, host: Index | None) -> None:

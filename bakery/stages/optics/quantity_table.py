@@ -45,7 +45,7 @@ class QuantityTable:
 
     Attributes
     ----------
-    path : that was asked for
+    path : of the query
     wavelength : (L,) um
     figures : tuple of `Figure`
     """
@@ -72,7 +72,7 @@ class QuantityTable:
                        *([figure.name, figure.units, *_cells(figure, number)] for figure in figures)]
 
     def remarks(self) -> list[str]:
-        """What the asset cannot say, and why; how many wavelengths are not shown."""
+        """Quantities that are not available, and why; how many wavelengths are not shown."""
         hidden = len(self.wavelength) - MOST
         cut = [f"{hidden} more wavelengths: wavelength=… asks for some, --json prints all"] if hidden > 0 else []
         why = {}

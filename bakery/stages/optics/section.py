@@ -40,18 +40,18 @@ class Component(Section):
     mass_concentration: MassConcentration = _OF_EACH["mass_concentration"]
     density: Density = DENSITY_KEY
     coating: Coating | None = Field(None, description="A concentric shell; the sizes are those of the cores.")
-    growth: Growth | None = Field(None, description="Water taken up from humid air; sizes and amounts are of the dry particles.")
+    growth: Growth | None = Field(None, description="Water taken up from humid air; sizes and amounts are of dry particles.")
 
 
 class Particles(Section):
     """Suspended spheres."""
 
-    host: HostOf = Field("air", description="What the spheres float in: a material, {n}, or {file}.")
+    host: HostOf = Field("air", description="Medium around the spheres: a material, {n}, or {file}.")
     number_density: NumberDensity = _OF_ALL["number_density"]
     volume_fraction: VolumeFraction = _OF_ALL["volume_fraction"]
     volume_concentration: VolumeConcentration = _OF_ALL["volume_concentration"]
     mass_concentration: MassConcentration = _OF_ALL["mass_concentration"]
-    relative_humidity: RelativeHumidity = Field(None, description="Of the air, 0 to below 100 %, in which particles grow.")
+    relative_humidity: RelativeHumidity = Field(None, description="Relative humidity of the air, 0 to below 100 %.")
     components: list[Component] = Field(min_length=1, max_length=256, description="The kinds of particles.")
 
 
@@ -59,17 +59,17 @@ class SingleScattering(Section):
     """Options of the single-scattering stage."""
 
     method: word("auto", "mie", "goa") = Field(
-        "auto", description="How spheres are computed: series (mie), rays for the large ones (goa), or rays where they are "
-        "measured to be good enough and save time (auto)."
+        "auto", description="How spheres are computed: series (mie), rays for the large ones (goa), or rays if they are "
+        "measured to be accurate enough and save time (auto)."
     )
     orders: whole(0, 50) = Field(3, description="Rays: highest number of chords.")
     polarized: Flag = Field(False, description="Also bake the Mueller elements s11, s12, s33, s34.")
-    switch: number(least=30, most=1e8, words=AUTO) = Field("auto", description="Size parameter from which method goa takes rays.")
+    switch: number(least=30, most=1e8, words=AUTO) = Field("auto", description="Size parameter from which method goa uses rays.")
     edge: word("narrow", "wide", "none") = Field("narrow", description="Rays: window of exact waves at the edge of a sphere.")
     rainbow: Flag = Field(True, description="Rays: the uniform formula at rainbows.")
     axis: Flag = Field(True, description="Rays: the uniform formula at 0 and 180 degrees.")
-    radii: whole(3, 10**6, words=AUTO) = Field("auto", description="Number of sizes, whatever error they leave.")
-    angles: whole(3, 10**6, words=AUTO) = Field("auto", description="Number of angles, whatever error they leave.")
+    radii: whole(3, 10**6, words=AUTO) = Field("auto", description="Number of sizes, whatever the error.")
+    angles: whole(3, 10**6, words=AUTO) = Field("auto", description="Number of angles, whatever the error.")
 
 
 # ---- what holds between the keys

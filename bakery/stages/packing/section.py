@@ -48,12 +48,12 @@ class Packing(Section):
     )
     radii: Radii = Field("equal", description="equal, a list of {share, radius}, or {distribution: lognormal, sigma}.")
     growth: number(least=1e-5, most=1, words=AUTO) = Field(
-        "auto", description="Growth of the diameters over the thermal speed where it is slowest; auto: by the tolerance."
+        "auto", description="Slowest growth rate of the diameters over the thermal speed; auto: by the tolerance."
     )
     equilibration: whole(0, 10**6, words=AUTO) = Field(
         "auto", description="Collisions a sphere at the final size, at fractions up to 0.5; auto: by the tolerance."
     )
-    seed: whole(0, 2**53) | None = Field(None, description="Of the tiles; the recipe's seed if absent.")
+    seed: whole(0, 2**53) | None = Field(None, description="Seed of the tiles; default: the recipe's.")
 
 
 # ---- what holds between the keys

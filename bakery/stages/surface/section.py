@@ -42,14 +42,14 @@ class Surface(Section):
     boundary: Annotated[
         Annotated[word("none"), Tag("word")] | Annotated[Boundary, Tag("section")],
         Discriminator(lambda node: "section" if isinstance(node, Mapping) else "word"),
-    ] = Field("none", description="Boundary on top, and below too where there is no base; none: the index of air.")
-    base: Base | None = Field(None, description="What the layer lies on; nothing but air if absent.")
+    ] = Field("none", description="Boundary on top, and also below if there is no base; none: the index of air.")
+    base: Base | None = Field(None, description="What the layer lies on; default: air.")
     method: word("auto", "medium", "grains") = Field(
         "auto", description="grains: an infinite layer of packed grains, counted among the grains themselves; medium: the plane "
         "layer of the medium that stands for them; auto: grains where there are some, under no boundary, on no base."
     )
     tolerance: number(FRACTION, least=1e-5, most=0.5) | None = Field(
-        None, description="Relative error of the reflectance; the recipe's tolerance, but at least 0.01 %, if absent."
+        None, description="Relative error of the reflectance; default: the recipe's tolerance, but at least 0.01 %."
     )
 
 
