@@ -61,8 +61,7 @@ def as_by_chance(tmp_path, monkeypatch, meshes, around, indices):
 
 def counted_twice(monkeypatch):
     """Light that paths meet by chance counts in full as well."""
-    connected = lamps.Lamps.connected
-    monkeypatch.setattr(lamps.Lamps, "connected", lambda *arguments: (*connected(*arguments)[:2], 1))
+    monkeypatch.setattr(lamps.Lamps, "_share", lambda self, met: 1.0)
 
 
 def walls():
@@ -81,6 +80,15 @@ def test_a_white_room_of_lamps(tmp_path, every, monkeypatch, counted):
     lossless = loops.asset(1.0, 0.5, (0.9, 0.7, 1.1, 2.0, 0.8), (0.45, 0.5, 0.55, 0.6, 0.65))
     how = loops.transport(tmp_path, {"ball": (BALL, lossless)}, walls(), [1.4], size=8)
     assert white(how, 0.006) == counted
+
+
+@pytest.mark.parametrize("looked, met", [(0.5, 4.0), (8.0, 0.1)])
+def test_without_room_for_records_lamps_are_met_by_chance(tmp_path, monkeypatch, looked, met):
+    """Where lanes have no room for more scatterings, or for more lamps that paths have met, what loses no light is 1 as well."""
+    monkeypatch.setattr(lamps, "_LOOKED", (looked, 1))
+    monkeypatch.setattr(lamps, "_MET", (met, 1))
+    how = loops.transport(tmp_path, {"ball": (BALL, loops.asset(1.0, 0.5, (0.9, 0.7, 1.1)))}, walls(), [1.4], size=8)
+    assert white(how, 0.008)
 
 
 def test_solid_angles_are_those_of_neighbouring_walks(tmp_path):

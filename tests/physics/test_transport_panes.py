@@ -119,15 +119,11 @@ def test_any_number_of_threads(tmp_path, of_milk):
 
 def test_samples_of_a_pixel_have_strata_of_their_own():
     """One in each of the pixel and in each of the choices, and all choices alike in each stratum of the pixel."""
-    pixels, lanes, samples = 4096, 4, 4
-    lane = dr.arange(mi.UInt32, pixels * lanes)
-    drawn = strata.Strata(lane, lane // lanes, (3, 5), lanes, samples)
-    places, choices = np.empty((samples, 2, pixels, lanes)), np.empty((samples, pixels, lanes))
-    for sample in range(samples):
-        place, choice = drawn.drawn(mi.UInt32(sample), mi.PCG32(pixels * lanes), dr.full(mi.Bool, True, pixels * lanes))
-        places[sample], choices[sample] = np.array(place).reshape(2, pixels, lanes), np.array(choice).reshape(pixels, lanes)
-    number = (np.floor(4 * places[:, 0]) + 4 * np.floor(4 * places[:, 1])).transpose(1, 0, 2).reshape(pixels, -1)
-    chosen = np.floor(16 * choices).transpose(1, 0, 2).reshape(pixels, -1)
+    pixels, samples = 4096, 16
+    path = dr.arange(mi.UInt32, pixels * samples)
+    place, choice = strata.Strata.of((3, 5), samples).drawn(path // samples, path % samples, mi.PCG32(pixels * samples), True)
+    x, y, choice = (np.array(numbers).reshape(pixels, samples) for numbers in (place.x, place.y, choice))
+    number, chosen = np.floor(4 * x) + 4 * np.floor(4 * y), np.floor(16 * choice)
     assert np.array_equal(np.sort(number), np.sort(chosen)) and np.array_equal(np.sort(number)[0], np.arange(16))
     first = chosen[np.arange(pixels), np.argmin(number, axis=1)]  # the choice of the sample in the first stratum of the pixel
     assert np.bincount(first.astype(int), minlength=16).std() < 3 * 16  # 16 of 256 each
