@@ -26,6 +26,7 @@ STREAMS = {
     "grains.walk": Stream(0x77616C6B, ("walk",)),
     "granular.walk": Stream(0x6772616E, ()),
     "surface.probes": Stream(0x70726F62, ()),
+    "surface.spread": Stream(0x73707264, ("wavelength", "layer", "block")),
     "granular.goniometer": Stream(0x676F6E69, ("group of wavelengths",)),
     "multiple.photons": Stream(0x70686F74, ("block",)),
     "multiple.tally": Stream(0x74616C79, ("batch", "block")),

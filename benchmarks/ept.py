@@ -1,12 +1,13 @@
 """Paths from grain to grain (`ept`) beside Mitsuba's `path` over the same grains as shapes, in the same scenes.
 
-    python benchmarks/ept.py [--small] [--width 64] [--seconds 10] [--cases NAME ...]
+    python benchmarks/ept.py [--small] [--width 64] [--seconds 10] [--cases NAME ...] [--grains 425] [--triangles 1280]
 
 Some 425 balls, or stones as instances, clear, grey or of rough steel, fill a cube on a floor below a lamp and a sky.  Both
 engines render in turns, each for so many seconds of processor time in all, and in a process of its own: Dr.Jit traces a call
 through every shape of a process, whichever scene it belongs to.  A row a case: microseconds of processor time a path;
 of a pixel, the variance of one path (mean square over colours and the picture, without the thousandth of the pixels where it is
-largest), and variance times time, `ept` over `path`; the mean of our picture over that of Mitsuba's, with its standard error.
+largest), and variance times time, `ept` over `path`; MiB by which the setup grows the process, in turn; the mean of our picture
+over that of Mitsuba's, with its standard error.
 --small: two cases, 16 pixels wide, passes as few as possible.
 """
 
@@ -55,7 +56,6 @@ STEEL = """<bsdf type="roughconductor" id="matter"><string name="distribution" v
 <rgb name="eta" value="0.2 0.9 1.1"/><rgb name="k" value="3.9 2.5 2.4"/></bsdf>"""
 GROUP = """<shape type="shapegroup" id="grain"><shape type="ply"><string name="filename" value="grain.ply"/>
 <boolean name="face_normals" value="true"/><ref id="matter"/></shape></shape>"""
-COUNT = 425
 
 
 class Case(NamedTuple):
@@ -76,9 +76,9 @@ CASES = {
 SMALL = "balls, glass", "stones, grey"
 
 
-def stone():
-    """A stone of 1,280 triangles in the unit sphere."""
-    vertices, faces = icosphere(1280)
+def stone(triangles):
+    """A stone in the unit sphere."""
+    vertices, faces = icosphere(triangles)
     radius = 1 + 0.3 * np.sin(3 * vertices[:, 0] + 1) * np.cos(4 * vertices[:, 1]) * np.sin(2 * vertices[:, 2] + 0.5)
     vertices = vertices * radius[:, None]
     return vertices / np.linalg.norm(vertices, axis=1).max(), faces
@@ -107,12 +107,12 @@ def written(folder, name, edge, width, more=""):
     return path
 
 
-def engine(name, case, folder, width):
+def engine(name, case, folder, width, count, triangles):
     """Function of the number of a pass -> picture, and samples a pixel of a pass, of `ept` or `path`; files in a folder."""
     spheres = tile(0.6, 500)
-    edge = (COUNT / len(spheres[1]) * np.prod(spheres[2])) ** (1 / 3)
+    edge = (count / len(spheres[1]) * np.prod(spheres[2])) ** (1 / 3)
     cube = (CUBE[0] - 0.5) * edge, CUBE[1]
-    packed = grains([Kind(case.surface, stone() if case.stones else None)], cube, spheres)
+    packed = grains([Kind(case.surface, stone(triangles) if case.stones else None)], cube, spheres)
     if name == "ept":
         world = World(written(folder, "ours", edge, width))
         part = methods.part(world, through(place(packed, world)), "ept", 0)
@@ -120,21 +120,27 @@ def engine(name, case, folder, width):
     import mitsuba as mi
 
     if case.stones:
-        (folder / "grain.ply").write_bytes(ply.mesh(*stone()))
+        (folder / "grain.ply").write_bytes(ply.mesh(*stone(triangles)))
     scene = mi.load_file(str(written(folder, "theirs", edge, width, case.bsdf + shapes(packed, cube, case.stones))))
     samples = sized(64, 1)
     return lambda number: np.array(mi.render(scene, spp=samples, seed=number), float)[..., :3], samples
 
 
-def _begin(name, case, width):
+def _resident():
+    """MiB of this process."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
+
+
+def _begin(name, case, *sizes):
     variants.activate("rgb")
     with tempfile.TemporaryDirectory() as folder:
-        RENDERED[:] = engine(name, case, Path(folder), width)
+        before = _resident()
+        RENDERED[:] = *engine(name, case, Path(folder), *sizes), _resident() - before
         RENDERED[0](1 << 20)  # compiles
 
 
-def _samples():
-    return RENDERED[1]
+def _samples_and_memory():
+    return RENDERED[1:]
 
 
 def _pass(number):
@@ -151,7 +157,7 @@ class Engine:
 
     def __init__(self, *what):
         self._process = ProcessPoolExecutor(1, get_context("spawn"), _begin, what)
-        self.samples, self.pictures, self.seconds = self._process.submit(_samples).result(), [], []
+        (self.samples, self.memory), self.pictures, self.seconds = self._process.submit(_samples_and_memory).result(), [], []
 
     def go(self):
         picture, seconds = self._process.submit(_pass, len(self.pictures)).result()
@@ -177,9 +183,9 @@ class Engine:
         return means.mean(), means.std(ddof=1) / len(means) ** 0.5
 
 
-def row(name, case, width, seconds):
+def row(name, case, seconds, *sizes):
     """Measures a case, prints its row, and returns variance times time over Mitsuba's."""
-    ours, theirs = both = [Engine(engine, case, width) for engine in ("ept", "path")]
+    ours, theirs = both = [Engine(engine, case, *sizes) for engine in ("ept", "path")]
     while any(sum(engine.seconds) < seconds or len(engine.seconds) < sized(8, 2) for engine in both):
         min(both, key=lambda engine: sum(engine.seconds)).go()
     for engine in both:
@@ -188,7 +194,7 @@ def row(name, case, width, seconds):
     (mean, error), (other, its) = ours.mean(), theirs.mean()
     means = f"{mean / other:.4f} ({np.hypot(error / mean, its / other):.4f})"
     print(f"| {name} | {ours.time_of_path:.2f} | {theirs.time_of_path:.2f} | {ours.variance:.4f} | {theirs.variance:.4f} | "
-          f"{times:.2f} | {variances:.2f} | {times * variances:.2f} | {means} |",
+          f"{times:.2f} | {variances:.2f} | {times * variances:.2f} | {ours.memory:.0f} | {theirs.memory:.0f} | {means} |",
           flush=True)
     return times * variances
 
@@ -198,11 +204,13 @@ def main():
     parser.add_argument("--width", type=int, default=sized(64, 16))
     parser.add_argument("--seconds", type=float, default=sized(10.0, 0.0))
     parser.add_argument("--cases", nargs="+", choices=CASES, default=sized(list(CASES), list(SMALL)))
+    parser.add_argument("--grains", type=float, default=425)
+    parser.add_argument("--triangles", type=int, default=1280, help="of a stone")
     args = parser.parse_args()
     print(variants.activate("rgb"))
-    print("| case | ept, us a path | path | ept, variance | path | time | variance | variance x time | mean |\n|" + "---|" * 9,
-          flush=True)
-    worst = max(row(name, CASES[name], args.width, args.seconds) for name in args.cases)
+    print("| case | ept, us a path | path | ept, variance | path | time | variance | variance x time | ept, MiB | path | mean |\n"
+          + "|---" * 11 + "|", flush=True)
+    worst = max(row(name, CASES[name], args.seconds, args.width, args.grains, args.triangles) for name in args.cases)
     print(f"worst: variance x time {worst:.2f}")
 
 

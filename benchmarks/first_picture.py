@@ -1,23 +1,27 @@
 """What a person sees after a minute: shipped scenes, without their noise, beside long references.
 
-    python benchmarks/first_picture.py [SCENE …] [--longest 512] [--seconds 60] [--reference 600] [-o build/first_picture]
+    python benchmarks/first_picture.py [SCENE …] [--longest 512] [--seconds 60] [--cores 2] [--reference 600]
+                                       [-o build/first_picture]
 
-Each scene is rendered by the command line, from baked assets, so that the whole command takes the seconds asked for.  The
-reference is by the first method without an error of its own, with other random numbers, its noise left in.  A row a scene:
-method, seconds of the whole command, noise of the picture before the filter, FLIP (mean, 67 pixels a degree) of what is shown
-against the reference, and the noise of that; `*` where FLIP is above 0.05.  References that are there already are taken again.
+Time is that of processors, so that others on the machine do not count: `--seconds` of `--cores`, from baked assets, of the whole
+process with its imports, pilots, filter and files; smaller pictures have as much less for what comes after the start.  The
+reference takes `--reference` seconds of so many cores, by the first method without an error of its own, with other random
+numbers.  A row a scene: method; processor seconds; samples a pixel, and noise of the picture before the filter; FLIP (mean, 67
+pixels a degree) of what is shown against the reference as it was rendered, and against that without its noise; noise of the
+reference, and FLIP between it with and without its noise, below which nothing is told; `*` where both FLIP of the picture are
+above 0.05.  References that are there already are taken again.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import subprocess
 import sys
 import time
 from pathlib import Path
 
-import matplotlib.image
 import numpy as np
 
 from benchmarks.sizes import SMALL, sized
@@ -27,64 +31,103 @@ from renderers.scene import candidates, load
 
 SCENES = Path(__file__).resolve().parents[1] / "assets" / "scenes"
 WISHED = 0.05  # FLIP
-STARTS = 8.0  # s of a command that are not passes: imports, scene, choice, filter, files
+STARTS = 8.0  # processor seconds of a process before its passes: imports, scene, choice
+ENDS = 6.0  # of the filter and of files, for 512 x 512
 
 
-def exact_method(scene) -> list[str]:
-    """Options for the first way to render it without an error of its own; none where the scene names its methods."""
-    exact = [candidate for candidate in candidates.of(scene) if candidate.exact]
-    named = [f"materials[{number}].method={method}" for number, method in enumerate(exact[0].methods)] if exact else []
-    return [word for setting in named for word in ("--set", setting)]
-
-
-def film(scene, longest) -> list[str]:
-    """Options for the size of the picture."""
+def settings(path, longest, exact) -> dict[str, str]:
+    """Of a scene at a size; `exact`: by the first way to render it without an error of its own, where its methods are open."""
+    scene = load(path, assets=False)
     height, width = World.of(scene).size
     scale = longest / max(height, width)
-    return ["--set", f"film.width={round(width * scale)}", "--set", f"film.height={round(height * scale)}"]
+    chosen = {"film.width": str(round(width * scale)), "film.height": str(round(height * scale)), "stop.noise": "0.5%",
+              "stop.samples": "1000000", "denoise": "yes"}
+    ways = [candidate for candidate in candidates.of(scene) if candidate.exact] if exact else []
+    return chosen | {f"materials[{number}].method": method for number, method in enumerate(ways[0].methods if ways else ())}
 
 
-def render(path, picture, *options) -> tuple[dict, float]:
-    """Report and seconds of a render, which may miss its noise."""
-    begin = time.monotonic()
-    command = [sys.executable, "-m", "bakery", "render", str(path), "-o", str(picture), "--overwrite", "--quiet", "--json"]
-    done = subprocess.run([*command, *options], capture_output=True, text=True)
-    if done.returncode not in (0, 3):
+def render(path, picture, options, seconds, *, exact, seed) -> dict:
+    """Report of a process of its own that takes so many processor seconds; what it shows lies beside the picture."""
+    asked = {"scene": str(path), "picture": str(picture), "seconds": seconds, "cores": options.cores, "seed": seed,
+             "longest": options.longest, "settings": settings(path, options.longest, exact)}
+    done = subprocess.run([sys.executable, "-m", "benchmarks.first_picture", "--alone", json.dumps(asked)], cwd=SCENES.parents[1],
+                          capture_output=True, text=True)
+    if done.returncode:
         sys.exit(f"{path}: {done.stderr}")
-    return json.loads(done.stdout), time.monotonic() - begin
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def alone(asked) -> dict:
+    """Renders in this process, until its processors have worked for so long."""
+    from renderers.pictures import images
+    from renderers.pictures.passes import Rendering
+    from renderers.pictures.running import Render
+
+    ends = ENDS * (asked["longest"] / 512) ** 2
+    limit = asked["seconds"] - ends
+    # pilots take a share of the time that a picture is asked for in
+    wall = {"stop.time": f"{max(asked['seconds'] - STARTS - ends, 1.0) / asked['cores']:.6g} s"}
+    job = Render(asked["scene"], asked["picture"], overrides=asked["settings"] | wall, overwrite=True)
+    rendering = Rendering(job, seed=asked["seed"])
+    rendering.stop = dataclasses.replace(rendering.stop, time=None)
+    before, longest = time.process_time(), 0.0
+
+    def over(_noise):
+        nonlocal before, longest
+        now = time.process_time()
+        before, longest = now, max(longest, now - before)
+        return now + longest > limit
+
+    rendering.run(over)
+    report, display = rendering.finish(), dict(rendering.job.scene.values.display)
+    cleared = rendering.estimate.rgb if rendering.denoised is None else rendering.denoised.rgb
+    for name, linear in (("rendered", rendering.estimate.rgb), ("cleared", cleared)):
+        np.save(Path(asked["picture"]).with_suffix(f".{name}.npy"), images.eight_bits(images.shown(linear, **display)[0]))
+    return {key: report[key] for key in ("method", "samples", "noise", "noise_region")} | {"seconds": time.process_time()}
+
+
+def shown(picture, name):
+    return np.load(picture.with_suffix(f".{name}.npy")) / 255.0
 
 
 def measured(path, options) -> str:
     """The row of a scene."""
-    scene, folder = load(path, assets=False), options.output
-    size = film(scene, options.longest)
-    render(path, folder / "baked.png", *size, "--set", "stop.samples=1", "--no-denoise")
-    reference, words = folder / f"{path.stem}.reference.png", folder / f"{path.stem}.reference.json"
+    picture, reference = (options.output / f"{path.stem}{kind}.png" for kind in ("", ".reference"))
+    smaller, words = min((options.longest / 512) ** 2, 1.0), reference.with_suffix(".json")
+    render(path, picture, options, 0.0, exact=False, seed=0)  # bakes and compiles
     if not words.exists():
-        long, _ = render(path, reference, *size, *exact_method(scene), "--seed", "1", "--set", f"stop.time={options.reference} s",
-                         "--set", "stop.noise=0.5%", "--set", "stop.samples=1000000", "--no-denoise")
-        words.write_text(json.dumps(long))
-    report, seconds = render(path, folder / f"{path.stem}.png", *size, "--set", "stop.noise=0.5%", "--denoise",
-                             "--set", "stop.samples=1000000", "--set", f"stop.time={max(options.seconds - STARTS, 1.0)} s")
-    shown, wanted = (np.asarray(matplotlib.image.imread(one)[..., :3], float) for one in (folder / f"{path.stem}.png", reference))
-    flip = differences.flip(shown, wanted)[0]
-    return (f"| {path.stem} | {report['method']} | {seconds:.0f} | {report['noise']:.2g} | {flip:.3f}{' *' * (flip > WISHED)} | "
-            f"{json.loads(words.read_text())['noise']:.2g} |")
+        seconds = options.reference * options.cores * smaller
+        words.write_text(json.dumps(render(path, reference, options, STARTS + seconds, exact=True, seed=1)))
+    seconds = STARTS + (options.seconds * options.cores - STARTS) * smaller
+    report, long = render(path, picture, options, seconds, exact=False, seed=0), json.loads(words.read_text())
+    wanted, clean, found = shown(reference, "rendered"), shown(reference, "cleared"), shown(picture, "cleared")
+    flips = [differences.flip(*images)[0] for images in ((found, wanted), (found, clean), (wanted, clean))]
+    star = " *" * (min(flips[:2]) > WISHED)
+    return (f"| {path.stem} | {report['method']} | {report['seconds']:.0f} of {seconds:.0f} | {report['samples']} | "
+            f"{report['noise']:.2g} | {flips[0]:.3f} | {flips[1]:.3f}{star} | {long['method']}, {long['samples']} | "
+            f"{long['noise']:.2g} | {flips[2]:.3f} |")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("scenes", nargs="*", help="names; all but those of the fog filter if none is given")
     parser.add_argument("--longest", type=int, default=sized(512, 24), help="pixels of the longer side")
-    parser.add_argument("--seconds", type=float, default=sized(60.0, 1.0), help="of the whole command")
-    parser.add_argument("--reference", type=float, default=sized(600.0, 1.0), help="seconds of passes of the reference")
+    parser.add_argument("--seconds", type=float, default=sized(60.0, 8.0), help="of the whole process, on so many cores")
+    parser.add_argument("--cores", type=float, default=2.0, help="processor seconds in a second")
+    parser.add_argument("--reference", type=float, default=sized(600.0, 1.0), help="seconds of the reference")
     parser.add_argument("-o", "--output", type=Path, default=Path("build/first_picture"))
+    parser.add_argument("--alone", type=json.loads, help=argparse.SUPPRESS)
     options = parser.parse_args()
+    if options.alone:
+        print(json.dumps(alone(options.alone)))
+        return
     if missing := differences.flip_missing():
         sys.exit(missing)
+    options.output = options.output.resolve()
     options.output.mkdir(parents=True, exist_ok=True)
     names = options.scenes or (["candle"] if SMALL else sorted(path.stem for path in SCENES.glob("*.yaml")))
-    print("| scene | method | seconds | noise | FLIP | noise of the reference |\n|---|---|---|---|---|---|")
+    print("| scene | method | processor s | samples | noise | FLIP | without the reference's noise | reference | its noise | "
+          "FLIP of that |\n|---|---|---|---|---|---|---|---|---|---|")
     for name in names:
         path = SCENES / f"{name}.yaml"
         if load(path, assets=False).section != "fog":

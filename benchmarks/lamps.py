@@ -65,7 +65,11 @@ SCENES = {
     "bumpy_ball": ("bumpy_ball.xml", "ball", Body((0.95, 0.9, 0.7), (4.0, 4.0, 4.0), 0.5, GLASS)),
     "head": ("head.xml", "head", Body(*SKIN, GLASS)),
     "glass_of_milk": ("glass_of_milk.xml", "milk", Body(*MILK, GLASS)),
+    "milk, small window": ("glass_of_milk.xml", "milk", Body(*MILK, GLASS)),
 }
+# of a window of 220 mm x 220 mm, which is too wide for light samples, and an even sky: 120 mm x 120 mm, brighter, and less sky
+SMALL_WINDOW = {'"110, 110, 1"/> <lookat origin="-150, -30, 150"': '"60, 60, 1"/> <lookat origin="-130, -40, 140"',
+                "5, 5, 4.85": "8, 8, 7.7", "0.34, 0.365, 0.39": "0.24, 0.26, 0.28"}
 
 
 def text_of(name):
@@ -74,6 +78,8 @@ def text_of(name):
     if xml.endswith(".xml"):
         xml = (SHIPPED / xml).read_text()
         xml = re.sub(r'name="filename" value="([^"]*)"', lambda match: f'name="filename" value="{SHIPPED / match[1]}"', xml)
+    for wide, small in SMALL_WINDOW.items() if "small window" in name else ():
+        xml = xml.replace(wide, small)
     return xml
 
 

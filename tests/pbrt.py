@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 BARE = {"AttributeBegin", "AttributeEnd", "WorldBegin"}
-LISTED = {"MakeNamedMedium", "Material", "Shape", "LightSource", "Camera", "Film", "Integrator", "Sampler"}  # "name", parameters
+LISTED = {"MakeNamedMedium", "MakeNamedMaterial", "Material", "Shape", "LightSource", "Camera", "Film", "Integrator",
+          "Sampler"}  # "name", parameters
 TYPES = {"bool", "float", "integer", "point2", "vector2", "point3", "vector3", "normal", "string", "texture", "rgb", "spectrum",
          "blackbody"}
 HOMOGENEOUS = {"preset": "string", "sigma_a": "spectrum", "sigma_s": "spectrum", "Le": "spectrum", "Lescale": "float",

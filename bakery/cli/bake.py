@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 import os
+from typing import NamedTuple
 
 import click
 
 from bakery.cli.options import (
     for_scenes,
-    json_option,
+    gathered,
     overwrite_option,
     print_json,
     print_paths,
-    quiet_option,
     recipe_options,
     settings_of,
     status_of_missed,
     sweep_option,
-    verbose_option,
+    told_options,
 )
 from bakery.errors import BakeryError, RecipeError, UsageError
 from bakery.system.terminal import remark
+
+
+class Run(NamedTuple):
+    """Where and how far a bake runs."""
+
+    jobs: int | None
+    cluster: str | None
+    force: bool
+    keep_going: bool
+    dry_run: bool
 
 
 @click.command(
@@ -33,21 +43,20 @@ from bakery.system.terminal import remark
               help="Asset to write; DIR/ puts RECIPE.h5 into a folder.")
 @recipe_options
 @sweep_option
-@click.option("--jobs", "-j", type=click.IntRange(1), metavar="N",
-              help="Threads for all recipes together; by default BAKERY_JOBS, or all processors.")
-@click.option("--cluster", metavar="ADDRESS", help="Run the blocks on a Dask scheduler at this address.")
-@click.option("--force", is_flag=True, help="Compute every stage again.")
-@click.option("--keep-going", "-k", is_flag=True,
-              help="If one recipe, or one point of a sweep, is wrong or fails, bake the others.")
-@click.option("--dry-run", is_flag=True, help="Print the plan and stop.")
+@gathered(
+    "run", Run,
+    click.option("--jobs", "-j", type=click.IntRange(1), metavar="N",
+                 help="Threads for all recipes together; by default BAKERY_JOBS, or all processors."),
+    click.option("--cluster", metavar="ADDRESS", help="Run the blocks on a Dask scheduler at this address."),
+    click.option("--force", is_flag=True, help="Compute every stage again."),
+    click.option("--keep-going", "-k", is_flag=True,
+                 help="If one recipe, or one point of a sweep, is wrong or fails, bake the others."),
+    click.option("--dry-run", is_flag=True, help="Print the plan and stop."))
 @click.option("--depfile", type=click.Path(), metavar="FILE",
               help="Write the files that the asset depends on, in Make's syntax.")
 @overwrite_option
-@json_option
-@quiet_option
-@verbose_option
-def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, sweeps, jobs, cluster, force, keep_going, dry_run,
-            depfile, overwrite, as_json, quiet, verbose):
+@told_options
+def command(recipes, output, asked, sweeps, run, depfile, overwrite, told):
     """Bake each RECIPE into one asset, named after the recipe's file (fog.yaml: fog.h5) unless -o is given.  A recipe that sweeps
     keys becomes a family of assets.
 
@@ -65,37 +74,37 @@ def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, 
         raise UsageError(f'-o: found "{output}" for {len(recipes)} recipes; write DIR/ to put each asset into a folder')
     if len(recipes) > 1 and depfile:
         raise UsageError(f"--depfile: names one asset, but there are {len(recipes)} recipes; one call a recipe would do")
-    if cluster is not None:
-        check_address(cluster)
-    progress = choose(quiet or dry_run)
+    if run.cluster is not None:
+        check_address(run.cluster)
+    progress = choose(told.quiet or run.dry_run)
     try:
         cache = Cache(say=progress.say)
         plans, problems, failures = {}, [], {}
-        values = settings_of(quality, tolerance, seed, settings, sweeps)
+        values = settings_of(asked.quality, asked.tolerance, asked.seed, asked.settings, sweeps)
         for index, recipe in enumerate(recipes):
             try:
-                wanted = for_scenes(recipe, values, scenes, stage, cache, progress)
-                plans[index] = planned(recipe, output, force=force, cache=cache, jobs=jobs, overwrite=overwrite,
-                                       progress=progress, keep_going=keep_going, **wanted.of_plan)
+                wanted = for_scenes(recipe, values, asked.scenes, asked.stage, cache, progress)
+                plans[index] = planned(recipe, output, force=run.force, cache=cache, jobs=run.jobs, overwrite=overwrite,
+                                       progress=progress, keep_going=run.keep_going, **wanted.of_plan)
             except RecipeError as error:
                 problems += error.problems
                 failures[index] = str(error), error.exit_status
             except BakeryError as error:
-                if not keep_going:
+                if not run.keep_going:
                     raise
                 failures[index] = str(error), error.exit_status
-        if problems and not keep_going:
+        if problems and not run.keep_going:
             raise RecipeError(problems)
         _check_apart(recipes, plans)
         check_outputs([(plan.output, ASSET) for plan in plans.values()] + ([(depfile, DEPFILE)] if depfile else []),
                       [file for plan in plans.values() for file in (*files_of(plan.recipe), *plan.read)], overwrite)
-        if dry_run:
+        if run.dry_run:
             from bakery.cli.plan import show
 
-            show(list(plans.values()), as_json, verbose)
-            return _tell(recipes, failures, {}, keep_going) if failures else 0
-        run = {"jobs": jobs, "cache": cache, "address": cluster, "progress": progress}
-        return _baked(recipes, plans, failures, run, keep_going, depfile, as_json, verbose)
+            show(list(plans.values()), told.as_json, told.verbose)
+            return _tell(recipes, failures, {}, run.keep_going) if failures else 0
+        where = {"jobs": run.jobs, "cache": cache, "address": run.cluster, "progress": progress}
+        return _baked(recipes, plans, failures, where, run.keep_going, depfile, told)
     finally:
         progress.close()
 
@@ -110,18 +119,18 @@ def _check_apart(recipes, plans) -> None:
                              "give each file its own name or bake them apart")
 
 
-def _baked(recipes, plans, failures, run, keep_going, depfile, as_json, verbose) -> int:
+def _baked(recipes, plans, failures, where, keep_going, depfile, told) -> int:
     """Bake, print in the order of the recipes what came of it, and give the exit status; arguments as of the command."""
     from pathlib import Path
 
     from bakery.run.bake import executed
     from bakery.run.many import Outcome, bake_all
 
-    order, progress = list(plans), run["progress"]
+    order, progress = list(plans), where["progress"]
     if len(recipes) == 1 and order:
-        outcomes = iter([Outcome(0, executed(plans[0], **run))])
+        outcomes = iter([Outcome(0, executed(plans[0], **where))])
     else:
-        outcomes = bake_all([recipes[index] for index in order], [plans[index] for index in order], keep_going=keep_going, **run)
+        outcomes = bake_all([recipes[index] for index in order], list(plans.values()), keep_going=keep_going, **where)
     done, printed, missed = {}, 0, 0
     for outcome in outcomes:
         index = order[outcome.index]
@@ -134,16 +143,16 @@ def _baked(recipes, plans, failures, run, keep_going, depfile, as_json, verbose)
             from bakery.run import depfile as rules
 
             rules.write(Path(depfile), str(plans[index].output), [str(file) for file in outcome.baked.files])
-        if verbose:
+        if told.verbose:
             for step in outcome.baked.steps:
                 progress.say(f"{name}{step['stage']}: {step['source']} ({'; '.join(step['why'])})")
-        if not as_json:
+        if not told.as_json:
             printed = _print_paths(recipes, done, failures, printed)
             if not outcome.baked.written:
                 progress.say(f"{name}{outcome.baked.output} is up to date")
         missed = max(missed, status_of_missed(outcome.baked.output, outcome.baked.missed))
     progress.close()
-    if as_json:
+    if told.as_json:
         print_json([done[index].as_dict() if index in done else _failure(recipe, *failures.get(index, ("", 0)))
                     for index, recipe in enumerate(recipes)])
     else:

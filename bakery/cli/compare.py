@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 
 from bakery.cli import methods as shared
 from bakery.cli import offers
-from bakery.cli.options import json_option, overwrite_option, print_json, print_paths, quiet_option, settings_of, status_of_missed
+from bakery.cli.options import (
+    gathered,
+    json_option,
+    overwrite_option,
+    print_json,
+    print_paths,
+    quiet_option,
+    settings_of,
+    status_of_missed,
+)
 from bakery.errors import Interrupted, UsageError
 from bakery.grammar import qualities
 from bakery.system.terminal import say
@@ -22,6 +32,19 @@ def _print_methods(context, _parameter, asked) -> None:
         context.exit()
 
 
+class _Pictures(NamedTuple):
+    """What is asked of the pictures, by each method."""
+
+    seconds: str | None
+    noise: str | None
+    quality: str | None
+    variant: str | None
+    seed: int | None
+    settings: tuple[str, ...]
+    resume: bool
+    force: bool
+
+
 @click.command(name="compare", short_help="render a scene with several methods and compare them")
 @click.argument("source", type=click.Path(), metavar="SCENE")
 @click.option("--methods", required=True, metavar="A,B,C", shell_complete=offers.scene_methods,
@@ -31,20 +54,21 @@ def _print_methods(context, _parameter, asked) -> None:
 @click.option("--reference", metavar="METHOD|FILE.exr", help="Reference for the others.  [default: the first method]")
 @click.option("-o", "--output", type=click.Path(), metavar="FILE.html",
               help="The page; its pictures go into a folder of the same name.  Default: NAME_compare.html beside the scene.")
-@click.option("--time", "seconds", metavar="TIME", help="For each method, such as 60s: --set stop.time.")
-@click.option("--noise", metavar="X", help="For each method, such as 2%: --set stop.noise.")
-@click.option("--quality", metavar="|".join(qualities.QUALITIES), shell_complete=offers.qualities,
-              help="4, 2 or 1 times the noise that the scene asks for.  [default: what the scene asks for]")
-@click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_rgb); the best that runs by default.")
-@click.option("--seed", type=click.IntRange(0), metavar="N", help="Seed, from which each method gets its own.  [default: 0]")
-@click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one value of the scene; repeatable.")
-@click.option("--resume", is_flag=True, help="Also continue from samples that were enough for an earlier call.")
-@click.option("--force", is_flag=True, help="Render every method again.")
+@gathered(
+    "asked", _Pictures,
+    click.option("--time", "seconds", metavar="TIME", help="For each method, such as 60s: --set stop.time."),
+    click.option("--noise", metavar="X", help="For each method, such as 2%: --set stop.noise."),
+    click.option("--quality", metavar="|".join(qualities.QUALITIES), shell_complete=offers.qualities,
+                 help="4, 2 or 1 times the noise that the scene asks for.  [default: what the scene asks for]"),
+    click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_rgb); the best that runs by default."),
+    click.option("--seed", type=click.IntRange(0), metavar="N", help="Seed, from which each method gets its own.  [default: 0]"),
+    click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one value of the scene; repeatable."),
+    click.option("--resume", is_flag=True, help="Also continue from samples that were enough for an earlier call."),
+    click.option("--force", is_flag=True, help="Render every method again."))
 @overwrite_option
 @json_option
 @quiet_option
-def command(source, methods, reference, output, seconds, noise, quality, variant, seed, settings, resume, force, overwrite,
-            as_json, quiet):
+def command(source, methods, reference, output, asked, overwrite, as_json, quiet):
     """Render SCENE (.yaml) with several methods and write one page: the pictures with a slider between any two, signed
     differences from the reference, errors beneath the noise, FLIP, error against time, and what each method leaves out.
 
@@ -55,16 +79,16 @@ def command(source, methods, reference, output, seconds, noise, quality, variant
 
     if Path(source).suffix.lower() not in (".yaml", ".yml"):
         raise UsageError(f'found "{source}", which is no scene (.yaml); only scenes have methods to compare')
-    if resume and force:
+    if asked.resume and asked.force:
         raise UsageError("--resume continues existing pictures, --force starts again; use one of them")
-    qualities.quality(quality)
-    stop = [f"stop.{key}={value}" for key, value in (("time", seconds), ("noise", noise)) if value is not None]
-    values = settings_of(None, None, None, [*settings, *stop])
-    jobs, page, file = _planned(source, methods, reference, output, values, seed, resume, overwrite)
+    qualities.quality(asked.quality)
+    stop = [f"stop.{key}={value}" for key, value in (("time", asked.seconds), ("noise", asked.noise)) if value is not None]
+    values = settings_of(None, None, None, [*asked.settings, *stop])
+    jobs, page, file = _planned(source, methods, reference, output, values, asked.seed, asked.resume, overwrite)
     progress = choose(quiet)
     try:
-        summary = _compared(jobs, page, reference or jobs[0].name, file, progress, quality=quality, variant=variant,
-                            resume=resume, force=force, overwrite=overwrite)
+        summary = _compared(jobs, page, reference or jobs[0].name, file, progress, quality=asked.quality,
+                            variant=asked.variant, resume=asked.resume, force=asked.force, overwrite=overwrite)
     except KeyboardInterrupt:
         raise Interrupted("interrupted; finished pictures are kept, and the same call continues") from None
     finally:

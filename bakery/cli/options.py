@@ -6,7 +6,9 @@ import json
 import math
 import os
 from dataclasses import replace
+from functools import wraps
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 
@@ -35,21 +37,51 @@ at_option = click.option("--at", "place", multiple=True, metavar="AXIS=VALUE",
 verbose_option = click.option("--verbose", "-v", is_flag=True, help="Print more on standard error.")
 
 
-def recipe_options(command):
-    """The options that choose stages and override recipe values."""
-    for option in reversed((
-        click.option("--stage", multiple=True, metavar="NAME", shell_complete=offers.stages,
-                     help="Only this stage and the stages it needs; repeatable."),
-        click.option("--scene", "scenes", type=click.Path(), multiple=True, metavar="FILE",
-                     help="Bake only what this scene needs; repeatable: what any of the scenes needs."),
-        click.option("--quality", metavar="|".join(QUALITIES), shell_complete=offers.qualities,
-                     help="Tolerance of 10 % (draft) or 3 % (preview) of all light; final: the recipe unchanged."),
-        click.option("--tolerance", metavar="X", help="Relative error allowed in each baked quantity, such as 2%."),
-        click.option("--seed", metavar="N", help="Seed of all random numbers."),
-        click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one recipe value; repeatable."),
-    )):
-        command = option(command)
-    return command
+def gathered(name: str, record: type, *options):
+    """A decorator that gives a command several options as one record, whose fields have their names."""
+    def decorate(command):
+        @wraps(command)
+        def called(**given):
+            gathered_here = record(*(given.pop(field) for field in record._fields))
+            return command(**given, **{name: gathered_here})
+
+        for option in reversed(options):
+            called = option(called)
+        return called
+    return decorate
+
+
+class OfRecipe(NamedTuple):
+    """Which stages of a recipe, for which scenes, and the values of it that are overridden."""
+
+    stage: tuple[str, ...]
+    scenes: tuple[str, ...]
+    quality: str | None
+    tolerance: str | None
+    seed: str | None
+    settings: tuple[str, ...]
+
+
+class Told(NamedTuple):
+    """For whom a command prints, and how much it says."""
+
+    as_json: bool
+    quiet: bool
+    verbose: bool
+
+
+recipe_options = gathered(
+    "asked", OfRecipe,
+    click.option("--stage", multiple=True, metavar="NAME", shell_complete=offers.stages,
+                 help="Only this stage and the stages it needs; repeatable."),
+    click.option("--scene", "scenes", type=click.Path(), multiple=True, metavar="FILE",
+                 help="Bake only what this scene needs; repeatable: what any of the scenes needs."),
+    click.option("--quality", metavar="|".join(QUALITIES), shell_complete=offers.qualities,
+                 help="Tolerance of 10 % (draft) or 3 % (preview) of all light; final: the recipe unchanged."),
+    click.option("--tolerance", metavar="X", help="Relative error allowed in each baked quantity, such as 2%."),
+    click.option("--seed", metavar="N", help="Seed of all random numbers."),
+    click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one recipe value; repeatable."))
+told_options = gathered("told", Told, json_option, quiet_option, verbose_option)
 
 
 def settings_of(quality, tolerance, seed, settings, sweeps=()) -> dict[str, str]:

@@ -27,7 +27,7 @@ from bakery.system.terminal import remark, say
 @overwrite_option
 @json_option
 @verbose_option
-def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, sweeps, jobs, force, overwrite, as_json, verbose):
+def command(recipes, output, asked, sweeps, jobs, force, overwrite, as_json, verbose):
     """Show what `bake RECIPE` would run, why, and what it will cost in time, memory and file size.  Runs nothing.
 
     For a SCENE: what `bake render SCENE` would bake, and the time, noise and memory of its picture, from a pilot (small pictures
@@ -39,18 +39,18 @@ def command(recipes, output, stage, scenes, quality, tolerance, seed, settings, 
     from bakery.run.cache import Cache
     from bakery.run.progress import choose
 
-    values = settings_of(quality, tolerance, seed, settings, sweeps)
+    values = settings_of(asked.quality, asked.tolerance, asked.seed, asked.settings, sweeps)
     progress = choose()
     try:
         cache, plans = Cache(say=progress.say), []
         for recipe in recipes:
             if is_scene(recipe):
-                plan_scene.refused(recipe, {"--stage": stage, "--scene": scenes, "--sweep": sweeps, "--jobs": jobs,
+                plan_scene.refused(recipe, {"--stage": asked.stage, "--scene": asked.scenes, "--sweep": sweeps, "--jobs": jobs,
                                             "--force": force})
-                plans.append(plan_scene.planned(recipe, output, settings_of(None, tolerance, None, settings), quality, seed,
-                                                overwrite, progress))
+                plans.append(plan_scene.planned(recipe, output, settings_of(None, asked.tolerance, None, asked.settings),
+                                                asked.quality, asked.seed, overwrite, progress))
                 continue
-            wanted = for_scenes(recipe, values, scenes, stage, cache, progress)
+            wanted = for_scenes(recipe, values, asked.scenes, asked.stage, cache, progress)
             plans.append(planned(recipe, output, force=force, cache=cache, jobs=jobs, overwrite=overwrite, progress=progress,
                                  **wanted.of_plan))
     finally:

@@ -11,6 +11,7 @@ from bakery.cli import offers
 from bakery.cli.options import (
     at_option,
     file_of,
+    gathered,
     json_option,
     one_asset,
     overwrite_option,
@@ -26,29 +27,47 @@ from bakery.grammar.qualities import QUALITIES
 SCENES = (".yaml", ".yml")
 
 
+class _Picture(NamedTuple):
+    """What is asked of a picture."""
+
+    quality: str | None
+    variant: str | None
+    seed: int | None
+    settings: tuple[str, ...]
+    denoise: bool | None
+    resume: bool
+    live: bool
+    port: int | None
+    frames: str | None
+    cluster: str | None
+
+
 @click.command(name="render", short_help="render an asset's preview, or a scene")
 @click.argument("source", type=click.Path(), metavar="SCENE|ASSET")
 @click.option("-o", "--output", type=click.Path(), metavar="IMAGE",
               help="NAME.png or NAME.exr; both are written.  Default: beside the source.")
-@click.option("--quality", metavar="|".join(QUALITIES), shell_complete=offers.qualities,
-              help="4, 2 or 1 times the noise that a scene asks for; a draft ends after at most 60 s.  "
-                   "[default: final; preview for an asset]")
-@click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_mono); the best that runs by default.")
-@click.option("--seed", type=click.IntRange(0), metavar="N", help="Seed of Mitsuba's pictures.  [default: 0]")
-@click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one value of a scene; repeatable.")
-@click.option("--denoise/--no-denoise", default=None, help="Remove the noise from a scene's PNG, or keep it.  "
-              "[default: the scene's setting; else at draft and preview]")
-@click.option("--resume", is_flag=True, help="Continue from the samples in the scene's EXR, if its renderer can.")
-@click.option("--live", is_flag=True, help="Show a scene's picture on a web page while it renders; the page can stop it.")
-@click.option("--live-port", "port", type=click.IntRange(0, 65535), metavar="N", help="Port of that page.  [default: a free one]")
-@click.option("--frames", metavar="NUMBERS", help="Frames of a scene with a section frames: 1-48, 1,5,9 or 1-48:2.")
-@click.option("--cluster", metavar="ADDRESS", help="Render the frames on the workers of a Dask scheduler at this address.")
+@gathered(
+    "asked", _Picture,
+    click.option("--quality", metavar="|".join(QUALITIES), shell_complete=offers.qualities,
+                 help="4, 2 or 1 times the noise that a scene asks for; a draft ends after at most 60 s.  [default: final; "
+                      "preview for an asset]"),
+    click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_mono); the best that runs by default."),
+    click.option("--seed", type=click.IntRange(0), metavar="N", help="Seed of Mitsuba's pictures.  [default: 0]"),
+    click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one value of a scene; repeatable."),
+    click.option("--denoise/--no-denoise", default=None, help="Remove the noise from a scene's PNG, or keep it.  [default: the "
+                                                              "scene's setting; else at draft and preview]"),
+    click.option("--resume", is_flag=True, help="Continue from the samples in the scene's EXR, if its renderer can."),
+    click.option("--live", is_flag=True, help="Show a scene's picture on a web page while it renders; the page can stop it."),
+    click.option("--live-port", "port", type=click.IntRange(0, 65535), metavar="N",
+                 help="Port of that page.  [default: a free one]"),
+    click.option("--frames", metavar="NUMBERS", help="Frames of a scene with a section frames: 1-48, 1,5,9 or 1-48:2."),
+    click.option("--cluster", metavar="ADDRESS",
+                 help="Share frames or passes of a scene among the workers of a Dask scheduler at this address."))
 @at_option
 @overwrite_option
 @json_option
 @quiet_option
-def command(source, output, quality, variant, seed, settings, denoise, resume, live, port, frames, cluster, place, overwrite,
-            as_json, quiet):
+def command(source, output, asked, place, overwrite, as_json, quiet):
     """Render a SCENE (.yaml), a Mitsuba scene (.xml), which may use Bakery's plugins, or the standard preview of an ASSET.
 
     If a SCENE names a recipe, its asset is used if it exists and is good enough; otherwise it is baked first, into the cache.  No
@@ -57,34 +76,45 @@ def command(source, output, quality, variant, seed, settings, denoise, resume, l
     was missed; a draft only reports it.
 
     With --frames each frame is a picture NAME.0001.png and .exr; an existing frame with the same inputs is kept.  Several frames
-    also give a film (if ffmpeg is installed) and a contact sheet.
+    also give a film (if ffmpeg is installed) and a contact sheet.  With --cluster workers render whole frames, or the passes of
+    one picture; the bytes are those of one machine.
     """
     from contextlib import ExitStack
     from pathlib import Path
 
-    from bakery.run import compiling
+    from bakery.run import compiling, dask
     from bakery.run.progress import choose
 
-    suffix, live = Path(source).suffix.lower(), live or port is not None
-    _check(source, suffix, {"--resume": resume, "--live": live, _denoising(denoise): denoise is not None}, place)
-    values = settings_of(None, None, None, settings) | ({} if denoise is None else {"denoise": "yes" if denoise else "no"})
-    options = {"quality": quality, "variant": variant, "seed": seed, "overwrite": overwrite}
-    if frames is not None or cluster is not None:
+    suffix, live, denoise = Path(source).suffix.lower(), asked.live or asked.port is not None, asked.denoise
+    _check(source, suffix, {"--resume": asked.resume, "--live": live, "--cluster": asked.cluster is not None,
+                            _denoising(denoise): denoise is not None}, place)
+    values = settings_of(None, None, None, asked.settings) | ({} if denoise is None else {"denoise": "yes" if denoise else "no"})
+    options = {"quality": asked.quality, "variant": asked.variant, "seed": asked.seed, "overwrite": overwrite}
+    if asked.cluster is not None:
+        dask.check_address(asked.cluster)
+    if live and asked.cluster is not None:
+        raise UsageError("--live: shows passes of this process; leave the option or --cluster out")
+    if asked.frames is not None:
         from bakery.cli.render_frames import rendered
 
         if live:
             raise UsageError("--live: shows one picture, not the frames of a sequence; leave the option or --frames out")
         of_pictures = {name: options.pop(name) for name in ("quality", "variant", "seed")}
-        options |= {"options": of_pictures, "overrides": values, "output": output, "resume": resume}
-        return rendered(source, frames, cluster, options, as_json, quiet)
+        options |= {"options": of_pictures, "overrides": values, "output": output, "resume": asked.resume}
+        return rendered(source, asked.frames, asked.cluster, options, as_json, quiet)
     folders, progress = ExitStack(), choose(quiet)
     try:
         if suffix in SCENES:
-            job = _of_scene(source, output, values, options | ({"resume": True} if resume else {}), progress, live)
-            if live:
+            options |= ({"resume": True} if asked.resume else {}) | ({} if asked.cluster is None else {"elsewhere": None})
+            job = _of_scene(source, output, values, options, progress, live)
+            if asked.cluster is not None:
+                from renderers.cluster.passes import workers
+
+                job.options["elsewhere"] = workers(folders.enter_context(dask.cluster(asked.cluster, progress.say)))
+            elif live:
                 from bakery.cli.live import shown
 
-                job = job._replace(draw=folders.enter_context(shown(job.path, source, port or 0, browser=not as_json)))
+                job = job._replace(draw=folders.enter_context(shown(job.path, source, asked.port or 0, browser=not as_json)))
         elif suffix == ".xml":
             job = _of_mitsuba(source, output, values, options)
         else:
@@ -119,7 +149,8 @@ def _denoising(denoise) -> str:
     return f"--{'' if denoise else 'no-'}denoise"
 
 
-_ANEW = {"--resume": "it is always rendered from the start", "--live": "it has no passes to show, leave the option out"}
+_ANEW = {"--resume": "it is always rendered from the start", "--cluster": "it has no frames or passes to share",
+         "--live": "it has no passes to show, leave the option out"}
 
 
 def _check(source, suffix, of_scenes, place) -> None:
@@ -154,6 +185,8 @@ def _of_scene(source, output, values, options, progress, live) -> _Job:
     renderer, target, name = path.drawn_by, output or path.picture, path.values.name
     if "resume" in options and not path.rules.RESUMES:
         raise UsageError(f"--resume: the renderer {path.section} cannot go on from an EXR; leave the option out")
+    if "elsewhere" in options and not path.rules.RESUMES:
+        raise UsageError(f"--cluster: the renderer {path.section} has no passes that workers could share; leave the option out")
     if live:
         from renderers.pictures.live import refuse_other
 

@@ -15,7 +15,7 @@ def rendered(source, frames, address, options, as_json, quiet) -> int:
     Parameters
     ----------
     source : path of a scene, as the user gave it
-    frames : their numbers, or None
+    frames : their numbers
     address : of a Dask scheduler, or None
     options : of `renderers.sequence.render`
     """
@@ -25,10 +25,7 @@ def rendered(source, frames, address, options, as_json, quiet) -> int:
     from renderers.scene.frames import numbers
 
     if Path(source).suffix.lower() not in (".yaml", ".yml"):
-        option = "--cluster" if frames is None else "--frames"
-        raise UsageError(f"{option}: {source} is no scene (.yaml); only scenes have frames")
-    if frames is None:
-        raise UsageError("--cluster: distributes the frames of a sequence; give --frames 1-48 too")
+        raise UsageError(f"--frames: {source} is no scene (.yaml); only scenes have frames")
     asked = numbers(frames)
     progress = choose(quiet)
     try:

@@ -5,16 +5,7 @@ from __future__ import annotations
 import click
 
 from bakery.cli import offers
-from bakery.cli.options import (
-    for_scenes,
-    json_option,
-    overwrite_option,
-    print_json,
-    quiet_option,
-    recipe_options,
-    settings_of,
-    verbose_option,
-)
+from bakery.cli.options import for_scenes, overwrite_option, print_json, recipe_options, settings_of, told_options
 from bakery.cli.trade_scene import is_scene
 from bakery.errors import Interrupted, UsageError
 
@@ -35,10 +26,8 @@ from bakery.errors import Interrupted, UsageError
 @click.option("--measure", metavar="NAME", help="For a recipe: error by which settings are ranked.  Default: the stage's first.")
 @click.option("--budget", type=float, default=5.0, show_default=True, metavar="MINUTES", help="Time that the runs may take.")
 @overwrite_option
-@json_option
-@quiet_option
-@verbose_option
-def command(source, output, methods, beside, measure, budget, overwrite, as_json, quiet, verbose, **options):
+@told_options
+def command(source, output, asked, methods, beside, measure, budget, overwrite, told):
     """Measure true error against time: over settings of each stage of a RECIPE, or over the methods of a SCENE and their
     settings.
 
@@ -52,38 +41,38 @@ def command(source, output, methods, beside, measure, budget, overwrite, as_json
     scene = is_scene(source)
     if not scene and source.lower().endswith(".xml"):
         raise UsageError(f'found "{source}", which is no scene (.yaml); those of Mitsuba have no methods to measure')
-    refused = {"stage": options["stage"], "scene": options["scenes"], "quality": options["quality"], "measure": measure} \
+    refused = {"stage": asked.stage, "scene": asked.scenes, "quality": asked.quality, "measure": measure} \
         if scene else {"methods": methods, "beside": beside}
     for name, value in refused.items():
         if value:
             raise UsageError(f"--{name}: {source} is a {'scene' if scene else 'recipe'}, which has none; leave it out")
-    values = settings_of(None, options["tolerance"], None if scene else options["seed"], options["settings"])
-    progress = choose(quiet)
+    values = settings_of(None, asked.tolerance, None if scene else asked.seed, asked.settings)
+    progress = choose(told.quiet)
     try:
         if scene:
-            value, lines = _of_scene(source, output, methods, values, _seed(options["seed"]), budget=budget, beside=beside,
-                                     progress=progress, verbose=verbose, overwrite=overwrite)
+            value, lines = _of_scene(source, output, methods, values, _seed(asked.seed), budget=budget, beside=beside,
+                                     progress=progress, verbose=told.verbose, overwrite=overwrite)
         else:
-            value, lines = _of_recipe(source, output, values, options, measure=measure, budget=budget, progress=progress,
-                                      verbose=verbose, overwrite=overwrite)
+            value, lines = _of_recipe(source, output, values, asked, measure=measure, budget=budget, progress=progress,
+                                      verbose=told.verbose, overwrite=overwrite)
     except KeyboardInterrupt:
         raise Interrupted("interrupted; finished runs are kept, and the same call continues") from None
     finally:
         progress.close()
-    if as_json:
+    if told.as_json:
         print_json(value)
         return
     for line in lines:
         say(line)
 
 
-def _of_recipe(recipe, output, values, options, *, progress, **options_of_trade):
+def _of_recipe(recipe, output, values, asked, *, progress, **options_of_trade):
     """What `--json` prints, and the lines for people."""
     from bakery.trade import trade
     from bakery.trade.tables import report
 
-    wanted = for_scenes(recipe, values, options["scenes"], options["stage"], None, progress)
-    result = trade(recipe, output, stages=wanted.stages, quality=options["quality"], settings=wanted.settings, progress=progress,
+    wanted = for_scenes(recipe, values, asked.scenes, asked.stage, None, progress)
+    result = trade(recipe, output, stages=wanted.stages, quality=asked.quality, settings=wanted.settings, progress=progress,
                    **options_of_trade)
     value, files = result.as_dict(), [str(file) for file in result.files]
     return value | {"files": files}, [*(line for sweep in value["stages"] for line in report(sweep, recipe)), *files]

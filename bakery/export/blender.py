@@ -130,3 +130,57 @@ def _bounces(sigma_s, sigma_a) -> int:
 
 def _colour(values) -> str:
     return "(" + ", ".join(f"{value:.9g}" for value in np.asarray(values).tolist()) + ")"
+
+
+_OPAQUE = '''# A baked surface for Cycles in Blender 5.
+# Run it in Blender's text editor, or as
+#   blender scene.blend --python ...
+# It makes the material "{plain}", or makes it anew, and marks it as an asset.
+{remarks}
+import bpy
+
+NAME = "{plain}"
+INPUTS = {inputs}
+SPREAD = False  # whether light comes out elsewhere than it went in
+RADIUS = {radius}  # m, of "Subsurface Radius"
+
+if bpy.app.version < (5, 0, 0):
+    raise RuntimeError(f"{{NAME}}: this script is for Blender 5.0 and later, this is {{bpy.app.version_string}}")
+material = bpy.data.materials.get(NAME) or bpy.data.materials.new(NAME)
+tree = material.node_tree
+tree.nodes.clear()
+surface = tree.nodes.new("ShaderNodeBsdfPrincipled")
+for key, value in INPUTS.items():
+    surface.inputs[key].default_value = value
+if SPREAD and RADIUS:
+    surface.subsurface_method = "BURLEY"
+    metres = bpy.context.scene.unit_settings.scale_length  # of one unit of the scene
+    surface.inputs["Subsurface Weight"].default_value, surface.inputs["Subsurface Scale"].default_value = 1.0, 1.0
+    surface.inputs["Subsurface Radius"].default_value = [x / metres for x in RADIUS]
+output = tree.nodes.new("ShaderNodeOutputMaterial")
+output.location = 300, 0
+tree.links.new(surface.outputs[0], output.inputs["Surface"])
+if not material.asset_data:
+    material.asset_mark()
+material.asset_data.description = "Baked surface"
+material.asset_data.tags.new("bakery", skip_if_exists=True)
+'''
+
+
+def surface_text(name: str, fit, remarks, widths=None) -> str:
+    """A script for Blender 5 that makes a material of a baked surface.
+
+    Parameters
+    ----------
+    fit : `bakery.physics.surfaces.principled.Principled`
+    remarks : lines for a comment
+    widths : (3,) m, d of Burley and Christensen's profile; None: light does not spread
+    """
+    # Cycles takes d = radius / (4 pi (1.9 - A + 3.5 (A - 0.8)^2)), A the base colour (kernel/closure/bssrdf.h)
+    radius = "None" if widths is None else _colour(4 * math.pi * widths * (1.9 - fit.colour + 3.5 * (fit.colour - 0.8) ** 2))
+    # Blender's roughness is the root of alpha; "Specular IOR Level" 0.5 is Fresnel's reflection at "IOR", 0 none
+    inputs = {"Base Color": (*(round(float(x), 9) for x in fit.colour), 1.0), "Diffuse Roughness": fit.diffuse_roughness,
+              "Metallic": 0.0, "IOR": fit.index if fit.index != 1 else 1.5, "Roughness": math.sqrt(fit.roughness),
+              "Specular IOR Level": 0.5 if fit.index != 1 else 0.0}
+    remarks = "\n".join(f"# {line}" for line in remarks)
+    return _OPAQUE.format(plain=identifier(name), inputs=repr(inputs), radius=radius, remarks=remarks)

@@ -91,6 +91,30 @@ def materialx_text(name: str, lobes: dict[str, dict[str, Value]], remarks: list[
 """
 
 
+def baked_surface(fit) -> dict[str, Value]:
+    """Inputs of `open_pbr_surface` of a baked surface; fit : `bakery.physics.surfaces.principled.Principled`."""
+    # OpenPBR's roughness is the root of alpha
+    boundary = {"specular_weight": 1.0, "specular_ior": fit.index, "specular_roughness": float(np.sqrt(fit.roughness))} \
+        if fit.index != 1 else {"specular_weight": 0.0}
+    return {"base_weight": 1.0, "base_color": _colour(fit.colour), "base_diffuse_roughness": fit.diffuse_roughness} | boundary
+
+
+def materialx_surface(name: str, inputs: dict[str, Value], remarks: list[str]) -> str:
+    """A MaterialX 1.39 document with the material `name` of a baked surface; inputs : of `baked_surface`."""
+    plain, about = identifier(name), "\n".join(f"     {line}" for line in remarks)
+    return f"""<?xml version="1.0" encoding="utf-8"?>
+<!-- A baked surface in OpenPBR.  Colours are linear sRGB.
+{about} -->
+<materialx version="1.39" colorspace="lin_rec709">
+  <open_pbr_surface name="{plain}_shader" type="surfaceshader">
+{"".join(_mtlx_input(key, value) for key, value in inputs.items())}  </open_pbr_surface>
+  <surfacematerial name="{plain}" type="material">
+    <input name="surfaceshader" type="surfaceshader" nodename="{plain}_shader" />
+  </surfacematerial>
+</materialx>
+"""
+
+
 def usd_text(name: str, lobes: dict[str, dict[str, Value]], remarks: list[str]) -> str:
     """A USD layer (text) with one `Material` for each kind of surface under /NAME, whose shaders are MaterialX's.
 

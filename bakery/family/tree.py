@@ -148,9 +148,10 @@ def optics_of(medium: Group) -> Optics:
     """The figures of a group `medium`; its others follow from them."""
     names = ["phase", *(name for name in ("s12", "s33", "s34") if name in medium.members)]
     bias = medium.members.get("phase_bias")
-    return Optics(*(np.asarray(medium[name].data, float) for name in ("theta", "sigma_s", "sigma_a")),
+    # copies: arrays of a file that was read are views of all its bytes
+    return Optics(*(np.array(medium[name].data, float) for name in ("theta", "sigma_s", "sigma_a")),
                   np.stack([np.asarray(medium[name].data, float) for name in names], axis=1),
-                  None if bias is None else np.asarray(bias.data, float))
+                  None if bias is None else np.array(bias.data, float))
 
 
 # ---- the contract

@@ -156,8 +156,11 @@ def number(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, hint: Ca
     return leaf(read, {"anyOf": _words(words) + _patterns(quantity, limits)}, quantity, limits)
 
 
-def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_entries: int = 4096, **bounds):
-    """One value, a list of values, or a list with one unit behind it; several floats in any case."""
+def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_entries: int = 4096, steps: bool = False, **bounds):
+    """One value, a list of values, or a list with one unit behind it; several floats in any case.
+
+    steps : `{from: …, to: …, count: …}` gives values in equal steps, too
+    """
     limits = Range(**bounds)
 
     def read(node):
@@ -165,10 +168,8 @@ def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_en
         if words and node.text in words:
             return words[node.text]
         if words and not units.NUMBER.match(node.text.strip()) and not units.is_list(node.text):
-            raise Wrong(
-                f"found {show(node.text)}",
-                f"expected {one_of(list(words))}, or a list in {quantity.base}" + nearest(node.text, words),
-            )
+            raise Wrong(f"found {show(node.text)}", f"expected {one_of(list(words))}, or a list in {quantity.base}"
+                        + nearest(node.text, words))
         if not units.is_list(node.text):
             return (in_bounds(node.text, quantity, limits, node.quoted),)
         values = units.parse_list(node.text, quantity)
@@ -179,16 +180,37 @@ def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_en
             raise Wrong(f"found {show(node.text)}", f"expected {quantity.plural} {limits}{percent}")
         return values
 
-    text = {
-        "anyOf": _words(words)
-        + _patterns(quantity, limits)
-        + [{"type": "string", "pattern": r"^\s*\[.*\]\s*\S*\s*$"}]
-    }
+    text = {"anyOf": _words(words) + _patterns(quantity, limits) + [{"type": "string", "pattern": r"^\s*\[.*\]\s*\S*\s*$"}]}
     listed = Annotated[list[number(quantity, **bounds)], Field(min_length=1, max_length=most_entries)]
-    return Annotated[
-        Annotated[leaf(read, text, quantity, limits), Tag("text")] | Annotated[listed, Tag("list")],
-        Discriminator(lambda node: "list" if isinstance(node, (Sequence, list)) else "text"),
-    ]
+    kinds = Annotated[leaf(read, text, quantity, limits), Tag("text")] | Annotated[listed, Tag("list")]
+    if steps:
+        kinds |= Annotated[_in_steps(quantity, limits, most_entries), Tag("steps")]
+    return Annotated[kinds, Discriminator(lambda node: "list" if isinstance(node, (Sequence, list)) else
+                                          "steps" if steps and isinstance(node, Mapping) else "text")]
+
+
+def _in_steps(quantity: Quantity, limits: Range, most: int):
+    """`{from: …, to: …, count: …}`: values in equal steps, both ends among them."""
+    names = ("from", "to", "count")
+
+    def read(node):
+        for name in node:
+            if name not in names:
+                raise Wrong(f"found the unknown key {show(name)}", f"expected {one_of(names)}" + nearest(name, names))
+        if lacking := [name for name in names if name not in node]:
+            raise Wrong(f"found no {lacking[0]}", "expected {from: …, to: …, count: …}")
+        low, high = (in_bounds(scalar(node[name], units.example(quantity)).text, quantity, limits) for name in ("from", "to"))
+        count = _whole(scalar(node["count"], "a whole number").text)
+        if count is None or not 2 <= count <= most:
+            raise Wrong(f"found {describe(node['count'])} as count", f"expected a whole number from 2 to {most:,}")
+        if low == high:
+            raise Wrong("found the same from and to", "expected two values")
+        inner = (low + (high - low) * step / (count - 1) for step in range(1, count - 1))
+        return low, *inner, high
+
+    return leaf(read, {"type": "object", "required": list(names), "additionalProperties": False, "properties": {
+        "from": {"anyOf": _patterns(quantity, limits)}, "to": {"anyOf": _patterns(quantity, limits)},
+        "count": {"type": "integer", "minimum": 2, "maximum": most}}})
 
 
 def word(*choices: str):
@@ -230,9 +252,8 @@ def _read_text(node):
 def _read_name(node):
     text = scalar(node, "a name").text
     if not _NAME.fullmatch(text):
-        raise Wrong(
-            f"found {show(text)}", "expected a name of letters, digits, - and _ that starts with a letter, at most 64 long"
-        )
+        raise Wrong(f"found {show(text)}",
+                    "expected a name of letters, digits, - and _ that starts with a letter, at most 64 long")
     if _RESERVED.fullmatch(text):
         raise Wrong(f"found {show(text)}, a name that some systems reserve for devices", "expected another name")
     return text
@@ -252,9 +273,8 @@ def component_name(**taken: str):
 def _read_flag(node):
     node = scalar(node, "true or false")
     if node.quoted or node.text not in ("true", "false"):
-        raise Wrong(
-            f"found {show(node.text)}", "expected true or false" + (" without quotes" if node.text in ("true", "false") else "")
-        )
+        quotes = " without quotes" if node.text in ("true", "false") else ""
+        raise Wrong(f"found {show(node.text)}", f"expected true or false{quotes}")
     return node.text == "true"
 
 

@@ -83,8 +83,7 @@ class HostIndex(Section):
     """A clear host."""
 
     n: numbers(least=SMALLEST_N, most=1000) = Field(
-        description="Refractive index relative to vacuum; one value, or one a wavelength."
-    )
+        description="Refractive index relative to vacuum; one value, or one a wavelength.")
 
 
 class MaterialFile(Section):
@@ -102,12 +101,10 @@ def _index_tag(node):
     return None if not isinstance(node, Mapping) else "file" if "file" in node else "index"
 
 
-_index = Discriminator(
-    _index_tag, custom_error_type="choice", custom_error_message="|the name of a material|{n: …, k: …}|{file: …}"
-)
-PureMaterialOf = Annotated[
-    Annotated[Material, Tag("name")] | Annotated[NK, Tag("index")] | Annotated[MaterialFile, Tag("file")], _index
-]
+_index = Discriminator(_index_tag, custom_error_type="choice",
+                       custom_error_message="|the name of a material|{n: …, k: …}|{file: …}")
+PureMaterialOf = Annotated[Annotated[Material, Tag("name")] | Annotated[NK, Tag("index")] | Annotated[MaterialFile, Tag("file")],
+                           _index]
 
 
 class Ingredient(Section):
@@ -132,14 +129,9 @@ def _material_tag(node):
     return "mixing" if mixture else _index_tag(node)
 
 
-_material = Discriminator(
-    _material_tag, custom_error_type="choice",
-    custom_error_message="|the name of a material|{n: …, k: …}|{file: …}|{mixing: …, of: …}"
-)
-MaterialOf = Annotated[
-    Annotated[Material, Tag("name")] | Annotated[NK, Tag("index")] | Annotated[MaterialFile, Tag("file")]
-    | Annotated[MixedMaterial, Tag("mixing")], _material
-]
-HostOf = Annotated[
-    Annotated[Material, Tag("name")] | Annotated[HostIndex, Tag("index")] | Annotated[MaterialFile, Tag("file")], _index
-]
+_material = Discriminator(_material_tag, custom_error_type="choice",
+                          custom_error_message="|the name of a material|{n: …, k: …}|{file: …}|{mixing: …, of: …}")
+MaterialOf = Annotated[Annotated[Material, Tag("name")] | Annotated[NK, Tag("index")] | Annotated[MaterialFile, Tag("file")]
+                       | Annotated[MixedMaterial, Tag("mixing")], _material]
+HostOf = Annotated[Annotated[Material, Tag("name")] | Annotated[HostIndex, Tag("index")] | Annotated[MaterialFile, Tag("file")],
+                   _index]

@@ -76,11 +76,8 @@ class Reader:
         try:
             text = self.data.decode("utf-8-sig")
         except UnicodeDecodeError as error:
-            self.report(
-                self.data.count(b"\n", 0, error.start) + 1,
-                f"found the byte 0x{self.data[error.start]:02x}",
-                "expected UTF-8 text",
-            )
+            self.report(self.data.count(b"\n", 0, error.start) + 1, f"found the byte 0x{self.data[error.start]:02x}",
+                        "expected UTF-8 text")
             raise BadTable(self.problems) from None
         self.lines = re.split(r"\r\n|\r|\n", text)
         del text
@@ -108,11 +105,8 @@ class Reader:
     def _comment(self, number: int, line: str) -> None:
         statement = line.strip("# \t").partition(":")
         if statement[0].strip().lower() == "relative_to" and statement[2].strip().lower() not in ("vacuum", ""):
-            self.report(
-                number,
-                f"found values relative to {show(statement[2].strip())}",
-                "expected them relative to vacuum (multiply n in air by 1.00028) and `# relative_to: vacuum`",
-            )
+            self.report(number, f"found values relative to {show(statement[2].strip())}",
+                        "expected them relative to vacuum (multiply n in air by 1.00028) and `# relative_to: vacuum`")
 
     def _head(self, number: int, line: str) -> tuple[int, list[float], bool]:
         """Number of columns, factor of each, and whether the line names them."""
@@ -123,9 +117,8 @@ class Reader:
         optional = sum(not column.required for column in self.columns)
         fits = len(self.columns) - optional <= len(cells) <= len(self.columns)
         if not fits:
-            self.report(
-                number, f"found {len(cells)} column{'s' * (len(cells) != 1)}", f"expected {self._names()}, separated by commas", 1
-            )
+            self.report(number, f"found {len(cells)} column{'s' * (len(cells) != 1)}",
+                        f"expected {self._names()}, separated by commas", 1)
             raise BadTable(self.problems)
         named = not any(_number(cell) is not None for cell in cells)
         factors = []
@@ -141,9 +134,8 @@ class Reader:
             else:
                 unit = "" if column.named else units[0]
             if column.named and not unit:
-                self.report(
-                    number, f"found no unit for the column {column.name}", f"expected a first line with {self._names()}", 1
-                )
+                self.report(number, f"found no unit for the column {column.name}", f"expected a first line with {self._names()}",
+                            1)
             factors.append(column.units.get(unit or units[0], 1.0))
         if self.problems:
             raise BadTable(self.problems)
@@ -171,12 +163,8 @@ class Reader:
             if value is None:
                 self.report(number, f"found {show(cell.strip())} under {column.name}", "expected a finite number", at)
             elif value < column.least or column.above and value == column.least:
-                self.report(
-                    number,
-                    f"found {show(cell.strip())} under {column.name}",
-                    f"expected {'a value above' if column.above else 'at least'} {column.least:g}",
-                    at,
-                )
+                self.report(number, f"found {show(cell.strip())} under {column.name}",
+                            f"expected {'a value above' if column.above else 'at least'} {column.least:g}", at)
             values.append(value)
             offset += len(cell) + 1
         return values

@@ -20,10 +20,8 @@ ASSET = b"bakery-asset "  # how an asset begins (bakery/store/container.py)
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\x7e\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]|[\u2028\u2029\ufeff]")
 # a list followed by one unit, `[0.84, 0.75, 0.68] mm` or `[1, 2] 1/mm`: never valid YAML otherwise, because text cannot follow
 # a closing bracket
-_LIST_WITH_UNIT = re.compile(
-    r"""\[[^][{}"'#\0]*\][ \t]*(?:1?[ \t]*/[ \t]*)?"""
-    r"""[^\s\d\0,:#'"&*!|>@`\[\]{}][^\s\0,:#'"\[\]{}]*(?=[ \t]*(?:[,\]}\n\r\0]|[ \t]#|$))"""
-)
+_LIST_WITH_UNIT = re.compile(r"""\[[^][{}"'#\0]*\][ \t]*(?:1?[ \t]*/[ \t]*)?"""
+                             r"""[^\s\d\0,:#'"&*!|>@`\[\]{}][^\s\0,:#'"\[\]{}]*(?=[ \t]*(?:[,\]}\n\r\0]|[ \t]#|$))""")
 
 
 def show(text, limit: int = 60) -> str:
@@ -55,9 +53,8 @@ class Source:
         end = self._starts[line] if line < len(self._starts) else len(self.text)
         text = self.text[self._starts[line - 1] : end].rstrip("\r\n")
         begin = max(0, column - 1 - width // 2) if len(text) > width else 0
-        shown = "".join(
-            c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" if c != "\t" else " " for c in text[begin : begin + width]
-        )
+        part = text[begin : begin + width]
+        shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" if c != "\t" else " " for c in part)
         return f"  {shown}\n  {' ' * (column - 1 - begin)}^"
 
     def problem(self, index: int | None, key: str, found: str, expected: str = "") -> Problem:
@@ -128,32 +125,15 @@ def decode(data: bytes, label: str) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise RecipeError(
-            [
-                Problem(
-                    label,
-                    line,
-                    None,
-                    "",
-                    f"found the byte 0x{data[error.start]:02x}, which is not UTF-8",
-                    "save the recipe as UTF-8",
-                )
-            ]
-        ) from None
+        raise RecipeError([Problem(label, line, None, "", f"found the byte 0x{data[error.start]:02x}, which is not UTF-8",
+                                   "save the recipe as UTF-8")]) from None
     if (lines := len(re.findall(r"\r\n|\r|\n", text))) > MAX_LINES:
         raise RecipeError([Problem(label, None, None, "", f"found {lines:,} lines", f"a recipe has at most {MAX_LINES:,}")])
     for word in text.split():
         if len(word) > 1000 and "!" in word:  # the parser takes time in the square of a tag's length
-            raise RecipeError(
-                [
-                    Source(label, text).problem(
-                        text.index(word),
-                        "",
-                        "found a word of more than 1,000 characters with a !",
-                        "recipes have no tags; write a shorter text",
-                    )
-                ]
-            )
+            raise RecipeError([Source(label, text).problem(text.index(word), "",
+                                                           "found a word of more than 1,000 characters with a !",
+                                                           "recipes have no tags; write a shorter text")])
     forbidden = list(_forbidden(text, label))
     if forbidden:
         raise RecipeError(forbidden)
@@ -166,9 +146,8 @@ def _forbidden(text: str, label: str):
         source = source or Source(label, text)
         if count == 20:
             break
-        yield source.problem(
-            match.start(), "", f"found the control character U+{ord(match.group()):04X}", "text without control characters"
-        )
+        yield source.problem(match.start(), "", f"found the control character U+{ord(match.group()):04X}",
+                             "text without control characters")
 
 
 @dataclass
@@ -204,9 +183,8 @@ def parse(source: Source, key: str = "") -> Tree:
     except YAMLError as error:
         raise RecipeError([_syntax_problem(source, error)]) from None
     except (ValueError, OverflowError) as error:  # escapes such as "\U99999999" or %YAML 9999…
-        raise RecipeError(
-            [source.problem(None, "", f"cannot be read as YAML ({show(error)})", "a plain YAML document")]
-        ) from None
+        raise RecipeError([source.problem(None, "", f"cannot be read as YAML ({show(error)})",
+                                          "a plain YAML document")]) from None
 
 
 _HINTS = (
@@ -319,12 +297,8 @@ class _Builder:
             return
         if feature not in self.refused:
             self.refused.add(feature)
-            self._report(
-                event,
-                f"found the {feature} {show(shown)}",
-                f"recipes have no {feature}{'es' if feature == 'alias' else 's'}; write the value out",
-                key,
-            )
+            self._report(event, f"found the {feature} {show(shown)}",
+                         f"recipes have no {feature}{'es' if feature == 'alias' else 's'}; write the value out", key)
 
     def _key(self, parent: list | None) -> str:
         if parent is None:

@@ -26,14 +26,8 @@ def check(path: Path, source: Source, tree: Tree, text: str, problems: list[Prob
     if not isinstance(tree.root, Mapping):
         if tree.root is None or not tree.root.broken:
             description = "nothing" if tree.root is None else describe(tree.root)
-            problems.append(
-                source.problem(
-                    None if tree.root is None else tree.root.place.begin,
-                    "",
-                    f"found {description}",
-                    "expected `key: value` lines; a recipe starts with `bakery: 1`",
-                )
-            )
+            problems.append(source.problem(None if tree.root is None else tree.root.place.begin, "", f"found {description}",
+                                           "expected `key: value` lines; a recipe starts with `bakery: 1`"))
         raise RecipeError(problems)
     values: dict = {}
     try:
@@ -48,9 +42,8 @@ def check(path: Path, source: Source, tree: Tree, text: str, problems: list[Prob
         if len(problems) > MAX_PROBLEMS:
             hidden = len(problems) - MAX_PROBLEMS
             problems = sorted(problems, key=lambda p: p.line or 0)[:MAX_PROBLEMS]
-            problems.append(
-                Problem(problems[-1].file, problems[-1].line, None, "", f"{hidden:,} more problems follow", "correct these first")
-            )
+            problems.append(Problem(problems[-1].file, problems[-1].line, None, "", f"{hidden:,} more problems follow",
+                                    "correct these first"))
         raise RecipeError(problems)
     return _recipe(path, text, tree.root, parsed, checker)
 

@@ -94,11 +94,8 @@ class Checker:
             return None
         count = len(self.wavelength)
         if len(values) not in (1, count):
-            self.report(
-                section[name],
-                f"found {len(values)} values for {count} wavelength{'s' * (count != 1)}",
-                "expected one value, or one a wavelength",
-            )
+            self.report(section[name], f"found {len(values)} values for {count} wavelength{'s' * (count != 1)}",
+                        "expected one value, or one a wavelength")
             return None
         per_wavelength = np.array(values * count if len(values) == 1 else values, dtype=float)
         self.found[section[name].place.key] = per_wavelength
@@ -143,11 +140,8 @@ class Checker:
         """Optical constants of what particles or grains lie in."""
         host = self.index(section, "host", default)
         if host is not None and host.k.max() > CLEAR:
-            self.report(
-                section.get("host", section),
-                f"found a host that absorbs (k = {host.k.max():.3g})",
-                f"expected a clear host, k at most {CLEAR:g}",
-            )
+            self.report(section.get("host", section), f"found a host that absorbs (k = {host.k.max():.3g})",
+                        f"expected a clear host, k at most {CLEAR:g}")
         return host
 
     def components(self, section: Mapping, share: str = "") -> list[Mapping]:
@@ -159,9 +153,8 @@ class Checker:
             name = self.value(part, "name")
             # two names that differ in case alone are one file on some systems
             if name is not None and name.lower() in seen:
-                self.report(
-                    part["name"], f"found {show(name)} a second time (first in {seen[name.lower()]})", "expected distinct names"
-                )
+                self.report(part["name"], f"found {show(name)} a second time (first in {seen[name.lower()]})",
+                            "expected distinct names")
             elif name is not None:
                 seen[name.lower()] = str(part["name"].place)
         if share and parts and len(parts) == len(node):
@@ -233,11 +226,8 @@ class Checker:
     def _named(self, node: Node | None, section: Mapping, key: str, word: str) -> Index | None:
         names = materials()
         if word not in names:
-            self.report(
-                node or section,
-                f"found {show(word)}, an unknown material",
-                f"expected {', '.join(names)}, or {{n: …, k: …}}, or {{file: …}}" + nearest(word, names),
-            )
+            self.report(node or section, f"found {show(word)}, an unknown material",
+                        f"expected {', '.join(names)}, or {{n: …, k: …}}, or {{file: …}}" + nearest(word, names))
             return None
         anchor = node or section
         try:

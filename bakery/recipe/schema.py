@@ -31,8 +31,8 @@ class Common(Section):
     bakery: Format = Field(description="Recipe format.")
     name: Name = Field(description="Name of the asset in pages and pictures; its file is named after the recipe's file.")
     description: Text = Field("", description="Free text.")
-    wavelengths: numbers(WAVELENGTH, words=NAMED_WAVELENGTHS, least=1e-9, most=1e6) = Field(
-        NAMED_WAVELENGTHS["rgb"], description="rgb, visible8, or a list in um, in vacuum."
+    wavelengths: numbers(WAVELENGTH, words=NAMED_WAVELENGTHS, steps=True, least=1e-9, most=1e6) = Field(
+        NAMED_WAVELENGTHS["rgb"], description="rgb, visible8, a list in um, or {from, to, count} in equal steps; in vacuum."
     )
     seed: whole(0, 2**53) = Field(0, description="All random streams derive from it.")
     tolerance: number(FRACTION, least=1e-6, most=0.5) = Field(0.01, description="Relative error allowed in each baked quantity.")

@@ -21,13 +21,15 @@ SECONDS = {
     "discrete._places": 0.5, "discrete.region": 3.7,
     "goa._asymptotic": 2.2, "goa._edge": 6.6, "goa._field": 5.8, "goa._rays": 10.0, "goa._solve": 1.7, "goa._special": 1.4,
     "goa._surface": 1.7,
-    "granular._packed": 4.6, "shapes._triangles": 2.9, "grains._walk": 8.2, "grains.balls": 1.7, "grains.bvh": 6.4,
+    "granular._goniometer": 8.0, "granular._packed": 4.6, "shapes._triangles": 2.9, "grains._walk": 8.2, "grains.balls": 1.7,
+    "grains.bvh": 6.4,
     "grains.grid": 1.9, "grains.points": 2.0, "grains.scatterometer": 0.42, "shapes.simplify": 6.1, "grains.sphere": 3.4,
     "grains.surface": 1.0,
     "mie.coated": 5.9, "mie.kernels": 8.2,
     "multiple._kernels": 2.4, "multiple._plane": 2.9, "multiple._tally": 4.5, "multiple.basis": 0.71, "multiple.locate": 0.21,
     "multiple.legendre": 0.33, "multiple.lookup": 0.4, "multiple.sums": 1.8, "multiple.point": 1.2,
     "packing.cells": 1.2, "packing._chords": 1.4, "packing._kernels": 9.8, "packing.instances": 0.33,
+    "surfaces._spread": 2.4,
 }
 
 

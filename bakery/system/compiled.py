@@ -7,21 +7,21 @@ other files; so the stamp of ours is a hash of the file and of every module of t
 Compiling is most of what a first bake or render takes.  So a kernel is compiled for an integer whether or not a caller has a
 constant there, without the function in C that only `cfunc` and functions kept as values need, without Python's collector of
 garbage, which would go over all of numba's objects again and again, and by a single process: others wait for it and take what it
-has kept.
+has kept.  What only kernels call has no machine code of its own (`bakery/system/linked.py`).
 """
 
 from __future__ import annotations
 
 import gc
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import numba
-from numba.core import caching, event, types
+from numba.core import caching, errors, event, types
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 
-from bakery.system import sources, turns
+from bakery.system import linked, sources, turns
 
 __all__ = ["njit"]
 
@@ -29,20 +29,58 @@ __all__ = ["njit"]
 class Kernel(CPUDispatcher):
     """A compiled function of these packages."""
 
+    _called = False  # while a call from another kernel asks for a signature
+
     def get_call_template(self, args, kws):
         """As numba's, of a call from another kernel."""
         if self.targetoptions.get("fastmath"):
-            # a constant may change which products and sums are made in a single step, and so the last bit
+            # a constant, or another order of optimisations, may change which products and sums are made in a single step, and so
+            # the last bit
             return super().get_call_template(args, kws)
-        return super().get_call_template([_number(kind) for kind in args], {name: _number(kind) for name, kind in kws.items()})
+        args, kws = [_number(kind) for kind in args], {name: _number(kind) for name, kind in kws.items()}
+        self._called = _compiling > 0  # kernels of others do not give environments, see `linked`
+        try:
+            return super().get_call_template(args, kws)
+        finally:
+            self._called = False
 
     def compile(self, sig):
         """The entry point of a signature: there already, kept on disk, or compiled now."""
-        # of what is there numba's says so itself; a kernel that calls itself has its turn already
-        if not self._can_compile or _arguments(sig) in self.overloads or self._cache.cache_path is None:
+        arguments, called, self._called = _arguments(sig), self._called, False
+        result = self.overloads.get(arguments)
+        # of what is there numba's says so itself, and what is there for linking is what a call from another kernel takes
+        if not self._can_compile or result is not None and (called or not linked.only(result)):
             return super().compile(sig)
-        with global_compiler_lock, turns.of(self.turn, _waiting(self)), _no_collector():
-            return super().compile(sig)
+        # a kernel that calls itself has its turn already
+        turn = turns.of(self.turn, _waiting(self)) if self._cache.cache_path is not None else nullcontext()
+        with global_compiler_lock, turn, _no_collector(), _depth():
+            entry = self._link(arguments) if called else None
+            if entry is None:
+                self.overloads.pop(arguments, None)
+                entry = super().compile(sig)
+                linked.give_environments(self.overloads[arguments])
+            return entry
+
+    def _link(self, arguments):
+        """What other kernels call this one by for arguments of these types; None where it has to have machine code."""
+        cache = linked.Cache(self) if self._cache.cache_path is not None else None
+        result = cache and (self._cache.load_overload(arguments, self.targetctx) or cache.load(arguments))
+        if result is None:
+            details = {"dispatcher": self, "args": arguments, "return_type": None}
+            try:
+                with event.trigger_event("numba:compile", data=details), self._compiling_counter:
+                    result = self._compiler.for_linking(arguments)
+            except errors.NumbaError:
+                return None  # numba's own way says it as numba does
+            if result is not None and cache:
+                cache.save(arguments, result)
+        if result is not None:
+            self.targetctx.insert_user_function(result.entry_point, result.fndesc, [result.library])
+            if linked.only(result):
+                self.overloads[arguments] = result
+            else:
+                self.add_overload(result)
+        return result and result.entry_point
 
     @property
     def turn(self) -> str:
@@ -53,6 +91,19 @@ class Kernel(CPUDispatcher):
         """Whether a signature is there, in this process or on disk."""
         codegen = self.targetctx.codegen()
         return arguments in self.overloads or self._cache._index_key(arguments, codegen) in self._cache._cache_file._load_index()
+
+
+_compiling = 0  # how many kernels are being compiled, each because the one before calls it; under numba's lock
+
+
+@contextmanager
+def _depth():
+    global _compiling
+    _compiling += 1
+    try:
+        yield
+    finally:
+        _compiling -= 1
 
 
 def njit(*function, **options):
@@ -66,6 +117,7 @@ def _kernel(dispatcher):
     # numba asks for the class by the target and not by an option; ours adds no fields.  Without a compiler it is the function
     if type(dispatcher) is CPUDispatcher:
         dispatcher.__class__ = Kernel
+        dispatcher._compiler.__class__ = linked.FunctionCompiler
     return dispatcher
 
 

@@ -69,7 +69,9 @@ def candidates(image: Image.Image):
     levels = np.asarray(image, float)
     for step in STEPS:
         yield Image.fromarray(np.clip(np.round(levels / step) * step, 0, 255).astype(np.uint8))
-    yield image.quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.FLOYDSTEINBERG)
+    # medians alone leave out colours of few pixels: blue bowls came out grey
+    palette = image.quantize(256, method=Image.Quantize.MEDIANCUT, kmeans=4)
+    yield image.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
 
 
 def keep(picture: Path):

@@ -23,72 +23,13 @@ import numpy as np
 
 from bakery.errors import UsageError
 from renderers.camera import Camera, length
-from renderers.mitsuba import lights, variants
+from renderers.mitsuba import lights, shading, shapes, variants
+from renderers.mitsuba.recording import pointers, undisturbed
 from renderers.mitsuba.scene import load
 from renderers.mitsuba.sensor import camera_of
+from renderers.mitsuba.shading import FAR, LOBE, LightSample, Shading
 
-# m, where lights at infinity are taken to stand: beyond any scene, and its square is a float32
-FAR = 1e12
-LOBE = 2  # which random number of `World.shade` chooses a lobe of the BSDF: of dielectrics, below its share, reflection
 SIZE = (480, 640)  # (height, width) of pictures of scenes without a Mitsuba file
-
-
-class LightSample(NamedTuple):
-    """One light each, seen from n points.
-
-    Attributes
-    ----------
-    direction : (n, 3) float32, unit, towards the light
-    distance : (n,) m, `FAR` of lights at infinity
-    radiance : (n, 3) float32, over the density of the sample; for lights without extent intensity over distance^2 and
-        probability.  0 where a surface hides the light
-    density : (n,) float32, 1/sr, of the sample; of lights without extent the probability of their choice; 0 where it is hidden
-    delta : (n,) bool, no other way of sampling finds this light
-    light : (n,) int32, position in `World.light_names`, -1 where there is none
-    """
-
-    direction: np.ndarray
-    distance: np.ndarray
-    radiance: np.ndarray
-    density: np.ndarray
-    delta: np.ndarray
-    light: np.ndarray
-
-    def share(self, density):
-        """Balance heuristic (n,) of this sample against directions drawn with `density` (n,) 1/sr."""
-        return np.where(self.delta, 1.0, self.density / np.maximum(self.density + density, 1e-30))
-
-
-class Shading(NamedTuple):
-    """What n rays found, and where they go on.
-
-    Attributes
-    ----------
-    hit : (n,) bool, a surface
-    point : (n, 3) m, where; of no meaning for rays that miss
-    emitted : (n, 3) float32, radiance of the surface or, for rays that miss, of the environment, times the balance heuristic
-        of the ray's direction against `World.lights`
-    source : (n,) int32, position of that light in `World.light_names`, -1 where nothing shines
-    by_light : (n,) float32, 1/sr, with which `World.lights` would have drawn it; 0 of a ray that is `delta`
-    light : LightSample from the surface; its radiance times BSDF, cosine and balance heuristic, and 0 for rays that miss
-    origin : (n, 3) m, of the next ray, off the surface
-    direction : (n, 3) float32, of the next ray
-    weight : (n, 3) float32, BSDF times cosine over density; 0 where the walk ends
-    density : (n,) float32, 1/sr, of the next direction
-    delta : (n,) bool, the next direction was drawn from a mirror, a pane of glass or no boundary at all
-    """
-
-    hit: np.ndarray
-    point: np.ndarray
-    emitted: np.ndarray
-    source: np.ndarray
-    by_light: np.ndarray
-    light: LightSample
-    origin: np.ndarray
-    direction: np.ndarray
-    weight: np.ndarray
-    density: np.ndarray
-    delta: np.ndarray
 
 
 class IdealLight(NamedTuple):
@@ -104,33 +45,6 @@ class IdealLight(NamedTuple):
     number: int
     place: np.ndarray
     distant: bool
-
-
-class Shape(NamedTuple):
-    """A surface of the scene.
-
-    Attributes
-    ----------
-    name : its id
-    vertices, faces : (V, 3) m and (F, 3) of a mesh, as the file has them; None of another shape
-    box : (2, 3) m, corners of the box around it
-    index : refractive index behind it over that before it, of smooth and rough dielectrics; 1 where there is no boundary
-        (`null`); None of other surfaces
-    smooth : whether that is no rough dielectric
-    specular : whether it is a mirror or a smooth pane: it sends light on in single directions alone
-    normals : (V, 3) unit, from which light takes those of the mesh; None where these are its triangles'
-    flipped : whether normals are turned against the order of the faces
-    """
-
-    name: str
-    vertices: np.ndarray | None
-    faces: np.ndarray | None
-    box: np.ndarray
-    index: float | None
-    smooth: bool
-    normals: np.ndarray | None = None
-    specular: bool = False
-    flipped: bool = False
 
 
 class World:
@@ -211,24 +125,9 @@ class World:
         """m, length of 1 in the scene."""
         return self._unit
 
-    def shapes(self) -> list[Shape]:
+    def shapes(self) -> list[shapes.Shape]:
         """All surfaces of the scene."""
-        import mitsuba as mi
-
-        shapes = []
-        for shape in self._scene.shapes():
-            vertices = faces = normals = None
-            if shape.is_mesh():
-                vertices = self._unit * np.array(shape.vertex_positions_buffer(), float).reshape(-1, 3)
-                faces = np.array(shape.faces_buffer(), np.int64).reshape(-1, 3)
-                if shape.has_vertex_normals() and not shape.has_face_normals():
-                    normals = np.array(shape.vertex_normals_buffer(), float).reshape(-1, 3)
-            box = shape.bbox()
-            box = self._unit * np.array([box.min, box.max], float).reshape(2, 3)
-            smooth = not mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.GlossyTransmission)
-            shapes.append(Shape(shape.id(), vertices, faces, box, _index(shape.bsdf()), smooth, normals, _specular(shape.bsdf()),
-                               shape.has_flipped_normals()))
-        return shapes
+        return shapes.of_scene(self._scene, self._unit)
 
     def extents(self):
         """Where surfaces are, m: triangles (T, 3, 3) of the meshes, and boxes (B, 2, 3) around the other shapes."""
@@ -282,9 +181,9 @@ class World:
             return np.zeros(0)
         longest = np.minimum(np.broadcast_to(longest, len(origin)), FAR)
         ray = self._ray(mi, origin, direction)
-        ray.maxt = _single(mi, longest / self._unit)
+        ray.maxt = shading.single(mi, longest / self._unit)
         hit = self._scene.ray_intersect_preliminary(ray, coherent=False)
-        distance, valid = _arrays(len(origin), hit.t, hit.is_valid())
+        distance, valid = shading.arrays(len(origin), hit.t, hit.is_valid())
         return np.where(valid, self._metres(distance), np.inf)
 
     def depth(self, entry=None):
@@ -311,7 +210,7 @@ class World:
             return np.zeros(0), np.zeros(0)
         ray = self._ray(mi, origin, direction)
         si = self._scene.ray_intersect(ray, ray_flags=mi.RayFlags.Minimal, coherent=False)
-        distance, valid, cosine = _arrays(len(origin), si.t, si.is_valid(), dr.abs(dr.dot(si.n, ray.d)))
+        distance, valid, cosine = shading.arrays(len(origin), si.t, si.is_valid(), dr.abs(dr.dot(si.n, ray.d)))
         return np.where(valid, self._metres(distance), np.inf), cosine
 
     def lights(self, point, random, *, hidden=True) -> LightSample:
@@ -326,13 +225,14 @@ class World:
             return self._no_light
         interaction = dr.zeros(mi.Interaction3f, len(point))
         interaction.p = self._inside(mi, point)
-        sample, radiance = self._scene.sample_emitter_direction(interaction, mi.Point2f(*_uniform(mi, random, 0, 2)), hidden)
-        return self._light(*_arrays(len(point), sample.d, sample.dist, _finite(radiance), sample.pdf, sample.delta,
+        u = mi.Point2f(*shading.uniform(mi, random, 0, 2))
+        sample, radiance = self._scene.sample_emitter_direction(interaction, u, hidden)
+        return self._light(*shading.arrays(len(point), sample.d, sample.dist, shading.finite(radiance), sample.pdf, sample.delta,
                                     self.light_number(sample.emitter)))
 
     @cached_property
     def _no_light(self):
-        return _empty(self.lights(np.zeros((1, 3)), np.zeros((1, 2))))
+        return shading.empty(self.lights(np.zeros((1, 3)), np.zeros((1, 2))))
 
     @property
     def sky(self) -> bool:
@@ -382,9 +282,9 @@ class World:
         """
         import mitsuba as mi
 
-        wave, *places = _uniform(mi, random, 0, 5)
+        wave, *places = shading.uniform(mi, random, 0, 5)
         ray, power = self._scene.emitters()[light].sample_ray(0.0, wave, mi.Point2f(*places[:2]), mi.Point2f(*places[2:]))
-        origin, direction, power = _arrays(len(random), ray.o, ray.d, _finite(power))
+        origin, direction, power = shading.arrays(len(random), ray.o, ray.d, shading.finite(power))
         return self._metres(origin), direction.astype(float), power * self._unit**2
 
     def ideal_lights(self) -> list[IdealLight]:
@@ -409,11 +309,11 @@ class World:
         import mitsuba as mi
 
         if not len(point):
-            return _empty(self.from_light(number, np.zeros((1, 3))))
+            return shading.empty(self.from_light(number, np.zeros((1, 3))))
         interaction = dr.zeros(mi.Interaction3f, len(point))
         interaction.p = self._inside(mi, point)
         sample, radiance = self._scene.emitters()[number].sample_direction(interaction, mi.Point2f(0.5))
-        return self._light(*_arrays(len(point), sample.d, sample.dist, _finite(radiance), sample.pdf, sample.delta,
+        return self._light(*shading.arrays(len(point), sample.d, sample.dist, shading.finite(radiance), sample.pdf, sample.delta,
                                     mi.Int32(number)))
 
     def shade(self, origin, direction, random, density, delta, drawn=None, *, power=False) -> Shading:
@@ -431,150 +331,47 @@ class World:
         import mitsuba as mi
 
         if not len(origin):
-            return _empty(self.shade(np.zeros((1, 3)), np.eye(1, 3), np.zeros((1, 5)), np.ones(1), np.ones(1), power=power))
+            one_ray = np.zeros((1, 3)), np.eye(1, 3), np.zeros((1, 5)), np.ones(1), np.ones(1)
+            return shading.empty(self.shade(*one_ray, power=power))
         places = self._inside(mi, origin)
         drawn = places if drawn is None else self._inside(mi, drawn)
-        hit, point, emitted, source, by_light, *sample, start, chosen, weight, by_next, smooth = _arrays(
-            len(origin), *self._meets(power, self._scene, self._positions, places, mi.Vector3f(*_columns(mi, direction)), drawn,
-                                             _uniform(mi, random, 0, LOBE + 3), _single(mi, density), _single(mi, delta)))
+        u, by_ray = shading.uniform(mi, random, 0, LOBE + 3), [shading.single(mi, values) for values in (density, delta)]
+        directions = mi.Vector3f(*shading.columns(mi, direction))
+        with undisturbed():
+            met = self._meets(power, self._scene, pointers(self._scene), self._positions, places, directions, drawn, u, *by_ray)
+        hit, point, emitted, source, by_light, *sample, start, chosen, weight, by_next, smooth = shading.arrays(len(origin), *met)
         return Shading(hit, self._metres(point), emitted, source, by_light, self._light(*sample), self._metres(start), chosen,
                        weight, by_next, ~smooth)
 
     @cached_property
     def _meets(self):
-        """`_met` without what is the same for all rays: Dr.Jit's work to trace and assemble what all kinds of surfaces and lights
-        do was 12 of the 15 ms of a call with few rays."""
+        """`shading.met` without what is the same for all rays: Dr.Jit's work to trace and assemble what all kinds of surfaces and
+        lights do was 12 of the 15 ms of a call with few rays."""
         import drjit as dr
 
         if not (self._scene.shapes() and self._scene.emitters()):
-            return _met  # a recording sees the surfaces and lights of all scenes that there are only if this one has some
-        return dr.freeze(_met, limit=64, warn_after=1 << 30)  # as many rays as an array of the scene is long are recorded anew
+            return shading.met  # a recording sees the surfaces and lights of all scenes that there are only if this one has some
+        # as many rays as an array of the scene is long are recorded anew
+        return dr.freeze(shading.met, limit=64, warn_after=1 << 30)
 
     def _light(self, direction, distance, radiance, density, delta, light):
         distance = np.where(self._infinite[light], FAR, self._metres(distance))
         return LightSample(direction, distance, radiance, density, delta, light)
 
+    @property
+    def light_positions(self):
+        """Of emitters in `light_names`, by Dr.Jit's numbers of them."""
+        return self._positions
+
     def light_number(self, emitter):
         """Positions of emitters in `light_names`; Dr.Jit's 0 is none."""
-        return _number(self._positions, emitter)
+        return shading.light_number(self._positions, emitter)
 
     def _metres(self, inside):
         return inside.astype(float) * self._unit
 
     def _inside(self, mi, point):
-        return mi.Point3f(*_columns(mi, np.asarray(point) / self._unit))
+        return mi.Point3f(*shading.columns(mi, np.asarray(point) / self._unit))
 
     def _ray(self, mi, origin, direction):
-        return mi.Ray3f(self._inside(mi, origin), mi.Vector3f(*_columns(mi, direction)))
-
-
-def _number(positions, emitter):
-    import drjit as dr
-    import mitsuba as mi
-
-    return dr.gather(mi.Int32, positions, dr.reinterpret_array(mi.UInt32, emitter))
-
-
-def _met(power, scene, positions, origin, direction, drawn, random, by_ray, delta):
-    """What `World.shade` gives, as Dr.Jit's arrays, in units of the scene; positions : of emitters in `World.light_names`."""
-    import drjit as dr
-    import mitsuba as mi
-
-    context = mi.BSDFContext(mi.TransportMode.Importance if power else mi.TransportMode.Radiance)
-    si = scene.ray_intersect(mi.Ray3f(origin, direction), ray_flags=mi.RayFlags.All, coherent=False)
-    valid, delta = si.is_valid(), delta > 0
-
-    before = dr.zeros(mi.Interaction3f)
-    before.p = drawn
-    seen = mi.DirectionSample3f(scene, si, before)
-    by_light = scene.pdf_emitter_direction(before, seen, ~delta)
-    emitted = seen.emitter.eval(si) * dr.select(delta, 1, _share(dr, by_ray, by_light))
-
-    bsdf = si.bsdf()
-    sampled = valid & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-    light, radiance = scene.sample_emitter_direction(si, mi.Point2f(*random[:2]), True, sampled)
-    towards = si.to_local(light.d)
-    value, by_bsdf, next_way, weight = bsdf.eval_pdf_sample(context, si, towards, random[LOBE], mi.Point2f(*random[LOBE + 1:]),
-                                                            valid)
-    radiance = radiance * value * dr.select(light.delta, 1, _share(dr, light.pdf, by_bsdf))
-    away = si.spawn_ray(si.to_world(next_way.wo))
-    return (valid, si.p, _finite(emitted), _number(positions, seen.emitter), by_light,
-            light.d, light.dist, _finite(dr.select(sampled, radiance, 0)), light.pdf, light.delta,
-            _number(positions, light.emitter),
-            away.o, away.d, _finite(dr.select(valid, weight, 0)), next_way.pdf,
-            mi.has_flag(next_way.sampled_type, mi.BSDFFlags.Smooth))
-
-
-def _index(bsdf):
-    """Of refraction, as `Shape.index` says."""
-    import mitsuba as mi
-
-    flags, values = bsdf.flags(), mi.traverse(bsdf)
-    if mi.has_flag(flags, mi.BSDFFlags.Null):
-        return None if len(values.keys()) else 1.0  # thin panes and masks have parameters
-    through = any(mi.has_flag(flags, flag) for flag in (mi.BSDFFlags.DeltaTransmission, mi.BSDFFlags.GlossyTransmission))
-    return float(np.array(values["eta"]).ravel()[0]) if through and "eta" in values else None
-
-
-def _specular(bsdf):
-    """As `Shape.specular` says."""
-    import mitsuba as mi
-
-    flags = bsdf.flags()
-    turns = any(mi.has_flag(flags, flag) for flag in (mi.BSDFFlags.DeltaReflection, mi.BSDFFlags.DeltaTransmission))
-    return turns and not mi.has_flag(flags, mi.BSDFFlags.Smooth)
-
-
-def _single(mi, values):
-    """(n,) numbers as Dr.Jit's, which takes NumPy's memory as it is and compiles anew for another alignment: always 64 bytes."""
-    memory = np.empty(4 * len(values) + 64, np.uint8)
-    start = -memory.ctypes.data % 64
-    aligned = memory[start:start + 4 * len(values)].view(np.float32)
-    aligned[:] = values
-    return mi.Float(aligned)
-
-
-def _columns(mi, values):
-    """Columns one by one: a vector made of (3, n) would bake n into the kernel."""
-    return [_single(mi, column) for column in np.asarray(values).T]
-
-
-def _uniform(mi, random, first, count):
-    # what rounds to 1 in single precision is outside of what samplers take
-    return _columns(mi, np.minimum(np.asarray(random)[:, first:first + count], 1 - 2.0**-24))
-
-
-def _share(dr, mine, rival):
-    """The balance heuristic."""
-    total = mine + rival
-    return dr.select(total > 0, mine / total, 0)
-
-
-def _finite(colour):
-    """A weight that overflowed counts as dark, as in `passes.render`: it would blot out its pixel."""
-    import drjit as dr
-
-    return dr.select(dr.all(dr.isfinite(colour)), colour, 0)
-
-
-def _empty(result):
-    """Without its rays: Dr.Jit ends the process over arrays of length 0."""
-    return result[:0] if isinstance(result, np.ndarray) else type(result)(*map(_empty, result))
-
-
-def _arrays(count, *values):
-    """Dr.Jit's arrays as NumPy's, (count,) or (count, 3), all computed by one launch; one number for all rays is repeated."""
-    import drjit as dr
-
-    dr.eval(*values)
-    return [np.stack([_row(count, column) for column in value], axis=1) if dr.depth_v(value) > 1 else _row(count, value)
-            for value in values]
-
-
-def _row(count, value):
-    import drjit as dr
-
-    # of a recording, `World._meets`, a constant has the length of the call that was recorded
-    constant = value.state == dr.VarState.Literal
-    row = np.asarray(value)
-    return np.full(count, row[0]) if constant or len(row) == 1 else row.copy()  # a copy: the memory is Dr.Jit's
+        return mi.Ray3f(self._inside(mi, origin), mi.Vector3f(*shading.columns(mi, direction)))

@@ -27,7 +27,7 @@ class Material(NamedTuple):
         `renderers.materials.particles.medium.Medium` of particles, `renderers.materials.grains._grains.Grains`
     kind : medium, particles or grains
     density : `bakery.kernels.Region` of relative densities, 0 to 1, of a medium that varies; None: it does not
-    body : of a shape of the scene that a medium fills, its `renderers.mitsuba.world.Shape`, with vertices and faces of a solid
+    body : of a shape of the scene that a medium fills, its `renderers.mitsuba.shapes.Shape`, with vertices and faces of a solid
     """
 
     region: Region

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from renderers.materials.grains.paths import first_grain
@@ -49,9 +51,13 @@ def prepare(job, world, seed) -> Method:
         return figures | {"layers": {"material": _of_entries(wavefronts.material_layer(shares[0]), inside)}}
 
     def features():
-        # what is told apart looks like noise: there the picture stays as it is
-        return _features(world, [filled[number].stands for number in inside], spectra.colours, seed)._replace(
-            detail=shares[0][..., explicit].sum(axis=-1))
+        # what is told apart looks like noise: there the network does not see the picture
+        seen = _features(world, [filled[number].stands for number in inside], spectra.colours, seed)
+        packed = [content for content in filled if isinstance(content.what, contents.Grains)]
+        seen = _with_grains(world, packed, spectra.colours, seen) if packed else seen
+        particles = [number for number in explicit if isinstance(materials[number], contents.Particles)]
+        of_grains = 0.0 if seen.detail is None else seen.detail
+        return seen._replace(detail=np.minimum(of_grains + shares[0][..., particles].sum(axis=-1), 1.0))
 
     seen = features if len(materials) <= MOST_IN_A_LOOP else None
     return Method(name, (part,), reasons, after, features=seen, apart=("paths",) if explicit else (), entry=_entry(materials),
@@ -72,6 +78,14 @@ def _features(world, entries, colours, seed):
     from renderers.transport import features
 
     return features.first_hits(world, entries, colours, seed)
+
+
+def _with_grains(world, packed, colours, around):
+    """Features with those of grains, `contents.Content`, in place of what stands for them."""
+    from renderers.materials.grains import features, material
+
+    bodies = [(partial(first_grain, content.what.grains), material.radius_of(content.what.grains)) for content in packed]
+    return features.of_grains(world, bodies, features.albedos([content.stands for content in packed], colours), around)
 
 
 def _of_entries(layer, inside):

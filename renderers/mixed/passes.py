@@ -20,7 +20,11 @@ def part(name, scene, seed) -> Part:
     height, width = scene.world.size
     most = _SAMPLES if scene.world.whole is None else _OF_PILOTS
     samples = max(1, min(most, round(_PATHS / (height * width))))
-    return Part(name, partial(_rendered, scene, (height, width), samples, seed), samples)
+    return _of_samples(name, scene, (height, width), seed, samples)
+
+
+def _of_samples(name, scene, size, seed, samples):
+    return Part(name, partial(_rendered, scene, size, samples, seed), samples, partial(_of_samples, name, scene, size, seed))
 
 
 def _rendered(scene, size, samples, seed, number):

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.metadata
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from renderers import colour
+from renderers.pictures import guided
 from renderers.scene.budget import percent
 
 PACKAGE, EXTRA = "mitsuba-oidn", 'pip install ".[denoise]" in the folder of bakery\'s sources'
@@ -35,12 +37,16 @@ class Features(NamedTuple):
     normal : (H, W, 3) in the scene's axes, turned to the camera; a mean over the pixel, shorter than 1 at edges
     distance : (H, W) m, inf where there is nothing
     detail : (H, W), share of the pixel in which parts of the picture count that are kept from the filter; None: all of it
+    grain, width : (H, W) m, radius of the grain whose surface normal and distance are of, 0 where there is none, and its width in
+        pixels; None: they are not those of the detail
     """
 
     albedo: np.ndarray
     normal: np.ndarray
     distance: np.ndarray
     detail: np.ndarray | None = None
+    grain: np.ndarray | None = None
+    width: np.ndarray | None = None
 
     def channels(self) -> dict[str, np.ndarray]:
         """Of the EXR, by name."""
@@ -58,7 +64,7 @@ class Denoised(NamedTuple):
     channels : (H, W) of the EXR by name
     text : attributes of the files
     figures : `filter` and its version; `features`, names of the layers that it saw; `apart`, parts of the picture that it did
-        not; `mean_change`, of the mean luminance, relative
+        not; `grains`, whether those are filtered grain by grain; `mean_change`, of the mean luminance, relative
     """
 
     rgb: np.ndarray
@@ -108,15 +114,17 @@ def chosen(values, quality, shared) -> tuple[bool, list[str]]:
     return True, [f"the filter leaves blotches of the noise: {shared}"] if shared else []
 
 
-def denoised(parts, apart=(), features=None) -> Denoised:
+def denoised(parts, apart=(), features=None, widened=MappingProxyType({})) -> Denoised:
     """A picture without its noise.
 
     Parameters
     ----------
     parts : by name, what adds up to the picture: pairs of (H, W, 3) linear sRGB and of its variance (H, W, 3), None where that is
         not known
-    apart : names of those that the filter does not see, as it would take their detail for noise
+    apart : names of those that the network does not see, as it would take their detail for noise: grains, whose surfaces the
+        features are of, are filtered by `renderers.pictures.guided`, others stay as they are
     features : `Features`, or None
+    widened : by name, factor of the standard errors within which the network may move values, as few passes tell them
 
     Notes
     -----
@@ -124,16 +132,19 @@ def denoised(parts, apart=(), features=None) -> Denoised:
     that the same picture gives the same bytes.
     """
     rgb = sum(image for image, _ in parts.values())
-    kept = [image for name, (image, _) in parts.items() if name in apart]
-    smoothed = [part for name, part in parts.items() if name not in apart]
+    guides = features is not None and features.grain is not None
+    kept = [guided.smoothed(*part, features) if guides else part[0] for name, part in parts.items() if name in apart]
+    wide = {name: (image, None if variance is None else widened.get(name, 1.0) ** 2 * variance)
+            for name, (image, variance) in parts.items()}
+    smoothed = [part for name, part in wide.items() if name not in apart]
     whole = np.maximum(sum(kept) + (_cleared(smoothed, features) if smoothed else 0.0), 0.0)
     if kept and features is not None and features.detail is not None:
         share = features.detail[..., None]
-        whole = share * whole + (1 - share) * _cleared(list(parts.values()), features)
+        whole = share * whole + (1 - share) * _cleared(list(wide.values()), features)
     before, after = (float(np.mean(np.maximum(image, 0.0) @ colour.LUMINANCE)) for image in (rgb, whole))
     denoiser = f"Open Image Denoise {_version()}"
     figures = {"filter": denoiser, "features": [] if features is None else ["albedo", "normal"], "apart": list(apart),
-               "mean_change": after / before - 1 if before > 0 else 0.0}
+               "grains": bool(kept) and guides, "mean_change": after / before - 1 if before > 0 else 0.0}
     channels = {f"{PREFIX}{name}": whole[..., i] for i, name in enumerate("RGB")}
     return Denoised(whole, channels | ({} if features is None else features.channels()), {TEXT: denoiser}, figures)
 
@@ -143,7 +154,8 @@ def sentence(figures) -> str:
     change = f"{'-' * (figures['mean_change'] < 0)}{percent(abs(figures['mean_change']))}"
     shown = f"the PNG has its noise taken out ({figures['filter']}), which changes the mean by {change}"
     if figures["apart"]:
-        shown += f"; {', '.join(figures['apart'])}, whose detail looks like noise, is not filtered where that is seen"
+        filtered = "filtered grain by grain" if figures["grains"] else "not filtered"
+        shown += f"; {', '.join(figures['apart'])}, whose detail looks like noise, is {filtered} where that is seen"
     return f"{shown}; noise is that of R, G and B of the EXR, which are not filtered, and not the error of what is shown"
 
 

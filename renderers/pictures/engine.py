@@ -27,6 +27,7 @@ TRUSTED, _TRUSTED_SHARED = 4, 8
 _DARK = 32  # passes that have to be black for a picture to be so: chance may find a lamp late
 # Of the time: every part gets it, also one that found nothing yet and hence seems to be without noise.
 _SHARE = 0.05
+_SECONDS = 16.0  # of passes: shorter renders have smaller ones
 
 
 @dataclass(frozen=True)
@@ -67,11 +68,34 @@ class Part(NamedTuple):
     render : function of the pass (0, 1, ...), on which alone its random numbers depend; gives layers (H, W, 3) of linear sRGB by
         name, of which "" is the picture.  An interruption waits for its end: some seconds at most
     samples : a pixel and pass
+    fewer : function of a number of samples, which gives the same part by passes of that many; None: they cannot be smaller
     """
 
     name: str
     render: Callable[[int], dict[str, np.ndarray]]
     samples: int = 1
+    fewer: Callable[[int], Part] | None = None
+
+
+def in_time(parts, seconds) -> tuple[Part, ...]:
+    """Parts whose passes are as much smaller as a render is shorter than some seconds.
+
+    Two passes of each have to end however short the time is, and a pass takes seconds.  What a scene asks for decides, and no
+    clock: the passes of a picture are the same on every machine.
+
+    seconds : of all passes; None: as many as it takes
+    """
+    if seconds is None or seconds >= _SECONDS:
+        return tuple(parts)
+    return tuple(part.fewer(1 << max(0, int(part.samples * seconds / _SECONDS).bit_length() - 1)) if part.fewer else part
+                 for part in parts)
+
+
+def rendered_here(part, number):
+    """Layers of a pass of a part, and the seconds that it took."""
+    start = time.monotonic()
+    layers = part.render(number)
+    return layers, time.monotonic() - start
 
 
 class Passes:
@@ -151,9 +175,9 @@ class Passes:
     @property
     def samples(self):
         """A pixel, in the part that has fewest."""
-        return min(part.samples * self.means[part.name].count for part in self.parts)
+        return min(self.means[part.name].samples for part in self.parts)
 
-    def run(self, stop, progress=None, observer=None):
+    def run(self, stop, progress=None, observer=None, draw=None):
         """Renders passes until `stop`, or until SIGINT or SIGTERM; the same signal again ends the process at once.
 
         Parameters
@@ -180,15 +204,15 @@ class Passes:
                 if self.stopped_by:
                     self.unreached = self._what_missed(stop)
                     break
-                start, mean = time.monotonic(), self.means[part.name]
-                mean.add(part.render(mean.count), time.monotonic() - start)
+                mean = self.means[part.name]
+                mean.add(*(draw or rendered_here)(part, mean.count), part.samples)
         self.signal = arrived[0] if arrived else 0
 
     def _next(self, stop):
         """The part whose pass is next; None where all have their samples."""
         means = [self.means[part.name] for part in self.parts]
         unfinished = [(mean, part) for mean, part in zip(means, self.parts)
-                if mean.count < LEAST or stop.samples is None or mean.count * part.samples < stop.samples]
+                if mean.count < LEAST or stop.samples is None or mean.samples < stop.samples]
         unknown = [(mean, part) for mean, part in unfinished if mean.count < LEAST or math.isinf(mean.seconds)]
         if unknown or not unfinished:
             return min(unknown, key=lambda candidate: candidate[0].count, default=(None, None))[1]
@@ -239,7 +263,7 @@ class Passes:
         if stop.noise and noise is not None and work > 0:
             ends.append(pace * work * ((noise / stop.noise) ** 2 - 1))
         if stop.samples is not None and work > 0:
-            ends.append(pace * sum(max(0, math.ceil(stop.samples / samples) - mean.count) * mean.expected
+            ends.append(pace * sum(max(0, math.ceil((stop.samples - mean.samples) / samples)) * mean.expected
                                    for mean, samples in passes))
         least = pace * sum(max(0, LEAST - mean.count) * mean.expected for mean, _ in passes)
         return max(least, min(ends)) if ends else None

@@ -25,6 +25,7 @@ class Mean:
     Attributes
     ----------
     count : passes
+    samples : of a pixel, in all of them
     layers : (H, W, 3) by name, means; but for the layer "" in single precision, as the EXR has them
     square : (H, W, 4), squared distances of the passes from their mean, added up, of R, G, B and luminance of the layer ""
     spread : (4,), the same of the mean over all pixels: noise that pixels of a pass share is in it
@@ -36,11 +37,12 @@ class Mean:
 
     def __init__(self):
         self.count, self.layers, self.square, self.spread, self.regions = 0, {}, 0.0, np.zeros(4), 0.0
-        self.lost, self.seconds, self.resumed = 0, math.inf, 0
+        self.samples, self.lost, self.seconds, self.resumed = 0, 0, math.inf, 0
 
-    def add(self, layers, seconds=math.inf):
-        """One more pass; a layer that it lacks is black in it."""
+    def add(self, layers, seconds=math.inf, samples=1):
+        """One more pass, of so many samples a pixel; a layer that it lacks is black in it."""
         self.count += 1
+        self.samples += samples
         self.seconds = min(self.seconds, seconds)
         for name in dict.fromkeys([*self.layers, *layers]):
             image, mean = np.array(layers.get(name, 0.0), float), self.layers.get(name, 0.0)

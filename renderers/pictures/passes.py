@@ -6,15 +6,18 @@ Each of these renderers has a `prepare`, which makes a `Method` of a scene.
 
 from __future__ import annotations
 
+import dataclasses
 import gc
 import math
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import NamedTuple
 
 from renderers import choice
 from renderers.mitsuba.lights import DARK
 from renderers.mitsuba.world import World
 from renderers.pictures import denoise, images, reached, running
+from renderers.pictures.engine import in_time
 from renderers.pictures.means import student, tiled
 from renderers.pictures.progressive import Estimate, Part, Stop, fingerprint, made_of
 from renderers.pictures.running import Render
@@ -53,7 +56,7 @@ class Method(NamedTuple):
 
 
 def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None, overwrite=False,
-           resume=False) -> dict:
+           resume=False, elsewhere=None) -> dict:
     """Renders a scene of materials to a PNG and an EXR file beside each other.
 
     Parameters
@@ -67,6 +70,8 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     progress : function of (fraction 0 to 1, noise or None)
     overwrite : replace also files that are no such pictures; never one that the scene reads
     resume : go on with the passes in the EXR file
+    elsewhere : function of the `Rendering` whose context is what renders its passes: `renderers.cluster.passes.workers(cluster)`;
+        None: this process does
 
     Returns
     -------
@@ -91,7 +96,8 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     """
     rendering = Rendering(Render(scene, output, overrides=overrides, quality=quality, overwrite=overwrite, progress=progress),
                           variant, seed, resume)
-    rendering.run()
+    with elsewhere(rendering) if elsewhere else nullcontext() as draw:
+        rendering.run(draw=draw)
     return rendering.finish()
 
 
@@ -113,6 +119,7 @@ class Rendering:
     estimate : `Estimate`, the passes so far
     stop : `Stop`, what ends them
     reasons : sentences, how the method was chosen and what it leaves out
+    seed : of the passes
     denoised : `renderers.pictures.denoise.Denoised` of the picture that was written, None where there is none
     """
 
@@ -125,7 +132,7 @@ class Rendering:
         begins : function of the name of a part that begins: `choice` of the method, `preparation`; None: nobody asks
         """
         begins = begins or (lambda name: None)
-        self.job, scene, seed = job, job.scene, seed or 0
+        self.job, scene, self.seed = job, job.scene, seed or 0
         self._world = world = World.of(scene, variant)
         if world.camera is None:
             raise scene.no_camera()
@@ -137,13 +144,14 @@ class Rendering:
         self._taken = taken = scene.choice or choice.chosen(scene.prepare, opened, world, job.quality, earlier)
         if taken is not None:
             job.part_over("choice")
-            job.scene = choice.applied(scene, taken)
+            job.scene = dataclasses.replace(choice.applied(scene, taken), choice=taken)
         begins("preparation")
-        self.method = scene.prepare(job, world, seed)
+        self.method = scene.prepare(job, world, self.seed)
         job.part_over("preparation")
-        identity = {"scene": fingerprint(*made_of(scene)), "seed": seed, "size": list(world.size),
+        identity = {"scene": fingerprint(*made_of(scene)), "seed": self.seed, "size": list(world.size),
                     "asset": [asset.content_hash for asset in job.assets]}
-        self.estimate = Estimate(self.method.parts, identity)
+        parts = in_time(self.method.parts, reached.limit(job.scene.values.stop.time, job.quality))
+        self.estimate = Estimate(parts, identity)
         if resume:
             self.estimate.resume(job.pair[1])
         self.stop, self.reasons = self._stop()
@@ -168,9 +176,9 @@ class Rendering:
         """Of Mitsuba."""
         return self._world.variant
 
-    def run(self, observer=None):
-        """Renders passes; observer : as `renderers.pictures.engine.Passes.run` takes it."""
-        self.estimate.run(self.stop, self.job.progress(0.05, 0.98), observer)
+    def run(self, observer=None, draw=None):
+        """Renders passes; observer, draw : as `renderers.pictures.engine.Passes.run` takes them."""
+        self.estimate.run(self.stop, self.job.progress(0.05, 0.98), observer, draw)
 
     def cleared(self, features=None):
         """The picture so far as `renderers.pictures.denoise.Denoised`, None where its noise stays, and sentences.
@@ -207,14 +215,11 @@ def _denoised(values, quality, method, estimate, features):
         return None, sentences
     if method.features is None and set(estimate.means) <= set(method.apart):
         return None, [f"the noise is not taken out: a filter takes the detail of method {method.name} for noise"]
-    parts = {name: (mean.layers[""], _variance(mean)) for name, mean in estimate.means.items()}
-    smoothed = denoise.denoised(parts, [name for name in parts if name in method.apart], features and features())
+    parts = {name: (mean.layers[""], None if mean.variance is None else mean.variance[..., :3])
+             for name, mean in estimate.means.items()}
+    widened = {name: student([1.0], [mean.count]) for name, mean in estimate.means.items() if mean.variance is not None}
+    smoothed = denoise.denoised(parts, [name for name in parts if name in method.apart], features and features(), widened)
     return smoothed, [*sentences, denoise.sentence(smoothed.figures)]
-
-
-def _variance(mean):
-    """(H, W, 3) as far as so few passes tell it; None after one."""
-    return None if mean.variance is None else mean.variance[..., :3] * student([1.0], [mean.count]) ** 2
 
 
 def _shared(estimate) -> str:

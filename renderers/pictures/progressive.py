@@ -81,8 +81,9 @@ class Estimate(Passes):
         """
         if not all(mean.count for mean in self.means.values()):
             raise self._interrupted("before there was a picture; nothing was written")
-        kept = {name: {"passes": mean.count, "layers": list(mean.layers), "lost": mean.lost, "spread": mean.spread.tolist(),
-                       "regions": np.array(mean.regions, float).tolist()} for name, mean in self.means.items()}
+        kept = {name: {"passes": mean.count, "samples": mean.samples, "layers": list(mean.layers), "lost": mean.lost,
+                       "spread": mean.spread.tolist(), "regions": np.array(mean.regions, float).tolist()}
+                for name, mean in self.means.items()}
         error = _error_of_mean(kept)
         lost = sum(mean.lost for mean in self.means.values())
         channels = self.layers() | (layers or {})
@@ -141,12 +142,14 @@ class Estimate(Passes):
         stored, expected = ({"parts": list(parts)} | identity for parts, identity in
                          ((state["parts"], state["identity"]), (self.means, self.identity)))
         differing = sorted(key for key in stored.keys() | expected.keys() if stored.get(key) != expected.get(key))
+        of_pass = {part.name: part.samples for part in self.parts}
         for name, mean in self.means.items() if not differing else ():
             prefix, part = self._prefix(name), state["parts"][name]
             whole = prefix or signed.estimate_of(channels)
             mean.count, mean.lost, mean.spread = int(part["passes"]), int(part["lost"]), _spread(part)
-            mean.resumed = mean.count
-            if not (0 < mean.count < _MOST and mean.lost >= 0):
+            # files of before passes had several sizes do not say
+            mean.resumed, mean.samples = mean.count, int(part.get("samples", mean.count * of_pass[name]))
+            if not (0 < mean.count < _MOST and mean.lost >= 0 and mean.count <= mean.samples < _MOST):
                 raise ValueError("numbers of passes that nobody renders")
             mean.layers = {layer: _image(channels, _joined(prefix, layer) or whole) for layer in part["layers"]}
             if mean.count >= LEAST:

@@ -26,7 +26,8 @@ def render(path, output=None, numbers=None, *, overrides=None, options=None, ove
     options : dict of `quality`, `variant` and `seed`, where they are given, as renderers take them
     resume : go on with the passes of frames that are not finished
     progress : `bakery.run.progress.Progress`, or None
-    cluster : `bakery.run.dask.Cluster` whose workers render; None: this process does
+    cluster : `bakery.run.dask.Cluster` whose workers render frames, or passes where frames are fewer than workers; None: this
+        process does
 
     Returns
     -------
@@ -100,7 +101,9 @@ def _rows(sequence, resume, progress, cluster):
             due.append(frame)
         else:
             yield frame.number, row
-    draw = rendered.locally if cluster is None else rendered.on_cluster
+    # frames travel less than their passes do, but few frames leave workers without work
+    shared = cluster is not None and len(due) >= sum(cluster.threads.values())
+    draw = rendered.on_cluster if shared else rendered.one_by_one
     yield from draw(sequence, due, resume, progress, cluster)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Sequence as Several
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,13 +15,13 @@ from bakery.errors import Problem, RecipeError, UsageError
 from renderers import choice, scene
 from renderers.pictures import denoise, running
 from renderers.pictures.progressive import fingerprint, made_of
+from renderers.pictures.versions import versions
 from renderers.scene import assets, candidates
 from renderers.scene.frames import NOISE
 from renderers.sequence import outputs
 
 MEASURED = 3  # frames that say what an asset has to hold: the first, the last, and between
 CHECKED = 500  # frames of sequences that are checked whole, a second for 100; of longer ones those that are asked for
-_LIBRARIES = ("mitsuba", "drjit", "numba", "numpy", "scipy", denoise.PACKAGE)
 
 
 class Frame(NamedTuple):
@@ -159,18 +158,6 @@ def variant_of(variant) -> str:
     from renderers.mitsuba import variants
 
     return variant or variants.choose("rgb").names[0]
-
-
-def versions() -> dict[str, str]:
-    """Of what decides the bytes of a picture."""
-    return {"bakery": bakery.__version__} | {name: _version(name) for name in _LIBRARIES}
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return ""
 
 
 class _Marks:

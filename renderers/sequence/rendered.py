@@ -1,4 +1,4 @@
-"""Frames that have to be rendered: one after the other here, or on the workers of a cluster."""
+"""Frames that have to be rendered: one after the other, or many at a time on the workers of a cluster."""
 
 from __future__ import annotations
 
@@ -7,30 +7,38 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from bakery.errors import BakeryError
+from renderers.cluster import files
+from renderers.cluster.passes import workers
 from renderers.pictures import images
+from renderers.pictures.versions import versions
 from renderers.sequence import far, kept
 from renderers.sequence.frame import drawn
-from renderers.sequence.prepared import variant_of, versions
+from renderers.sequence.prepared import variant_of
 
 
-def locally(sequence, frames, resume, progress, _cluster=None) -> Iterator[tuple[int, dict]]:
-    """(number, row of the report) of each frame; arguments as of `renderers.sequence.render`."""
+def one_by_one(sequence, frames, resume, progress, cluster) -> Iterator[tuple[int, dict]]:
+    """(number, row of the report) of each frame, one after the other; arguments as of `renderers.sequence.render`.
+
+    Workers of a cluster share the passes of each frame, where its renderer goes by passes.
+    """
     for position, frame in enumerate(frames):
         progress.stage(f"frame {frame.number}", f"{position + 1} of {len(frames)}", 0.0, 0.0)
         began = time.monotonic()
-        report, resumed = drawn(frame.scene, frame.pair[0], frame.options | {"overwrite": sequence.overwrite},
+        options = frame.options | {"overwrite": sequence.overwrite}
+        options |= {"elsewhere": workers(cluster)} if cluster is not None and frame.scene.rules.RESUMES else {}
+        report, resumed = drawn(frame.scene, frame.pair[0], options,
                                 resume and frame.pair[1].is_file(), progress.update)
         yield frame.number, kept.of(frame, report, "resumed" if resumed else "rendered", time.monotonic() - began)
 
 
 def on_cluster(sequence, frames, resume, progress, cluster) -> Iterator[tuple[int, dict]]:
-    """The same on the workers of a `bakery.run.dask.Cluster`: pictures come back as bytes, and are written here."""
+    """The same, a frame a worker of a `bakery.run.dask.Cluster`: pictures come back as bytes, and are written here."""
     if not frames:
         return
     common, besides = far.bundles(frames)
     progress.stage(f"{len(frames)} frames", "on the cluster", 0.0, 0.0)
-    tasks = [far.Task(frame.number, str(frame.scene.path), sequence.settings, _options(frame), _handed(frame.scene), versions(),
-                      frame.pair[1].read_bytes() if resume and frame.pair[1].is_file() else None) for frame in frames]
+    tasks = [far.Task(frame.number, str(frame.scene.path), sequence.settings, _options(frame), files.handed(frame.scene),
+                      versions(), frame.pair[1].read_bytes() if resume and frame.pair[1].is_file() else None) for frame in frames]
     finished = 0
     for position, answer in cluster.arriving(far.rendered, [common] * len(frames), besides, tasks):
         if answer.fault:
@@ -45,11 +53,6 @@ def on_cluster(sequence, frames, resume, progress, cluster) -> Iterator[tuple[in
 def _options(frame) -> dict:
     """As the renderer takes them, with the variant that would render here: another one has other bytes.  Filters take none."""
     return frame.options | ({"variant": variant_of(frame.options["variant"])} if frame.scene.rules.RESUMES else {})
-
-
-def _handed(scene) -> dict:
-    """What a frame's scene has besides what its file says."""
-    return {"assets": [str(path) for path in scene.assets], "share": scene.share, "mark": scene.mark, "choice": scene.choice}
 
 
 def _fault(number, answer) -> BakeryError:

@@ -17,6 +17,7 @@ from renderers.pictures.denoise import Features
 from renderers.transport import loop
 from renderers.transport.passes import halves
 from renderers.transport.scene import Scene
+from renderers.transport.strata import Strata
 
 import mitsuba as mi  # isort: skip
 
@@ -64,8 +65,10 @@ def first_hits(world, entries, colours, seed, samples=SAMPLES) -> Features:
 
 
 def _first_hits(scene, key, pixels, samples) -> _Shown:
-    *_, path = loop.begin(scene, key, pixels, samples)
-    width = dr.width(path.alive)
+    number, width = dr.arange(mi.UInt32, pixels * samples), pixels * samples
+    pixel = number // dr.opaque(mi.UInt32, samples)
+    strata = Strata.of(key, samples)
+    path = loop.begin(scene, strata.key, strata, pixel, strata.count, number)
     shown = _Shown(dr.zeros(mi.Color3f, width), dr.zeros(mi.Vector3f, width), dr.zeros(mi.Float, width),
                    dr.zeros(mi.UInt32, width))
     return dr.while_loop((path, shown), lambda path, shown: path.alive, lambda path, shown: _turn(scene, path, shown),

@@ -1,15 +1,18 @@
 """Light samples of lamps through smooth boundaries of bodies (manifold next-event estimation).
 
-A scattering in a body draws a point on a lamp, and `manifold` the place on the boundary where its light is refracted towards the
-scattering; where there are panes, `refractions` the way through these and the boundary.  A path that went that way by chance
-would have been found so if the walk from its scattering to the point of the lamp ends where it came through: then both share by
-the balance heuristic of their densities, else it counts alone.  So nothing is lost where walks end nowhere, or at one of several
-places.
+A scattering in a body draws a point on a lamp, and `manifold` finds the place on the boundary where its light is refracted
+towards the scattering; where there are panes, `refractions` the way through these and the boundary.  A path that went that way by
+chance would have been found so if the walk from its scattering to the point of the lamp ends where it came through: then both
+share by the balance heuristic of their densities, else it counts alone.  So nothing is lost where walks end nowhere, or at one of
+several places.
+
+Walks wait until all paths of a pass are over: in the loop a packet would wait for the few of its paths that walk.  Each lane
+keeps records of scatterings and of lamps that its paths have met.  Where there is no more room for them no lamp is looked for,
+and what paths meet by chance counts in full.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import drjit as dr
@@ -24,11 +27,9 @@ from renderers.transport.skies import Sky
 
 import mitsuba as mi  # isort: skip
 
-# a lamp is looked for with exp(-s) times this and the phase function, at most 1, s mean free paths from where the straight way to
-# it leaves the body.  Variance times time of all light, 0.5 and 2 over 1: 1.00 and 1.11 (glass of milk), 0.99 and 1.02 (candle),
-# 0.96 and 1.05 (head), 0.94 and 1.03 (bumpy ball); without the phase function 1.1 in the glass of milk
-_SURE = 1.0
-_EVEN = 0.1  # in place of so much of the phase function: light comes in by another direction than the straight one
+# records of a lane: scatterings from which lamps are looked for, and lamps met, for each path, and at least.  In a glass of milk
+# a path of the camera has half a scattering and a twentieth of a lamp
+_LOOKED, _MET = (2.0, 8), (0.25, 2)
 _SHORT = 1e-3  # of the distance to a lamp: the ray that meets it begins so far before the point
 
 
@@ -46,6 +47,94 @@ class Departure:
     medium: mi.UInt32
     density: mi.Float
     turned: mi.Bool
+
+
+@dataclass
+class Counts:
+    """How many records of `Looked` and `Met` lanes have, by their numbers."""
+
+    lane: mi.UInt32
+    looked: mi.UInt32
+    met: mi.UInt32
+
+
+@dataclass
+class Looked:
+    """Scatterings from which lamps are looked for.
+
+    number, inside, order, throughput : of the path there;  event, before, medium : as of a `Departure`
+    lamp, u, v : which of all lamps, and numbers for a point on it
+    """
+
+    number: mi.UInt32
+    event: mi.Point3f
+    before: mi.Vector3f
+    medium: mi.UInt32
+    inside: mi.UInt32
+    order: mi.UInt32
+    throughput: list
+    lamp: mi.UInt32
+    u: mi.Float
+    v: mi.Float
+
+
+@dataclass
+class Met:
+    """Lamps that paths have met by single directions after scatterings.
+
+    number, inside, order : of the path;  event, before, medium, density : as of a `Departure`
+    drawn : where it came from;  lamp : which of all;  point, normal : there;  light : linear sRGB
+    """
+
+    number: mi.UInt32
+    event: mi.Point3f
+    before: mi.Vector3f
+    medium: mi.UInt32
+    density: mi.Float
+    inside: mi.UInt32
+    order: mi.UInt32
+    drawn: mi.Point3f
+    lamp: mi.UInt32
+    point: mi.Point3f
+    normal: mi.Vector3f
+    light: list
+
+
+class Records:
+    """Of lanes that follow so many paths each."""
+
+    def __init__(self, lanes, paths, waves):
+        """waves : wavelengths"""
+        looked, met = (max(int(share * paths), least) for share, least in (_LOOKED, _MET))
+        self.looked, self.met = _arrays(Looked, looked * lanes, waves), _arrays(Met, met * lanes, 3)
+        self._room_looked, self._room_met = (dr.opaque(mi.UInt32, room) for room in (looked, met))
+        self._lanes, self._ends = lanes, dr.zeros(mi.UInt32, 2 * lanes)
+
+    def has_room(self, counts):
+        return (counts.looked < self._room_looked) & (counts.met < self._room_met)
+
+    def look(self, counts, record, active):
+        """Keeps a `Looked`."""
+        _scatter(self.looked, record, counts.lane * self._room_looked + counts.looked, active)
+        counts.looked += dr.select(active, mi.UInt32(1), mi.UInt32(0))
+        dr.scatter(self._ends, counts.looked, 2 * counts.lane, active)
+
+    def meet(self, counts, record, active):
+        """Keeps a `Met`."""
+        _scatter(self.met, record, counts.lane * self._room_met + counts.met, active)
+        counts.met += dr.select(active, mi.UInt32(1), mi.UInt32(0))
+        dr.scatter(self._ends, counts.met, 2 * counts.lane + 1, active)
+
+    def kept(self):
+        """All `Looked`, and all `Met`; None where there are none."""
+        dr.eval(self.looked, self.met, self._ends)
+        both = []
+        for kind, (arrays, room) in enumerate(((self.looked, self._room_looked), (self.met, self._room_met))):
+            index = dr.arange(mi.UInt32, dr.width(arrays.number))
+            lane = index // room
+            index = dr.compress(index - lane * room < dr.gather(mi.UInt32, self._ends, 2 * lane + kind))
+            both.append(_gather(arrays, index) if dr.width(index) else None)
+        return both
 
 
 class Lamps:
@@ -79,77 +168,102 @@ class Lamps:
     @staticmethod
     def none(width):
         """`Departure` of paths that have not scattered."""
-        return Departure(dr.zeros(mi.Point3f, width), dr.zeros(mi.Vector3f, width), dr.zeros(mi.UInt32, width),
-                         dr.zeros(mi.Float, width), dr.full(mi.Bool, False, width))
+        return dr.zeros(Departure, width)
 
-    def departed(self, departure, event, before, sample, density):
-        """`Departure` of paths that go on from an event, to which they came by directions `before`, by a sample of the BSDF or
-        with density (1/sr) of a scattering."""
-        shades = event.meets & ~event.crosses
-        # through panes only refractions turn what still counts as found by a light sample
-        further = ~departure.turned if self._refractions is None else True
-        refracted = shades & further & mi.has_flag(sample.sampled_type, mi.BSDFFlags.DeltaTransmission)
-        kept = dr.select(shades & ~refracted, 0, departure.density)
-        drawn = dr.gather(mi.Float, self._sigma, event.medium) > 0
-        begins = dr.select(drawn, density, 0)
-        return Departure(dr.select(event.scatters, event.position, departure.event),
-                         dr.select(event.scatters, before, departure.before),
-                         dr.select(event.scatters, event.medium, departure.medium), dr.select(event.scatters, begins, kept),
-                         ~event.scatters & (departure.turned | shades))
+    def records(self, lanes, paths):
+        """`Records` of lanes that follow so many paths each, and their `Counts`."""
+        none = dr.zeros(mi.UInt32, lanes)
+        return Records(lanes, paths, self._scene.waves), Counts(dr.arange(mi.UInt32, lanes), none, mi.UInt32(none))
 
-    def connected(self, path, event):
-        """Light of lamps drawn from scatterings, linear sRGB, their emitters, and which share of light met by chance counts."""
-        surface, departure = event.surface, path.departure
-        u = [path.random.next_float32() for _ in range(3 + (len(self._cumulated) > 0))]
-        lamp_ahead = self._ahead(event)
-        arrives = departure.turned & (departure.density > 0) & (lamp_ahead > 0)
-        medium = dr.select(arrives, departure.medium, event.medium)
+    def departs(self, path, medium, position, density, active, records):
+        """Changes departures of paths that scatter at positions, and go on with density (1/sr); some keep a record."""
+        departure, random = path.departure, path.random
         sigma = dr.gather(mi.Float, self._sigma, medium)
-        starts = event.scatters & (sigma > 0)
-        lamp = dr.select(arrives, lamp_ahead - 1, self._drawn(u[-1]))
-        x = dr.select(arrives, departure.event, event.position)
-        distance = self._distances.of(x, lamp, starts | arrives)
-        y = self._points(path, event, lamp, x, mi.Point2f(u[1], u[2]), starts)
-        before = dr.select(arrives, departure.before, path.direction)
-        phase = self._scene.media.phase(medium, 0.5 * dr.squared_norm(dr.normalize(y - x) - before))
-        chance = _chance(sigma * distance, media.total(phase) / len(phase))
-        starts &= u[0] < chance
-        walk = (self._refractions or self._manifold).walk(x, y, starts | arrives)
+        looks = active & (sigma > 0) & records.has_room(path.counts)
+        density = dr.select(looks, density, 0)
+        departure.event, departure.before, departure.medium, departure.density = (
+            dr.select(active, after, before) for after, before in (
+                (position, departure.event), (path.direction, departure.before), (medium, departure.medium),
+                (density, departure.density)))
+        departure.turned &= ~active
+        u, first, second = (random.next_float32() for _ in range(3))
+        lamp = self._drawn(random.next_float32()) if self._cumulated else dr.zeros(mi.UInt32, dr.width(u))
+        record = Looked(path.number, position, path.direction, medium, path.inside, path.order, path.throughput, lamp, first,
+                        second)
+        records.look(path.counts, record, looks & (u < self._chance(sigma, position, lamp, looks)))
 
-        def ends(walk):
-            bend, through = walk, walk.ends
-            if self._refractions is None:
-                bend = self._manifold.bend(walk.row, walk.uv, x, y)
-                through &= refracts(bend)
-            else:  # media between panes are not looked for, by light samples (`_passed`) as here
-                through &= ~arrives | (bend.boundaries == 1) | (path.inside == 0)
-            density, normal = chance * self._densities(lamp, x, y), surface.n
-            if self._sky:
-                normal = dr.select(event.misses, -path.direction, normal)
-            by_chance, by_sample = departure.density * bend.likely(), density / bend.solid_angle(normal)
-            share = dr.select(arrives & through & bend.is_at(path.drawn), by_chance / (by_chance + by_sample), 1)
-            return self._sampled(path, event, lamp, density, bend, starts & through, y), share
+    def turned(self, path, sample, shades):
+        """Changes departures of paths that a surface has turned, by a sample of the BSDF."""
+        # through panes only refractions turn what still counts as found by a light sample
+        further = ~path.departure.turned if self._refractions is None else True
+        refracted = further & mi.has_flag(sample.sampled_type, mi.BSDFFlags.DeltaTransmission)
+        path.departure.density = dr.select(shades & ~refracted, 0, path.departure.density)
+        path.departure.turned |= shades
 
-        def ends_nowhere(walk):
-            width = dr.width(walk.ends)
-            return [dr.zeros(mi.Float, width) for _ in range(3)], dr.full(mi.Float, 1, width)
+    def meets(self, path, event, light, records):
+        """Light of lamps that paths meet, without what light samples might have found, of which records are kept."""
+        departure, lamp_ahead = path.departure, self._ahead(event)
+        arrives = departure.turned & (departure.density > 0) & (lamp_ahead > 0) & path.single
+        point, normal = event.surface.p, event.surface.n
+        if self._sky:
+            point = dr.select(event.misses, self._sky.reached(departure.event, path.drawn, path.direction), point)
+            normal = dr.select(event.misses, -path.direction, normal)
+        record = Met(path.number, departure.event, departure.before, departure.medium, departure.density, path.inside, path.order,
+                     path.drawn, lamp_ahead - 1, point, normal, light)
+        records.meet(path.counts, record, arrives)
+        return [dr.select(arrives, 0, value) for value in light]
 
-        light, share = dr.if_stmt((walk,), walk.ends, ends, ends_nowhere, label="refracted light")
-        return light, dr.gather(mi.EmitterPtr, self._emitters, lamp), share
+    def light(self, records):
+        """What records come to: numbers (n,) of paths, orders (n,), emitters (n,) by their numbers, and light (n, 3)."""
+        looked, met = records.kept()
+        if looked is not None:
+            yield self._columns(looked, self._light(looked))
+        if met is not None:
+            share = self._share(met)
+            yield self._columns(met, [value * share for value in met.light])
+
+    def _columns(self, record, light):
+        emitter = self._scene.light_number(dr.gather(mi.EmitterPtr, self._emitters, record.lamp))
+        dr.eval(record.number, record.order, emitter, light)
+        columns = [np.asarray(column) for column in (record.number, record.order, emitter, *light)]
+        return *columns[:3], np.stack(columns[3:], axis=1)
+
+    def _walk(self, x, y):
+        """Ways from scatterings to points on lamps, and whether they end there."""
+        active = dr.full(mi.Bool, True, dr.width(x))
+        if self._refractions is not None:
+            walk = self._refractions.walk(x, y, active)
+            return walk, walk.ends
+        walk = self._manifold.walk(x, y, active)
+        bend = self._manifold.bend(walk.row, walk.uv, x, y)
+        return bend, walk.ends & refracts(bend)
+
+    def _share(self, met):
+        """Which share counts of light met by chance."""
+        bend, through = self._walk(met.event, met.point)
+        if self._refractions is not None:  # media between panes are not looked for, by light samples (`_passed`) as here
+            through &= (bend.boundaries == 1) | (met.inside == 0)
+        sigma = dr.gather(mi.Float, self._sigma, met.medium)
+        density = self._chance(sigma, met.event, met.lamp, through) * self._densities(met.lamp, met.event, met.point)
+        by_chance, by_sample = met.density * bend.likely(), density / bend.solid_angle(met.normal)
+        return dr.select(through & bend.is_at(met.drawn), by_chance / (by_chance + by_sample), 1)
+
+    def _chance(self, sigma, x, lamp, active):
+        """That a lamp is looked for from x: exp(-s), s mean free paths from where the straight way to it leaves the body."""
+        return dr.exp(-sigma * self._distances.of(x, lamp, active))
 
     def _ahead(self, event):
         """Lamps that paths meet, from 1; 0 of other surfaces."""
         ahead = dr.gather(mi.UInt32, self._from_one, dr.reinterpret_array(mi.UInt32, event.surface.shape), event.meets)
         return dr.select(event.misses, mi.UInt32(dr.width(self._is_sky)), ahead) if self._sky else ahead
 
-    def _points(self, path, event, lamp, x, u, starts):
-        """On lamps: drawn for paths that `starts`, or where others have met them."""
-        shape = dr.gather(mi.ShapePtr, self._shapes, lamp, starts)
-        drawn, reached = shape.sample_position(0.0, u, starts).p, event.surface.p
+    def _drawn_points(self, lamp, x, u, active):
+        """On lamps, for points x."""
+        drawn = dr.gather(mi.ShapePtr, self._shapes, lamp, active).sample_position(0.0, u, active).p
         if self._sky:
-            drawn = dr.select(dr.gather(mi.UInt32, self._is_sky, lamp) > 0, self._sky.drawn(x, u, starts), drawn)
-            reached = dr.select(event.misses, self._sky.reached(x, path.drawn, path.direction), reached)
-        return dr.select(starts, drawn, reached)
+            is_sky = active & (dr.gather(mi.UInt32, self._is_sky, lamp) > 0)
+            drawn = dr.select(is_sky, self._sky.drawn(x, u, is_sky), drawn)
+        return drawn
 
     def _densities(self, lamp, x, y):
         """Of points y on lamps, drawn from x, one over the area."""
@@ -180,41 +294,69 @@ class Lamps:
             normal = dr.select(is_sky, -bend.outward, normal)
         return radiance, normal
 
-    def _sampled(self, path, event, lamp, density, bend, active, point):
-        """Light of points on lamps, drawn with density (one over the area), through the boundary to scatterings."""
+    def _light(self, looked):
+        """Light of points on lamps through the boundary to scatterings."""
         scene = self._scene
-        radiance, normal = self._shining(lamp, bend, point, active)
+        point = self._drawn_points(looked.lamp, looked.event, mi.Point2f(looked.u, looked.v), True)
+        bend, active = self._walk(looked.event, point)
+        radiance, normal = self._shining(looked.lamp, bend, point, active)
         active &= dr.any(radiance > 0)
-        weights = media.product(path.throughput, scene.media.albedo(event.medium))
-        phase = scene.media.phase(event.medium, 0.5 * dr.squared_norm(bend.inward + path.direction))
+        weights = media.product(looked.throughput, scene.media.albedo(looked.medium))
+        phase = scene.media.phase(looked.medium, 0.5 * dr.squared_norm(bend.inward + looked.before))
+        sigma = dr.gather(mi.Float, self._sigma, looked.medium)
+        density = self._chance(sigma, looked.event, looked.lamp, active) * self._densities(looked.lamp, looked.event, point)
         by_chance, by_sample = media.mean(weights, phase) * bend.likely(), density / bend.solid_angle(normal)
         radiance *= bend.passes() / (by_chance + by_sample)
-        passed = self._passed(path, event, bend, point, active)
+        passed = self._passed(looked, bend, point, active)
         return scene.seen([w * p * t for w, p, t in zip(weights, phase, passed)], radiance, active)
 
-    def _passed(self, path, event, bend, point, active):
+    def _passed(self, looked, bend, point, active):
         """What media and surfaces leave of light on both parts of its way."""
         scene = self._scene
         at_boundary = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), bend.point, bend.normal)
-        inside = scene.boundaries.outside(bend.point, bend.normal, bend.outward, event.medium, path.inside, active)
+        inside = scene.boundaries.outside(bend.point, bend.normal, bend.outward, looked.medium, looked.inside, active)
         if self._refractions is not None:
             active &= (bend.boundaries == 1) | (inside == 0)
         beyond = flights.transmittance(scene, at_boundary.spawn_ray_to(point), inside, active)
         if self._straight:
-            within = [dr.exp(-sigma * bend.within) for sigma in scene.media.sigma_t(event.medium)]
+            within = [dr.exp(-sigma * bend.within) for sigma in scene.media.sigma_t(looked.medium)]
         else:
-            ray = mi.Ray3f(event.position, -bend.inward)
+            ray = mi.Ray3f(looked.event, -bend.inward)
             ray.maxt = bend.within * (1 - mi.math.ShadowEpsilon)
-            within = flights.transmittance(scene, ray, path.inside, active)
+            within = flights.transmittance(scene, ray, looked.inside, active)
         return media.product(beyond, within)
 
 
-def _chance(depth, phase):
-    """That a lamp is looked for, so many mean free paths from where the straight way to it leaves the body.
+def _kind(annotation):
+    return getattr(mi, annotation.removeprefix("mi."))
 
-    phase : 1/sr, phase function for light that comes that way
-    """
-    return dr.minimum(1, _SURE * dr.exp(-depth) * dr.lerp(4 * math.pi * phase, 1, _EVEN))
+
+def _arrays(record, count, entries):
+    """A record whose fields are arrays for so many, those of vectors with three numbers each; entries : of its lists."""
+    def zeros(kind):
+        if kind == "list":
+            return [dr.empty(mi.Float, count) for _ in range(entries)]
+        return dr.empty(mi.UInt32, count) if kind == "mi.UInt32" else dr.empty(mi.Float, (1 if kind == "mi.Float" else 3) * count)
+
+    return record(**{name: zeros(kind) for name, kind in record.__annotations__.items()})
+
+
+def _scatter(arrays, record, index, active):
+    """Puts records at places in arrays."""
+    for name, target in vars(arrays).items():
+        value = getattr(record, name)
+        for part, whole in zip(value, target) if isinstance(target, list) else [(value, target)]:
+            dr.scatter(whole, part, index, active)
+
+
+def _gather(arrays, index):
+    """The records at places in arrays."""
+    def taken(kind, source):
+        if kind == "list":
+            return [dr.gather(mi.Float, each, index) for each in source]
+        return dr.gather(_kind(kind), source, index)
+
+    return type(arrays)(**{name: taken(kind, getattr(arrays, name)) for name, kind in arrays.__annotations__.items()})
 
 
 def lamps(scene, world, bodies):

@@ -1,9 +1,10 @@
 """Paths from the eye through bodies and the surfaces and lights around them, as one loop of Dr.Jit: one kernel a pass.
 
 Every turn of the loop takes a path to its next surface or scattering, adds the light that it meets there and that of a light
-sample, and gives it a new direction.  A path that has ended makes room for the next sample of its pixel, so that paths of a
-packet wait for each other once in several.  Light samples reach events in bodies, and surfaces, through boundaries to which light
-is blind, less what the media on the way take; small lamps are sampled through smooth boundaries, too (`lamps`).
+sample, and gives it a new direction.  A path that has ended makes room for the next one of its lane, which has many pixels, so
+that lanes of a packet wait for each other once in hundreds of paths.  Light samples reach events in bodies, and surfaces,
+through boundaries to which light is blind, less what the media on the way take; small lamps are sampled through smooth
+boundaries, too (`lamps`).
 """
 
 from __future__ import annotations
@@ -13,10 +14,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import drjit as dr
+import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport import flights, media
-from renderers.transport.lamps import Departure
+from renderers.transport.lamps import Counts, Departure
 from renderers.transport.strata import Strata
 from renderers.transport.wavefront import ORDERS
 
@@ -25,6 +27,11 @@ import mitsuba as mi  # isort: skip
 # bounces after which roulette by the throughput begins, and after which surfaces end paths one time in twenty: light that is
 # caught in glass loses nothing on its way
 _ROULETTE, _FAR, _GOES_ON = 4, 64, 0.95
+# paths of a lane, about, and lanes at least: a packet goes on until the last of its lanes has none.  In a glass of milk packets
+# of 16 lanes are busy to 25 % with 4 paths a lane, to some 70 % with 256
+_PATHS, _LANES = 256, 256
+# scatterings in bodies until all paths of a packet are looked at together
+_SCATTERINGS = 8
 # bounces after which one path in a thousand ends; what ends earlier makes the others bright
 _ENDLESS, _ALMOST = 100_000, 0.999
 
@@ -33,17 +40,19 @@ _ENDLESS, _ALMOST = 100_000, 0.999
 class Path:
     """Paths, one a lane.
 
-    random : PCG32;  samples : paths of the lane that are over;  alive : whether there is one
+    random : PCG32;  pixel, number : of the path;  alive : whether there is one
     origin, direction : of the next flight;  throughput : of each wavelength
     inside : bodies in which it is, a bit each, the innermost one first
     order, bounces : scatterings in bodies; those and surfaces
     drawn, density : where the direction was drawn, and its density (1/sr);  single : no light sample could have found it
     choice : uniform number, of what the first smooth boundary does
-    departure : from the last scattering, where lamps are sampled through smooth boundaries; else None
+    departure, counts : from the last scattering, and records of the lane, where lamps are sampled through smooth boundaries; else
+        None
     """
 
     random: mi.PCG32
-    samples: mi.UInt32
+    pixel: mi.UInt32
+    number: mi.UInt32
     alive: mi.Bool
     origin: mi.Point3f
     direction: mi.Vector3f
@@ -56,19 +65,19 @@ class Path:
     single: mi.Bool
     choice: mi.Float
     departure: Departure | None
+    counts: Counts | None
 
 
 @dataclass
 class Event:
     """What paths have come to.
 
-    scatters : a scattering in `medium`, at `position`;  sampled : light samples reach it
+    scatters : a scattering in `medium`, at `position`, that light samples reach
     meets : a surface;  misses : nothing, but for the environment;  surface : interaction with either
     crosses : that surface is a boundary to which light is blind
     """
 
     scatters: mi.Bool
-    sampled: mi.Bool
     medium: mi.UInt32
     position: mi.Point3f
     meets: mi.Bool
@@ -92,42 +101,116 @@ class Turn(NamedTuple):
     turned: Callable
 
 
-def trace(scene, key, pixels, lanes, samples, by_light, turn=None):
-    """Light of paths: 3 ORDERS arrays (pixels * lanes) of linear sRGB, sums of `samples` paths a lane, and the same by lights.
+class Numbers(NamedTuple):
+    """Numbers of a pass as variables: they would be part of the kernel, and others another kernel.
+
+    pixels, lanes : of the pass;  strata : of the samples of a pixel
+    """
+
+    pixels: mi.UInt32
+    lanes: mi.UInt32
+    strata: Strata
+
+    @property
+    def key(self) -> list:
+        """Two numbers of 32 bits, of the random stream."""
+        return self.strata.key
+
+    @property
+    def samples(self) -> mi.UInt32:
+        """Of a pixel."""
+        return self.strata.count
+
+    @classmethod
+    def of(cls, key, pixels, lanes, samples) -> Numbers:
+        """Of a pass of so many samples of each pixel."""
+        return cls(*(dr.opaque(mi.UInt32, number) for number in (pixels, lanes)), Strata.of(key, samples))
+
+    @classmethod
+    def from_list(cls, numbers) -> Numbers:
+        """Of what `to_list` gives: recordings take lists."""
+        pixels, lanes, first, second, count, columns = numbers
+        return cls(pixels, lanes, Strata([first, second], count, columns))
+
+    def to_list(self) -> list:
+        """All of its variables."""
+        return [self.pixels, self.lanes, *self.strata.key, self.strata.count, self.strata.columns]
+
+
+def trace(scene, key, pixels, samples, by_light, turn=None, sums=None):
+    """Light of paths, sums of `samples` of each pixel: (pixels, ORDERS, 3) of linear sRGB, and (pixels, lights, 3) by lights.
 
     scene : `scene.Scene`;  key : two numbers of 32 bits, of the random stream of a pass
-    by_light : whether the second, (pixels * lanes * lights * 3,), is more than empty
+    by_light : whether the second is more than empty
     turn : `Turn`; that through media if None
+    sums : function of arguments as of `summed` that gives the same; None: that itself
     """
-    turn = turn or Turn(lambda scene, path: path, advance, next_event, turned)
-    lane, pixel, strata, path = begin(scene, key, pixels, lanes, samples)
-    samples = dr.opaque(mi.UInt32, samples)
-    path = turn.begin(scene, path)
-    sums = [dr.zeros(mi.Float, dr.width(lane)) for _ in range(3 * ORDERS)]
-    of_lights = dr.zeros(mi.Float, 3 * pixels * lanes * scene.lights * by_light)
-
-    def step(path, sums):
-        path, event = turn.advance(scene, path)
-        lights = brought(scene, turn, path, event)
-        add(sums, path.order, *(radiance for radiance, _ in lights))
+    turn = turn or Turn(lambda scene, path: path, wandered, next_event, turned)
+    lanes = min(pixels, max(_LANES, pixels * samples // _PATHS))
+    lamps = scene.lamps.records(lanes, pixels * samples / lanes) if scene.lamps else (None, None)
+    by_order, of_lights = (sums or summed)(scene, Numbers.of(key, pixels, lanes, samples), (pixels, lanes), by_light, turn, lamps)
+    dr.eval(by_order, of_lights)  # both by one kernel
+    by_order, of_lights = (np.asarray(light, dtype=float).reshape(-1, 3) for light in (by_order, of_lights))
+    for number, order, emitter, light in scene.lamps.light(lamps[0]) if scene.lamps else ():
+        pixel = number // samples
+        add(by_order, pixel * ORDERS + np.minimum(order, ORDERS - 1), light)
         if by_light:
-            for radiance, source in lights:
-                _add_by_light(scene, of_lights, lane, radiance, source)
-        return _renewed(scene, pixel, strata, samples, turn.turned(scene, path, event)), sums
-
-    return dr.while_loop((path, sums), lambda path, sums: path.alive, step, label="paths")[1], of_lights
+            add(of_lights, (pixel * scene.lights + emitter)[emitter >= 0], light[emitter >= 0])
+    return by_order.reshape(pixels, ORDERS, 3), of_lights.reshape(pixels, -1, 3) if by_light else of_lights
 
 
-def brought(scene, turn, path, event):
+def summed(scene, numbers, size, by_light, turn, lamps=(None, None)):
+    """The loop itself: light by pixel and order, and by pixel and light, as arrays of Dr.Jit.
+
+    numbers : `Numbers`;  size : pixels and lanes;  lamps : records of small lamps, and the counts of each lane
+    """
+    (pixels, lanes), (records, counts), strata = size, lamps, numbers.strata
+    path = turn.begin(scene, begin(scene, numbers.key, strata, dr.arange(mi.UInt32, lanes), numbers.samples))
+    path.counts = counts
+    by_order, of_lights = (dr.zeros(mi.Float, 3 * pixels * kinds) for kinds in (ORDERS, scene.lights * by_light))
+
+    def step(path):
+        path, event = turn.advance(scene, path, records)
+        for radiance, emitter in brought(scene, turn, path, event, records):
+            _add(by_order, path.pixel * ORDERS + dr.minimum(path.order, ORDERS - 1), radiance)
+            if by_light:
+                number = scene.light_number(emitter)
+                _add(of_lights, path.pixel * scene.lights + mi.UInt32(number), radiance, number >= 0)
+        path = turn.turned(scene, path, event, records)
+        return (dr.if_stmt((path,), ~path.alive, lambda path: _next(scene, strata, numbers, path), lambda path: path,
+                           label="next paths"),)
+
+    dr.while_loop((path,), lambda path: path.alive, step, label="paths")
+    return by_order, of_lights
+
+
+def add(sums, number, light):
+    """Adds light (n, 3) to sums (m, 3), by their numbers (n,)."""
+    for c in range(3):
+        sums[:, c] += np.bincount(number, light[:, c], len(sums))
+
+
+def _next(scene, strata, numbers, path):
+    """The lane's next path, in the place of one that is over."""
+    number = path.number + 1
+    done = number == (path.pixel + 1) * numbers.samples
+    pixel = path.pixel + dr.select(done, numbers.lanes, 0)
+    path.number, path.alive = dr.select(done, pixel * numbers.samples, number), pixel < numbers.pixels
+    drawn = strata.drawn(pixel, path.number - pixel * numbers.samples, path.random, path.alive)
+    vars(path).update(vars(camera_paths(scene, pixel, drawn, path.random, path.alive, path.number)) | {"counts": path.counts})
+    return path
+
+
+def brought(scene, turn, path, event, records=None):
     """Light that paths meet and that of light samples: pairs of linear sRGB and its emitters."""
-    refracted = scene.lamps and scene.lamps.connected(path, event)
-    emitted = _emitted(scene, path, event, refracted[2] if refracted else 1)
-    return [emitted, turn.next_event(scene, path, event), *([refracted[:2]] if refracted else [])]
+    light, emitter = _emitted(scene, path, event)
+    if scene.lamps:
+        light = scene.lamps.meets(path, event, light, records)
+    return [(light, emitter), turn.next_event(scene, path, event)]
 
 
-def first_media(scene, key, pixels, lanes):
-    """Media (pixels * lanes,) int32 in which a path of each lane first scatters, -1 for none; parameters as of `trace`."""
-    *_, path = begin(scene, key, pixels, lanes)
+def first_media(scene, key, pixels):
+    """Media (pixels,) int32 in which a path of each pixel first scatters, -1 for none; parameters as of `trace`."""
 
     def step(path, number):
         path, event = advance(scene, path)
@@ -135,98 +218,93 @@ def first_media(scene, key, pixels, lanes):
         path.alive &= ~event.scatters
         return path, dr.select(event.scatters, mi.Int32(event.medium), number)
 
-    start = path, dr.full(mi.Int32, -1, dr.width(path.alive))
+    strata = Strata.of(key, 1)
+    start = begin(scene, strata.key, strata, dr.arange(mi.UInt32, pixels)), dr.full(mi.Int32, -1, pixels)
     return dr.while_loop(start, lambda path, number: path.alive, step, label="first scatterings")[1]
 
 
-def begin(scene, key, pixels, lanes, samples=1):
-    """Lanes, their pixels, the strata of their samples, and their first paths."""
-    # as variables: a number would be part of the kernel, and another one another kernel
-    *key, together = (dr.opaque(mi.UInt32, number) for number in (*key, lanes))
-    lane = dr.arange(mi.UInt32, pixels * lanes)
-    pixel = lane // together
-    strata = Strata(lane, pixel, key, lanes, samples)
-    low, high = mi.sample_tea_32(lane ^ key[0], key[1])
+def begin(scene, key, strata, pixel, samples=1, number=None):
+    """First paths of lanes, so many samples of pixels; number : of the paths, None for those of the first samples."""
+    number, alive = pixel * samples if number is None else number, dr.full(mi.Bool, True, dr.width(pixel))
+    low, high = mi.sample_tea_32(dr.arange(mi.UInt32, dr.width(pixel)) ^ key[0], key[1])
     random = mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))
-    first, alive = dr.zeros(mi.UInt32, dr.width(lane)), dr.full(mi.Bool, True, dr.width(lane))
-    path = camera_paths(scene, pixel, strata.drawn(first, random, alive), random, first, alive)
-    return lane, pixel, strata, path
+    return camera_paths(scene, pixel, strata.drawn(pixel, number - pixel * samples, random, alive), random, alive, number)
 
 
-def camera_paths(scene, pixel, drawn, random, samples, alive):
-    """The camera's paths; drawn : places in pixels, and numbers for choices."""
+def camera_paths(scene, pixel, drawn, random, alive, number):
+    """The camera's paths, by their numbers; drawn : places in pixels, and numbers for choices."""
     offset, choice = drawn
     origin, direction = scene.camera_ray(pixel, offset)
     width = dr.width(pixel)
     zero = dr.zeros(mi.UInt32, width)
-    return Path(random, samples, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.waves)],
-                scene.around_camera + zero, mi.UInt32(zero), mi.UInt32(zero),
-                mi.Point3f(origin), dr.zeros(mi.Float, width), dr.full(mi.Bool, True, width), choice,
-                scene.lamps and scene.lamps.none(width))
+    return Path(random, pixel, number, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.waves)],
+                scene.around_camera + zero, mi.UInt32(zero), mi.UInt32(zero), mi.Point3f(origin), dr.zeros(mi.Float, width),
+                dr.full(mi.Bool, True, width), choice, scene.lamps and scene.lamps.none(width), None)
 
 
-def _renewed(scene, pixel, strata, samples, path):
-    """Paths, and new ones of the camera where they are over."""
-    over = ~path.alive
-    count = path.samples + dr.select(over, mi.UInt32(1), mi.UInt32(0))
-    alive = count < samples
-    new = camera_paths(scene, pixel, strata.drawn(count, path.random, alive), path.random, count, alive)
-    for name in ("alive", "origin", "direction", "inside", "order", "bounces", "drawn", "density", "single", "choice"):
-        setattr(path, name, dr.select(over, getattr(new, name), getattr(path, name)))
-    path.throughput = [dr.select(over, mi.Float(1), weight) for weight in path.throughput]
-    path.samples = count
-    if scene.lamps:
-        path.departure.density = dr.select(over, 0, path.departure.density)
-    return path
-
-
-def add(sums, order, *lights):
-    """Adds light to the sums of its order."""
-    for k in range(ORDERS):
-        of_order = order == k if k < ORDERS - 1 else order >= k
-        for c in range(3):
-            sums[3 * k + c] = sums[3 * k + c] + dr.select(of_order, media.total([light[c] for light in lights]), 0)
-
-
-def _add_by_light(scene, sums, lane, radiance, emitter):
-    """Adds light to the sums of its emitter; those of a lane are its own, so that their order is that of the paths."""
-    number = scene.light_number(emitter)
-    active = (number >= 0) & ((radiance[0] != 0) | (radiance[1] != 0) | (radiance[2] != 0))
+def _add(sums, number, light, active=True):
+    """Adds light to sums, by their numbers; those of a pixel belong to one lane, so that their order is that of its paths."""
+    active &= (light[0] != 0) | (light[1] != 0) | (light[2] != 0)
     for c in range(3):
-        slot = (lane * scene.lights + mi.UInt32(number)) * 3 + c
-        dr.scatter_reduce(dr.ReduceOp.Add, sums, radiance[c], slot, active, dr.ReduceMode.NoConflicts)
+        dr.scatter_reduce(dr.ReduceOp.Add, sums, light[c], 3 * number + c, active, dr.ReduceMode.NoConflicts)
 
 
-def advance(scene, path):
+def advance(scene, path, records=None):
     """Paths after a flight to the next scattering or surface, and which."""
     ray = mi.Ray3f(path.origin, path.direction)
-    end = flights.flight(scene, path, ray)
-    path.order += dr.select(end.scatters, mi.UInt32(1), mi.UInt32(0))
-    misses = path.alive & ~end.meets & ~end.scatters
+    return path, _event(scene, ray, flights.flight(scene, path, ray), path.alive)
+
+
+def wandered(scene, path, records=None):
+    """The same, after scatterings in bodies that light samples do not reach, at most `_SCATTERINGS`; then there may be no event.
+
+    What the loop does at surfaces takes several times as long as a scattering, and does so for all paths of a packet.
+    """
+    if not scene.hides:
+        return advance(scene, path)
+    width = dr.width(path.alive)
+    none = dr.full(mi.Bool, False, width)
+    end = flights.Flight(none, dr.zeros(mi.UInt32, width), mi.Bool(none), dr.zeros(mi.PreliminaryIntersection3f, width),
+                         dr.zeros(mi.Float, width))
+    most = dr.opaque(mi.UInt32, _SCATTERINGS)
+
+    def step(path, end, active, count):
+        ray = mi.Ray3f(path.origin, path.direction)
+        end = flights.flight(scene, path, ray)
+        hidden = end.scatters & ~scene.takes_samples(end.medium)
+        path = scattered(scene, path, end.medium, ray.o + end.distance * ray.d, hidden, records)
+        return path, end, hidden & path.alive & (count < most), count + 1
+
+    start = path, end, mi.Bool(path.alive), dr.full(mi.UInt32, 1, width)
+    path, end, *_ = dr.while_loop(start, lambda path, end, active, count: active, step, label="scatterings")
+    hidden = end.scatters & ~scene.takes_samples(end.medium)
+    end.scatters &= ~hidden
+    return path, _event(scene, mi.Ray3f(path.origin, path.direction), end, path.alive & ~hidden)
+
+
+def _event(scene, ray, end, active):
+    """`Event` at the ends of flights."""
+    misses = active & ~end.meets & ~end.scatters
     surface = end.hit.compute_surface_interaction(ray, mi.RayFlags.All, end.meets | misses)
     crosses = end.meets & scene.boundaries.is_blind(end.hit.shape)
-    return path, Event(end.scatters, end.scatters & scene.takes_samples(end.medium), end.medium, ray.o + end.distance * ray.d,
-                       end.meets, misses, surface, crosses)
+    return Event(end.scatters, end.medium, ray.o + end.distance * ray.d, end.meets, misses, surface, crosses)
 
 
-def _emitted(scene, path, event, refracted):
-    """Light of the surfaces and of the environment that paths meet, linear sRGB, and its emitters.
-
-    refracted : share that counts of what paths meet by single directions
-    """
+def _emitted(scene, path, event):
+    """Light of the surfaces and of the environment that paths meet, linear sRGB, and its emitters."""
     active = event.meets | event.misses
     before = dr.zeros(mi.Interaction3f)
     before.p = path.drawn
     seen = mi.DirectionSample3f(scene.scene, event.surface, before)
     active &= seen.emitter != None  # noqa: E711, compares every lane
     by_light = scene.scene.pdf_emitter_direction(before, seen, active & ~path.single)
-    share = dr.select(path.single, refracted, balance(path.density, by_light))
+    share = dr.select(path.single, 1, balance(path.density, by_light))
     return scene.seen(path.throughput, seen.emitter.eval(event.surface, active) * share, active), seen.emitter
 
 
 def next_event(scene, path, event):
     """Light of light samples by way of scatterings and surfaces, linear sRGB, and its emitters."""
-    surface, at_event = event.surface, event.sampled
+    surface, at_event = event.surface, event.scatters
     bsdf = surface.bsdf()
     at_surface = event.meets & ~event.crosses & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
     interaction = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), dr.select(event.scatters, event.position, surface.p),
@@ -237,63 +315,76 @@ def next_event(scene, path, event):
     at_surface, at_event = at_surface & active, at_event & active
 
     value, by_bsdf = bsdf.eval_pdf(mi.BSDFContext(), surface, surface.to_local(light.d), at_surface)
-    phase = scene.media.phase(event.medium, 0.5 * dr.squared_norm(light.d - path.direction))
-    albedo = scene.media.albedo(event.medium)
-    by_phase = media.mean(media.product(path.throughput, albedo), phase)
-    share = dr.select(light.delta, 1, balance(light.pdf, dr.select(event.scatters, by_phase, by_bsdf)))
-    radiance *= share * dr.select(event.scatters, mi.Color3f(1), value)
-    inside = dr.select(event.scatters, path.inside, scene.boundaries.beyond(surface, light.d, path.inside, at_surface))
+    inside, weights, density = scene.boundaries.beyond(surface, light.d, path.inside, at_surface), path.throughput, by_bsdf
+    if scene.samples:
+        phase = scene.media.phase(event.medium, 0.5 * dr.squared_norm(light.d - path.direction))
+        scatters = media.product(path.throughput, scene.media.albedo(event.medium))
+        density = dr.select(event.scatters, media.mean(scatters, phase), by_bsdf)
+        weights = [dr.select(event.scatters, s * p, w) for s, p, w in zip(scatters, phase, weights)]
+        inside, value = dr.select(event.scatters, path.inside, inside), dr.select(event.scatters, mi.Color3f(1), value)
+    radiance *= dr.select(light.delta, 1, balance(light.pdf, density)) * value
     active &= dr.any(radiance > 0)
     passed = flights.transmittance(scene, interaction.spawn_ray_to(light.p), inside, active)
     if scene.regions.always:
         passed = media.product(passed, flights.from_infinity(scene, light))
-    weight = [dr.select(event.scatters, a * p, 1) * w * t
-              for a, p, w, t in zip(albedo, phase, path.throughput, passed)]
-    return scene.seen(weight, radiance, active), light.emitter
+    return scene.seen(media.product(weights, passed), radiance, active), light.emitter
 
 
-def turned(scene, path, event):
+def scattered(scene, path, medium, position, active, records=None):
+    """Paths after scatterings at positions in media."""
+    u = [path.random.next_float32() for _ in range(3)]
+    direction, density, throughput = media.scattered(scene.media, medium, path.direction, path.throughput, u)
+    path.order += dr.select(active, mi.UInt32(1), mi.UInt32(0))
+    if scene.lamps:
+        scene.lamps.departs(path, medium, position, density, active, records)
+    share = flights.return_share(scene, path.origin, position) if scene.regions.always else mi.Float(1)
+    path.throughput = [dr.select(active, after, before) for after, before in zip(throughput, path.throughput)]
+    path.direction, path.origin, path.drawn = (dr.select(active, after, before) for after, before in (
+        (direction, path.direction), (position, path.origin), (position, path.drawn)))
+    path.density = dr.select(active, density, path.density)
+    path.single = dr.select(active, ~scene.takes_samples(medium), path.single)
+    path.bounces += dr.select(active, mi.UInt32(1), mi.UInt32(0))
+    path.alive &= ~active | scene.holds(medium, position)
+    return roulette(path, False, share, path.random.next_float32(), active)
+
+
+def turned(scene, path, event, records=None):
     """Paths with a new direction, from where they have come to, or ended."""
     random, surface = path.random, event.surface
     u = [random.next_float32() for _ in range(3)]
-    scattered_direction, density, throughput = media.scattered(scene.media, event.medium, path.direction, path.throughput, u)
     shades = event.meets & ~event.crosses
     number, chance_of_lobe = scene.splitting.chosen(path, surface, shades, u[0]) if scene.splitting else (u[0], None)
     sample, factor = surface.bsdf().sample(mi.BSDFContext(), surface, number, mi.Point2f(u[1], u[2]), shades)
     if chance_of_lobe is not None:
         factor *= dr.select(chance_of_lobe > 0, sample.pdf / chance_of_lobe, 1)
     factor = scene.reflectance(dr.select(dr.all(dr.isfinite(factor)), factor, 0))
-    throughput = [dr.select(event.scatters, a, dr.select(event.crosses, w, w * f))
-                  for a, w, f in zip(throughput, path.throughput, factor)]
+    path.throughput = [dr.select(shades, w * f, w) for w, f in zip(path.throughput, factor)]
     onward = surface.spawn_ray(surface.to_world(sample.wo))
-    direction = dr.select(event.scatters, scattered_direction, dr.select(event.crosses, path.direction, onward.d))
     onward.o = dr.select(event.crosses, scene.boundaries.across(surface, path.direction), onward.o)
-    chance = mi.Float(1)
-    if scene.regions.always:
-        chance = dr.select(event.scatters, flights.return_share(scene, path.origin, event.position), 1)
-    before = path.direction
-    path.origin = dr.select(event.scatters, event.position, onward.o)
-    path.inside = dr.select(event.scatters, path.inside, scene.boundaries.beyond(surface, direction, path.inside, event.meets))
-    path.direction = direction
-    path.throughput = throughput
-    fresh = event.scatters | shades
+    path.direction = dr.select(shades, onward.d, path.direction)
+    path.origin = dr.select(event.meets, onward.o, path.origin)
+    path.inside = dr.select(event.meets, scene.boundaries.beyond(surface, path.direction, path.inside, event.meets), path.inside)
     if scene.lamps:
-        path.departure = scene.lamps.departed(path.departure, event, before, sample, density)
-    path.single = dr.select(fresh, dr.select(event.scatters, ~event.sampled,
-                                             ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Smooth)), path.single)
-    path.density = dr.select(fresh, dr.select(event.scatters, density, sample.pdf), path.density)
-    path.drawn = dr.select(fresh, path.origin, path.drawn)
-    path.bounces += dr.select(fresh, mi.UInt32(1), mi.UInt32(0))
-    path.alive &= ~event.misses & (~event.scatters | scene.holds(event.medium, event.position))
-    return roulette(path, shades & (path.bounces > _FAR), chance, random.next_float32())
+        scene.lamps.turned(path, sample, shades)
+    path.single = dr.select(shades, ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Smooth), path.single)
+    path.density = dr.select(shades, sample.pdf, path.density)
+    path.drawn = dr.select(shades, path.origin, path.drawn)
+    path.bounces += dr.select(shades, mi.UInt32(1), mi.UInt32(0))
+    path.alive &= ~event.misses
+    path = roulette(path, shades & (path.bounces > _FAR), mi.Float(1), random.next_float32(), event.meets)
+    return scattered(scene, path, event.medium, event.position, event.scatters, records) if scene.samples else path
 
 
-def roulette(path, far, return_share, u):
-    """Without paths of little throughput, one in twenty of those that have come far, and those that hardly come back."""
+def roulette(path, far, return_share, u, active=True):
+    """Without paths of little throughput, one in twenty of those that have come far, and those that hardly come back.
+
+    active : which may end
+    """
     most = media.largest(path.throughput)
     chance = dr.minimum(most, dr.select(path.bounces < _ENDLESS, mi.Float(1), mi.Float(_ALMOST)))
     chance = dr.select((most > 0) & (path.bounces < _ROULETTE), 1, chance)
     chance *= return_share * dr.select(far, mi.Float(_GOES_ON), mi.Float(1))
+    chance = dr.select(active, chance, 1)
     path.alive &= u < chance
     scale = dr.select(chance > 0, 1 / chance, 0)
     path.throughput = [weight * scale for weight in path.throughput]

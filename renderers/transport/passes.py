@@ -8,6 +8,7 @@ import drjit as dr
 import numpy as np
 
 from bakery.kernels import stream_key
+from renderers.mitsuba.recording import undisturbed
 from renderers.pictures.engine import Part
 from renderers.transport import loop
 from renderers.transport.scene import Scene
@@ -16,7 +17,6 @@ from renderers.transport.wavefront import ORDERS
 LAYERS = ("order0", "order1", "order2", "orders")
 _PATHS = 1 << 20  # of a pass, at most, where a pixel has several: one to three seconds of a core
 _SAMPLES = 16  # a pixel and pass, at most: the noise of small pictures is known from several passes
-_TOGETHER = 4  # paths of a lane, one after the other: a sixth faster than one
 
 
 def part(name, world, entries, colours, seed, by_light=False) -> Part:
@@ -53,13 +53,36 @@ def part(name, world, entries, colours, seed, by_light=False) -> Part:
 def of_loop(name, world, traced, seed, by_light=False, most=_SAMPLES, paths=_PATHS) -> Part:
     """Passes of a loop, as `part` has them.
 
-    traced : function of the key, pixels, lanes, samples and by_light of `loop.trace`
+    traced : function of the key, pixels, samples and by_light of `loop.trace`
     most, paths : samples a pixel and pass;  paths of a pass where a pixel has several samples
     """
     height, width = world.size
     samples = 1 << max(0, min(most, paths // (height * width)).bit_length() - 1)
-    return Part(name, partial(_rendered, traced, (height, width), samples, seed, world.light_names if by_light else ()),
-                samples)
+    return _of_samples(name, traced, (height, width), seed, world.light_names if by_light else (), samples)
+
+
+def _of_samples(name, traced, size, seed, lights, samples):
+    return Part(name, partial(_rendered, traced, size, samples, seed, lights), samples,
+                partial(_of_samples, name, traced, size, seed, lights))
+
+
+def recorded(view, turn):
+    """`loop.trace` of a scene by a turn, as `of_loop` takes it, traced once and replayed in later passes.
+
+    Dr.Jit's work to trace what all shapes do was two thirds of the time of passes among some hundred of them.
+    """
+    def summed(numbers, variables, size, by_light):
+        return loop.summed(view, loop.Numbers.from_list(numbers), size, by_light, turn)
+
+    # a recording sees the surfaces and lights of all scenes that there are only if this one has some
+    replayed = view.scene.shapes() and view.scene.emitters()
+    summed = dr.freeze(summed, warn_after=1 << 30) if replayed else summed
+
+    def sums(_view, numbers, size, by_light, _turn, _lamps):
+        with undisturbed():
+            return summed(numbers.to_list(), view.variables(), size, by_light)
+
+    return partial(loop.trace, view, turn=turn, sums=sums)
 
 
 def _traced(scene, *arguments):
@@ -75,7 +98,7 @@ def materials(world, entries, colours, seed, samples=16):
     numbers = np.empty((samples, height * width), int)
     for sample in range(samples):
         key = halves(stream_key(seed, "render.materials", sample))
-        numbers[sample] = np.asarray(loop.first_media(scene, key, height * width, 1))
+        numbers[sample] = np.asarray(loop.first_media(scene, key, height * width))
     counts = np.array([(numbers == number).sum(axis=0) for number in range(len(entries))])
     entry = np.array(scene.entries)[counts.argmax(axis=0)]
     return np.where(counts.any(axis=0), entry, -1).reshape(height, width)
@@ -88,13 +111,10 @@ def halves(key):
 
 def _rendered(traced, size, samples, seed, lights, number):
     """Layers of a pass."""
-    together, key = min(samples, _TOGETHER), halves(stream_key(seed, "render.paths", number))
-    sums, of_lights = traced(key, size[0] * size[1], samples // together, together, len(lights) > 0)
-    dr.eval(sums, of_lights)  # all of them by one kernel
-    channels = np.array([np.asarray(channel) for channel in sums]).reshape(ORDERS, 3, *size, -1)
-    by_order = np.moveaxis(channels.sum(axis=-1, dtype=float) / samples, 1, -1)
+    by_order, by_light = traced(halves(stream_key(seed, "render.paths", number)), size[0] * size[1], samples, len(lights) > 0)
+    by_order = np.moveaxis(by_order.reshape(*size, ORDERS, 3), 2, 0) / samples
     layers = {"": by_order.sum(axis=0)} | dict(zip(LAYERS, by_order))
     if lights:
-        by_light = np.asarray(of_lights).reshape(*size, -1, len(lights), 3).sum(axis=2, dtype=float) / samples
+        by_light = by_light.reshape(*size, len(lights), 3) / samples
         layers |= {f"light.{name}": by_light[:, :, number] for number, name in enumerate(lights)}
     return layers

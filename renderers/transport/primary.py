@@ -166,28 +166,42 @@ def light(scene, source):
     lanes = -(-source.count // _TOGETHER)
     step, count = dr.opaque(mi.UInt32, lanes), dr.opaque(mi.UInt32, source.count)
     brought = [dr.zeros(mi.Float, source.count) for _ in range(3 * ORDERS)]
-    turn = loop.Turn(lambda scene, path: path, loop.advance, loop.next_event, loop.turned)
+    turn = loop.Turn(lambda scene, path: path, loop.wandered, loop.next_event, loop.turned)
+    records, counts = scene.lamps.records(lanes, _TOGETHER) if scene.lamps else (None, None)
 
-    def camera(number, alive):
+    def camera(number, counts):
+        alive = number < count
         pixel, offset, numbers = source.begin(number, alive)
         drawn = offset, numbers.next_float32(alive)
-        return loop.camera_paths(scene, pixel, drawn, numbers, dr.zeros(mi.UInt32, dr.width(number)), alive)
+        path = loop.camera_paths(scene, pixel, drawn, numbers, alive, number)
+        path.counts = counts
+        return path
 
-    def following(path, number, sums):
+    def following(path, sums):
         for channel, value in zip(brought, sums):
-            dr.scatter(channel, value, number)
-        number = number + step
-        return camera(number, number < count), number, [dr.zeros(mi.Float, dr.width(number)) for _ in sums]
+            dr.scatter(channel, value, path.number)
+        number = path.number + step
+        return camera(number, path.counts), [dr.zeros(mi.Float, dr.width(number)) for _ in sums]
 
-    def go(path, number, sums):
-        path, event = turn.advance(scene, path)
-        loop.add(sums, path.order, *(radiance for radiance, _ in loop.brought(scene, turn, path, event)))
-        path = turn.turned(scene, path, event)
-        return dr.if_stmt((path, number, sums), ~path.alive, following, lambda *state: state, label="following paths")
+    def go(path, sums):
+        path, event = turn.advance(scene, path, records)
+        for radiance, _ in loop.brought(scene, turn, path, event, records):
+            _add(sums, path.order, radiance)
+        path = turn.turned(scene, path, event, records)
+        return dr.if_stmt((path, sums), ~path.alive, following, lambda *state: state, label="following paths")
 
     number = dr.arange(mi.UInt32, lanes)
-    start = camera(number, number < count), number, [dr.zeros(mi.Float, lanes) for _ in range(3 * ORDERS)]
-    dr.while_loop(start, lambda path, number, sums: path.alive, go, label="primary samples")
+    start = camera(number, counts), [dr.zeros(mi.Float, lanes) for _ in range(3 * ORDERS)]
+    dr.while_loop(start, lambda path, sums: path.alive, go, label="primary samples")
     dr.eval(brought)
+    light = np.stack([np.asarray(channel) for channel in brought], axis=1)
+    for number, order, _, refracted in scene.lamps.light(records) if scene.lamps else ():
+        loop.add(light.reshape(-1, 3), number * ORDERS + np.minimum(order, ORDERS - 1), refracted)
     pixel = source.begin(dr.arange(mi.UInt32, source.count))[0]
-    return np.stack([np.asarray(channel) for channel in brought], axis=1), np.asarray(pixel)
+    return light, np.asarray(pixel)
+
+
+def _add(sums, order, light):
+    """Adds light to the sums of its order."""
+    for k in range(3 * ORDERS):
+        sums[k] = sums[k] + dr.select(dr.minimum(order, ORDERS - 1) == k // 3, light[k % 3], 0)

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bakery.kernels import phase_layout, phase_sample, phase_value, turned_direction
+from bakery.kernels import lent, phase_layout, phase_sample, phase_value, turned_direction
 from bakery.system.compiled import njit
-from renderers.transport.wavefront import uniform
+from renderers.transport.wavefront import to_rgb, uniform
 
 
 class Scatterer(NamedTuple):
@@ -47,19 +47,25 @@ def mean_cosines(medium) -> np.ndarray:
 
 # forceinline: a call would hand over every array of the tuple
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def flight(medium, weight, states, i):
-    """Length (m) of a flight of path i with weights (n, L); inf where nothing ends it."""
-    sigma, total = medium.sigma_t, 0.0
-    for w in range(len(sigma)):
+def wavelength(weight, states, i):
+    """Number of a wavelength drawn in proportion to the weights (n, L) of path i, and their sum."""
+    waves, total = weight.shape[1], 0.0
+    for w in range(waves):
         total += weight[i, w]
-    chosen, component = uniform(states, i) * total, len(sigma) - 1
-    for w in range(len(sigma)):
+    chosen = uniform(states, i) * total
+    for w in range(waves):
         chosen -= weight[i, w]
         if chosen < 0.0:
-            component = w
-            break
+            return w, total
+    return waves - 1, total
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def flight(medium, weight, states, i):
+    """Length (m) of a flight of path i with weights (n, L); inf where nothing ends it."""
+    sigma = medium.sigma_t[wavelength(weight, states, i)[0]]
     u = uniform(states, i)
-    return -math.log1p(-u) / sigma[component] if sigma[component] > 0.0 else np.inf
+    return -math.log1p(-u) / sigma if sigma > 0.0 else np.inf
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -118,3 +124,44 @@ def scattered(medium, first, x, y, z, weight, states, i, values):
     for w in range(len(values)):
         weight[i, w] *= medium.albedo[first + w] * values[w] / density if density > 0.0 else 0.0
     return x, y, z, density
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def turned(medium, paths, i, values):
+    """Gives path i of a record a new direction at its scattering, with density and place; values (L,) become phase functions."""
+    x, y, z = paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2]
+    x, y, z, paths.density[i] = scattered(medium, 0, x, y, z, paths.throughput, paths.states, i, values)
+    paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2] = x, y, z
+    for k in range(3):
+        paths.drawn[i, k] = paths.origin[i, k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def turn(medium, paths, begin, end):
+    """New directions of paths begin to end at scatterings."""
+    medium, paths = lent(medium), lent(paths)
+    values = np.empty(paths.throughput.shape[1])
+    for i in range(begin, end):
+        turned(medium, paths, i, values)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def next_event(medium, colours, paths, sample, passed, added, begin, end):
+    """What light samples send by way of scatterings: added (n, 3), linear sRGB.
+
+    sample : `renderers.mitsuba.shading.LightSample`;  passed : (n, L), what gets through of its light
+    """
+    medium, colours, paths, sample = lent(medium), lent(colours), lent(paths), lent(sample)
+    values, radiance = np.empty(paths.throughput.shape[1]), sample.radiance
+    for i in range(begin, end):
+        added[i] = 0.0
+        if not (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
+            continue
+        square = 0.0
+        for k in range(3):
+            square += (paths.direction[i, k] - sample.direction[i, k]) ** 2
+        mean = mean_phase(medium, 0, paths.throughput, i, min(0.5 * square, 2.0), values)
+        balance = 1.0 if sample.delta[i] else sample.density[i] / (sample.density[i] + mean)
+        for w in range(len(values)):
+            values[w] *= paths.throughput[i, w] * medium.albedo[w] * balance * passed[i, w]
+        to_rgb(colours, values, radiance[i], added[i])

@@ -6,6 +6,7 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from renderers.mitsuba.recording import pointers
 from renderers.transport import regions
 from renderers.transport.boundaries import Boundaries
 from renderers.transport.lamps import lamps
@@ -41,12 +42,17 @@ class View:
         colours : to_rgb (3, L) and to_waves (L, 3)
         """
         self.scene, self.light_number, self.lights = scene, world.light_number, len(world.light_names)
+        self._light_positions = world.light_positions  # which `light_number` looks up
         self.waves = len(colours.to_waves)
         self._camera = [mi.Point3f(*row) for row in _camera(world.camera, world.unit).tolist()]
         self._to_rgb, self._to_waves = _entries(colours.to_rgb), _entries(colours.to_waves)
         self._width = mi.UInt32(world.size[1])
         self._corners = None if world.corners is None else [mi.Float(column.astype(np.float32)) for column in world.corners.T]
         dr.make_opaque(self._camera, self._width)
+
+    def variables(self) -> list:
+        """What a recording of the loop is given: arrays of Dr.Jit's and scenes of Mitsuba's, and kinds of what is in these."""
+        return [*_variables(vars(self)), *pointers(self.scene)]
 
     def camera_ray(self, pixel, offset):
         """Origin and direction through pixels, numbered by rows, at places in them."""
@@ -74,6 +80,7 @@ class Scene(View):
 
     media : `Media`, one an entry;  entries : numbers of those in the order of the media
     boundaries : `Boundaries` of bodies;  regions, voxels : of the other media
+    samples, hides : whether light samples reach scatterings in any medium, and whether not in all (`takes_samples`)
     extent : middle and size of a ball around all surfaces and more
     splitting : `splitting.Splitting`, of smooth boundaries that the camera sees; None where there are none
     """
@@ -101,7 +108,8 @@ class Scene(View):
         self.voxels = Voxels({number: entry.region for number, entry in unbounded.items() if isinstance(entry.region, Grid)},
                              len(numbered), unit)
         self._is_body = mi.UInt32([int(number in bodies) for number in numbered])
-        self._sampled = mi.UInt32([int(number in unbounded or entry.matched) for number, entry in numbered.items()])
+        sampled = [number in unbounded or entry.matched for number, entry in numbered.items()]
+        self._sampled, self.samples, self.hides = mi.UInt32([int(each) for each in sampled]), any(sampled), not all(sampled)
         low, high = np.nan_to_num([self.scene.bbox().min, self.scene.bbox().max], posinf=0, neginf=0).reshape(2, 3)
         self.extent = mi.Point3f(*((low + high) / 2).tolist()), mi.Float(float(np.linalg.norm(high - low)))
         dr.make_opaque(self.extent)
@@ -120,6 +128,16 @@ class Scene(View):
     def holds(self, medium, point):
         """Whether points may be in a medium; rounding can lose a path through an edge of a body."""
         return (dr.gather(mi.UInt32, self._is_body, medium) == 0) | self.boundaries.near(point)
+
+
+def _variables(value):
+    if dr.is_array_v(value) or isinstance(value, mi.Scene):
+        yield value
+    elif isinstance(value, dict | list | tuple):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from _variables(part)
+    elif type(value).__module__.startswith("renderers."):
+        yield from _variables(vars(value))
 
 
 def _place(entry):

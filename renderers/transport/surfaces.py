@@ -31,7 +31,7 @@ class Meeting:
     factor: mi.Color3f
 
 
-def advance(scene, path):
+def advance(scene, path, records=None):
     """Paths after a flight to the next surface, and which."""
     ray = mi.Ray3f(path.origin, path.direction)
     hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=path.alive)
@@ -53,7 +53,7 @@ def next_event(scene, path, meeting):
     return scene.seen(path.throughput, radiance, active), light.emitter
 
 
-def turned(scene, path, meeting):
+def turned(scene, path, meeting, records=None):
     """Paths with a new direction, from where they have come to, or ended."""
     surface, sample = meeting.surface, meeting.sample
     factor = scene.reflectance(dr.select(dr.all(dr.isfinite(meeting.factor)), meeting.factor, 0))

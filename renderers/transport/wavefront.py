@@ -88,20 +88,28 @@ def accumulate(added, order, index, pixel, by_order, by_light):
             add(added[i], min(order[i], ORDERS - 1), index[i], pixel[i], by_order, by_light)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def roulette(weight, states, bounces, alive, begin, end):
-    """Russian roulette: paths of little weight end, and those of more than 100,000 bounces do so one time in a thousand.
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def goes_on(weight, states, bounces, i):
+    """Whether Russian roulette leaves path i: those of little weight end, and those of more than 100,000 bounces do so one time
+    in a thousand.  Changes the weight of those that go on.
 
     Many paths in a large lossless body are as long as that; what ends them earlier makes the others bright.
     """
-    for i in range(begin, end):
-        most = 0.0
+    most = 0.0
+    for w in range(weight.shape[1]):
+        most = max(most, weight[i, w])
+    chance = min(most, 1.0 if bounces[i] < 100_000 else 0.999)
+    if most > 0 and bounces[i] < 4:
+        chance = 1.0
+    alive = chance > 0 and (chance >= 1.0 or uniform(states, i) < chance)
+    if alive:
         for w in range(weight.shape[1]):
-            most = max(most, weight[i, w])
-        chance = min(most, 1.0 if bounces[i] < 100_000 else 0.999)
-        if most > 0 and bounces[i] < 4:
-            chance = 1.0
-        alive[i] = chance > 0 and (chance >= 1.0 or uniform(states, i) < chance)
-        if alive[i]:
-            for w in range(weight.shape[1]):
-                weight[i, w] /= chance
+            weight[i, w] /= chance
+    return alive
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def roulette(weight, states, bounces, alive, begin, end):
+    """Russian roulette of paths begin to end: alive (n,) becomes whether each goes on."""
+    for i in range(begin, end):
+        alive[i] = goes_on(weight, states, bounces, i)

@@ -13,19 +13,18 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.mitsuba.world import LightSample
-from renderers.threads import run
+from renderers.mitsuba.shading import selected
 from renderers.transport import wavefront
-from renderers.transport.paths import EVENT, REACHED, Colours, Paths, joined
+from renderers.transport.paths import EVENT, REACHED, Colours, Paths, follow, joined, of_camera, reflect, survivors, thinned
 from renderers.transport.places import NOWHERE, Places
 
 ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 _MANY, _SHARE, _LEAST = 4096, 1 / 16, 1 / 8  # where fewer paths than that, and than that share, are left, lights are sampled less
 _ALMOST = 1 - 1e-4  # of the way to a surface that may be the blind boundary itself, or the light's
-# Bounces after which surfaces end paths, and those after which grains do so that are looked for anew at each; share that goes on.
+# Bounces after which surfaces end paths, and those after which grains do so that are looked for anew at each.
 # Glass keeps light without loss, as a ball does into which light has come out of a body that reaches into it.  In heaps of clear
 # grains many paths are as long as some hundred grains: what ends them earlier makes the others bright
-_FAR, _FAR_IN_GRAINS, _GOES_ON = 64, 1024, 0.95
+_FAR, _FAR_IN_GRAINS = 64, 1024
 SURFACE, BOUNDARY, BLIND, GRAIN = range(4)  # what ends a flight
 
 
@@ -99,25 +98,17 @@ def one_pass(scene, size, number, seed, samples=1) -> Sums:
 
     number, seed : of the pass: its random numbers
     """
-    pixels = size[0] * size[1]
-    started, total = 0, samples * pixels
-    sums, paths = Sums(pixels, scene, total), _begin(scene, size, 0, 0, number, seed)
-    while started < total or paths.count:
-        if started < total and paths.count < ALL // 2:
-            paths = joined([paths, _begin(scene, size, started, min(started + ALL, total), number, seed)])
-            started = min(started + ALL, total)
-        paths = step(scene, paths, sums)
+    height, width = size
+    key, total = stream_key(seed, "render.mixed", number), samples * height * width
+    sums = Sums(height * width, scene, total)
+
+    def begin(first, last):
+        pixel = np.arange(first, last) % (height * width)
+        states, origin, direction = of_camera(scene.world, width, key, first, pixel)
+        return Paths.begun(np.array(origin, float), np.array(direction, float), len(scene.colours.to_waves), states, pixel)
+
+    follow(total, ALL, begin, lambda paths: step(scene, paths, sums))
     return sums
-
-
-def _begin(scene, size, first, last, number, seed):
-    """Camera paths `first` to `last` of a pass, one for every pixel in turn."""
-    states, offset = np.empty(last - first, np.uint64), np.empty((last - first, 2))
-    wavefront.begin_streams(stream_key(seed, "render.mixed", number), first, states)
-    wavefront.draw(states, offset)
-    pixel = np.arange(first, last) % (size[0] * size[1])
-    origin, direction = scene.world.camera_rays(offset, np.stack([pixel // size[1], pixel % size[1]], axis=1))
-    return Paths.begun(np.array(origin, float), np.array(direction, float), len(scene.colours.to_waves), states, pixel)
 
 
 def step(scene, paths, sums) -> Paths:
@@ -210,7 +201,7 @@ def _into_grains(scene, paths, ahead, sums):
         sums.scattered_by(group, number)
         meets = np.flatnonzero(status == EVENT)
         events.append((material, group.of(meets), tuple(values[meets] for values in event), 1.0))
-        onward.append(_ended(group.of(status < 0), _FAR_IN_GRAINS))
+        onward.append(thinned(group.of(status < 0), _FAR_IN_GRAINS))
         at_surface.append(group.of(status == REACHED))
     return onward, events, at_surface
 
@@ -292,7 +283,7 @@ def at_events(scene, reached, events, sums) -> Paths:
     for (material, _, event, share), first, last in zip(events, firsts[:-1], firsts[1:]):
         group, rows = paths.of(slice(first, last)), np.flatnonzero((bright >= first) & (bright < last))
         at, added = bright[rows] - first, np.empty((len(rows), 3))
-        sampled = LightSample(*(values[rows] for values in sample))
+        sampled = selected(sample, rows)
         material.next_event(group.of(at), tuple(values[at] for values in event), sampled, passed[rows], clear[rows], added)
         sums.add(group.of(at), sampled.light, added)
         group.single[:], group.shaded[:] = share == 0.0, False
@@ -301,7 +292,7 @@ def at_events(scene, reached, events, sums) -> Paths:
             group.density[:] /= share
         if not material.solid:
             group.away_from_surfaces()
-        onward.append(_survivors(group))
+        onward.append(survivors(group))
     return joined(onward)
 
 
@@ -310,7 +301,7 @@ def _samples(scene, paths, drawn, numbers, chance):
     options = {"hidden": False} if scene.crossed else {}
     sample = scene.world.lights(paths.origin[drawn], numbers[drawn], **options)
     bright = np.flatnonzero((sample.radiance > 0).any(axis=1))
-    sample = LightSample(*(values[bright] for values in sample))
+    sample = selected(sample, bright)
     over = chance[drawn[bright]].astype(np.float32)
     density = np.where(sample.delta, sample.density, sample.density * over)
     return sample._replace(radiance=sample.radiance / over[:, None], density=density), drawn[bright]
@@ -329,39 +320,19 @@ def at_surfaces(scene, paths, sums) -> Paths:
     hit = np.flatnonzero(shading.hit)
     paths = paths.of(hit)
     paths.left_out[:] = np.nan
-    _next_event(scene, paths, shading.point[hit], LightSample(*(values[hit] for values in shading.light)), sums)
-    run(wavefront.reflect, len(hit), colours, paths.throughput, shading.weight[hit])
-    paths.origin[:], paths.direction[:] = shading.origin[hit], shading.direction[hit]
-    paths.density[:], paths.single[:], paths.shaded[:] = shading.density[hit], shading.delta[hit], True
-    paths.bounces[:] += 1
+    _next_event(scene, paths, shading.point[hit], selected(shading.light, hit), sums)
+    reflect(paths, selected(shading, hit), colours)
+    paths.shaded[:] = True
     paths.away_from_surfaces()
-    return _ended(_survivors(paths), _FAR)
+    return thinned(survivors(paths), _FAR)
 
 
 def _next_event(scene, paths, point, sample, sums):
     """Adds what light samples send by way of surfaces of the scene."""
     bright = np.flatnonzero((sample.radiance > 0).any(axis=1))
-    bright_paths, sample = paths.of(bright), LightSample(*(values[bright] for values in sample))
+    bright_paths, sample = paths.of(bright), selected(sample, bright)
     towards, added = sample.direction.astype(float), np.empty((len(bright), 3))
     passed, _ = transmittance(scene, bright_paths, point[bright] + scene.places.off * towards, towards, sample.distance)
     paths.states[bright] = bright_paths.states
     wavefront.emitted(scene.colours, bright_paths.throughput * passed, bright_paths.order, sample.radiance, added)
     sums.add(bright_paths, sample.light, added)
-
-
-def _survivors(paths):
-    """Paths that roulette leaves."""
-    alive = np.empty(paths.count, bool)
-    run(wavefront.roulette, paths.count, paths.throughput, paths.states, paths.bounces, alive)
-    return paths.of(alive)
-
-
-def _ended(paths, most):
-    """Without some of the paths of more bounces than `most`."""
-    far = np.flatnonzero(paths.bounces > most)
-    numbers, states, goes = np.empty((len(far), 1)), paths.states[far], np.ones(paths.count, bool)
-    wavefront.draw(states, numbers)
-    paths.states[far] = states
-    paths.throughput[far] /= _GOES_ON
-    goes[far] = numbers[:, 0] < _GOES_ON
-    return paths.of(goes)

@@ -15,22 +15,14 @@ import pytest
 
 from bakery.cli.methods import drawing
 from bakery.trade.methods import Curve
-from renderers import scene
 from renderers.colour import LUMINANCE
 from renderers.pictures import comparison, differences
 from renderers.pictures.comparison import jobs
 from renderers.pictures.progressive import Estimate, Part, Stop, fingerprint
 from renderers.pictures.running import Render
 from tests.browser import CHROMIUM, Page
+from tests.renders import hazy, refused_unrendered
 
-SCENE = """\
-bakery_scene: 2
-name: haze
-description: A haze & a <sun>
-asset: milk.h5
-camera: {origin: [0, -2, 1] m, target: [0, 0, 1] m, fov: 40 deg}
-toy: {sun: [1, 2, -1]}
-"""
 SHAPE = (24, 32, 3)
 LEVELS = {"single": 1.0, "isotropic": 1.1}
 
@@ -38,16 +30,7 @@ LEVELS = {"single": 1.0, "isotropic": 1.1}
 @pytest.fixture
 def place(call, milk, monkeypatch):
     """A folder with a scene whose two methods differ by 10 % and have noise of 2 % after 16 passes; `asked`: renders so far."""
-    monkeypatch.setitem(scene.RENDERERS, "toy", "tests.toy_renderer")
-    monkeypatch.setattr("tests.toy_renderer.scene.RESUMES", True)
-    monkeypatch.setattr("tests.toy_renderer.scene.UNUSED", {})
-    monkeypatch.setattr("tests.toy_renderer.render", render)
-    monkeypatch.setattr("bakery.report.comparison.drawing", lambda times: "<figure>drawn</figure>")
-    monkeypatch.setattr(render, "asked", [], raising=False)
-    monkeypatch.setattr(render, "interrupt", None, raising=False)
-    (milk.parent / "haze.yaml").write_text(SCENE)
-    assert call(milk, "-o", milk.parent / "milk.h5", "--quiet")[0] == 0
-    return milk.parent
+    return hazy(call, milk, monkeypatch, render)
 
 
 def render(scene, output, *, quality=None, variant=None, seed=None, overwrite=False, resume=False, progress=None):
@@ -285,12 +268,8 @@ WRONG = (
 
 def test_what_is_wrong_is_said_before_anything_is_rendered(call, place, monkeypatch):
     monkeypatch.chdir(place)
-    (place / "notes.html").write_text("what I saw")
-    before = set(place.iterdir())
-    for words, said in WRONG:
-        status, out, err = call("compare", *words.split())
-        assert status == 2 and not out and said in err, (words, err)
-    assert not render.asked and set(place.iterdir()) == before
+    refused_unrendered(call, place, "compare", WRONG)
+    assert not render.asked
 
 
 @pytest.mark.slow

@@ -151,6 +151,7 @@ def test_each_kind_is_told_from_the_others(tmp_path):
                 "Mitsuba scene": b"<?xml version='1.0'?>\n<scene>", "pbrt file": b"# fog\nMakeNamedMedium \"fog\"\n",
                 "MaterialX document": b"<?xml version='1.0'?>\n<materialx>", "USD layer": b"#usda 1.0\n",
                 "Blender script": b"# A baked medium for Cycles in Blender 5.\n", "text": b"whatever",
+                "BRDF tensor file": b"tensor_file\0\1\0",
                 "NumPy archive": b"PK\x03\x04\x2d\0", "NetCDF file": b"CDF\x02\0\0\0\0",
                 "libRadtran layer": b"550.000000 7.8e+00 0.999999811529 1.00000000e+00 8.4e-01\n"}
     declared = {kind.name: kind for exporter in exporters().values() for kind in exporter.kinds.values()}

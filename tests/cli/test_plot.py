@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
-import re
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from bakery.draw.canvas import _png
 from bakery.draw.lobe import INNER, polar
-from bakery.draw.picture import Picture, drawn
-from bakery.draw.style import colours, look
+from bakery.draw.picture import drawn
+from bakery.draw.style import colours
 from bakery.report.figures import pictures
 from bakery.store.tree import Dataset, Group
 from bakery.store.write import write
@@ -66,39 +63,6 @@ def test_the_same_bytes_each_time_whatever_the_users_own_style(monkeypatch):
     monkeypatch.setitem(matplotlib.rcParams, "font.size", 30.0)
     monkeypatch.setitem(matplotlib.rcParams, "svg.hashsalt", "mine")
     assert drawn(picture) == expected
-
-
-def test_png_and_svg_are_one_drawing():
-    """As large in inches, at the same places; widths and dashes of lines in pixels, images with their first row on top."""
-    import base64
-    import io
-
-    from matplotlib import rcParams
-    from PIL import Image
-
-    def draw(figure):
-        line, image = figure.subplots(1, 2)
-        line.plot([0, 1], [0, 1], linewidth=3, color="#010203")
-        line.hlines([0.5], 0, 1, linewidth=5, linestyle=(0, (2, 3)), color="#040506")
-        image.imshow(np.array([[[255, 0, 0]], [[0, 0, 255]]], np.uint8))
-
-    found = drawn(Picture("both", "Both", "", (4.0, 2.0), draw, ()))
-    picture, page = Image.open(io.BytesIO(found["png"])), ElementTree.fromstring(found["svg"])
-    with look("both"):
-        dpi = rcParams["savefig.dpi"]
-    assert picture.size == (4 * dpi, 2 * dpi) and (page.get("width"), page.get("height")) == ("288pt", "144pt")
-    assert page.get("viewBox") == f"0 0 {4 * dpi:g} {2 * dpi:g}"
-    style = {color: next(node.get("style") for node in page.iter() if color in (node.get("style") or ""))
-             for color in ("#010203", "#040506")}
-    numbers = {color: [float(x) for x in re.findall(r"[\d.]+", re.sub("#[0-9a-f]+", "", text))] for color, text in style.items()}
-    assert 3 * dpi / 72 == pytest.approx(numbers["#010203"][0], rel=1e-4)
-    assert {round(x / (5 * dpi / 72), 3) for x in numbers["#040506"]} >= {1.0, 2.0, 3.0}
-    (shown,) = [node for node in page.iter() if node.tag.endswith("image")]
-    href = next(value for key, value in shown.items() if key.endswith("href"))
-    pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(href.partition(",")[2]))))
-    x, y = (round(float(shown.get(key))) for key in "xy")
-    assert pixels[0, 0, 0] == 255 and pixels[-1, 0, 2] == 255
-    assert picture.getpixel((x + 3, y + 3)) == (255, 0, 0)
 
 
 def test_the_curves_are_the_values():
@@ -224,15 +188,6 @@ def test_an_isotropic_lobe_is_a_circle():
     polar(axes, np.array([0, np.pi]), np.full((1, 2), 1.0), (-1.0, 1.0), ["k"], ["x"])
     x, y = axes.lines[0].get_xydata().T
     assert np.allclose(np.hypot(x, y), INNER + (1 - INNER) / 2) and np.diff(np.unwrap(np.arctan2(y, x))).max() < 0.02
-
-
-def test_a_png_holds_the_pixels():
-    from PIL import Image
-
-    for channels in (3, 4):
-        pixels = np.random.default_rng(1).integers(0, 256, (7, 5, channels), np.uint8)
-        with Image.open(io.BytesIO(_png(pixels, 128))) as image:
-            assert np.array_equal(np.asarray(image), pixels) and image.info["dpi"] == pytest.approx((128, 128), abs=0.01)
 
 
 def test_coefficients_have_ticks_and_no_empty_panel():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from bakery.cli import status_of
 from bakery.physics.shapes.radial import icosphere
 from tests.conftest import slow
 from tests.exr import layers
+from tests.renders import picture, rendered
 
 RECIPE = """\
 bakery: 1
@@ -65,20 +65,6 @@ def place(assets, tmp_path):
     (tmp_path / "s.yaml").write_text(SCENE)
     (tmp_path / "lamp.xml").write_text(XML)
     return tmp_path
-
-
-def rendered(call, place, name, *settings, options=()):
-    """Report and layers of a render that works."""
-    status, out, err = call("render", place / "s.yaml", "-o", place / f"{name}.png", "--json", *options,
-                            *(part for setting in settings for part in ("--set", setting)))
-    assert status in (0, 3), err
-    report = json.loads(out)
-    assert (status == 3) == bool(report["missed"]), err
-    return report, layers(place / f"{name}.exr")
-
-
-def picture(found, name=""):
-    return np.stack([found[f"{name}{c}"] for c in "RGB"], axis=-1).astype(float)
 
 
 def test_report_and_layers(call, place):

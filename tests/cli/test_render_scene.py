@@ -331,6 +331,12 @@ def shipped(name, folder):
 def test_every_shipped_scene_renders_in_a_fresh_clone(path):
     """Each material's recipe is named and ships, and so does every other file; no scene reads what somebody has to bake first."""
     loaded = scenes.load(path)
+    text = path.read_text()
+    kinds = set(re.findall(r"where: \{?(\w+)", text))
+    of_kind = {"box": "discrete", "mesh": "granular", "shape": "translucent"}
+    section = "mixed" if len(kinds) > 1 or "method: surface" in text else of_kind[kinds.pop()] if kinds else "fog"
+    assert loaded.values.name == path.stem and loaded.section == section and (section == "fog" or loaded.values.stop.time)
+    assert f"pictures/{path.stem}.png" in (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
     assert all(one.recipe and not one.asset for one in loaded.materials)
     own = [loaded.file(one.recipe).resolve() for one in loaded.materials] + [one.resolve() for one in loaded.inputs]
     assert all(one.is_file() and (one.is_relative_to(SCENES) or one.is_relative_to(ROOT / "recipes")) for one in own)

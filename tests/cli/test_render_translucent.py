@@ -12,10 +12,10 @@ import pytest
 from bakery.cli import status_of
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
-from renderers import choice, scene
+from renderers import choice
 from renderers.scene import candidates, entries
-from tests.conftest import ROOT, slow
-from tests.exr import layers
+from tests.conftest import slow
+from tests.renders import picture, refused, rendered
 
 RECIPE = """\
 bakery: 1
@@ -70,20 +70,6 @@ def place(assets, tmp_path):
     (tmp_path / "s.yaml").write_text(SCENE)
     (tmp_path / "lit.xml").write_text(XML)
     return tmp_path
-
-
-def rendered(call, place, name, *settings, options=()):
-    """Report and layers of a render that works."""
-    status, out, err = call("render", place / "s.yaml", "-o", place / f"{name}.png", "--json", *options,
-                            *(part for setting in settings for part in ("--set", setting)))
-    assert status in (0, 3), err
-    report = json.loads(out)
-    assert (status == 3) == bool(report["missed"]), err
-    return report, layers(place / f"{name}.exr")
-
-
-def picture(found, name=""):
-    return np.stack([found[f"{name}{c}"] for c in "RGB"], axis=-1).astype(float)
 
 
 def test_report_and_layers(call, place):
@@ -214,8 +200,7 @@ def test_a_light_that_is_no_number_is_refused(call, place):
     ("film.wavelengths=rgb", "found a key that translucent does not use"),
 ])
 def test_what_is_refused(call, place, setting, said):
-    status, out, err = call("render", place / "s.yaml", "-o", place / "x.png", "--set", setting)
-    assert status and not out and said in err and "Traceback" not in err and not (place / "x.png").exists(), err
+    refused(call, place, said, setting)
 
 
 @pytest.mark.parametrize("method", ["vrl+tables", "beams"])
@@ -275,17 +260,6 @@ def test_an_open_mesh_is_named_with_its_place(call, place):
     assert "face" in err and "edge" in err
 
 
-SHIPPED = sorted(path for path in (ROOT / "assets/scenes").glob("*.yaml")
-                 if path.read_text().count("where:") == path.read_text().count("where: {shape") > 0
-                 and "method: surface" not in path.read_text())
-
-
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_shipped_scenes_are_understood(path):
-    loaded = scene.load(path)
-    assert loaded.section == "translucent" and loaded.values.stop.time and loaded.values.materials
-
-
 INTEGRATOR = """<integrator type="bakery_translucent"><string name="body.ball" value="wax.h5"/>
 <float name="unit" value="0.001"/></integrator>"""
 
@@ -317,8 +291,7 @@ def test_the_integrator_makes_the_same_picture(method, call, place):
 ])
 def test_what_the_integrator_refuses(call, place, old, new, said):
     (place / "plugin.xml").write_text(XML.replace("</scene>", f"{INTEGRATOR.replace(old, new)}</scene>"))
-    status, out, err = call("render", place / "plugin.xml", "-o", place / "x.png")
-    assert status and not out and said in err and "Traceback" not in err and not (place / "x.png").exists(), err
+    refused(call, place, said, source="plugin.xml")
 
 
 @pytest.mark.slow

@@ -17,14 +17,7 @@ from renderers.pictures.progressive import Estimate, Part, Stop
 from renderers.pictures.running import Render
 from renderers.scene import budget
 from tests.exr import layers
-
-SCENE = """\
-bakery_scene: 2
-name: haze
-asset: milk.h5
-camera: {origin: [0, -2, 1] m, target: [0, 0, 1] m, fov: 40 deg}
-toy: {sun: [1, 2, -1]}
-"""
+from tests.renders import HAZE as SCENE
 
 
 @pytest.fixture

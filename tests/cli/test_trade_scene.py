@@ -10,20 +10,13 @@ import pytest
 
 from bakery.cli.trade_scene import is_scene
 from bakery.errors import UsageError
-from renderers import scene
 from renderers.colour import LUMINANCE
 from renderers.pictures import comparison
 from renderers.pictures.progressive import Estimate, Part, Stop, fingerprint
 from renderers.pictures.running import Render
 from tests.cli.test_compare import Parts
+from tests.renders import HAZE, hazy, refused_unrendered
 
-SCENE = """\
-bakery_scene: 2
-name: haze
-asset: milk.h5
-camera: {origin: [0, -2, 1] m, target: [0, 0, 1] m, fov: 40 deg}
-toy: {sun: [1, 2, -1]}
-"""
 SHAPE = (24, 32, 3)
 LEVELS, NOISE = {"single": 1.0, "isotropic": 1.01}, {"single": 0.25, "isotropic": 0.025}  # of a pass, a channel
 SETUP = 2.0  # s, before the first pass
@@ -32,17 +25,8 @@ SETUP = 2.0  # s, before the first pass
 @pytest.fixture
 def place(call, milk, monkeypatch):
     """A folder with a scene by two methods: one exact, the other 1 % off with a tenth of the noise; `asked`: renders so far."""
-    monkeypatch.setitem(scene.RENDERERS, "toy", "tests.toy_renderer")
-    monkeypatch.setattr("tests.toy_renderer.scene.RESUMES", True)
-    monkeypatch.setattr("tests.toy_renderer.scene.UNUSED", {})
-    monkeypatch.setattr("tests.toy_renderer.render", render)
-    monkeypatch.setattr("bakery.report.comparison.drawing", lambda times: "<figure>drawn</figure>")
     monkeypatch.setattr(comparison, "_clocks", lambda compiled: (render.now, render.now, 0.0))
-    for name, value in (("asked", []), ("interrupt", None), ("broken", ""), ("now", 0.0)):
-        monkeypatch.setattr(render, name, value, raising=False)
-    (milk.parent / "haze.yaml").write_text(SCENE)
-    assert call(milk, "-o", milk.parent / "milk.h5", "--quiet")[0] == 0
-    return milk.parent
+    return hazy(call, milk, monkeypatch, render, broken="", now=0.0)
 
 
 def render(scene, output, *, quality=None, variant=None, seed=None, overwrite=False, resume=False, progress=None):
@@ -144,7 +128,7 @@ def test_what_cannot_be_rendered_is_said(call, place, monkeypatch):
 def test_a_scene_of_another_renderer(call, place, monkeypatch):
     """Its points are named after it, and what it is sure of counts for nothing; here a second one of the same renderer."""
     monkeypatch.setattr("bakery.cli.trade_scene._distinct", lambda scenes: None)
-    (place / "other.yaml").write_text(SCENE.replace("name: haze", "name: other"))
+    (place / "other.yaml").write_text(HAZE.replace("name: haze", "name: other"))
     found = traded(call, place, "--beside", place / "other.yaml", "--methods", "single")
     by_name = {one["name"]: one for one in found["methods"]}
     assert list(by_name) == ["single", "toy: single", "toy: isotropic"] and found["trade"]["advised"]["name"] == "toy: isotropic"
@@ -193,9 +177,5 @@ WRONG = (
 
 def test_what_is_wrong_is_said_before_anything_is_rendered(call, place, monkeypatch):
     monkeypatch.chdir(place)
-    (place / "notes.html").write_text("what I saw")
-    before = set(place.iterdir())
-    for words, said in WRONG:
-        status, out, err = call("trade", *words.split())
-        assert status == 2 and not out and said in err, (words, err)
-    assert not render.asked and set(place.iterdir()) == before
+    refused_unrendered(call, place, "trade", WRONG)
+    assert not render.asked

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from bakery import mie
-from benchmarks.claims import filled
 from benchmarks.figures_goa import absorption, amplitudes, diffraction, extinction, one_ray, orders, plain_mie, printed, trade
 from benchmarks.figures_goa import henyey_greenstein as lobes
 from benchmarks.figures_goa import measures as of
-from benchmarks.figures_goa.__main__ import CLAIMS
-
-DOCS = Path(__file__).parents[2] / "docs"
 
 
 def test_plain_series_is_the_same_physics():
@@ -146,15 +139,3 @@ def test_first_below_takes_the_last_crossing():
     assert of.first_below(radius, [0.1, 0.001, 0.1, 0.001], 0.01) == pytest.approx(10**2.5)
     assert of.first_below(radius, [0.1, 0.1, 0.1, 0.1], 0.01) is None
     assert of.first_below(radius, [0.001] * 4, 0.01) == 1.0
-
-
-def test_every_claim_has_its_place_on_the_page():
-    page = (DOCS / "goa-claims.md").read_text(encoding="utf-8")
-    places = re.findall(r"<!-- numbers: (\S+) -->\n(.*?)<!-- end -->", page, re.DOTALL)
-    assert len({name for name, _ in places}) == len(places) == len(CLAIMS) + 3  # fig6 has four tables
-    assert all(text.startswith("| ") for _, text in places)
-    for _, picture in CLAIMS.values():
-        assert f"(pictures/{picture})" in page and (DOCS / "pictures" / picture).stat().st_size < 200_000
-    assert "new\ntable" in filled("<!-- numbers: a -->\nold\n<!-- end -->", {"a": "new\ntable"})
-    with pytest.raises(SystemExit, match="one '<!-- numbers: b -->'"):
-        filled("<!-- numbers: a -->\nold\n<!-- end -->", {"b": ""})

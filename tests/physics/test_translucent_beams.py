@@ -10,6 +10,8 @@ import pytest
 
 from bakery.kernels import stream_key
 from renderers.materials.bodies import _beams, beams, methods
+from renderers.materials.bodies._cells import cells_of
+from renderers.materials.bodies.paths import Paths
 from renderers.materials.bodies.transport import _share
 from renderers.transport import wavefront
 from renderers.transport.scattering import scatterer
@@ -46,17 +48,14 @@ def test_cells_lose_and_double_nothing():
     lit = beams.of(origin, direction, normal, 2 * length, power[:, None], np.full(3000, np.inf), 0)
     medium = scatterer([1.0], [0.9], np.linspace(0, np.pi, 5), np.full((1, 5), 1 / (4 * np.pi)))
     start, view, far, _ = (one[:200] for one in _scattered(3000))
+    lines = Paths.begun(start, -view, np.ones((200, 1)), np.zeros(200, np.uint64), np.arange(200))
+    lines.far[:] = 0.8 * far
     low, radius, found = np.full(3, -1.1), 0.05, []
     for edge, count in ((0.1, 22), (2.2, 1)):
-        shape = np.full(3, count)
-        begin = np.zeros(count**3 + 1, np.int64)
-        _beams.entered(lit.ray, lit.length, radius, low, edge, shape, begin, np.empty(0, np.int32))
-        begin = np.concatenate([[0], np.cumsum(begin[:-1])])
-        names = np.empty(begin[-1], np.int32)
-        _beams.entered(lit.ray, lit.length, radius, low, edge, shape, begin.copy(), names)
+        cells = cells_of(low, low + (count - 0.5) * edge, edge, _beams.entered, lit.ray, lit.length, radius)
         brought = np.zeros((3, 200, 1))
-        cells = _beams.Cells(low, edge, shape, begin, names)
-        _beams.join(medium, lit, cells, radius, 0.0, start, -view, -view, 0.8 * far, brought, 0, 200)
+        assert cells.shape.tolist() == [count] * 3
+        _beams.join(medium, lit, cells, _beams.Spread(radius, 0.0), lines, -view, brought, 0, 200)
         found.append(brought)
     assert (found[0] > 0).any(axis=2).sum() > 100 and np.allclose(*found, rtol=1e-9)
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import bakery
-from renderers.materials.bodies import _choice, _gather, shells
+from renderers.materials.bodies import _choice, _gather, _geometry, shells
 from renderers.materials.bodies._gather import LATER, OTHER, SECOND, Beams
 from renderers.materials.bodies.bodies import Body, laid_out
 from renderers.transport.scattering import scatterer
@@ -68,9 +68,11 @@ def gathered(gel, rows, kind, later, second, beyond=np.inf, before=0):
     beams, around = beams_of(rows, before), np.arange(0, LINES + 1, 64)
     repeated = [np.tile(vector, (LINES, 1)) for vector in (EYE, VIEW)]
     states, brought = np.random.default_rng(5).integers(1, 2**63, LINES).astype(np.uint64), np.zeros((3, LINES, 1))
-    _gather.gather(geometry, body.medium, *body.tables[0], 0, G, beams, _choice.clusters_of(SIGMA, 0, beams),
-                   np.full(LINES, PICKS), later, second, beyond, around, *repeated, np.full(LINES, FAR), states, brought, 0,
-                   len(around) - 1)
+    facing = np.empty((LINES, 3))
+    _geometry.boundary_normals(geometry, *repeated, facing, 0, LINES)
+    lines = _gather.Lines(*repeated, np.full(LINES, FAR), facing, states, np.full(LINES, PICKS), around, brought)
+    wave = _gather.Wave(0, G, *body.tables[0], later, second, beyond)
+    _gather.gather(geometry, body.medium, wave, beams, _choice.clusters_of(SIGMA, 0, beams), lines, 0, len(around) - 1)
     assert all(np.all(brought[other] == 0) for other in {LATER, SECOND, OTHER} - {kind})
     return brought[kind, :, 0]
 

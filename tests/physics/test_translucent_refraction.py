@@ -45,11 +45,11 @@ def from_inside(how, count):
     points, states = low + (high - low) * np.random.default_rng(1).random((count, 3)), np.empty(count, np.uint64)
     wavefront.begin_streams(kernels.stream_key(0, "render.translucent", 0), 0, states)
     paths = Paths.begun(points, np.tile([0.0, 0, 1], (count, 1)), np.ones((count, 1)), states, np.arange(count))
-    paths = paths.of(transport.located(how.geometry, paths)[0] == 0)
+    paths = paths.of(transport.located(how.geometry, paths) == 0)
     place, _, within, share = refraction.joined(how, 0, bent, paths)
     sample = how.world.from_light(bent.number, place)
     away = sample.direction.astype(float)
-    _, seen = transport.in_between(how, place + how.off * away, away, sample.distance, share > 0)
+    seen = transport.transmittance(how, place + how.off * away, away, sample.distance, share > 0)[:, 0] > 0
     values = share * sample.radiance[:, 0] * np.exp(-SIGMA * within) * seen * np.prod(high - low)
     return values.sum() / count, np.sqrt((values**2).sum()) / count
 
@@ -67,13 +67,12 @@ def from_outside(how, count):
     sample = how.world.from_light(0, points)
     away = sample.direction.astype(float)
     cosine = np.einsum("nk,nk->n", away, normal)
-    _, seen = transport.in_between(how, points + 2 * how.off * away, away, sample.distance, cosine > 0)
+    seen = transport.transmittance(how, points + 2 * how.off * away, away, sample.distance, cosine > 0)[:, 0] > 0
     beyond = np.sqrt(1 - (1 - cosine**2) / INDEX**2)
     way = -away / INDEX + (cosine / INDEX - beyond)[:, None] * normal
     reflected = np.array([kernels.fresnel(max(one, 0.0), INDEX)[0] for one in cosine])
     paths = Paths.begun(points + how.off * way, way, np.ones((count, 1)), np.zeros(count, np.uint64), np.arange(count))
-    within, far, _ = transport.located(how.geometry, paths)
-    far = np.where(within == 0, far, 0.0)
+    far = np.where(transport.located(how.geometry, paths) == 0, paths.far, 0.0)
     values = np.where(seen, (1 - reflected) * cosine * sample.radiance[:, 0] * -np.expm1(-SIGMA * far) / SIGMA, 0) * area.sum()
     return values.mean(), values.std() / np.sqrt(count)
 

@@ -5,6 +5,8 @@ Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -13,8 +15,9 @@ from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from renderers.materials.bodies import _shells, methods, shells
 from renderers.materials.bodies.bodies import Body, laid_out
-from renderers.materials.bodies.transport import Colours, Transport
+from renderers.materials.bodies.transport import Transport
 from renderers.mitsuba.world import World
+from renderers.transport.paths import Colours
 from renderers.transport.scattering import scatterer
 from tests.conftest import slow
 from tests.odds import ODDS, sigmas
@@ -98,8 +101,9 @@ def test_stored_exits_are_those_of_walks():
 
 
 def jumped(made, at, origin, direction, weight, states):
+    paths = SimpleNamespace(origin=origin, direction=direction, throughput=weight, states=states)
     for i in range(len(states)):
-        _shells.jump.py_func(made, at, origin, direction, weight, states, i)
+        _shells.jump.py_func(made, at, paths, i)
 
 
 @pytest.mark.slow

@@ -37,6 +37,33 @@ def without(monkeypatch):
     monkeypatch.setattr(scene, "lamps", lambda *arguments: None)
 
 
+def white(how, error):
+    """Whether what loses no light is 1, by pictures whose mean is known to `error`."""
+    pictures = loops.passes(how, range(32)).mean(axis=(1, 2, 3))
+    its_error = pictures.std(ddof=1) / 32**0.5
+    assert its_error < error
+    return abs(pictures.mean() - 1) < sigmas(32) * its_error
+
+
+def as_by_chance(tmp_path, monkeypatch, meshes, around, indices):
+    """Pictures with drawn lamps are those of paths that meet them by chance, by blocks of the picture and orders."""
+    def pictures(numbers, seed):
+        how = loops.transport(tmp_path, meshes, around, indices, size=16)
+        (part,) = loops.methods.parts(how, "paths", "negative", seed)
+        return [part.render(number) for number in numbers]
+
+    drawn = pictures(range(16), 1)
+    without(monkeypatch)
+    by_chance = pictures(range(40), 0)
+    for layer in ("order0", "order1", "order2", "orders"):
+        assert same(*(blocks(np.array([one[layer] for one in images]), (2, 2)) for images in (drawn, by_chance))) > ODDS, layer
+
+
+def counted_twice(monkeypatch):
+    """Light that paths meet by chance counts in full as well."""
+    monkeypatch.setattr(lamps.Lamps, "_share", lambda self, met: 1.0)
+
+
 def walls():
     """Of a closed room, lamps of radiance 1."""
     turns = [f'x="1" angle="{angle}"' for angle in (0, 90, 180, 270)] + ['y="1" angle="90"', 'y="1" angle="270"']
@@ -49,13 +76,19 @@ def walls():
 def test_a_white_room_of_lamps(tmp_path, every, monkeypatch, counted):
     """What loses no light is 1, whatever the wavelengths; not so if light that paths meet by chance counts in full as well."""
     if not counted:
-        connected = lamps.Lamps.connected
-        monkeypatch.setattr(lamps.Lamps, "connected", lambda *arguments: (*connected(*arguments)[:2], 1))
-    white = loops.asset(1.0, 0.5, (0.9, 0.7, 1.1, 2.0, 0.8), (0.45, 0.5, 0.55, 0.6, 0.65))
-    how = loops.transport(tmp_path, {"ball": (BALL, white)}, walls(), [1.4], size=8)
-    pictures = loops.passes(how, range(32)).mean(axis=(1, 2, 3))
-    error = pictures.std(ddof=1) / 32**0.5
-    assert error < 0.006 and (abs(pictures.mean() - 1) < sigmas(32) * error) == counted
+        counted_twice(monkeypatch)
+    lossless = loops.asset(1.0, 0.5, (0.9, 0.7, 1.1, 2.0, 0.8), (0.45, 0.5, 0.55, 0.6, 0.65))
+    how = loops.transport(tmp_path, {"ball": (BALL, lossless)}, walls(), [1.4], size=8)
+    assert white(how, 0.006) == counted
+
+
+@pytest.mark.parametrize("looked, met", [(0.5, 4.0), (8.0, 0.1)])
+def test_without_room_for_records_lamps_are_met_by_chance(tmp_path, monkeypatch, looked, met):
+    """Where lanes have no room for more scatterings, or for more lamps that paths have met, what loses no light is 1 as well."""
+    monkeypatch.setattr(lamps, "_LOOKED", (looked, 1))
+    monkeypatch.setattr(lamps, "_MET", (met, 1))
+    how = loops.transport(tmp_path, {"ball": (BALL, loops.asset(1.0, 0.5, (0.9, 0.7, 1.1)))}, walls(), [1.4], size=8)
+    assert white(how, 0.008)
 
 
 def test_solid_angles_are_those_of_neighbouring_walks(tmp_path):
@@ -140,14 +173,4 @@ def test_as_paths_that_meet_lamps_by_chance(tmp_path, every, monkeypatch, meshes
     """By blocks of the picture and orders, under a panel, beside an obstacle."""
     monkeypatch.setitem(loops.bodies.BOUNDARIES, 1.4, boundary)
     around = PANEL + FLOOR + shape(tmp_path, "obstacle", (0.3 * BALL[0] + [0, 0, 9], BALL[1]), BLACK)
-
-    def pictures(numbers, seed):
-        how = loops.transport(tmp_path, meshes, around, indices, size=16)
-        (part,) = loops.methods.parts(how, "paths", "negative", seed)
-        return [part.render(number) for number in numbers]
-
-    drawn = pictures(range(16), 1)
-    without(monkeypatch)
-    by_chance = pictures(range(40), 0)
-    for layer in ("order0", "order1", "order2", "orders"):
-        assert same(*(blocks(np.array([one[layer] for one in images]), (2, 2)) for images in (drawn, by_chance))) > ODDS, layer
+    as_by_chance(tmp_path, monkeypatch, meshes, around, indices)

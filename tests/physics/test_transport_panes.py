@@ -10,13 +10,20 @@ from functools import partial
 import numpy as np
 import pytest
 
-from renderers.transport import lamps, loop, passes, strata
+from renderers.transport import loop, passes, strata
 from renderers.transport.scene import Scene
-from tests.odds import ODDS, sigmas
 from tests.physics import test_transport as loops
-from tests.physics.particles import blocks, same
 from tests.physics.test_translucent import BALL, BLACK, FLOOR, PANEL, shape
-from tests.physics.test_transport_lamps import FORWARD, GREY, LAMP, every, walls, without  # noqa: F401
+from tests.physics.test_transport_lamps import (  # noqa: F401
+    FORWARD,
+    GREY,
+    LAMP,
+    as_by_chance,
+    counted_twice,
+    every,
+    walls,
+    white,
+)
 
 import drjit as dr  # isort: skip  behind renderers.mitsuba, which finds LLVM
 import mitsuba as mi  # isort: skip
@@ -47,13 +54,10 @@ def panes(tmp_path, meshes):
 def test_a_ball_in_glass_in_a_white_room_of_lamps(tmp_path, every, of_milk, monkeypatch, counted):  # noqa: F811
     """What loses no light is 1; not so if light that paths meet by chance counts in full as well."""
     if not counted:
-        connected = lamps.Lamps.connected
-        monkeypatch.setattr(lamps.Lamps, "connected", lambda *arguments: (*connected(*arguments)[:2], 1))
-    white = loops.asset(1.0, 0.5, (0.9, 0.7, 1.1))
-    how = loops.transport(tmp_path, {"ball": (BALL, white)}, walls() + panes(tmp_path, {"shell": SHELL}), [1.4], size=8)
-    pictures = loops.passes(how, range(32)).mean(axis=(1, 2, 3))
-    error = pictures.std(ddof=1) / 32**0.5
-    assert error < 0.007 and (abs(pictures.mean() - 1) < sigmas(32) * error) == counted
+        counted_twice(monkeypatch)
+    lossless = loops.asset(1.0, 0.5, (0.9, 0.7, 1.1))
+    how = loops.transport(tmp_path, {"ball": (BALL, lossless)}, walls() + panes(tmp_path, {"shell": SHELL}), [1.4], size=8)
+    assert white(how, 0.007) == counted
 
 
 @pytest.mark.parametrize("meshes, boundary, around", [({"shell": SHELL}, IN_GLASS, 1.5), ({"pane": PANE}, glass(1.4), 1.0)],
@@ -115,15 +119,11 @@ def test_any_number_of_threads(tmp_path, of_milk):
 
 def test_samples_of_a_pixel_have_strata_of_their_own():
     """One in each of the pixel and in each of the choices, and all choices alike in each stratum of the pixel."""
-    pixels, lanes, samples = 4096, 4, 4
-    lane = dr.arange(mi.UInt32, pixels * lanes)
-    drawn = strata.Strata(lane, lane // lanes, (3, 5), lanes, samples)
-    places, choices = np.empty((samples, 2, pixels, lanes)), np.empty((samples, pixels, lanes))
-    for sample in range(samples):
-        place, choice = drawn.drawn(mi.UInt32(sample), mi.PCG32(pixels * lanes), dr.full(mi.Bool, True, pixels * lanes))
-        places[sample], choices[sample] = np.array(place).reshape(2, pixels, lanes), np.array(choice).reshape(pixels, lanes)
-    number = (np.floor(4 * places[:, 0]) + 4 * np.floor(4 * places[:, 1])).transpose(1, 0, 2).reshape(pixels, -1)
-    chosen = np.floor(16 * choices).transpose(1, 0, 2).reshape(pixels, -1)
+    pixels, samples = 4096, 16
+    path = dr.arange(mi.UInt32, pixels * samples)
+    place, choice = strata.Strata.of((3, 5), samples).drawn(path // samples, path % samples, mi.PCG32(pixels * samples), True)
+    x, y, choice = (np.array(numbers).reshape(pixels, samples) for numbers in (place.x, place.y, choice))
+    number, chosen = np.floor(4 * x) + 4 * np.floor(4 * y), np.floor(16 * choice)
     assert np.array_equal(np.sort(number), np.sort(chosen)) and np.array_equal(np.sort(number)[0], np.arange(16))
     first = chosen[np.arange(pixels), np.argmin(number, axis=1)]  # the choice of the sample in the first stratum of the pixel
     assert np.bincount(first.astype(int), minlength=16).std() < 3 * 16  # 16 of 256 each
@@ -156,14 +156,4 @@ def test_as_paths_that_meet_lamps_behind_panes_by_chance(tmp_path, every, monkey
     """By blocks of the picture and orders, under a panel, beside an obstacle."""
     monkeypatch.setitem(loops.bodies.BOUNDARIES, 1.4, boundary)
     around = PANEL + FLOOR + panes(tmp_path, meshes) + shape(tmp_path, "obstacle", (0.3 * BALL[0] + [0, 0, 9], BALL[1]), BLACK)
-
-    def pictures(numbers, seed):
-        how = loops.transport(tmp_path, {"ball": (BALL, body)}, around, [1.4], size=16)
-        (part,) = loops.methods.parts(how, "paths", "negative", seed)
-        return [part.render(number) for number in numbers]
-
-    drawn = pictures(range(16), 1)
-    without(monkeypatch)
-    by_chance = pictures(range(40), 0)
-    for layer in ("order0", "order1", "order2", "orders"):
-        assert same(*(blocks(np.array([one[layer] for one in images]), (2, 2)) for images in (drawn, by_chance))) > ODDS, layer
+    as_by_chance(tmp_path, monkeypatch, {"ball": (BALL, body)}, around, [1.4])

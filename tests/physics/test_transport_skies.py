@@ -10,11 +10,9 @@ import pytest
 
 from renderers.transport.scene import Scene
 from renderers.transport.skies import Sky
-from tests.odds import ODDS, sigmas
 from tests.physics import test_transport as loops
-from tests.physics.particles import blocks, same
 from tests.physics.test_translucent import BALL, FLOOR, SKY, shape
-from tests.physics.test_transport_lamps import FORWARD, GREY, every, without  # noqa: F401
+from tests.physics.test_transport_lamps import FORWARD, GREY, as_by_chance, every, white  # noqa: F401
 from tests.physics.test_transport_panes import IN_GLASS, SHELL, WALL
 
 import mitsuba as mi  # isort: skip  behind renderers.mitsuba, which finds LLVM
@@ -52,9 +50,7 @@ def test_a_white_sky(tmp_path, every, monkeypatch, in_glass):  # noqa: F811
         around += shape(tmp_path, "shell", SHELL, WALL)
     how = loops.transport(tmp_path, {"ball": (BALL, loops.asset(1.0, 0.5, (0.9, 0.7, 1.1)))}, around, [1.4], size=8)
     assert lamps_of(how)._sky
-    pictures = loops.passes(how, range(32)).mean(axis=(1, 2, 3))
-    error = pictures.std(ddof=1) / 32**0.5
-    assert error < 0.007 and abs(pictures.mean() - 1) < sigmas(32) * error
+    assert white(how, 0.007)
 
 
 @pytest.mark.slow
@@ -66,14 +62,4 @@ def test_as_paths_that_meet_the_sky_by_chance(tmp_path, every, monkeypatch, in_g
     if in_glass:
         monkeypatch.setitem(loops.bodies.BOUNDARIES, 1.4, IN_GLASS)
         around += shape(tmp_path, "shell", SHELL, WALL)
-
-    def pictures(numbers, seed):
-        how = loops.transport(tmp_path, {"ball": (BALL, body)}, around, [1.4], size=16)
-        (part,) = loops.methods.parts(how, "paths", "negative", seed)
-        return [part.render(number) for number in numbers]
-
-    drawn = pictures(range(16), 1)
-    without(monkeypatch)
-    by_chance = pictures(range(40), 0)
-    for layer in ("order0", "order1", "order2", "orders"):
-        assert same(*(blocks(np.array([one[layer] for one in images]), (2, 2)) for images in (drawn, by_chance))) > ODDS, layer
+    as_by_chance(tmp_path, monkeypatch, {"ball": (BALL, body)}, around, [1.4])

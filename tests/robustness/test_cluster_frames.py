@@ -1,4 +1,4 @@
-"""Frames on a Dask cluster: the bytes of one machine, whichever workers live, and their faults in the words of the renderer."""
+"""Frames and passes on a Dask cluster: the bytes of one machine, whichever workers live, and faults in the renderer's words."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ import pytest
 from bakery.errors import BakeryError
 from bakery.run import dask
 from renderers import sequence
-from renderers.sequence import far, film, prepared
+from renderers.cluster import passes
+from renderers.pictures import passes as passes_of_picture
+from renderers.pictures.versions import versions
+from renderers.sequence import far, film
 from tests.cli.test_frames import bake, content, lay_out
 from tests.robustness.test_cluster import running
 
@@ -42,9 +45,9 @@ class Killing:
         self._workers, self.killed = workers, []
 
     def update(self, fraction, error=None, state=""):
-        if self.killed:
+        busy = next((address for address, keys in self._workers._client.processing().items() if keys), None)
+        if self.killed or busy is None:
             return
-        busy = next(address for address, keys in self._workers._client.processing().items() if keys)
         pid = self._workers._client.run(os.getpid, workers=[busy])[busy]
         self.killed.append(pid)
         os.kill(pid, signal.SIGKILL)
@@ -86,6 +89,46 @@ def test_faults_of_a_worker(place, scheduler):
 
 
 def test_a_worker_with_another_mitsuba_is_refused():
-    task = SimpleNamespace(versions=prepared.versions() | {"mitsuba": "2.0"})
-    answer = far.rendered({}, {}, task)
-    assert answer.pictures is None and answer.status == 2 and "instead of 2.0; equal versions give equal pictures" in answer.fault
+    asked = SimpleNamespace(versions=versions() | {"mitsuba": "2.0"})
+    for answer in far.rendered({}, {}, asked), passes.rendered({}, asked, "walk", 0):
+        assert answer.status == 2 and "instead of 2.0; equal versions give equal pictures" in answer.fault
+
+
+def test_passes_of_workers_have_the_bytes_of_one_machine(call, place, scheduler):
+    """Parts of several kinds, and on with what an interrupted render left."""
+    scene, first = place / "s.yaml", ("--set", "stop.samples=3")
+    for folder, options in ("near", ()), ("apart", ("--cluster", scheduler)):
+        (place / folder).mkdir(exist_ok=True)
+        picture = ("-o", place / folder / "drift.png")
+        assert call("render", scene, *picture, *first, *options)[0] == 0
+        assert call("render", scene, *picture, "--set", "stop.samples=12", "--resume", *options)[0] == 0
+    assert content(place / "apart") == content(place / "near")
+
+
+def test_passes_of_a_killed_worker_are_done_by_others(place, scheduler):
+    scene, wanted = place / "s.yaml", {"stop.samples": "40"}
+    with dask.cluster(scheduler) as workers:
+        killing = Killing(workers)
+        report = passes_of_picture.render(scene, place / "apart" / "drift.png", overrides=wanted,
+                                          elsewhere=passes.workers(workers),
+                                          progress=lambda fraction, noise=None: killing.update(fraction))
+    assert len(killing.killed) == 1 and report["samples"] >= 40
+    (place / "near").mkdir()
+    passes_of_picture.render(scene, place / "near" / "drift.png", overrides=wanted)
+    assert content(place / "apart") == content(place / "near")
+
+
+def test_noise_ends_passes_of_workers(place, scheduler):
+    """Those that were rendered beyond the last one are of no use, and nothing waits for them."""
+    scene = place / "s.yaml"
+    scene.write_text(scene.read_text().replace("stop: {samples: 2}", "stop: {noise: 30%}"))
+    with dask.cluster(scheduler) as workers:
+        report = passes_of_picture.render(scene, place / "apart" / "drift.png", elsewhere=passes.workers(workers))
+    assert report["stopped_by"] == "noise" and report["noise"] <= 0.3
+
+
+def test_one_frame_is_shared_by_passes(call, place, scheduler):
+    assert call("render", place / "s.yaml", "--frames", "2")[0] == 0
+    near = content(place)
+    assert call("render", place / "s.yaml", "-o", place / "apart" / "drift.png", "--frames", "2", "--cluster", scheduler)[0] == 0
+    assert content(place / "apart") == near

@@ -92,122 +92,65 @@ def with_data(root: Group, path: str, data) -> Group:
     return with_member(root, path, replace(root[path], data=np.ascontiguousarray(data)))
 
 
-def one_place(root):
-    return with_data(root, "packing/centers", np.ones((30, 3)))
+def changed(path: str, change):
+    """What puts `change(values)` in the place of a dataset's values."""
+    return lambda root: with_data(root, path, change(root[path].data))
 
 
-def about_one_place(root):
-    return with_data(root, "packing/centers", 1 + 1e-3 * np.arange(90.0).reshape(30, 3))
+def with_attributes(root: Group, path: str, **attributes) -> Group:
+    return with_member(root, path, replace(root[path], attributes=root[path].attributes | attributes))
 
 
-def small_cell(root):
-    return with_data(root, "packing/cell", [1e-6, 1e-6, 1e-6])
+def far_corners(factor: int):
+    return changed("multiple/point/w0/corner", lambda corner: corner.astype(np.int32) * factor)
 
 
-def far_corners(factor):
-    def crafted(root):
-        corner = root["multiple/point/w0/corner"]
-        return with_data(root, "multiple/point/w0/corner", (corner.data.astype(np.int32) * factor))
-
-    return crafted
+def without(path: str):
+    return lambda root: with_member(root, path, None)
 
 
-def two_ranks(root):
-    return with_data(root, "medium/sigma_s", np.stack([root["medium/sigma_s"].data] * 3))
+two_ranks = changed("medium/sigma_s", lambda sigma_s: np.stack([sigma_s] * 3))
+unknown_method = changed("optics/droplets/method", lambda method: np.full_like(method, 9))
 
 
-def unknown_method(root):
-    method = root["optics/droplets/method"]
-    return with_data(root, "optics/droplets/method", np.full_like(method.data, 9))
+CRAFTED = {
+    "one place": ("tile", changed("packing/centers", np.ones_like),
+                  "packing: centers: two spheres overlap, 30 centres lie where one has room"),
+    "corners": ("haze", far_corners(128), "multiple: point/w0: corner goes to"),
+    "two ranks": ("fog", two_ranks, "medium/sigma_s: its shape is (3, 2), not (L,)"),
+    "method": ("fog", unknown_method, "optics/droplets/method: holds 9, above 2"),
+    "one vertex": ("shot", changed("grains/ball/faces", np.zeros_like), "grains: ball: face 0 names a vertex twice"),
+}
+MORE = {
+    "about one place": ("tile", changed("packing/centers", lambda at: 1 + 1e-3 * np.arange(90.0).reshape(30, 3)),
+                        "packing: centers: two spheres overlap"),
+    "small cell": ("tile", changed("packing/cell", lambda cell: 1e-6 * np.ones(3)),
+                   "packing: a sphere that overlaps its own images"),
+    "no error of pairs": ("tile", without("packing/pair_correlation/g_error"), "packing: pair_correlation/g_error missing"),
+    "farther corners": ("haze", far_corners(2048), "multiple: point/w0: corner goes to"),
+    "corners of other cells": ("haze", far_corners(2), "multiple: point/w0: corner is for cells of 1/"),
+    "faces of nothing": ("shot", changed("grains/ball/faces", lambda faces: 10**6 + faces), "grains/ball/faces: holds 1"),
+    "numbers for words": ("fog", lambda root: with_attributes(root, "medium", tolerance="small"),
+                          "medium: attribute `tolerance` is missing or not float"),
+    "no phase": ("fog", without("medium/phase"), "medium/phase: missing"),
+    "small integers": ("fog", changed("medium/phase", lambda phase: phase.astype(np.int8)), "medium/phase: its type is int8"),
+    "other angles": ("fog", changed("medium/theta", lambda theta: theta[:-1]), "medium/theta: its shape is ("),
+    "beyond numbers": ("fog", changed("medium/sigma_t", lambda sigma_t: 1e200 * np.ones(2)),
+                       "medium/sigma_t: holds 1e+200, above 1e+100"),
+    "group for dataset": ("fog", lambda root: with_member(root, "medium/g", Group({"g": root["medium/g"]})),
+                          "medium/g: a group, where a dataset belongs"),
+    "deep json": ("shot", lambda root: with_member(root, "grains/ball/surface", text("[" * 100_000, "surface")),
+                  "grains: ball: surface is no JSON object"),
+    "no table": ("haze", without("multiple/point/w1"), "multiple: point/w1: node_bounds, "),
+    "depths in disorder": ("haze", changed("beam/depth", lambda depth: depth[::-1]), "beam: depth or ratio do not ascend"),
+    "many wavelengths": ("fog", changed("wavelength", lambda um: np.linspace(0.4, 0.7, 5000)),
+                         "wavelength: missing, or not an array (L,) in um of up to 4096 numbers"),
+    "seconds in words": ("haze", lambda root: with_attributes(root, "provenance/beam", seconds="many"),
+                         "provenance/beam: attribute `seconds` is missing or not float"),
+}
 
 
-def one_vertex(root):
-    return with_data(root, "grains/ball/faces", 0 * root["grains/ball/faces"].data)
-
-
-def faces_of_nothing(root):
-    return with_data(root, "grains/ball/faces", 10**6 + root["grains/ball/faces"].data)
-
-
-def numbers_for_words(root):
-    return with_member(root, "medium", replace(root["medium"], attributes=root["medium"].attributes | {"tolerance": "small"}))
-
-
-def no_phase(root):
-    return with_member(root, "medium/phase", None)
-
-
-def small_integers(root):
-    return with_data(root, "medium/phase", root["medium/phase"].data.astype(np.int8))
-
-
-def other_angles(root):
-    return with_data(root, "medium/theta", root["medium/theta"].data[:-1])
-
-
-def beyond_numbers(root):
-    return with_data(root, "medium/sigma_t", [1e200, 1e200])
-
-
-def group_for_dataset(root):
-    return with_member(root, "medium/g", Group({"g": root["medium/g"]}))
-
-
-def deep_json(root):
-    return with_member(root, "grains/ball/surface", text("[" * 100_000, "surface"))
-
-
-def no_table(root):
-    return with_member(root, "multiple/point/w1", None)
-
-
-def no_error_of_pairs(root):
-    return with_member(root, "packing/pair_correlation/g_error", None)
-
-
-def depths_in_disorder(root):
-    return with_data(root, "beam/depth", root["beam/depth"].data[::-1])
-
-
-def many_wavelengths(root):
-    return with_data(root, "wavelength", np.linspace(0.4, 0.7, 5000))
-
-
-def seconds_in_words(root):
-    spent = root["provenance/beam"]
-    return with_member(root, "provenance/beam", replace(spent, attributes=spent.attributes | {"seconds": "many"}))
-
-
-CRAFTED = [
-    ("tile", one_place, "packing: centers: two spheres overlap, 30 centres lie where one has room"),
-    ("haze", far_corners(128), "multiple: point/w0: corner goes to"),
-    ("fog", two_ranks, "medium/sigma_s: its shape is (3, 2), not (L,)"),
-    ("fog", unknown_method, "optics/droplets/method: holds 9, above 2"),
-    ("shot", one_vertex, "grains: ball: face 0 names a vertex twice"),
-]
-MORE = [
-    ("tile", about_one_place, "packing: centers: two spheres overlap"),
-    ("tile", small_cell, "packing: a sphere that overlaps its own images"),
-    ("tile", no_error_of_pairs, "packing: pair_correlation/g_error missing"),
-    ("haze", far_corners(2048), "multiple: point/w0: corner goes to"),
-    ("haze", far_corners(2), "multiple: point/w0: corner is for cells of 1/"),
-    ("shot", faces_of_nothing, "grains/ball/faces: holds 1"),
-    ("fog", numbers_for_words, "medium: attribute `tolerance` is missing or not float"),
-    ("fog", no_phase, "medium/phase: missing"),
-    ("fog", small_integers, "medium/phase: its type is int8"),
-    ("fog", other_angles, "medium/theta: its shape is ("),
-    ("fog", beyond_numbers, "medium/sigma_t: holds 1e+200, above 1e+100"),
-    ("fog", group_for_dataset, "medium/g: a group, where a dataset belongs"),
-    ("shot", deep_json, "grains: ball: surface is no JSON object"),
-    ("haze", no_table, "multiple: point/w1: node_bounds, "),
-    ("haze", depths_in_disorder, "beam: depth or ratio do not ascend"),
-    ("fog", many_wavelengths, "wavelength: missing, or not an array (L,) in um of up to 4096 numbers"),
-    ("haze", seconds_in_words, "provenance/beam: attribute `seconds` is missing or not float"),
-]
-
-
-@pytest.mark.parametrize(("of", "craft", "words"), CRAFTED,
-                         ids=["one place", "corners", "two ranks", "method", "one vertex"])
+@pytest.mark.parametrize(("of", "craft", "words"), CRAFTED.values(), ids=CRAFTED)
 def test_every_command_says_it_in_a_line(call, sound, tmp_path, of, craft, words):
     path, whole = tmp_path / "crafted.h5", tmp_path / "whole.h5"
     write(path, craft(sound[of]))
@@ -222,7 +165,7 @@ def test_every_command_says_it_in_a_line(call, sound, tmp_path, of, craft, words
     assert sorted(file.name for file in tmp_path.iterdir()) == ["crafted.h5", "whole.h5"]
 
 
-@pytest.mark.parametrize(("of", "craft", "words"), MORE, ids=[craft.__name__ for _, craft, _ in MORE])
+@pytest.mark.parametrize(("of", "craft", "words"), MORE.values(), ids=MORE)
 def test_opening_says_it_in_a_line(sound, tmp_path, of, craft, words):
     path = tmp_path / "crafted.h5"
     write(path, craft(sound[of]))
@@ -233,7 +176,7 @@ def test_opening_says_it_in_a_line(sound, tmp_path, of, craft, words):
 
 def test_verify_names_it_to_the_user(call, sound, tmp_path):
     """Through the child process, and with more than one fault."""
-    write(tmp_path / "x.h5", no_phase(two_ranks(sound["fog"])))
+    write(tmp_path / "x.h5", without("medium/phase")(two_ranks(sound["fog"])))
     found = verify(tmp_path / "x.h5")
     assert [line.split(":")[0] for line in found] == ["medium/sigma_s", "medium/phase", "medium/phase_bias"]
     with pytest.raises(AssetError, match=r"medium/sigma_s.* and 1 more; `bake verify`"):

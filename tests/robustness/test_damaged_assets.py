@@ -130,50 +130,26 @@ def edited(data: bytes):
     edit.data = resealed(buffer.getvalue())
 
 
-def rename_dataset(file):
-    file.move("medium/sigma_a", "medium/sigma_b")
+def swap(file) -> None:
+    for old, new in (("sigma_a", "x"), ("sigma_s", "sigma_a"), ("x", "sigma_s")):
+        file.move(f"medium/{old}", f"medium/{new}")
 
 
-def move_dataset(file):
-    file.move("medium/sigma_a", "optics/sigma_a")
+EDITS = {
+    "dataset renamed": lambda file: file.move("medium/sigma_a", "medium/sigma_b"),
+    "dataset moved": lambda file: file.move("medium/sigma_a", "optics/sigma_a"),
+    "datasets swapped": swap,
+    "dataset more": lambda file: file["medium"].create_dataset("extra", data=[1.0], chunks=(1,), fletcher32=True),
+    "unit": lambda file: file["optics/droplets/radius"].attrs.modify("units", np.bytes_(b"mm")),
+    "version": lambda file: file.attrs.modify("format_version", 2),
+    "format": lambda file: file.attrs.modify("format", np.bytes_(b"bakery-other")),
+    "value": lambda file: file["medium/phase"].__setitem__((0, 5), 1.0000001 * file["medium/phase"][0, 5]),
+    "tolerance": lambda file: file["medium"].attrs.modify("tolerance", 0.5),
+    "no hash": lambda file: file.attrs.__delitem__("content_hash"),
+}
 
 
-def swap_datasets(file):
-    file.move("medium/sigma_a", "medium/x")
-    file.move("medium/sigma_s", "medium/sigma_a")
-    file.move("medium/x", "medium/sigma_s")
-
-
-def extra_dataset(file):
-    file["medium"].create_dataset("extra", data=[1.0], chunks=(1,), fletcher32=True)
-
-
-def another_unit(file):
-    file["optics/droplets/radius"].attrs.modify("units", np.bytes_(b"mm"))
-
-
-def another_version(file):
-    file.attrs.modify("format_version", 2)
-
-
-def another_format(file):
-    file.attrs.modify("format", np.bytes_(b"bakery-other"))
-
-
-def another_value(file):
-    file["medium/phase"][0, 5] *= 1.0000001
-
-
-def another_tolerance(file):
-    file["medium"].attrs.modify("tolerance", 0.5)
-
-
-def no_hash(file):
-    del file.attrs["content_hash"]
-
-
-@pytest.mark.parametrize("change", [rename_dataset, move_dataset, swap_datasets, extra_dataset, another_unit, another_version,
-                                    another_format, another_value, another_tolerance, no_hash])
+@pytest.mark.parametrize("change", EDITS.values(), ids=EDITS)
 def test_edits_with_ordinary_tools_are_found(tmp_path, sound, change):
     with edited(sound) as edit:
         change(edit.file)
@@ -255,7 +231,7 @@ def test_a_sound_asset_passes(tmp_path):
 
 def test_verify_says_what_its_process_finds(tmp_path, sound):
     """A fault of the structure, one of the hashes, one of the physics."""
-    for change in (another_format, another_value):
+    for change in (EDITS["format"], EDITS["value"]):
         with edited(sound) as edit:
             change(edit.file)
         (tmp_path / "fog.h5").write_bytes(edit.data)

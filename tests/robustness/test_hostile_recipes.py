@@ -47,23 +47,16 @@ def test_messages_keep_control_characters_off_the_terminal():
         assert all(c.isprintable() or c == "\n" for c in text), path
 
 
-@pytest.mark.parametrize(
-    "data",
-    [FOG.encode("utf-8-sig"), FOG.replace("\n", "\r\n").encode(), FOG.replace("\n", "\r").encode()],
-    ids=["BOM", "CRLF", "CR"],
-)
+@pytest.mark.parametrize("data", [FOG.encode("utf-8-sig"), FOG.replace("\n", "\r\n").encode(), FOG.replace("\n", "\r").encode()],
+                         ids=["BOM", "CRLF", "CR"])
 def test_harmless_encodings_are_read(write, data):
     assert load(write(data)).particles.number_density == 1e8
 
 
 def test_lines_are_right_after_crlf(write):
     with pytest.raises(RecipeError, match=r"fog.yaml:4: name"):
-        load(
-            write(
-                "\ufeff# fog\r\n\r\nbakery: 1\r\nname: ..\r\n"
-                "medium: {albedo: 1, mean_free_path: 1 m, phase: {type: isotropic}}\r\n"
-            )
-        )
+        load(write("\ufeff# fog\r\n\r\nbakery: 1\r\nname: ..\r\n"
+                   "medium: {albedo: 1, mean_free_path: 1 m, phase: {type: isotropic}}\r\n"))
 
 
 # ---- size
@@ -193,88 +186,27 @@ def refused_or_read(path, overrides=None):
         assert recipe.leaves["bakery"] == 1
 
 
-_quiet = settings(
-    max_examples=75, deadline=None, derandomize=True, database=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+_quiet = settings(max_examples=75, deadline=None, derandomize=True, database=None,
+                  suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @_quiet
-@given(
-    data=st.one_of(
-        st.binary(max_size=200),
-        st.text(max_size=200).map(lambda text: text.encode("utf-8", "surrogatepass")),
-        st.text(alphabet="ab:-[]{}\"'#&*!|>%@`, \n\t?1.<", max_size=60).map(str.encode),
-    )
-)
+@given(data=st.one_of(st.binary(max_size=200), st.text(max_size=200).map(lambda text: text.encode("utf-8", "surrogatepass")),
+                      st.text(alphabet="ab:-[]{}\"'#&*!|>%@`, \n\t?1.<", max_size=60).map(str.encode)))
 def test_any_bytes(write, data):
     refused_or_read(write(data))
 
 
-_words = st.sampled_from(
-    [
-        "",
-        "[",
-        "]",
-        "{",
-        "}",
-        ":",
-        "- ",
-        "? ",
-        "|",
-        ">",
-        "&a ",
-        "*a",
-        "!!x ",
-        "'",
-        '"',
-        "#",
-        "\t",
-        "\n",
-        "<<",
-        "~",
-        "null",
-        ".nan",
-        "-1",
-        "1e400",
-        "1e-400 um",
-        "9" * 30,
-        "5",
-        "5 um",
-        "[1, 2] mm",
-        "[1, 2 mm",
-        "%",
-        "µm",
-        "water",
-        "mixture",
-        "table",
-        "goa",
-        "inf",
-        "mesh",
-        "sphere",
-        "conductor",
-        "../x",
-        "rgb",
-        "[0.5, 0.6]",
-        "{n: 1.3}",
-        "{file: x.csv}",
-        "of",
-        "min",
-        "medium",
-        "0",
-        "\x00",
-        "\x85",
-        "\u2028",
-        "é",
-        "\U0001f600",
-    ]
-)
+_words = st.sampled_from(["", "[", "]", "{", "}", ":", "- ", "? ", "|", ">", "&a ", "*a", "!!x ", "'", '"', "#", "\t", "\n", "<<",
+                          "~", "null", ".nan", "-1", "1e400", "1e-400 um", "9" * 30, "5", "5 um", "[1, 2] mm", "[1, 2 mm", "%",
+                          "µm", "water", "mixture", "table", "goa", "inf", "mesh", "sphere", "conductor", "../x", "rgb",
+                          "[0.5, 0.6]", "{n: 1.3}", "{file: x.csv}", "of", "min", "medium", "0", "\x00", "\x85", "\u2028", "é",
+                          "\U0001f600"])
 
 
 @_quiet
-@given(
-    good=st.sampled_from([FOG, SAND]),
-    edits=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 12), _words), min_size=1, max_size=4),
-)
+@given(good=st.sampled_from([FOG, SAND]), edits=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 12), _words), min_size=1,
+                                                         max_size=4))
 def test_any_edit_of_a_good_recipe(write, good, edits):
     text = "\n".join(line for line in good.splitlines() if not line.startswith("#"))
     for where, cut, word in edits:
@@ -283,28 +215,9 @@ def test_any_edit_of_a_good_recipe(write, good, edits):
     refused_or_read(write(text))
 
 
-_keys = st.one_of(
-    st.sampled_from(
-        [
-            "seed",
-            "tolerance",
-            "wavelengths",
-            "particles.components[0].size",
-            "particles.components.droplets.material",
-            "phase.method",
-            "particles.components",
-            "particles",
-            "name.x",
-            "a.b.c",
-            "particles.components[9]",
-            "[0]",
-            "",
-            ".",
-            "a..b",
-        ]
-    ),
-    st.text(max_size=12),
-)
+_keys = st.one_of(st.sampled_from(["seed", "tolerance", "wavelengths", "particles.components[0].size",
+                                   "particles.components.droplets.material", "phase.method", "particles.components", "particles",
+                                   "name.x", "a.b.c", "particles.components[9]", "[0]", "", ".", "a..b"]), st.text(max_size=12))
 
 
 @_quiet

@@ -50,6 +50,8 @@ ROOMS = {"camera": set(), "colour": set(), "progress": set(), "threads": set(),
          "mitsuba": {"camera", "colour", "pictures.engine", "pictures.images", "pictures.reached", "scene.inputs"},
          "pictures": {"choice", "colour", "mitsuba", "progress", "scene"},
          "choice": {"colour", "mitsuba", "pictures", "scene"},
+         "cluster": {"pictures", "scene"},
+         "sequence": {"choice", "cluster", "colour", "mitsuba", "pictures", "scene"},
          "transport": {"mitsuba", "pictures.denoise", "pictures.engine", "threads"},
          "fog": {"camera", "colour", "mitsuba", "pictures", "progress", "scene", "threads"},
          "preview": {"camera", "colour", "mitsuba", "pictures", "progress", "threads", "transport.wavefront"}}

@@ -15,7 +15,7 @@ from tests.unit.test_imports import imports, modules
 
 # what a picture may take of physics: look-ups in the tables of an asset, and what closed formulas say of a few of its figures
 LOOKUPS = {"beam.kinds.MEASURES", "discrete.graininess", "medium.phase.phase_at", "medium.phase.phase_integral", "multiple.frame",
-           "multiple.kinds.KINDS", "multiple.plain"}
+           "multiple.kinds.KINDS", "multiple.plain", "surfaces.spread.profile_within"}
 # files of physics whose functions may run while pictures are made
 FILES = {"medium/phase.py", "multiple/frame.py", "multiple/plain.py", "multiple/table.py", "multiple/tree.py",
          "beam/table.py", "discrete/graininess.py"}

@@ -85,6 +85,38 @@ def test_noise_that_pixels_share_is_in_the_error_of_the_mean(tmp_path):
     assert progressive.error_of_mean({}) is None
 
 
+def loop(samples):
+    """A part of passes of a size that may be chosen."""
+    return Part("paths", noisy(3, 1 / np.sqrt(samples)), samples, loop)
+
+
+@pytest.mark.parametrize("seconds, samples", [(None, 16), (60.0, 16), (16.0, 16), (4.0, 4), (3.75, 2), (0.9, 1), (0.0, 1)])
+def test_passes_of_a_short_render_are_smaller(seconds, samples):
+    """By what is asked for and no clock; two have to end, and parts whose passes have one size keep it."""
+    fixed = Part("splat", noisy(1), 2)
+    parts = engine.in_time([loop(16), fixed], seconds)
+    assert [part.samples for part in parts] == [samples, 2] and parts[1] is fixed
+
+
+def test_going_on_from_passes_of_another_size(tmp_path):
+    """Samples are counted as they were, and the noise is that of all of them; of a file that does not say, passes were alike."""
+    job, short = Job(tmp_path), Estimate([loop(1)], {})
+    ended(job, short, 3)
+    long = Estimate([loop(16)], {})
+    long.resume(job.pair[1])
+    assert long.samples == 3
+    report = ended(job, long, 40)
+    assert report["samples"] == 51 and report["passes"] == {"paths": 6}
+    # each pass counts as one; two degrees of freedom at least in each of 144 values: 4.5 deviations, 1 in 150,000
+    assert long.variance[..., :3].mean() == pytest.approx((3 + 3 / 16) / 36, rel=4.5 * np.sqrt(2 / 144 / 2))
+    picture, text = bitmaps.read(job.pair[1])
+    text[progressive._STATE] = text[progressive._STATE].replace('"samples": 51, ', "")
+    bitmaps.write(job.pair, np.zeros(SHAPE, np.uint8), picture, text)
+    again = Estimate([loop(16)], {})
+    again.resume(job.pair[1])
+    assert again.samples == 6 * 16
+
+
 def swaying(word, sway=1.0, scatter=0.0, level=5.0):
     """Passes whose pixels share noise, and have noise of their own besides."""
 

@@ -99,10 +99,8 @@ def test_every_kind_of_particle(everything, tmp_path):
 def test_files_are_hashed_as_read(everything, tmp_path):
     recipe = load(everything)
     keys = [file.key for file in recipe.files]
-    assert keys == [
-        f"particles.components[{i}].{rest}"
-        for i, rest in ((1, "material.file"), (2, "material"), (2, "size.file"), (3, "material"))
-    ]
+    assert keys == [f"particles.components[{i}].{rest}" for i, rest in ((1, "material.file"), (2, "material"), (2, "size.file"),
+                                                                        (3, "material"))]
     for file in recipe.files:
         assert file.sha256 == hashlib.sha256(file.path.read_bytes()).hexdigest()
     assert recipe.files[0].path == tmp_path / "own.csv"
@@ -112,22 +110,11 @@ def test_leaves(everything):
     recipe = load(everything)
     leaves = recipe.leaves
     assert all(type(value) in (str, int, float, bool) for value in leaves.values())
-    expected = {
-        "wavelengths[0]": 0.5,
-        "wavelengths[2]": 0.7,
-        "seed": 7,
-        "tolerance": 0.005,
-        "particles.host.n[1]": 1.2,
-        "particles.components[0].material.n[2]": 1.5,
-        "particles.components[0].material.k[1]": 0.2,
-        "particles.components[0].size.radius": 0.06,
-        "particles.components[1].material.file": "own.csv",
-        "particles.components[3].size.of[1].share": 0.005,
-        "particles.components[3].size.max": 30.0,
-        "phase.polarized": True,
-        "phase.orders": 3,
-        "particles.components[2].material": "ice",
-    }
+    expected = {"wavelengths[0]": 0.5, "wavelengths[2]": 0.7, "seed": 7, "tolerance": 0.005, "particles.host.n[1]": 1.2,
+                "particles.components[0].material.n[2]": 1.5, "particles.components[0].material.k[1]": 0.2,
+                "particles.components[0].size.radius": 0.06, "particles.components[1].material.file": "own.csv",
+                "particles.components[3].size.of[1].share": 0.005, "particles.components[3].size.max": 30.0,
+                "phase.polarized": True, "phase.orders": 3, "particles.components[2].material": "ice"}
     assert expected.items() <= leaves.items()
     assert "particles.components[1].size.min" not in leaves  # no cut is not a value
 
@@ -151,13 +138,8 @@ def test_equal_recipes_have_equal_leaves(write):
 def test_places(everything, monkeypatch):
     monkeypatch.chdir(everything.parent)
     recipe = load("recipe.yaml")
-    for key in (
-        "particles.components[3].size.of[1].radius",
-        "seed",
-        "phase.polarized",
-        "particles.components[0].material.k",
-        "wavelengths[1]",
-    ):
+    for key in ("particles.components[3].size.of[1].radius", "seed", "phase.polarized", "particles.components[0].material.k",
+                "wavelengths[1]"):
         line = int(re.fullmatch(r"recipe\.yaml:(\d+)", recipe.where(key))[1])
         assert key.rpartition(".")[2].partition("[")[0] in EVERYTHING.splitlines()[line - 1]
     assert recipe.where("particles.components[0].size.min") == recipe.where("particles.components[0].size")  # left out
@@ -216,14 +198,12 @@ def test_phase_functions(write, phase, attribute, value):
     assert found is None if value is None else found == pytest.approx(value)
 
 
-@pytest.mark.parametrize(
-    "table", ["theta_deg,value\n0,4\n90,1\n180,2\n", "theta_rad, p\n0,4\n1.5707963267948966,1\n3.14159265,2\n"]
-)
+@pytest.mark.parametrize("table", ["theta_deg,value\n0,4\n90,1\n180,2\n",
+                                   "theta_rad, p\n0,4\n1.5707963267948966,1\n3.14159265,2\n"])
 def test_phase_table(write, table):
     write(table, "lobe.csv")
-    theta, value = load(
-        write(MEDIUM.format("albedo: 1\n  mean_free_path: 1 m", "{type: table, file: lobe.csv}"))
-    ).medium.phase.file
+    theta, value = load(write(MEDIUM.format("albedo: 1\n  mean_free_path: 1 m",
+                                            "{type: table, file: lobe.csv}"))).medium.phase.file
     assert theta.tolist() == [0.0, math.pi / 2, math.pi] and value.tolist() == [4, 1, 2]
 
 
@@ -231,11 +211,9 @@ def test_phase_table(write, table):
 
 
 def test_a_list_with_a_unit_keeps_the_lines_and_columns(write):
-    text = (
-        "bakery: 1\nname: m\nmedium:\n  albedo: [0.999, 0.999, 0.999]   # comment [1, 2] mm\n"
-        '  mean_free_path: [0.84, x, 0.68] mm  # one unit for all\n  phase: {type: hg, g: 1.5}\n'
-        'description: "about [1, 2] mm: thick"\n'
-    )
+    text = ("bakery: 1\nname: m\nmedium:\n  albedo: [0.999, 0.999, 0.999]   # comment [1, 2] mm\n"
+            '  mean_free_path: [0.84, x, 0.68] mm  # one unit for all\n  phase: {type: hg, g: 1.5}\n'
+            'description: "about [1, 2] mm: thick"\n')
     with pytest.raises(RecipeError) as error:
         load(write(text))
     assert [(p.line, p.column) for p in error.value.problems] == [(5, 26), (6, 24)]
@@ -265,30 +243,14 @@ def test_inside_braces(write):
 
 def test_overrides_change_values_and_text(write):
     path = ROOT / "recipes" / "fog.yaml"
-    recipe = load(
-        path,
-        {
-            "particles.number_density": "2e8 /m^3",
-            "particles.components.droplets.size.radius": "4 um",
-            "seed": "3",
-            "particles.components[0].material": "{n: 1.4, k: [0, 0.1, 0.2]}",
-            "phase.polarized": "true",
-            "wavelengths": "[500, 600, 700] nm",
-            "description": '"a: b # c"',
-            "particles.components[0].size.min": "1 um",
-        },
-    )
-    assert (
-        recipe.particles.number_density == 2e8
-        and recipe.seed == 3
-        and recipe.wavelength == (0.5, 0.6, 0.7)
-        and recipe.phase.polarized
-    )
-    assert recipe.particles.components[0].size.radius == 4.0 and recipe.particles.components[0].material.k.tolist() == [
-        0,
-        0.1,
-        0.2,
-    ]
+    recipe = load(path, {"particles.number_density": "2e8 /m^3", "particles.components.droplets.size.radius": "4 um", "seed": "3",
+                         "particles.components[0].material": "{n: 1.4, k: [0, 0.1, 0.2]}", "phase.polarized": "true",
+                         "wavelengths": "[500, 600, 700] nm", "description": '"a: b # c"',
+                         "particles.components[0].size.min": "1 um"})
+    assert (recipe.particles.number_density == 2e8 and recipe.seed == 3 and recipe.wavelength == (0.5, 0.6, 0.7)
+            and recipe.phase.polarized)
+    assert recipe.particles.components[0].size.radius == 4.0 and recipe.particles.components[0].material.k.tolist() == [0, 0.1,
+                                                                                                                        0.2]
     assert recipe.where("seed") == "--set seed" and recipe.where("name") == load(path).where("name")
     again = load(write(recipe.text))  # the asset's recipe alone gives the same values
     assert again.leaves == recipe.leaves
@@ -299,10 +261,8 @@ def test_overrides_change_values_and_text(write):
 @pytest.mark.parametrize(
     "key, value",
     [
-        (
-            "particles",
-            "{number_density: 1e7 /m^3, components: [{name: x, material: ice, size: {distribution: single, radius: 1 um}}]}",
-        ),
+        ("particles",
+         "{number_density: 1e7 /m^3, components: [{name: x, material: ice, size: {distribution: single, radius: 1 um}}]}"),
         ("particles.components", "[{name: x, material: ice, size: {distribution: single, radius: 1 um}}]"),
         ("particles.components[0]", "{name: x, fraction: 25%, material: ice, size: {distribution: single, radius: 1 um}}"),
         ("particles.components[3].size.of[0].radius", "3 um"),
@@ -331,12 +291,8 @@ def test_any_value_can_be_overridden(everything, key, value):
         ("seed", "3.5", '--set seed: seed: found "3.5"; expected a whole number from 0 to 2^53'),
         ("particles.number_density", "5", 'found "5", which has no unit'),
         ("particles.components[1].name", "x", "found particles.components[1]; expected an index below 1"),
-        (
-            "particles.components.fog.name",
-            "x",
-            'found no item "fog" in particles.components; expected particles.components[0] to '
-            'particles.components[0], or one of "droplets"',
-        ),
+        ("particles.components.fog.name", "x", 'found no item "fog" in particles.components; expected particles.components[0] to '
+         'particles.components[0], or one of "droplets"'),
         ("name.x", "x", 'found name, which is the value "fog" and has no keys'),
         ("seed", "", "found nothing; expected a value"),
         ("seed", "[1", "--set seed: cannot be read as YAML"),
@@ -378,9 +334,8 @@ def fits(value, schema, root) -> bool:
     if "$ref" in schema and not fits(value, root["$defs"][schema["$ref"].rpartition("/")[2]], root):
         return False
     kinds = {"object": dict, "array": list, "string": str, "integer": int, "number": (int, float), "boolean": bool}
-    if "type" in schema and (
-        not isinstance(value, kinds[schema["type"]]) or isinstance(value, bool) != (schema["type"] == "boolean")
-    ):
+    if "type" in schema and (not isinstance(value, kinds[schema["type"]]) or isinstance(value,
+                                                                                        bool) != (schema["type"] == "boolean")):
         return False
     if "enum" in schema and value not in schema["enum"] or "const" in schema and value != schema["const"]:
         return False

@@ -22,10 +22,8 @@ particles:
       size: {distribution: lognormal, radius: 5 um, sigma: 1.5, min: 0.1 um, max: 60 um}
 """
 MILK = "bakery: 1\nname: milk\nmedium:\n  albedo: 0.9\n  mean_free_path: 1 mm\n  phase: {type: hg, g: 0.7}\n"
-TOP = (
-    "bakery, name, description, wavelengths, seed, tolerance, measure, sweep, particles, grains, medium, phase, packing, "
-    "scatterometer, effective_medium, multiple_scattering, beam, discrete or surface"
-)
+TOP = ("bakery, name, description, wavelengths, seed, tolerance, measure, sweep, particles, grains, medium, phase, packing, "
+       "scatterometer, effective_medium, multiple_scattering, beam, discrete or surface")
 
 
 @pytest.fixture
@@ -57,191 +55,94 @@ def test_the_message_of_the_contract(tmp_path, monkeypatch):
         "                                                ^"
     )
     assert error.value.exit_status == 2
-    assert error.value.problems[0].as_dict() == {
-        "file": "fog.yaml",
-        "line": 10,
-        "column": 47,
-        "key": "particles.components[0].size.radius",
-        "found": 'found "5", which has no unit',
-        "expected": "lengths take nm, um, mm, cm, m (5 um?)",
-    }
+    assert error.value.problems[0].as_dict() == {"file": "fog.yaml", "line": 10, "column": 47,
+                                                 "key": "particles.components[0].size.radius",
+                                                 "found": 'found "5", which has no unit',
+                                                 "expected": "lengths take nm, um, mm, cm, m (5 um?)"}
 
 
 @pytest.mark.parametrize(
     "old, new, says",
     [
-        (
-            "name: fog",
-            "nmae: fog",
-            [f'2: nmae: found the unknown key "nmae"; expected {TOP} (name?)'],
-        ),
+        ("name: fog", "nmae: fog", [f'2: nmae: found the unknown key "nmae"; expected {TOP} (name?)']),
         ("bakery: 1\n", "", ["1: bakery: missing; expected bakery: recipe format"]),
-        (
-            "material: water",
-            "material: watr",
-            [
-                '9: particles.components[0].material: found "watr", an unknown material; expected air, bk7, copper, dust, ice, '
-                "nacl, quartz, silica, soot, vacuum, water, or {n: …, k: …}, or {file: …} (water?)"
-            ],
-        ),
-        (
-            "lognormal",
-            "log-normal",
-            [
-                '10: particles.components[0].size.distribution: found "log-normal"; '
-                "expected single, lognormal, gamma, junge, histogram, table or mixture (lognormal?)"
-            ],
-        ),
+        ("material: water", "material: watr",
+         ['9: particles.components[0].material: found "watr", an unknown material; expected air, bk7, copper, dust, ice, '
+          "nacl, quartz, silica, soot, vacuum, water, or {n: …, k: …}, or {file: …} (water?)"]),
+        ("lognormal", "log-normal", ['10: particles.components[0].size.distribution: found "log-normal"; '
+                                     "expected single, lognormal, gamma, junge, histogram, table or mixture (lognormal?)"]),
         (
             "distribution: lognormal, ",
             "",
-            [
-                "10: particles.components[0].size.distribution: missing; "
-                "expected distribution: single, lognormal, gamma, junge, histogram, table or mixture"
-            ],
+            ["10: particles.components[0].size.distribution: missing; "
+             "expected distribution: single, lognormal, gamma, junge, histogram, table or mixture"],
         ),
-        (
-            "sigma: 1.5",
-            "sigma: 1",
-            [
-                '10: particles.components[0].size.sigma: found "1"; expected a number above 1 and at most 10, the geometric '
-                "standard deviation"
-            ],
-        ),
-        (
-            "sigma: 1.5",
-            "sigma: 1.5 um",
-            ['10: particles.components[0].size.sigma: found "1.5 um"; expected a number without unit'],
-        ),
-        (
-            "max: 60 um",
-            "max: 0.1 um",
-            ["10: particles.components[0].size.max: found max 0.1 um, not above min 0.1 um; expected min below max"],
-        ),
-        (
-            "min: 0.1 um",
-            "min: 6 um",
-            [
-                "10: particles.components[0].size.radius: found a radius of 5 um outside of min and max (6 to 60 um); "
-                "expected it between them"
-            ],
-        ),
-        (
-            "  number_density: 1e8 /m^3\n",
-            "",
-            ["4: particles: found no amount of particles; expected number_density, volume_fraction, volume_concentration or "
-             "mass_concentration, here or in each component"],
-        ),
-        (
-            "  host: air",
-            "  volume_fraction: 1%\n  host: air",
-            ["5: particles.volume_fraction: found volume_fraction beside number_density; expected only one of them"],
-        ),
-        (
-            "1e8 /m^3",
-            "0 /m^3",
-            ['6: particles.number_density: found "0 /m^3"; expected a number density above 0 and at most 1e+30 /m^3'],
-        ),
-        (
-            "number_density: 1e8 /m^3",
-            "volume_fraction: 1",
-            ['6: particles.volume_fraction: found "1"; expected a fraction above 0 and below 1'],
-        ),
-        (
-            "wavelengths: rgb",
-            "wavelengths: rbg",
-            ['3: wavelengths: found "rbg"; expected rgb or visible8, or a list in um (rgb?)'],
-        ),
-        (
-            "wavelengths: rgb",
-            "wavelengths: [0.5, 0.6, 0.5]",
-            ["3: wavelengths: found 0.5 um more than once; expected distinct wavelengths"],
-        ),
-        (
-            "wavelengths: rgb",
-            "wavelengths: [0.5, -0.6]",
-            ['3: wavelengths[1]: found "-0.6"; expected a wavelength at least 1e-09 and at most 1e+06 um'],
-        ),
+        ("sigma: 1.5", "sigma: 1",
+         ['10: particles.components[0].size.sigma: found "1"; expected a number above 1 and at most 10, the geometric '
+          "standard deviation"]),
+        ("sigma: 1.5", "sigma: 1.5 um",
+         ['10: particles.components[0].size.sigma: found "1.5 um"; expected a number without unit']),
+        ("max: 60 um", "max: 0.1 um",
+         ["10: particles.components[0].size.max: found max 0.1 um, not above min 0.1 um; expected min below max"]),
+        ("min: 0.1 um", "min: 6 um",
+         ["10: particles.components[0].size.radius: found a radius of 5 um outside of min and max (6 to 60 um); "
+          "expected it between them"]),
+        ("  number_density: 1e8 /m^3\n", "",
+         ["4: particles: found no amount of particles; expected number_density, volume_fraction, volume_concentration or "
+          "mass_concentration, here or in each component"]),
+        ("  host: air", "  volume_fraction: 1%\n  host: air",
+         ["5: particles.volume_fraction: found volume_fraction beside number_density; expected only one of them"]),
+        ("1e8 /m^3", "0 /m^3",
+         ['6: particles.number_density: found "0 /m^3"; expected a number density above 0 and at most 1e+30 /m^3']),
+        ("number_density: 1e8 /m^3", "volume_fraction: 1",
+         ['6: particles.volume_fraction: found "1"; expected a fraction above 0 and below 1']),
+        ("wavelengths: rgb", "wavelengths: rbg",
+         ['3: wavelengths: found "rbg"; expected rgb or visible8, or a list in um (rgb?)']),
+        ("wavelengths: rgb", "wavelengths: [0.5, 0.6, 0.5]",
+         ["3: wavelengths: found 0.5 um more than once; expected distinct wavelengths"]),
+        ("wavelengths: rgb", "wavelengths: [0.5, -0.6]",
+         ['3: wavelengths[1]: found "-0.6"; expected a wavelength at least 1e-09 and at most 1e+06 um']),
         ("wavelengths: rgb", "wavelengths: []", ["3: wavelengths: found 0 entries; expected at least 1"]),
-        (
-            "wavelengths: rgb",
-            "wavelengths: [610, 550] nm\ntolerance: 60%",
-            ['4: tolerance: found "60%"; expected a fraction at least 1e-06 and at most 0.5'],
-        ),
-        (
-            "wavelengths: rgb",
-            "wavelengths: [0.5, 2.0]",
-            [
-                '5: particles.host: found the wavelength 2 um, for which "air" has no data; expected 0.23 to 1.675 um',
-                '9: particles.components[0].material: found the wavelength 2 um, for which "water" has no data; '
-                "expected 0.2 to 1.125 um",
-            ],
-        ),
-        (
-            "host: air",
-            "host: soot",
-            ["5: particles.host: found a host that absorbs (k = 0.79); expected a clear host, k at most 0.001"],
-        ),
-        (
-            "material: water",
-            "material: {n: 1.5, k: -0.1}",
-            ['9: particles.components[0].material.k: found "-0.1"; expected a number at least 0 and at most 1000'],
-        ),
-        (
-            "material: water",
-            "material: {n: [1.5, 1.6]}",
-            ["9: particles.components[0].material.n: found 2 values for 3 wavelengths; expected one value, or one a wavelength"],
-        ),
-        (
-            "material: water",
-            "material: [1.5]",
-            ["9: particles.components[0].material: found a list; expected the name of a material, {n: …, k: …}, {file: …} or "
-             "{mixing: …, of: …}"],
-        ),
+        ("wavelengths: rgb", "wavelengths: [610, 550] nm\ntolerance: 60%",
+         ['4: tolerance: found "60%"; expected a fraction at least 1e-06 and at most 0.5']),
+        ("wavelengths: rgb", "wavelengths: [0.5, 2.0]",
+         ['5: particles.host: found the wavelength 2 um, for which "air" has no data; expected 0.23 to 1.675 um',
+          '9: particles.components[0].material: found the wavelength 2 um, for which "water" has no data; '
+          "expected 0.2 to 1.125 um"]),
+        ("host: air", "host: soot",
+         ["5: particles.host: found a host that absorbs (k = 0.79); expected a clear host, k at most 0.001"]),
+        ("material: water", "material: {n: 1.5, k: -0.1}",
+         ['9: particles.components[0].material.k: found "-0.1"; expected a number at least 0 and at most 1000']),
+        ("material: water", "material: {n: [1.5, 1.6]}",
+         ["9: particles.components[0].material.n: found 2 values for 3 wavelengths; expected one value, or one a wavelength"]),
+        ("material: water", "material: [1.5]",
+         ["9: particles.components[0].material: found a list; expected the name of a material, {n: …, k: …}, {file: …} or "
+          "{mixing: …, of: …}"]),
         ("host: air", "host: {n: 1.3, k: 0.1}", ['5: particles.host.k: found the unknown key "k"; expected n']),
-        (
-            "  components:\n    - name: droplets\n",
-            "  components:\n      name: droplets\n",
-            ["7: particles.components: found a mapping; expected a list"],
-        ),
-        (
-            "name: droplets",
-            "name: theta",
-            ['8: particles.components[0].name: found "theta", which the asset uses for its angles; expected another name'],
-        ),
-        (
-            "{distribution: lognormal, radius: 5 um, sigma: 1.5, min: 0.1 um, max: 60 um}",
-            "{distribution: gamma, radius: 5 um, variance: 0.4}",
-            ['10: particles.components[0].size.variance: found "0.4"; expected a fraction at least 1e-06 and below 0.333333'],
-        ),
-        (
-            "{distribution: lognormal, radius: 5 um, sigma: 1.5, min: 0.1 um, max: 60 um}",
-            "{distribution: mixture, of: [{share: 0.5, distribution: single, radius: 5 um}, "
-            "{share: 0.4, distribution: single, radius: 6 um}]}",
-            ["10: particles.components[0].size.of: found shares that add up to 0.9; expected 1"],
-        ),
-        (
-            "particles:",
-            "phase: {switch: 500}\nparticles:",
-            ["4: phase.switch: found a size parameter for the switch to rays with another method than goa; "
-             "expected method: goa beside it, or switch: auto"],
-        ),
+        ("  components:\n    - name: droplets\n", "  components:\n      name: droplets\n",
+         ["7: particles.components: found a mapping; expected a list"]),
+        ("name: droplets", "name: theta",
+         ['8: particles.components[0].name: found "theta", which the asset uses for its angles; expected another name']),
+        ("{distribution: lognormal, radius: 5 um, sigma: 1.5, min: 0.1 um, max: 60 um}",
+         "{distribution: gamma, radius: 5 um, variance: 0.4}",
+         ['10: particles.components[0].size.variance: found "0.4"; expected a fraction at least 1e-06 and below 0.333333']),
+        ("{distribution: lognormal, radius: 5 um, sigma: 1.5, min: 0.1 um, max: 60 um}",
+         "{distribution: mixture, of: [{share: 0.5, distribution: single, radius: 5 um}, "
+         "{share: 0.4, distribution: single, radius: 6 um}]}",
+         ["10: particles.components[0].size.of: found shares that add up to 0.9; expected 1"]),
+        ("particles:", "phase: {switch: 500}\nparticles:",
+         ["4: phase.switch: found a size parameter for the switch to rays with another method than goa; "
+          "expected method: goa beside it, or switch: auto"]),
         ("particles:", "phase: {method: goa, switch: 20}\nparticles:",
          ['4: phase.switch: found "20"; expected auto or a number at least 30 and at most 1e+08']),
         ("particles:", "phase: {radii: few}\nparticles:",
          ['4: phase.radii: found "few"; expected auto or a whole number from 3 to 1,000,000']),
         ("particles:", "phase: {edge: off}\nparticles:", ['4: phase.edge: found "off"; expected narrow, wide or none']),
         ("particles:", "phase: {method: mei}\nparticles:", ['4: phase.method: found "mei"; expected auto, mie or goa (mie?)']),
-        (
-            "particles:",
-            "beam: {deep: 32}\nparticles:",
-            ['4: beam.deep: found the unknown key "deep"; expected depth, tolerance or photons (depth?)'],
-        ),
-        (
-            "particles:",
-            "discrete: {count: 5}\nparticles:",
-            ["4: discrete: found neither box nor mesh; expected one of them, such as box: [1 m, 1 m, 1 m]"],
-        ),
+        ("particles:", "beam: {deep: 32}\nparticles:",
+         ['4: beam.deep: found the unknown key "deep"; expected depth, tolerance or photons (depth?)']),
+        ("particles:", "discrete: {count: 5}\nparticles:",
+         ["4: discrete: found neither box nor mesh; expected one of them, such as box: [1 m, 1 m, 1 m]"]),
     ],
 )
 def test_particles(refuse, old, new, says):
@@ -253,42 +154,21 @@ def test_particles(refuse, old, new, says):
     "old, new, says",
     [
         ("albedo: 0.9", "albedo: 1.1", ['4: medium.albedo: found "1.1"; expected a fraction at least 0 and at most 1']),
-        (
-            "albedo: 0.9",
-            "albedo: [0.9, 0.8]",
-            ["4: medium.albedo: found 2 values for 3 wavelengths; expected one value, or one a wavelength"],
-        ),
-        (
-            "albedo: 0.9",
-            "sigma_a: 0.9 /m",
-            [
-                "4: medium.sigma_a: found sigma_a beside mean_free_path; "
-                "expected albedo and mean_free_path, or sigma_s and sigma_a"
-            ],
-        ),
-        (
-            "  albedo: 0.9\n",
-            "",
-            ["3: medium: found only mean_free_path; expected albedo and mean_free_path, or sigma_s and sigma_a"],
-        ),
+        ("albedo: 0.9", "albedo: [0.9, 0.8]",
+         ["4: medium.albedo: found 2 values for 3 wavelengths; expected one value, or one a wavelength"]),
+        ("albedo: 0.9", "sigma_a: 0.9 /m", ["4: medium.sigma_a: found sigma_a beside mean_free_path; "
+                                            "expected albedo and mean_free_path, or sigma_s and sigma_a"]),
+        ("  albedo: 0.9\n", "",
+         ["3: medium: found only mean_free_path; expected albedo and mean_free_path, or sigma_s and sigma_a"]),
         ("g: 0.7", "g: 1", ['6: medium.phase.g: found "1"; expected a number above -1 and below 1']),
         ("g: 0.7", "g: [0.5, 0.6, -1]", ['6: medium.phase.g[2]: found "-1"; expected a number above -1 and below 1']),
-        (
-            "{type: hg, g: 0.7}",
-            "{type: gaussian, spread: 200 deg}",
-            ['6: medium.phase.spread: found "200 deg"; expected an angle at least 1e-06 and at most 3.14159 rad'],
-        ),
+        ("{type: hg, g: 0.7}", "{type: gaussian, spread: 200 deg}",
+         ['6: medium.phase.spread: found "200 deg"; expected an angle at least 1e-06 and at most 3.14159 rad']),
         ("{type: hg, g: 0.7}", "hg", ['6: medium.phase: found "hg"; expected a mapping such as {type: hg, …}']),
-        (
-            "  albedo: 0.9\n  mean_free_path: 1 mm",
-            "  sigma_s: 0 /m\n  sigma_a: 0 /m",
-            ["3: medium: found sigma_s and sigma_a that are both 0; expected a positive sum"],
-        ),
-        (
-            "medium:",
-            "phase: {polarized: true}\nmedium:",
-            ["3: phase: found options of single scattering beside medium; expected them with particles only (medium.phase?)"],
-        ),
+        ("  albedo: 0.9\n  mean_free_path: 1 mm", "  sigma_s: 0 /m\n  sigma_a: 0 /m",
+         ["3: medium: found sigma_s and sigma_a that are both 0; expected a positive sum"]),
+        ("medium:", "phase: {polarized: true}\nmedium:",
+         ["3: phase: found options of single scattering beside medium; expected them with particles only (medium.phase?)"]),
     ],
 )
 def test_medium(refuse, old, new, says):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import threading
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -28,6 +29,7 @@ from bakery.stages.declaration import Cost, Result, Stage
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group
 from bakery.system import sources
+from tests.conftest import ROOT
 
 COUNT = {"dig": 0, "grind": 0}
 
@@ -255,6 +257,14 @@ def test_work_of_another_amount_or_kind_says_little_of_speed(tmp_path):
     for kind in ("saw", "drill", "file"):
         cache.note_speed(kind, "c", 1.0, 3.0)
     assert cache.speed("grind", "b", 1.0) == (3.0, 0), "a machine that is slow at all kinds is slow at this"
+
+
+def test_every_kernel_that_stages_name_has_a_time():
+    """Where nothing is compiled yet, a plan says how long that takes."""
+    for path in (ROOT / "bakery" / "stages").glob("*/*.py"):
+        for names in re.findall(r"kernels=\(([^()]*)\)", path.read_text()):
+            for name in re.findall(r'"([\w.]+)"', names):
+                assert name in compiling.SECONDS, (path.name, name)
 
 
 @pytest.mark.parametrize("compiled, believed", [(0.0, 10.0), (4.0, 6.0), (9.0, None)])

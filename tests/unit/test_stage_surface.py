@@ -32,8 +32,8 @@ THETA = np.radians([0.0, 20.0, 50.0, 75.0, 89.0])
 def bake(tmp_path_factory):
     folder = tmp_path_factory.mktemp("surface")
 
-    def bake(name, options):
-        (folder / "layer.yaml").write_text(RECIPE.replace("{options}", options))
+    def bake(name, options, path="1 mm"):
+        (folder / "layer.yaml").write_text(RECIPE.replace("{options}", options).replace("1 mm, phase", f"{path}, phase"))
         return bakery.open(bakery.bake(folder / "layer.yaml", output=folder / f"{name}.h5"))
 
     return bake
@@ -118,7 +118,7 @@ def test_pictures_and_files(thin):
     from bakery.stages.surface.pictures import pictures
 
     shown = {picture.name: dict(picture.columns) for picture in pictures(thin.tree)}
-    assert set(shown) == {"surface_lobes", "surface_transmitted", "surface_albedo"}
+    assert set(shown) == {"surface_lobes", "surface_transmitted", "surface_albedo", "surface_spread"}
     column = shown["surface_albedo"]["albedo [1] at 0.65 um"]
     assert column[30] == pytest.approx(thin.surface.albedo(np.radians(30.0))[1, 0])
     files, told = csv_tables(thin.tree)
@@ -154,7 +154,7 @@ def test_a_missed_tolerance_is_said(tmp_path):
                   "phase": np.array([[20.0, 0.05, 0.05]]), "thickness": None, "index": 1.0, "roughness": 0.0, "base": None}
 
         class Context:
-            tolerance = recipe.surface.tolerance
+            tolerance, seed = recipe.surface.tolerance, 0
             map = staticmethod(lambda function, tasks: [function(*task) for task in tasks])
             report = staticmethod(lambda *_: None)
 
@@ -175,6 +175,27 @@ def test_broken_groups_are_told(thin):
                                                                        "spherical_albedo is not the mean of albedo"]
     assert broken(cosine=group["cosine"].data[::-1]) == ["cosine does not ascend from 0"]
     assert broken(reflected=group["reflected"].data[..., 1:]) == ["reflected does not hold one value a pair of directions"]
+
+
+def test_spread(deep, thin, based, bake):
+    """Distances grow with the mean free path, whatever the wavelengths; shares add up to what comes out."""
+    surface_of, wider = deep.surface, bake("wider", "{boundary: {index: 1.4}}", "2 mm").surface
+    np.testing.assert_allclose(wider["spread_radius"], 2 * surface_of["spread_radius"], rtol=1e-12)
+    np.testing.assert_array_equal(wider["spread"], surface_of["spread"])
+    for name, power in (("mean_square", 2), ("mean_square_error", 2), ("spread_square", 2), ("profile", 1)):
+        np.testing.assert_allclose(wider[name], 2**power * surface_of[name], rtol=1e-9)
+    # a mean free path is 1 mm: absorbed light does not come far
+    assert 1 < math.sqrt(surface_of["mean_square"][1, 0]) / 1e3 < 6 < math.sqrt(surface_of["mean_square"][0, 0]) / 1e3
+    shares = surface_of.spread_within([0, 1e2, 1e3, 1e4, 1e9])
+    assert shares.shape == (2, 5) and (np.diff(shares, axis=1) >= 0).all() and (shares[:, 0] == 0).all()
+    np.testing.assert_allclose(shares[1, -1], 1, atol=1e-6)
+    assert thin.surface.spread_within(1e3).shape == (2, 3) and (thin.surface["spread"][:, 0] == 0).all()
+    assert based.surface["profile_misfit"].max() < 0.2
+    answer = deep.query("surface/spread", radius="[1, 10] mm")
+    np.testing.assert_array_equal(answer.values, surface_of.spread_within([1e3, 1e4]))
+    assert answer.axes[-1][:2] == ("radius", "um")
+    with pytest.raises(UsageError, match="phi has no effect"):
+        deep.query("surface/spread", phi="0 deg")
 
 
 def test_measures(thin):

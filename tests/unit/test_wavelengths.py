@@ -50,6 +50,24 @@ def test_usual_wavelengths_go_without(recipe, listed):
     assert load(recipe(listed)).warnings == ()
 
 
+@pytest.mark.parametrize("steps", ["{from: 300 nm, to: 1.1 um, count: 5}", "{from: 0.3, to: 1100 nm, count: 5}"])
+def test_wavelengths_in_equal_steps(recipe, steps):
+    assert load(recipe(steps)).wavelength == pytest.approx([0.3, 0.5, 0.7, 0.9, 1.1])
+
+
+@pytest.mark.parametrize("steps, fault", [
+    ("{from: 300 nm, to: 900 nm}", "found no count"), ("{from: 0.3, to: 0.9, count: 1}", 'found "1" as count'),
+    ("{from: 0.3, to: 0.9, count: 9.5}", 'found "9.5" as count'), ("{from: 0.3, to: 0.9, count: 4097}", "from 2 to 4,096"),
+    ("{from: 0.3, to: red, count: 5}", 'found "red"'), ("{from: 0.3, to: 1, cout: 5}", "(count?)"),
+    ("{from: 0.5, to: 500 nm, count: 5}", "found the same from and to"), ("{from: [0.3], to: 1, count: 5}", "found a list"),
+    ("{from: 0, to: 1, count: 5}", "at least 1e-09"), ("{from: , to: 1, count: 5}", "found nothing"),
+])
+def test_faulty_steps_are_named(recipe, steps, fault):
+    with pytest.raises(RecipeError) as error:
+        load(recipe(steps))
+    assert fault in str(error.value) and "clear.yaml:3: wavelengths" in str(error.value)
+
+
 def test_a_table_of_ones_own_shows_that_they_are_meant(recipe, tmp_path):
     (tmp_path / "own.csv").write_text("20,1.3\n700,1.3\n")
     text = ("bakery: 1\nname: clear\nwavelengths: {}\nparticles:\n  host: vacuum\n  volume_fraction: 1%\n  components:\n"

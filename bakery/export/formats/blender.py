@@ -5,6 +5,7 @@ from __future__ import annotations
 from bakery.errors import UsageError
 from bakery.export.declaration import Exporter, Job, Option, Written
 from bakery.export.formats.lobes import WITHIN, written
+from bakery.export.formats.surfaces import Addition, Layer, fit_of, profile_of, with_surfaces
 from bakery.store.outputs import FileKind, begins_as_text
 
 
@@ -34,11 +35,29 @@ def write(job: Job) -> Written:
     if roughness is not None and index is None:
         raise UsageError("--roughness: found without --index, without which there is no surface; both would do")
     bands = job.colour.band_matrix(job.asset.wavelength)
-    return written(job, cycles_medium, "py", lambda medium: blender_text(job.medium_name, medium, bands, index, roughness or 0.0))
+    medium = written(job, cycles_medium, "py",
+                     lambda medium: blender_text(job.medium_name, medium, bands, index, roughness or 0.0))
+    return with_surfaces(job, medium, _surface)
+
+
+def _surface(job: Job, layer: Layer) -> Addition:
+    from bakery.export.blender import surface_text
+
+    fit, loss, lines = fit_of(job, layer)
+    widths = None
+    if (spread := profile_of(job, layer)) is not None:
+        widths, misfit = spread
+        loss["profile"], loss["profile_misfit"] = widths.tolist(), misfit
+        lines.append("SPREAD = True lets light spread by Burley and Christensen's profile, d " +
+                     ", ".join(f"{1e3 * width:.3g}" for width in widths) + f" mm: off by up to {100 * misfit:.2g} % of the light "
+                     "within a distance")
+    return Addition({f"{layer.name}.py": surface_text(layer.name, fit, lines, widths)}, loss, lines)
 
 
 EXPORTER = Exporter(
-    "blender", "a script that makes a material for Cycles, HG + Draine (.py)", "Cycles in Blender 5", ("medium",),
-    "coefficients in RGB, two lobes (HG + Draine) for all wavelengths",
-    "the phase function's shape beyond the lobes; its change with wavelength; spectra", write, (WITHIN, INDEX, ROUGHNESS),
-    kinds={".py": FileKind("Blender script", begins_as_text(r"\A# A baked medium for Cycles "))})
+    "blender", "a script that makes a material for Cycles, HG + Draine (.py), and one of a baked surface", "Cycles in Blender 5",
+    ("medium",),
+    "coefficients in RGB, two lobes (HG + Draine) for all wavelengths; of a baked surface a fit",
+    "the phase function's shape beyond the lobes; its change with wavelength; spectra; a surface's lobes", write,
+    (WITHIN, INDEX, ROUGHNESS),
+    kinds={".py": FileKind("Blender script", begins_as_text(r"\A# A baked (medium|surface) for Cycles "))})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bakery.export.declaration import Exporter, Job, Written
 from bakery.export.formats.lobes import WITHIN, written
+from bakery.export.formats.surfaces import Addition, Layer, fit_of, with_surfaces
 from bakery.store.outputs import FileKind, begins_as_text
 
 
@@ -12,12 +13,22 @@ def write(job: Job) -> Written:
     from bakery.export.openpbr import materialx_text, surfaces
 
     bands = job.colour.band_matrix(job.asset.wavelength)
-    return written(job, one_lobe, "mtlx",
-                   lambda medium: materialx_text(job.medium_name, surfaces(medium, bands), medium.remarks()))
+    medium = written(job, one_lobe, "mtlx",
+                     lambda medium: materialx_text(job.medium_name, surfaces(medium, bands), medium.remarks()))
+    return with_surfaces(job, medium, _surface)
+
+
+def _surface(job: Job, layer: Layer) -> Addition:
+    from bakery.export.openpbr import baked_surface, materialx_surface
+
+    fit, loss, lines = fit_of(job, layer)
+    return Addition({f"{layer.name}.mtlx": materialx_surface(layer.name, baked_surface(fit), lines)}, loss, lines)
 
 
 EXPORTER = Exporter(
-    "materialx", "OpenPBR surfaces around the medium (.mtlx)", "programs with MaterialX and OpenPBR", ("medium",),
-    "coefficients in RGB, one g",
-    "as `pbrt`; spectra; absorption below 1e-7 of sigma_t", write, (WITHIN,),
+    "materialx", "OpenPBR surfaces around the medium, and of a baked surface (.mtlx)", "programs with MaterialX and OpenPBR",
+    ("medium",),
+    "coefficients in RGB, one g; of a baked surface a fit",
+    "the phase function but for g; g's change with wavelength; spectra; absorption below 1e-7 of sigma_t; a surface's "
+    "lobes", write, (WITHIN,),
     kinds={".mtlx": FileKind("MaterialX document", begins_as_text(r"<materialx\b"))})

@@ -1,10 +1,12 @@
-"""A medium for stock Mitsuba 3."""
+"""A medium for stock Mitsuba 3, and a baked surface for it and for bakery's plugin."""
 
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 from bakery.export.declaration import Exporter, Job, Option, Written
+from bakery.export.formats.surfaces import TENSOR, Addition, Layer, table_of, with_surfaces
 from bakery.store.outputs import FileKind, begins_as_text
 
 EACH = Option("--each-wavelength", "one file a wavelength, instead of one in colour with a mean table.")
@@ -36,7 +38,23 @@ def write(job: Job) -> Written:
     files = {f"{stem}{part.name}.xml": part.xml for part in parts}
     if not by_wavelength:
         useless += job.unreached_bands(next(iter(files)))
-    return Written(files, [part.as_dict() for part in parts], lines, useless)
+    return with_surfaces(job, Written(files, [part.as_dict() for part in parts], lines, useless), _surface)
+
+
+def _surface(job: Job, layer: Layer) -> Addition:
+    """The table, the fragment that has it, and one for the plugin."""
+    from bakery.export.measured import BLEND, SHARP, mitsuba_text, plugin_text, tensor_file
+
+    table, loss, lines = table_of(job, layer)
+    scale = 1 / (1 - BLEND) if layer.mirrors else 1.0
+    file, asset = f"{layer.name}.bsdf", Path(job.asset.path).name
+    if layer.mirrors:
+        lines.append(f"mirrored light: by a conductor of the same index and roughness {SHARP} beside it, which "
+                     "sends it up to half a degree astray; the table is for this fragment alone")
+    lines.append(f"{layer.name}_plugin.xml loses nothing: it names the asset for bakery's plugin")
+    return Addition({f"{layer.name}.xml": mitsuba_text(layer.name, file, layer.index if layer.mirrors else 1.0, layer.free),
+                     file: tensor_file(table, f"{layer.name}, baked", scale),
+                     f"{layer.name}_plugin.xml": plugin_text(layer.name, asset, layer.number)}, loss, lines)
 
 
 def _loss(loss) -> tuple[str, ...]:
@@ -45,7 +63,9 @@ def _loss(loss) -> tuple[str, ...]:
 
 
 EXPORTER = Exporter(
-    "mitsuba", "a medium for stock Mitsuba 3 (XML)", "Mitsuba 3, stock", ("medium",),
-    "coefficients in RGB, one table of the phase function for all wavelengths (`--each-wavelength`: one each)",
-    "differences of the phase function between wavelengths; of narrow forward peaks the deflection", write, (EACH,),
-    kinds={".xml": FileKind("Mitsuba scene", begins_as_text(r"<scene\b"))})
+    "mitsuba", "a medium and a baked surface for stock Mitsuba 3 (XML)", "Mitsuba 3, stock", ("medium",),
+    "coefficients in RGB, one table of the phase function for all wavelengths (`--each-wavelength`: one each); "
+    "of a baked surface the BRDF",
+    "differences of the phase function between wavelengths; of narrow forward peaks the deflection; light that passes a surface",
+    write, (EACH,),
+    kinds={".xml": FileKind("Mitsuba scene", begins_as_text(r"<scene\b")), ".bsdf": TENSOR})

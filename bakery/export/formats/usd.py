@@ -16,6 +16,7 @@ def write(job: Job) -> Written:
 
 
 EXPORTER = Exporter(
-    "usd", "the same as USD materials (.usda)", "the same in USD (Hydra, OpenUSD)", ("medium",), "as `materialx`",
+    "usd", "the same as USD materials (.usda)", "the same in USD (Hydra, OpenUSD)", ("medium",),
+    "as `materialx`, of the medium alone",
     "as `materialx`", write, (WITHIN,),
     kinds={".usda": FileKind("USD layer", lambda head: head.startswith(b"#usda "))})

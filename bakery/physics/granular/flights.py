@@ -22,67 +22,15 @@ def flight_to_sphere(o, d, remaining, cell, m, start, image, owner, limit, cells
     o : in the frame of the copy left[1:];  remaining : (4,) sphere that the ray has just left, or -1, and the tile's copy
     cells : (4,) becomes the sphere and its copy;  to : (3,) becomes the vector from o to its centre
     """
-    h0, h1, h2 = cell[0] / m[0], cell[1] / m[1], cell[2] / m[2]
-    skip, far_i, far_j, far_k = remaining[0], remaining[1], remaining[2], remaining[3]
-    i, j, k = math.floor(o[0] / cell[0]), math.floor(o[1] / cell[1]), math.floor(o[2] / cell[2])
-    ox, oy, oz = o[0] - i * cell[0], o[1] - j * cell[1], o[2] - k * cell[2]
-    i, j, k = i + far_i, j + far_j, k + far_k
-    dx, dy, dz = d[0], d[1], d[2]
-    a, b, c = min(int(ox / h0), m[0] - 1), min(int(oy / h1), m[1] - 1), min(int(oz / h2), m[2] - 1)
-    u, v, w = 1 if dx > 0 else -1, 1 if dy > 0 else -1, 1 if dz > 0 else -1
-    # a direction along which nothing moves: its wall is never reached
-    wall_x = ((a + (dx > 0)) * h0 - ox) / dx if dx != 0 else np.inf
-    wall_y = ((b + (dy > 0)) * h1 - oy) / dy if dy != 0 else np.inf
-    wall_z = ((c + (dz > 0)) * h2 - oz) / dz if dz != 0 else np.inf
-    every_x = h0 / abs(dx) if dx != 0 else np.inf
-    every_y = h1 / abs(dy) if dy != 0 else np.inf
-    every_z = h2 / abs(dz) if dz != 0 else np.inf
-    best = limit
-    while True:
-        bin_index = (a * m[1] + b) * m[2] + c
-        for s in range(start[bin_index], start[bin_index + 1]):
-            x, y, z = image[s, 0] - ox, image[s, 1] - oy, image[s, 2] - oz
-            along = x * dx + y * dy + z * dz
-            if along > 0:
-                # from the distance of the line to the centre: far away, |oc|^2 - along^2 would lose its digits
-                p, q, r = x - along * dx, y - along * dy, z - along * dz
-                inside = image[s, 3] - (p * p + q * q + r * r)
-                if inside > 0:
-                    t = max(along - math.sqrt(inside), 0.0)
-                    if t < best and not (owner[s, 0] == skip and owner[s, 1] + i == far_i and owner[s, 2] + j == far_j
-                                         and owner[s, 3] + k == far_k):
-                        best = t
-                        to[0], to[1], to[2] = x, y, z
-                        cells[0], cells[1], cells[2], cells[3] = owner[s, 0], owner[s, 1] + i, owner[s, 2] + j, owner[s, 3] + k
-        # the tile repeats: beyond its faces the ray goes on inside, seen from an origin one tile further back
-        if wall_x <= wall_y and wall_x <= wall_z:
-            if best <= wall_x:
-                return best
-            wall_x += every_x
-            a += u
-            if a == m[0] or a < 0:
-                a, i, ox = a - u * m[0], i + u, ox - u * cell[0]
-        elif wall_y <= wall_z:
-            if best <= wall_y:
-                return best
-            wall_y += every_y
-            b += v
-            if b == m[1] or b < 0:
-                b, j, oy = b - v * m[1], j + v, oy - v * cell[1]
-        else:
-            if best <= wall_z:
-                return best
-            wall_z += every_z
-            c += w
-            if c == m[2] or c < 0:
-                c, k, oz = c - w * m[2], k + w, oz - w * cell[2]
+    # no plane: what is asked of one goes while this is compiled
+    return flight_in_half_space(o, d, remaining, cell, m, start, image, owner, limit, cells, to, 0, np.inf)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def flight_in_half_space(o, d, remaining, cell, m, start, image, owner, limit, cells, to, base, top):
     """`flight_to_sphere` among those spheres alone whose centres lie below a plane across the tile's third axis.
 
-    base, top : number of a copy along that axis, and the plane in its frame
+    base, top : number of a copy along that axis, and the plane in its frame; inf: there is none
     """
     h0, h1, h2 = cell[0] / m[0], cell[1] / m[1], cell[2] / m[2]
     skip, far_i, far_j, far_k = remaining[0], remaining[1], remaining[2], remaining[3]
@@ -103,7 +51,7 @@ def flight_in_half_space(o, d, remaining, cell, m, start, image, owner, limit, c
     while True:
         bin_index, highest = (a * m[1] + b) * m[2] + c, top - (k - base) * cell[2]
         for s in range(start[bin_index], start[bin_index + 1]):
-            if image[s, 2] > highest:
+            if top < np.inf and image[s, 2] > highest:
                 continue
             x, y, z = image[s, 0] - ox, image[s, 1] - oy, image[s, 2] - oz
             along = x * dx + y * dy + z * dz
@@ -118,6 +66,7 @@ def flight_in_half_space(o, d, remaining, cell, m, start, image, owner, limit, c
                         best = t
                         to[0], to[1], to[2] = x, y, z
                         cells[0], cells[1], cells[2], cells[3] = owner[s, 0], owner[s, 1] + i, owner[s, 2] + j, owner[s, 3] + k
+        # the tile repeats: beyond its faces the ray goes on inside, seen from an origin one tile further back
         if wall_x <= wall_y and wall_x <= wall_z:
             if best <= wall_x:
                 return best

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bakery.physics.multiple import frame, locate, lookup, uniform
+from bakery.physics.multiple import budget, frame, locate, lookup, uniform
 from bakery.physics.multiple.build import places, upper
 from bakery.physics.multiple.kinds import POINT, SEGMENT
 from bakery.physics.multiple.table import Table
@@ -40,7 +40,7 @@ def build(points: Table, halves, fit: uniform.Fit, medium, length, inherited, de
     ready = lookup.ready(points)
     lobe = lobes(ready, length, rho, z, fit.polar, fit.azimuth).reshape(len(rho), -1)
     integral = (lobe * fit.solid_angle).sum(axis=1)
-    a, basis = fit.represent(np.stack([lobe, lobe]), integral, np.ones(len(rho), bool), 0.2)
+    a, basis = fit.represent(np.stack([lobe, lobe]), integral, np.ones(len(rho), bool), budget.SEGMENT)
     a = a[0]
     a[:, 0] = np.log(integral / locate.measure(SEGMENT, length, rho, z)[1])
     packed = fit.pack(SEGMENT, length, medium, a, basis)

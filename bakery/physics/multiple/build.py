@@ -9,7 +9,7 @@ import numpy as np
 
 from bakery import rng
 from bakery.physics.multiple import basis as bases
-from bakery.physics.multiple import frame, locate, lookup, point, segment
+from bakery.physics.multiple import budget, frame, locate, lookup, point, segment
 from bakery.physics.multiple.kinds import POINT, SEGMENT
 from bakery.physics.multiple.table import STEPS, Table, between, empty, fill, quantised, scales, shape
 from bakery.physics.multiple.tree import ASPECT, COARSE
@@ -21,7 +21,6 @@ TOLERANCE = 2e-3
 COUNTS = (0, 7, 15, 23, 31)  # functions of a basis; with a_0 whole vectors of a processor
 _FINE = 6  # depth of the smallest cells
 _SOLVED = 0.9  # of the solver's longest distance: room for the length of a segment
-_GAIN = 2  # of the error from a cell to its quarters, at least
 _SAMPLE = 300  # places for the basis
 _DARKEST = 1e-6  # of the mean over directions, 1/sr: below it a lobe is noise of the solver
 _LEAST = 1e-3  # of the integral of the absolute value
@@ -144,14 +143,14 @@ class _Build:
         return lobe, integral / locate.measure(self.kind, self.length, rho, z)[1], np.minimum(1.0, ends / _NEAR)
 
     def choose(self, lobe, near):
-        """The smallest basis that represents the sample to half the tolerance."""
+        """The smallest basis that represents the sample to its share of the tolerance."""
         logs, weight = np.log(lobe), bases.weights(lobe, self.solid_angle)
         first = bases.start(logs, weight, self.most)
         for count in [k for k in COUNTS if k <= self.most]:
             self.basis = quantised(bases.improved(first[:count + 1], logs, weight))
             a = bases.coefficients(logs, weight, self.basis)
             error = near * bases.distance(logs - self.basis[0], a, weight, self.basis)
-            if np.sqrt((error**2).mean()) < self.tolerance / 2:
+            if np.sqrt((error**2).mean()) < budget.BASIS * self.tolerance:
                 break
 
     def represent(self, lobe, integral):
@@ -201,7 +200,7 @@ class _Build:
             edges = edges[np.isnan(values[edges[:, 0], edges[:, 1], 0])]
             leaves = np.array(self.quarter(leaves[split]))
             # what is expected to be good enough is not looked at, nor what is as fine as it gets
-            leaves = leaves[np.repeat(error[split], 4) > _GAIN * self.tolerance] if half > 1 else leaves[:0]
+            leaves = leaves[np.repeat(error[split], 4) > budget.GAIN * self.tolerance] if half > 1 else leaves[:0]
             after = np.array([self.bounds[leaf] for leaf in leaves], int).reshape(-1, 4)[:, ::2] + half // 2
             wanted = np.concatenate([edges, after])
             if not len(wanted):

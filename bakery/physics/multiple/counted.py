@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery import rng
-from bakery.physics.multiple import along, frame, lookup, tally, uniform
+from bakery.physics.multiple import along, budget, frame, lookup, tally, uniform
 from bakery.physics.multiple.build import LENGTH, TOLERANCE, upper
 from bakery.physics.multiple.kinds import POINT, SEGMENT
 from bakery.physics.multiple.table import Table, empty
@@ -87,7 +87,7 @@ def build(albedo, theta, phase, kinds=(POINT,), *, extent=None, length=LENGTH, t
         if whole <= tolerance or sums.photons >= 0.99 * most:
             break
         # squares of noise fall as the number; what is left of a bias, and of its own scatter, does so at most
-        allowed_square = tolerance**2 - min(biased, 0.7 * tolerance) ** 2
+        allowed_square = tolerance**2 - min(biased, budget.BIAS * tolerance) ** 2
         wanted = sums.photons * float(np.clip(1.2 * whole**2 / allowed_square, 1.5, 20.0))
         if batch == _ROUNDS - 1:
             wanted *= 1.5

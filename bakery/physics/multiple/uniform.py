@@ -10,14 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from bakery.physics.multiple import basis as bases
-from bakery.physics.multiple import build, frame, legendre, lookup
+from bakery.physics.multiple import budget, build, frame, legendre, lookup
 from bakery.physics.multiple.table import STEPS, Table, margins, quantised, scales, shape
 from bakery.physics.multiple.tree import ASPECT
 
 DEPTH = 5  # of the tree everywhere: every second box of `tally` is a corner
 _SAMPLE = 300  # places that the basis is made of
 _ORDERS = (2e-3, 64)  # of the directions of a basis: until p_l is small, at most
-_COARSEST = 0.1  # tolerance that a basis knows: with 50 % a table for g = -0.999 was wrong by 52 % instead of 29 %
 
 
 class Fit:
@@ -38,7 +37,7 @@ class Fit:
     def __init__(self, medium, tolerance, random):
         p = legendre.moments(medium.theta, medium.phase, _ORDERS[1])
         order = int(np.flatnonzero(np.abs(p) > _ORDERS[0])[-1])
-        self.tolerance, self.random = min(tolerance, _COARSEST), random
+        self.tolerance, self.random = min(tolerance, budget.COARSEST), random
         self.shape = shape(order)
         self.solid_angle = frame.solid_angles(self.shape).ravel()
         self.polar, self.azimuth = frame.polar(np.linspace(0, 1, self.shape[0])), np.linspace(0, np.pi, self.shape[1])
@@ -54,7 +53,7 @@ class Fit:
         """Of products (..., A', B') of deviations of lobes, relative to the squares of lobes."""
         return (self.test_weight * product).sum(axis=(-2, -1)) / (self.test_weight * lobe**2).sum(axis=(-2, -1))
 
-    def represent(self, halves, integral, usable, margin=0.5):
+    def represent(self, halves, integral, usable, margin=budget.BASIS):
         """Basis and coefficients of lobes.
 
         Parameters
@@ -81,7 +80,7 @@ class Fit:
         return np.stack([a, a + apart_weights, a - apart_weights]), basis
 
     def basis(self, logs, apart, weight, usable, margin):
-        """Functions (K + 1, D): as few as miss `room` of the tolerance, or else those that miss least with their noise."""
+        """Functions (K + 1, D): as few as miss `margin` of the tolerance, or else those that miss least with their noise."""
         noise = (weight * apart**2).sum(axis=1)
         sample = np.sort(self.random.choice(usable, min(_SAMPLE, len(usable)), replace=False))
         quiet = sample[noise[sample] <= np.quantile(noise[sample], 0.6)]

@@ -36,8 +36,7 @@ class Dielectric(Section):
 class Diffuse(Section):
     type: word("diffuse") = Field(description="Opaque and matt (Lambertian).")
     reflectance: numbers(FRACTION, least=0, most=1) = Field(
-        description="Share of the light that is reflected; one value, or one a wavelength."
-    )
+        description="Share of the light that is reflected; one value, or one a wavelength.")
 
 
 class Conductor(Section):
@@ -46,10 +45,9 @@ class Conductor(Section):
     roughness: Roughness = Field(0.0, description="GGX alpha, 0.0001 to 1; 0 is smooth.")
 
 
-Surface = Annotated[
-    Annotated[Dielectric, Tag("dielectric")] | Annotated[Diffuse, Tag("diffuse")] | Annotated[Conductor, Tag("conductor")],
-    pick("type", ("dielectric", "diffuse", "conductor")),
-]
+Surface = Annotated[Annotated[Dielectric, Tag("dielectric")] | Annotated[Diffuse, Tag("diffuse")]
+                    | Annotated[Conductor, Tag("conductor")],
+                    pick("type", ("dielectric", "diffuse", "conductor"))]
 
 
 class Interior(Section):
@@ -116,11 +114,8 @@ def _radius(checker: "Checker", section: Mapping, host: Index | None) -> None:
         return
     least = RAYS * (np.array(checker.wavelength) / (2 * math.pi * host.n)).max()
     if radius < least:
-        checker.report(
-            section["radius"],
-            f"found grains of {radius:g} um, too small for rays",
-            f"expected at least {least:.3g} um (size parameter {RAYS}), or particles instead of grains",
-        )
+        checker.report(section["radius"], f"found grains of {radius:g} um, too small for rays",
+                       f"expected at least {least:.3g} um (size parameter {RAYS}), or particles instead of grains")
     elif radius > LARGEST:
         checker.report(section["radius"], f"found grains of {radius:g} um", f"expected at most {LARGEST:g} um")
 
@@ -129,11 +124,8 @@ def _shape(checker: "Checker", shape: Mapping) -> None:
     for name in ("axes", "size"):
         values = checker.several(shape.get(name))
         if values is not None and len(values) == 3 and max(values) > limits.ASPECT * min(values):
-            checker.report_section(
-                shape[name],
-                f"found {name} that differ by a factor of {max(values) / min(values):,.0f}",
-                f"expected at most {limits.ASPECT:,.0f}",
-            )
+            checker.report_section(shape[name], f"found {name} that differ by a factor of {max(values) / min(values):,.0f}",
+                                   f"expected at most {limits.ASPECT:,.0f}")
     if checker.value(shape, "type") == "mesh":
         mesh_file(checker, shape.get("file"))
 
@@ -167,9 +159,8 @@ def _surface(checker: "Checker", surface: Mapping, host: Index | None) -> None:
     kind = checker.value(surface, "type")
     roughness = checker.value(surface, "roughness")
     if roughness is not None and 0 < roughness < limits.ALPHA_MIN:
-        checker.report(
-            surface["roughness"], f"found {show(surface['roughness'].text)}", f"expected 0 (smooth) or {limits.ALPHA_MIN:g} to 1"
-        )
+        checker.report(surface["roughness"], f"found {show(surface['roughness'].text)}",
+                       f"expected 0 (smooth) or {limits.ALPHA_MIN:g} to 1")
     if kind == "diffuse":
         checker.one_each(surface, "reflectance")
     if kind not in ("dielectric", "conductor") or "material" not in surface:
@@ -181,11 +172,8 @@ def _surface(checker: "Checker", surface: Mapping, host: Index | None) -> None:
     least, most = limits.INDEX
     outside = relative[(relative < least) | (relative > most)]
     if outside.size:
-        checker.report_section(
-            surface["material"],
-            f"found an index of {outside[0]:.4g} relative to the host",
-            f"expected {least:g} to {most:g}, as dielectrics have it",
-        )
+        checker.report_section(surface["material"], f"found an index of {outside[0]:.4g} relative to the host",
+                               f"expected {least:g} to {most:g}, as dielectrics have it")
     contrast = (relative - 1)[relative != 1]
     near = contrast[np.abs(contrast) < (1 - 1e-9) * limits.CONTRAST_MIN]
     if near.size:
@@ -199,18 +187,13 @@ def _surface(checker: "Checker", surface: Mapping, host: Index | None) -> None:
 def _interior(checker: "Checker", interior: Mapping, surface: Node | None) -> None:
     kind = checker.value(surface, "type") if isinstance(surface, Mapping) else None
     if kind in ("diffuse", "conductor"):
-        checker.report_section(
-            interior,
-            f"found an interior below a {kind} surface, which lets no light in",
-            "expected none, or a dielectric surface",
-        )
+        checker.report_section(interior, f"found an interior below a {kind} surface, which lets no light in",
+                               "expected none, or a dielectric surface")
     sources = given(interior, "absorption", "material")
     if len(sources) != 1:
-        checker.report_section(
-            interior,
-            "found absorption beside material" if sources else "found neither absorption nor material",
-            "expected only one of them" if sources else "expected one of them",
-        )
+        found, expected = ("absorption beside material", "only one of them") if sources else (
+            "neither absorption nor material", "one of them")
+        checker.report_section(interior, f"found {found}", f"expected {expected}")
     if "absorption" in interior:
         checker.one_each(interior, "absorption")
     if "material" in interior:

@@ -9,22 +9,18 @@ from bakery.grammar.fields import AUTO, number, whole, word
 from bakery.grammar.section import Section
 from bakery.grammar.text import Mapping
 from bakery.grammar.units import FRACTION
+from bakery.physics.multiple.budget import REACHED
 from bakery.physics.multiple.kinds import KINDS
 from bakery.stages.declaration import RecipeSection
 
 if TYPE_CHECKING:
     from bakery.recipe.checker import Checker
 
-# what the solver reaches for forward lobes that it just resolves (g = 0.9: 0.5 %): a default below that would miss itself
-REACHED = 0.01
-
 
 class MultipleScattering(Section):
     """Precomputed multiple scattering."""
 
-    sources: Annotated[list[word(*KINDS)], Field(min_length=1, max_length=2)] = Field(
-        KINDS, description="Kinds of sources."
-    )
+    sources: Annotated[list[word(*KINDS)], Field(min_length=1, max_length=2)] = Field(KINDS, description="Kinds of sources.")
     extent: number(least=0.5, most=200, words=AUTO) = Field(
         "auto", description="Distance that the tables cover, in mean free paths; auto: all but 1e-4 of the light."
     )

@@ -111,11 +111,8 @@ def _check_law(checker: "Checker", size: Mapping, law: type[Law], host: Index | 
     radius, (low, high) = checker.value(size, "radius"), cuts
     if radius is not None and (low is not None and radius < low or high is not None and radius > high):
         bounds = " to ".join("…" if v is None else f"{v:g}" for v in cuts)
-        checker.report(
-            size["radius"],
-            f"found a radius of {radius:g} um outside of min and max ({bounds} um)",
-            "expected it between them",
-        )
+        checker.report(size["radius"], f"found a radius of {radius:g} um outside of min and max ({bounds} um)",
+                       "expected it between them")
     elif high is None:
         _tail(checker, size, law, host)
 
@@ -147,12 +144,10 @@ def _tail(checker: "Checker", size: Mapping, law: type[Law], host: Index | None)
     largest = tails(Part(law.of(SimpleNamespace(**values)), 1.0), k, tolerance)[1]
     if largest * k.max() > LARGEST:
         cut = math.floor(LARGEST / k.max())
-        checker.report(
-            size[width],
-            f"found a tail in which radii up to {largest:.3g} um (size parameter {largest * k.max():.3g}) count at a "
-            f"tolerance of {tolerance:g}",
-            f"expected size parameters up to {LARGEST:g}; a cut (max: {cut} um) or a smaller {width} would do",
-        )
+        checker.report(size[width],
+                       f"found a tail in which radii up to {largest:.3g} um (size parameter {largest * k.max():.3g}) count at a "
+                       f"tolerance of {tolerance:g}",
+                       f"expected size parameters up to {LARGEST:g}; a cut (max: {cut} um) or a smaller {width} would do")
 
 
 def _histogram(checker: "Checker", size: Mapping, key: str, host: Index | None, low: float | None, high: float | None) -> None:
@@ -178,9 +173,8 @@ def _size_table(checker: "Checker", size: Mapping, key: str, host: Index | None,
     used = np.flatnonzero(density > 0)
     first, last = radius[max(used[0] - 1, 0)], radius[min(used[-1] + 1, len(radius) - 1)]
     if low is not None and last <= low or high is not None and first >= high:
-        checker.report(
-            size[key], f"found densities from {first:g} to {last:g} um, all outside of min and max", "expected an overlap"
-        )
+        checker.report(size[key], f"found densities from {first:g} to {last:g} um, all outside of min and max",
+                       "expected an overlap")
     for value in (radius[radius > 0][0], last if high is None else min(last, high)):
         _size_parameter(checker, size[key], f"radius of {value:g} um in the table", float(value), host)
 
@@ -192,11 +186,8 @@ def _size_parameter(checker: "Checker", node: Node, noun: str, radius: float, ho
     low, high = radius * float(scale.min()), radius * float(scale.max())  # Python's floats overflow in silence
     if low < SMALLEST or high > LARGEST:
         x, least, most = (low if low < SMALLEST else high), SMALLEST / scale.min(), LARGEST / scale.max()
-        checker.report(
-            node,
-            f"found a {noun}, size parameter {x:.3g}",
-            f"expected size parameters {SMALLEST:g} to {LARGEST:g}, here {least:.3g} to {most:.3g} um",
-        )
+        checker.report(node, f"found a {noun}, size parameter {x:.3g}",
+                       f"expected size parameters {SMALLEST:g} to {LARGEST:g}, here {least:.3g} to {most:.3g} um")
 
 
 def largest(checker: "Checker", size: Mapping):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections import deque
 from collections.abc import Iterable
 
 import numpy as np
@@ -22,6 +23,7 @@ _OF_RAYS = tuple(f"goa._{name}" for name in ("asymptotic", "edge", "field", "ray
 # the rates are those of an AMD EPYC (Zen 5), of which an Intel Xeon with AVX-512 has less than half: a machine in between
 _SLOWER = 1.5
 _RAYS_LOADED = 1e8  # bytes
+_LAST = deque(maxlen=2)  # recipes and what their averages are expected to take
 METHODS = ("rayleigh", "mie", "goa")
 WEIGHTS = 0.2  # of what a component may be off: what the weights of several add, from cross sections held to a tenth of it
 _REQUIRED = ("radius", "weight", "extinction", "scattering", "absorption", "method", "mean_extinction", "mean_scattering",
@@ -84,8 +86,14 @@ def predicted(recipe):
 def _expected(recipe):
     from bakery.physics.averages import expected
 
+    # plans ask several times for the same recipe, which cannot change
+    for known, expectation in _LAST:
+        if known is recipe:
+            return expectation
     arguments = inputs(recipe, {})
-    return expected(**arguments, tolerance=share(len(arguments["components"])) * recipe.tolerance, remember=remember)
+    expectation = expected(**arguments, tolerance=share(len(arguments["components"])) * recipe.tolerance, remember=remember)
+    _LAST.append((recipe, expectation))
+    return expectation
 
 
 def remember(measure, *asked):

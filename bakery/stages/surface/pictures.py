@@ -1,4 +1,4 @@
-"""Pictures of surfaces: lobes at four incidences, albedo against the angle of incidence."""
+"""Pictures of surfaces: lobes at four incidences, albedo against the angle of incidence, spread."""
 
 from __future__ import annotations
 
@@ -22,6 +22,8 @@ def pictures(root: Group) -> Iterator:
     if "transmitted" in surface:
         yield lobes(surface, um, "transmittance", "surface_transmitted", "Transmittance")
     yield albedos(surface, um)
+    if "spread" in surface:
+        yield spreads(surface, um)
 
 
 def _first(surface: Surface, values):
@@ -75,3 +77,30 @@ def albedos(surface: Surface, um):
     columns = (("theta_in [deg]", theta), *((f"albedo [1] at {x:g} um", row) for x, row in zip(um, values, strict=True)))
     caption = "Share of the light from an angle that comes back, mirrored light included."
     return Picture("surface_albedo", "Surface: albedo", caption, (6.0, 3.6), draw, columns)
+
+
+def spreads(surface: Surface, um):
+    """Share of the light that comes out within a distance, and the nearest profile of Burley and Christensen."""
+    from bakery.physics.surfaces.spread import profile_within
+
+    edges = surface["spread_radius"][:, 0]
+    radius = np.geomspace(max(edges[:, 0].min(), 1e-9), max(edges[:, -1].max(), 1e-8), 241)
+    values = _first(surface, surface.spread_within(radius))
+    width = np.maximum(surface["profile"][:, 0], 1e-30)
+    fits = np.stack([profile_within(radius, d) if d > 1e-30 else 0 * radius for d in width])
+    ink = colours(um)
+
+    def draw(figure):
+        axes = figure.subplots()
+        for colour, row, fit, x in zip(ink, values, fits, um, strict=True):
+            axes.plot(radius, row, color=colour, label=f"{x:g} µm")
+            axes.plot(radius, fit, color=colour, linewidth=0.8, linestyle=(0, (2, 2)))
+        axes.set(xscale="log", ylim=(0, 1.02), xlabel="distance (µm)", ylabel="share of the light", title="Spread")
+        if len(um) <= 8:
+            figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
+
+    columns = [("distance [um]", radius), *((f"share [1] at {x:g} um", row) for x, row in zip(um, values, strict=True)),
+               *((f"profile [1] at {x:g} um", row) for x, row in zip(um, fits, strict=True))]
+    caption = "Light that comes out within a distance of where it went in, of what comes out.  Dashed: the nearest profile of "
+    caption += "Burley and Christensen."
+    return Picture("surface_spread", "Surface: spread", caption, (6.0, 3.6), draw, tuple(columns))

@@ -8,14 +8,16 @@ from collections.abc import Mapping
 import numpy as np
 
 from bakery.errors import UsageError
-from bakery.grammar.units import ANGLE
+from bakery.grammar.units import ANGLE, LENGTH
 from bakery.stages.declaration import Answer, Query, Remark
 from bakery.stages.members import Members, MissingStage
 from bakery.store.tree import Group
 
 _TOLD = {"reflected": Remark("pi times the BRDF: 1 for a white Lambertian surface; without light that a smooth boundary mirrors"),
          "transmitted": Remark("pi times the BTDF; unscattered light is left out"),
-         "albedo": Remark("share of the light that comes back, mirrored light included")}
+         "albedo": Remark("share of the light that comes back, mirrored light included"),
+         "spread": Remark("share of the light that comes out, from all sides to all sides, within the distance; without what a "
+                          "boundary mirrors")}
 
 
 def view(root: Group) -> Surface:
@@ -35,14 +37,18 @@ class Surface(Members):
         super().__init__(group, "surface")
         self._medium = medium
 
-    def reflectance(self, theta_in, theta_out, phi=0.0) -> np.ndarray:
+    def reflectance(self, theta_in, theta_out, phi=0.0, layer: int | None = None) -> np.ndarray:
         """pi times the BRDF (L, ...), 1 for a white Lambertian surface; arguments broadcast.
+
+        Parameters
+        ----------
+        layer : position of the thickness; all of them if absent
 
         Notes
         -----
         Light that a smooth boundary mirrors is left out, that of the facets of a rough one is not.
         """
-        return self._looked_up("reflection", theta_in, theta_out, phi)
+        return self._looked_up("reflection", theta_in, theta_out, phi, layer)
 
     def transmittance(self, theta_in, theta_out, phi=0.0) -> np.ndarray:
         """pi times the BTDF (L, ...), 0 over a base; unscattered light left out."""
@@ -67,6 +73,25 @@ class Surface(Members):
         values = albedo_at(self._group, cosine.ravel())
         return self._layers(values.reshape(*values.shape[:2], *cosine.shape))
 
+    def spread_within(self, radius) -> np.ndarray:
+        """Share (L, ...) of the light from all sides that comes out within distances (um) of where it went in.
+
+        Notes
+        -----
+        Of what comes out; what a boundary mirrors is left out.
+
+        Raises
+        ------
+        MissingStage : the asset has no walks of light in the layer
+        """
+        from bakery.stages.surface import spread
+
+        if "spread" not in self:
+            raise MissingStage("light that is counted among grains has no spread, nor has an asset of a former version; "
+                               "surface.method: medium has one of the medium that stands for grains")
+        light = np.asarray(self["spread"], float).mean(axis=2).sum(axis=2)
+        return self._layers(spread.within(self["spread_radius"], light, self["beyond"], radius))
+
     def table(self, layer: int = 0):
         """What compiled loops and plugins look up, and its errors: `bakery.kernels.surface_reflectance` takes it.
 
@@ -85,10 +110,18 @@ class Surface(Members):
         """
         from bakery.physics.surfaces.table import surface_table
 
-        count = self["reflected"].shape[1]
-        if not 0 <= layer < count:
-            raise UsageError(f"surface: found no layer {layer}; it has {count}: 0 to {count - 1}")
-        return surface_table([row[layer] for row in self._rows()])
+        return surface_table(self._of_layer(layer))
+
+    @property
+    def layers(self) -> int:
+        """Number of thicknesses."""
+        return self["reflected"].shape[1]
+
+    def _of_layer(self, layer: int) -> list:
+        """Of each wavelength, the solution of a layer."""
+        if not 0 <= layer < self.layers:
+            raise UsageError(f"surface: found no layer {layer}; it has {self.layers}: 0 to {self.layers - 1}")
+        return [row[layer] for row in self._rows()]
 
     def _rows(self) -> list[list]:
         """Of each wavelength, the solution of each layer."""
@@ -98,8 +131,10 @@ class Surface(Members):
             self._solutions = solutions_of(self._group, self._medium)
         return self._solutions
 
-    def _looked_up(self, name: str, theta_in, theta_out, phi) -> np.ndarray:
+    def _looked_up(self, name: str, theta_in, theta_out, phi, layer: int | None = None) -> np.ndarray:
         at = _cosine(theta_out), _cosine(theta_in), np.asarray(phi, float)
+        if layer is not None:
+            return np.stack([getattr(solution, name)(*at) for solution in self._of_layer(layer)])
         return self._layers(np.stack([np.stack([getattr(solution, name)(*at) for solution in row]) for row in self._rows()]))
 
     def _layers(self, values):
@@ -197,34 +232,35 @@ def _corrected(solution, group: Group, k: int):
 
 
 def looked_up(asset, path: str, arguments: Mapping[str, float | tuple[float, ...]]) -> Answer:
-    """Reflectance, transmittance or albedo at angles.
+    """Reflectance, transmittance or albedo at angles, or light within a distance.
 
     Raises
     ------
     UsageError : an argument is missing, has no effect, or more than one is a list
     """
     name = path.rpartition("/")[2]
-    accepted = ("theta_in",) if name == "albedo" else ("theta_in", "theta_out", "phi")
+    accepted = {"albedo": ("theta_in",), "spread": ("radius",)}.get(name, ("theta_in", "theta_out", "phi"))
     useless = [key for key in arguments if key not in accepted]
     if useless:
         raise UsageError(f"{path}: {useless[0]} has no effect on it; {', '.join(accepted)} would")
     missing = [key for key in accepted[:2] if key not in arguments]
     if missing:
-        raise UsageError(f"{path}: {', '.join(missing)} missing; give " + " ".join(f"{key}=30deg" for key in accepted))
+        example = " ".join(f"{key}={'1mm' if key == 'radius' else '30deg'}" for key in accepted)
+        raise UsageError(f"{path}: {', '.join(missing)} missing; give {example}")
     several = [key for key in arguments if np.ndim(arguments[key])]
     if len(several) > 1:
         raise UsageError(f"{path}: {' and '.join(several)} are lists; only one may be")
     at = {key: np.asarray(value, float) for key, value in arguments.items()}
     surface = asset.surface
     try:
-        values = surface.albedo(*at.values()) if name == "albedo" else \
-            (surface.reflectance if name == "reflected" else surface.transmittance)(**at)
+        function = {"albedo": surface.albedo, "spread": surface.spread_within, "reflected": surface.reflectance}
+        values = function.get(name, surface.transmittance)(*(at[key] for key in accepted if key in at))
     except ValueError as fault:
         raise UsageError(f"{path}: {fault}") from None
     axes = (("wavelength", "um", asset.wavelength),)
     if len(surface["spherical_albedo"][0]) > 1:
         axes += (("thickness", "um", surface["thickness"]),)
-    axes += tuple((key, "rad", at[key]) for key in several)
+    axes += tuple((key, "um" if key == "radius" else "rad", at[key]) for key in several)
     return Answer(path, "1", values, axes, None, (_TOLD[name],))
 
 
@@ -233,4 +269,5 @@ QUERIES = (
     Query("surface/reflected", _ANGLES, "theta_in=30deg, theta_out=60deg, phi=0deg", looked_up),
     Query("surface/transmitted", _ANGLES, "theta_in=30deg, theta_out=60deg, phi=0deg", looked_up),
     Query("surface/albedo", {"theta_in": ANGLE}, "theta_in=30deg", looked_up),
+    Query("surface/spread", {"radius": LENGTH}, "radius=1mm", looked_up),
 )

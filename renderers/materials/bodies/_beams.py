@@ -9,6 +9,7 @@ import numpy as np
 
 from bakery.kernels import lent, phase_value
 from bakery.system.compiled import njit
+from renderers.materials.bodies._cells import enter, reach
 
 DEEP = 30.0  # mean free paths, beyond which light is 1e-13 and left out
 _GRAZING = 0.36  # square of a sine, below which beams are not spread along the boundary but at right angles
@@ -32,27 +33,11 @@ class Lit(NamedTuple):
     before: np.ndarray
 
 
-class Cells(NamedTuple):
-    """Which beams come near which cells of a grid.
-
-    low, edge, shape : (3,) m, m, (3,)
-    begin : (cells + 1,) where the beams of each begin in `names`
-    """
-
-    low: np.ndarray
-    edge: float
-    shape: np.ndarray
-    begin: np.ndarray
-    names: np.ndarray
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
-def entered(ray, length, radius, low, edge, shape, begin, names):
-    """Counts beams that come within a radius (m) of each cell, in begin (cells + 1,); or, where there are names, enters them
-    there, beginning at `begin`, which is moved on.
-
-    ray (N, 6), length (N,) : of `Lit`, none of infinite length;  low, edge, shape : of `Cells`
-    """
+def entered(ray, length, radius, cells, latest):
+    """Enters beams in the cells that they come within a radius (m) of; ray (N, 6), length (N,) of `Lit`, none infinite."""
+    cells = lent(cells)
+    low, edge = cells.low, cells.edge
     least, most = np.empty(3, np.int64), np.empty(3, np.int64)
     for b in range(len(length)):
         axis = 0
@@ -61,8 +46,7 @@ def entered(ray, length, radius, low, edge, shape, begin, names):
                 axis = k
         start, d = ray[b, axis], ray[b, 3 + axis]
         ends = min(start, start + d * length[b]) - radius, max(start, start + d * length[b]) + radius
-        first = max(math.floor((ends[0] - low[axis]) / edge), 0)
-        last = min(math.floor((ends[1] - low[axis]) / edge), shape[axis] - 1)
+        first, last = reach(cells, axis, ends[0], ends[1])
         for slab in range(first, last + 1):
             # the part of the beam that comes within the radius of this layer of cells
             near = (low[axis] + slab * edge - radius - start) / d
@@ -71,16 +55,9 @@ def entered(ray, length, radius, low, edge, shape, begin, names):
             for k in range(3):
                 low_end = ray[b, k] + min(near * ray[b, 3 + k], far_end * ray[b, 3 + k]) - radius
                 high_end = ray[b, k] + max(near * ray[b, 3 + k], far_end * ray[b, 3 + k]) + radius
-                least[k] = max(math.floor((low_end - low[k]) / edge), 0)
-                most[k] = min(math.floor((high_end - low[k]) / edge), shape[k] - 1)
+                least[k], most[k] = reach(cells, k, low_end, high_end)
             least[axis], most[axis] = slab, slab
-            for x in range(least[0], most[0] + 1):
-                for y in range(least[1], most[1] + 1):
-                    for z in range(least[2], most[2] + 1):
-                        cell = (x * shape[1] + y) * shape[2] + z
-                        if len(names):
-                            names[begin[cell]] = b
-                        begin[cell] += 1
+            enter(cells, least, most, b, latest)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -112,8 +89,29 @@ def rivals(medium, scale, t, before, after, rival, begin, end):
         rival[i] = _odds(medium, scale, t[i], min(max(cosine, -1.0), 1.0))
 
 
+class Spread(NamedTuple):
+    """radius : m, by which beams are moved to both sides;  scale : as in `rivals`, against paths that find the same light"""
+
+    radius: float
+    scale: float
+
+
+class _Crossing(NamedTuple):
+    """Where a beam that is moved along a unit vector x, y, z meets a line of sight: m along the line and along the beam.
+
+    volume : of the box of the unit vectors of beam, line and move
+    """
+
+    t: float
+    s: float
+    x: float
+    y: float
+    z: float
+    volume: float
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def join(medium, beams, cells, radius, scale, origin, direction, facing, far, brought, begin, end):
+def join(medium, beams, cells, spread, lines, facing, brought, begin, end):
     """Radiance at the origins of lines of sight against their directions, of light that beams pass to them in one event.
 
     Each beam stands for those that are moved by up to a radius along the tangent of the boundary where it comes in, of which one
@@ -121,20 +119,17 @@ def join(medium, beams, cells, radius, scale, origin, direction, facing, far, br
 
     Parameters
     ----------
-    medium : `Scatterer`;  beams : `Lit`;  cells : `Cells`, of that radius (m)
-    scale : as in `rivals`, for the balance heuristic against paths that find the same light
-    origin, direction, far : (n, 3) m, unit, (n,) m;  facing : (n, 3) unit, outward normals of the boundary where lines begin
+    medium : `Scatterer`;  beams : `Lit`;  cells : `Cells`, of the radius of the `Spread`
+    lines : `Paths`;  facing : (n, 3) unit, outward normals of the boundary where lines begin
     brought : (3, n, L) becomes the radiance by beams of 0, 1 and more events before; W/m^2 sr
     """
-    medium, beams, cells = lent(medium), lent(beams), lent(cells)
-    ray, shape, sigma, waves = beams.ray, cells.shape, medium.sigma_t, len(medium.sigma_t)
-    most = DEEP / np.min(sigma)
+    medium, beams, cells, lines = lent(medium), lent(beams), lent(cells), lent(lines)
+    shape, longest = cells.shape, DEEP / np.min(medium.sigma_t)
     at, step, ahead, across = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3), np.empty(3)
     for i in range(begin, end):
-        longest = min(far[i], most)
-        vx, vy, vz = direction[i, 0], direction[i, 1], direction[i, 2]
+        length = min(lines.far[i], longest)
         for k in range(3):
-            position, d = (origin[i, k] - cells.low[k]) / cells.edge, direction[i, k]
+            position, d = (lines.origin[i, k] - cells.low[k]) / cells.edge, lines.direction[i, k]
             at[k] = min(max(math.floor(position), 0), shape[k] - 1)
             step[k] = 1 if d > 0.0 else -1
             across[k] = cells.edge / abs(d) if d != 0.0 else np.inf
@@ -142,55 +137,74 @@ def join(medium, beams, cells, radius, scale, origin, direction, facing, far, br
         begins = 0.0
         while True:
             axis = 0 if ahead[0] <= ahead[1] and ahead[0] <= ahead[2] else 1 if ahead[1] <= ahead[2] else 2
-            ends = min(ahead[axis], longest)
+            ends = min(ahead[axis], length)
             cell = (at[0] * shape[1] + at[1]) * shape[2] + at[2]
             for name in range(cells.begin[cell], cells.begin[cell + 1]):
                 b = cells.names[name]
-                x, y, z = origin[i, 0] - ray[b, 0], origin[i, 1] - ray[b, 1], origin[i, 2] - ray[b, 2]
-                bx, by, bz = ray[b, 3], ray[b, 4], ray[b, 5]
-                ux, uy, uz = by * vz - bz * vy, bz * vx - bx * vz, bx * vy - by * vx
-                square, apart = ux * ux + uy * uy + uz * uz, ux * x + uy * y + uz * z
-                if apart * apart > radius * radius * square:
-                    continue
-                # the way along which the beam is moved
-                nx, ny, nz = beams.normal[b, 0], beams.normal[b, 1], beams.normal[b, 2]
-                up = ux * nx + uy * ny + uz * nz
-                wide = square - up * up
-                if wide < _GRAZING * square:
-                    up, wide = 0.0, square
-                wide = 1 / math.sqrt(wide)
-                wx, wy, wz = (ux - up * nx) * wide, (uy - up * ny) * wide, (uz - up * nz) * wide
-                volume = ux * wx + uy * wy + uz * wz
-                moved = apart / volume
-                if not abs(moved) <= radius:
-                    continue
-                cx, cy, cz = by * wz - bz * wy, bz * wx - bx * wz, bx * wy - by * wx
-                t = -(x * cx + y * cy + z * cz) / (vx * cx + vy * cy + vz * cz)
-                if not (begins <= t < ends):
-                    continue
-                s = (x + t * vx - moved * wx) * bx + (y + t * vy - moved * wy) * by + (z + t * vz - moved * wz) * bz
-                if not (0.0 <= s < beams.length[b]):
-                    continue
-                cosine = min(max(-(bx * vx + by * vy + bz * vz), -1.0), 1.0)
-                share = 1.0
-                if beams.density[b] < np.inf:
-                    odds = _odds(medium, scale, t, cosine) * beams.density[b]
-                    share = odds / (1 + odds) if odds < np.inf else 1.0
-                wide = radius
-                if nx == 0.0 and ny == 0.0 and nz == 0.0:
-                    # beyond the boundary there are none that could be moved here
-                    up = abs(wx * facing[i, 0] + wy * facing[i, 1] + wz * facing[i, 2])
-                    deep = max(-t * (vx * facing[i, 0] + vy * facing[i, 1] + vz * facing[i, 2]), 0.0)
-                    wide = deep / up if deep < radius * up else radius
-                share /= (radius + wide) * volume
-                order = min(beams.before[b], 2)
-                for w in range(waves):
-                    scattered = sigma[w] * medium.albedo[w] * phase_value(medium.v, medium.steps, medium.phase[w], 1 - cosine)
-                    brought[order, i, w] += share * beams.power[b, w] * scattered * math.exp(-sigma[w] * (t + s))
-            if not ends < longest:
+                crossing = _crossing(beams, b, lines, i, spread.radius, (begins, ends))
+                if crossing.volume > 0.0:
+                    _add(medium, beams, b, spread, lines, i, facing, crossing, brought)
+            if not ends < length:
                 break
             begins = ends
             at[axis] += step[axis]
             if not 0 <= at[axis] < shape[axis]:
                 break
             ahead[axis] += across[axis]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _crossing(beams, b, lines, i, radius, within):
+    """Where beam b meets line of sight i, within a part of it (from, to); of no volume where it does not."""
+    ray = beams.ray
+    vx, vy, vz = lines.direction[i, 0], lines.direction[i, 1], lines.direction[i, 2]
+    x, y, z = lines.origin[i, 0] - ray[b, 0], lines.origin[i, 1] - ray[b, 1], lines.origin[i, 2] - ray[b, 2]
+    bx, by, bz = ray[b, 3], ray[b, 4], ray[b, 5]
+    ux, uy, uz = by * vz - bz * vy, bz * vx - bx * vz, bx * vy - by * vx
+    square, apart = ux * ux + uy * uy + uz * uz, ux * x + uy * y + uz * z
+    if apart * apart > radius * radius * square:
+        return _Crossing(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    # the way along which the beam is moved
+    nx, ny, nz = beams.normal[b, 0], beams.normal[b, 1], beams.normal[b, 2]
+    up = ux * nx + uy * ny + uz * nz
+    level = square - up * up
+    if level < _GRAZING * square:
+        up, level = 0.0, square
+    scale = 1 / math.sqrt(level)
+    wx, wy, wz = (ux - up * nx) * scale, (uy - up * ny) * scale, (uz - up * nz) * scale
+    volume = ux * wx + uy * wy + uz * wz
+    moved = apart / volume
+    if not abs(moved) <= radius:
+        return _Crossing(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    cx, cy, cz = by * wz - bz * wy, bz * wx - bx * wz, bx * wy - by * wx
+    t = -(x * cx + y * cy + z * cz) / (vx * cx + vy * cy + vz * cz)
+    if not (within[0] <= t < within[1]):
+        return _Crossing(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    s = (x + t * vx - moved * wx) * bx + (y + t * vy - moved * wy) * by + (z + t * vz - moved * wz) * bz
+    if not (0.0 <= s < beams.length[b]):
+        return _Crossing(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return _Crossing(t, s, wx, wy, wz, volume)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _add(medium, beams, b, spread, lines, i, facing, crossing, brought):
+    """Adds what beam b passes to line of sight i where they meet."""
+    vx, vy, vz = lines.direction[i, 0], lines.direction[i, 1], lines.direction[i, 2]
+    bx, by, bz = beams.ray[b, 3], beams.ray[b, 4], beams.ray[b, 5]
+    t, radius, sigma = crossing.t, spread.radius, medium.sigma_t
+    cosine = min(max(-(bx * vx + by * vy + bz * vz), -1.0), 1.0)
+    share = 1.0
+    if beams.density[b] < np.inf:
+        odds = _odds(medium, spread.scale, t, cosine) * beams.density[b]
+        share = odds / (1 + odds) if odds < np.inf else 1.0
+    inward = radius
+    if beams.normal[b, 0] == 0.0 and beams.normal[b, 1] == 0.0 and beams.normal[b, 2] == 0.0:
+        # beyond the boundary there are none that could be moved here
+        up = abs(crossing.x * facing[i, 0] + crossing.y * facing[i, 1] + crossing.z * facing[i, 2])
+        deep = max(-t * (vx * facing[i, 0] + vy * facing[i, 1] + vz * facing[i, 2]), 0.0)
+        inward = deep / up if deep < radius * up else radius
+    share /= (radius + inward) * crossing.volume
+    order = min(beams.before[b], 2)
+    for w in range(len(sigma)):
+        scattered = sigma[w] * medium.albedo[w] * phase_value(medium.v, medium.steps, medium.phase[w], 1 - cosine)
+        brought[order, i, w] += share * beams.power[b, w] * scattered * math.exp(-sigma[w] * (t + crossing.s))

@@ -131,8 +131,9 @@ def _brings(r, ahead, back, k0, g):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
-def _one_by_one(clusters, low, high, sigma, k0, g, here, view, total, count):
+def _one_by_one(clusters, low, high, light, here, view, total, count):
     """Guesses of beams low to high, into total from count on."""
+    sigma, k0, g = light
     ex, ey, ez, vx, vy, vz = here[0], here[1], here[2], view[0], view[1], view[2]
     for b in range(low, high):
         x, y, z = ex - clusters.middle[0, b], ey - clusters.middle[1, b], ez - clusters.middle[2, b]
@@ -143,13 +144,15 @@ def _one_by_one(clusters, low, high, sigma, k0, g, here, view, total, count):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def guess(clusters, sigma, k0, g, here, view, items, total):
+def guess(clusters, light, here, view, items, total):
     """Guesses of what beams bring to a place against a line of sight, and how many; cumulated, into total.
 
-    g : mean cosine of the phase function;  here, view : (3,) m, and direction of the line of sight
+    light : 1/m, extinction; decay of diffuse light over that; mean cosine of the phase function
+    here, view : (3,) m, and direction of the line of sight
     items : (N + 1,) becomes the first beam of each item, a beam or a cluster, and N at the end
     total : (N,) becomes cumulated guesses
     """
+    sigma, k0, g = light
     n, count, beam = len(clusters.strength), 0, 0
     top = len(clusters.begin) - 2
     level = top
@@ -166,7 +169,7 @@ def guess(clusters, sigma, k0, g, here, view, items, total):
             items[count] = low
             count += 1
         elif level == 1:
-            _one_by_one(clusters, low, high, sigma, k0, g, here, view, total, count)
+            _one_by_one(clusters, low, high, light, here, view, total, count)
             for b in range(low, high):
                 items[count] = b
                 count += 1

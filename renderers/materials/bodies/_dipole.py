@@ -7,12 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bakery.kernels import lent, mesh_scratch, triangle_normal
+from bakery.kernels import lent
 from bakery.system.compiled import njit
-from renderers.materials.bodies._geometry import first
 from renderers.transport.wavefront import uniform
 
-_BACK = 1e-4  # of the size of all bodies, from where a ray looks back at the boundary
+TOGETHER = 64  # lines of sight, near each other, that draw places by one guess
 _EVEN = 0.1  # share of the beams that is drawn by their power alone
 
 
@@ -82,65 +81,60 @@ def dipole_exitance(dipole, w, x, ni, entering, no, soft):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def boundary_normals(geometry, origin, direction, normal, begin, end):
-    """Outward normals (n, 3) of the boundary where rays, origin (n, 3) m, direction (n, 3), have come into a body."""
-    geometry = lent(geometry)
-    p, d, scratch = np.empty((1, 3)), np.empty((1, 3)), mesh_scratch()
-    for i in range(begin, end):
-        for k in range(3):
-            p[0, k], d[0, k] = origin[i, k] + _BACK * geometry.scale * direction[i, k], -direction[i, k]
-        triangle, _ = first(geometry, p, d, 0, np.int64(-1), scratch)
-        normal[i, 0], normal[i, 1], normal[i, 2] = triangle_normal(geometry.blocks, triangle) if triangle >= 0 else (
-            d[0, 0], d[0, 1], d[0, 2])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def gather(dipole, origin, direction, power, normal, picks, around, here, facing, states, brought, begin, end):
+def gather(dipole, beams, normal, picks, lines, facing, brought, begin, end):
     """Radiance inside of a body, against lines of sight where they come into it, of groups begin to end.
 
-    origin, direction, normal : (N, 3) m, unit, outward, of light that comes in;  power : (N, L) W
+    beams : `Beams`, of light that comes in;  normal : (N, 3) outward, there
     picks : drawn for each line of sight
-    around : (G + 1,) where groups begin;  here, facing : (n, 3) m, outward, where lines of sight come in
-    states : (n,) uint64, random numbers;  brought : (n, L) becomes W/m^2 sr
+    lines : `Paths`, `TOGETHER` of them a group, near each other;  facing : (n, 3) outward, where they come in
+    brought : (n, L) becomes W/m^2 sr
     """
-    n, waves = power.shape
-    total, whole_power = np.empty(n), 0.0
-    middle, mean, x = np.empty(3), np.empty(3), np.empty(3)
+    dipole, beams, lines = lent(dipole), lent(beams), lent(lines)
+    n, waves = beams.power.shape
+    total, whole_power, x = np.empty(n), 0.0, np.empty(3)
     for b in range(n):
         for w in range(waves):
-            whole_power += power[b, w]
+            whole_power += beams.power[b, w]
     for g in range(begin, end):
-        many, spread = around[g + 1] - around[g], 0.0
-        for k in range(3):
-            middle[k], mean[k] = 0.0, 0.0
-            for i in range(around[g], around[g + 1]):
-                middle[k] += here[i, k] / many
-                mean[k] += facing[i, k] / many
-            for i in range(around[g], around[g + 1]):
-                spread += (here[i, k] - middle[k]) ** 2 / many
-        whole = 0.0
-        for b in range(n):
-            for k in range(3):
-                x[k] = middle[k] - origin[b, k]
-            for w in range(waves):
-                whole += power[b, w] * dipole_exitance(dipole, w, x, normal[b], direction[b], mean, math.sqrt(spread))
-            total[b] = whole
+        first, last = g * TOGETHER, min((g + 1) * TOGETHER, lines.far.size)
+        whole = _guess(dipole, beams, normal, lines, facing, (first, last), total)
         even, before = _EVEN * whole / whole_power, 0.0
         for b in range(n):
             for w in range(waves):
-                before += power[b, w]
+                before += beams.power[b, w]
             total[b] += even * before
-        for i in range(around[g], around[g + 1]):
+        for i in range(first, last):
             for w in range(waves):
                 brought[i, w] = 0.0
             if not whole > 0.0:
                 continue
             for pick in range(picks):
-                u = (pick + uniform(states, i)) / picks * total[n - 1]
+                u = (pick + uniform(lines.states, i)) / picks * total[n - 1]
                 b = min(np.searchsorted(total, u, side="right"), n - 1)
                 chance = (total[b] - (total[b - 1] if b > 0 else 0.0)) / total[n - 1] * picks
                 for k in range(3):
-                    x[k] = here[i, k] - origin[b, k]
+                    x[k] = lines.origin[i, k] - beams.origin[b, k]
                 for w in range(waves):
-                    brought[i, w] += power[b, w] * dipole.exit[w] / chance * dipole_exitance(
-                        dipole, w, x, normal[b], direction[b], facing[i], 0.0)
+                    brought[i, w] += beams.power[b, w] * dipole.exit[w] / chance * dipole_exitance(
+                        dipole, w, x, normal[b], beams.direction[b], facing[i], 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _guess(dipole, beams, normal, lines, facing, group, total):
+    """Makes total (N,) what beams send to the middle of a group (first, last) of lines of sight, cumulated; all of it."""
+    n, waves = beams.power.shape
+    middle, mean, x = np.zeros(3), np.zeros(3), np.empty(3)
+    many, spread, whole = group[1] - group[0], 0.0, 0.0
+    for k in range(3):
+        for i in range(group[0], group[1]):
+            middle[k] += lines.origin[i, k] / many
+            mean[k] += facing[i, k] / many
+        for i in range(group[0], group[1]):
+            spread += (lines.origin[i, k] - middle[k]) ** 2 / many
+    for b in range(n):
+        for k in range(3):
+            x[k] = middle[k] - beams.origin[b, k]
+        for w in range(waves):
+            whole += beams.power[b, w] * dipole_exitance(dipole, w, x, normal[b], beams.direction[b], mean, math.sqrt(spread))
+        total[b] = whole
+    return whole

@@ -11,16 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bakery.kernels import (
-    add_look_up,
-    add_segment_look_up,
-    lent,
-    mesh_scratch,
-    no_look_ups,
-    phase_value,
-    sum_of_look_ups,
-    triangle_normal,
-)
+from bakery.kernels import add_look_up, add_segment_look_up, lent, mesh_scratch, no_look_ups, phase_value, sum_of_look_ups
 from bakery.system.compiled import njit
 from renderers.materials.bodies._choice import drawn, guess
 from renderers.materials.bodies._geometry import first
@@ -51,6 +42,68 @@ class Beams(NamedTuple):
     real: np.ndarray
 
 
+class Lines(NamedTuple):
+    """n lines of sight in a body, and what they gather.
+
+    origin, direction, far : (n, 3) m, unit, (n,) m;  facing : (n, 3) outward normals where they begin, read where light is
+        mirrored
+    states : (n,) uint64, of random numbers, which stay as they are: all wavelengths draw with the same
+    picks : (n,) beams drawn for each;  around : (G + 1,) where groups begin, for which beams are chosen together
+    brought : (3, n, L) radiance of third and later events, of second ones, and of second ones on beams that began with light
+        scattered before, at the origins against the directions; W/m^2 sr
+    """
+
+    origin: np.ndarray
+    direction: np.ndarray
+    far: np.ndarray
+    facing: np.ndarray
+    states: np.ndarray
+    picks: np.ndarray
+    around: np.ndarray
+    brought: np.ndarray
+
+
+class Wave(NamedTuple):
+    """What is gathered at a wavelength.
+
+    w : its number;  cosine : mean, of the phase function;  points, segments : tables that are ready for look-ups
+    later : whether third and later events count, by the tables, and second ones on beams of negative power
+    second : whether second ones on others do
+    beyond : m, how far outside a mirror lies whose light is taken away from later events; inf: there is none
+    """
+
+    w: int
+    cosine: float
+    points: tuple
+    segments: tuple
+    later: bool
+    second: bool
+    beyond: float
+
+
+class _Pick(NamedTuple):
+    """A place on a beam: number of the beam, m along it, power (W) over how likely it was drawn, and that times the share of the
+    beam's light which collides in place of its density."""
+
+    beam: int
+    s: float
+    power: float
+    weight: float
+
+
+class _Scratch(NamedTuple):
+    """What a loop works on: place (1, 3) on a beam, a way from there (1, 3), a direction of light (3,), shares of parts of an
+    angle, sums of look-ups of points and of segments, and of the tree of triangles."""
+
+    place: np.ndarray
+    away: np.ndarray
+    ray: np.ndarray
+    share: np.ndarray
+    of_points: tuple
+    of_segments: tuple
+    mesh: tuple
+
+
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _along(u, sigma, length):
     """A length (m) drawn in proportion to exp(-sigma t) up to a length, and the integral of that, m."""
@@ -59,89 +112,84 @@ def _along(u, sigma, length):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def gather(geometry, medium, table, segments, w, cosine, beams, clusters, picks, later, second, beyond, around, origin,
-           direction, far, states, brought, begin, end):
-    """Radiance at the origins of lines of sight against their directions from light of beams, groups begin to end.
+def gather(geometry, medium, wave, beams, clusters, lines, begin, end):
+    """Makes `brought` of groups begin to end of lines of sight, at one wavelength, from light of beams.
 
-    Parameters
-    ----------
-    medium : `Scatterer`;  table, segments : ready tables of points and of segments of wavelength w
-    cosine : mean, of the phase function
+    medium : `Scatterer`;  wave : `Wave`
     beams : `Beams`, neighbours one after another;  clusters : `Clusters` of them
-    picks : (n,) beams drawn for each line of sight
-    later : whether third and later events count, by the table, and second ones on beams of negative power
-    second : whether second ones on others do
-    beyond : m, how far outside a mirror lies whose light is taken away from later events; inf: there is none
-    around : (G + 1,) where groups of lines of sight begin, for which beams are chosen together
-    origin, direction, far : (n, 3) m, unit, (n,) m
-    states : (n,) uint64, of random numbers, which stay as they are: all wavelengths draw with the same
-    brought : (3, n, L) column w becomes the radiance of third and later events, of second ones, and of second ones on beams that
-        began with light scattered before; W/m^2 sr
     """
-    geometry, medium, table, segments, beams = lent(geometry), lent(medium), lent(table), lent(segments), lent(beams)
-    clusters = lent(clusters)
-    looked_up, tiles = no_look_ups(), no_look_ups()
-    n = len(beams.length)
-    items, total, scratch, local = np.empty(n + 1, np.int64), np.empty(n), mesh_scratch(), np.empty(1, np.uint64)
-    p, d, ray = np.empty((1, 3)), np.empty((1, 3)), np.empty(3)
-    normal, here, view, share_of = np.empty(3), np.empty(3), np.empty(3), np.empty(_BINS)
-    sigma, albedo = medium.sigma_t[w], medium.albedo[w]
+    geometry, medium, wave, beams = lent(geometry), lent(medium), lent(wave), lent(beams)
+    clusters, lines = lent(clusters), lent(lines)
+    n, w, sigma = len(beams.length), wave.w, medium.sigma_t[wave.w]
+    items, total, stream = np.empty(n + 1, np.int64), np.empty(n), np.empty(1, np.uint64)
+    here, view = np.empty(3), np.empty(3)
+    scratch = _Scratch(np.empty((1, 3)), np.empty((1, 3)), np.empty(3), np.empty(_BINS), no_look_ups(), no_look_ups(),
+                       mesh_scratch())
     for g in range(begin, end):
-        for k in range(3):
-            here[k] = view[k] = 0.0
-        for i in range(around[g], around[g + 1]):
-            t, share = min(1.0 / sigma, 0.5 * far[i]), 1.0 / (around[g + 1] - around[g])
-            for k in range(3):
-                here[k] += share * (origin[i, k] + t * direction[i, k])
-                view[k] += share * direction[i, k]
-        count = guess(clusters, sigma, table.k0, cosine, here, view, items, total)
-        for i in range(around[g], around[g + 1]):
+        _middle(lines, g, sigma, here, view)
+        count = guess(clusters, (sigma, wave.points.k0, wave.cosine), here, view, items, total)
+        for i in range(lines.around[g], lines.around[g + 1]):
             for kind in range(3):
-                brought[kind, i, w] = 0.0
-            if beyond < np.inf:
-                _facing(geometry, origin, direction, i, p, d, normal, scratch)
-            local[0] = states[i]
-            for pick in range(picks[i]):
-                beam, chance = drawn(clusters, items, total, count, (pick + uniform(local, 0)) / picks[i])
+                lines.brought[kind, i, w] = 0.0
+            stream[0] = lines.states[i]
+            for number in range(lines.picks[i]):
+                beam, chance = drawn(clusters, items, total, count, (number + uniform(stream, 0)) / lines.picks[i])
                 if not chance > 0.0:
                     break
-                s, weight = _along(uniform(local, 0), sigma, beams.length[beam])
-                power = beams.power[beam, w] / (chance * picks[i])
+                s, weight = _along(uniform(stream, 0), sigma, beams.length[beam])
+                power = beams.power[beam, w] / (chance * lines.picks[i])
                 weight *= power * sigma
-                u, v = uniform(local, 0), uniform(local, 0)
+                u, part = uniform(stream, 0), uniform(stream, 0)
                 for k in range(3):
-                    p[0, k] = beams.origin[beam, k] + s * beams.direction[beam, k]
-                if later:
-                    t, lasting = _along(u, sigma, far[i])
-                    lasting *= sigma**3
-                    square = 0.0
-                    for k in range(3):
-                        d[0, k] = sigma * (origin[i, k] + t * direction[i, k] - p[0, k])
-                        ray[k] = beams.direction[beam, k]
-                        square += (origin[i, k] + t * direction[i, k] - clusters.middle[k, beam]) ** 2
-                    if sigma * sigma * square < _NEAR * _NEAR:
-                        for k in range(3):
-                            d[0, k] += sigma * s * ray[k]
-                        rho, along, x, y, forward = _placed(d, ray, direction, i)
-                        add_segment_look_up(looked_up, tiles, table, segments, sigma * beams.length[beam], rho, along, x, y,
-                                            forward, power * lasting)
-                        for k in range(3):
-                            d[0, k] -= sigma * s * ray[k]
-                    else:
-                        rho, along, x, y, forward = _placed(d, ray, direction, i)
-                        add_look_up(looked_up, table, rho, along, x, y, forward, weight * lasting)
-                    if beyond < np.inf:
-                        _mirror(beyond, sigma, normal, origin, i, p, d, ray, t, direction)
-                        rho, along, x, y, forward = _placed(d, ray, direction, i)
-                        add_look_up(looked_up, table, rho, along, x, y, forward, -weight * lasting)
+                    scratch.place[0, k] = beams.origin[beam, k] + s * beams.direction[beam, k]
+                if wave.later:
+                    _add_later(wave, sigma, beams, clusters, lines, i, _Pick(beam, s, power, weight), u, scratch)
                 negative = beams.power[beam, w] < 0.0
-                if second or negative and later:
+                if wave.second or negative and wave.later:
                     kind = LATER if negative else OTHER if beams.before[beam] > 0 else SECOND
-                    brought[kind, i, w] += weight * albedo * albedo * sigma * _second(
-                        geometry, medium, beams, beam, w, v, uniform(local, 0), share_of, p, d, origin, direction, far, i,
-                        scratch)
-            if later:
-                brought[LATER, i, w] += sum_of_look_ups(looked_up, table) + sum_of_look_ups(tiles, segments)
+                    lines.brought[kind, i, w] += weight * medium.albedo[w] * medium.albedo[w] * sigma * _second(
+                        geometry, medium, w, beams, beam, lines, i, (part, uniform(stream, 0)), scratch)
+            if wave.later:
+                lines.brought[LATER, i, w] += sum_of_look_ups(scratch.of_points, wave.points) \
+                    + sum_of_look_ups(scratch.of_segments, wave.segments)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _middle(lines, g, sigma, here, view):
+    """Makes here and view (3,) place and direction in the middle of a group of lines of sight, a mean free path ahead."""
+    for k in range(3):
+        here[k] = view[k] = 0.0
+    for i in range(lines.around[g], lines.around[g + 1]):
+        t, share = min(1.0 / sigma, 0.5 * lines.far[i]), 1.0 / (lines.around[g + 1] - lines.around[g])
+        for k in range(3):
+            here[k] += share * (lines.origin[i, k] + t * lines.direction[i, k])
+            view[k] += share * lines.direction[i, k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _add_later(wave, sigma, beams, clusters, lines, i, pick, u, scratch):
+    """Adds look-ups of third and later events at a place of line of sight i, which is drawn with the number u."""
+    away, ray, beam = scratch.away, scratch.ray, pick.beam
+    t, lasting = _along(u, sigma, lines.far[i])
+    lasting *= sigma**3
+    square = 0.0
+    for k in range(3):
+        away[0, k] = sigma * (lines.origin[i, k] + t * lines.direction[i, k] - scratch.place[0, k])
+        ray[k] = beams.direction[beam, k]
+        square += (lines.origin[i, k] + t * lines.direction[i, k] - clusters.middle[k, beam]) ** 2
+    if sigma * sigma * square < _NEAR * _NEAR:
+        for k in range(3):
+            away[0, k] += sigma * pick.s * ray[k]
+        rho, along, x, y, forward = _placed(away, ray, lines.direction, i)
+        add_segment_look_up(scratch.of_points, scratch.of_segments, wave.points, wave.segments, sigma * beams.length[beam], rho,
+                            along, x, y, forward, pick.power * lasting)
+    else:
+        rho, along, x, y, forward = _placed(away, ray, lines.direction, i)
+        add_look_up(scratch.of_points, wave.points, rho, along, x, y, forward, pick.weight * lasting)
+    if wave.beyond < np.inf:
+        _mirror(wave.beyond, sigma, lines, i, t, scratch)
+        rho, along, x, y, forward = _placed(away, ray, lines.direction, i)
+        add_look_up(scratch.of_points, wave.points, rho, along, x, y, forward, -pick.weight * lasting)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -163,51 +211,44 @@ def _placed(away, ray, direction, i):
     return rho, along, radial, across, forward
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _facing(geometry, origin, direction, i, p, d, normal, scratch):
-    """Makes normal (3,) that of the boundary where line of sight i starts, outward."""
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _mirror(beyond, sigma, lines, i, t, scratch):
+    """Changes the way from a place on a beam to length t of line of sight i, and the beam's direction, to those of both mirrored
+    in the plane a length `beyond` (m) outside of where the line starts."""
+    height, rise, ray, normal = -beyond, 0.0, scratch.ray, lines.facing
     for k in range(3):
-        p[0, k], d[0, k] = origin[i, k] + 1e-4 * geometry.scale * direction[i, k], -direction[i, k]
-    triangle, _ = first(geometry, p, d, 0, np.int64(-1), scratch)
-    normal[0], normal[1], normal[2] = triangle_normal(geometry.blocks, triangle) if triangle >= 0 else (d[0, 0], d[0, 1], d[0, 2])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _mirror(beyond, sigma, normal, origin, i, p, away, ray, t, direction):
-    """Changes away (1, 3) and ray (3,) to those of the collision at p (1, 3) mirrored in the plane a length `beyond` (m) outside
-    of where line of sight i starts."""
-    height, rise = -beyond, 0.0
+        height += (scratch.place[0, k] - lines.origin[i, k]) * normal[i, k]
+        rise += ray[k] * normal[i, k]
     for k in range(3):
-        height += (p[0, k] - origin[i, k]) * normal[k]
-        rise += ray[k] * normal[k]
-    for k in range(3):
-        ray[k] -= 2 * rise * normal[k]
-        away[0, k] = sigma * (origin[i, k] + t * direction[i, k] - p[0, k] + 2 * height * normal[k])
+        ray[k] -= 2 * rise * normal[i, k]
+        scratch.away[0, k] = sigma * (lines.origin[i, k] + t * lines.direction[i, k] - scratch.place[0, k]
+                                      + 2 * height * normal[i, k])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _second(geometry, medium, beams, beam, w, u, v, share, p, d, origin, direction, far, i, scratch):
-    """Light of a collision at p (1, 3) that scatters a second time on line of sight i, 1/m^2 sr: phase functions, attenuation,
-    and the line's element.
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _second(geometry, medium, w, beams, beam, lines, i, numbers, scratch):
+    """Light of a collision at the place on a beam that scatters a second time on line of sight i, 1/m^2 sr: phase functions,
+    attenuation, and the line's element.
 
-    The place is drawn evenly in the angle at p that the line subtends, which is as the inverse square of the distance, within one
-    of `_BINS` parts of it; these by the product of phase functions and attenuation in their middles (Novak et al. 2012).
+    The place is drawn evenly in the angle that the line subtends there, which is as the inverse square of the distance, within
+    one of `_BINS` parts of it; these by the product of phase functions and attenuation in their middles (Novak et al. 2012).
 
-    u, v : uniform numbers;  share : (_BINS,) room
+    numbers : two uniform ones, of the part and of the place in it
     """
-    along, square = 0.0, 0.0
+    u, v = numbers
+    along, square, share = 0.0, 0.0, scratch.share
     for k in range(3):
-        along += (p[0, k] - origin[i, k]) * direction[i, k]
+        along += (scratch.place[0, k] - lines.origin[i, k]) * lines.direction[i, k]
     for k in range(3):
-        away = origin[i, k] + along * direction[i, k] - p[0, k]
+        away = lines.origin[i, k] + along * lines.direction[i, k] - scratch.place[0, k]
         square += away * away
     h = math.sqrt(square)
     if not h > 0.0:
         return 0.0
-    low, high = math.atan2(-along, h), math.atan2(far[i] - along, h)
+    low, high = math.atan2(-along, h), math.atan2(lines.far[i] - along, h)
     step, whole = (high - low) / _BINS, 0.0
     for m in range(_BINS):
-        share[m] = _product(medium, beams, beam, w, low + (m + 0.5) * step, along, h, p, d, origin, direction, i)[0]
+        share[m] = _product(medium, w, beams, beam, lines, i, (low + (m + 0.5) * step, along, h), scratch)[0]
         whole += share[m]
     # numbers smaller than these have fewer digits, or none in an eighth of them: what is 700 mean free paths away is dark
     if not whole > _DARK:
@@ -217,24 +258,28 @@ def _second(geometry, medium, beams, beam, w, u, v, share, p, d, origin, directi
     while chosen >= 0.0 and m < _BINS - 1:
         m += 1
         chosen -= share[m] + least
-    value, distance = _product(medium, beams, beam, w, low + (m + v) * step, along, h, p, d, origin, direction, i)
+    value, distance = _product(medium, w, beams, beam, lines, i, (low + (m + v) * step, along, h), scratch)
     if beams.real[beam]:
-        _, wall = first(geometry, p, d, 0, np.int64(-1), scratch)
+        _, wall = first(geometry, scratch.place, scratch.away, 0, np.int64(-1), scratch.mesh)
         if wall < distance * (1 - 1e-6):
             return 0.0
     return value * step / h * (1 + _EVEN) * whole / (share[m] + least)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _product(medium, beams, beam, w, turn, along, h, p, d, origin, direction, i):
-    """Phase functions times attenuation of the way from p (1, 3) to line of sight i, seen from there at an angle from the nearest
-    point, and its length; d (1, 3) becomes its direction."""
-    t, distance = along + h * math.tan(turn), h / math.cos(turn)
+def _product(medium, w, beams, beam, lines, i, seen, scratch):
+    """Phase functions times attenuation of the way from the place on a beam to line of sight i, and its length; `away` becomes
+    its direction.
+
+    seen : angle from the nearest point of the line, as seen from the place; how far along the line that point is, and how far off
+    """
+    turn, along, h = seen
+    t, distance, d = along + h * math.tan(turn), h / math.cos(turn), scratch.away
     cosine, last = 0.0, 0.0
     for k in range(3):
-        d[0, k] = (origin[i, k] + t * direction[i, k] - p[0, k]) / distance
+        d[0, k] = (lines.origin[i, k] + t * lines.direction[i, k] - scratch.place[0, k]) / distance
         cosine += d[0, k] * beams.direction[beam, k]
-        last -= d[0, k] * direction[i, k]
+        last -= d[0, k] * lines.direction[i, k]
     value = phase_value(medium.v, medium.steps, medium.phase[w], max(1 - cosine, 0.0)) \
         * phase_value(medium.v, medium.steps, medium.phase[w], max(1 - last, 0.0))
     return value * math.exp(-medium.sigma_t[w] * (distance + t)), distance

@@ -12,6 +12,7 @@ from bakery.system.compiled import njit
 
 OUTSIDE = -1  # of all bodies
 _ALMOST = 1 - 1e-4  # of the way to a light: its own surface is none in between
+_BACK = 1e-4  # of the size of all bodies, from where a ray looks back at the boundary
 _CROSSED = 64  # surfaces that a ray crosses, at most, until it is known which body it starts in
 
 
@@ -116,16 +117,6 @@ def locate(geometry, origin, direction, start, body, far, triangle, begin, end):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def free(geometry, origin, direction, distance, open_way, begin, end):
-    """Whether no triangle lies within distances (n,) m of rays: open_way (n,) bool."""
-    geometry = lent(geometry)
-    scratch = mesh_scratch()
-    for i in range(begin, end):
-        _, t = first(geometry, origin, direction, i, np.int64(-1), scratch)
-        open_way[i] = t >= distance[i] * (1 - 1e-9)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def lengths(geometry, matched, origin, direction, distance, inside, last, begin, end):
     """Lengths (m) of straight ways in each body, inside (n, bodies); inf where another surface, of those that rays in bodies may
     meet, is in between.
@@ -165,3 +156,16 @@ def normals(geometry, triangle, normal, begin, end):
     for i in range(begin, end):
         if triangle[i] >= 0:
             normal[i, 0], normal[i, 1], normal[i, 2] = triangle_normal(geometry.blocks, triangle[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def boundary_normals(geometry, origin, direction, normal, begin, end):
+    """Outward normals (n, 3) of the boundary where rays, origin (n, 3) m, direction (n, 3), have come into a body."""
+    geometry = lent(geometry)
+    p, d, scratch = np.empty((1, 3)), np.empty((1, 3)), mesh_scratch()
+    for i in range(begin, end):
+        for k in range(3):
+            p[0, k], d[0, k] = origin[i, k] + _BACK * geometry.scale * direction[i, k], -direction[i, k]
+        triangle, _ = first(geometry, p, d, 0, np.int64(-1), scratch)
+        normal[i, 0], normal[i, 1], normal[i, 2] = triangle_normal(geometry.blocks, triangle) if triangle >= 0 else (
+            d[0, 0], d[0, 1], d[0, 2])

@@ -9,6 +9,7 @@ import numpy as np
 
 from bakery.kernels import fresnel, lent, mesh_scratch
 from bakery.system.compiled import njit
+from renderers.materials.bodies._cells import enter, reach
 from renderers.materials.bodies._geometry import first
 from renderers.transport.scattering import mean_phase
 from renderers.transport.wavefront import uniform
@@ -21,14 +22,12 @@ _HALVINGS = 30  # of an interval around a root
 _NEAR = 2e-6  # of the size of all bodies, by which a boundary may seem nearer than the place on it
 
 
-class Ways(NamedTuple):
-    """Where light of one light comes in, and which voxels light of each triangle may reach.
+class Front(NamedTuple):
+    """Where light of one light comes in.
 
     corners, normals, ahead : (F, 3, 3) m, unit, unit, of triangles, and directions of refracted light at their corners
     light : (3,) m, place of the light, or, of a `distant` one, unit, direction towards it
     index : refractive index inside over that outside
-    low, edge, shape : (3,) m, m, (3,), of voxels
-    begin : (voxels + 1,) where the triangles of each begin in `names`
     """
 
     corners: np.ndarray
@@ -37,11 +36,15 @@ class Ways(NamedTuple):
     light: np.ndarray
     distant: bool
     index: float
-    low: np.ndarray
-    edge: float
-    shape: np.ndarray
-    begin: np.ndarray
-    names: np.ndarray
+
+
+class Joined(NamedTuple):
+    """One way each from events to a light, as `refraction.joined` says."""
+
+    point: np.ndarray
+    towards: np.ndarray
+    within: np.ndarray
+    share: np.ndarray
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -88,42 +91,42 @@ def _side(corners, f):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _refracted(corners, normals, light, distant, index, f, u, v):
+def _refracted(front, f, u, v):
     """Place, normal, direction to the light and of refracted light, at (u, v) of triangle f."""
-    point, normal = _at(corners, f, u, v), _unit(_at(normals, f, u, v))
-    here = light[0], light[1], light[2]
-    towards = here if distant else _unit(_plus(here, -1.0, point))
-    cosine = _dot(normal, towards)
+    point, normal = _at(front.corners, f, u, v), _unit(_at(front.normals, f, u, v))
+    light = front.light[0], front.light[1], front.light[2]
+    towards = light if front.distant else _unit(_plus(light, -1.0, point))
+    cosine, index = _dot(normal, towards), front.index
     beyond = math.sqrt(max(1 - (1 - cosine * cosine) / (index * index), 0.0))
     return point, normal, towards, _plus(_times(cosine / index - beyond, normal), -1 / index, towards)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def directions(corners, normals, light, distant, index, ahead, spread, begin, end):
-    """Directions ahead (F, 3, 3) of light refracted at corners, and spread (F,), how far they are off a linear law in between;
-    negative of triangles that face away from the light."""
+def directions(front, spread, begin, end):
+    """Makes `ahead` of triangles, and spread (F,), how far light refracted in them is off a linear law; negative of those that
+    face away from the light."""
+    front = lent(front)
+    light = front.light[0], front.light[1], front.light[2]
     for f in range(begin, end):
-        here = light[0], light[1], light[2]
-        towards_light = _dot(_side(corners, f), here if distant else _plus(here, -1.0, _row(corners, f, 0))) > 0.0
+        towards = light if front.distant else _plus(light, -1.0, _row(front.corners, f, 0))
         for k in range(3):
             u, v = 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0
-            d = _refracted(corners, normals, light, distant, index, f, u, v)[3]
-            ahead[f, k, 0], ahead[f, k, 1], ahead[f, k, 2] = d
+            d = _refracted(front, f, u, v)[3]
+            front.ahead[f, k, 0], front.ahead[f, k, 1], front.ahead[f, k, 2] = d
         most = 0.0
         for u, v in ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5), (1 / 3, 1 / 3)):
-            off = _plus(_refracted(corners, normals, light, distant, index, f, u, v)[3], -1.0, _at(ahead, f, u, v))
+            off = _plus(_refracted(front, f, u, v)[3], -1.0, _at(front.ahead, f, u, v))
             most = max(most, _dot(off, off))
-        spread[f] = _WIDER * math.sqrt(most) if towards_light else -1.0
+        spread[f] = _WIDER * math.sqrt(most) if _dot(_side(front.corners, f), towards) > 0.0 else -1.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def entered(corners, ahead, spread, low, edge, shape, begin, names):
-    """Counts triangles whose light may reach each voxel, in begin (voxels + 1,); or, where there are names, enters them there,
-    beginning at `begin`, which is moved on."""
-    count = np.int64(shape[0] * shape[1] * shape[2])
-    last = np.full(count, -1, np.int32)
+def entered(front, spread, cells, latest):
+    """Enters triangles in the cells that their light may reach; spread (F,) of `directions`."""
+    front, cells = lent(front), lent(cells)
+    corners, ahead, edge, shape = front.corners, front.ahead, cells.edge, cells.shape
     length = edge * math.sqrt(float(shape[0] ** 2 + shape[1] ** 2 + shape[2] ** 2))
-    box, first_cell, last_cell = np.empty((2, 3)), np.empty(3, np.int64), np.empty(3, np.int64)
+    box, least, most = np.empty((2, 3)), np.empty(3, np.int64), np.empty(3, np.int64)
     for f in range(len(corners)):
         if spread[f] < 0.0:
             continue
@@ -136,17 +139,8 @@ def entered(corners, ahead, spread, low, edge, shape, begin, names):
                         value = corners[f, k, axis] + s * edge * ahead[f, k, axis]
                         box[0, axis], box[1, axis] = min(box[0, axis], value - pad), max(box[1, axis], value + pad)
             for axis in range(3):
-                first_cell[axis] = max(math.floor((box[0, axis] - low[axis]) / edge), 0)
-                last_cell[axis] = min(math.floor((box[1, axis] - low[axis]) / edge), shape[axis] - 1)
-            for x in range(first_cell[0], last_cell[0] + 1):
-                for y in range(first_cell[1], last_cell[1] + 1):
-                    for z in range(first_cell[2], last_cell[2] + 1):
-                        cell = (x * shape[1] + y) * shape[2] + z
-                        if last[cell] != f:
-                            last[cell] = f
-                            if len(names):
-                                names[begin[cell]] = f
-                            begin[cell] += 1
+                least[axis], most[axis] = reach(cells, axis, box[0, axis], box[1, axis])
+            enter(cells, least, most, f, latest)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -155,14 +149,15 @@ def _cubic(c, s):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _distances(bent, f, y, longest, c, ends, roots):
-    """Distances at which a front of light of triangle f, linear between its corners, passes point y: found (3,) m, how many.
+def _distances(front, f, y, longest, c, ends, roots):
+    """Distances at which a front of light of triangle f, linear between its corners, passes point y: how many; roots (3,) m
+    become these.
 
     The front is a triangle that moves on, and the point is in its plane where a polynomial of third degree is 0.
     """
-    a, d = _row(bent.corners, f, 0), _row(bent.ahead, f, 0)
-    a1, b1 = _plus(_row(bent.corners, f, 1), -1.0, a), _plus(_row(bent.ahead, f, 1), -1.0, d)
-    a2, b2 = _plus(_row(bent.corners, f, 2), -1.0, a), _plus(_row(bent.ahead, f, 2), -1.0, d)
+    a, d = _row(front.corners, f, 0), _row(front.ahead, f, 0)
+    a1, b1 = _plus(_row(front.corners, f, 1), -1.0, a), _plus(_row(front.ahead, f, 1), -1.0, d)
+    a2, b2 = _plus(_row(front.corners, f, 2), -1.0, a), _plus(_row(front.ahead, f, 2), -1.0, d)
     r = _plus(y, -1.0, a)
     still, turns, bends = _cross(a1, a2), _plus(_cross(a1, b2), 1.0, _cross(b1, a2)), _cross(b1, b2)
     c[0], c[1] = _dot(still, r), _dot(turns, r) - _dot(still, d)
@@ -194,29 +189,29 @@ def _distances(bent, f, y, longest, c, ends, roots):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _within(bent, f, y, s):
+def _within(front, f, y, s):
     """Where in the front of triangle f at distance s a point of its plane is: u, v."""
-    q = _plus(_row(bent.corners, f, 0), s, _row(bent.ahead, f, 0))
-    e1 = _plus(_plus(_row(bent.corners, f, 1), s, _row(bent.ahead, f, 1)), -1.0, q)
-    e2 = _plus(_plus(_row(bent.corners, f, 2), s, _row(bent.ahead, f, 2)), -1.0, q)
+    q = _plus(_row(front.corners, f, 0), s, _row(front.ahead, f, 0))
+    e1 = _plus(_plus(_row(front.corners, f, 1), s, _row(front.ahead, f, 1)), -1.0, q)
+    e2 = _plus(_plus(_row(front.corners, f, 2), s, _row(front.ahead, f, 2)), -1.0, q)
     r, normal = _plus(y, -1.0, q), _cross(e1, e2)
     square = _dot(normal, normal)
     return _dot(_cross(r, e2), normal) / square, _dot(_cross(e1, r), normal) / square
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _place(bent, f, y, u, v):
+def _place(front, f, y, u, v):
     """The place in triangle f from which light is refracted to y, by Newton's method from (u, v): u, v, or nan where that is not
     in it; and how wide light is there: area (m^2) across it at y over that of u and v."""
     for _ in range(_STEPS):
-        p, _, _, d = _refracted(bent.corners, bent.normals, bent.light, bent.distant, bent.index, f, u, v)
+        p, _, _, d = _refracted(front, f, u, v)
         r = _plus(y, -1.0, p)
         s = _dot(r, d)
         off = _plus(r, -s, d)
         side = _unit(_cross(d, (1.0, 0.0, 0.0) if abs(d[0]) < 0.7 else (0.0, 1.0, 0.0)))
         upward = _cross(d, side)
-        p1, _, _, d1 = _refracted(bent.corners, bent.normals, bent.light, bent.distant, bent.index, f, u + _STEP, v)
-        p2, _, _, d2 = _refracted(bent.corners, bent.normals, bent.light, bent.distant, bent.index, f, u, v + _STEP)
+        p1, _, _, d1 = _refracted(front, f, u + _STEP, v)
+        p2, _, _, d2 = _refracted(front, f, u, v + _STEP)
         e1 = _times(1 / _STEP, _plus(_plus(p1, -1.0, p), s, _plus(d1, -1.0, d)))
         e2 = _times(1 / _STEP, _plus(_plus(p2, -1.0, p), s, _plus(d2, -1.0, d)))
         m11, m21, m12, m22 = _dot(e1, side), _dot(e1, upward), _dot(e2, side), _dot(e2, upward)
@@ -233,73 +228,86 @@ def _place(bent, f, y, u, v):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _brought(bent, f, u, v, area):
+def _brought(front, f, u, v, area):
     """Irradiance across light that comes in at (u, v) of triangle f over that outside, per area across it at the event.
 
     Of light to the eye: where normals are not the triangle's, that towards the light differs (Veach 1997, section 5.3).
     """
-    side = _side(bent.corners, f)
-    _, normal, towards, d = _refracted(bent.corners, bent.normals, bent.light, bent.distant, bent.index, f, u, v)
+    side = _side(front.corners, f)
+    _, normal, towards, d = _refracted(front, f, u, v)
     cosine = _dot(normal, towards)
     if not (cosine > 0.0 and _dot(side, towards) > 0.0 and _dot(side, d) < 0.0 and _dot(normal, d) < 0.0 and area > 0.0):
         return 0.0
-    share, _ = fresnel(min(cosine, 1.0), bent.index)
+    share, _ = fresnel(min(cosine, 1.0), front.index)
     return (1 - share) * cosine * _dot(side, d) / _dot(normal, d) / area
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def join(geometry, medium, bent, origin, direction, weight, states, point, towards, within, share, begin, end):
+def join(geometry, medium, front, cells, paths, joined, begin, end):
     """Draws one way each to the light from events begin to end, as `refraction.joined` says.
 
-    medium : `Scatterer`;  bent : `Ways`
-    origin, direction, weight, states : (n, 3) m, unit, (n, L), (n,), of paths that scatter there
+    medium : `Scatterer`;  front : `Front`;  cells : `Cells`, of its triangles;  paths : that scatter there;  joined : `Joined`
     """
-    geometry, medium, bent = lent(geometry), lent(medium), lent(bent)
-    scratch, values, d = mesh_scratch(), np.empty(weight.shape[1]), np.empty((1, 3))
-    c, ends, roots, solutions = np.empty(4), np.empty(4), np.empty(3), np.empty((3, 2))
-    shape, longest = bent.shape, bent.edge * math.sqrt(float(bent.shape[0] ** 2 + bent.shape[1] ** 2 + bent.shape[2] ** 2))
+    geometry, medium, front, cells = lent(geometry), lent(medium), lent(front), lent(cells)
+    paths, joined = lent(paths), lent(joined)
+    scratch, values, d = mesh_scratch(), np.empty(paths.throughput.shape[1]), np.empty((1, 3))
+    c, ends, roots, solutions, shape = np.empty(4), np.empty(4), np.empty(3), np.empty((3, 2)), cells.shape
+    longest = cells.edge * math.sqrt(float(shape[0] ** 2 + shape[1] ** 2 + shape[2] ** 2))
     for i in range(begin, end):
-        share[i] = 0.0
+        joined.share[i] = 0.0
         total, chosen, cell = 0.0, 0.0, np.int64(0)
-        y = origin[i, 0], origin[i, 1], origin[i, 2]
+        y = paths.origin[i, 0], paths.origin[i, 1], paths.origin[i, 2]
         for axis in range(3):
-            at = min(max(int((y[axis] - bent.low[axis]) / bent.edge), 0), shape[axis] - 1)
+            at = min(max(int((y[axis] - cells.low[axis]) / cells.edge), 0), shape[axis] - 1)
             cell = cell * shape[axis] + at
-        for name in range(bent.begin[cell], bent.begin[cell + 1]):
-            f, many = np.int64(bent.names[name]), 0
-            for k in range(_distances(bent, f, y, longest, c, ends, roots)):
-                u, v = _within(bent, f, y, roots[k])
-                if not (u > -_OUTSIDE and v > -_OUTSIDE and u + v < 1 + _OUTSIDE):
-                    continue
-                u, v, area = _place(bent, f, y, u, v)
-                again = math.isnan(u)
-                for solution in range(many):
-                    again |= abs(solutions[solution, 0] - u) + abs(solutions[solution, 1] - v) < 1e-6
-                if again:
+        for name in range(cells.begin[cell], cells.begin[cell + 1]):
+            f, many = np.int64(cells.names[name]), 0
+            for k in range(_distances(front, f, y, longest, c, ends, roots)):
+                u, v, area = _solved(front, f, y, roots[k], solutions[:many])
+                if math.isnan(u):
                     continue
                 solutions[many, 0], solutions[many, 1] = u, v
                 many += 1
-                brought = _brought(bent, f, u, v, area)
-                x = _at(bent.corners, f, u, v)
+                brought = _brought(front, f, u, v, area)
+                x = _at(front.corners, f, u, v)
                 ahead = _plus(x, -1.0, y)
                 distance = math.sqrt(_dot(ahead, ahead))
                 if not brought > 0.0:
                     continue
-                for k2 in range(3):
-                    d[0, k2] = ahead[k2] / distance
-                _, wall = first(geometry, origin[i : i + 1], d, 0, np.int64(-1), scratch)
+                d[0, 0], d[0, 1], d[0, 2] = ahead[0] / distance, ahead[1] / distance, ahead[2] / distance
+                _, wall = first(geometry, paths.origin[i : i + 1], d, 0, np.int64(-1), scratch)
                 if wall < distance * (1 - 1e-9) - _NEAR * geometry.scale:
                     continue
-                cosine = direction[i, 0] * d[0, 0] + direction[i, 1] * d[0, 1] + direction[i, 2] * d[0, 2]
-                mean_phase(medium, 0, weight, i, min(max(1 - cosine, 0.0), 2.0), values)
-                guess = 0.0
-                for w in range(len(values)):
-                    guess += weight[i, w] * medium.albedo[w] * values[w] * math.exp(-medium.sigma_t[w] * distance)
-                guess *= brought
+                guess = brought * _likely(medium, paths, i, d, distance, values)
                 total += guess
-                if guess > 0.0 and uniform(states, i) * total < guess:
-                    chosen, share[i], within[i] = guess, brought, distance
+                if guess > 0.0 and uniform(paths.states, i) * total < guess:
+                    chosen, joined.share[i], joined.within[i] = guess, brought, distance
                     for axis in range(3):
-                        point[i, axis], towards[i, axis] = x[axis], d[0, axis]
+                        joined.point[i, axis], joined.towards[i, axis] = x[axis], d[0, axis]
         if chosen > 0.0:
-            share[i] *= total / chosen
+            joined.share[i] *= total / chosen
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _solved(front, f, y, s, known):
+    """The place in triangle f from which light is refracted to y, u and v, near that of the front at distance s, and `_place`'s
+    area; nan where there is none, or it is one of those known (n, 2)."""
+    u, v = _within(front, f, y, s)
+    if not (u > -_OUTSIDE and v > -_OUTSIDE and u + v < 1 + _OUTSIDE):
+        return np.nan, np.nan, 0.0
+    u, v, area = _place(front, f, y, u, v)
+    for solution in range(len(known)):
+        if abs(known[solution, 0] - u) + abs(known[solution, 1] - v) < 1e-6:
+            return np.nan, np.nan, 0.0
+    return u, v, area
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _likely(medium, paths, i, d, distance, values):
+    """Guess of what the light that comes to event i against d (1, 3) from a distance is to the path."""
+    weight, guess = paths.throughput, 0.0
+    cosine = paths.direction[i, 0] * d[0, 0] + paths.direction[i, 1] * d[0, 1] + paths.direction[i, 2] * d[0, 2]
+    mean_phase(medium, 0, weight, i, min(max(1 - cosine, 0.0), 2.0), values)
+    for w in range(len(values)):
+        guess += weight[i, w] * medium.albedo[w] * values[w] * math.exp(-medium.sigma_t[w] * distance)
+    return guess

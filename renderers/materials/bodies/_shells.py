@@ -14,6 +14,7 @@ import numpy as np
 
 from bakery.kernels import lent, phase_sample, phase_value, surface_frame, turned_direction
 from bakery.system.compiled import njit
+from renderers.transport.scattering import wavelength
 from renderers.transport.wavefront import uniform
 
 EVENTS, FACTORS = 4, 5  # columns of a row
@@ -62,23 +63,15 @@ def _moved(row, radius, azimuth, origin, direction, i):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def jump(shells, at, origin, direction, weight, states, i):
+def jump(shells, at, paths, i):
     """Takes path i to the surface of the sphere of radius number `at` about it, and returns the events on the way, up to 3.
 
     A walk of one wavelength is drawn, chosen by the weights, and counted for all (balance heuristic, over whole walks).
     """
-    waves, total = weight.shape[1], 0.0
-    for w in range(waves):
-        total += weight[i, w]
-    chosen, wavelength = uniform(states, i) * total, waves - 1
-    for w in range(waves):
-        chosen -= weight[i, w]
-        if chosen < 0.0:
-            wavelength = w
-            break
-    exits = shells.exits
-    row = exits[at, wavelength, int(uniform(states, i) * exits.shape[2])]
-    _moved(row, shells.radii[at], 2 * math.pi * uniform(states, i), origin, direction, i)
+    exits, weight, waves = shells.exits, paths.throughput, paths.throughput.shape[1]
+    chosen, total = wavelength(weight, paths.states, i)
+    row = exits[at, chosen, int(uniform(paths.states, i) * exits.shape[2])]
+    _moved(row, shells.radii[at], 2 * math.pi * uniform(paths.states, i), paths.origin, paths.direction, i)
     density = 0.0
     for w in range(waves):
         density += weight[i, w] * row[FACTORS + waves + w]
@@ -101,7 +94,7 @@ def fill(medium, shells, at, groups, states, begin, end):
     origin, direction = np.empty((1, 3)), np.empty((1, 3))
     factor, like = np.empty(waves), np.empty(waves)
     for i in range(begin, end):
-        wavelength, events, alive = i // count, 0, True
+        wave, events, alive = i // count, 0, True
         group = (i % count) // share
         for k in range(3):
             origin[0, k], direction[0, k] = 0.0, 1.0 if k == 2 else 0.0
@@ -111,23 +104,23 @@ def fill(medium, shells, at, groups, states, begin, end):
             apart = math.sqrt(origin[0, 0] ** 2 + origin[0, 1] ** 2 + origin[0, 2] ** 2)
             inner = largest(shells.radii, at, radius - apart)
             if inner >= 0:
-                row = exits[inner, wavelength, group * share + int(uniform(states, i) * share)]
+                row = exits[inner, wave, group * share + int(uniform(states, i) * share)]
                 _moved(row, shells.radii[inner], 2 * math.pi * uniform(states, i), origin, direction, 0)
                 events += int(row[EVENTS])
                 for w in range(waves):
                     factor[w] *= row[FACTORS + w]
                     like[w] *= row[FACTORS + waves + w]
-            elif _flown(medium, wavelength, radius, origin, direction, like, states, i):
+            elif _flown(medium, wave, radius, origin, direction, like, states, i):
                 break
             else:
                 events += 1
-                _turned(medium, wavelength, direction, factor, like, states, i)
+                _turned(medium, wave, direction, factor, like, states, i)
             alive = _goes_on(factor, like, states, i)
-        _store(exits[at, wavelength, i % count], origin, direction, min(events, _MOST), factor, like, alive)
+        _store(exits[at, wave, i % count], origin, direction, min(events, _MOST), factor, like, alive)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _flown(medium, wavelength, radius, origin, direction, like, states, i):
+def _flown(medium, wave, radius, origin, direction, like, states, i):
     """Takes a walk about 0 to its next event, or to the sphere: whether it has come there."""
     sigma = medium.sigma_t
     along, square = 0.0, 0.0
@@ -135,27 +128,27 @@ def _flown(medium, wavelength, radius, origin, direction, like, states, i):
         along += origin[0, k] * direction[0, k]
         square += origin[0, k] ** 2
     far = math.sqrt(max(along * along + radius * radius - square, 0.0)) - along
-    t = -math.log1p(-uniform(states, i)) / sigma[wavelength] if sigma[wavelength] > 0.0 else np.inf
+    t = -math.log1p(-uniform(states, i)) / sigma[wave] if sigma[wave] > 0.0 else np.inf
     leaves = not t < far
     t = min(t, far)
     for k in range(3):
         origin[0, k] += t * direction[0, k]
     for w in range(len(sigma)):
         # relative to the wavelength of the walk
-        like[w] *= math.exp((sigma[wavelength] - sigma[w]) * t) * (1.0 if leaves else sigma[w] / sigma[wavelength])
+        like[w] *= math.exp((sigma[wave] - sigma[w]) * t) * (1.0 if leaves else sigma[w] / sigma[wave])
     return leaves
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _turned(medium, wavelength, direction, factor, like, states, i):
+def _turned(medium, wave, direction, factor, like, states, i):
     """Turns a walk at an event."""
-    v = phase_sample(medium.v, medium.steps, medium.phase[wavelength], medium.cdf[wavelength], uniform(states, i))
+    v = phase_sample(medium.v, medium.steps, medium.phase[wave], medium.cdf[wave], uniform(states, i))
     direction[0, 0], direction[0, 1], direction[0, 2] = turned_direction(
         direction[0, 0], direction[0, 1], direction[0, 2], v, 2 * math.pi * uniform(states, i))
-    likely = phase_value(medium.v, medium.steps, medium.phase[wavelength], v)
+    likely = phase_value(medium.v, medium.steps, medium.phase[wave], v)
     for w in range(len(factor)):
         factor[w] *= medium.albedo[w]
-        if w != wavelength:
+        if w != wave:
             like[w] *= phase_value(medium.v, medium.steps, medium.phase[w], v) / likely
 
 

@@ -18,8 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from renderers.materials.bodies import _beams, _dipole, light, transport
-from renderers.materials.bodies._beams import Cells, Lit
+from renderers.materials.bodies import _beams, light, transport
+from renderers.materials.bodies._beams import Lit, Spread
+from renderers.materials.bodies._cells import Cells, cells_of
 from renderers.threads import run
 
 _WIDTH, _FREE = 0.01, 0.2  # half the width over which beams are spread: of a body's size; mfp, of those that begin at events
@@ -46,7 +47,7 @@ def rivals_of(setup, entries, places):
     return np.where(setup.matched, 0.0, places * dense * index**2 * 2 * half_widths(setup)[0])
 
 
-def lit(setup, number, entries, places, pass_number, seed) -> tuple[Lit, Lit]:
+def entering(setup, number, entries, places, pass_number, seed) -> tuple[Lit, Lit]:
     """Beams of light samples that come in through the boundary of body `number` in a pass, and those that their first events
     begin; none where the boundary does not turn light.
 
@@ -62,17 +63,25 @@ def lit(setup, number, entries, places, pass_number, seed) -> tuple[Lit, Lit]:
     bright = np.flatnonzero((power > 0).any(axis=1))
     towards = sample.direction[bright].astype(float)
     goes, paths, power = light.refracted(setup, body, point[bright], towards, power[bright], states[bright])
-    within, far, ahead = transport.located(setup.geometry, paths)
-    inside = within == number
-    bright, paths, far, ahead = bright[goes[inside]], paths.of(inside), far[inside], ahead[inside]
-    paths.weight = power = power[inside]
+    inside = transport.located(setup.geometry, paths) == number
+    bright, paths = bright[goes[inside]], paths.of(inside)
+    paths.throughput[:] = power[inside]
+    first = direct(setup, number, paths, normal[bright], np.where(sample.delta, np.inf, sample.density)[bright])
+    return first, of_events(setup, number, paths)
+
+
+def direct(setup, number, paths, normal, density) -> Lit:
+    """Beams of paths in body `number` up to the surface ahead, of the power of their throughput."""
     # moved along its boundary a beam may be longer, which matters where nothing else ends it
-    longer = far + (2 * half_widths(setup)[0][number] if body.convex else 0.0)
-    first = of(paths.origin, paths.direction, normal[bright], longer, power.copy(),
-               np.where(sample.delta, np.inf, sample.density)[bright], 0)
-    turned, _ = light.turned(setup, number, paths, far, ahead)
-    far = transport.located(setup.geometry, turned)[1]
-    return first, begun(turned.origin, turned.direction, far, turned.weight, np.ones(len(turned), np.int64))
+    longer = paths.far + (2 * half_widths(setup)[0][number] if setup.bodies[number].convex else 0.0)
+    return of(paths.origin, paths.direction, normal, longer, paths.throughput.copy(), density, 0)
+
+
+def of_events(setup, number, paths) -> Lit:
+    """Beams that begin at the next events of paths in body `number`."""
+    turned = light.turned(setup, number, paths)[0]
+    transport.located(setup.geometry, turned)
+    return begun(turned.origin, turned.direction, turned.far, turned.throughput, np.ones(turned.count, np.int64))
 
 
 def walked(beams) -> Lit:
@@ -96,46 +105,35 @@ def of(origin, direction, normal, length, power, density, before) -> Lit:
 class Joins(NamedTuple):
     """How lines of sight gather beams that pass close by (as `transport.Gather`).
 
-    sets : of tuples of lit (`Lit`), cells (`Cells`), radius (m), rival (m sr, of `rivals_of`), each of every body
+    sets : of tuples of lit (`Lit`), cells (`Cells`) and `_beams.Spread`, each of every body
     every : whether flights after events gather, too; of `sets` then no beam begins at an event
     """
 
     sets: list
     every: bool = False
 
-    def __call__(self, setup, paths, number, far, sums):
+    def __call__(self, setup, paths, number, sums):
         """Adds what beams send to lines of sight in body `number`: those that come from a surface, or all."""
-        rows = np.flatnonzero(((paths.events == 0) | self.every) & (paths.weight > 0).any(axis=1))
-        if not len(rows):
+        lines = paths.of(((paths.events == 0) | self.every) & (paths.throughput > 0).any(axis=1))
+        if not lines.count:
             return
-        lines, lengths, medium = paths.of(rows), far[rows], setup.bodies[number].medium
-        brought, facing = np.zeros((3, *lines.weight.shape)), np.empty((len(rows), 3))
-        run(_dipole.boundary_normals, len(rows), setup.geometry, lines.origin, lines.direction, facing)
+        brought, facing = np.zeros((3, *lines.throughput.shape)), transport.facing(setup, lines)
         for its in self.sets:
-            beams, cells, radius, rival = (part[number] for part in its)
-            run(_beams.join, len(rows), medium, beams, cells, radius, rival, lines.origin, lines.direction, facing, lengths,
-                brought, block=64)
+            run(_beams.join, lines.count, setup.bodies[number].medium, *(part[number] for part in its), lines, facing, brought,
+                block=64)
         for order, values in enumerate(brought):
-            sums.add(lines, values * lines.weight @ setup.colours.to_rgb.T, order + 1)
+            sums.add(lines, values * lines.throughput @ setup.colours.to_rgb.T, order + 1)
 
 
 def joins(setup, sets, every=False) -> Joins:
     """`Joins` of tuples of lit (`Lit`), radius (m) and, where paths find the same light, rival (m sr), each of every body."""
     none = np.zeros(len(setup.bodies))
-    return Joins([(beams, [_cells(*values) for values in zip(setup.bodies, beams, radius, strict=True)], radius, *(rival or
-                  [none])) for beams, radius, *rival in sets], every)
+    return Joins([(beams, [_cells(*values) for values in zip(setup.bodies, beams, radius, strict=True)],
+                   list(map(Spread, radius, *(rival or [none])))) for beams, radius, *rival in sets], every)
 
 
 def _cells(body, beams, radius) -> Cells:
     low, high = body.vertices.min(axis=0) - radius, body.vertices.max(axis=0) + radius
-    edge = float((high - low).max()) / _CELLS
-    shape = np.maximum(np.ceil((high - low) / edge), 1).astype(np.int64)
-    begin = np.zeros(int(np.prod(shape)) + 1, np.int64)
     # beyond light is left out as on lines of sight; of lengths some have no end
     length = np.minimum(beams.length, np.minimum(_beams.DEEP / body.medium.sigma_t.min(), 2 * np.linalg.norm(high - low)))
-    within, cells = 1.000001 * radius, (low, edge, shape)
-    _beams.entered(beams.ray, length, within, *cells, begin, np.empty(0, np.int32))
-    begin = np.concatenate([[0], np.cumsum(begin[:-1])])
-    names = np.empty(begin[-1], np.int32)
-    _beams.entered(beams.ray, length, within, *cells, begin.copy(), names)
-    return Cells(low, edge, shape, begin, names)
+    return cells_of(low, high, float((high - low).max()) / _CELLS, _beams.entered, beams.ray, length, 1.000001 * radius)

@@ -14,11 +14,12 @@ from __future__ import annotations
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.materials.bodies import _dipole, _geometry, _walk, beams, light, transport
-from renderers.materials.bodies.paths import Paths, joined
+from renderers.materials.bodies import _geometry, _walk, beams, light, transport
+from renderers.materials.bodies.paths import Paths
 from renderers.materials.bodies.transport import Sums
 from renderers.threads import run
 from renderers.transport import wavefront
+from renderers.transport.paths import joined
 
 _FIRST = 8192  # places that tell where light comes into a body, where only what is left out is looked for
 _RAYS = 4096  # of light in a pass: places on each boundary, and rays of each light inside of a body
@@ -89,15 +90,14 @@ def _arriving(setup, entries, number, seed):
     parts += [_from_inside(setup, source, number, seed) for source in setup.enclosed]
     behind = []
     for paths, power in parts:
-        before, _, triangle = transport.located(setup.geometry, paths)
-        owner = np.where(triangle >= 0, setup.geometry.owner[triangle], -1)
-        paths.seen[:], paths.pixel = True, np.arange(len(paths))
+        before = transport.located(setup.geometry, paths)
+        owner = np.where(paths.triangle >= 0, setup.geometry.owner[paths.triangle], -1)
+        paths.seen[:], paths.pixel[:] = True, np.arange(paths.count)
         beyond = transport.shaded(setup, paths, Sums(0, by_paths=False), power=True)
         beyond = beyond.of(beyond.single)  # from rough surfaces a light sample finds the light
-        within = transport.located(setup.geometry, beyond)[0]
-        rays = beyond.pixel
+        within, rays = transport.located(setup.geometry, beyond), beyond.pixel
         refracted.append((within >= 0) & (within == owner[rays]) & (before[rays] != within))
-        beyond.pixel = rays + offset
+        beyond.pixel[:] += offset
         offset += len(power)
         behind.append(beyond)
         powers.append(power)
@@ -120,10 +120,9 @@ def _to_boundary(setup, number, entries, pass_number, seed):
         cosine = np.einsum("nk,nk->n", towards[rows], normal[rows])
         start = point[rows] + setup.off * towards[rows]
         bright = (sample.radiance > 0).any(axis=1) & (cosine > 0)
-        inside, seen = transport.in_between(setup, start, towards[rows], sample.distance, bright)
-        arrives = np.where(seen, cosine, 0.0) * len(setup.points) / (_RAYS * entries.density[triangle[rows]])
-        power[rows] = (sample.radiance @ setup.colours.to_waves.T) * np.exp(-np.where(seen[:, None], inside, 0) @ setup.sigma_t) \
-            * arrives[:, None]
+        passed = transport.transmittance(setup, start, towards[rows], sample.distance, bright)
+        arrives = cosine * len(setup.points) / (_RAYS * entries.density[triangle[rows]])
+        power[rows] = (sample.radiance @ setup.colours.to_waves.T) * passed * arrives[:, None]
     return _scaled(Paths.begun(point + light.LOOK * setup.geometry.scale * towards, -towards, power, states, np.arange(_RAYS)))
 
 
@@ -135,35 +134,33 @@ def _from_inside(setup, source, pass_number, seed):
     origin, direction, power = setup.world.light_rays(source.number, numbers)
     paths = Paths.begun(origin + setup.off * direction, direction, power @ setup.colours.to_waves.T / _RAYS, states,
                         np.arange(_RAYS))
-    arrived = []
-    while len(paths):
-        paths, far, triangle, turns = _ahead(setup, paths)
+    arrived = [paths.of(slice(0))]
+    while paths.count:
+        paths, turns = _ahead(setup, paths)
         # what leaves no body meets no smooth surface of one first
         arrived.append(paths.of(turns))
-        paths = transport.crossed(setup, paths.of(~turns), far[~turns], triangle[~turns])
-    return _scaled(joined(arrived)) if arrived else _scaled(paths)
+        paths = transport.crossed(setup, paths.of(~turns))
+    return _scaled(joined(arrived))
 
 
 def _ahead(setup, paths):
-    """Paths in bodies that have a surface ahead, with what the medium leaves of them there, distance (n,) m and triangle of it,
-    and whether (n,) it turns light."""
-    within, far, triangle = transport.located(setup.geometry, paths)
-    goes = np.flatnonzero((within >= 0) & np.isfinite(far))
-    paths, within, far, triangle = paths.of(goes), within[goes], far[goes], triangle[goes]
+    """Paths in bodies that have a surface ahead, with what the medium leaves of them there, and whether (n,) it turns light."""
+    within = transport.located(setup.geometry, paths)
+    goes = np.flatnonzero((within >= 0) & np.isfinite(paths.far))
+    paths, within = paths.of(goes), within[goes]
     for number in np.unique(within):
-        in_body = within == number
-        weight = paths.weight[in_body]
-        run(_walk.straight, len(weight), setup.bodies[number].medium, weight, far[in_body])
-        paths.weight[in_body] = weight
-    owner = setup.geometry.owner[triangle]
-    return paths, far, triangle, ~((owner >= 0) & setup.matched[np.maximum(owner, 0)])
+        rows = np.flatnonzero(within == number)
+        its = paths.of(rows)
+        run(_walk.straight, len(rows), setup.bodies[number].medium, its)
+        paths.throughput[rows] = its.throughput
+    return paths, ~transport.blind(setup, paths)
 
 
 def _scaled(paths):
     """Those that carry light, with weights of at most 1, and the power (n,) W that a weight of 1 stands for."""
-    paths = paths.of((paths.weight > 0).any(axis=1))
-    power = paths.weight.max(axis=1)
-    paths.weight /= power[:, None]
+    paths = paths.of((paths.throughput > 0).any(axis=1))
+    power = paths.throughput.max(axis=1)
+    paths.throughput[:] /= power[:, None]
     return paths, power
 
 
@@ -176,27 +173,19 @@ class _Collected:
     def __init__(self, setup, events):
         waves = len(setup.colours.to_waves)
         none = beams.of(*np.zeros((3, 0, 3)), np.zeros(0), np.zeros((0, waves)), np.zeros(0), 0)
-        self._setup, self._events, self._width = setup, events, beams.half_widths(setup)[0]
+        self._setup, self._events = setup, events
         self._parts = [([none], [none]) for _ in setup.bodies]
 
-    def add(self, number, paths, far, triangle, power):
+    def add(self, number, paths, power):
         """Straight ways of paths in body `number`;  power (n,) W, of a weight of 1."""
-        if not len(paths):
+        if not paths.count:
             return
-        setup, normal = self._setup, np.empty((len(paths), 3))
-        run(_dipole.boundary_normals, len(paths), setup.geometry, paths.origin, paths.direction, normal)
-        # moved along its boundary a beam may be longer, as in `beams.lit`
-        longer = far + (2 * self._width[number] if setup.bodies[number].convex else 0.0)
-        direct, events = self._parts[number]
-        direct.append(beams.of(paths.origin, paths.direction, normal, longer, paths.weight * power[:, None],
-                               np.full(len(paths), np.inf), 0))
+        setup, (direct, events) = self._setup, self._parts[number]
+        paths.throughput[:] *= power[:, None]
+        direct.append(beams.direct(setup, number, paths, transport.facing(setup, paths), np.full(paths.count, np.inf)))
         if self._events:
-            paths = paths.of(np.arange(len(paths)))
-            paths.weight *= power[:, None]
             wavefront.skip(paths.states, 1 << 42)
-            turned, _ = light.turned(setup, number, paths, far.copy(), triangle.copy())
-            ahead = transport.located(setup.geometry, turned)[1]
-            events.append(beams.begun(turned.origin, turned.direction, ahead, turned.weight, np.ones(len(turned), np.int64)))
+            events.append(beams.of_events(setup, number, paths))
 
     def concatenated(self):
         """`Lit` of each body, of the ways themselves and of their first events."""
@@ -206,17 +195,22 @@ class _Collected:
 
 def _follow(setup, paths, power, joined_directly, collected):
     """Adds the beams of paths, but for those whose events are joined with the light itself, up to their end."""
-    while len(paths):
-        within, far, triangle = transport.located(setup.geometry, paths)
+    while paths.count:
+        within = transport.located(setup.geometry, paths)
         for number in np.unique(within[within >= 0]):
-            in_body = (within == number) & ~joined_directly
-            collected.add(number, paths.of(in_body), far[in_body], triangle[in_body], power[paths.pixel[in_body]])
-        parts = [light.outside(setup, paths.of(within == _geometry.OUTSIDE), far, triangle, within)]
-        paths, far, triangle, turns = _ahead(setup, paths.of(within >= 0))
-        parts.append(transport.crossed(setup, paths.of(~turns), far[~turns], triangle[~turns]))
-        parts.append(transport.shaded(setup, paths.of(turns), Sums(0, by_paths=False), power=True))
-        paths = joined(parts)
-        joined_directly = np.zeros(len(paths), bool)
+            its = paths.of((within == number) & ~joined_directly)
+            collected.add(number, its, power[its.pixel])
+        paths = joined(_onward(setup, paths, within))
+        joined_directly = np.zeros(paths.count, bool)
+
+
+def _onward(setup, paths, within):
+    """Parts of paths beyond the next surface: those that were outside of bodies; and in them, across boundaries to which light is
+    blind, and turned."""
+    outside = transport.at_surfaces(setup, paths.of(within == _geometry.OUTSIDE), Sums(0, by_paths=False), power=True)
+    paths, turns = _ahead(setup, paths.of(within >= 0))
+    turned = transport.shaded(setup, paths.of(turns), Sums(0, by_paths=False), power=True)
+    return outside, transport.crossed(setup, paths.of(~turns)), turned
 
 
 # ---- what no method brings
@@ -230,15 +224,11 @@ def caustics(setup, entries, seed) -> np.ndarray:
     """
     paths, power, _ = _arriving(setup, entries, 0, seed)
     mean = np.zeros(3)
-    while len(paths):
-        within, far, triangle = transport.located(setup.geometry, paths)
-        outside = light.outside(setup, paths.of(within == _geometry.OUTSIDE), far, triangle, within)
-        paths, far, triangle, turns = _ahead(setup, paths.of(within >= 0))
-        crossed = transport.crossed(setup, paths.of(~turns), far[~turns], triangle[~turns])
-        turned = transport.shaded(setup, paths.of(turns), Sums(0, by_paths=False), power=True)
+    while paths.count:
+        outside, crossed, turned = _onward(setup, paths, transport.located(setup.geometry, paths))
         paths = joined([outside, turned])
         spread = paths.of(~paths.single)
-        mean += _seen(setup.world, spread.origin) @ (spread.weight * power[spread.pixel, None]) @ setup.colours.to_rgb.T
+        mean += _seen(setup.world, spread.origin) @ (spread.throughput * power[spread.pixel, None]) @ setup.colours.to_rgb.T
         paths = joined([paths.of(paths.single), crossed])
     return mean
 

@@ -11,11 +11,10 @@ import numpy as np
 
 from bakery import kernels
 from renderers.materials.bodies import _dipole, _geometry, smooth, transport
-from renderers.materials.bodies.paths import joined
 from renderers.materials.bodies.transport import Sums
 from renderers.threads import run
+from renderers.transport.paths import joined
 
-_TOGETHER = 64  # lines of sight, near each other, that draw places by one guess
 _MILNE = 2.131  # extrapolation length over d at a boundary that reflects nothing (Davison 1957)
 
 
@@ -51,23 +50,19 @@ def seen(setup, beams, picks, number, seed) -> np.ndarray:
     number, seed : of the pass
     """
     dipoles = [dipole_of(body) for body in setup.bodies]
-    normals = [np.empty(lit.origin.shape) for lit in beams]
-    for lit, normal in zip(beams, normals, strict=True):
-        run(_dipole.boundary_normals, len(normal), setup.geometry, lit.origin, lit.direction, normal)
+    normals = [transport.facing(setup, its) for its in beams]
     pixels = setup.world.size[0] * setup.world.size[1]
     sums = Sums(pixels, by_paths=False)
     paths = transport.begin(setup, np.arange(pixels), number, seed)
-    while len(paths):
-        body, far, triangle = transport.located(setup.geometry, paths)
-        out = body == _geometry.OUTSIDE
-        parts = [transport.at_surfaces(setup, paths.of(out), sums, far[out], triangle[out])]
-        for at in np.unique(body[~out]):
-            in_it = body == at
-            lines = paths.of(in_it)
+    while paths.count:
+        body = transport.located(setup.geometry, paths)
+        parts = [transport.at_surfaces(setup, paths.of(body == _geometry.OUTSIDE), sums)]
+        for at in np.unique(body[body != _geometry.OUTSIDE]):
+            lines = paths.of(body == at)
             _gathered(setup, lines, at, dipoles[at], beams[at], normals[at], picks, sums)
             # what is not scattered goes on beyond the body; the dipole knows of light that is turned back in it
-            done = joined(transport.inside(setup, lines, at, far[in_it], triangle[in_it], [0] * len(setup.bodies), sums, None))
-            parts.append(done.of(transport.located(setup.geometry, done)[0] != at))
+            done = joined(transport.inside(setup, lines, at, 0, sums, None))
+            parts.append(done.of(transport.located(setup.geometry, done) != at))
         paths = joined(parts)
     return sums.gathered
 
@@ -78,10 +73,7 @@ def _gathered(setup, paths, number, dipole, beams, normal, picks, sums):
         return
     order = transport.by_place(paths.origin, setup.bodies[number].vertices)
     lines = paths.of(order)
-    n = len(lines)
-    around, facing, brought = np.append(np.arange(0, n, _TOGETHER), n), np.empty((n, 3)), np.empty(lines.weight.shape)
-    run(_dipole.boundary_normals, n, setup.geometry, lines.origin, lines.direction, facing)
-    run(_dipole.gather, len(around) - 1, dipole, beams.origin, beams.direction, beams.power, normal, picks, around, lines.origin,
-        facing, lines.states, brought, block=16)
+    brought, groups = np.empty(lines.throughput.shape), -(-lines.count // _dipole.TOGETHER)
+    run(_dipole.gather, groups, dipole, beams, normal, picks, lines, transport.facing(setup, lines), brought, block=16)
     paths.states[order] = lines.states
-    sums.add_gathered(lines, brought * lines.weight @ setup.colours.to_rgb.T)
+    sums.add_gathered(lines, brought * lines.throughput @ setup.colours.to_rgb.T)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.materials.bodies import _walk, shells
+from renderers.materials.bodies.paths import UNLIMITED, Paths
 from renderers.materials.medium.interactor import Medium
 from renderers.threads import run
 from renderers.transport.paths import ENDED, EVENT, REACHED
-
-_UNLIMITED = 1 << 40  # events between two surfaces
 
 
 class Body(Medium):
@@ -24,18 +23,17 @@ class Body(Medium):
     def __init__(self, scatterer, colours, geometry, blind, sampled):
         super().__init__(scatterer, colours, sampled=sampled)
         self._geometry, self._blind = geometry, np.asarray(blind, bool)
-        self._shells = shells.none(len(scatterer.sigma_t))
+        self._limits = _walk.Limits(shells.none(len(scatterer.sigma_t)), UNLIMITED, sampled)
 
     def walk(self, paths):
         """As `advance`, up to the boundary or a surface in the body: also distances to that (n,) m, and whether it is blind."""
-        n, before = paths.count, paths.bounces.copy()
-        far, triangle, start, status = np.full(n, np.nan), np.zeros(n, np.int64), np.full(n, -1), np.empty(n, np.int64)
-        events, alive = np.zeros(n, np.int64), np.empty(n, bool)
-        run(_walk.advance, n, self._geometry, self.scatterer, self._shells, _UNLIMITED, self.sampled, paths.origin,
-            paths.direction, paths.throughput, paths.states, far, triangle, start, paths.drawn, paths.density, paths.single,
-            events, paths.bounces, status, alive)
-        paths.order[:] += paths.bounces - before
-        paths.shaded[events > 0], paths.left_out[events > 0] = False, np.nan
-        owner = self._geometry.owner[np.maximum(triangle, 0)]  # -1 where paths are lost
+        n, status = paths.count, np.empty(paths.count, np.int64)
+        shared = {name: getattr(paths, name) for name in Paths._fields if name in paths._fields}
+        its = Paths(**shared | {"far": np.full(n, np.nan), "triangle": np.zeros(n, np.int64), "start": np.full(n, -1),
+                                "events": np.zeros(n, np.int64), "scattered": np.zeros(n, bool), "seen": np.zeros(n, bool),
+                                "rival": np.zeros(n)})
+        run(_walk.advance, n, self._geometry, self.scatterer, self._limits, its, status)
+        paths.shaded[its.scattered], paths.left_out[its.scattered] = False, np.nan
+        owner = self._geometry.owner[np.maximum(its.triangle, 0)]  # -1 where paths are lost
         status = np.choose(status, [REACHED, EVENT, ENDED])  # CONTACT, EVENT, DEAD
-        return status, (), far, (owner >= 0) & self._blind[np.maximum(owner, 0)]
+        return status, (), its.far, (owner >= 0) & self._blind[np.maximum(owner, 0)]

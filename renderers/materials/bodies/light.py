@@ -17,12 +17,14 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.materials.bodies import _geometry, _light, _walk, transport, within
+from renderers.materials.bodies import _geometry, _light, _walk, shells, transport, within
 from renderers.materials.bodies._gather import Beams
-from renderers.materials.bodies.paths import Paths, joined
-from renderers.materials.bodies.transport import UNLIMITED, Sums
+from renderers.materials.bodies.paths import UNLIMITED, Paths
+from renderers.materials.bodies.transport import Sums
 from renderers.threads import run
 from renderers.transport import wavefront
+from renderers.transport.paths import joined, survivors
+from renderers.transport.scattering import turn
 
 _PILOT, _ROUNDS = 0xFFFFFFF0, 3  # numbers of the passes that find where light comes in
 _GROUPS, _EVEN = 512, 0.25  # of triangles that have one density; share of the places that are spread evenly
@@ -75,7 +77,7 @@ def beams(setup, entries, places, walks, boundary, by_events, number, seed) -> l
     collected, parts, powers = [_Made(not body.convex) for body in setup.bodies], [], []
     for body, its in enumerate(entries):
         _, paths, power = _entered(setup, body, its, places, number, seed)
-        inside = transport.located(setup.geometry, paths)[0] == body
+        inside = transport.located(setup.geometry, paths) == body
         parts.append(paths.of(inside))
         powers.append(power[inside])
     for paths, power in within.emitted(setup, places, number, seed):
@@ -128,11 +130,10 @@ def _entered(setup, number, entries, places, pass_number, seed):
     looking.density[:] = np.einsum("nk,nk->n", direction, normal) / np.pi
     looking.single[:] = False
     seen = Sums(places)
-    while len(looking):
+    while looking.count:
         # what has been in a body comes by walks
-        within, far, ahead = transport.located(setup.geometry, looking)
-        out = within == _geometry.OUTSIDE
-        looking = transport.at_surfaces(setup, looking.of(out), seen, far[out], ahead[out])
+        outside = transport.located(setup.geometry, looking) == _geometry.OUTSIDE
+        looking = transport.at_surfaces(setup, looking.of(outside), seen)
     from_paths = seen.by_order.sum(axis=0) @ setup.colours.to_waves.T * np.pi
     towards, power = np.concatenate([sample.direction.astype(float), direction]), np.concatenate([from_lamps, from_paths])
     bright = np.flatnonzero((power > 0).any(axis=1))
@@ -160,14 +161,14 @@ def sampled(setup, body, entries, numbers):
 def refracted(setup, body, point, towards, power, states):
     """Which of points on a boundary light from directions goes in at, the paths, and their power."""
     paths = Paths.begun(point, -towards, np.ones_like(power), states, np.arange(len(point)))
-    if body.matched or not len(paths):
-        paths.origin += setup.off * paths.direction
-        return np.arange(len(paths)), paths, power
-    numbers = np.empty((len(paths), 6))
+    if body.matched or not paths.count:
+        paths.origin[:] += setup.off * paths.direction
+        return np.arange(paths.count), paths, power
+    numbers = np.empty((paths.count, 6))
     wavefront.draw(paths.states, numbers)
     shading = setup.world.shade(point + LOOK * setup.geometry.scale * towards, -towards, numbers, paths.density, paths.single,
                               power=True)
-    paths.origin, paths.direction = shading.origin, shading.direction.astype(float)
+    paths.origin[:], paths.direction[:] = shading.origin, shading.direction
     goes = np.flatnonzero(shading.hit & (shading.weight > 0).any(axis=1))
     return goes, paths.of(goes), (power * shading.weight[:, :1])[goes]
 
@@ -212,82 +213,65 @@ def _chosen(paths, power, walks):
     wavefront.draw(paths.states[:1], first)
     at = np.minimum(np.searchsorted(total, (np.arange(walks) + first[0, 0]) / walks * total[-1], side="right"), len(total) - 1)
     chosen = paths.of(at)
-    chosen.weight = power[at] / most[at][:, None]
+    chosen.throughput[:] = power[at] / most[at][:, None]
     return chosen, total[-1] / walks
 
 
 def _walk_on(setup, paths, scale, collected, by_events):
     """Adds the beams of light that walks on through bodies and what is between them."""
-    fresh = np.ones(len(paths), bool)
-    while len(paths):
-        within, far, triangle = _begun(setup, paths, fresh, scale, collected)
-        parts = [outside(setup, paths.of(within == _geometry.OUTSIDE), far, triangle, within)]
-        kept = [np.ones(len(parts[0]), bool)]
+    fresh = np.ones(paths.count, bool)
+    while paths.count:
+        within = _begun(setup, paths, fresh, scale, collected)
+        parts = [transport.at_surfaces(setup, paths.of(within == _geometry.OUTSIDE), Sums(0, by_paths=False), power=True)]
+        kept = [np.ones(parts[0].count, bool)]
         for body in np.unique(within[within >= 0]):
-            inside = within == body
-            go_on = _ways if by_events else _walked
-            for part, still_walks in go_on(setup, body, paths.of(inside), far[inside], triangle[inside], scale, collected[body]):
+            its = paths.of(within == body)
+            for part, still_walks in _ways(setup, body, its) if by_events else _walked(setup, body, its, scale, collected[body]):
                 parts.append(part)
-                kept.append(np.full(len(part), not still_walks))
+                kept.append(np.full(part.count, not still_walks))
         fresh = np.concatenate(kept)
         paths = joined(parts)
 
 
 def _begun(setup, paths, fresh, scale, collected):
-    """Adds beams of paths where they are in bodies and begin one, `fresh` (n,) bool; what `transport.located` says."""
-    within, far, triangle = transport.located(setup.geometry, paths)
+    """Adds beams of paths where they are in bodies and begin one, `fresh` (n,) bool; the bodies (n,)."""
+    within = transport.located(setup.geometry, paths)
     for body in np.unique(within[within >= 0]):
-        new = fresh & (within == body)
-        begins = paths.of(new)
-        collected[body].add(begins.origin, begins.direction, far[new], scale * begins.weight, begins.order, begins.events > 0)
-    return within, far, triangle
+        begins = paths.of(fresh & (within == body))
+        collected[body].add(begins.origin, begins.direction, begins.far, scale * begins.throughput, begins.order,
+                            begins.events > 0)
+    return within
 
 
-def _walked(setup, number, paths, far, triangle, scale, collected):
+def _walked(setup, number, paths, scale, collected):
     """Takes walks on in a body: parts of those that go on, and whether the beam of the next way is there."""
-    body, n, waves = setup.bodies[number], len(paths), paths.weight.shape[1]
-    leaving, turned = np.empty((n, _light.MEETINGS, 7 + waves)), np.empty((n, _light.MEETINGS, 8 + waves))
-    status, alive = np.empty(n, np.int64), np.empty(n, bool)
-    run(_light.walk, n, setup.geometry, body.medium, number, body.index if body.smooth else 0.0, paths.origin, paths.direction,
-        paths.weight, paths.states, far, triangle, paths.start, paths.events, paths.order, paths.bounces, leaving, turned, status,
-        alive, block=256)
-    leaving, turned = leaving[leaving[..., 6] > 0], turned[turned[..., 7] >= 0]
+    body, n, waves = setup.bodies[number], paths.count, paths.throughput.shape[1]
+    leaving, back = (np.empty((n, _light.MEETINGS, columns + waves)) for columns in (7, 8))
+    ends = _light.Ends(leaving, back, np.empty(n, np.int64))
+    limits = _walk.Limits(shells.none(waves), UNLIMITED, False)
+    run(_light.walk, n, setup.geometry, body.medium, _light.Boundary(number, body.index if body.smooth else 0.0), limits, paths,
+        ends, block=256)
+    leaving, back = leaving[leaving[..., 6] > 0], back[back[..., 7] >= 0]
     collected.add(leaving[:, :3], leaving[:, 3:6], np.inf, -scale * leaving[:, 7:], leaving[:, 6], real=False)
-    collected.add(turned[:, :3], turned[:, 3:6], turned[:, 6], scale * turned[:, 8:], turned[:, 7])
-    beyond = paths.of(status == _light.OUTSIDE)
-    beyond.origin += setup.off * beyond.direction
-    return [(paths.of(status == _light.MORE), True), (beyond, False), (_turned(setup, paths.of(status == _light.SURFACE)), False)]
+    collected.add(back[:, :3], back[:, 3:6], back[:, 6], scale * back[:, 8:], back[:, 7])
+    beyond = paths.of(ends.status == _light.OUTSIDE)
+    beyond.origin[:] += setup.off * beyond.direction
+    meets = paths.of(ends.status == _light.SURFACE)
+    return [(paths.of(ends.status == _light.MORE), True), (beyond, False),
+            (transport.shaded(setup, meets, Sums(0, by_paths=False), power=True), False)]
 
 
-def _ways(setup, number, paths, far, triangle, _scale, _made):
+def _ways(setup, number, paths):
     """The same, up to the next event or surface."""
-    scattered, hits = turned(setup, number, paths, far, triangle)
-    meets, owner = paths.of(hits), setup.geometry.owner[triangle[hits]]
-    crosses = (owner >= 0) & setup.matched[np.maximum(owner, 0)]
-    return [(scattered, False), (transport.crossed(setup, meets.of(crosses), far[hits][crosses], triangle[hits][crosses]), False),
-            (_turned(setup, meets.of(~crosses)), False)]
+    scattered, meets = turned(setup, number, paths)
+    surfaces = transport.at_surfaces(setup, paths.of(meets), Sums(0, by_paths=False), power=True, traced=False)
+    return [(scattered, False), (surfaces, False)]
 
 
-def turned(setup, number, paths, far, triangle):
+def turned(setup, number, paths):
     """Paths in body `number` after their next event, and which (n,) have met a surface before it."""
-    status = transport.through(setup, number, paths, far, triangle, UNLIMITED, True)
+    status = transport.through(setup, number, paths, UNLIMITED, True)
     turns = paths.of(status == _walk.EVENT)
-    alive = np.empty(len(turns), bool)
-    run(_walk.scatter, len(turns), setup.bodies[number].medium, turns.origin, turns.direction, turns.weight, turns.states,
-        turns.drawn, turns.density, turns.single, turns.bounces, alive)
-    return turns.of(alive), status == _walk.CONTACT
-
-
-def outside(setup, paths, far, triangle, within):
-    """Walks outside of bodies after their next surface."""
-    far, triangle = far[within == _geometry.OUTSIDE], triangle[within == _geometry.OUTSIDE]
-    owner = np.where(triangle >= 0, setup.geometry.owner[triangle], -1)
-    crosses = (owner >= 0) & setup.matched[np.maximum(owner, 0)]
-    crosses[crosses] = ~(setup.world.trace(paths.origin[crosses], paths.direction[crosses], far[crosses] * (1 - 1e-4)) < np.inf)
-    return joined([transport.crossed(setup, paths.of(crosses), far[crosses], triangle[crosses]), _turned(setup,
-    paths.of(~crosses))])
-
-
-def _turned(setup, paths):
-    """Walks after Mitsuba has turned them at the surface that they meet."""
-    return transport.shaded(setup, paths, Sums(0, by_paths=False), power=True) if len(paths) else paths
+    run(turn, turns.count, setup.bodies[number].medium, turns)
+    turns.single[:] = False
+    return survivors(turns), status == _walk.CONTACT

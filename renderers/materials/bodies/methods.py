@@ -16,12 +16,14 @@ from renderers.materials.bodies.bias import CLOSER, SHARPER
 from renderers.materials.bodies.bodies import Body, has_tables, holds, laid_out, medium_of, solid_shape, untabled
 from renderers.materials.bodies.declaration import DIFFUSED, FEW, GATHERED, JOINED
 from renderers.materials.bodies.declared import methods
+from renderers.materials.bodies.paths import UNLIMITED
 from renderers.materials.bodies.thin import WALKS
-from renderers.materials.bodies.transport import UNLIMITED, Colours, Gather, Transport
+from renderers.materials.bodies.transport import Gather, Transport
 from renderers.pictures.engine import Part
 from renderers.pictures.passes import Method
 from renderers.scene.budget import percent
 from renderers.scene.declaration import settled
+from renderers.transport.paths import Colours
 
 ENTRIES, PICKS, _LEAST, _ALONE = 16384, 64, 4, 32
 _LIT = 1 << 15  # places on each boundary where beams begin that lines of sight meet
@@ -240,7 +242,7 @@ class _Passes:
         """Light of beams that lines of sight cross."""
         setup = self._setup
         width = [widths * beams.narrower(number) for widths in beams.half_widths(setup)]
-        entered, walked = zip(*(beams.lit(setup, body, entries, _LIT, number, self._seed)
+        entered, walked = zip(*(beams.entering(setup, body, entries, _LIT, number, self._seed)
                                for body, entries in enumerate(self._entries)))
         if not self._method.tabled:
             walked = [beams.walked(walks) for walks in self._beams(number, by_events=True)]

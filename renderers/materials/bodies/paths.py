@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 
+from renderers.transport import paths
 
-@dataclass
-class Paths:
-    """n paths on their way.
+UNLIMITED = 1 << 40  # events between two surfaces
 
-    origin, direction : (n, 3) m, unit;  weight : (n, L);  states : (n,) random streams;  pixel : (n,)
+
+class Paths(NamedTuple):
+    """n paths on their way; arrays are changed in place.
+
+    origin, direction : (n, 3) m, unit;  throughput : (n, L);  states : (n,) random streams;  pixel : (n,)
     start : (n,) place of the triangle (`_geometry.Geometry`) that each starts on, or -1
+    far, triangle : (n,) distance (m) and place of the first triangle ahead; nan where not known
     drawn, density : (n, 3) m, (n,) 1/sr, where the direction was drawn, and how likely
     single : (n,) whether light samples cannot take the place of the direction;  scattered : (n,) whether an event drew it
     seen : (n,) whether the camera sees where they are, directly or by mirrors and panes
@@ -23,10 +27,12 @@ class Paths:
 
     origin: np.ndarray
     direction: np.ndarray
-    weight: np.ndarray
+    throughput: np.ndarray
     states: np.ndarray
     pixel: np.ndarray
     start: np.ndarray
+    far: np.ndarray
+    triangle: np.ndarray
     drawn: np.ndarray
     density: np.ndarray
     single: np.ndarray
@@ -38,24 +44,13 @@ class Paths:
     bounces: np.ndarray
 
     @classmethod
-    def begun(cls, origin, direction, weight, states, pixel):
+    def begun(cls, origin, direction, throughput, states, pixel) -> Paths:
         """Paths in the open, or on a surface."""
         n = len(pixel)
-        return cls(origin=np.array(origin, float), direction=np.array(direction, float), weight=np.array(weight, float),
-                   states=states, pixel=pixel, start=np.full(n, -1), drawn=np.array(origin, float), density=np.zeros(n),
-                   single=np.ones(n, bool), scattered=np.zeros(n, bool), seen=np.zeros(n, bool), rival=np.zeros(n),
-                   order=np.zeros(n, np.int64), events=np.zeros(n, np.int64), bounces=np.zeros(n, np.int64))
+        return cls(origin=np.array(origin, float), direction=np.array(direction, float), throughput=np.array(throughput, float),
+                   states=states, pixel=pixel, start=np.full(n, -1), far=np.full(n, np.nan), triangle=np.full(n, -1),
+                   drawn=np.array(origin, float), density=np.zeros(n), single=np.ones(n, bool), scattered=np.zeros(n, bool),
+                   seen=np.zeros(n, bool), rival=np.zeros(n), order=np.zeros(n, np.int64), events=np.zeros(n, np.int64),
+                   bounces=np.zeros(n, np.int64))
 
-    def of(self, chosen):
-        """Some of the paths."""
-        return Paths(*(getattr(self, field.name)[chosen] for field in fields(self)))
-
-    def __len__(self):
-        return len(self.pixel)
-
-
-def joined(parts) -> Paths:
-    """Paths of several."""
-    filled = [part for part in parts if len(part)] or parts[:1]
-    return filled[0] if len(filled) == 1 else Paths(*(np.concatenate([getattr(part, field.name) for part in filled])
-                                                  for field in fields(Paths)))
+    count, of = paths.Paths.count, paths.Paths.of

@@ -14,6 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from renderers.materials.bodies import _refraction
+from renderers.materials.bodies._cells import Cells, cells_of
+from renderers.materials.bodies._refraction import Front, Joined
 from renderers.threads import run
 
 _VOXELS = 64  # along the longest edge of the box around a body, at most
@@ -23,11 +25,12 @@ class Bent(NamedTuple):
     """How the light of one light without extent comes into a body.
 
     number : position in `World.light_names`
-    ways : `_refraction.Ways`
+    front, cells : where it comes in, and which voxels light of each triangle may reach
     """
 
     number: int
-    ways: _refraction.Ways
+    front: Front
+    cells: Cells
 
 
 def bent(world, body, shapes) -> list[Bent]:
@@ -46,35 +49,27 @@ def bent(world, body, shapes) -> list[Bent]:
     else:
         normals = shape.normals[shape.faces]
     normals = np.ascontiguousarray(normals)
-    return [Bent(light.number, _ways(corners, normals, light, body.index)) for light in world.ideal_lights()]
+    return [Bent(light.number, *_ways(corners, normals, light, body.index)) for light in world.ideal_lights()]
 
 
 def _ways(corners, normals, light, index):
-    """`_refraction.Ways` through triangles (F, 3, 3) m with normals (F, 3, 3) at their corners."""
+    """`Front` of triangles (F, 3, 3) m with normals (F, 3, 3) at their corners, and its `Cells`."""
     low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
-    size = float((high - low).max())
     # voxels about as wide as the tubes
-    edge = size / np.clip(np.sqrt(len(corners)) / 2, 1, _VOXELS)
-    shape = np.maximum(np.ceil((high - low) / edge), 1).astype(np.int64)
-    ahead, spread = np.empty((len(corners), 3, 3)), np.empty(len(corners))
-    run(_refraction.directions, len(corners), corners, normals, light.place, light.distant, index, ahead, spread)
-    begin, cells = np.zeros(int(np.prod(shape)) + 1, np.int64), (low, edge, shape)
-    _refraction.entered(corners, ahead, spread, *cells, begin, np.empty(0, np.int32))
-    begin = np.concatenate([[0], np.cumsum(begin[:-1])])
-    names = np.empty(begin[-1], np.int32)
-    _refraction.entered(corners, ahead, spread, *cells, begin.copy(), names)
-    return _refraction.Ways(corners, normals, ahead, light.place, light.distant, index, low, edge, shape, begin, names)
+    edge = float((high - low).max()) / np.clip(np.sqrt(len(corners)) / 2, 1, _VOXELS)
+    front, spread = Front(corners, normals, np.empty(corners.shape), light.place, light.distant, index), np.empty(len(corners))
+    run(_refraction.directions, len(corners), front, spread)
+    return front, cells_of(low, high, edge, _refraction.entered, front, spread)
 
 
-def joined(transport, number, bent, paths):
+def joined(transport, number, bent, paths) -> Joined:
     """One way each from events in body `number` to a light, drawn among all.
 
     Returns the place (n, 3) m on the boundary, the direction (n, 3) from the event to it, its distance (n,) m, and the share (n,)
     by which radiance as of `World.from_light` at the place is to be multiplied: what the boundary lets in, how it focuses light,
     and one over the probability of the choice; 0 where there is no way.
     """
-    n = len(paths)
-    point, towards, within, share = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n), np.empty(n)
-    run(_refraction.join, n, transport.geometry, transport.bodies[number].medium, bent.ways, paths.origin, paths.direction,
-        paths.weight, paths.states, point, towards, within, share)
-    return point, towards, within, share
+    n = paths.count
+    ways = Joined(np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n), np.empty(n))
+    run(_refraction.join, n, transport.geometry, transport.bodies[number].medium, bent.front, bent.cells, paths, ways)
+    return ways

@@ -10,11 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bakery.kernels import lent
 from bakery.system.compiled import njit
 from renderers.materials.bodies import _geometry
 from renderers.materials.bodies.thin import chord
 from renderers.materials.bodies.transport import located
-from renderers.mitsuba.world import LOBE
+from renderers.mitsuba.shading import LOBE
 from renderers.threads import run
 from renderers.transport.scattering import mean_cosines
 
@@ -46,15 +47,15 @@ def seen(transport, rays) -> Seen:
     rays : `Paths` of all pixels from the camera, in their order
     """
     height, width = transport.world.size
-    body, point, normal = np.full(len(rays), -1), rays.origin.copy(), np.zeros((len(rays), 3))
+    body, point, normal = np.full(rays.count, -1), rays.origin.copy(), np.zeros((rays.count, 3))
     for _ in range(_PANES):
-        _, far, triangle = located(transport.geometry, rays)
-        owner = np.where(triangle >= 0, transport.geometry.owner[triangle], -1)
-        free = ~(transport.world.trace(rays.origin, rays.direction, far * (1 - 1e-4)) < np.inf)
+        located(transport.geometry, rays)
+        owner = np.where(rays.triangle >= 0, transport.geometry.owner[rays.triangle], -1)
+        free = ~(transport.world.trace(rays.origin, rays.direction, rays.far * (1 - 1e-4)) < np.inf)
         owned, at = (owner >= 0) & free, rays.pixel
-        body[at[owned]], point[at[owned]] = owner[owned], rays.origin[owned] + far[owned, None] * rays.direction[owned]
-        facing = np.zeros((len(rays), 3))
-        run(_geometry.normals, len(rays), transport.geometry, triangle, facing)
+        body[at[owned]], point[at[owned]] = owner[owned], rays.origin[owned] + rays.far[owned, None] * rays.direction[owned]
+        facing = np.zeros((rays.count, 3))
+        run(_geometry.normals, rays.count, transport.geometry, rays.triangle, facing)
         normal[at[owned]] = facing[owned]
         if not transport.panes or free.all():
             break
@@ -67,12 +68,12 @@ def seen(transport, rays) -> Seen:
 
 def _beyond_glass(world, rays):
     """Rays that go on through smooth glass, as it refracts them."""
-    numbers = np.zeros((len(rays), LOBE + 3))
+    numbers = np.zeros((rays.count, LOBE + 3))
     numbers[:, LOBE] = 1.0
     shading = world.shade(rays.origin, rays.direction, numbers, rays.density, rays.single)
     towards = shading.direction.astype(float)
     goes = shading.hit & shading.delta & (shading.density > 0) & (np.einsum("nk,nk->n", towards, rays.direction) > 0)
-    rays.origin, rays.direction, rays.start[:] = shading.origin, towards, -1
+    rays.origin[:], rays.direction[:], rays.start[:] = shading.origin, towards, -1
     return rays.of(goes)
 
 
@@ -123,12 +124,13 @@ def smoothed(image, gathers, view, share=1.0):
     gathers : (H, W) bool, pixels that have a value: all, or those that are `chosen`
     """
     out = np.empty(image.shape)
-    run(_fit, len(image), np.ascontiguousarray(image, float), gathers, *view, float(share), out, block=8)
+    run(_fit, len(image), np.ascontiguousarray(image, float), gathers, view, float(share), out, block=8)
     return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fit(image, gathers, body, point, normal, reach, share, out, begin, end):
+def _fit(image, gathers, view, share, out, begin, end):
+    body, point, normal, reach = lent(view)
     height, width = body.shape
     for y in range(begin, end):
         for x in range(width):

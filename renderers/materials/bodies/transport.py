@@ -13,26 +13,19 @@ import numpy as np
 from bakery.kernels import stream_key
 from renderers.materials.bodies import _beams, _choice, _gather, _geometry, _walk, refraction
 from renderers.materials.bodies.bodies import Body
-from renderers.materials.bodies.paths import Paths, joined
-from renderers.mitsuba.world import LOBE
+from renderers.materials.bodies.paths import Paths
+from renderers.mitsuba.shading import LOBE, selected
 from renderers.threads import run
 from renderers.transport import wavefront
-from renderers.transport.scattering import mean_cosines
+from renderers.transport.paths import Colours, follow, joined, of_camera, reflect, survivors, thinned
+from renderers.transport.scattering import mean_cosines, next_event, turn
 
 _ALL = 1 << 17  # paths that go on together; more take more memory, and fewer more calls
 _SPLITS, _WORTH = 4, 0.01  # surfaces at which paths go both ways, and the weight above which they do
-_FAR, _GOES_ON = 64, 0.95  # bounces after which surfaces end paths, and the share that goes on
+_FAR = 64  # bounces after which surfaces end paths
 _WEAK = 0.1  # weight of lines of sight, below which not all of them gather
 _OFF = 1e-6  # of the size of all bodies, that a path is put beyond a boundary which it crosses
 _CERTAIN = 1e20  # 1/sr, of a direction that is drawn for sure, as single precision has room for
-UNLIMITED = 1 << 40  # events between two surfaces
-
-
-class Colours(NamedTuple):
-    """to_rgb : (3, L) linear sRGB from radiances;  to_waves : (L, 3) radiances from linear sRGB"""
-
-    to_rgb: np.ndarray
-    to_waves: np.ndarray
 
 
 class Transport(NamedTuple):
@@ -94,7 +87,7 @@ class Sums:
 
     def add(self, paths, added, orders=0):
         """What paths bring, added (n, 3), with so many events more."""
-        wavefront.accumulate(added, paths.order + orders, np.full(len(paths), -1), paths.pixel, self.by_order, self._no_light)
+        wavefront.accumulate(added, paths.order + orders, np.full(paths.count, -1), paths.pixel, self.by_order, self._no_light)
 
     def add_gathered(self, paths, added):
         """What the tables bring, added (n, 3)."""
@@ -111,7 +104,7 @@ class Gather(NamedTuple):
     shares : (pixels,) body of which the camera's lines of sight share it, or -1
     beyond : of each body (L,) m, distance of a mirror outside of its boundary; inf where there is none
 
-    Called as gather(transport, paths, number, far, sums), it adds to sums what beams bring to lines of sight in body `number`.
+    Called as gather(transport, paths, number, sums), it adds to sums what beams bring to lines of sight in body `number`.
     """
 
     beams: list
@@ -135,109 +128,102 @@ def from_eye(transport, most, gather, number, seed, by_paths=True, chosen=None) 
     by_paths : as in `Sums`
     chosen : (H, W) bool, which ones have a path; None: all
     """
-    height, width = transport.world.size
-    sums, started, paths = Sums(height * width, by_paths), 0, None
-    while started < height * width or paths:
-        if started < height * width and (not paths or len(paths) < _ALL // 2):
-            pixel = np.arange(started, min(started + _ALL, height * width))
-            new, started = begin(transport, pixel, number, seed), started + len(pixel)
-            new = new if chosen is None else new.of(chosen.ravel()[pixel])
-            paths = joined([paths, new]) if paths else new
-        paths = onward(transport, paths, most, sums, gather)
+    pixels = transport.world.size[0] * transport.world.size[1]
+    sums = Sums(pixels, by_paths)
+
+    def begun(first, last):
+        pixel = np.arange(first, last)
+        paths = begin(transport, pixel, number, seed)
+        return paths if chosen is None else paths.of(chosen.ravel()[pixel])
+
+    follow(pixels, _ALL, begun, lambda paths: onward(transport, paths, most, sums, gather))
     return sums
 
 
 def begin(transport, pixel, number, seed) -> Paths:
     """The camera's path through each pixel (n,), ascending without gaps, of a pass."""
-    n, width = len(pixel), transport.world.size[1]
-    states, offset = np.empty(n, np.uint64), np.empty((n, 2))
-    wavefront.begin_streams(stream_key(seed, "render.translucent", number), int(pixel[0]), states)
-    wavefront.draw(states, offset)
-    origin, direction = transport.world.camera_rays(offset, np.stack([pixel // width, pixel % width], axis=1))
-    paths = Paths.begun(origin, direction, np.ones((n, len(transport.colours.to_waves))), states, pixel)
+    key, first = stream_key(seed, "render.translucent", number), int(pixel[0]) if len(pixel) else 0
+    states, origin, direction = of_camera(transport.world, transport.world.size[1], key, first, pixel)
+    paths = Paths.begun(origin, direction, np.ones((len(pixel), len(transport.colours.to_waves))), states, pixel)
     paths.seen[:] = True
     return paths
 
 
 def onward(transport, paths, most, sums, gather=None) -> Paths:
     """Paths after their next surface or event, those that go on."""
-    body, far, triangle = located(transport.geometry, paths)
-    outside = body == _geometry.OUTSIDE
-    parts = [at_surfaces(transport, paths.of(outside), sums, far[outside], triangle[outside])]
-    for number in np.unique(body[~outside]):
-        at_number = body == number
-        parts += inside(transport, paths.of(at_number), number, far[at_number], triangle[at_number], most, sums, gather)
+    body = located(transport.geometry, paths)
+    parts = [at_surfaces(transport, paths.of(body == _geometry.OUTSIDE), sums)]
+    for number in np.unique(body[body != _geometry.OUTSIDE]):
+        parts += inside(transport, paths.of(body == number), number, most[number], sums, gather)
     return joined(parts)
 
 
 def located(geometry, paths):
-    """Bodies (n,) in which paths are, and distance (m) and place of the first triangle ahead of each."""
-    n = len(paths)
-    body, far, triangle = np.empty(n, np.int64), np.empty(n), np.empty(n, np.int64)
-    run(_geometry.locate, n, geometry, paths.origin, paths.direction, paths.start, body, far, triangle)
-    return body, far, triangle
+    """Bodies (n,) in which paths are; finds the first triangle ahead of each."""
+    body = np.empty(paths.count, np.int64)
+    run(_geometry.locate, paths.count, geometry, paths.origin, paths.direction, paths.start, body, paths.far, paths.triangle)
+    return body
 
 
-def through(transport, number, paths, far, triangle, most, waits):
-    """Takes paths through a body: how far they have come (`_walk`), and distance and place of what they meet."""
-    n, before = len(paths), paths.events.copy()
-    status, alive = np.empty(n, np.int64), np.empty(n, bool)
-    body = transport.bodies[number]
-    run(_walk.advance, n, transport.geometry, body.medium, body.shells, most, waits, paths.origin, paths.direction, paths.weight,
-        paths.states, far, triangle, paths.start, paths.drawn, paths.density, paths.single, paths.events, paths.bounces, status,
-        alive)
-    paths.order += paths.events - before
-    paths.scattered |= paths.events > before
+def facing(transport, paths):
+    """Outward normals (n, 3) of the boundary where paths have come into a body."""
+    normals = np.empty(paths.origin.shape)
+    run(_geometry.boundary_normals, len(normals), transport.geometry, paths.origin, paths.direction, normals)
+    return normals
+
+
+def through(transport, number, paths, most, waits):
+    """Takes paths through a body, as `_walk.advance`: how far they have come (n,)."""
+    status, body = np.empty(paths.count, np.int64), transport.bodies[number]
+    run(_walk.advance, paths.count, transport.geometry, body.medium, _walk.Limits(body.shells, most, waits), paths, status)
     return status
 
 
-def inside(transport, paths, number, far, triangle, most, sums, gather):
-    """Parts of the paths in a body after their next surface or event."""
+def inside(transport, paths, number, most, sums, gather):
+    """Parts of the paths in a body after their next surface or event; most : events between two surfaces."""
     body = transport.bodies[number]
     if gather is not None:
-        gather(transport, paths, number, far, sums)
+        gather(transport, paths, number, sums)
     paths.rival[paths.events == 0] = 0.0
-    split = np.flatnonzero(_splits(paths) & (paths.order == 0) & np.isfinite(far) & (triangle >= 0)) if most[number] else []
     parts = []
-    if len(split):
-        # what comes straight through, and what scatters on the way, both for sure
-        straight = paths.of(split)
-        run(_walk.straight, len(split), body.medium, straight.weight, far[split])
-        parts += _met(transport, number, straight, far[split], triangle[split], sums)
-        fate = paths.of(split)
-        wavefront.skip(fate.states, 1 << 41)
-        run(_walk.inside, len(split), body.medium, fate.origin, fate.direction, fate.weight, fate.states, fate.start, fate.events,
-            fate.order, fate.bounces, far[split])
-        fate.scattered[:], fate.seen[:] = True, False
-        parts.append(_at_events(transport, number, fate, paths.origin[split], sums))
-        whole = np.ones(len(paths), bool)
-        whole[split] = False
-        paths, far, triangle = paths.of(whole), far[whole], triangle[whole]
+    if most:
+        split = _splits(paths) & (paths.order == 0) & np.isfinite(paths.far) & (paths.triangle >= 0)
+        if split.any():
+            parts = _both_ways(transport, paths.of(split), number, sums)
+            paths = paths.of(~split)
     start = paths.origin.copy()
-    status = through(transport, number, paths, far, triangle, most[number],
-                     body.matched or sums.by_paths and (bool(transport.bent[number]) or transport.chained)
-                     or _joins(transport, number, sums))
-    touching, events = status == _walk.CONTACT, status == _walk.EVENT
+    status = through(transport, number, paths, most, bool(
+        body.matched or sums.by_paths and (transport.bent[number] or transport.chained) or _joins(transport, number, sums)))
+    events = status == _walk.EVENT
     parts.append(_at_events(transport, number, paths.of(events), start[events], sums))
-    return parts + _met(transport, number, paths.of(touching), far[touching], triangle[touching], sums)
+    parts.append(at_surfaces(transport, paths.of(status == _walk.CONTACT), sums, traced=not body.matched))
+    return parts
 
 
-def _met(transport, number, paths, far, triangle, sums):
-    """Parts of paths in a body after the surface that they have come to."""
-    if not transport.bodies[number].matched:
-        return [at_surfaces(transport, paths, sums, far, triangle)]
-    owner = transport.geometry.owner[triangle]
-    crosses = (owner >= 0) & transport.matched[np.maximum(owner, 0)]
-    return [crossed(transport, paths.of(crosses), far[crosses], triangle[crosses]), shaded(transport, paths.of(~crosses), sums)]
+def _both_ways(transport, paths, number, sums):
+    """Parts of paths in a body that come straight through, and that scatter on the way, both for sure."""
+    body, straight, fate = transport.bodies[number], paths.of(slice(None)), paths.of(slice(None))
+    run(_walk.straight, paths.count, body.medium, straight)
+    wavefront.skip(fate.states, 1 << 41)
+    run(_walk.inside, paths.count, body.medium, fate)
+    fate.seen[:] = False
+    return [at_surfaces(transport, straight, sums, traced=not body.matched),
+            _at_events(transport, number, fate, paths.origin, sums)]
 
 
-def crossed(transport, paths, far, triangle):
+def crossed(transport, paths):
     """Paths beyond boundaries to which light is blind."""
-    paths.origin += (far + transport.off)[:, None] * paths.direction
-    paths.start[:], paths.events[:] = triangle, 0
+    paths.origin[:] += (paths.far + transport.off)[:, None] * paths.direction
+    paths.start[:], paths.events[:] = paths.triangle, 0
     # light samples at surfaces end at any boundary, those at events do not
-    paths.single |= ~paths.scattered
+    paths.single[:] |= ~paths.scattered
     return paths
+
+
+def blind(transport, paths):
+    """Whether (n,) the triangle ahead of paths bounds a body, and light crosses it as if there were nothing."""
+    owner = np.where(paths.triangle >= 0, transport.geometry.owner[paths.triangle], -1)
+    return (owner >= 0) & transport.matched[np.maximum(owner, 0)]
 
 
 def _joins(transport, number, sums):
@@ -247,41 +233,38 @@ def _joins(transport, number, sums):
 
 def _at_events(transport, number, paths, start, sums):
     """Paths that go on from events in a body, after light samples have been added; begun (n, 3) m, where their flights began."""
-    n = len(paths)
-    if n == 0:
+    if not paths.count:
         return paths
     medium = transport.bodies[number].medium
     if sums.by_paths and (transport.bodies[number].matched or number in transport.lamps):
-        _lit(transport, medium, paths, sums)
+        _add_light(transport, medium, paths, sums)
     for bent in transport.bent[number] if sums.by_paths else []:
-        _lit_through(transport, number, bent, paths, sums)
-    alive, before = np.empty(n, bool), paths.direction.copy()
-    run(_walk.scatter, n, medium, paths.origin, paths.direction, paths.weight, paths.states, paths.drawn, paths.density,
-        paths.single, paths.bounces, alive)
+        _add_refracted_light(transport, number, bent, paths, sums)
+    before = paths.direction.copy()
+    run(turn, paths.count, medium, paths)
+    paths.single[:] = False
     if _joins(transport, number, sums):
         flown = np.linalg.norm(paths.origin - start, axis=1)
-        run(_beams.rivals, n, medium, transport.rivals[number], flown, before, paths.direction, paths.rival)
+        run(_beams.rivals, paths.count, medium, transport.rivals[number], flown, before, paths.direction, paths.rival)
         paths.rival[paths.events > 1] = np.inf
-    return paths.of(alive)
+    return survivors(paths)
 
 
-def _lit(transport, medium, paths, sums):
+def _add_light(transport, medium, paths, sums):
     """Adds what light samples send by way of events."""
-    n = len(paths)
-    numbers, added = np.empty((n, 3)), np.empty((n, 3))
+    numbers, added = np.empty((paths.count, 3)), np.empty((paths.count, 3))
     wavefront.draw(paths.states, numbers)
     sample = transport.world.lights(paths.origin, numbers, hidden=False)
-    towards = sample.direction.astype(float)
-    inside, seen = in_between(transport, paths.origin, towards, sample.distance, (sample.radiance > 0).any(axis=1))
-    run(_walk.lit, n, medium, transport.colours, transport.sigma_t, inside, seen, paths.direction, paths.weight, towards,
-        sample.radiance, sample.density, sample.delta, added)
+    towards, bright = sample.direction.astype(float), (sample.radiance > 0).any(axis=1)
+    passed = transmittance(transport, paths.origin, towards, sample.distance, bright)
+    run(next_event, paths.count, medium, transport.colours, paths, sample._replace(direction=towards), passed, added)
     sums.add(paths, added)
 
 
-def in_between(transport, origin, towards, distance, bright):
-    """Lengths (n, bodies) m of ways to lights in each body, and whether a light that is `bright` (n,) is seen."""
-    n = len(origin)
-    inside, last = np.empty((n, len(transport.bodies))), np.empty(n)
+def transmittance(transport, origin, towards, distance, bright):
+    """What media leave (n, L) of light on ways of lengths (n,) m to lights; 0 where something hides them, or none is `bright`."""
+    n, bodies = len(origin), len(transport.bodies)
+    inside, last = np.empty((n, bodies)), np.empty(n)
     run(_geometry.lengths, n, transport.geometry, transport.matched, origin, towards, distance * bright, inside, last)
     seen = bright & np.isfinite(inside).all(axis=1)
     bright_rays = np.flatnonzero(seen)
@@ -289,42 +272,41 @@ def in_between(transport, origin, towards, distance, bright):
     ahead = distance[bright_rays] * (1 - 1e-4) - last
     hidden = transport.world.trace(origin[bright_rays] + last[:, None] * towards_some, towards_some, np.maximum(ahead, 0))
     seen[bright_rays] = ~(hidden < ahead)
-    return inside, seen
+    depth = sum(np.where(seen, inside[:, body], 0.0)[:, None] * transport.sigma_t[body] for body in range(bodies))
+    return np.where(seen[:, None], np.exp(-depth), 0.0)
 
 
-def _lit_through(transport, number, bent, paths, sums):
+def _add_refracted_light(transport, number, bent, paths, sums):
     """Adds what a light without extent sends through the boundary of body `number` to events in it."""
-    point, towards, within, share = refraction.joined(transport, number, bent, paths)
-    with_light = np.flatnonzero(share > 0)
+    ways = refraction.joined(transport, number, bent, paths)
+    with_light = np.flatnonzero(ways.share > 0)
     if not len(with_light):
         return
-    reached, point, towards, added = paths.of(with_light), point[with_light], towards[with_light], np.empty((len(with_light), 3))
+    reached, point, medium = paths.of(with_light), ways.point[with_light], transport.bodies[number].medium
     sample = transport.world.from_light(bent.number, point)
-    away = sample.direction.astype(float)
-    radiance = sample.radiance * share[with_light, None]
-    inside, seen = in_between(transport, point + transport.off * away, away, sample.distance, (radiance > 0).any(axis=1))
-    inside[:, number] += within[with_light]
-    run(_walk.lit, len(with_light), transport.bodies[number].medium, transport.colours, transport.sigma_t, inside, seen,
-        reached.direction, reached.weight, towards, radiance.astype(np.float32), sample.density, np.ones(len(with_light), bool),
-        added)
+    away, radiance = sample.direction.astype(float), sample.radiance * ways.share[with_light, None]
+    passed = transmittance(transport, point + transport.off * away, away, sample.distance, (radiance > 0).any(axis=1))
+    passed *= np.exp(-medium.sigma_t * ways.within[with_light, None])
+    sample = sample._replace(direction=ways.towards[with_light], radiance=radiance.astype(np.float32),
+                             delta=np.ones(len(with_light), bool))
+    added = np.empty((len(with_light), 3))
+    run(next_event, len(with_light), medium, transport.colours, reached, sample, passed, added)
     sums.add(reached, added)
 
 
-def at_surfaces(transport, paths, sums, far, triangle):
-    """Paths outside of bodies, or at a boundary that turns light, after their next surface."""
-    if not len(paths):
-        return paths
-    matched = np.flatnonzero(triangle >= 0)
-    owner = transport.geometry.owner[triangle[matched]]
-    matched = matched[(owner >= 0) & transport.matched[np.maximum(owner, 0)]]
-    if not len(matched):
-        return shaded(transport, paths, sums)
-    # nothing else may stand before the body
-    free = ~(transport.world.trace(paths.origin[matched], paths.direction[matched], far[matched] * (1 - 1e-4)) < np.inf)
-    crosses = np.zeros(len(paths), bool)
-    crosses[matched[free]] = True
-    return joined([crossed(transport, paths.of(crosses), far[crosses], triangle[crosses]),
-                   shaded(transport, paths.of(~crosses), sums)])
+def at_surfaces(transport, paths, sums, power=False, traced=True):
+    """Paths after the surface ahead: beyond boundaries to which light is blind, or turned by Mitsuba, their light added.
+
+    power : as in `World.shade`
+    traced : whether something else may stand before the body, as outside of all
+    """
+    crosses = blind(transport, paths)
+    if traced:
+        ways = paths.origin[crosses], paths.direction[crosses], paths.far[crosses] * (1 - 1e-4)
+        crosses[crosses] = ~(transport.world.trace(*ways) < np.inf)
+    if not crosses.any():
+        return shaded(transport, paths, sums, power)
+    return joined([crossed(transport, paths.of(crosses)), shaded(transport, paths.of(~crosses), sums, power)])
 
 
 def shaded(transport, paths, sums, power=False):
@@ -332,10 +314,9 @@ def shaded(transport, paths, sums, power=False):
 
     At smooth dielectrics that the camera sees, directly or through and in others, paths of much weight go both ways.
     """
-    n = len(paths)
-    if n == 0:
+    if not paths.count:
         return paths
-    numbers = np.empty((n, 6))
+    numbers = np.empty((paths.count, 6))
     wavefront.draw(paths.states, numbers)
     seen = _splits(paths)
     if not seen.any():
@@ -348,15 +329,15 @@ def shaded(transport, paths, sums, power=False):
     parts.append(_turned(transport, paths.of(~sampled), _shade(transport, paths.of(~sampled), numbers[~sampled], power), sums))
     for shading, add in ((back, sums), (on, Sums(0, by_paths=False))):
         part = paths.of(sampled)
-        part.weight *= shading.density[sampled][:, None]
-        parts.append(_turned(transport, part, _rows(shading, sampled), add))
+        part.throughput[:] *= shading.density[sampled][:, None]
+        parts.append(_turned(transport, part, selected(shading, sampled), add))
     wavefront.skip(parts[-1].states, 1 << 40)
     return joined(parts)
 
 
 def _splits(paths):
     """Which paths (n,) the camera sees as they are, with so much weight that both of two ways are worth going."""
-    return paths.seen & (paths.bounces < _SPLITS) & (paths.weight.max(axis=1) > _WORTH)
+    return paths.seen & (paths.bounces < _SPLITS) & (paths.throughput.max(axis=1) > _WORTH)
 
 
 def _shade(transport, paths, numbers, power):
@@ -370,11 +351,6 @@ def _chosen(numbers, lobe):
     return numbers
 
 
-def _rows(shading, chosen):
-    """Some of the rows of what Mitsuba has answered."""
-    return type(shading)(*(_rows(values, chosen) if isinstance(values, tuple) else values[chosen] for values in shading))
-
-
 def _turned(transport, paths, shading, sums):
     """Paths that go on from surfaces as Mitsuba says, after their light has been added."""
     if sums.by_paths:
@@ -383,38 +359,17 @@ def _turned(transport, paths, shading, sums):
     paths.rival[paths.events == 0] = 0.0
     hit = np.flatnonzero(shading.hit)
     paths = paths.of(hit)
-    m = len(hit)
-    if m == 0:
-        return paths
-    run(wavefront.reflect, m, transport.colours, paths.weight, shading.weight[hit])
-    paths.origin, paths.direction = shading.origin[hit], shading.direction[hit].astype(float)
-    paths.drawn, paths.density, paths.single = paths.origin.copy(), shading.density[hit].astype(float), shading.delta[hit]
+    reflect(paths, selected(shading, hit), transport.colours)
     paths.start[:], paths.events[:], paths.scattered[:] = -1, 0, False
-    paths.seen &= paths.single & (paths.order == 0)
+    paths.seen[:] &= paths.single & (paths.order == 0)
     rivals = paths.rival > 0
-    paths.single[rivals], paths.density[rivals] = False, np.where(shading.delta[hit], _CERTAIN, paths.density)[rivals]
-    paths.bounces += 1
-    alive = np.empty(m, bool)
-    run(wavefront.roulette, m, paths.weight, paths.states, paths.bounces, alive)
-    return _ended(paths.of(alive))
-
-
-def _ended(paths):
-    """Without some of the paths that have come far: light that is caught in glass, as of a tumbler, loses nothing on its way."""
-    far = np.flatnonzero(paths.bounces > _FAR)
-    if not len(far):
-        return paths
-    numbers, states, goes = np.empty((len(far), 1)), paths.states[far], np.ones(len(paths), bool)
-    wavefront.draw(states, numbers)
-    paths.states[far] = states
-    paths.weight[far] /= _GOES_ON
-    goes[far] = numbers[:, 0] < _GOES_ON
-    return paths.of(goes)
+    paths.density[rivals & paths.single], paths.single[rivals] = _CERTAIN, False
+    return thinned(survivors(paths), _FAR)
 
 
 def _emits(transport, paths, shading, sums):
     """Adds the light that paths meet, and that of light samples at surfaces."""
-    added = np.empty((len(paths), 3))
+    added = np.empty((paths.count, 3))
     emitted, from_samples = shading.emitted, shading.light.radiance
     if paths.rival.any():
         leaving = paths.events == 0
@@ -423,12 +378,12 @@ def _emits(transport, paths, shading, sums):
         leaves = np.flatnonzero(~leaving & (paths.rival > 0) & (from_samples > 0).any(axis=1))
         ahead = shading.light.direction[leaves].astype(float)
         ahead = Paths.begun(shading.point[leaves] + transport.off * ahead, ahead, np.ones((len(ahead), 1)), leaves, leaves)
-        leaves = leaves[located(transport.geometry, ahead)[0] == _geometry.OUTSIDE]
+        leaves = leaves[located(transport.geometry, ahead) == _geometry.OUTSIDE]
         density = np.where(shading.light.delta, np.inf, shading.light.density)[leaves]
         from_samples = from_samples.copy()
         from_samples[leaves] *= _share(paths.rival[leaves], density)
     for radiance in (emitted, from_samples):
-        wavefront.emitted(transport.colours, paths.weight, paths.order, radiance, added)
+        wavefront.emitted(transport.colours, paths.throughput, paths.order, radiance, added)
         sums.add(paths, added)
 
 
@@ -441,32 +396,32 @@ def _share(rival, density):
     return np.where(joins, 1 / (1 + np.where(joins, rival, 1.0) * density), 1.0).astype(np.float32)[:, None]
 
 
-def _gathered(transport, paths, number, far, sums, gather):
+def _gathered(transport, paths, number, sums, gather):
     """Adds what beams bring to lines of sight that come from a surface."""
-    rows = np.flatnonzero((paths.events == 0) & (paths.weight > 0).any(axis=1))
+    rows = np.flatnonzero((paths.events == 0) & (paths.throughput > 0).any(axis=1))
     body, beams = transport.bodies[number], gather.beams[number]
-    numbers, chance = np.empty((len(paths), 1)), np.minimum(paths.weight.max(axis=1) / _WEAK, 1.0)
+    numbers, chance = np.empty((paths.count, 1)), np.minimum(paths.throughput.max(axis=1) / _WEAK, 1.0)
     wavefront.draw(paths.states, numbers)
     rows = rows[numbers[rows, 0] < chance[rows]]
     if not len(rows):
         return
     rows = rows[by_place(paths.origin[rows], body.vertices)]
-    lines, lengths = paths.of(rows), far[rows]
-    lines.weight /= chance[rows, None]
-    around = np.empty(len(rows) + 1, np.int64)
-    groups = _choice.grouped(lines.origin, lines.direction, lengths, float(body.medium.sigma_t.min()), around)
+    lines, around, sigma = paths.of(rows), np.empty(len(rows) + 1, np.int64), body.medium.sigma_t
+    lines.throughput[:] /= chance[rows, None]
+    groups = _choice.grouped(lines.origin, lines.direction, lines.far, float(sigma.min()), around)
     picks = np.where(lines.seen & (gather.shares[lines.pixel] == number), gather.fewer[number], gather.picks)
-    brought, cosines = np.zeros((3, *lines.weight.shape)), mean_cosines(body.medium)
-    for w, (points, segments) in enumerate(body.tables):
-        clusters = _choice.clusters_of(body.medium.sigma_t[w], w, beams)
-        run(_gather.gather, groups, transport.geometry, body.medium, points, segments, w, cosines[w], beams, clusters,
-            picks, gather.later, gather.second[number], gather.beyond[number][w], around, lines.origin,
-            lines.direction, lengths, lines.states, brought, block=16)
+    normals = facing(transport, lines) if np.isfinite(gather.beyond[number]).any() else np.empty((0, 3))
+    sight = _gather.Lines(lines.origin, lines.direction, lines.far, normals, lines.states, picks, around,
+                          np.zeros((3, *lines.throughput.shape)))
+    for w, (tables, cosine, beyond) in enumerate(zip(body.tables, mean_cosines(body.medium), gather.beyond[number])):
+        wave = _gather.Wave(w, cosine, *tables, gather.later, gather.second[number], beyond)
+        clusters = _choice.clusters_of(sigma[w], w, beams)
+        run(_gather.gather, groups, transport.geometry, body.medium, wave, beams, clusters, sight, block=16)
     # the numbers with which beams were drawn serve nothing else
     states = paths.states[rows]
     wavefront.skip(states, _gather.DRAWS * gather.picks)
     paths.states[rows] = states
-    later, second, beyond = (values * lines.weight @ transport.colours.to_rgb.T for values in brought)
+    later, second, beyond = (values * lines.throughput @ transport.colours.to_rgb.T for values in sight.brought)
     sums.add_gathered(lines, later)
     sums.add(lines, second, 2)
     sums.add(lines, beyond, 3)

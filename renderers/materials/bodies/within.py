@@ -24,6 +24,6 @@ def emitted(setup, rays, number, seed) -> list[tuple[Paths, np.ndarray]]:
         wavefront.draw(states, numbers)
         origin, direction, power = setup.world.light_rays(light, numbers)
         paths = Paths.begun(origin + setup.off * direction, direction, np.ones((rays, waves)), states, np.arange(rays))
-        inside = transport.located(setup.geometry, paths)[0] != _geometry.OUTSIDE
+        inside = transport.located(setup.geometry, paths) != _geometry.OUTSIDE
         beams.append((paths.of(inside), (power @ setup.colours.to_waves.T)[inside] / rays))
     return beams

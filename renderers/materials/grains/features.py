@@ -10,7 +10,7 @@ from renderers.transport.scattering import scatterer
 
 _PLACES = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])  # in a pixel, row and column
 _STEP = 1.0 / 64  # pixels: between rays whose ends tell how a surface is turned
-_NARROW = 0.25  # pixels: grains of less width are seen as their mean
+_NARROW, _WIDE = 1.0, 4.0  # pixels: grains of less width are seen as their mean;  of more each by itself
 _SIDES = np.array([[0.0, 0.0], [_STEP, 0.0], [0.0, _STEP]])
 
 
@@ -27,22 +27,43 @@ def first_hits(world, scene, assets, meshes, seed) -> Features:
     Notes
     -----
     Grains have the albedo of a meeting with one of their body, and are seen along straight rays: behind glass it is the medium
-    which stands for them that counts, and that has no normals.  Pixels show detail where grains are wider than a quarter of them.
+    which stands for them that counts, and that has no normals.  Pixels show detail where grains are wider than they are, all
+    of it where they are four times as wide.
     """
     media = [regions.Medium(regions.Mesh(*mesh), _scatterer(asset)) for asset, mesh in zip(assets, meshes)]
     around = features.first_hits(world, media, scene.colours, seed)
-    to_rgb, to_waves = scene.colours.to_rgb, scene.colours.to_waves
-    colours = np.array([to_rgb @ (medium.scatterer.albedo * to_waves.sum(axis=1)) for medium in media])
-    seen = [_at(world, scene, offset) for offset in _PLACES]
+    bodies = [(scene.interactor(body, scene.technique).entry, filled.radius) for body, filled in enumerate(scene.bodies)]
+    return of_grains(world, bodies, albedos(media, scene.colours), around)
+
+
+def of_grains(world, bodies, albedo, around) -> Features:
+    """Of grains, where a ray meets any, else of what is around them.
+
+    Parameters
+    ----------
+    world : `renderers.mitsuba.world.World`
+    bodies : pairs of a function of rays' origin, direction and far (n,) m, which gives the distance (n,) m to the first grain
+        before that or inf, and the radius of the largest grain, m
+    albedo : (bodies, 3)
+    around : `Features` without grains
+    """
+    seen = [_at(world, [entry for entry, _ in bodies], offset) for offset in _PLACES]
     share = np.mean([body >= 0 for body, _, _ in seen], axis=0)
-    albedo = np.mean([np.where((body >= 0)[..., None], np.clip(colours[body], 0, 1), 0) for body, _, _ in seen], axis=0)
+    colours = np.mean([np.where((body >= 0)[..., None], albedo[body], 0) for body, _, _ in seen], axis=0)
     normal = np.mean([normal for _, normal, _ in seen], axis=0)
     distance = np.quantile([distance for *_, distance in seen], 0.5, axis=0, method="lower")
     without_grains = (1 - share)[..., None]
-    radius = max(body.radius for body in scene.bodies)
-    resolved = 2 * radius > _NARROW * world.camera.angle(*world.size) * distance
-    return Features(albedo + without_grains * around.albedo, normal + without_grains * around.normal,
-                    np.where(np.isfinite(distance), distance, around.distance), np.where(resolved, share, 0.0))
+    angle, radius = world.camera.angle(*world.size), np.array([radius for _, radius in bodies])
+    grain = np.max([np.where(body >= 0, radius[body], 0.0) for body, _, _ in seen], axis=0)
+    widths = [np.where(body >= 0, 2 * radius[body] / (angle * distance), 0.0) for body, _, distance in seen]
+    detail = np.mean([np.clip((width - _NARROW) / (_WIDE - _NARROW), 0, 1) for width in widths], axis=0)
+    return Features(colours + without_grains * around.albedo, normal + without_grains * around.normal,
+                    np.where(np.isfinite(distance), distance, around.distance), detail, grain, np.max(widths, axis=0))
+
+
+def albedos(media, colours):
+    """(media, 3) linear sRGB, 0 to 1, of a scattering in each `regions.Medium`."""
+    return np.clip([colours.to_rgb @ (medium.scatterer.albedo * colours.to_waves.sum(axis=1)) for medium in media], 0, 1)
 
 
 def _scatterer(asset):
@@ -51,17 +72,16 @@ def _scatterer(asset):
                      np.asarray(medium["phase"], float))
 
 
-def _at(world, scene, offset):
+def _at(world, entries, offset):
     """Body (H, W) whose grain is seen at a place in each pixel, -1 for none, its normal (H, W, 3) and distance (H, W) m."""
     height, width = world.size
     row, column = np.divmod(np.arange(height * width), width)
     pixels = np.repeat(np.stack([row, column], axis=1), len(_SIDES), axis=0)
     origin, direction = world.camera_rays(np.tile(offset + _SIDES, (height * width, 1)), pixels)
     far = world.trace(origin, direction, np.inf)
-    interactors = [scene.interactor(body, scene.technique) for body in range(len(scene.bodies))]
-    entries = np.array([interactor.entry(origin, direction, far) for interactor in interactors])
-    nearest = entries.min(axis=0).reshape(-1, len(_SIDES))
-    body = np.where(np.isfinite(nearest).all(axis=1), entries.argmin(axis=0).reshape(-1, len(_SIDES))[:, 0], -1)
+    distances = np.array([entry(origin, direction, far) for entry in entries])
+    nearest = distances.min(axis=0).reshape(-1, len(_SIDES))
+    body = np.where(np.isfinite(nearest).all(axis=1), distances.argmin(axis=0).reshape(-1, len(_SIDES))[:, 0], -1)
     reached = np.where(np.isfinite(nearest), nearest, 0.0)[..., None] * direction.reshape(-1, len(_SIDES), 3)
     normal = np.cross(reached[:, 1] - reached[:, 0], reached[:, 2] - reached[:, 0])
     length = np.linalg.norm(normal, axis=1)

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from bakery import kernels
 from bakery.kernels import lent, mesh_scratch, relative_density
 from bakery.system.compiled import njit
-from renderers.mitsuba.world import FAR
+from renderers.mitsuba.shading import FAR
 from renderers.threads import run
 from renderers.transport import wavefront
 from renderers.transport.paths import ENDED, EVENT, REACHED
-from renderers.transport.scattering import Scatterer, flight, flown, mean_cosines, mean_phase, scattered
-from renderers.transport.wavefront import to_rgb, uniform
+from renderers.transport.scattering import Scatterer, flight, flown, mean_cosines, next_event, turn
+from renderers.transport.wavefront import uniform
 
 _EVERYWHERE = kernels.region_box(np.zeros(3), np.ones(3))  # in place of a grid; nobody reads it
 _DIM, _GOES_ON = 0.1, 0.5  # transmittance below which an estimate of it ends by chance, and the share that goes on
@@ -63,10 +64,11 @@ class Medium:
         status[at[numbers[:, 0] >= chance]] = ENDED
 
     def transmittance(self, states, origin, direction, distance, left_out, share):
-        run(transmit, len(share), self.scatterer, self._density, self._most, states, origin, direction, distance, share)
+        ways = Ways(states, origin, direction, distance)
+        run(transmit, len(share), self.scatterer, self._density, self._most, ways, share)
 
     def next_event(self, paths, event, sample, passed, clear, added):
-        run(light, paths.count, self.scatterer, self.colours, paths, *sample[:1], *sample[2:5], passed, added)
+        run(next_event, paths.count, self.scatterer, self.colours, paths, sample, passed, added)
 
     def scatter(self, paths, event):
         run(turn, paths.count, self.scatterer, paths)
@@ -80,7 +82,7 @@ def _decay(scatterer):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _collision(medium, density, most, paths, i, stop, room):
+def _collision(medium, density, most, paths, i, stop, scratch):
     """Distance to a scattering of path i before `stop`, or `stop`; by collisions with as much medium as there is anywhere."""
     sigma, weight, states = medium.sigma_t, paths.throughput, paths.states
     t = 0.0
@@ -90,7 +92,7 @@ def _collision(medium, density, most, paths, i, stop, room):
             return stop
         rho = relative_density(density, paths.origin[i, 0] + t * paths.direction[i, 0],
                                paths.origin[i, 1] + t * paths.direction[i, 1], paths.origin[i, 2] + t * paths.direction[i, 2],
-                               room)
+                               scratch)
         total, stopped = 0.0, 0.0
         for w in range(len(sigma)):
             total += weight[i, w]
@@ -111,10 +113,10 @@ def fly(medium, density, most, paths, stop, status, begin, end):
     density, most : where there is how much of the medium, and its largest extinction; most = 0: as much everywhere
     """
     medium, density, paths = lent(medium), lent(density), lent(paths)
-    room = mesh_scratch()
+    scratch = mesh_scratch()
     for i in range(begin, end):
         if most > 0.0:
-            t = _collision(medium, density, most, paths, i, stop[i], room)
+            t = _collision(medium, density, most, paths, i, stop[i], scratch)
         else:
             t = flight(medium, paths.throughput, paths.states, i)
             flown(medium, paths.throughput, i, min(t, stop[i], FAR), t < stop[i])
@@ -127,11 +129,21 @@ def fly(medium, density, most, paths, stop, status, begin, end):
             paths.bounces[i] += 1
 
 
+class Ways(NamedTuple):
+    """Straight ways of light: random streams (n,), origins and unit directions (n, 3) m, lengths (n,) m."""
+
+    states: np.ndarray
+    origin: np.ndarray
+    direction: np.ndarray
+    distance: np.ndarray
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def transmit(medium, density, most, states, origin, direction, distance, share, begin, end):
-    """Multiplies share (n, L) by what a medium leaves of light on ways (n,) m; where it varies, by an estimate of that."""
-    medium, density = lent(medium), lent(density)
-    sigma, room = medium.sigma_t, mesh_scratch()
+def transmit(medium, density, most, ways, share, begin, end):
+    """Multiplies share (n, L) by what a medium leaves of light on its ways; where it varies, by an estimate of that."""
+    medium, density, ways = lent(medium), lent(density), lent(ways)
+    states, origin, direction, distance = ways
+    sigma, scratch = medium.sigma_t, mesh_scratch()
     for i in range(begin, end):
         if most == 0.0:
             for w in range(len(sigma)):
@@ -143,7 +155,7 @@ def transmit(medium, density, most, states, origin, direction, distance, share, 
             if t >= distance[i]:
                 break
             rho = relative_density(density, origin[i, 0] + t * direction[i, 0], origin[i, 1] + t * direction[i, 1],
-                                   origin[i, 2] + t * direction[i, 2], room)
+                                   origin[i, 2] + t * direction[i, 2], scratch)
             brightest = 0.0
             for w in range(len(sigma)):
                 share[i, w] *= 1.0 - rho * sigma[w] / most
@@ -152,36 +164,3 @@ def transmit(medium, density, most, states, origin, direction, distance, share, 
                 passed = 1.0 / _GOES_ON if uniform(states, i) < _GOES_ON else 0.0
                 for w in range(len(sigma)):
                     share[i, w] *= passed
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def light(medium, colours, paths, towards, radiance, sampled, delta, passed, added, begin, end):
-    """What light samples send by way of scatterings: added (n, 3), linear sRGB.
-
-    towards, radiance, sampled, delta : direction, radiance, density and delta of `LightSample`;  passed : (n, L)
-    """
-    medium, paths = lent(medium), lent(paths)
-    values = np.empty(paths.throughput.shape[1])
-    for i in range(begin, end):
-        added[i] = 0.0
-        if not (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
-            continue
-        square = 0.0
-        for k in range(3):
-            square += (paths.direction[i, k] - towards[i, k]) ** 2
-        mean = mean_phase(medium, 0, paths.throughput, i, min(0.5 * square, 2.0), values)
-        balance = 1.0 if delta[i] else sampled[i] / (sampled[i] + mean)
-        for w in range(len(values)):
-            values[w] *= paths.throughput[i, w] * medium.albedo[w] * balance * passed[i, w]
-        to_rgb(colours, values, radiance[i], added[i])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def turn(medium, paths, begin, end):
-    """New directions of paths at scatterings, and their densities."""
-    medium, paths = lent(medium), lent(paths)
-    values = np.empty(paths.throughput.shape[1])
-    for i in range(begin, end):
-        x, y, z = paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2]
-        x, y, z, paths.density[i] = scattered(medium, 0, x, y, z, paths.throughput, paths.states, i, values)
-        paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2] = x, y, z

@@ -1,0 +1,128 @@
+"""What formats add where an asset holds a baked surface: files of its layers, and what those lose."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bakery.export.declaration import Job, Written
+from bakery.store.outputs import FileKind
+
+TENSOR = FileKind("BRDF tensor file", lambda head: head.startswith(b"tensor_file\0"))
+MIRRORED = "light that the smooth boundary mirrors ({:.3g} % at normal incidence, {:.3g} % of light from all sides)"
+
+
+class Layer(NamedTuple):
+    """One thickness of an asset's surface.
+
+    Attributes
+    ----------
+    number : its position
+    name : of the material and, with an ending, of its files
+    index, roughness : of its boundary
+    free : whether light passes it
+    """
+
+    number: int
+    name: str
+    index: float
+    roughness: float
+    free: bool
+
+    @property
+    def mirrors(self) -> bool:
+        """Whether a smooth boundary mirrors light."""
+        return self.index != 1 and self.roughness == 0
+
+    def mirrored(self) -> tuple[float, float]:
+        """Percent of the light from the normal, and of that from all sides, that a smooth boundary mirrors."""
+        from bakery.physics.surfaces import fresnel
+        from bakery.physics.surfaces.nodes import nodes
+
+        directions = nodes(64)
+        return 100 * float(fresnel.reflected(1.0, self.index)), \
+            100 * float(directions.flux @ fresnel.reflected(directions.mu, self.index))
+
+
+class Addition(NamedTuple):
+    """Files of one layer.
+
+    Attributes
+    ----------
+    files : name -> content;  loss : for machines;  lines : for people
+    """
+
+    files: Mapping[str, str | bytes]
+    loss: Mapping[str, Any]
+    lines: Sequence[str]
+
+
+def layers(job: Job) -> Iterator[Layer]:
+    """The layers of the asset's surface; none where it has no stage `surface`."""
+    if "surface" not in job.asset.tree.members:
+        return
+    surface = job.asset.surface
+    for number in range(surface.layers):
+        name = f"{job.stem}_surface" + (f"_{number}" if surface.layers > 1 else "")
+        yield Layer(number, name, float(surface["index"][0]), float(surface["roughness"][0]), "transmitted" in surface)
+
+
+def reflectance(job: Job, layer: Layer):
+    """Function of theta_in, theta_out, phi (Q,) to (L, Q)."""
+    return lambda *at: job.asset.surface.reflectance(*at, layer=layer.number)
+
+
+def with_surfaces(job: Job, written: Written, add) -> Written:
+    """What was written of the medium, and what `add` (of job and layer) gives of the layers."""
+    additions = [add(job, layer) for layer in layers(job)]
+    files, lines, losses = dict(written.files), list(written.lines), list(written.losses)
+    for addition in additions:
+        files |= addition.files
+        lines += [f"{', '.join(addition.files)}:", *(f"  {line}" for line in addition.lines)]
+        losses.append({"surface": list(addition.files)} | dict(addition.loss))
+    return written._replace(files=files, lines=lines, losses=losses)
+
+
+def table_of(job: Job, layer: Layer):
+    """`bakery.physics.surfaces.measured.Measured` of a layer, its loss for machines and in words."""
+    from bakery.physics.surfaces.measured import measured
+
+    table = measured(reflectance(job, layer), job.asset.wavelength)
+    count, incident = table.values.shape[3], len(table.theta_in)
+    lines = [f"measured BRDF: {incident} angles of incidence, {count} x {count} half vectors; of light from all sides "
+             f"{100 * table.losses.misdirected:.2g} % goes to another direction, and the albedo is off by up to "
+             f"{100 * table.losses.albedo:.2g} % at 0 to 80 deg"]
+    if layer.free:
+        lines.append("light that passes the layer is left out: it is opaque here")
+    return table, {"misdirected": table.losses.misdirected, "albedo": table.losses.albedo}, lines
+
+
+def profile_of(job: Job, layer: Layer):
+    """Widths d (3,) m of Burley and Christensen's profile in red, green and blue, and its largest misfit; None: none is baked."""
+    surface = job.asset.surface
+    if "profile" not in surface:
+        return None
+    bands = job.colour.band_matrix(job.asset.wavelength)
+    return bands @ (1e-6 * surface["profile"][:, layer.number]), float(surface["profile_misfit"][:, layer.number].max())
+
+
+def fit_of(job: Job, layer: Layer):
+    """`bakery.physics.surfaces.principled.Principled` of a layer, its loss for machines and in words."""
+    from bakery.physics.surfaces.principled import ANGLES, principled
+
+    fit = principled(reflectance(job, layer), layer.index, layer.roughness, job.colour.band_matrix(job.asset.wavelength))
+    worst = np.abs(fit.brightness_error).argmax(axis=0)
+    told = ", ".join(f"{100 * fit.brightness_error[band, k]:+.2g} % at {angle:g} deg"
+                     for k, (angle, band) in enumerate(zip(ANGLES, worst, strict=True)))
+    lines = [f"rough diffuse base of roughness {fit.diffuse_roughness:.2g}"
+             + ("" if layer.index == 1 else f" under a boundary of index {layer.index:g}, alpha {layer.roughness:g}")
+             + f": {100 * fit.misdirected.max():.2g} % of the light that comes out of the layer goes to another direction; "
+             f"seen in light from all sides it is off by {told}"]
+    if fit.clipped > 1e-6:
+        lines.append(f"a base of colour 1 lacks {100 * fit.clipped:.2g} % of the light from all sides")
+    if layer.free:
+        lines.append("light that passes the layer is left out: it is opaque here")
+    return fit, {"misdirected": fit.misdirected.tolist(), "brightness_error": fit.brightness_error.tolist(),
+                 "clipped": fit.clipped, "diffuse_roughness": fit.diffuse_roughness}, lines

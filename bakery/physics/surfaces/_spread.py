@@ -1,0 +1,174 @@
+"""Walks of light in a plane layer: how far from where it went in it comes out.
+
+Far from both faces light diffuses, and a walk goes at once to where it first meets a sphere about it: anywhere with equal odds,
+with the share of the light that is not absorbed on the way.  So light that comes back late takes tens of steps, not millions.
+"""
+
+from __future__ import annotations
+
+import math
+
+from bakery.physics.medium.kernels import phase_sample, turned_direction
+from bakery.system.compiled import njit
+
+CLASSES = 3  # of directions, of equal flux: thirds of the square of the sine
+_LOW, _KEPT = 0.1, 0.3  # weight below which Russian roulette is played, and the weight of the survivors
+_DEEP, _REST = 13.0, 3.0  # transport mean free paths from a face: where spheres begin, and how far they keep from it
+_TRIES = 32  # of facets, until one sends light to where it can be seen
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _mirrored(mu, index):
+    """Unpolarised share that a plane reflects, and the cosine behind it; index of what is behind over that of what is before."""
+    square = (index - 1.0) * (index + 1.0) + mu * mu
+    if square <= 0.0:
+        return (1.0, 0.0) if index != 1.0 else (0.0, mu)
+    behind = math.sqrt(square) / index
+    across, along = (mu - index * behind) / (mu + index * behind), (index * mu - behind) / (index * mu + behind)
+    return 0.5 * (across * across + along * along), behind
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _by_facets(stream, x, y, z, index, alpha):
+    """Direction (z up, back to the side that it comes from) of light from direction (x, y, z), z above 0, after rough facets.
+
+    Facets that are seen (Dupuy and Benyoub 2023) reflect or refract; what others hide is drawn anew.
+    """
+    for _ in range(_TRIES):
+        length = math.sqrt(alpha * alpha * (x * x + y * y) + z * z)
+        ax, ay, az = alpha * x / length, alpha * y / length, z / length
+        turn, height = 2.0 * math.pi * stream.random(), (1.0 - stream.random()) * (1.0 + az) - az
+        flat = math.sqrt(max(1.0 - height * height, 0.0))
+        nx, ny, nz = alpha * (flat * math.cos(turn) + ax), alpha * (flat * math.sin(turn) + ay), max(height + az, 1e-12)
+        length = math.sqrt(nx * nx + ny * ny + nz * nz)
+        nx, ny, nz = nx / length, ny / length, nz / length
+        onto = x * nx + y * ny + z * nz
+        if onto <= 0.0:
+            continue
+        share, behind = _mirrored(onto, index)
+        if stream.random() < share:
+            ox, oy, oz = 2.0 * onto * nx - x, 2.0 * onto * ny - y, 2.0 * onto * nz - z
+            if oz <= 0.0:
+                continue
+        else:
+            scale = onto / index - behind
+            ox, oy, oz = scale * nx - x / index, scale * ny - y / index, scale * nz - z / index
+            if oz >= 0.0:
+                continue
+        seen = 2.0 / (1.0 + math.sqrt(1.0 + alpha * alpha * (1.0 - oz * oz) / (oz * oz)))
+        if stream.random() < seen:
+            return ox, oy, oz
+    return -x, -y, z
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cross(stream, ux, uy, uz, index, alpha):
+    """Direction u (z into what it meets, above 0) after a boundary: whether it passes, and x, y and the size of z."""
+    if alpha > 0.0 and index != 1.0:
+        ox, oy, oz = _by_facets(stream, -ux, -uy, uz, index, alpha)
+        return oz < 0.0, ox, oy, abs(oz)
+    share, behind = _mirrored(uz, index)
+    if stream.random() < share:
+        return False, ux, uy, uz
+    return True, ux / index, uy / index, behind
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _leapt(stream, weight, px, py, pz, radius, decay):
+    """Weight and position where diffuse light leaves a sphere, and a direction."""
+    if decay > 0.0:
+        x = decay * radius
+        weight *= x / math.sinh(x) if x < 300.0 else 0.0
+    up, turn = 2.0 * stream.random() - 1.0, 2.0 * math.pi * stream.random()
+    across = math.sqrt(1.0 - up * up)
+    px, py, pz = px + radius * across * math.cos(turn), py + radius * across * math.sin(turn), pz + radius * up
+    up, turn = 2.0 * stream.random() - 1.0, 2.0 * math.pi * stream.random()
+    across = math.sqrt(1.0 - up * up)
+    return weight, px, py, pz, across * math.cos(turn), across * math.sin(turn), up
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def follow(stream, walks, layer, table, edges, light, square, beyond):
+    """Walks of a block, `CLASSES` times `walks`, added to sums.
+
+    Parameters
+    ----------
+    stream : numpy.random.Generator
+    walks : of each class of incidence
+    layer : sigma_t, albedo, thickness, index, alpha, albedo of the base, below 0 for air; transport mean free path, decay of
+        diffuse light
+    table : of `phase_layout`
+    edges : (B + 1,) distances, in the unit of 1/sigma_t, ascending from 0
+    light : (C, C, B) weight by class of incidence and of exitance, and distance
+    square : (C, C) weight times squared distance
+    beyond : (C,) weight of walks that came out beyond the last edge, or went as deep
+    """
+    sigma_t, albedo, thickness, index, alpha, base, transport, decay = layer
+    v_nodes, steps, f, cdf = table
+    last = len(edges) - 1
+    for n in range(CLASSES * walks):
+        into = n % CLASSES
+        sine = math.sqrt((into + stream.random()) / CLASSES)
+        passes, ux, uy, uz = _cross(stream, sine, 0.0, math.sqrt(1.0 - sine * sine), index, alpha)
+        if not passes:
+            continue
+        px, py, pz, weight = 0.0, 0.0, 0.0, 1.0
+        while True:
+            clearance = min(pz, thickness - pz)
+            if clearance > _DEEP * transport:
+                weight, px, py, pz, ux, uy, uz = _leapt(stream, weight, px, py, pz, clearance - _REST * transport, decay)
+                if pz > edges[last]:
+                    beyond[into] += weight
+                    break
+                if weight < _LOW:
+                    if stream.random() * _KEPT >= weight:
+                        break
+                    weight = _KEPT
+                continue
+            flight = -math.log1p(-stream.random()) / sigma_t if sigma_t > 0.0 else math.inf
+            wall = math.inf if uz == 0.0 else -pz / uz if uz < 0.0 else (thickness - pz) / uz
+            if flight < wall:
+                px, py, pz = px + flight * ux, py + flight * uy, pz + flight * uz
+                weight *= albedo
+                if weight < _LOW:
+                    if stream.random() * _KEPT >= weight:
+                        break
+                    weight = _KEPT
+                v = phase_sample(v_nodes, steps, f, cdf, stream.random())
+                ux, uy, uz = turned_direction(ux, uy, uz, v, 2.0 * math.pi * stream.random())
+                continue
+            if wall == math.inf:
+                break
+            px, py = px + wall * ux, py + wall * uy
+            if uz > 0.0 and base >= 0.0:
+                weight *= base
+                up, turn = math.sqrt(stream.random()), 2.0 * math.pi * stream.random()
+                across = math.sqrt(1.0 - up * up)
+                ux, uy, uz, pz = across * math.cos(turn), across * math.sin(turn), -up, thickness
+                if weight < _LOW:
+                    if stream.random() * _KEPT >= weight:
+                        break
+                    weight = _KEPT
+                continue
+            top = uz < 0.0
+            passes, ux, uy, across = _cross(stream, ux, uy, abs(uz), 1.0 / index, alpha)
+            if not passes:
+                uz, pz = (across, 0.0) if top else (-across, thickness)
+                continue
+            if top:
+                radius2 = px * px + py * py
+                out = min(int(CLASSES * (1.0 - across * across)), CLASSES - 1)
+                radius = math.sqrt(radius2)
+                if radius >= edges[last]:
+                    beyond[into] += weight
+                    break
+                low, high = 0, last
+                while high - low > 1:
+                    middle = (low + high) >> 1
+                    if edges[middle] <= radius:
+                        low = middle
+                    else:
+                        high = middle
+                light[into, out, low] += weight
+                square[into, out] += weight * radius2
+            break

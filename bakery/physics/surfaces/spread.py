@@ -1,0 +1,151 @@
+"""How far from where it went in light comes out of a plane layer, by walks; and the profile of programs that have diffusion only.
+
+Christensen and Burley's normalised profile sends exp(-r/d) + exp(-r/(3 d)) over 8 pi d r of the light to a distance r: 1 in all.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from bakery import rng
+from bakery.physics.medium.kernels import phase_layout
+from bakery.physics.surfaces._spread import CLASSES, follow
+from bakery.physics.surfaces.slab import Slab
+
+BINS = 48  # of distance; the first begins at 0
+BLOCKS = 16  # random streams, and samples of each mean
+# ends of the first and of the last bin: in the shorter of transport path and thickness, and in the former
+NEAREST, FARTHEST = 0.02, 1e3
+WALKS, MOST_WALKS = 1 << 7, 1 << 10  # of each class and block, first and last
+TOLERANCE = 0.04  # relative standard error of the mean square of the distance, which the last walks may miss
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Of light on a layer, C classes of directions of equal flux, from the normal to grazing; lengths in 1/sigma_t.
+
+    Attributes
+    ----------
+    edges : (B + 1,) distances
+    light, light_error : (C, C, B) share that comes out in a class o at a distance between two edges; what is mirrored left out
+    square, square_error : (C, C) mean squared distance of the light that comes out, within the last edge
+    mean_square, mean_square_error : of light from all sides to all sides
+    beyond : share of the light from all sides that comes out further away, or has been as deep
+    """
+
+    edges: np.ndarray
+    light: np.ndarray
+    light_error: np.ndarray
+    square: np.ndarray
+    square_error: np.ndarray
+    mean_square: float
+    mean_square_error: float
+    beyond: float
+
+
+def edges_of(transport: float, thickness: float):
+    """(BINS + 1,) distances between bins: 0, and from near to far by equal factors.
+
+    Parameters
+    ----------
+    transport : transport mean free path;  thickness : of the layer, same unit; either may be infinite, not both
+    """
+    far = transport if transport < math.inf else thickness
+    near = NEAREST * min(transport, thickness)
+    return np.concatenate([[0.0], np.geomspace(near, FARTHEST * far, BINS)])
+
+
+def spread(slab: Slab, seed: int, *stream: int, tolerance: float = TOLERANCE) -> Spread:
+    """Of a layer, lengths in mean free paths (of its own thickness where nothing scatters or absorbs: depth 0).
+
+    Parameters
+    ----------
+    seed, stream : of the random numbers, `surface.spread`
+    """
+    table = phase_layout(slab.theta, slab.phase)
+    g = float(1 - np.sum(0.5 * (table[0][1:] + table[0][:-1]) * np.diff(table[3])))
+    transport = 1 / (1 - slab.albedo * g) if slab.albedo > 0 else math.inf
+    clear = slab.depth == 0
+    thickness = 1.0 if clear else slab.depth
+    if transport == thickness == math.inf:
+        return _nothing()
+    edges = edges_of(math.inf if clear else transport, thickness)
+    layer = (0.0 if clear else 1.0, slab.albedo, thickness, slab.index, slab.roughness,
+             -1.0 if slab.base is None else float(slab.base), transport, math.sqrt(3 * (1 - slab.albedo) / transport))
+    sums = [np.zeros((BLOCKS, CLASSES, CLASSES, BINS)), np.zeros((BLOCKS, CLASSES, CLASSES)), np.zeros((BLOCKS, CLASSES))]
+    streams = [rng.generator(seed, "surface.spread", *stream, block) for block in range(BLOCKS)]
+    walks, total = WALKS, 0
+    while True:
+        for block, generator in enumerate(streams):
+            follow(generator, walks, layer, table, edges, *(part[block] for part in sums))
+        total += walks
+        result = _of(edges, total, *sums)
+        if total >= MOST_WALKS or result.mean_square_error <= tolerance * result.mean_square:
+            return result
+        walks = total
+
+
+def _of(edges, walks: int, light, square, beyond) -> Spread:
+    """From sums (BLOCKS, ...) over walks of each class and block."""
+    shares = light / walks
+    returned = light.sum(axis=3)
+    squares, square_error = _ratio(square, returned)
+    whole = square.sum(axis=(1, 2)), returned.sum(axis=(1, 2))
+    mean, error = _ratio(*whole)
+    return Spread(edges, shares.mean(axis=0), _error(shares), squares, square_error, float(mean), float(error),
+                  float(beyond.mean() / walks))
+
+
+def _error(values):
+    return values.std(axis=0, ddof=1) / math.sqrt(len(values))
+
+
+def _ratio(above, below):
+    """Mean of blocks over mean of blocks, and its standard error."""
+    mean = np.divide(above.sum(axis=0), below.sum(axis=0), out=np.zeros(above.shape[1:]), where=below.sum(axis=0) > 0)
+    scale = below.mean(axis=0)
+    return mean, np.divide(_error(above - mean * below), scale, out=np.zeros(above.shape[1:]), where=scale > 0)
+
+
+def _nothing() -> Spread:
+    """Of a medium without end that nothing comes out of."""
+    none = np.zeros((CLASSES, CLASSES))
+    return Spread(np.concatenate([[0.0], np.geomspace(NEAREST, FARTHEST, BINS)]), np.zeros((CLASSES, CLASSES, BINS)),
+                  np.zeros((CLASSES, CLASSES, BINS)), none, none, 0.0, 0.0, 0.0)
+
+
+# ---- the profile
+
+
+def profile_within(radius, width):
+    """Share of the profile's light within a distance: 1 - exp(-r/d) / 4 - 3 exp(-r/(3 d)) / 4."""
+    x = np.asarray(radius, float) / width
+    return -0.25 * np.expm1(-x) - 0.75 * np.expm1(-x / 3)
+
+
+def profile(edges, light, beyond: float) -> tuple[float, float]:
+    """The width d of the profile that light is nearest to, and the largest difference of the shares within a distance.
+
+    Parameters
+    ----------
+    edges : (B + 1,);  light : (B,) share of the light between two edges
+    beyond : share further away
+    """
+    total = light.sum() + beyond
+    if not light.sum() > 0:
+        return 0.0, 0.0
+    within = np.cumsum(light) / total
+
+    def worst(width):
+        return float(np.abs(profile_within(edges[1:], width) - within).max())
+
+    low, high = math.log(edges[1]), math.log(edges[-1])
+    for _ in range(4):
+        widths = np.linspace(low, high, 65)
+        best = int(np.argmin([worst(math.exp(width)) for width in widths]))
+        low, high = widths[max(best - 1, 0)], widths[min(best + 1, 64)]
+    width = math.exp(widths[best])
+    return width, worst(width)

@@ -1,0 +1,89 @@
+"""How far from where it went in light comes out of a layer: walks for each wavelength and thickness, arrays, look-ups."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bakery.stages.declaration import Output
+
+_PAIR = "by class of incidence and of exitance (thirds of the square of the sine, from the normal)"
+OUTPUTS = (
+    Output("spread_radius", "(L, T, S)", "um", "farther ends of bins of the distance between where light goes in and where it "
+           "comes out; the first begins at 0", optional=True),
+    Output("spread", "(L, T, K, K, S)", "1", f"share of the light of a class that comes out in each bin, {_PAIR}; mirrored light "
+           "left out", optional=True),
+    Output("spread_error", "(L, T, K, K, S)", "1", "standard error of spread", optional=True),
+    Output("spread_square", "(L, T, K, K)", "um^2", f"mean squared distance of light that comes out within the last bin, {_PAIR}",
+           optional=True),
+    Output("spread_square_error", "(L, T, K, K)", "um^2", "standard error of spread_square", optional=True),
+    Output("mean_square", "(L, T)", "um^2", "the same of light from all sides to all sides", optional=True),
+    Output("mean_square_error", "(L, T)", "um^2", "standard error of mean_square", optional=True),
+    Output("beyond", "(L, T)", "1", "share of the light from all sides that comes out further away, or has been as deep",
+           optional=True, within=(0, 1)),
+    Output("profile", "(L, T)", "um", "d of the nearest profile (exp(-r/d) + exp(-r/(3 d))) / (8 pi d r) of Burley and "
+           "Christensen", optional=True),
+    Output("profile_misfit", "(L, T)", "1", "largest difference between its share within a distance and what comes out there",
+           optional=True, within=(0, 1)),
+)
+NAMES = tuple(output.path for output in OUTPUTS)
+
+
+def spread_of(slab, seed: int, wave: int, layer: int):
+    """Of a layer at a wavelength: a task that any worker may run."""
+    from bakery.physics.surfaces.spread import spread
+
+    return spread(slab, seed, wave, layer)
+
+
+def stored(spreads: list, unit, shape: tuple[int, int]) -> dict:
+    """Arrays of the group.
+
+    Parameters
+    ----------
+    spreads : `bakery.physics.surfaces.spread.Spread`s, wavelength by wavelength
+    unit : (L T,) um, of their lengths
+    """
+    from bakery.physics.surfaces.spread import profile
+
+    profiles = np.array([profile(walked.edges, walked.light.mean(axis=0).sum(axis=0), walked.beyond) for walked in spreads])
+    unit = np.asarray(unit, float)
+    across = {"spread": [walked.light for walked in spreads], "spread_error": [walked.light_error for walked in spreads]}
+    values = {name: np.stack(parts).astype(np.float32) for name, parts in across.items()}
+    values["spread_radius"] = np.stack([walked.edges[1:] for walked in spreads]) * unit[:, None]
+    for name, part in (("spread_square", "square"), ("spread_square_error", "square_error"), ("mean_square", "mean_square"),
+                       ("mean_square_error", "mean_square_error")):
+        square = np.stack([np.asarray(getattr(walked, part)) for walked in spreads])
+        values[name] = square * (unit**2).reshape(-1, *[1] * (square.ndim - 1))
+    values |= {"beyond": np.clip([walked.beyond for walked in spreads], 0, 1), "profile": profiles[:, 0] * unit,
+               "profile_misfit": profiles[:, 1]}
+    return {name: value.reshape(*shape, *value.shape[1:]) for name, value in values.items()}
+
+
+def units(slabs: list, sigma_t, thickness):
+    """(L T,) um, of lengths of `spread_of`: mean free paths, or thicknesses where the depth is 0.
+
+    Parameters
+    ----------
+    sigma_t : (L,) 1/m;  thickness : (T,) um, None: infinite
+    """
+    layers = [math.inf] if thickness is None else thickness
+    paths = [(1e6 / sigma if sigma > 0 else 1.0, width) for sigma in sigma_t for width in layers]
+    return [width if slab.depth == 0 else path for slab, (path, width) in zip(slabs, paths, strict=True)]
+
+
+def within(radius_of, light, beyond, radius):
+    """Share (L, T, ...) of the light that comes out within distances; between the ends of bins in proportion.
+
+    Parameters
+    ----------
+    radius_of, light : (L, T, S);  beyond : (L, T);  radius : um, any shape
+    """
+    radius = np.asarray(radius, float)
+    shares = np.empty((*light.shape[:2], *radius.shape))
+    for at in np.ndindex(light.shape[:2]):
+        total = light[at].sum() + beyond[at]
+        cumulated = np.concatenate([[0.0], np.cumsum(light[at])]) / total if total > 0 else np.zeros(light.shape[2] + 1)
+        shares[at] = np.interp(radius, np.concatenate([[0.0], radius_of[at]]), cumulated)
+    return shares

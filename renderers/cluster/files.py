@@ -1,0 +1,87 @@
+"""The files of a scene on a worker: sent as bytes, written once a process, and the scene that is read from them there."""
+
+from __future__ import annotations
+
+import atexit
+import dataclasses
+import hashlib
+import os
+import tempfile
+import threading
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+
+from renderers.pictures.versions import versions
+
+_UNTIL_THE_END = ExitStack()  # folders of scenes
+atexit.register(_UNTIL_THE_END.close)
+_FOLDERS: dict[str, str] = {}  # hash of files -> folder that holds them
+ONE_AT_A_TIME = threading.Lock()  # Mitsuba's variant is that of the process
+
+
+def needed(scene) -> list[str]:
+    """Absolute paths of the files that a scene with its assets is made of."""
+    return list(dict.fromkeys(_absolute(file) for file in (*scene.inputs, *scene.assets)))
+
+
+def content(files) -> dict[str, bytes]:
+    """Absolute path -> content of those that are there."""
+    return {file: Path(file).read_bytes() for file in files if Path(file).is_file()}
+
+
+def unpacked(files: Mapping[str, bytes]) -> str:
+    """The folder that holds files, by their absolute paths below it; written once a process."""
+    digest = hashlib.sha256()
+    for path, data in files.items():
+        digest.update(path.encode("utf-8", "surrogateescape") + b"\0" + hashlib.sha256(data).digest())
+    if digest.hexdigest() not in _FOLDERS:
+        folder = _UNTIL_THE_END.enter_context(tempfile.TemporaryDirectory(prefix="bakery-frames-"))
+        write(folder, files)
+        _FOLDERS[digest.hexdigest()] = folder
+    return _FOLDERS[digest.hexdigest()]
+
+
+def write(folder: str, files: Mapping[str, bytes]) -> None:
+    """Writes files below a folder, by their absolute paths."""
+    for path, data in files.items():
+        file = Path(_below(folder, path))
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(data)
+
+
+def handed(scene) -> dict:
+    """What a scene has besides what its file says: assets, share of the tolerance, mark, choice of the method."""
+    return {"assets": [str(path) for path in scene.assets], "share": scene.share, "mark": scene.mark, "choice": scene.choice}
+
+
+def scene_below(folder: str, path: str, settings: Mapping[str, str], besides: dict, frame: int | None = None):
+    """The `renderers.scene.Scene` that stands below a folder.
+
+    Parameters
+    ----------
+    path, settings : of the scene where it was read, and what was set by hand
+    besides : of `handed`
+    frame : number of a frame; None: the scene as it stands
+    """
+    from renderers import scene
+
+    assets = tuple(Path(_below(folder, _absolute(asset))) for asset in besides["assets"])
+    shot = scene.load(_below(folder, _absolute(path)), settings, assets=False, frame=frame)
+    return dataclasses.replace(shot, **besides | {"assets": assets, "asset": assets[0]})
+
+
+def unlike(wanted: Mapping[str, str]) -> str:
+    """Why this process would not give the pictures of one with these versions; "" where it would."""
+    differing = ", ".join(f"{name} {own or 'missing'} instead of {wanted[name] or 'none'}"
+                          for name, own in versions().items() if own != wanted[name])
+    return differing and f"a worker has {differing}; equal versions give equal pictures: install the same there"
+
+
+def _absolute(path) -> str:
+    return os.path.abspath(path)
+
+
+def _below(folder: str, path: str) -> str:
+    """An absolute path, below a folder."""
+    return os.path.join(folder, os.path.relpath(path, os.path.splitdrive(path)[0] + os.sep))

@@ -1,0 +1,171 @@
+"""What rays meet, as one launch of Dr.Jit's that may be recorded: arrays of NumPy in, arrays of NumPy out.
+
+Samples of lights and of directions are joined by the balance heuristic (Veach and Guibas, SIGGRAPH 1995).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+# m, where lights at infinity are taken to stand: beyond any scene, and its square is a float32
+FAR = 1e12
+LOBE = 2  # which random number of `World.shade` chooses a lobe of the BSDF: of dielectrics, below its share, reflection
+
+
+class LightSample(NamedTuple):
+    """One light each, seen from n points.
+
+    Attributes
+    ----------
+    direction : (n, 3) float32, unit, towards the light
+    distance : (n,) m, `FAR` of lights at infinity
+    radiance : (n, 3) float32, over the density of the sample; for lights without extent intensity over distance^2 and
+        probability.  0 where a surface hides the light
+    density : (n,) float32, 1/sr, of the sample; of lights without extent the probability of their choice; 0 where it is hidden
+    delta : (n,) bool, no other way of sampling finds this light
+    light : (n,) int32, position in `World.light_names`, -1 where there is none
+    """
+
+    direction: np.ndarray
+    distance: np.ndarray
+    radiance: np.ndarray
+    density: np.ndarray
+    delta: np.ndarray
+    light: np.ndarray
+
+    def share(self, density):
+        """Balance heuristic (n,) of this sample against directions drawn with `density` (n,) 1/sr."""
+        return np.where(self.delta, 1.0, self.density / np.maximum(self.density + density, 1e-30))
+
+
+class Shading(NamedTuple):
+    """What n rays found, and where they go on.
+
+    Attributes
+    ----------
+    hit : (n,) bool, a surface
+    point : (n, 3) m, where; of no meaning for rays that miss
+    emitted : (n, 3) float32, radiance of the surface or, for rays that miss, of the environment, times the balance heuristic
+        of the ray's direction against `World.lights`
+    source : (n,) int32, position of that light in `World.light_names`, -1 where nothing shines
+    by_light : (n,) float32, 1/sr, with which `World.lights` would have drawn it; 0 of a ray that is `delta`
+    light : LightSample from the surface; its radiance times BSDF, cosine and balance heuristic, and 0 for rays that miss
+    origin : (n, 3) m, of the next ray, off the surface
+    direction : (n, 3) float32, of the next ray
+    weight : (n, 3) float32, BSDF times cosine over density; 0 where the walk ends
+    density : (n,) float32, 1/sr, of the next direction
+    delta : (n,) bool, the next direction was drawn from a mirror, a pane of glass or no boundary at all
+    """
+
+    hit: np.ndarray
+    point: np.ndarray
+    emitted: np.ndarray
+    source: np.ndarray
+    by_light: np.ndarray
+    light: LightSample
+    origin: np.ndarray
+    direction: np.ndarray
+    weight: np.ndarray
+    density: np.ndarray
+    delta: np.ndarray
+
+
+def light_number(positions, emitter):
+    """Positions of emitters in `World.light_names`, by `positions` of Dr.Jit's numbers for them; its 0 is none."""
+    import drjit as dr
+    import mitsuba as mi
+
+    return dr.gather(mi.Int32, positions, dr.reinterpret_array(mi.UInt32, emitter))
+
+
+def met(power, scene, kinds, positions, origin, direction, drawn, random, by_ray, delta):
+    """What `World.shade` gives, as Dr.Jit's arrays, in units of the scene; positions : of emitters in `World.light_names`;
+    kinds : of a recording, `renderers.mitsuba.recording.pointers`."""
+    import drjit as dr
+    import mitsuba as mi
+
+    context = mi.BSDFContext(mi.TransportMode.Importance if power else mi.TransportMode.Radiance)
+    si = scene.ray_intersect(mi.Ray3f(origin, direction), ray_flags=mi.RayFlags.All, coherent=False)
+    valid, delta = si.is_valid(), delta > 0
+
+    before = dr.zeros(mi.Interaction3f)
+    before.p = drawn
+    seen = mi.DirectionSample3f(scene, si, before)
+    by_light = scene.pdf_emitter_direction(before, seen, ~delta)
+    emitted = seen.emitter.eval(si) * dr.select(delta, 1, _share(dr, by_ray, by_light))
+
+    bsdf = si.bsdf()
+    sampled = valid & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    light, radiance = scene.sample_emitter_direction(si, mi.Point2f(*random[:2]), True, sampled)
+    towards = si.to_local(light.d)
+    value, by_bsdf, next_way, weight = bsdf.eval_pdf_sample(context, si, towards, random[LOBE], mi.Point2f(*random[LOBE + 1:]),
+                                                            valid)
+    radiance = radiance * value * dr.select(light.delta, 1, _share(dr, light.pdf, by_bsdf))
+    away = si.spawn_ray(si.to_world(next_way.wo))
+    return (valid, si.p, finite(emitted), light_number(positions, seen.emitter), by_light,
+            light.d, light.dist, finite(dr.select(sampled, radiance, 0)), light.pdf, light.delta,
+            light_number(positions, light.emitter),
+            away.o, away.d, finite(dr.select(valid, weight, 0)), next_way.pdf,
+            mi.has_flag(next_way.sampled_type, mi.BSDFFlags.Smooth))
+
+
+def single(mi, values):
+    """(n,) numbers as Dr.Jit's, which takes NumPy's memory as it is and compiles anew for another alignment: always 64 bytes."""
+    memory = np.empty(4 * len(values) + 64, np.uint8)
+    start = -memory.ctypes.data % 64
+    aligned = memory[start:start + 4 * len(values)].view(np.float32)
+    aligned[:] = values
+    return mi.Float(aligned)
+
+
+def columns(mi, values):
+    """Columns one by one: a vector made of (3, n) would bake n into the kernel."""
+    return [single(mi, column) for column in np.asarray(values).T]
+
+
+def uniform(mi, random, first, count):
+    # what rounds to 1 in single precision is outside of what samplers take
+    return columns(mi, np.minimum(np.asarray(random)[:, first:first + count], 1 - 2.0**-24))
+
+
+def _share(dr, mine, rival):
+    """The balance heuristic."""
+    total = mine + rival
+    return dr.select(total > 0, mine / total, 0)
+
+
+def finite(colour):
+    """A weight that overflowed counts as dark, as in `passes.render`: it would blot out its pixel."""
+    import drjit as dr
+
+    return dr.select(dr.all(dr.isfinite(colour)), colour, 0)
+
+
+def selected(result, chosen):
+    """Of some of the rays, a mask, numbers or a slice: of a `Shading` or a `LightSample`."""
+    return type(result)(*(selected(values, chosen) if isinstance(values, tuple) else values[chosen] for values in result))
+
+
+def empty(result):
+    """Without its rays: Dr.Jit ends the process over arrays of length 0."""
+    return result[:0] if isinstance(result, np.ndarray) else selected(result, slice(0))
+
+
+def arrays(count, *values):
+    """Dr.Jit's arrays as NumPy's, (count,) or (count, 3), all computed by one launch; one number for all rays is repeated."""
+    import drjit as dr
+
+    dr.eval(*values)
+    return [np.stack([_row(count, column) for column in value], axis=1) if dr.depth_v(value) > 1 else _row(count, value)
+            for value in values]
+
+
+def _row(count, value):
+    import drjit as dr
+
+    # of a recording, `World._meets`, a constant has the length of the call that was recorded
+    constant = value.state == dr.VarState.Literal
+    row = np.asarray(value)
+    return np.full(count, row[0]) if constant or len(row) == 1 else row.copy()  # a copy: the memory is Dr.Jit's

@@ -1,0 +1,74 @@
+"""Surfaces of a Mitsuba scene as arrays: meshes, boxes, and what their boundaries do to light."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Shape(NamedTuple):
+    """A surface of the scene.
+
+    Attributes
+    ----------
+    name : its id
+    vertices, faces : (V, 3) m and (F, 3) of a mesh, as the file has them; None of another shape
+    box : (2, 3) m, corners of the box around it
+    index : refractive index behind it over that before it, of smooth and rough dielectrics; 1 where there is no boundary
+        (`null`); None of other surfaces
+    smooth : whether that is no rough dielectric
+    specular : whether it is a mirror or a smooth pane: it sends light on in single directions alone
+    normals : (V, 3) unit, from which light takes those of the mesh; None where these are its triangles'
+    flipped : whether normals are turned against the order of the faces
+    """
+
+    name: str
+    vertices: np.ndarray | None
+    faces: np.ndarray | None
+    box: np.ndarray
+    index: float | None
+    smooth: bool
+    normals: np.ndarray | None = None
+    specular: bool = False
+    flipped: bool = False
+
+
+def of_scene(scene, unit) -> list[Shape]:
+    """All surfaces of a `mitsuba.Scene`; unit : m, length of 1 in it."""
+    import mitsuba as mi
+
+    shapes = []
+    for shape in scene.shapes():
+        vertices = faces = normals = None
+        if shape.is_mesh():
+            vertices = unit * np.array(shape.vertex_positions_buffer(), float).reshape(-1, 3)
+            faces = np.array(shape.faces_buffer(), np.int64).reshape(-1, 3)
+            if shape.has_vertex_normals() and not shape.has_face_normals():
+                normals = np.array(shape.vertex_normals_buffer(), float).reshape(-1, 3)
+        box = shape.bbox()
+        box = unit * np.array([box.min, box.max], float).reshape(2, 3)
+        smooth = not mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.GlossyTransmission)
+        shapes.append(Shape(shape.id(), vertices, faces, box, _index(shape.bsdf()), smooth, normals, _specular(shape.bsdf()),
+                           shape.has_flipped_normals()))
+    return shapes
+
+
+def _index(bsdf):
+    """Of refraction, as `Shape.index` says."""
+    import mitsuba as mi
+
+    flags, values = bsdf.flags(), mi.traverse(bsdf)
+    if mi.has_flag(flags, mi.BSDFFlags.Null):
+        return None if len(values.keys()) else 1.0  # thin panes and masks have parameters
+    through = any(mi.has_flag(flags, flag) for flag in (mi.BSDFFlags.DeltaTransmission, mi.BSDFFlags.GlossyTransmission))
+    return float(np.array(values["eta"]).ravel()[0]) if through and "eta" in values else None
+
+
+def _specular(bsdf):
+    """As `Shape.specular` says."""
+    import mitsuba as mi
+
+    flags = bsdf.flags()
+    turns = any(mi.has_flag(flags, flag) for flag in (mi.BSDFFlags.DeltaReflection, mi.BSDFFlags.DeltaTransmission))
+    return turns and not mi.has_flag(flags, mi.BSDFFlags.Smooth)

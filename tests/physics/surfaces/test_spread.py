@@ -1,0 +1,126 @@
+"""How far light spreads in plane layers: against photons that are followed one by one in NumPy, closed forms and the solver.
+
+Draws are seeded; comparisons with chance fail a right program with the odds of `tests.odds`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from bakery.physics.surfaces import fresnel, rough
+from bakery.physics.surfaces.slab import Slab
+from bakery.physics.surfaces.solution import solve
+from bakery.physics.surfaces.spread import CLASSES, profile, profile_within, spread
+from tests.odds import sigmas
+from tests.physics.surfaces.test_layers import henyey_greenstein
+from tests.physics.surfaces.test_photons import deflected
+
+
+def layer(albedo, g, depth, index=1.0, base=None, roughness=0.0):
+    return Slab(*henyey_greenstein(g), albedo, depth, index, base, roughness)
+
+
+def followed(albedo, g, depth, count, seed):
+    """Squared distances and weights of photons from all sides that come out of a layer on nothing, without a boundary."""
+    rng = np.random.default_rng(seed)
+    down, turn = np.sqrt(rng.random(count)), 2 * math.pi * rng.random(count)
+    across = np.sqrt(1 - down**2)
+    direction = np.stack([across * np.cos(turn), across * np.sin(turn), down], axis=1)
+    position, weight, out = np.zeros((count, 3)), np.ones(count), []
+    while len(weight):
+        flight = rng.exponential(size=len(weight))
+        reached = position + flight[:, None] * direction
+        top, bottom = reached[:, 2] < 0, reached[:, 2] > depth
+        leaves = position[top] - (position[top, 2] / direction[top, 2])[:, None] * direction[top]
+        out.append(np.stack([leaves[:, 0] ** 2 + leaves[:, 1] ** 2, weight[top]]))
+        stays = ~(top | bottom) & (rng.random(len(weight)) < albedo)
+        position, weight, direction = reached[stays], weight[stays], deflected(direction[stays], g, rng)
+    return np.concatenate(out, axis=1)
+
+
+@pytest.mark.parametrize(("albedo", "g", "depth"), [(0.9, 0.5, math.inf), (0.98, -0.3, 4.0)])
+def test_followed_photons(albedo, g, depth):
+    """Mean squared distance, what comes out, and the share within some distances: four figures a case."""
+    result, count = spread(layer(albedo, g, depth), 3, 0, 0), 60_000
+    squares, weights = followed(albedo, g, depth, count, 5)
+    most, light = sigmas(blocks=16, comparisons=8), result.light.mean(axis=0).sum(axis=0)
+    scatter = math.sqrt(np.var(squares) / len(squares))
+    assert abs(squares.mean() - result.mean_square) < most * math.hypot(scatter, result.mean_square_error)
+    errors = np.sqrt((result.light_error**2).sum(axis=(0, 1))) / CLASSES
+    for last in (18, 26, len(light)):
+        share, error = (squares < result.edges[last] ** 2).sum() / count, math.sqrt((errors[:last] ** 2).sum())
+        assert abs(share - light[:last].sum()) < most * math.hypot(math.sqrt(share * (1 - share) / count), error)
+
+
+@pytest.mark.parametrize(("albedo", "g", "depth", "index", "base"), [
+    (0.95, 0.5, 2.0, 1.33, 0.4), (0.9999, 0.6, math.inf, 1.0, None), (0.999, 0.3, 60.0, 1.5, 0.2), (0.9, 0.4, 3.0, 0.8, None)])
+def test_as_much_comes_out_as_the_solver_says(albedo, g, depth, index, base):
+    """Of every class of incidence; exchanging the classes changes nothing.  Where light leaps, too."""
+    slab = layer(albedo, g, depth, index, base)
+    result, solution = spread(slab, 1, 0, 0), solve(slab, g ** np.arange(65.0), 64, 1e-4)
+    air, most = solution.nodes.air, sigmas(blocks=16, comparisons=40)
+    s, weight = np.polynomial.legendre.leggauss(200)
+    for k in range(CLASSES):
+        mu = np.sqrt(1 - (k + 0.5 + 0.5 * s) / CLASSES)
+        back = np.interp(mu, air, solution.albedo - fresnel.reflected(air, index))
+        error = math.sqrt((result.light_error[k] ** 2).sum())
+        assert abs(0.5 * weight @ back - result.light[k].sum() - (result.beyond if k == 1 else 0)) < most * error + 2e-3
+    there, error = result.light.sum(axis=2), np.sqrt((result.light_error**2).sum(axis=2))
+    assert np.all(np.abs(there - there.T) <= most * np.hypot(error, error.T))
+
+
+def test_facets_let_as_much_out():
+    """Of light that several facets send on only the sum is right: 2 %."""
+    slab = layer(0.95, 0.5, math.inf, 1.4, None, 0.3)
+    result, solution = spread(slab, 1, 0, 0), solve(slab, 0.5 ** np.arange(33.0), 32, 1e-3)
+    directions = solution.nodes
+    mirrored = rough.facets(directions.mu, directions.flux, directions.at, 1.4, 0.3, 1).mirrored
+    back, error = directions.flux @ (solution.albedo - mirrored), math.sqrt((result.light_error**2).sum()) / CLASSES
+    assert abs(result.light.sum() / CLASSES - back) < sigmas(blocks=16) * error + 0.02 * back
+
+
+def test_nothing_is_lost():
+    """Of a lossless half space all comes out, next to none of it beyond the last bin; the mean square has an error."""
+    result = spread(layer(1.0, 0.5, math.inf), 1, 0, 0)
+    error = math.sqrt((result.light_error**2).sum()) / CLASSES
+    assert abs(result.light.sum() / CLASSES + result.beyond - 1) < sigmas(blocks=16) * math.hypot(error, result.beyond)
+    assert 0 <= result.beyond < 0.01 and 0 < result.mean_square_error < 0.2 * result.mean_square
+
+
+def test_a_clear_layer_on_a_base():
+    """Light goes down, and up again in another direction: <r^2> is the sum of both mean squared tangents, times the depth's."""
+    result = spread(layer(0.0, 0.0, 0.0, base=0.8), 1, 0, 0)
+    tangents = -1 - 3 * math.log(2 / 3)  # of directions with a sine squared below 1/3
+    off = result.square[0, 0] - 2 * tangents
+    assert abs(off) < sigmas(blocks=16) * result.square_error[0, 0] and result.square_error[0, 0] < 0.03
+    # the weight of a walk is the base's albedo
+    assert np.allclose(result.light.sum(axis=(1, 2)) + [0, 0, CLASSES * result.beyond], 0.8, atol=0.02)
+
+
+def test_what_nothing_comes_out_of():
+    for slab in (layer(0.0, 0.0, math.inf), layer(0.0, 0.0, 5.0), layer(1.0, 0.0, 0.0)):
+        result = spread(slab, 1, 0, 0)
+        assert not result.light.any() and result.mean_square == result.mean_square_error == result.beyond == 0
+        assert profile(result.edges, result.light[0, 0], 0.0) == (0.0, 0.0)
+
+
+def test_same_numbers_same_walks():
+    slab = layer(0.9, 0.5, math.inf)
+    first, again, other = (spread(slab, 1, 0, k) for k in (0, 0, 1))
+    assert np.array_equal(first.light, again.light) and not np.array_equal(first.light, other.light)
+
+
+def test_profile():
+    """Its own light comes back; its density integrates to its share; light at one distance is far from it."""
+    edges = np.concatenate([[0.0], np.geomspace(0.01, 1e3, 60)])
+    light = np.diff(profile_within(edges, 2.5))
+    width, misfit = profile(edges, light, 1 - light.sum())
+    assert width == pytest.approx(2.5, rel=1e-4) and misfit < 1e-5
+    r = np.linspace(1e-6, 7.0, 200_001)
+    density = (np.exp(-r / 2.5) + np.exp(-r / 7.5)) / (8 * math.pi * 2.5 * r)
+    assert np.trapezoid(2 * math.pi * r * density, r) == pytest.approx(float(profile_within(7.0, 2.5)), rel=1e-6)
+    ring = np.where((edges[1:] > 1) & (edges[:-1] <= 1), 1.0, 0.0)
+    assert profile(edges, ring, 0.0)[1] > 0.3
