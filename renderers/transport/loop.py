@@ -65,7 +65,7 @@ class Path:
     single: mi.Bool
     choice: mi.Float
     departure: Departure | None
-    counts: Counts | None = None
+    counts: Counts | None
 
 
 @dataclass
@@ -195,7 +195,7 @@ def camera_paths(scene, pixel, drawn, random, alive, number):
     zero = dr.zeros(mi.UInt32, width)
     return Path(random, pixel, number, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.waves)],
                 scene.around_camera + zero, mi.UInt32(zero), mi.UInt32(zero), mi.Point3f(origin), dr.zeros(mi.Float, width),
-                dr.full(mi.Bool, True, width), choice, scene.lamps and scene.lamps.none(width))
+                dr.full(mi.Bool, True, width), choice, scene.lamps and scene.lamps.none(width), None)
 
 
 def _add(sums, number, light, active=True):
