@@ -7,8 +7,8 @@ share by the balance heuristic of their densities, else it counts alone.  So not
 several places.
 
 Walks wait until all paths of a pass are over: in the loop a packet would wait for the few of its paths that walk.  Each lane
-keeps records of scatterings and of lamps that its paths have met.  Where there is no more room for them no lamp is looked for,
-and what paths meet by chance counts in full.
+keeps records of scatterings and of lamps that its paths have met.  Where it has no space for more no lamp is looked for, and what
+paths meet by chance counts in full.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ import mitsuba as mi  # isort: skip
 
 # records of a lane: scatterings from which lamps are looked for, and lamps met, for each path, and at least.  In a glass of milk
 # a path of the camera has half a scattering and a twentieth of a lamp
-_LOOKED, _MET = (2.0, 8), (0.25, 2)
+_SCATTERINGS, _ARRIVALS = (2.0, 8), (0.25, 2)
 _SHORT = 1e-3  # of the distance to a lamp: the ray that meets it begins so far before the point
 
 
@@ -51,15 +51,15 @@ class Departure:
 
 @dataclass
 class Counts:
-    """How many records of `Looked` and `Met` lanes have, by their numbers."""
+    """How many records of `Scattering` and `Arrival` lanes have, by their numbers."""
 
     lane: mi.UInt32
-    looked: mi.UInt32
-    met: mi.UInt32
+    scatterings: mi.UInt32
+    arrivals: mi.UInt32
 
 
 @dataclass
-class Looked:
+class Scattering:
     """Scatterings from which lamps are looked for.
 
     number, inside, order, throughput : of the path there;  event, before, medium : as of a `Departure`
@@ -79,7 +79,7 @@ class Looked:
 
 
 @dataclass
-class Met:
+class Arrival:
     """Lamps that paths have met by single directions after scatterings.
 
     number, inside, order : of the path;  event, before, medium, density : as of a `Departure`
@@ -101,38 +101,36 @@ class Met:
 
 
 class Records:
-    """Of lanes that follow so many paths each."""
+    """What lanes that follow so many paths each have found, `Scattering` and `Arrival`."""
 
     def __init__(self, lanes, paths, waves):
         """waves : wavelengths"""
-        looked, met = (max(int(share * paths), least) for share, least in (_LOOKED, _MET))
-        self.looked, self.met = _arrays(Looked, looked * lanes, waves), _arrays(Met, met * lanes, 3)
-        self._room_looked, self._room_met = (dr.opaque(mi.UInt32, room) for room in (looked, met))
-        self._lanes, self._ends = lanes, dr.zeros(mi.UInt32, 2 * lanes)
+        most = [max(int(share * paths), least) for share, least in (_SCATTERINGS, _ARRIVALS)]
+        self._arrays = _arrays(Scattering, most[0] * lanes, waves), _arrays(Arrival, most[1] * lanes, 3)
+        self._most, self._ends = [dr.opaque(mi.UInt32, number) for number in most], dr.zeros(mi.UInt32, 2 * lanes)
 
-    def has_room(self, counts):
-        return (counts.looked < self._room_looked) & (counts.met < self._room_met)
+    def has_space(self, counts):
+        """Whether lanes can keep one more of each."""
+        return (counts.scatterings < self._most[0]) & (counts.arrivals < self._most[1])
 
-    def look(self, counts, record, active):
-        """Keeps a `Looked`."""
-        _scatter(self.looked, record, counts.lane * self._room_looked + counts.looked, active)
-        counts.looked += dr.select(active, mi.UInt32(1), mi.UInt32(0))
-        dr.scatter(self._ends, counts.looked, 2 * counts.lane, active)
-
-    def meet(self, counts, record, active):
-        """Keeps a `Met`."""
-        _scatter(self.met, record, counts.lane * self._room_met + counts.met, active)
-        counts.met += dr.select(active, mi.UInt32(1), mi.UInt32(0))
-        dr.scatter(self._ends, counts.met, 2 * counts.lane + 1, active)
+    def add(self, counts, record, active):
+        """Keeps a record."""
+        kind = int(isinstance(record, Arrival))
+        name = ("scatterings", "arrivals")[kind]
+        number = getattr(counts, name)
+        _scatter(self._arrays[kind], record, counts.lane * self._most[kind] + number, active)
+        number = number + dr.select(active, mi.UInt32(1), mi.UInt32(0))
+        setattr(counts, name, number)
+        dr.scatter(self._ends, number, 2 * counts.lane + kind, active)
 
     def kept(self):
-        """All `Looked`, and all `Met`; None where there are none."""
-        dr.eval(self.looked, self.met, self._ends)
+        """All `Scattering`, and all `Arrival`; None where there are none."""
+        dr.eval(self._arrays, self._ends)
         both = []
-        for kind, (arrays, room) in enumerate(((self.looked, self._room_looked), (self.met, self._room_met))):
+        for kind, (arrays, most) in enumerate(zip(self._arrays, self._most)):
             index = dr.arange(mi.UInt32, dr.width(arrays.number))
-            lane = index // room
-            index = dr.compress(index - lane * room < dr.gather(mi.UInt32, self._ends, 2 * lane + kind))
+            lane = index // most
+            index = dr.compress(index - lane * most < dr.gather(mi.UInt32, self._ends, 2 * lane + kind))
             both.append(_gather(arrays, index) if dr.width(index) else None)
         return both
 
@@ -179,7 +177,7 @@ class Lamps:
         """Changes departures of paths that scatter at positions, and go on with density (1/sr); some keep a record."""
         departure, random = path.departure, path.random
         sigma = dr.gather(mi.Float, self._sigma, medium)
-        looks = active & (sigma > 0) & records.has_room(path.counts)
+        looks = active & (sigma > 0) & records.has_space(path.counts)
         density = dr.select(looks, density, 0)
         departure.event, departure.before, departure.medium, departure.density = (
             dr.select(active, after, before) for after, before in (
@@ -188,9 +186,9 @@ class Lamps:
         departure.turned &= ~active
         u, first, second = (random.next_float32() for _ in range(3))
         lamp = self._drawn(random.next_float32()) if self._cumulated else dr.zeros(mi.UInt32, dr.width(u))
-        record = Looked(path.number, position, path.direction, medium, path.inside, path.order, path.throughput, lamp, first,
+        record = Scattering(path.number, position, path.direction, medium, path.inside, path.order, path.throughput, lamp, first,
                         second)
-        records.look(path.counts, record, looks & (u < self._chance(sigma, position, lamp, looks)))
+        records.add(path.counts, record, looks & (u < self._chance(medium, position, lamp, looks)))
 
     def turned(self, path, sample, shades):
         """Changes departures of paths that a surface has turned, by a sample of the BSDF."""
@@ -208,19 +206,19 @@ class Lamps:
         if self._sky:
             point = dr.select(event.misses, self._sky.reached(departure.event, path.drawn, path.direction), point)
             normal = dr.select(event.misses, -path.direction, normal)
-        record = Met(path.number, departure.event, departure.before, departure.medium, departure.density, path.inside, path.order,
-                     path.drawn, lamp_ahead - 1, point, normal, light)
-        records.meet(path.counts, record, arrives)
+        record = Arrival(path.number, departure.event, departure.before, departure.medium, departure.density, path.inside,
+                         path.order, path.drawn, lamp_ahead - 1, point, normal, light)
+        records.add(path.counts, record, arrives)
         return [dr.select(arrives, 0, value) for value in light]
 
     def light(self, records):
         """What records come to: numbers (n,) of paths, orders (n,), emitters (n,) by their numbers, and light (n, 3)."""
-        looked, met = records.kept()
-        if looked is not None:
-            yield self._columns(looked, self._light(looked))
-        if met is not None:
-            share = self._share(met)
-            yield self._columns(met, [value * share for value in met.light])
+        scattering, arrival = records.kept()
+        if scattering is not None:
+            yield self._columns(scattering, self._light(scattering))
+        if arrival is not None:
+            share = self._share(arrival)
+            yield self._columns(arrival, [value * share for value in arrival.light])
 
     def _columns(self, record, light):
         emitter = self._scene.light_number(dr.gather(mi.EmitterPtr, self._emitters, record.lamp))
@@ -238,19 +236,23 @@ class Lamps:
         bend = self._manifold.bend(walk.row, walk.uv, x, y)
         return bend, walk.ends & refracts(bend)
 
-    def _share(self, met):
+    def _share(self, arrival):
         """Which share counts of light met by chance."""
-        bend, through = self._walk(met.event, met.point)
+        bend, through = self._walk(arrival.event, arrival.point)
         if self._refractions is not None:  # media between panes are not looked for, by light samples (`_passed`) as here
-            through &= (bend.boundaries == 1) | (met.inside == 0)
-        sigma = dr.gather(mi.Float, self._sigma, met.medium)
-        density = self._chance(sigma, met.event, met.lamp, through) * self._densities(met.lamp, met.event, met.point)
-        by_chance, by_sample = met.density * bend.likely(), density / bend.solid_angle(met.normal)
-        return dr.select(through & bend.is_at(met.drawn), by_chance / (by_chance + by_sample), 1)
+            through &= (bend.boundaries == 1) | (arrival.inside == 0)
+        by_chance = arrival.density * bend.likely()
+        by_sample = self._density_at(arrival, arrival.point, through) / bend.solid_angle(arrival.normal)
+        return dr.select(through & bend.is_at(arrival.drawn), by_chance / (by_chance + by_sample), 1)
 
-    def _chance(self, sigma, x, lamp, active):
+    def _chance(self, medium, x, lamp, active):
         """That a lamp is looked for from x: exp(-s), s mean free paths from where the straight way to it leaves the body."""
-        return dr.exp(-sigma * self._distances.of(x, lamp, active))
+        return dr.exp(-dr.gather(mi.Float, self._sigma, medium) * self._distances.of(x, lamp, active))
+
+    def _density_at(self, record, point, active):
+        """Of points on lamps that are drawn from where records begin, one over the area."""
+        chance = self._chance(record.medium, record.event, record.lamp, active)
+        return chance * self._densities(record.lamp, record.event, point)
 
     def _ahead(self, event):
         """Lamps that paths meet, from 1; 0 of other surfaces."""
@@ -294,36 +296,35 @@ class Lamps:
             normal = dr.select(is_sky, -bend.outward, normal)
         return radiance, normal
 
-    def _light(self, looked):
+    def _light(self, scattering):
         """Light of points on lamps through the boundary to scatterings."""
         scene = self._scene
-        point = self._drawn_points(looked.lamp, looked.event, mi.Point2f(looked.u, looked.v), True)
-        bend, active = self._walk(looked.event, point)
-        radiance, normal = self._shining(looked.lamp, bend, point, active)
+        point = self._drawn_points(scattering.lamp, scattering.event, mi.Point2f(scattering.u, scattering.v), True)
+        bend, active = self._walk(scattering.event, point)
+        radiance, normal = self._shining(scattering.lamp, bend, point, active)
         active &= dr.any(radiance > 0)
-        weights = media.product(looked.throughput, scene.media.albedo(looked.medium))
-        phase = scene.media.phase(looked.medium, 0.5 * dr.squared_norm(bend.inward + looked.before))
-        sigma = dr.gather(mi.Float, self._sigma, looked.medium)
-        density = self._chance(sigma, looked.event, looked.lamp, active) * self._densities(looked.lamp, looked.event, point)
-        by_chance, by_sample = media.mean(weights, phase) * bend.likely(), density / bend.solid_angle(normal)
+        weights = media.product(scattering.throughput, scene.media.albedo(scattering.medium))
+        phase = scene.media.phase(scattering.medium, 0.5 * dr.squared_norm(bend.inward + scattering.before))
+        by_chance = media.mean(weights, phase) * bend.likely()
+        by_sample = self._density_at(scattering, point, active) / bend.solid_angle(normal)
         radiance *= bend.passes() / (by_chance + by_sample)
-        passed = self._passed(looked, bend, point, active)
+        passed = self._passed(scattering, bend, point, active)
         return scene.seen([w * p * t for w, p, t in zip(weights, phase, passed)], radiance, active)
 
-    def _passed(self, looked, bend, point, active):
+    def _passed(self, scattering, bend, point, active):
         """What media and surfaces leave of light on both parts of its way."""
         scene = self._scene
         at_boundary = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), bend.point, bend.normal)
-        inside = scene.boundaries.outside(bend.point, bend.normal, bend.outward, looked.medium, looked.inside, active)
+        inside = scene.boundaries.outside(bend.point, bend.normal, bend.outward, scattering.medium, scattering.inside, active)
         if self._refractions is not None:
             active &= (bend.boundaries == 1) | (inside == 0)
         beyond = flights.transmittance(scene, at_boundary.spawn_ray_to(point), inside, active)
         if self._straight:
-            within = [dr.exp(-sigma * bend.within) for sigma in scene.media.sigma_t(looked.medium)]
+            within = [dr.exp(-sigma * bend.within) for sigma in scene.media.sigma_t(scattering.medium)]
         else:
-            ray = mi.Ray3f(looked.event, -bend.inward)
+            ray = mi.Ray3f(scattering.event, -bend.inward)
             ray.maxt = bend.within * (1 - mi.math.ShadowEpsilon)
-            within = flights.transmittance(scene, ray, looked.inside, active)
+            within = flights.transmittance(scene, ray, scattering.inside, active)
         return media.product(beyond, within)
 
 

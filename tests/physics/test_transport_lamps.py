@@ -61,7 +61,7 @@ def as_by_chance(tmp_path, monkeypatch, meshes, around, indices):
 
 def counted_twice(monkeypatch):
     """Light that paths meet by chance counts in full as well."""
-    monkeypatch.setattr(lamps.Lamps, "_share", lambda self, met: 1.0)
+    monkeypatch.setattr(lamps.Lamps, "_share", lambda self, arrival: 1.0)
 
 
 def walls():
@@ -82,11 +82,11 @@ def test_a_white_room_of_lamps(tmp_path, every, monkeypatch, counted):
     assert white(how, 0.006) == counted
 
 
-@pytest.mark.parametrize("looked, met", [(0.5, 4.0), (8.0, 0.1)])
-def test_without_room_for_records_lamps_are_met_by_chance(tmp_path, monkeypatch, looked, met):
+@pytest.mark.parametrize("scatterings, arrivals", [(0.5, 4.0), (8.0, 0.1)])
+def test_without_room_for_records_lamps_are_met_by_chance(tmp_path, monkeypatch, scatterings, arrivals):
     """Where lanes have no room for more scatterings, or for more lamps that paths have met, what loses no light is 1 as well."""
-    monkeypatch.setattr(lamps, "_LOOKED", (looked, 1))
-    monkeypatch.setattr(lamps, "_MET", (met, 1))
+    monkeypatch.setattr(lamps, "_SCATTERINGS", (scatterings, 1))
+    monkeypatch.setattr(lamps, "_ARRIVALS", (arrivals, 1))
     how = loops.transport(tmp_path, {"ball": (BALL, loops.asset(1.0, 0.5, (0.9, 0.7, 1.1)))}, walls(), [1.4], size=8)
     assert white(how, 0.008)
 
