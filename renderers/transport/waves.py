@@ -13,9 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.mitsuba.world import LightSample
-from renderers.threads import run
-from renderers.transport import wavefront
+from renderers.transport import steps, wavefront
 from renderers.transport.paths import EVENT, REACHED, Colours, Paths, joined
 from renderers.transport.places import NOWHERE, Places
 
@@ -69,23 +67,17 @@ class Ahead(NamedTuple):
         return Ahead(*(field[chosen] for field in self))
 
 
-class Sums:
-    """Light that a pass has brought, linear sRGB.
+class Sums(steps.Sums):
+    """As `steps.Sums`.
 
-    by_order : (ORDERS, pixels, 3);  by_light : (lights, pixels, 3)
     first : (materials, pixels) paths that each material was the first to scatter
     many : paths for which a call of Mitsuba's is worth its time
     """
 
     def __init__(self, pixels, scene, paths):
-        self.by_order = np.zeros((wavefront.ORDERS, pixels, 3))
-        self.by_light = np.zeros((len(scene.world.light_names), pixels, 3))
+        super().__init__(pixels, len(scene.world.light_names))
         self.first = np.zeros((len(scene.materials), pixels))
         self.many = min(_MANY, _SHARE * min(paths, ALL))
-
-    def add(self, paths, light, added):
-        """What paths bring, added (n, 3), from lights (n,)."""
-        wavefront.accumulate(added, paths.order, light, paths.pixel, self.by_order, self.by_light)
 
     def scattered_by(self, paths, number):
         """Counts paths that have scattered for the first time."""
@@ -292,7 +284,7 @@ def at_events(scene, reached, events, sums) -> Paths:
     for (material, _, event, share), first, last in zip(events, firsts[:-1], firsts[1:]):
         group, rows = paths.of(slice(first, last)), np.flatnonzero((bright >= first) & (bright < last))
         at, added = bright[rows] - first, np.empty((len(rows), 3))
-        sampled = LightSample(*(values[rows] for values in sample))
+        sampled = sample.of(rows)
         material.next_event(group.of(at), tuple(values[at] for values in event), sampled, passed[rows], clear[rows], added)
         sums.add(group.of(at), sampled.light, added)
         group.single[:], group.shaded[:] = share == 0.0, False
@@ -301,7 +293,7 @@ def at_events(scene, reached, events, sums) -> Paths:
             group.density[:] /= share
         if not material.solid:
             group.away_from_surfaces()
-        onward.append(_survivors(group))
+        onward.append(steps.survivors(group))
     return joined(onward)
 
 
@@ -310,7 +302,7 @@ def _samples(scene, paths, drawn, numbers, chance):
     options = {"hidden": False} if scene.crossed else {}
     sample = scene.world.lights(paths.origin[drawn], numbers[drawn], **options)
     bright = np.flatnonzero((sample.radiance > 0).any(axis=1))
-    sample = LightSample(*(values[bright] for values in sample))
+    sample = sample.of(bright)
     over = chance[drawn[bright]].astype(np.float32)
     density = np.where(sample.delta, sample.density, sample.density * over)
     return sample._replace(radiance=sample.radiance / over[:, None], density=density), drawn[bright]
@@ -318,42 +310,30 @@ def _samples(scene, paths, drawn, numbers, chance):
 
 def at_surfaces(scene, paths, sums) -> Paths:
     """Paths that go on from surfaces of the scene, after their light has been added."""
-    n, colours = paths.count, scene.colours
-    if n == 0:
+    if paths.count == 0:
         return paths
-    numbers, added = np.empty((n, 6)), np.empty((n, 3))
-    wavefront.draw(paths.states, numbers)
-    shading = scene.world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single, paths.drawn)
-    wavefront.emitted(colours, paths.throughput, paths.order, shading.emitted, added)
-    sums.add(paths, shading.source, added)
+    shading, _ = steps.met(scene.world, paths, paths.drawn)
+    steps.add_light(scene.colours, paths.throughput, paths.order, shading.emitted, shading.source, paths, sums)
     hit = np.flatnonzero(shading.hit)
     paths = paths.of(hit)
     paths.left_out[:] = np.nan
-    _next_event(scene, paths, shading.point[hit], LightSample(*(values[hit] for values in shading.light)), sums)
-    run(wavefront.reflect, len(hit), colours, paths.throughput, shading.weight[hit])
-    paths.origin[:], paths.direction[:] = shading.origin[hit], shading.direction[hit]
-    paths.density[:], paths.single[:], paths.shaded[:] = shading.density[hit], shading.delta[hit], True
+    _next_event(scene, paths, shading.point[hit], shading.light.of(hit), sums)
+    steps.reflected(scene.colours, paths, shading, hit)
+    paths.shaded[:] = True
     paths.bounces[:] += 1
     paths.away_from_surfaces()
-    return _ended(_survivors(paths), _FAR)
+    return _ended(steps.survivors(paths), _FAR)
 
 
 def _next_event(scene, paths, point, sample, sums):
     """Adds what light samples send by way of surfaces of the scene."""
     bright = np.flatnonzero((sample.radiance > 0).any(axis=1))
-    bright_paths, sample = paths.of(bright), LightSample(*(values[bright] for values in sample))
-    towards, added = sample.direction.astype(float), np.empty((len(bright), 3))
+    bright_paths, sample = paths.of(bright), sample.of(bright)
+    towards = sample.direction.astype(float)
     passed, _ = transmittance(scene, bright_paths, point[bright] + scene.places.off * towards, towards, sample.distance)
     paths.states[bright] = bright_paths.states
-    wavefront.emitted(scene.colours, bright_paths.throughput * passed, bright_paths.order, sample.radiance, added)
-    sums.add(bright_paths, sample.light, added)
-
-
-def _survivors(paths):
-    """Paths that roulette leaves."""
-    alive = np.empty(paths.count, bool)
-    run(wavefront.roulette, paths.count, paths.throughput, paths.states, paths.bounces, alive)
-    return paths.of(alive)
+    throughput = bright_paths.throughput * passed
+    steps.add_light(scene.colours, throughput, bright_paths.order, sample.radiance, sample.light, bright_paths, sums)
 
 
 def _ended(paths, most):
