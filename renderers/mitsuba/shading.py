@@ -35,6 +35,10 @@ class LightSample(NamedTuple):
     delta: np.ndarray
     light: np.ndarray
 
+    def of(self, rows):
+        """Of some of the points."""
+        return LightSample(*(values[rows] for values in self))
+
     def share(self, density):
         """Balance heuristic (n,) of this sample against directions drawn with `density` (n,) 1/sr."""
         return np.where(self.delta, 1.0, self.density / np.maximum(self.density + density, 1e-30))

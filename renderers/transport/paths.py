@@ -10,10 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from renderers.threads import run
 from renderers.transport import wavefront
 
-_GOES_ON = 0.95  # share of the paths that have come far which goes on
 REACHED, EVENT, ENDED = range(3)  # what a material has taken a path to: where it was to go, an event, nowhere
 UNKNOWN = -2  # in place of a grain's sphere: it is not known whether a path starts in one (`renderers.materials.grains._grains`)
 
@@ -115,34 +113,3 @@ def follow(total, together, begin, step):
             last = min(started + together, total)
             started, paths = last, joined([paths, begin(started, last)])
         paths = step(paths)
-
-
-def survivors(paths):
-    """Paths that roulette leaves."""
-    alive = np.empty(paths.count, bool)
-    run(wavefront.roulette, paths.count, paths.throughput, paths.states, paths.bounces, alive)
-    return paths.of(alive)
-
-
-def thinned(paths, most):
-    """Without some of the paths of more bounces than `most`: light that is caught in glass loses nothing on its way."""
-    far = np.flatnonzero(paths.bounces > most)
-    if not len(far):
-        return paths
-    numbers, states, goes = np.empty((len(far), 1)), paths.states[far], np.ones(paths.count, bool)
-    wavefront.draw(states, numbers)
-    paths.states[far] = states
-    paths.throughput[far] /= _GOES_ON
-    goes[far] = numbers[:, 0] < _GOES_ON
-    return paths.of(goes)
-
-
-def reflect(paths, shading, colours):
-    """Takes paths on from surfaces as Mitsuba has turned them: throughput, directions, where these were drawn and how likely.
-
-    shading : `renderers.mitsuba.shading.Shading` of the same paths, all of which have met a surface
-    """
-    run(wavefront.reflect, paths.count, colours, paths.throughput, shading.weight)
-    paths.origin[:], paths.direction[:], paths.drawn[:] = shading.origin, shading.direction, shading.origin
-    paths.density[:], paths.single[:] = shading.density, shading.delta
-    paths.bounces[:] += 1

@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.mitsuba.shading import selected
-from renderers.transport import wavefront
-from renderers.transport.paths import EVENT, REACHED, Colours, Paths, follow, joined, of_camera, reflect, survivors, thinned
+from renderers.transport import steps, wavefront
+from renderers.transport.paths import EVENT, REACHED, Colours, Paths, follow, joined, of_camera
 from renderers.transport.places import NOWHERE, Places
 
 ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
@@ -68,23 +67,17 @@ class Ahead(NamedTuple):
         return Ahead(*(field[chosen] for field in self))
 
 
-class Sums:
-    """Light that a pass has brought, linear sRGB.
+class Sums(steps.Sums):
+    """As `steps.Sums`.
 
-    by_order : (ORDERS, pixels, 3);  by_light : (lights, pixels, 3)
     first : (materials, pixels) paths that each material was the first to scatter
     many : paths for which a call of Mitsuba's is worth its time
     """
 
     def __init__(self, pixels, scene, paths):
-        self.by_order = np.zeros((wavefront.ORDERS, pixels, 3))
-        self.by_light = np.zeros((len(scene.world.light_names), pixels, 3))
+        super().__init__(pixels, len(scene.world.light_names))
         self.first = np.zeros((len(scene.materials), pixels))
         self.many = min(_MANY, _SHARE * min(paths, ALL))
-
-    def add(self, paths, light, added):
-        """What paths bring, added (n, 3), from lights (n,)."""
-        wavefront.accumulate(added, paths.order, light, paths.pixel, self.by_order, self.by_light)
 
     def scattered_by(self, paths, number):
         """Counts paths that have scattered for the first time."""
@@ -201,7 +194,7 @@ def _into_grains(scene, paths, ahead, sums):
         sums.scattered_by(group, number)
         meets = np.flatnonzero(status == EVENT)
         events.append((material, group.of(meets), tuple(values[meets] for values in event), 1.0))
-        onward.append(thinned(group.of(status < 0), _FAR_IN_GRAINS))
+        onward.append(steps.thinned(group.of(status < 0), _FAR_IN_GRAINS))
         at_surface.append(group.of(status == REACHED))
     return onward, events, at_surface
 
@@ -283,7 +276,7 @@ def at_events(scene, reached, events, sums) -> Paths:
     for (material, _, event, share), first, last in zip(events, firsts[:-1], firsts[1:]):
         group, rows = paths.of(slice(first, last)), np.flatnonzero((bright >= first) & (bright < last))
         at, added = bright[rows] - first, np.empty((len(rows), 3))
-        sampled = selected(sample, rows)
+        sampled = sample.of(rows)
         material.next_event(group.of(at), tuple(values[at] for values in event), sampled, passed[rows], clear[rows], added)
         sums.add(group.of(at), sampled.light, added)
         group.single[:], group.shaded[:] = share == 0.0, False
@@ -292,7 +285,7 @@ def at_events(scene, reached, events, sums) -> Paths:
             group.density[:] /= share
         if not material.solid:
             group.away_from_surfaces()
-        onward.append(survivors(group))
+        onward.append(steps.survivors(group))
     return joined(onward)
 
 
@@ -301,7 +294,7 @@ def _samples(scene, paths, drawn, numbers, chance):
     options = {"hidden": False} if scene.crossed else {}
     sample = scene.world.lights(paths.origin[drawn], numbers[drawn], **options)
     bright = np.flatnonzero((sample.radiance > 0).any(axis=1))
-    sample = selected(sample, bright)
+    sample = sample.of(bright)
     over = chance[drawn[bright]].astype(np.float32)
     density = np.where(sample.delta, sample.density, sample.density * over)
     return sample._replace(radiance=sample.radiance / over[:, None], density=density), drawn[bright]
@@ -309,30 +302,27 @@ def _samples(scene, paths, drawn, numbers, chance):
 
 def at_surfaces(scene, paths, sums) -> Paths:
     """Paths that go on from surfaces of the scene, after their light has been added."""
-    n, colours = paths.count, scene.colours
-    if n == 0:
+    if paths.count == 0:
         return paths
-    numbers, added = np.empty((n, 6)), np.empty((n, 3))
-    wavefront.draw(paths.states, numbers)
-    shading = scene.world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single, paths.drawn)
-    wavefront.emitted(colours, paths.throughput, paths.order, shading.emitted, added)
-    sums.add(paths, shading.source, added)
+    shading, _ = steps.met(scene.world, paths, paths.drawn)
+    steps.add_light(scene.colours, paths.throughput, paths.order, shading.emitted, shading.source, paths, sums)
     hit = np.flatnonzero(shading.hit)
     paths = paths.of(hit)
     paths.left_out[:] = np.nan
-    _next_event(scene, paths, shading.point[hit], selected(shading.light, hit), sums)
-    reflect(paths, selected(shading, hit), colours)
+    _next_event(scene, paths, shading.point[hit], shading.light.of(hit), sums)
+    steps.reflected(scene.colours, paths, shading, hit)
     paths.shaded[:] = True
+    paths.bounces[:] += 1
     paths.away_from_surfaces()
-    return thinned(survivors(paths), _FAR)
+    return steps.thinned(steps.survivors(paths), _FAR)
 
 
 def _next_event(scene, paths, point, sample, sums):
     """Adds what light samples send by way of surfaces of the scene."""
     bright = np.flatnonzero((sample.radiance > 0).any(axis=1))
-    bright_paths, sample = paths.of(bright), selected(sample, bright)
-    towards, added = sample.direction.astype(float), np.empty((len(bright), 3))
+    bright_paths, sample = paths.of(bright), sample.of(bright)
+    towards = sample.direction.astype(float)
     passed, _ = transmittance(scene, bright_paths, point[bright] + scene.places.off * towards, towards, sample.distance)
     paths.states[bright] = bright_paths.states
-    wavefront.emitted(scene.colours, bright_paths.throughput * passed, bright_paths.order, sample.radiance, added)
-    sums.add(bright_paths, sample.light, added)
+    throughput = bright_paths.throughput * passed
+    steps.add_light(scene.colours, throughput, bright_paths.order, sample.radiance, sample.light, bright_paths, sums)

@@ -22,8 +22,8 @@ from renderers.materials.bodies._gather import Beams
 from renderers.materials.bodies.paths import UNLIMITED, Paths
 from renderers.materials.bodies.transport import Sums
 from renderers.threads import run
-from renderers.transport import wavefront
-from renderers.transport.paths import joined, survivors
+from renderers.transport import steps, wavefront
+from renderers.transport.paths import joined
 from renderers.transport.scattering import turn
 
 _PILOT, _ROUNDS = 0xFFFFFFF0, 3  # numbers of the passes that find where light comes in
@@ -305,4 +305,4 @@ def turned(setup, number, paths):
     turns = paths.of(status == _walk.EVENT)
     run(turn, turns.count, setup.bodies[number].medium, turns)
     turns.single[:] = False
-    return survivors(turns), status == _walk.CONTACT
+    return steps.survivors(turns), status == _walk.CONTACT

@@ -16,8 +16,8 @@ from renderers.materials.bodies.bodies import Body
 from renderers.materials.bodies.paths import Paths
 from renderers.mitsuba.shading import LOBE, selected
 from renderers.threads import run
-from renderers.transport import wavefront
-from renderers.transport.paths import Colours, follow, joined, of_camera, reflect, survivors, thinned
+from renderers.transport import steps, wavefront
+from renderers.transport.paths import Colours, follow, joined, of_camera
 from renderers.transport.scattering import mean_cosines, next_event, turn
 
 _ALL = 1 << 17  # paths that go on together; more take more memory, and fewer more calls
@@ -247,7 +247,7 @@ def _at_events(transport, number, paths, start, sums):
         flown = np.linalg.norm(paths.origin - start, axis=1)
         run(_beams.rivals, paths.count, medium, transport.rivals[number], flown, before, paths.direction, paths.rival)
         paths.rival[paths.events > 1] = np.inf
-    return survivors(paths)
+    return steps.survivors(paths)
 
 
 def _add_light(transport, medium, paths, sums):
@@ -359,12 +359,14 @@ def _turned(transport, paths, shading, sums):
     paths.rival[paths.events == 0] = 0.0
     hit = np.flatnonzero(shading.hit)
     paths = paths.of(hit)
-    reflect(paths, selected(shading, hit), transport.colours)
+    steps.reflected(transport.colours, paths, shading, hit)
+    paths.drawn[:] = paths.origin
+    paths.bounces[:] += 1
     paths.start[:], paths.events[:], paths.scattered[:] = -1, 0, False
     paths.seen[:] &= paths.single & (paths.order == 0)
     rivals = paths.rival > 0
     paths.density[rivals & paths.single], paths.single[rivals] = _CERTAIN, False
-    return thinned(survivors(paths), _FAR)
+    return steps.thinned(steps.survivors(paths), _FAR)
 
 
 def _emits(transport, paths, shading, sums):

@@ -17,9 +17,7 @@ from renderers.materials.grains import _paths, bundles
 from renderers.materials.grains._grains import UNKNOWN
 from renderers.materials.grains._paths import GRAINS, MEDIUM
 from renderers.materials.grains.paths import NEVER, Colours, Explicit, Paths
-from renderers.mitsuba.world import LightSample
-from renderers.threads import run
-from renderers.transport import wavefront
+from renderers.transport import steps, wavefront
 from renderers.transport.paths import joined
 
 _ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
@@ -62,10 +60,10 @@ class Transport(NamedTuple):
         return np.min([interactor.entry(origin, direction, far) for interactor in interactors], axis=0)
 
 
-class Sums:
-    """Light that a pass has brought, linear sRGB.
+class Sums(steps.Sums):
+    """As `steps.Sums`.
 
-    by_order, by_technique : (ORDERS, pixels, 3);  by_light : (lights, pixels, 3)
+    by_technique : (ORDERS, pixels, 3)
     switched : (pixels, 3) grains met before the switch, and whether there was one
     which : ALL, BEFORE or AFTER;  many : paths for which a call of Mitsuba's is worth its time
     pixels, samples : of the picture, and paths of each; the arrays are means over those once `one_pass` is over
@@ -74,8 +72,8 @@ class Sums:
     def __init__(self, pixels, lights, which, samples=1):
         self.pixels, self.samples = pixels, samples
         self.which, self.many = which, min(_MANY, _SHARE * min(pixels * samples, _ALL))
-        self.by_order, self.by_technique = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((wavefront.ORDERS, pixels, 3))
-        self.by_light, self.switched = np.zeros((lights, pixels, 3)), np.zeros((pixels, 3))
+        super().__init__(pixels, lights)
+        self.by_technique, self.switched = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((pixels, 3))
 
     def add(self, paths, light, added):
         """What paths bring, added (n, 3), from lights (n,)."""
@@ -130,15 +128,9 @@ def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=No
 
 
 def _begin(transport, camera, corners, pixel, number, seed, first):
-    n = len(pixel)
-    states, offset = np.empty(n, np.uint64), np.empty((n, 2))
-    wavefront.begin_streams(stream_key(seed, "render.grains", number), first, states)
-    wavefront.draw(states, offset)
-    x, y = (corners[pixel % len(corners)] + offset).T
-    direction = camera.corner + x[:, None] * camera.right + y[:, None] * camera.down
-    direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
-    return Paths.begun(np.tile(camera.origin, (n, 1)), direction, len(transport.colours.to_waves), states, pixel,
-                       transport.technique)
+    key = stream_key(seed, "render.grains", number)
+    states, origin, direction = steps.begun(key, first, camera, corners[pixel % len(corners)])
+    return Paths.begun(origin, direction, len(transport.colours.to_waves), states, pixel, transport.technique)
 
 
 def _until_switched(world, transport, paths, size, sums):
@@ -310,29 +302,20 @@ def _turned(interactor, paths, event):
 
 def _at_surfaces(world, transport, paths, sums):
     """Paths that go on from surfaces of the scene, after their light has been added."""
-    n, colours = paths.count, transport.colours
-    if n == 0:
+    colours = transport.colours
+    if paths.count == 0:
         return paths
-    numbers, added = np.empty((n, 6)), np.empty((n, 3))
-    wavefront.draw(paths.states, numbers)
-    shading = world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single)
-    wavefront.emitted(colours, paths.throughput, paths.order, shading.emitted, added)
-    sums.add(paths, shading.source, added)
+    shading, _ = steps.met(world, paths)
+    steps.add_light(colours, paths.throughput, paths.order, shading.emitted, shading.source, paths, sums)
     hit = np.flatnonzero(shading.hit)
-    m, paths = len(hit), paths.of(hit)
-    if m == 0:
-        return paths
+    paths = paths.of(hit)
     paths.bounces[:] += 1
-    _next_event(transport, paths, shading.point[hit], LightSample(*(values[hit] for values in shading.light)), sums)
-    run(wavefront.reflect, m, colours, paths.throughput, shading.weight[hit])
-    paths.origin[:], paths.direction[:] = shading.origin[hit], shading.direction[hit]
+    _next_event(transport, paths, shading.point[hit], shading.light.of(hit), sums)
+    steps.reflected(colours, paths, shading, hit)
     paths.sphere[:], paths.triangle[:], paths.far[:], paths.body[:], paths.beyond[:] = UNKNOWN, -1, np.nan, -1, -1
-    paths.density[:], paths.single[:] = shading.density[hit], shading.delta[hit]
     # nobody tells grains apart in light that a matt surface has scattered
     paths.switching[:] |= (transport.switch is not None) & (paths.technique == GRAINS) & (paths.order > 0) & ~paths.single
-    alive = np.empty(m, bool)
-    run(wavefront.roulette, m, paths.throughput, paths.states, paths.bounces, alive)
-    return paths.of(alive)
+    return steps.survivors(paths)
 
 
 def _next_event(transport, paths, point, sample, sums):
@@ -342,8 +325,6 @@ def _next_event(transport, paths, point, sample, sums):
     bright = (sample.radiance > 0).any(axis=1)
     for technique in np.unique(paths.technique[bright]):
         rows = np.flatnonzero(bright & (paths.technique == technique))
-        group, light = paths.of(rows), LightSample(*(values[rows] for values in sample))
-        added = np.empty((len(rows), 3))
+        group, light = paths.of(rows), sample.of(rows)
         passed = transmittance(transport, technique, point[rows], light.direction, light.distance)
-        wavefront.emitted(transport.colours, group.throughput * passed, group.order, light.radiance, added)
-        sums.add(group, light.light, added)
+        steps.add_light(transport.colours, group.throughput * passed, group.order, light.radiance, light.light, group, sums)

@@ -39,7 +39,7 @@ class Spheres:
         run(_meet, n, self.medium.discs, paths, far, kind, distance, point)
         return kind, distance, point
 
-    def scattered(self, world, paths, kind, point, by_order, by_light):
+    def scattered(self, world, paths, kind, point, sums):
         """As `walk.Discs.scattered`; no light is sampled here."""
         n = paths.count
         run(_pass, n, self.medium.discs.largest, self.index, self.absorption, kind, point, paths)

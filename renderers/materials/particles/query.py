@@ -59,12 +59,13 @@ class Query:
         run(_distance, n, self.medium, self.cylinder, paths, far, kind, distance, point)
         return kind, distance, point
 
-    def scattered(self, world, paths, kind, point, by_order, by_light):
+    def scattered(self, world, paths, kind, point, sums):
         """Scattering by the particles of the query sphere, and light from a lamp by way of them."""
         n = paths.count
         numbers = np.empty((n, 3))
         wavefront.draw(paths.states, numbers)
-        run(_scatter, n, self.medium, self.cylinder, point, paths, world.lights(point, numbers), by_order, by_light)
+        run(_scatter, n, self.medium, self.cylinder, point, paths, world.lights(point, numbers), sums.by_order,
+            sums.by_light)
         return paths._replace(origin=point, left_out=np.full((n, 3), np.nan), single=np.zeros(n, bool), seen=np.zeros(n, bool))
 
 

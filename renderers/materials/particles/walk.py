@@ -13,9 +13,9 @@ import numpy as np
 from bakery.kernels import NO_DISC, stream_key
 from renderers.materials.particles import _transport, shadow
 from renderers.materials.particles._transport import Events, Guide
-from renderers.mitsuba.world import FAR, LightSample
+from renderers.mitsuba.world import FAR
 from renderers.threads import run
-from renderers.transport import wavefront
+from renderers.transport import steps, wavefront
 
 # ways on from the first particle, which takes as long to find as the next one: some four take least time to an error; passes of
 # the first picture take one each, as that comes sooner
@@ -82,7 +82,7 @@ class Discs:
         run(_transport.collide, n, self.medium, paths, far, paths.discrete, kind, distance, point)
         return kind, distance, point
 
-    def scattered(self, world, paths, kind, point, by_order, by_light):
+    def scattered(self, world, paths, kind, point, sums):
         """Paths that go on from a scattering, after light from there has been added."""
         n, medium = paths.count, self.medium
         particle = kind < len(medium.albedo) - 1
@@ -91,14 +91,14 @@ class Discs:
         wavefront.draw(paths.states, numbers)
         # two places on lights, in one call: one to connect to, and one whose direction guides the path
         samples = world.lights(np.concatenate([point, point]), np.concatenate([numbers[:, :3], numbers[:, 3:6]]))
-        sample, guide_sample = (LightSample(*(values[part] for values in samples)) for part in (slice(n), slice(n, None)))
+        sample, guide_sample = (samples.of(part) for part in (slice(n), slice(n, None)))
         guide = Guide(guide_sample.direction.astype(float),
                       (guide_sample.radiance > 0).any(axis=1) & (guide_sample.delta | (guide_sample.density > _SMALL)))
         added = np.empty((n, 3))
         together = _together(self, (paths.bounces == 0) & ~particle, point, sample.direction, sample.distance, numbers[:, 6:])
         sample.radiance[first] = 0.0
         run(_transport.light, n, medium, Events(kind, point, paths.discrete), paths, guide, together, sample, added)
-        wavefront.accumulate(added, paths.order, sample.light, paths.pixel, by_order, by_light)
+        sums.add(paths, sample.light, added)
         paths = paths._replace(origin=point, left_out=point.copy(), single=np.zeros(n, bool), seen=first)
         copies = np.repeat(np.arange(n), paths.ways)
         paths = _split(paths, copies)
@@ -149,42 +149,33 @@ def one_pass(world, method, camera, height, width, number, seed, *, discrete, li
     by_order : (ORDERS, H, W, 3), by_light : (lights, H, W, 3) linear sRGB
     """
     pixels = height * width
-    by_order, by_light = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
+    sums = steps.Sums(pixels, lights)
     for first in range(0, pixels, ALL):
         paths = _begin(method.medium, camera, width, np.arange(first, min(first + ALL, pixels)), number, seed, discrete)
         while paths.count:
-            paths = _bounce(world, method, paths, by_order, by_light)
-    return by_order.reshape(-1, height, width, 3), by_light.reshape(-1, height, width, 3)
+            paths = _bounce(world, method, paths, sums)
+    return sums.by_order.reshape(-1, height, width, 3), sums.by_light.reshape(-1, height, width, 3)
 
 
 def _begin(medium, camera, width, pixel, number, seed, discrete):
-    n, waves = len(pixel), len(medium.sigma_t)
-    states = np.empty(n, np.uint64)
-    wavefront.begin_streams(stream_key(seed, "render.walk", number), int(pixel[0]), states)
-    offset = np.empty((n, 2))
-    wavefront.draw(states, offset)
-    direction = camera.corner + (pixel % width + offset[:, 0])[:, None] * camera.right \
-        + (pixel // width + offset[:, 1])[:, None] * camera.down
-    direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
-    return Paths(np.tile(camera.origin, (n, 1)), direction, np.ones((n, waves)), states, pixel, np.full((n, 3), np.nan),
+    n, waves, corners = len(pixel), len(medium.sigma_t), np.stack([pixel % width, pixel // width], axis=1)
+    states, origin, direction = steps.begun(stream_key(seed, "render.walk", number), int(pixel[0]), camera, corners)
+    return Paths(origin, direction, np.ones((n, waves)), states, pixel, np.full((n, 3), np.nan),
                  np.zeros(n), np.ones(n, bool), np.zeros(n, np.int64), np.zeros(n, np.int64), discrete.reshape(-1)[pixel],
                  np.zeros(n, bool), np.full(n, 1 if number < _BEGINNING else _SPLIT))
 
 
-def _bounce(world, method, paths, by_order, by_light):
+def _bounce(world, method, paths, sums):
     """Paths after their next scattering or surface, those that go on."""
     far = world.trace(paths.origin, paths.direction, np.full(paths.count, np.inf))
     kind, distance, point = method.collide(paths, far)
     stopped = kind != NO_DISC
     run(_transport.absorb, paths.count, method.medium, paths, np.where(stopped, distance, far))
-    parts = [_among_particles(world, method, paths.of(stopped), kind[stopped], point[stopped], by_order, by_light),
-             _at_surfaces(world, method, paths.of(~stopped), by_order, by_light)]
+    parts = [_among_particles(world, method, paths.of(stopped), kind[stopped], point[stopped], sums),
+             _at_surfaces(world, method, paths.of(~stopped), sums)]
     together = Paths(*map(np.concatenate, zip(*parts)))
-    alive = np.empty(together.count, bool)
-    run(wavefront.roulette, together.count, together.throughput, together.states, together.bounces, alive)
-    chosen = np.flatnonzero(alive)
-    region = method.medium.discs.region
-    return together.of(chosen[_coherent(region.lo, region.hi, together.origin[chosen], together.direction[chosen])])
+    alive, region = steps.survivors(together), method.medium.discs.region
+    return alive.of(_coherent(region.lo, region.hi, alive.origin, alive.direction))
 
 
 def _coherent(lo, hi, origin, direction):
@@ -199,24 +190,21 @@ def _coherent(lo, hi, origin, direction):
     return np.argsort((main * 8 + octant) * _PARTS**3 + voxel, kind="stable")
 
 
-def _among_particles(world, method, paths, kind, point, by_order, by_light):
+def _among_particles(world, method, paths, kind, point, sums):
     if not paths.count:
         return paths
     paths.order[:] += 1
     paths.discrete[:] = method.later
-    paths = method.scattered(world, paths, kind, point, by_order, by_light)
+    paths = method.scattered(world, paths, kind, point, sums)
     paths.bounces[:] += 1
     return paths
 
 
-def _at_surfaces(world, method, paths, by_order, by_light):
-    n, medium = paths.count, method.medium
-    if n == 0:
+def _at_surfaces(world, method, paths, sums):
+    medium = method.medium
+    if paths.count == 0:
         return paths
-    numbers = np.empty((n, 6 if method.eye is None else 8))
-    wavefront.draw(paths.states, numbers)
-    shading = world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single)
-    added = np.empty((n, 3))
+    shading, numbers = steps.met(world, paths, columns=6 if method.eye is None else 8)
     arriving = paths.throughput
     if method.eye is not None:
         # what light sampling finds from the same places counts as much
@@ -224,19 +212,17 @@ def _at_surfaces(world, method, paths, by_order, by_light):
         once, light = paths.bounces == 1, (paths.origin, paths.direction, far)
         arriving = arriving * _together(method, once & (paths.order == 0), *light) \
             * _together(method, once & (paths.order == 1), *light, numbers[:, 6:])
-    wavefront.emitted(medium, arriving, np.where(paths.seen, -1, paths.order), shading.emitted, added)
-    wavefront.accumulate(added, paths.order, shading.source, paths.pixel, by_order, by_light)
+    order = np.where(paths.seen, -1, paths.order)
+    steps.add_light(medium, arriving, order, shading.emitted, shading.source, paths, sums)
     hit = np.flatnonzero(shading.hit)
     m, paths = len(hit), paths.of(hit)
     paths.bounces[:] += 1
     paths.ways[:] = 1
     paths.discrete[:] = method.later
-    sample = LightSample(*(values[hit] for values in shading.light))
+    sample, added = shading.light.of(hit), np.empty((m, 3))
     together = _together(method, paths.bounces == 1, shading.point[hit], sample.direction, sample.distance)
     events = Events(np.full(m, NO_DISC), shading.point[hit], paths.discrete)
     run(_transport.light, m, medium, events, paths, Guide(paths.direction, np.zeros(m, bool)), together, sample, added)
-    wavefront.accumulate(added[:m], paths.order, sample.light, paths.pixel, by_order, by_light)
-    run(wavefront.reflect, m, medium, paths.throughput, shading.weight[hit])
-    return paths._replace(origin=shading.origin[hit], direction=shading.direction[hit].astype(float),
-                          left_out=np.full((m, 3), np.nan), density=shading.density[hit].astype(float),
-                          single=shading.delta[hit], seen=np.zeros(m, bool))
+    sums.add(paths, sample.light, added)
+    steps.reflected(medium, paths, shading, hit)
+    return paths._replace(left_out=np.full((m, 3), np.nan), seen=np.zeros(m, bool))

@@ -1,0 +1,88 @@
+"""Steps that all wavefronts share: the paths of the camera, what they meet at surfaces of the scene, roulette, sums of light.
+
+Paths are any record with the fields that `renderers.transport.paths.Paths` and others have in common: origin, direction,
+throughput, states, pixel, order, bounces, density, single.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from renderers.threads import run
+from renderers.transport import wavefront
+
+_GOES_ON = 0.95  # share of the paths that have come far which goes on
+
+
+class Sums:
+    """Light that a pass has brought, linear sRGB.
+
+    by_order : (ORDERS, pixels, 3);  by_light : (lights, pixels, 3)
+    """
+
+    def __init__(self, pixels, lights):
+        self.by_order, self.by_light = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
+
+    def add(self, paths, light, added):
+        """What paths bring, added (n, 3), from lights (n,)."""
+        wavefront.accumulate(added, paths.order, light, paths.pixel, self.by_order, self.by_light)
+
+
+def begun(key, first, camera, corners):
+    """Random streams (n,), origins (n, 3) m and directions (n, 3) of the camera's paths, at any places in their pixels.
+
+    key : of `bakery.kernels.stream_key`;  first : number of the first path
+    corners : (n, 2) x and y of the pixels' upper left corners, in pixels of the camera's film
+    """
+    n = len(corners)
+    states, offset = np.empty(n, np.uint64), np.empty((n, 2))
+    wavefront.begin_streams(key, first, states)
+    wavefront.draw(states, offset)
+    x, y = (corners + offset).T
+    direction = camera.corner + x[:, None] * camera.right + y[:, None] * camera.down
+    direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
+    return states, np.tile(camera.origin, (n, 1)), direction
+
+
+def met(world, paths, *drawn, columns=6):
+    """What paths meet at surfaces, a `renderers.mitsuba.world.Shading`, and numbers (n, columns) of which that has used five.
+
+    drawn : (n, 3) m, where their directions were drawn, if not at their origins
+    """
+    numbers = np.empty((paths.count, columns))
+    wavefront.draw(paths.states, numbers)
+    return world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single, *drawn), numbers
+
+
+def add_light(colours, throughput, order, radiance, light, paths, sums):
+    """Adds radiance (n, 3) that paths have met of lights (n,); throughput (n, L), order (n,) : below 0 it does not count."""
+    added = np.empty((paths.count, 3))
+    wavefront.emitted(colours, throughput, order, radiance, added)
+    sums.add(paths, light, added)
+
+
+def reflected(colours, paths, shading, hit):
+    """Turns paths, those of hit (n,), at the surfaces that they have met."""
+    run(wavefront.reflect, paths.count, colours, paths.throughput, shading.weight[hit])
+    paths.origin[:], paths.direction[:] = shading.origin[hit], shading.direction[hit]
+    paths.density[:], paths.single[:] = shading.density[hit], shading.delta[hit]
+
+
+def survivors(paths):
+    """Paths that roulette leaves."""
+    alive = np.empty(paths.count, bool)
+    run(wavefront.roulette, paths.count, paths.throughput, paths.states, paths.bounces, alive)
+    return paths.of(alive)
+
+
+def thinned(paths, most):
+    """Without some of the paths of more bounces than `most`: light that is caught in glass loses nothing on its way."""
+    far = np.flatnonzero(paths.bounces > most)
+    if not len(far):
+        return paths
+    numbers, states, goes = np.empty((len(far), 1)), paths.states[far], np.ones(paths.count, bool)
+    wavefront.draw(states, numbers)
+    paths.states[far] = states
+    paths.throughput[far] /= _GOES_ON
+    goes[far] = numbers[:, 0] < _GOES_ON
+    return paths.of(goes)
