@@ -1,9 +1,10 @@
-"""What a first render takes: from sources of which nothing is compiled, with empty caches, bakes included.
+"""What a first render or bake takes: from sources of which nothing is compiled, with empty caches, bakes included.
 
     python -m benchmarks.first_render                       every scene of SCENES: seconds, processor seconds, what compiled
     python -m benchmarks.first_render candle --kernels 20   of some scenes, with their 20 longest kernels
     python -m benchmarks.first_render candle --beside TREE  beside other sources, in turns
     python -m benchmarks.first_render --record              writes bakery/run/kernels.json, which `bakery/run/ahead.py` reads
+    python -m benchmarks.first_render coated_soot --record  adds to it what a scene or a recipe compiles
 
 Processes that compile ahead are killed at the end, so what they spent is what the system says of all children, less this one's.
 A render of a draft ends by its time, so the samples differ; what compiles does not.
@@ -27,6 +28,7 @@ from benchmarks.sizes import SMALL, sized
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = sized(["candle", "glass_of_milk", "night_street", "lamp_in_dust", "heap_of_sand", "snow_at_night", "winter_evening"],
                ["candle"])
+RECIPES = ["coated_soot", "white_paint", "wax"]  # whose stages compile what no scene of SCENES needs
 RECORD = ROOT / "bakery" / "run" / "kernels.json"
 LEAST = 0.2  # processor seconds of a kernel with those that it calls; what takes less is not worth an entry
 
@@ -41,8 +43,13 @@ def fresh(tree: Path, folder: Path) -> Path:
     return folder
 
 
-def first(tree: Path, scene: str, alone: bool = False) -> dict:
-    """A first render: seconds, processor seconds of the command and of processes beside it, and what the trace says.
+def is_scene(name: str) -> bool:
+    return (ROOT / "assets" / "scenes" / f"{name}.yaml").exists()
+
+
+def first(tree: Path, name: str, alone: bool = False) -> dict:
+    """A first render of a scene, or first bake of a recipe: seconds, processor seconds of the command and of processes beside
+    it, and what the trace says.
 
     alone : on a single processor, where nothing is compiled ahead
     """
@@ -51,18 +58,21 @@ def first(tree: Path, scene: str, alone: bool = False) -> dict:
         environment = {name: value for name, value in os.environ.items() if name not in ("NUMBA_CACHE_DIR", "DRJIT_CACHE_DIR")}
         environment |= {"HOME": text, "XDG_CACHE_HOME": f"{text}/cache", "TRACE": f"{text}/tree/trace",
                         "PYTHONPATH": f"{folder}/trace{os.pathsep}{folder}"} | ({"BAKERY_JOBS": "1"} if alone else {})
-        command = [sys.executable, "-m", "bakery", "render", f"assets/scenes/{scene}.yaml", "--quality", "draft", "--quiet",
-                   "-o", f"{text}/{scene}.png", "--json", *sized([], ["--set", "film.width=32", "--set", "film.height=24"])]
+        command = [sys.executable, "-m", "bakery", "--quality", "draft", "--quiet", "--json"]
+        if is_scene(name):
+            command[3:3] = ["render", f"assets/scenes/{name}.yaml", "-o", f"{text}/{name}.png",
+                            *sized([], ["--set", "film.width=32", "--set", "film.height=24"])]
+        else:
+            command[3:3] = ["bake", f"recipes/{name}.yaml", "-o", f"{text}/{name}.h5"]
         before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
         done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
         seconds, after = time.monotonic() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
         if done.returncode not in (0, 3):
-            raise SystemExit(f"{scene}: {done.stderr}")
+            raise SystemExit(f"{name}: {done.stderr}")
         traces = [json.loads(path.read_text()) for path in (folder / "trace").glob("*.json")]
-    trace = max((trace for trace in traces if "render" in trace["arguments"]), key=lambda trace: trace["processor"])
+    trace = max((trace for trace in traces if {"render", "bake"} & set(trace["arguments"])), key=lambda trace: trace["processor"])
     spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return {"scene": scene, "seconds": seconds, "processor": spent, "report": json.loads(done.stdout), "trace": trace,
-            "section": json.loads(done.stdout)["renderer"]}
+    return {"name": name, "seconds": seconds, "processor": spent, "trace": trace}
 
 
 def row(run: dict) -> str:
@@ -70,7 +80,7 @@ def row(run: dict) -> str:
     kernels = [kernel for kernel in trace["numba"] if not kernel["waiting"]]
     waits = sum(kernel["seconds"] for kernel in trace["numba"] if kernel["waiting"])
     traced = [kernel for kernel in trace["drjit"] if kernel["new"]]
-    return (f"{run['scene']:<16} {run['seconds']:8.1f} {run['processor']:10.1f} {trace['processor']:9.1f} {len(kernels):8d} "
+    return (f"{run['name']:<16} {run['seconds']:8.1f} {run['processor']:10.1f} {trace['processor']:9.1f} {len(kernels):8d} "
             f"{sum(kernel['own'] for kernel in kernels):9.1f} {waits:7.1f} {len(traced):7d} "
             f"{sum(kernel['seconds'] for kernel in traced):7.1f}")
 
@@ -102,7 +112,9 @@ def groups(runs: list[dict]) -> dict[str, list]:
                 mine.append(entry)
             elif entry not in out.setdefault(kernel["group"], []):
                 out[kernel["group"]].append(entry)
-        every, besides = groups_of(scene.load(ROOT / "assets" / "scenes" / f"{run['scene']}.yaml"))
+        if not is_scene(run["name"]):
+            continue
+        every, besides = groups_of(scene.load(ROOT / "assets" / "scenes" / f"{run['name']}.yaml"))
         of_renderer.setdefault(every, []).append((besides, mine))
     for every, scenes in of_renderer.items():
         shared = [entry for entry in scenes[0][1] if all(entry in mine for _, mine in scenes)]
@@ -116,7 +128,7 @@ def groups(runs: list[dict]) -> dict[str, list]:
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="*", default=SCENES)
+    parser.add_argument("names", nargs="*", metavar="SCENE|RECIPE", help="those of SCENES, and with --record those of RECIPES")
     parser.add_argument("--kernels", type=int, default=0, metavar="N", help="name the N longest kernels of each scene")
     parser.add_argument("--beside", type=Path, metavar="TREE", help="other sources to measure as well")
     parser.add_argument("--alone", action="store_true", help="nothing compiled ahead")
@@ -128,14 +140,17 @@ def main():
     print(f"{'scene':<16} {'clock':>8} {'processor':>10} {'command':>9} {'kernels':>8} {'compiling':>9} {'waiting':>7} "
           f"{'Dr.Jit':>7} {'':>7}", flush=True)
     runs = []
-    for name in asked.scenes:
+    for name in asked.names or SCENES + (RECIPES if asked.record else []):
         for tree in trees:
             runs.append(first(tree, name, asked.alone or asked.record))
             of_tree = f"  {tree}" if len(trees) > 1 else ""
             print(row(runs[-1]) + of_tree, *longest(runs[-1], asked.kernels), sep="\n", flush=True)
     if asked.record and not SMALL:
+        recorded = groups(runs)
+        for name, kernels in json.loads(RECORD.read_text()).items() if asked.names else ():
+            recorded[name] = kernels + [entry for entry in recorded.get(name, []) if entry not in kernels]
         lines = (f"{json.dumps(name)}: [\n" + ",\n".join(map(json.dumps, kernels)) + "]"
-                 for name, kernels in sorted(groups(runs).items()))
+                 for name, kernels in sorted(recorded.items()))
         RECORD.write_text("{" + ",\n".join(lines) + "}\n")
 
 

@@ -1,8 +1,8 @@
 """Plane layers: python -m benchmarks.surface [--small]
 
 Isotropic half spaces against Chandrasekhar's H functions; energy of lossless layers; moments, processor time and bytes that three
-half spaces take at 1 %, and the change that is stated against the true error; PythonicDISORT beside, where it is installed; what
-half spaces of packed balls take.
+half spaces take at 1 %, and the change that is stated against the true error; PythonicDISORT beside, where it is installed; how
+far light spreads; what half spaces of packed balls take.
 """
 
 from __future__ import annotations
@@ -22,12 +22,16 @@ from bakery.physics.multiple.legendre import moments
 from bakery.physics.surfaces.refine import refined
 from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.solution import solve
+from bakery.physics.surfaces.spread import profile, spread
 from benchmarks.sizes import sized
 
 ALBEDOS = sized((0.1, 0.5, 0.9, 0.99, 0.9999, 1.0), (0.9, 1.0))
 DEPTHS = sized((1e-6, 0.01, 1.0, 100.0, 1e6, math.inf), (1.0,))
 INDICES = sized((0.8, 1.0, 1.33, 1.5), (1.33,))
 LOBES = sized((0.0, 0.6, 0.75, 0.85, 0.9), (0.6,))
+# albedo, g and index of half spaces
+SPREADS = sized(((0.9, 0.5, 1.0), (0.99, 0.5, 1.0), (0.999, 0.5, 1.0), (0.9999, 0.5, 1.0), (1.0, 0.5, 1.0), (0.99, 0.9, 1.0),
+                 (8.5 / 8.5011, 0.7, 1.33), (12.57 / 12.584, 0.7, 1.33)), ((0.9, 0.5, 1.0),))
 GRAINS = sized({"matt 0.1": 0.1, "matt 0.8": 0.8, "matt 1": 1.0, "glass 1.5": 1.5}, {"matt 0.8": 0.8})
 ERRORS = sized((0.02, 0.01), (0.1,))
 COSINES = np.array([math.cos(math.radians(89.9)), 0.05, 0.2, 0.5, 0.8, 1.0])
@@ -114,6 +118,23 @@ def peer():
               f"PythonicDISORT {end - middle:.3f}, {theirs:.7f}")
 
 
+def spreads():
+    spread(Slab(*henyey_greenstein(0.5), 0.5, math.inf), 0, 0, 0)  # compiles
+    print("half spaces: albedo, g, index; root mean square, median and d of the profile in transport mean free paths, misfit,")
+    print("share of the light further than 1000 of them, CPU s")
+    for albedo, g, index in SPREADS:
+        begun = time.process_time()
+        result = spread(Slab(*henyey_greenstein(g), albedo, math.inf, index), 0, 0, 0)
+        seconds, path = time.process_time() - begun, 1 / (1 - albedo * g)
+        light = result.light.mean(axis=0).sum(axis=0)
+        within = np.cumsum(light) / (light.sum() + result.beyond)
+        width, misfit = profile(result.edges, light, result.beyond)
+        error = 50 * result.mean_square_error / result.mean_square
+        print(f"  {albedo:.5f} {g} {index}  {math.sqrt(result.mean_square) / path:.3g} +- {error:.1f} %  "
+              f"{np.interp(0.5, within, result.edges[1:]) / path:.3g}  {width / path:.3g}  {100 * misfit:.1f} %  "
+              f"{100 * result.beyond:.2f} %  {seconds:.2f}")
+
+
 def grains():
     from bakery.physics.grains.sphere import ball
     from bakery.physics.grains.surface import dielectric, diffuse
@@ -147,6 +168,7 @@ def main() -> None:
     energy()
     cost()
     peer()
+    spreads()
     grains()
 
 

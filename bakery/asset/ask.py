@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterable, Mapping
 from numbers import Real
@@ -13,7 +12,7 @@ import numpy as np
 from bakery.asset.lookup import lookup
 from bakery.errors import UsageError
 from bakery.family.tree import is_family
-from bakery.grammar.text import show
+from bakery.grammar.text import closest, show
 from bakery.grammar.units import ANGLE, LENGTH, WAVELENGTH, Wrong, is_list, parse, parse_list
 from bakery.stages import all_stages
 from bakery.stages.conform import FAMILY
@@ -65,8 +64,8 @@ def ask(asset: Asset | Family, path: str, arguments: Mapping[str, str | float | 
 
 def not_found(asset: str, path: str, names: list[str]) -> str:
     """What to say of a path that an asset does not hold: the nearest one, or what there is."""
-    near = difflib.get_close_matches(path, names, 1) or [name for name in names if name.rpartition("/")[2] == path][:1]
-    hint = f"did you mean {near[0]}?" if near else f"it holds {', '.join(name for name in names if '/' not in name)}"
+    near = closest(path, names) or next((name for name in names if name.rpartition("/")[2] == path), "")
+    hint = f"did you mean {near}?" if near else f"it holds {', '.join(name for name in names if '/' not in name)}"
     return f'{asset}: found no "{path}"; {hint}'
 
 
@@ -76,9 +75,9 @@ def _value(name: str, value, queries: Mapping[str, Query], path: str) -> float |
     for query in (*queries.values(), *([queries[path]] if path in queries else [])):
         kinds |= query.arguments
     if name not in kinds:
-        near = difflib.get_close_matches(name, kinds, 1)
+        near = closest(name, kinds)
         askable = [ARGUMENTS, *(f"of {query.path} {query.example}" for query in queries.values())]
-        raise UsageError(f'found "{name}"; ' + (f"did you mean {near[0]}=…?" if near else "; ".join(askable)))
+        raise UsageError(f'found "{name}"; ' + (f"did you mean {near}=…?" if near else "; ".join(askable)))
     if not isinstance(value, str):
         return _numbers(name, value)
     try:

@@ -98,12 +98,12 @@ class Commands(click.Group):
         return super().shell_complete(ctx, incomplete) + [CompletionItem(name) for name in recipes]
 
     def unknown(self, word: str):
-        import difflib
+        from bakery.grammar.text import closest
 
-        near = difflib.get_close_matches(word, COMMANDS, 1)
+        near = closest(word, COMMANDS)
         raise click.UsageError(
             f'found "{word}", which is neither a command nor a recipe (a recipe ends in .yaml or holds a slash)'
-            + (f"; did you mean {near[0]}?" if near else "; see bake --help")
+            + (f"; did you mean {near}?" if near else "; see bake --help")
         )
 
 

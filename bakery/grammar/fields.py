@@ -7,7 +7,6 @@ context, so that the checks between keys (`recipe.checker`) can run even where a
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Callable, Collection
@@ -17,7 +16,7 @@ from pydantic import Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError, core_schema
 
 from bakery.grammar import units
-from bakery.grammar.text import Mapping, Scalar, Sequence, show
+from bakery.grammar.text import Mapping, Scalar, Sequence, nearest, show
 from bakery.grammar.units import FRACTION, LENGTH, NUMBER_ONLY, Quantity, Wrong
 
 FORMAT = 1
@@ -232,17 +231,6 @@ def takes_auto(field) -> bool:
 
 def one_of(choices) -> str:
     return ", ".join(choices[:-1]) + f" or {choices[-1]}" if len(choices) > 1 else str(choices[0])
-
-
-def nearest(text: str, names) -> str:
-    """` (fog?)`: the nearest known word, or nothing."""
-    near = closest(text, names)
-    return f" ({near}?)" if near else ""
-
-
-def closest(text: str, names) -> str:
-    """The nearest known word, or nothing."""
-    return next(iter(difflib.get_close_matches(str(text)[:64].lower(), [str(k) for k in names], 1, 0.6)), "")
 
 
 def _read_text(node):

@@ -5,8 +5,8 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
-from bakery.grammar.fields import Material, Path, Share, closest, numbers, word
-from bakery.grammar.text import Mapping, Scalar
+from bakery.grammar.fields import Material, Path, Share, numbers, word
+from bakery.grammar.text import Mapping, Scalar, closest
 
 RULES = ("bruggeman", "maxwell_garnett", "lorentz_lorenz", "volume")  # of mixtures, as `bakery.physics.materials.mixing` has them
 

@@ -32,6 +32,19 @@ def show(text, limit: int = 60) -> str:
     return '"' + "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text) + '"'
 
 
+def closest(text: str, names, likeness: float = 0.6) -> str:
+    """The nearest known word, or nothing."""
+    import difflib
+
+    return next(iter(difflib.get_close_matches(str(text)[:64].lower(), [str(k) for k in names], 1, likeness)), "")
+
+
+def nearest(text: str, names, likeness: float = 0.6) -> str:
+    """` (fog?)`: the nearest known word, or nothing."""
+    near = closest(text, names, likeness)
+    return f" ({near}?)" if near else ""
+
+
 @dataclass
 class Source:
     """A text that values come from: a file, or an override (then lines are not numbered)."""

@@ -7,13 +7,12 @@ float.
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from bakery.grammar.text import show
+from bakery.grammar.text import closest, show
 
 NUMBER = re.compile(r"([-+]?)(\d+\.?\d*|\.\d+)(?:[eE]([-+]?\d+))?", re.ASCII)
 MAX_DIGITS = 400
@@ -126,8 +125,8 @@ def _wrong_unit(text: str, number: str, unit: str, canonical: str, quantity: Qua
                      f"expected real ones: n: {index[1]}, k: {index['k'] or '1'} is n + ik")
     if not quantity.powers:
         return Wrong(f"found {show(text)}", "expected a number without unit")
-    near = difflib.get_close_matches(canonical, quantity.powers, 1, 0.7)
-    hint = f" ({number} {near[0]}?)" if near else ""
+    near = closest(canonical, quantity.powers, 0.7)
+    hint = f" ({number} {near}?)" if near else ""
     return Wrong(f"found {show(text)}; {show(unit)} is no unit of {quantity.name}", quantity.takes + hint)
 
 

@@ -8,6 +8,7 @@ the light there.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -194,22 +195,39 @@ def henyey_greenstein(g, cosine):
     return (1 - g * g) / (4 * math.pi * max((1 - g) ** 2 + 2 * g * (1 - cosine), 1e-300) ** 1.5)
 
 
+class Medium(NamedTuple):
+    """sigma_t : (C,) 1/m;  albedo, g : (C,) 1;  peak : (C,) 1, see `scaled`"""
+
+    sigma_t: np.ndarray
+    albedo: np.ndarray
+    g: np.ndarray
+    peak: np.ndarray
+
+
+class Parallel(NamedTuple):
+    """mu : 1;  irradiance : (C,);  diffuse : whether light that was scattered before is added"""
+
+    mu: float
+    irradiance: np.ndarray
+    diffuse: bool
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def source(before, behind, single, turn, cosine, sigma_t, albedo, g, peak, mu, irradiance, diffuse, out):
+def source(before, behind, single, turn, cosine, medium, sun, out):
     """Adds to `out` what a collision sends towards the camera, radiance a unit of optical depth.
 
     before, behind : (M,) m, density integrated along the column to its lit face, to its other face
     single : (M, C) phase function towards the camera times irradiance
     turn, cosine : (M,) 1, of the angle between the parallel light and the direction to the camera, between the
         column and that direction
-    sigma_t : (C,) 1/m;  albedo, g : (C,) 1;  peak : (C,) 1, see `scaled`;  mu : 1;  irradiance : (C,)
-    diffuse : whether light that was scattered before is added
-    out : (M, C)
+    medium : `Medium`;  sun : `Parallel`;  out : (M, C)
 
     Light in the peak has met m events of mean cosine q = (1 + g)/2, their number as Poisson gives it (one or more); it is
     scattered on by a Henyey-Greenstein function with the mean cosine that results.  Without that the sun's surroundings are up
     to 8 times too bright (g = 0.9, optical depth 10), with it within 10 %.
     """
+    sigma_t, albedo, g, peak = medium
+    mu, irradiance, diffuse = sun
     for c in range(len(albedo)):
         albedo_left, g_left, factor = scaled(albedo[c], g[c], peak[c])
         q = (1 + g[c]) / 2

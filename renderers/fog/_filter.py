@@ -230,7 +230,8 @@ def merge(below, below_mask, below_start, mask, start, classes, entries):
             n = start[y * width + x]
             for k in range(classes):
                 if (mask[y, x] >> k) & 1:
-                    entries[n] = sums[k]
+                    for c in range(columns):  # not a row at once: what numba checks then takes half of the time to compile this
+                        entries[n, c] = sums[k, c]
                     entries[n, DISTANCE] /= sums[k, COUNT]
                     entries[n, Y] /= sums[k, COUNT]
                     entries[n, X] /= sums[k, COUNT]

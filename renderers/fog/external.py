@@ -236,9 +236,10 @@ class _Light:
             before = self.density.integrals(points, -axis, far)[:, 0]
             to_floor = far if self.floor is None else np.maximum(points @ -self.axis - self.floor, 0)
             behind = self.density.integrals(points, axis, to_floor)[:, 0] if self.diffuse else before
+            medium = _columns.Medium(m.sigma_t, m.albedo, m.g, m.peak)
+            sun = _columns.Parallel(self.mu, self.irradiance, self.diffuse)
             _columns.source(np.ascontiguousarray(before), np.ascontiguousarray(behind), single[ray], turn[ray],
-                            cosine[ray], m.sigma_t, m.albedo, m.g, m.peak, self.mu, self.irradiance, self.diffuse,
-                            out)
+                            cosine[ray], medium, sun, out)
             return out
 
         return source

@@ -80,8 +80,9 @@ def light_number(positions, emitter):
     return dr.gather(mi.Int32, positions, dr.reinterpret_array(mi.UInt32, emitter))
 
 
-def met(power, scene, positions, origin, direction, drawn, random, by_ray, delta):
-    """What `World.shade` gives, as Dr.Jit's arrays, in units of the scene; positions : of emitters in `World.light_names`."""
+def met(power, scene, kinds, positions, origin, direction, drawn, random, by_ray, delta):
+    """What `World.shade` gives, as Dr.Jit's arrays, in units of the scene; positions : of emitters in `World.light_names`;
+    kinds : of a recording, `renderers.mitsuba.recording.pointers`."""
     import drjit as dr
     import mitsuba as mi
 

@@ -24,6 +24,7 @@ import numpy as np
 from bakery.errors import UsageError
 from renderers.camera import Camera, length
 from renderers.mitsuba import lights, shading, shapes, variants
+from renderers.mitsuba.recording import pointers, undisturbed
 from renderers.mitsuba.scene import load
 from renderers.mitsuba.sensor import camera_of
 from renderers.mitsuba.shading import FAR, LOBE, LightSample, Shading
@@ -336,8 +337,9 @@ class World:
         drawn = places if drawn is None else self._inside(mi, drawn)
         u, by_ray = shading.uniform(mi, random, 0, LOBE + 3), [shading.single(mi, values) for values in (density, delta)]
         directions = mi.Vector3f(*shading.columns(mi, direction))
-        hit, point, emitted, source, by_light, *sample, start, chosen, weight, by_next, smooth = shading.arrays(
-            len(origin), *self._meets(power, self._scene, self._positions, places, directions, drawn, u, *by_ray))
+        with undisturbed():
+            met = self._meets(power, self._scene, pointers(self._scene), self._positions, places, directions, drawn, u, *by_ray)
+        hit, point, emitted, source, by_light, *sample, start, chosen, weight, by_next, smooth = shading.arrays(len(origin), *met)
         return Shading(hit, self._metres(point), emitted, source, by_light, self._light(*sample), self._metres(start), chosen,
                        weight, by_next, ~smooth)
 
@@ -355,6 +357,11 @@ class World:
     def _light(self, direction, distance, radiance, density, delta, light):
         distance = np.where(self._infinite[light], FAR, self._metres(distance))
         return LightSample(direction, distance, radiance, density, delta, light)
+
+    @property
+    def light_positions(self):
+        """Of emitters in `light_names`, by Dr.Jit's numbers of them."""
+        return self._positions
 
     def light_number(self, emitter):
         """Positions of emitters in `light_names`; Dr.Jit's 0 is none."""

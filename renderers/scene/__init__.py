@@ -341,7 +341,7 @@ def _section(source: text.Source, root: Node | None) -> tuple[str, Problem | Non
     if named:
         last = root.names[max(named, key=keys.index)]
         return "", last.problem(f"found {' beside '.join(named)}", f"{expected}, one of them")
-    near = [fields.closest(key, names) for key in keys if key not in common.Common.model_fields]
+    near = [text.closest(key, names) for key in keys if key not in common.Common.model_fields]
     return next(filter(None, near), ""), source.problem(None, "", "found neither materials nor a renderer's section", expected)
 
 

@@ -67,7 +67,8 @@ def first_hits(world, entries, colours, seed, samples=SAMPLES) -> Features:
 def _first_hits(scene, key, pixels, samples) -> _Shown:
     number, width = dr.arange(mi.UInt32, pixels * samples), pixels * samples
     pixel = number // dr.opaque(mi.UInt32, samples)
-    path = loop.begin(scene, key, Strata(key, samples), pixel, dr.opaque(mi.UInt32, samples), number)
+    strata = Strata.of(key, samples)
+    path = loop.begin(scene, strata.key, strata, pixel, strata.count, number)
     shown = _Shown(dr.zeros(mi.Color3f, width), dr.zeros(mi.Vector3f, width), dr.zeros(mi.Float, width),
                    dr.zeros(mi.UInt32, width))
     return dr.while_loop((path, shown), lambda path, shown: path.alive, lambda path, shown: _turn(scene, path, shown),

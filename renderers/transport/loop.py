@@ -101,19 +101,72 @@ class Turn(NamedTuple):
     turned: Callable
 
 
-def trace(scene, key, pixels, samples, by_light, turn=None):
-    """Light of paths, sums of `samples` of each pixel: (pixels * ORDERS * 3,) of linear sRGB, and the same by lights.
+class Numbers(NamedTuple):
+    """Numbers of a pass as variables: they would be part of the kernel, and others another kernel.
+
+    pixels, lanes : of the pass;  strata : of the samples of a pixel
+    """
+
+    pixels: mi.UInt32
+    lanes: mi.UInt32
+    strata: Strata
+
+    @property
+    def key(self) -> list:
+        """Two numbers of 32 bits, of the random stream."""
+        return self.strata.key
+
+    @property
+    def samples(self) -> mi.UInt32:
+        """Of a pixel."""
+        return self.strata.count
+
+    @classmethod
+    def of(cls, key, pixels, lanes, samples) -> Numbers:
+        """Of a pass of so many samples of each pixel."""
+        return cls(*(dr.opaque(mi.UInt32, number) for number in (pixels, lanes)), Strata.of(key, samples))
+
+    @classmethod
+    def from_list(cls, numbers) -> Numbers:
+        """Of what `to_list` gives: recordings take lists."""
+        pixels, lanes, first, second, count, columns = numbers
+        return cls(pixels, lanes, Strata([first, second], count, columns))
+
+    def to_list(self) -> list:
+        """All of its variables."""
+        return [self.pixels, self.lanes, *self.strata.key, self.strata.count, self.strata.columns]
+
+
+def trace(scene, key, pixels, samples, by_light, turn=None, sums=None):
+    """Light of paths, sums of `samples` of each pixel: (pixels, ORDERS, 3) of linear sRGB, and (pixels, lights, 3) by lights.
 
     scene : `scene.Scene`;  key : two numbers of 32 bits, of the random stream of a pass
-    by_light : whether the second, (pixels * lights * 3,), is more than empty
+    by_light : whether the second is more than empty
     turn : `Turn`; that through media if None
+    sums : function of arguments as of `summed` that gives the same; None: that itself
     """
     turn = turn or Turn(lambda scene, path: path, wandered, next_event, turned)
     lanes = min(pixels, max(_LANES, pixels * samples // _PATHS))
-    strata = Strata(key, samples)
-    numbers = [dr.opaque(mi.UInt32, number) for number in (pixels, samples, lanes)]
-    path = turn.begin(scene, begin(scene, key, strata, dr.arange(mi.UInt32, lanes), numbers[1]))
-    records, path.counts = scene.lamps.records(lanes, pixels * samples / lanes) if scene.lamps else (None, None)
+    lamps = scene.lamps.records(lanes, pixels * samples / lanes) if scene.lamps else (None, None)
+    by_order, of_lights = (sums or summed)(scene, Numbers.of(key, pixels, lanes, samples), (pixels, lanes), by_light, turn, lamps)
+    dr.eval(by_order, of_lights)  # both by one kernel
+    by_order, of_lights = (np.asarray(light, dtype=float).reshape(-1, 3) for light in (by_order, of_lights))
+    for number, order, emitter, light in scene.lamps.light(lamps[0]) if scene.lamps else ():
+        pixel = number // samples
+        add(by_order, pixel * ORDERS + np.minimum(order, ORDERS - 1), light)
+        if by_light:
+            add(of_lights, (pixel * scene.lights + emitter)[emitter >= 0], light[emitter >= 0])
+    return by_order.reshape(pixels, ORDERS, 3), of_lights.reshape(pixels, -1, 3) if by_light else of_lights
+
+
+def summed(scene, numbers, size, by_light, turn, lamps=(None, None)):
+    """The loop itself: light by pixel and order, and by pixel and light, as arrays of Dr.Jit.
+
+    numbers : `Numbers`;  size : pixels and lanes;  lamps : records of small lamps, and the counts of each lane
+    """
+    (pixels, lanes), (records, counts), strata = size, lamps, numbers.strata
+    path = turn.begin(scene, begin(scene, numbers.key, strata, dr.arange(mi.UInt32, lanes), numbers.samples))
+    path.counts = counts
     by_order, of_lights = (dr.zeros(mi.Float, 3 * pixels * kinds) for kinds in (ORDERS, scene.lights * by_light))
 
     def step(path):
@@ -128,14 +181,7 @@ def trace(scene, key, pixels, samples, by_light, turn=None):
                            label="next paths"),)
 
     dr.while_loop((path,), lambda path: path.alive, step, label="paths")
-    dr.eval(by_order, of_lights)  # both by one kernel
-    by_order, of_lights = (np.asarray(sums, dtype=float).reshape(-1, 3) for sums in (by_order, of_lights))
-    for number, order, emitter, light in scene.lamps.light(records) if scene.lamps else ():
-        pixel = number // samples
-        add(by_order, pixel * ORDERS + np.minimum(order, ORDERS - 1), light)
-        if by_light:
-            add(of_lights, (pixel * scene.lights + emitter)[emitter >= 0], light[emitter >= 0])
-    return by_order.reshape(pixels, ORDERS, 3), of_lights.reshape(pixels, -1, 3) if by_light else of_lights
+    return by_order, of_lights
 
 
 def add(sums, number, light):
@@ -145,13 +191,12 @@ def add(sums, number, light):
 
 
 def _next(scene, strata, numbers, path):
-    """The lane's next path, in the place of one that is over; numbers : of pixels, of samples of each, of lanes."""
-    pixels, samples, lanes = numbers
+    """The lane's next path, in the place of one that is over."""
     number = path.number + 1
-    done = number == (path.pixel + 1) * samples
-    pixel = path.pixel + dr.select(done, lanes, 0)
-    path.number, path.alive = dr.select(done, pixel * samples, number), pixel < pixels
-    drawn = strata.drawn(pixel, path.number - pixel * samples, path.random, path.alive)
+    done = number == (path.pixel + 1) * numbers.samples
+    pixel = path.pixel + dr.select(done, numbers.lanes, 0)
+    path.number, path.alive = dr.select(done, pixel * numbers.samples, number), pixel < numbers.pixels
+    drawn = strata.drawn(pixel, path.number - pixel * numbers.samples, path.random, path.alive)
     vars(path).update(vars(camera_paths(scene, pixel, drawn, path.random, path.alive, path.number)) | {"counts": path.counts})
     return path
 
@@ -173,14 +218,13 @@ def first_media(scene, key, pixels):
         path.alive &= ~event.scatters
         return path, dr.select(event.scatters, mi.Int32(event.medium), number)
 
-    start = begin(scene, key, Strata(key, 1), dr.arange(mi.UInt32, pixels)), dr.full(mi.Int32, -1, pixels)
+    strata = Strata.of(key, 1)
+    start = begin(scene, strata.key, strata, dr.arange(mi.UInt32, pixels)), dr.full(mi.Int32, -1, pixels)
     return dr.while_loop(start, lambda path, number: path.alive, step, label="first scatterings")[1]
 
 
 def begin(scene, key, strata, pixel, samples=1, number=None):
     """First paths of lanes, so many samples of pixels; number : of the paths, None for those of the first samples."""
-    # as variables: a number would be part of the kernel, and another one another kernel
-    key = [dr.opaque(mi.UInt32, part) for part in key]
     number, alive = pixel * samples if number is None else number, dr.full(mi.Bool, True, dr.width(pixel))
     low, high = mi.sample_tea_32(dr.arange(mi.UInt32, dr.width(pixel)) ^ key[0], key[1])
     random = mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))

@@ -6,6 +6,7 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from renderers.mitsuba.recording import pointers
 from renderers.transport import regions
 from renderers.transport.boundaries import Boundaries
 from renderers.transport.lamps import lamps
@@ -41,12 +42,17 @@ class View:
         colours : to_rgb (3, L) and to_waves (L, 3)
         """
         self.scene, self.light_number, self.lights = scene, world.light_number, len(world.light_names)
+        self._light_positions = world.light_positions  # which `light_number` looks up
         self.waves = len(colours.to_waves)
         self._camera = [mi.Point3f(*row) for row in _camera(world.camera, world.unit).tolist()]
         self._to_rgb, self._to_waves = _entries(colours.to_rgb), _entries(colours.to_waves)
         self._width = mi.UInt32(world.size[1])
         self._corners = None if world.corners is None else [mi.Float(column.astype(np.float32)) for column in world.corners.T]
         dr.make_opaque(self._camera, self._width)
+
+    def variables(self) -> list:
+        """What a recording of the loop is given: arrays of Dr.Jit's and scenes of Mitsuba's, and kinds of what is in these."""
+        return [*_variables(vars(self)), *pointers(self.scene)]
 
     def camera_ray(self, pixel, offset):
         """Origin and direction through pixels, numbered by rows, at places in them."""
@@ -122,6 +128,16 @@ class Scene(View):
     def holds(self, medium, point):
         """Whether points may be in a medium; rounding can lose a path through an edge of a body."""
         return (dr.gather(mi.UInt32, self._is_body, medium) == 0) | self.boundaries.near(point)
+
+
+def _variables(value):
+    if dr.is_array_v(value) or isinstance(value, mi.Scene):
+        yield value
+    elif isinstance(value, dict | list | tuple):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from _variables(part)
+    elif type(value).__module__.startswith("renderers."):
+        yield from _variables(vars(value))
 
 
 def _place(entry):

@@ -19,21 +19,33 @@ _STRIDE = 7  # between strata of choices of samples whose strata of the pixel ar
 
 
 class Strata:
-    """Strata of the samples of pixels."""
+    """Strata of the samples of pixels.
 
-    def __init__(self, key, samples):
-        """key : two numbers of 32 bits, of the pass;  samples : of a pixel"""
+    Attributes
+    ----------
+    key : two numbers of 32 bits, of the pass
+    count : samples of a pixel
+    columns : of their strata
+    """
+
+    def __init__(self, key, count, columns):
+        """Variables, as numbers would be part of the kernel, and others another kernel: `of` takes numbers."""
+        self.key, self.count, self.columns = key, count, columns
+        self._size = dr.rcp(mi.Float(columns)), mi.Float(columns) / mi.Float(count)
+        self._chosen = dr.rcp(mi.Float(count))
+
+    @classmethod
+    def of(cls, key, samples) -> Strata:
+        """Of a pass of so many samples of each pixel."""
         columns = max(divisor for divisor in range(1, math.isqrt(samples) + 1) if samples % divisor == 0)
-        # as variables: numbers would be part of the kernel
-        self._count, self._columns, *self._key = (dr.opaque(mi.UInt32, n) for n in (samples, columns, *key))
-        self._size = dr.rcp(mi.Float(self._columns)), mi.Float(self._columns) / mi.Float(self._count)
-        self._chosen = dr.rcp(mi.Float(self._count))
+        *halves, count, columns = (dr.opaque(mi.UInt32, number) for number in (*key, samples, columns))
+        return cls(halves, count, columns)
 
     def drawn(self, pixel, sample, random, active):
         """Places in pixels, and numbers for choices, of their samples."""
-        row = sample // self._columns
-        offset = mi.Point2f((mi.Float(sample - row * self._columns) + random.next_float32(active)) * self._size[0],
+        row = sample // self.columns
+        offset = mi.Point2f((mi.Float(sample - row * self.columns) + random.next_float32(active)) * self._size[0],
                             (mi.Float(row) + random.next_float32(active)) * self._size[1])
-        turn = mi.sample_tea_32(pixel ^ self._key[1], self._key[0])[0] % self._count
-        chosen = (sample * _STRIDE + turn) % self._count
+        turn = mi.sample_tea_32(pixel ^ self.key[1], self.key[0])[0] % self.count
+        chosen = (sample * _STRIDE + turn) % self.count
         return offset, dr.minimum((mi.Float(chosen) + random.next_float32(active)) * self._chosen, _BELOW_ONE)

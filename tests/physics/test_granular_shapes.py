@@ -82,3 +82,13 @@ def test_scenes_with_instances_have_wavefronts(tmp_path):
     world = World(tmp_path / "room.xml", view={"origin": (0.0, -15.0, 3.0), "target": (0.0, 0.0, 0.0), "up": (0.0, 0.0, 1.0),
                                                "fov": 50.0}, size=(4, 4))
     assert not shapes.fit(world, [place(grains([Kind(GLASS)], bumpy(1.0), tile(0.5, 40)), world)])
+
+
+@pytest.mark.parametrize("surface, mesh, fits", [(MATT, bumpy(24.0), True), (GLASS, bumpy(24.0), False),
+                                                 (MATT, (bumpy(4.0)[0] + 1e5, bumpy(4.0)[1]), False)])
+def test_which_grains_fit(tmp_path, surface, mesh, fits):
+    """Thousands of opaque balls do; clear ones are quicker in wavefronts; those a hundred thousand radii away lack digits."""
+    (tmp_path / "scene.xml").write_text(SCENE.replace("MORE", ""))
+    packed, world = grains([Kind(surface)], mesh, tile(0.5, 40)), World(tmp_path / "scene.xml")
+    assert shapes.fit(world, [paths.Explicit(packed, np.zeros((0, 0, 0), np.uint8), COLOURS)]) == fits
+    assert len(listed(packed).radius) > (2048 if mesh[0].max() < 1e3 else 10)

@@ -284,9 +284,9 @@ def test_source_term_by_term(albedo, g, peak):
     for diffuse, value in ((True, expected), (False, albedo * single * math.exp(-true / mu))):
         out = np.ones((1, 1))
         columns = (np.array([x]) for x in (before, behind))
-        channels = (np.array([x]) for x in (sigma_t, albedo, g, peak))
-        _columns.source(*columns, np.array([[single]]), np.array([c]), np.array([cosine]), *channels, mu,
-                        np.array([irradiance]), diffuse, out)
+        medium = _columns.Medium(*(np.array([x]) for x in (sigma_t, albedo, g, peak)))
+        sun = _columns.Parallel(mu, np.array([irradiance]), diffuse)
+        _columns.source(*columns, np.array([[single]]), np.array([c]), np.array([cosine]), medium, sun, out)
         assert out[0, 0] - 1 == pytest.approx(value, rel=1e-9)
 
 

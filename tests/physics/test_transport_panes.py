@@ -121,7 +121,7 @@ def test_samples_of_a_pixel_have_strata_of_their_own():
     """One in each of the pixel and in each of the choices, and all choices alike in each stratum of the pixel."""
     pixels, samples = 4096, 16
     path = dr.arange(mi.UInt32, pixels * samples)
-    place, choice = strata.Strata((3, 5), samples).drawn(path // samples, path % samples, mi.PCG32(pixels * samples), True)
+    place, choice = strata.Strata.of((3, 5), samples).drawn(path // samples, path % samples, mi.PCG32(pixels * samples), True)
     x, y, choice = (np.array(numbers).reshape(pixels, samples) for numbers in (place.x, place.y, choice))
     number, chosen = np.floor(4 * x) + 4 * np.floor(4 * y), np.floor(16 * choice)
     assert np.array_equal(np.sort(number), np.sort(chosen)) and np.array_equal(np.sort(number)[0], np.arange(16))

@@ -92,7 +92,7 @@ def test_a_sweep_is_set_and_unset(recipe):
      'unknown key "radus"'),
     (["particles.components.rain.size.radius: [2, 4] um"], 'fog.yaml:11: sweep.particles.components.rain.size.radius: found no '
      'item "rain" in particles.components'),
-    (["particles.components.drops.material: [water, ice]"], 'found "water"; expected a number: what is no number has nothing'),
+    (["particles.components.drops.material: [water, ice]"], 'found "water"; expected a number: only numbers can be interpolated'),
     ([f"{RADIUS}: [2, 4] um", "tolernce: 1%"], 'fog.yaml:12: sweep.tolernce: found "tolernce", which is neither an option nor a '
      'dotted key; expected combine, refine, tolerance or a dotted key such as particles.components.droplets.size.radius '
      '(tolerance?)'),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+
 import numpy as np
 import pytest
 
@@ -198,6 +200,27 @@ def test_what_is_the_same_for_all_rays_is_done_once_and_changes_nothing(tmp_path
             for field, other in zip((*ours[:5], *ours.light, *ours[6:]), (*theirs[:5], *theirs.light, *theirs[6:]), strict=True):
                 assert field.dtype == other.dtype and np.array_equal(field, other, equal_nan=field.dtype.kind == "f")
     assert beside.light_names
+
+
+def test_surfaces_of_other_kinds_in_another_scene_change_nothing(tmp_path):
+    """What is done once for all rays of a scene knows of all surfaces that there are."""
+    metal = BOX + '<bsdf type="roughconductor" id="of no shape"><string name="material" value="Au"/></bsdf>'
+    random = np.random.default_rng(3).random((64, 5))
+    rays = random[:, :3], np.tile([0.0, 0.0, -1.0], (64, 1)), random, np.ones(64), random[:, 3] < 0.5
+    alone = World(written(tmp_path, SENSOR, BOX, LAMP)).shade(*rays)
+    (tmp_path / "other").mkdir()
+    beside = World(written(tmp_path / "other", SENSOR, metal, LAMP))
+    again = World(written(tmp_path, SENSOR, BOX, LAMP)).shade(*rays)
+    assert beside.shade(*rays).hit.any() and all(np.array_equal(*fields) for fields in zip(alone[:4], again[:4]))
+
+
+def test_nothing_is_collected_while_rays_are_recorded(tmp_path):
+    """A scene that Python's collector took away meanwhile would end the process."""
+    world, collects = World(written(tmp_path, SENSOR, BOX, LAMP)), []
+    meets = world._meets
+    world.__dict__["_meets"] = lambda *rays: collects.append(gc.isenabled()) or meets(*rays)
+    world.shade(np.zeros((2, 3)), np.eye(2, 3), np.full((2, 5), 0.5), np.ones(2), np.ones(2, bool))
+    assert collects == [False] and gc.isenabled()
 
 
 def test_numbers_next_to_one(tmp_path):

@@ -237,8 +237,17 @@ def _closed_up(rays, alive):
     for i in range(alive):
         if ints[_rays.STATE, i] != _rays.IDLE:
             if live < i:
-                real[live], whole[live], pool[live], carried[live] = real[i], whole[i], pool[i], carried[i]
-                ints[:, live] = ints[:, i]
+                # not rows at once: numba compiles two seconds of checks of shapes for that
+                for k in range(real.shape[1]):
+                    real[live, k] = real[i, k]
+                for k in range(whole.shape[1]):
+                    whole[live, k] = whole[i, k]
+                for k in range(pool.shape[1]):
+                    pool[live, k] = pool[i, k]
+                for k in range(carried.shape[1]):
+                    carried[live, k] = carried[i, k]
+                for k in range(ints.shape[0]):
+                    ints[k, live] = ints[k, i]
                 ints[_rays.STATE, i] = _rays.IDLE
             live += 1
     return live

@@ -53,7 +53,8 @@ def points(table, shift, first, count):
     for i in range(count):
         index = np.uint64(first + i)
         gray, bit = index ^ (index >> np.uint64(1)), 0
-        word[:] = shift
+        for d in range(DIMENSIONS):  # not at once: numba compiles two seconds of checks of shapes for that
+            word[d] = shift[d]
         while gray:
             if gray & np.uint64(1):
                 for d in range(DIMENSIONS):

@@ -217,8 +217,9 @@ def _collapse_edges(mesh, cost, item, target):
         _without_removed(mesh, a)
         if number + 64 > len(cost):
             longer, wider = np.empty(2 * len(cost)), np.empty((2 * len(cost), 3), np.int32)
-            longer[:number] = cost[:number]
-            wider[:number] = item[:number]
+            for k in range(number):  # not at once: numba compiles two seconds of checks of shapes for that
+                longer[k] = cost[k]
+                wider[k, 0], wider[k, 1], wider[k, 2] = item[k, 0], item[k, 1], item[k, 2]
             cost, item = longer, wider
         slot = mesh.first[a]
         while slot >= 0:

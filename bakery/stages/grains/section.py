@@ -191,9 +191,9 @@ def _interior(checker: "Checker", interior: Mapping, surface: Node | None) -> No
                                "expected none, or a dielectric surface")
     sources = given(interior, "absorption", "material")
     if len(sources) != 1:
-        found, expected = ("absorption beside material", "only one of them") if sources else (
+        fault, expected = ("absorption beside material", "only one of them") if sources else (
             "neither absorption nor material", "one of them")
-        checker.report_section(interior, f"found {found}", f"expected {expected}")
+        checker.report_section(interior, f"found {fault}", f"expected {expected}")
     if "absorption" in interior:
         checker.one_each(interior, "absorption")
     if "material" in interior:

@@ -92,10 +92,10 @@ class _Pick(NamedTuple):
 
 
 class _Scratch(NamedTuple):
-    """What a loop works on: place (1, 3) on a beam, a way from there (1, 3), a direction of light (3,), shares of parts of an
+    """What a loop works on: point (1, 3) on a beam, a way from there (1, 3), a direction of light (3,), shares of parts of an
     angle, sums of look-ups of points and of segments, and of the tree of triangles."""
 
-    place: np.ndarray
+    point: np.ndarray
     away: np.ndarray
     ray: np.ndarray
     share: np.ndarray
@@ -141,7 +141,7 @@ def gather(geometry, medium, wave, beams, clusters, lines, begin, end):
                 weight *= power * sigma
                 u, part = uniform(stream, 0), uniform(stream, 0)
                 for k in range(3):
-                    scratch.place[0, k] = beams.origin[beam, k] + s * beams.direction[beam, k]
+                    scratch.point[0, k] = beams.origin[beam, k] + s * beams.direction[beam, k]
                 if wave.later:
                     _add_later(wave, sigma, beams, clusters, lines, i, _Pick(beam, s, power, weight), u, scratch)
                 negative = beams.power[beam, w] < 0.0
@@ -174,7 +174,7 @@ def _add_later(wave, sigma, beams, clusters, lines, i, pick, u, scratch):
     lasting *= sigma**3
     square = 0.0
     for k in range(3):
-        away[0, k] = sigma * (lines.origin[i, k] + t * lines.direction[i, k] - scratch.place[0, k])
+        away[0, k] = sigma * (lines.origin[i, k] + t * lines.direction[i, k] - scratch.point[0, k])
         ray[k] = beams.direction[beam, k]
         square += (lines.origin[i, k] + t * lines.direction[i, k] - clusters.middle[k, beam]) ** 2
     if sigma * sigma * square < _NEAR * _NEAR:
@@ -217,11 +217,11 @@ def _mirror(beyond, sigma, lines, i, t, scratch):
     in the plane a length `beyond` (m) outside of where the line starts."""
     height, rise, ray, normal = -beyond, 0.0, scratch.ray, lines.facing
     for k in range(3):
-        height += (scratch.place[0, k] - lines.origin[i, k]) * normal[i, k]
+        height += (scratch.point[0, k] - lines.origin[i, k]) * normal[i, k]
         rise += ray[k] * normal[i, k]
     for k in range(3):
         ray[k] -= 2 * rise * normal[i, k]
-        scratch.away[0, k] = sigma * (lines.origin[i, k] + t * lines.direction[i, k] - scratch.place[0, k]
+        scratch.away[0, k] = sigma * (lines.origin[i, k] + t * lines.direction[i, k] - scratch.point[0, k]
                                       + 2 * height * normal[i, k])
 
 
@@ -238,9 +238,9 @@ def _second(geometry, medium, w, beams, beam, lines, i, numbers, scratch):
     u, v = numbers
     along, square, share = 0.0, 0.0, scratch.share
     for k in range(3):
-        along += (scratch.place[0, k] - lines.origin[i, k]) * lines.direction[i, k]
+        along += (scratch.point[0, k] - lines.origin[i, k]) * lines.direction[i, k]
     for k in range(3):
-        away = lines.origin[i, k] + along * lines.direction[i, k] - scratch.place[0, k]
+        away = lines.origin[i, k] + along * lines.direction[i, k] - scratch.point[0, k]
         square += away * away
     h = math.sqrt(square)
     if not h > 0.0:
@@ -260,7 +260,7 @@ def _second(geometry, medium, w, beams, beam, lines, i, numbers, scratch):
         chosen -= share[m] + least
     value, distance = _product(medium, w, beams, beam, lines, i, (low + (m + v) * step, along, h), scratch)
     if beams.real[beam]:
-        _, wall = first(geometry, scratch.place, scratch.away, 0, np.int64(-1), scratch.mesh)
+        _, wall = first(geometry, scratch.point, scratch.away, 0, np.int64(-1), scratch.mesh)
         if wall < distance * (1 - 1e-6):
             return 0.0
     return value * step / h * (1 + _EVEN) * whole / (share[m] + least)
@@ -277,7 +277,7 @@ def _product(medium, w, beams, beam, lines, i, seen, scratch):
     t, distance, d = along + h * math.tan(turn), h / math.cos(turn), scratch.away
     cosine, last = 0.0, 0.0
     for k in range(3):
-        d[0, k] = (lines.origin[i, k] + t * lines.direction[i, k] - scratch.place[0, k]) / distance
+        d[0, k] = (lines.origin[i, k] + t * lines.direction[i, k] - scratch.point[0, k]) / distance
         cosine += d[0, k] * beams.direction[beam, k]
         last -= d[0, k] * lines.direction[i, k]
     value = phase_value(medium.v, medium.steps, medium.phase[w], max(1 - cosine, 0.0)) \

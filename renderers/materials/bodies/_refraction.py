@@ -289,15 +289,15 @@ def join(geometry, medium, front, cells, paths, joined, begin, end):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _solved(front, f, y, s, known):
+def _solved(front, f, y, s, earlier):
     """The place in triangle f from which light is refracted to y, u and v, near that of the front at distance s, and `_place`'s
-    area; nan where there is none, or it is one of those known (n, 2)."""
+    area; nan where there is none, or it is one of earlier ones (n, 2)."""
     u, v = _within(front, f, y, s)
     if not (u > -_OUTSIDE and v > -_OUTSIDE and u + v < 1 + _OUTSIDE):
         return np.nan, np.nan, 0.0
     u, v, area = _place(front, f, y, u, v)
-    for solution in range(len(known)):
-        if abs(known[solution, 0] - u) + abs(known[solution, 1] - v) < 1e-6:
+    for solution in range(len(earlier)):
+        if abs(earlier[solution, 0] - u) + abs(earlier[solution, 1] - v) < 1e-6:
             return np.nan, np.nan, 0.0
     return u, v, area
 

@@ -128,12 +128,9 @@ def _to_boundary(setup, number, entries, pass_number, seed):
 
 def _from_inside(setup, source, pass_number, seed):
     """Paths on which a light that stands in a body sends light to its first surface, and their power (n,) W."""
-    states, numbers = np.empty(_RAYS, np.uint64), np.empty((_RAYS, 5))
-    wavefront.begin_streams(stream_key(seed, "render.chains", pass_number), source.number * _APART, states)
-    wavefront.draw(states, numbers)
-    origin, direction, power = setup.world.light_rays(source.number, numbers)
-    paths = Paths.begun(origin + setup.off * direction, direction, power @ setup.colours.to_waves.T / _RAYS, states,
-                        np.arange(_RAYS))
+    key = stream_key(seed, "render.chains", pass_number)
+    paths, power = light.sent(setup, source.number, _RAYS, key, source.number * _APART)
+    paths.throughput[:] = power
     arrived = [paths.of(slice(0))]
     while paths.count:
         paths, turns = _ahead(setup, paths)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.materials.bodies import _geometry, _light, _walk, shells, transport, within
+from renderers.materials.bodies import _geometry, _light, _walk, shells, transport
 from renderers.materials.bodies._gather import Beams
 from renderers.materials.bodies.paths import UNLIMITED, Paths
 from renderers.materials.bodies.transport import Sums
@@ -80,7 +80,7 @@ def beams(setup, entries, places, walks, boundary, by_events, number, seed) -> l
         inside = transport.located(setup.geometry, paths) == body
         parts.append(paths.of(inside))
         powers.append(power[inside])
-    for paths, power in within.emitted(setup, places, number, seed):
+    for paths, power in _emitted(setup, places, number, seed):
         parts.append(paths)
         powers.append(power)
     power = np.concatenate(powers)
@@ -200,6 +200,37 @@ def _about(normal, numbers):
     directions = (radius * np.cos(turn))[:, None] * side + (radius * np.sin(turn))[:, None] * across \
         + np.sqrt(1 - numbers[:, :1]) * normal
     return directions / np.linalg.norm(directions, axis=1)[:, None]
+
+
+# ---- light of lamps that stand in bodies
+
+
+def _emitted(setup, rays, number, seed) -> list[tuple[Paths, np.ndarray]]:
+    """Paths on which lamps send light in bodies, and their power (n, L), W; of each lamp that reaches into one.
+
+    rays : of each lamp;  number, seed : of the pass
+    """
+    beams, key = [], stream_key(seed, "render.lamps", number)
+    boxes = [np.array([body.vertices.min(axis=0), body.vertices.max(axis=0)]) for body in setup.bodies]
+    for lamp in setup.world.lights_in(boxes):
+        paths, power = sent(setup, lamp, rays, key, lamp * rays)
+        inside = transport.located(setup.geometry, paths) != _geometry.OUTSIDE
+        beams.append((paths.of(inside), power[inside]))
+    return beams
+
+
+def sent(setup, lamp, rays, key, first) -> tuple[Paths, np.ndarray]:
+    """Paths on which a lamp (position in `World.light_names`) sends light, and their power (n, L), W.
+
+    key, first : of the random streams of so many rays
+    """
+    states, numbers = np.empty(rays, np.uint64), np.empty((rays, 5))
+    wavefront.begin_streams(key, first, states)
+    wavefront.draw(states, numbers)
+    origin, direction, power = setup.world.light_rays(lamp, numbers)
+    ones = np.ones((rays, len(setup.colours.to_waves)))
+    return Paths.begun(origin + setup.off * direction, direction, ones, states, np.arange(rays)), \
+        power @ setup.colours.to_waves.T / rays
 
 
 # ---- light that walks on

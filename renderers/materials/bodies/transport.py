@@ -131,12 +131,12 @@ def from_eye(transport, most, gather, number, seed, by_paths=True, chosen=None) 
     pixels = transport.world.size[0] * transport.world.size[1]
     sums = Sums(pixels, by_paths)
 
-    def begun(first, last):
+    def camera(first, last):
         pixel = np.arange(first, last)
         paths = begin(transport, pixel, number, seed)
         return paths if chosen is None else paths.of(chosen.ravel()[pixel])
 
-    follow(pixels, _ALL, begun, lambda paths: onward(transport, paths, most, sums, gather))
+    follow(pixels, _ALL, camera, lambda paths: onward(transport, paths, most, sums, gather))
     return sums
 
 

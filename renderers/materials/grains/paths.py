@@ -86,7 +86,8 @@ class Explicit:
 def first_grain(grains, point, direction, far):
     """Distances (n,) m from points along directions to the first of `_grains.Grains` before far (n,) m; inf: none."""
     t = np.full(len(point), np.inf)
-    run(_paths.first_grain, len(point), grains, point, direction, far, t)
+    # of a camera they have single precision: the kernel takes double, and is compiled once
+    run(_paths.first_grain, len(point), grains, point, np.ascontiguousarray(direction, float), far, t)
     return t
 
 

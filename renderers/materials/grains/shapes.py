@@ -1,14 +1,15 @@
 """Explicit path tracing among grains that are shapes of a Mitsuba scene: a loop of Dr.Jit, one kernel a pass.
 
-Spheres and meshes stand for the grains, so that one ray finds the next surface, whatever it is.  That is meant for bodies of few
-grains: each shape takes time whenever the loop is traced, and each triangle memory.  Surfaces of grains are Mitsuba's white
-ones; what they leave of each wavelength is a factor beside them.
+One ray finds the next surface, whatever it is.  Balls of a type are one shape, `ellipsoids`, which stops rays from outside alone:
+where a ray leaves a ball follows from the ball that it is in.  Stones of a type are one mesh, whose triangles take memory.
+Surfaces of grains are Mitsuba's white ones; what they leave of each wavelength is a factor beside them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -24,17 +25,34 @@ import mitsuba as mi  # isort: skip
 # bounces after which paths end one time in twenty: in heaps of clear grains many are as long as some hundred grains, and what
 # ends them earlier makes the others bright
 _FAR = 1024
-# Of all bodies: balls, each a shape through which the loop is traced, 0.25 ms a pass; triangles, some 300 bytes each
-_BALLS, _TRIANGLES = 2048, 1 << 20
-_SEARCHED = 1 << 17  # grains in the box around a body, up to which they are counted
+# Of all bodies: balls, listed in a second; clear ones, among whom short paths wait for long ones, so that beyond many
+# the compiled loops are quicker; triangles, some 300 bytes each
+_BALLS, _CLEAR, _TRIANGLES = 1 << 18, 2048, 1 << 20
+_SEARCHED = 1 << 20  # grains in the box around a body, up to which they are counted
+# of coordinates in single precision, by which rays begin beside grains; share of the least radius that it may be at most
+_OFF, _OFF_RADIUS = 2e-6, 0.01
 _SAMPLES, _PATHS = 64, 1 << 19  # a pixel and pass, at most, where a pixel has several; of a pass: a second or two
 
 
 @dataclass
 class Path(loop.Path):
-    """As `loop.Path`, with `inside` the type of grain around, from 1; grain : number of the one that each is on, 0 for none."""
+    """As `loop.Path`, with `inside` the number, from 1, of the grain around;  grain : of that which each is on;  0: none."""
 
-    grain: mi.UInt32
+    grain: mi.UInt32 = None
+
+
+class Packed(NamedTuple):
+    """Grains of a type that are one shape.
+
+    shape : of Mitsuba;  kind : the type;  parts : primitives of a grain
+    centre, radius : (N, 3), (N,) of balls; radius 0 of stones
+    """
+
+    shape: object
+    kind: int
+    parts: int
+    centre: np.ndarray
+    radius: np.ndarray
 
 
 @dataclass
@@ -42,13 +60,14 @@ class Meeting:
     """Of paths with surfaces.
 
     meets, misses, surface : as in `loop.Event`
-    kind : the type of grain, from 1; 0 of what is none
+    number, kind : of the grain, and its type, from 1; 0 of what is none
     sample, factor : next direction by the BSDF, and its weight
     """
 
     meets: mi.Bool
     misses: mi.Bool
     surface: mi.SurfaceInteraction3f
+    number: mi.UInt32
     kind: mi.UInt32
     sample: mi.BSDFSample3f = None
     factor: mi.Color3f = None
@@ -66,14 +85,15 @@ class Scene(View):
         for grains in bodies:
             packed |= _shapes(grains, world.unit, types)
             types += len(grains.exemplars.table)
-        shapes = {name: entry[0] for name, entry in packed.items()}
+        shapes = {name: of_type.shape for name, of_type in packed.items()}
         kept = {f"around_{number}": thing for number, thing in enumerate(around)}
         scene = mi.load_dict({"type": "scene"} | kept | shapes, optimize=False)
         for thing, name in zip(around, names):  # which loading has changed
             thing.set_id(name)
         super().__init__(world, scene, colours)
-        self._grains = _numbered(scene, {name: entry[1:] for name, entry in packed.items()})
         table = np.concatenate([grains.exemplars.table for grains in bodies])
+        self._number(scene, packed, world, np.append(False, table[:, 0] == DIELECTRIC))
+        self._size = dr.opaque(mi.Float, max(float(grains.aggregate.radii.max()) * grains.unit / world.unit for grains in bodies))
         self._surfaces = {int(kind) for kind in table[:, 0]}
         self._surface, self._index = mi.UInt32(table[:, 0].astype(np.uint32)), mi.Float(table[:, 1].astype(np.float32))
         channels = np.concatenate([grains.channels for grains in bodies]).astype(float)
@@ -83,11 +103,69 @@ class Scene(View):
         self._channels = [[mi.Float(column.astype(np.float32)) for column in rows.T] for rows in np.moveaxis(channels, 1, 0)]
         self._absorption = [mi.Float(column.astype(np.float32)) for column in absorption.T] if absorption.any() else None
 
+    def _number(self, scene, packed, world, clear):
+        """Numbers the grains, from 1, shape by shape;  packed : `Packed` by names of shapes;  clear : of types, from 1"""
+        numbers = {shape.id(): int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in scene.shapes()}
+        of_shape = np.zeros((3, max(numbers.values(), default=0) + 1), np.uint32)  # first grain, type, parts of a grain
+        of_grain = [np.zeros((6, 1))]  # type, shape, first grain there; radius and centre
+        for name, (_, kind, parts, centre, radius) in packed.items():
+            first = sum(part.shape[1] for part in of_grain)
+            of_shape[:, numbers[name]] = first, 1 + kind, parts
+            of_grain.append(np.concatenate([np.tile([[1 + kind], [numbers[name]]], len(radius)), [radius], centre.T]))
+        kind, shape, radius, *centre = np.concatenate(of_grain, axis=1)
+        self._of_shape = [mi.UInt32(column) for column in of_shape]
+        self._kind, self._shape = (mi.UInt32(column.astype(np.uint32)) for column in (kind, shape))
+        self._balls = [mi.Float(column.astype(np.float32)) for column in (radius, *centre)]
+        away = np.linalg.norm(np.array(centre) - (np.asarray(world.camera.origin) / world.unit)[:, None], axis=0)
+        self.around_camera = int(np.argmax(away < radius))
+        self._clear = self.around_camera > 0 or bool(np.any(clear[kind.astype(int)] & (radius > 0)))
+
+    def kind_of(self, number):
+        """Types, from 1, of grains by their numbers; 0 of none."""
+        return dr.gather(mi.UInt32, self._kind, number)
+
+    def way_out(self, number, origin, direction):
+        """Distances at which rays leave balls that they are in, by their numbers; inf where that is no ball."""
+        if not self._clear:  # no ray is in a ball
+            return mi.Float(dr.inf)
+        radius, *centre = (dr.gather(mi.Float, column, number) for column in self._balls)
+        to = origin - mi.Point3f(centre)
+        along = dr.dot(to, direction)
+        half = dr.safe_sqrt(dr.square(radius) - dr.squared_norm(to - along * direction))
+        return dr.select(radius > 0, dr.maximum(half - along, 0), dr.inf)
+
+    def reached(self, ray, number, active):
+        """What rays in grains, by their numbers, or in none meet first."""
+        hit = self.scene.ray_intersect_preliminary(ray, coherent=False, active=active)
+        if not self._clear:
+            return hit
+        end = self.way_out(number, ray.o, ray.d)
+        leaves = active & (end < dr.select(hit.is_valid(), hit.t, dr.inf))
+        shape = dr.gather(mi.UInt32, self._shape, number)
+        hit.valid |= leaves
+        hit.t = dr.select(leaves, end, hit.t)
+        hit.prim_index = dr.select(leaves, number - dr.gather(mi.UInt32, self._of_shape[0], shape, leaves), hit.prim_index)
+        hit.shape = dr.select(leaves, dr.reinterpret_array(mi.ShapePtr, shape), hit.shape)
+        return hit
+
+    def beside(self, meeting, towards):
+        """Where rays begin that go on from surfaces; towards : in the frame of the surface."""
+        surface = meeting.surface
+        radius, *centre = (dr.gather(mi.Float, column, meeting.number) for column in self._balls)
+        point = dr.select(radius > 0, mi.Point3f(centre) + radius * surface.n, surface.p)
+        off = _OFF * (dr.max(dr.abs(point)) + self._size)
+        return dr.select(meeting.number > 0, point + dr.mulsign(off, towards.z) * surface.n,
+                         surface.spawn_ray(surface.to_world(towards)).o)
+
+    def around(self, path, meeting, towards):
+        """Numbers of the grains in which paths go on from surfaces; 0 in none."""
+        return dr.select(meeting.number > 0, dr.select(towards.z < 0, meeting.number, 0), path.inside)
+
     def met(self, surface, active):
         """Numbers, from 1, and types, from 1, of the grains that are met; 0 of other surfaces."""
         shape = dr.reinterpret_array(mi.UInt32, surface.shape)
-        first, kind, triangles = (dr.gather(mi.UInt32, column, shape, active) for column in self._grains)
-        return dr.select(kind > 0, first + surface.prim_index // dr.maximum(triangles, 1), 0), kind
+        first, kind, parts = (dr.gather(mi.UInt32, column, shape, active) for column in self._of_shape)
+        return dr.select(kind > 0, first + surface.prim_index // dr.maximum(parts, 1), 0), kind
 
     def absorbed(self, throughput, kind, distance):
         """Throughput after a distance in grains of a type, from 1; 0: in none."""
@@ -117,42 +195,36 @@ class Scene(View):
         return shares
 
 
-def _numbered(scene, packed):
-    """By Dr.Jit's numbers of shapes: the number of the first grain in each, from 1, its type, from 1, and the triangles of a
-    grain; 0 of shapes that are no grains.  packed : type and triangles of a grain, by names of shapes"""
-    shapes = scene.shapes()
-    places = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in shapes]
-    columns, first = np.zeros((3, max(places, default=0) + 1), np.uint32), 1
-    for number, shape in zip(places, shapes):
-        if shape.id() in packed:
-            kind, triangles = packed[shape.id()]
-            columns[:, number] = first, 1 + kind, triangles
-            first += shape.primitive_count() // triangles
-    return [mi.UInt32(column) for column in columns]
-
-
 def _shapes(grains, unit, first):
-    """Shapes of the grains of a body, by names, each with its type, counted from `first`, and the triangles of a grain.
-
-    Balls are spheres; stones of a type are one mesh, whose triangles are those of one after the other: the loop is traced through
-    each shape of the scene, and through an instance takes some 5 ms.
-    """
+    """`Packed` of the grains of a body, by names of shapes; types are counted from `first`."""
     packed, scale, shapes = listed(grains), grains.unit / unit, {}
     for kind, row in enumerate(grains.exemplars.table):
         bsdf, corners = mi.load_dict(_bsdf(*row[:3])), exemplar_mesh(grains, kind)
         centre, radius, _, turn = (values[packed.kind == kind] for values in packed)
         centre, radius = scale * centre, scale * radius
+        if not len(radius):
+            continue
         if corners is None:
-            for number, (point, size) in enumerate(zip(centre.tolist(), radius * row[3])):
-                ball = {"type": "sphere", "center": point, "radius": float(size), "bsdf": bsdf}
-                shapes[f"grain_{first + kind}_{number}"] = ball, first + kind, 1
-        elif len(radius):
+            shape, parts, radius = _balls(centre, radius * row[3], bsdf), 1, radius * row[3]
+        else:
             vertices, faces = np.unique(corners.reshape(-1, 3).astype(np.float32), axis=0, return_inverse=True)
             placed = np.einsum("nab,vb->nva", radius[:, None, None] * turn, vertices) + centre[:, None]
             every = faces.reshape(-1) + len(vertices) * np.arange(len(radius))[:, None]
-            mesh = _mesh(placed.reshape(-1, 3), every.reshape(-1, 3), bsdf)
-            shapes[f"grains_{first + kind}"] = mesh, first + kind, len(corners)
+            shape, parts, radius = _mesh(placed.reshape(-1, 3), every.reshape(-1, 3), bsdf), len(corners), 0 * radius
+        shapes[f"grains_{first + kind}"] = Packed(shape, first + kind, parts, centre, radius)
     return shapes
+
+
+def _balls(centre, radius, bsdf):
+    """Mitsuba's shape of all of them."""
+    some = {name: mi.TensorXf(np.array([values], np.float32)) for name, values in
+            (("centers", [0, 0, 0]), ("scales", [1, 1, 1]), ("quaternions", [0, 0, 0, 1]))}
+    shape = mi.load_dict({"type": "ellipsoids", "extent": 1.0, "bsdf": bsdf} | some)
+    turn, scales = np.tile([0.0, 0.0, 0.0, 1.0], (len(radius), 1)), np.repeat(radius[:, None], 3, axis=1)
+    values = mi.traverse(shape)  # tensors of three rows would be taken for colours, with words on the terminal
+    values["data"] = np.concatenate([centre, scales, turn], axis=1).astype(np.float32).ravel()
+    values.update()
+    return shape
 
 
 def _bsdf(surface, index, roughness):
@@ -181,18 +253,27 @@ def fit(world, bodies) -> bool:
     world."""
     if any(shape.class_name() == "Instance" for shape in world.scene.shapes()):  # their groups cannot be asked for
         return False
-    balls = triangles = 0
+    balls = clear = triangles = 0
     for body in bodies:
         if type(body) is not Explicit or _most(body.grains) > _SEARCHED:
             return False
         table, grains = body.grains.exemplars.table, body.grains
         if np.any((table[:, 0] == DIELECTRIC) & (table[:, 1] == 1.0) & (table[:, 2] > 0.0)):  # Mitsuba has no such facets
             return False
+        if _OFF * _reach(grains) > _OFF_RADIUS * grains.aggregate.radii.min():
+            return False
         numbers = np.bincount(listed(grains).kind, minlength=len(table))
         balls += int(numbers[table[:, 3] > 0.0].sum())
+        clear += int(numbers[(table[:, 3] > 0.0) & (table[:, 0] == DIELECTRIC)].sum())
         triangles += sum(int(number) * len(exemplar_mesh(grains, kind)) for kind, number in enumerate(numbers)
                          if number and table[kind, 3] == 0.0)
-    return balls <= _BALLS and triangles <= _TRIANGLES
+    return balls <= _BALLS and clear <= _CLEAR and triangles <= _TRIANGLES
+
+
+def _reach(grains):
+    """Largest coordinate of a body, in units."""
+    aggregate = grains.aggregate
+    return np.abs([aggregate.low, aggregate.low + aggregate.voxels.shape * aggregate.edge]).max() + aggregate.radii.max()
 
 
 def _most(grains):
@@ -212,16 +293,16 @@ def begin(scene, path):
 def advance(scene, path, records=None):
     """Paths after a flight to the next surface, and which."""
     ray = mi.Ray3f(path.origin, path.direction)
-    hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=path.alive)
+    hit = scene.reached(ray, path.inside, path.alive)
     meets = path.alive & hit.is_valid()
     surface = hit.compute_surface_interaction(ray, mi.RayFlags.All, path.alive)
     number, kind = scene.met(surface, meets)
     leaves = dr.dot(ray.d, surface.n) > 0
-    around = dr.select(kind > 0, dr.select(leaves, kind, 0), path.inside)
+    around = dr.select(kind > 0, dr.select(leaves, kind, 0), scene.kind_of(path.inside))
     path.throughput = scene.absorbed(path.throughput, around, dr.select(meets, hit.t, 0))
     path.order += dr.select((number > 0) & (number != path.grain), mi.UInt32(1), mi.UInt32(0))
     path.grain = number
-    return path, Meeting(meets, path.alive & ~meets, surface, kind)
+    return path, Meeting(meets, path.alive & ~meets, surface, number, kind)
 
 
 def next_event(scene, path, meeting):
@@ -229,12 +310,17 @@ def next_event(scene, path, meeting):
     surface, bsdf = meeting.surface, meeting.surface.bsdf()
     active = meeting.meets & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
     u = [path.random.next_float32() for _ in range(5)]
-    light, radiance = scene.scene.sample_emitter_direction(surface, mi.Point2f(*u[:2]), True, active)
+    light, radiance = scene.scene.sample_emitter_direction(surface, mi.Point2f(*u[:2]), False, active)
     active &= (light.pdf > 0) & dr.any(radiance > 0)
     towards = surface.to_local(light.d)
     value, by_bsdf, meeting.sample, meeting.factor = bsdf.eval_pdf_sample(mi.BSDFContext(), surface, towards, u[2],
                                                                           mi.Point2f(*u[3:]), meeting.meets)
     radiance *= value * dr.select(light.delta, 1, loop.balance(light.pdf, by_bsdf))
+    active &= dr.any(radiance > 0)
+    ray = mi.Ray3f(scene.beside(meeting, towards), light.d)
+    ray.maxt = light.dist * (1 - mi.math.ShadowEpsilon)
+    active &= light.dist < scene.way_out(scene.around(path, meeting, towards), ray.o, ray.d)
+    active &= ~scene.scene.ray_test(ray, active)
     weight = [share * throughput for share, throughput in zip(scene.shares(meeting, towards), path.throughput)]
     return scene.seen(weight, radiance, active), light.emitter
 
@@ -245,9 +331,8 @@ def turned(scene, path, meeting, records=None):
     factor = scene.reflectance(dr.select(dr.all(dr.isfinite(factor)), factor, 0))
     path.throughput = [weight * share * f for weight, share, f in
                        zip(path.throughput, scene.shares(meeting, sample.wo), factor)]
-    ray = surface.spawn_ray(surface.to_world(sample.wo))
-    path.origin, path.direction, path.drawn = ray.o, ray.d, mi.Point3f(ray.o)
-    path.inside = dr.select(meeting.kind > 0, dr.select(sample.wo.z < 0, meeting.kind, 0), path.inside)
+    path.origin, path.direction = scene.beside(meeting, sample.wo), surface.to_world(sample.wo)
+    path.drawn, path.inside = mi.Point3f(path.origin), scene.around(path, meeting, sample.wo)
     path.single, path.density = ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Smooth), sample.pdf
     path.bounces += mi.UInt32(1)
     path.alive &= meeting.meets
@@ -261,9 +346,5 @@ TURN = loop.Turn(begin, advance, next_event, turned)
 
 def part(name, world, bodies, colours, seed):
     """Passes of paths among grains that are shapes; parameters as those of `Scene`, seed of the random numbers of all passes."""
-    scene = cache(lambda: Scene(world, bodies, colours))  # with the first pass
-
-    def traced(*arguments):
-        return loop.trace(scene(), *arguments, TURN)
-
-    return passes.of_loop(name, world, traced, seed, True, _SAMPLES, _PATHS)
+    traced = cache(lambda: passes.recorded(Scene(world, bodies, colours), TURN))  # with the first pass
+    return passes.of_loop(name, world, lambda *arguments: traced()(*arguments), seed, True, _SAMPLES, _PATHS)

@@ -195,3 +195,13 @@ def test_what_is_out_of_reach_is_said():
 def test_directions_outside_the_hemisphere():
     with pytest.raises(ValueError, match="above 0"):
         solve(Slab(*SPHERE, 0.5, 1.0), np.eye(33)[0], 32).reflection(-0.1, 0.5, 0.0)
+
+
+def test_whole_milk_is_as_white_as_published():
+    """Diffuse reflectance of light that enters (Jensen et al. 2001, table 1, index 1.3): theirs is diffusion's."""
+    sigma_s, sigma_a = np.array([8.50, 10.70, 12.57]), np.array([0.0011, 0.0024, 0.0140])
+    for albedo, published in zip(sigma_s / (sigma_s + sigma_a), (0.91, 0.88, 0.76), strict=True):
+        solution = solve(Slab(*henyey_greenstein(0.7), albedo, math.inf, 1.3), 0.7 ** np.arange(49.0), 48, 1e-4)
+        mirrored = float(fresnel.reflected(1.0, 1.3))
+        back = np.interp(1.0, solution.nodes.air, solution.albedo) - mirrored
+        assert back / (1 - mirrored) == pytest.approx(published, rel=0.02)
