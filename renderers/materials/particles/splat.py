@@ -175,8 +175,8 @@ def _blocks_in_view(discs, level, bounds, edge, origin, sides, farthest, share):
                 if inside:
                     if n == len(out):
                         larger = np.empty((2 * n, 3), np.int64)
-                        for k in range(n):  # not at once: numba compiles two seconds of checks of shapes for that
-                            larger[k, 0], larger[k, 1], larger[k, 2] = out[k, 0], out[k, 1], out[k, 2]
+                        for m in range(n):  # not at once: numba compiles two seconds of checks of shapes for that
+                            larger[m, 0], larger[m, 1], larger[m, 2] = out[m, 0], out[m, 1], out[m, 2]
                         out = larger
                     out[n, 0], out[n, 1], out[n, 2] = a, b, c
                     n += 1
