@@ -2,6 +2,9 @@
 
 One pass is one camera path a pixel, whose first particle sends several on.  All paths go on together, bounce by bounce: kernels
 for particles, Mitsuba for surfaces and lights.
+
+A loop of its own beside `renderers.transport.waves`, with the steps of `renderers.transport.steps`: paths part at their first
+particle, lights guide scattering, particles stop rays up to a depth of each pixel, and light that splats bring is left out.
 """
 
 from __future__ import annotations
