@@ -100,8 +100,8 @@ def measured(path, options) -> str:
         words.write_text(json.dumps(render(path, reference, options, STARTS + seconds, exact=True, seed=1)))
     seconds = STARTS + (options.seconds * options.cores - STARTS) * smaller
     report, long = render(path, picture, options, seconds, exact=False, seed=0), json.loads(words.read_text())
-    wanted, clean, found = shown(reference, "rendered"), shown(reference, "cleared"), shown(picture, "cleared")
-    flips = [differences.flip(*images)[0] for images in ((found, wanted), (found, clean), (wanted, clean))]
+    noisy, clean, minute = shown(reference, "rendered"), shown(reference, "cleared"), shown(picture, "cleared")
+    flips = [differences.flip(*images)[0] for images in ((minute, noisy), (minute, clean), (noisy, clean))]
     star = " *" * (min(flips[:2]) > WISHED)
     return (f"| {path.stem} | {report['method']} | {report['seconds']:.0f} of {seconds:.0f} | {report['samples']} | "
             f"{report['noise']:.2g} | {flips[0]:.3f} | {flips[1]:.3f}{star} | {long['method']}, {long['samples']} | "

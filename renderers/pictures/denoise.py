@@ -134,13 +134,13 @@ def denoised(parts, apart=(), features=None, widened=MappingProxyType({})) -> De
     rgb = sum(image for image, _ in parts.values())
     guides = features is not None and features.grain is not None
     kept = [guided.smoothed(*part, features) if guides else part[0] for name, part in parts.items() if name in apart]
-    wide = {name: (image, None if variance is None else widened.get(name, 1.0) ** 2 * variance)
-            for name, (image, variance) in parts.items()}
-    smoothed = [part for name, part in wide.items() if name not in apart]
+    allowed = {name: (image, None if variance is None else widened.get(name, 1.0) ** 2 * variance)
+               for name, (image, variance) in parts.items()}
+    smoothed = [part for name, part in allowed.items() if name not in apart]
     whole = np.maximum(sum(kept) + (_cleared(smoothed, features) if smoothed else 0.0), 0.0)
     if kept and features is not None and features.detail is not None:
         share = features.detail[..., None]
-        whole = share * whole + (1 - share) * _cleared(list(wide.values()), features)
+        whole = share * whole + (1 - share) * _cleared(list(allowed.values()), features)
     before, after = (float(np.mean(np.maximum(image, 0.0) @ colour.LUMINANCE)) for image in (rgb, whole))
     denoiser = f"Open Image Denoise {_version()}"
     figures = {"filter": denoiser, "features": [] if features is None else ["albedo", "normal"], "apart": list(apart),

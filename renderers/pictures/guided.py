@@ -29,12 +29,12 @@ def smoothed(image, variance, features):
         return means
     from scipy.ndimage import uniform_filter
 
-    rest = image - means
+    residual = image - means
     # E[noise of the picture times what is left of it], as the pixel is a part of its own mean
     common = uniform_filter(np.sum(variance, axis=-1) * (1 - weight), _AROUND, mode="nearest")
-    square = uniform_filter(np.sum(rest**2, axis=-1), _AROUND, mode="nearest")
+    square = uniform_filter(np.sum(residual**2, axis=-1), _AROUND, mode="nearest")
     noise = np.where(square > 0, np.minimum(common / np.where(square > 0, square, 1.0), 1.0), 0.0)
-    return means + (1 - noise)[..., None] * rest
+    return means + (1 - noise)[..., None] * residual
 
 
 def _means(image, features):

@@ -308,7 +308,8 @@ def test_what_the_camera_sees_of_grains(place):
     meshes = material.meshes_of(job.scene)
     grains = [material.grains_of(job.assets[0], *meshes[0])]
     how, _ = methods.transport_of("ept", world, job.assets, meshes, grains)
-    body, normal, distance = features._at(world, how, np.array([0.5, 0.5]))
+    entries = [how.interactor(0, how.technique).entry]
+    body, normal, distance = features._at(world, entries, np.array([0.5, 0.5]))
     met = body >= 0
     towards = world.camera.rays(*world.size)
     middle = world.camera.origin + np.where(met, distance, 0)[..., None] * towards - how.bodies[0].radius * normal
