@@ -397,7 +397,7 @@ def test_lobes_for_machines(call, root, tmp_path):
 
 
 @pytest.mark.parametrize(("args", "said"), [
-    (("--to", "vtk"), "no format of ours; there is csv"),
+    (("--to", "vtk"), 'found "vtk", which is no export format; expected csv'),
     (("--to", "csv", "--each-wavelength"), "has no effect on csv"),
     (("--to", "hg", "--each-wavelength"), "has no effect on hg"),
     ((), "--to"),

@@ -78,7 +78,8 @@ def test_keys_of_64_bits_hold_both_words():
 
 
 def test_renderers_begin_their_streams_by_name():
-    """Hashes are numbers of a stream's own; where one begins, its key is made of a name of the list, written there."""
+    """Hashes are numbers of a stream's own; where one begins, its key is made of a name of the list, written there or by whoever
+    gives the `key`."""
     begun = []
     for path in sorted((ROOT / "renderers").rglob("*.py")):
         for function in (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.FunctionDef)):
@@ -88,7 +89,8 @@ def test_renderers_begin_their_streams_by_name():
                 assert function.name in known, f"{path}: {function.name} draws numbers from a hash"
             for node in ast.walk(function):
                 if isinstance(node, ast.Call) and calls(node)[0] == "begin_streams":
-                    assert calls(node)[1] == "stream_key", f"{path}: {function.name} begins a stream without a name"
+                    given = "key" in (argument.arg for argument in function.args.args) and ast.unparse(node.args[0]) == "key"
+                    assert given or calls(node)[1] == "stream_key", f"{path}: {function.name} begins a stream without a name"
                 if isinstance(node, ast.Call) and calls(node)[0] == "stream_key":
                     begun.append(node.args[1].value)
     assert {name for name in rng.STREAMS if name.startswith("render.")} == set(begun) and len(begun) == len(set(begun))
