@@ -107,14 +107,7 @@ def command(source, output, asked, place, overwrite, as_json, quiet):
         if suffix in SCENES:
             options |= ({"resume": True} if asked.resume else {}) | ({} if asked.cluster is None else {"elsewhere": None})
             job = _of_scene(source, output, values, options, progress, live)
-            if asked.cluster is not None:
-                from renderers.cluster.passes import workers
-
-                job.options["elsewhere"] = workers(folders.enter_context(dask.cluster(asked.cluster, progress.say)))
-            elif live:
-                from bakery.cli.live import shown
-
-                job = job._replace(draw=folders.enter_context(shown(job.path, source, asked.port or 0, browser=not as_json)))
+            job = _elsewhere(job, source, asked, folders, progress, browser=not as_json)
         elif suffix == ".xml":
             job = _of_mitsuba(source, output, values, options)
         else:
@@ -198,6 +191,21 @@ def _of_scene(source, output, values, options, progress, live) -> _Job:
         refuse_absent(path)
         path = assets.baked(path, progress)
     return _Job(renderer, renderer.render, path, target, name, options)
+
+
+def _elsewhere(job, source, asked, folders, progress, browser) -> _Job:
+    """The job of a scene, with its passes on a cluster or shown on a page, where that is asked for; folders : keeps both open."""
+    if asked.cluster is not None:
+        from bakery.run import dask
+        from renderers.cluster.passes import workers
+
+        cluster = folders.enter_context(dask.cluster(asked.cluster, progress.say))
+        return job._replace(options=job.options | {"elsewhere": workers(cluster)})
+    if asked.live or asked.port is not None:
+        from bakery.cli.live import shown
+
+        return job._replace(draw=folders.enter_context(shown(job.path, source, asked.port or 0, browser=browser)))
+    return job
 
 
 def _of_mitsuba(source, output, values, options) -> _Job:

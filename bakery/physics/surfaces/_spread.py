@@ -88,6 +88,35 @@ def _leapt(stream, weight, px, py, pz, radius, decay):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _roulette(stream, weight):
+    """The weight with which a walk goes on; 0: it ends."""
+    if weight >= _LOW:
+        return weight
+    return _KEPT if stream.random() * _KEPT < weight else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _tally(radius2, cosine, weight, edges, light, square, beyond):
+    """Adds the weight of a walk that comes out, by the cosine in air and the squared distance.
+
+    light, square, beyond : sums of its class of incidence
+    """
+    out, last, radius = min(int(CLASSES * (1.0 - cosine * cosine)), CLASSES - 1), len(edges) - 1, math.sqrt(radius2)
+    if radius >= edges[last]:
+        beyond[0] += weight
+        return
+    low, high = 0, last
+    while high - low > 1:
+        middle = (low + high) >> 1
+        if edges[middle] <= radius:
+            low = middle
+        else:
+            high = middle
+    light[out, low] += weight
+    square[out] += weight * radius2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def follow(stream, walks, layer, table, edges, light, square, beyond):
     """Walks of a block, `CLASSES` times `walks`, added to sums.
 
@@ -120,20 +149,17 @@ def follow(stream, walks, layer, table, edges, light, square, beyond):
                 if pz > edges[last]:
                     beyond[into] += weight
                     break
-                if weight < _LOW:
-                    if stream.random() * _KEPT >= weight:
-                        break
-                    weight = _KEPT
+                weight = _roulette(stream, weight)
+                if weight == 0.0:
+                    break
                 continue
             flight = -math.log1p(-stream.random()) / sigma_t if sigma_t > 0.0 else math.inf
             wall = math.inf if uz == 0.0 else -pz / uz if uz < 0.0 else (thickness - pz) / uz
             if flight < wall:
                 px, py, pz = px + flight * ux, py + flight * uy, pz + flight * uz
-                weight *= albedo
-                if weight < _LOW:
-                    if stream.random() * _KEPT >= weight:
-                        break
-                    weight = _KEPT
+                weight = _roulette(stream, weight * albedo)
+                if weight == 0.0:
+                    break
                 v = phase_sample(v_nodes, steps, f, cdf, stream.random())
                 ux, uy, uz = turned_direction(ux, uy, uz, v, 2.0 * math.pi * stream.random())
                 continue
@@ -141,14 +167,12 @@ def follow(stream, walks, layer, table, edges, light, square, beyond):
                 break
             px, py = px + wall * ux, py + wall * uy
             if uz > 0.0 and base >= 0.0:
-                weight *= base
                 up, turn = math.sqrt(stream.random()), 2.0 * math.pi * stream.random()
                 across = math.sqrt(1.0 - up * up)
                 ux, uy, uz, pz = across * math.cos(turn), across * math.sin(turn), -up, thickness
-                if weight < _LOW:
-                    if stream.random() * _KEPT >= weight:
-                        break
-                    weight = _KEPT
+                weight = _roulette(stream, weight * base)
+                if weight == 0.0:
+                    break
                 continue
             top = uz < 0.0
             passes, ux, uy, across = _cross(stream, ux, uy, abs(uz), 1.0 / index, alpha)
@@ -156,19 +180,5 @@ def follow(stream, walks, layer, table, edges, light, square, beyond):
                 uz, pz = (across, 0.0) if top else (-across, thickness)
                 continue
             if top:
-                radius2 = px * px + py * py
-                out = min(int(CLASSES * (1.0 - across * across)), CLASSES - 1)
-                radius = math.sqrt(radius2)
-                if radius >= edges[last]:
-                    beyond[into] += weight
-                    break
-                low, high = 0, last
-                while high - low > 1:
-                    middle = (low + high) >> 1
-                    if edges[middle] <= radius:
-                        low = middle
-                    else:
-                        high = middle
-                light[into, out, low] += weight
-                square[into, out] += weight * radius2
+                _tally(px * px + py * py, across, weight, edges, light[into], square[into], beyond[into:into + 1])
             break
