@@ -103,7 +103,7 @@ def test_light_that_explicit_grains_do_not_find(asset, tmp_path, monkeypatch):
     assert "without extent" in lacks([balls], seen(tmp_path, SUN + SKY, 1.0)) and not lacks([balls], seen(tmp_path, SKY, 1.0))
     assert not lacks([asset("grey")], seen(tmp_path, SUN, 1.0))
     best = chosen(monkeypatch, seen(tmp_path, DISC, 1.0), balls, 16)
-    assert best.method == "ept+vpt+da" and best.approximations is None and "not known" in best.row["why"], best.table
+    assert best.method == "ept+vpt+da" and best.approximations is None and "unknown" in best.row["why"], best.table
 
 
 def test_a_method_error_above_the_tolerance_is_said():
