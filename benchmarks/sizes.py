@@ -33,6 +33,7 @@ def docs() -> Path:
         return folder
     copy = Path(tempfile.mkdtemp(prefix="bakery-benchmarks-"))
     (copy / "pictures").mkdir()
-    for page in folder.glob("*.md"):
-        shutil.copy(page, copy)
+    for page in (*folder.glob("*.md"), *folder.glob("measurements/*.md")):
+        (copy / page.relative_to(folder)).parent.mkdir(exist_ok=True)
+        shutil.copy(page, copy / page.relative_to(folder))
     return copy
