@@ -252,7 +252,7 @@ def _add(sums, number, light, active=True):
 def advance(scene, path, records=None):
     """Paths after a flight to the next scattering or surface, and which."""
     ray = mi.Ray3f(path.origin, path.direction)
-    return path, _event(scene, ray, flights.flight(scene, path, ray), path.alive)
+    return path, _event(scene, path, ray, flights.flight(scene, path, ray), path.alive)
 
 
 def wandered(scene, path, records=None):
@@ -272,6 +272,7 @@ def wandered(scene, path, records=None):
         ray = mi.Ray3f(path.origin, path.direction)
         end = flights.flight(scene, path, ray)
         hidden = end.scatters & ~scene.takes_samples(end.medium)
+        path.order += dr.select(hidden, mi.UInt32(1), mi.UInt32(0))
         path = scattered(scene, path, end.medium, ray.o + end.distance * ray.d, hidden, records)
         return path, end, hidden & path.alive & (count < most), count + 1
 
@@ -279,11 +280,12 @@ def wandered(scene, path, records=None):
     path, end, *_ = dr.while_loop(start, lambda path, end, active, count: active, step, label="scatterings")
     hidden = end.scatters & ~scene.takes_samples(end.medium)
     end.scatters &= ~hidden
-    return path, _event(scene, mi.Ray3f(path.origin, path.direction), end, path.alive & ~hidden)
+    return path, _event(scene, path, mi.Ray3f(path.origin, path.direction), end, path.alive & ~hidden)
 
 
-def _event(scene, ray, end, active):
-    """`Event` at the ends of flights."""
+def _event(scene, path, ray, end, active):
+    """`Event` at the ends of flights, which counts as a scattering before light samples are drawn there."""
+    path.order += dr.select(end.scatters, mi.UInt32(1), mi.UInt32(0))
     misses = active & ~end.meets & ~end.scatters
     surface = end.hit.compute_surface_interaction(ray, mi.RayFlags.All, end.meets | misses)
     crosses = end.meets & scene.boundaries.is_blind(end.hit.shape)
@@ -331,10 +333,9 @@ def next_event(scene, path, event):
 
 
 def scattered(scene, path, medium, position, active, records=None):
-    """Paths after scatterings at positions in media."""
+    """Paths after scatterings at positions in media, which their orders have counted."""
     u = [path.random.next_float32() for _ in range(3)]
     direction, density, throughput = media.scattered(scene.media, medium, path.direction, path.throughput, u)
-    path.order += dr.select(active, mi.UInt32(1), mi.UInt32(0))
     if scene.lamps:
         scene.lamps.departs(path, medium, position, density, active, records)
     share = flights.return_share(scene, path.origin, position) if scene.regions.always else mi.Float(1)

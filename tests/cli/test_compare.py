@@ -227,7 +227,7 @@ def test_references(call, place):
         rgb = np.full(shape, level)
         bitmaps.write((place / f"{name}.png", place / f"{name}.exr"), rgb, rgb)
     plain = compared(call, place, "--reference", place / "plain.exr", "-o", place / "b.html", methods="single")
-    assert "not taken off: that of plain.exr." in plain["remarks"][-1] and plain["methods"][0]["difference"]["left_in"]
+    assert "not subtracted: that of plain.exr." in plain["remarks"][-1] and plain["methods"][0]["difference"]["left_in"]
     black = compared(call, place, "--reference", place / "black.exr", "-o", place / "b.html", methods="single")
     assert "is black" in black["remarks"][-1] and black["methods"][0]["difference"] is None
     status, _, err = call("compare", place / "haze.yaml", "--methods", "single", "--reference", place / "small.exr")

@@ -173,7 +173,7 @@ def test_a_port_that_cannot_be_had(call, addresses):
         status, report, _ = call("-o", "port.png", "--live-port", str(port))
     assert status == 3 and report["samples"] == 32  # two passes of 16
     assert len(addresses) == 1
-    assert addresses[0].startswith(f"--live: port {port} of 127.0.0.1 cannot be had (Address already in use)")
+    assert addresses[0].startswith(f"--live: port {port} of 127.0.0.1 is not available (Address already in use)")
 
 
 MIST_SCENE = SimpleNamespace(values=SimpleNamespace(name="mist"), rules=SimpleNamespace(RESUMES=True))
