@@ -132,7 +132,7 @@ QUALITY ?= preview
 SCENES := night_street square_emitter
 PARTICLES := lamp_in_dust beads_in_box stairs_in_a_beam snow_at_night bubbles_in_light drive_in_drizzle
 MIXED := winter_evening beach
-SURFACES := painted_head snow_field
+SURFACES := painted_head field_of_snow
 GRAINS := heap_of_sand cube_of_beads snowman snowman_small sand_castle spices wet_beside_dry layers_of_sand
 scenes: $(VENV)/.ready
 	@mkdir -p build

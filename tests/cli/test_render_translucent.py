@@ -235,7 +235,7 @@ def test_methods_that_leave_light_out_are_no_reference(call, place):
     for one in found["methods"]:
         assert not one["exact"] and not one["kept"] and "caustics" in one["left_out"][0]
         assert one["stated_bias"] > 0.003 and one["left_out"][0] in one["reasons"]
-    assert any("paths does not have all of the light" in remark for remark in found["remarks"])
+    assert any("paths lacks some light" in remark for remark in found["remarks"])
 
 
 @pytest.mark.slow

@@ -29,7 +29,7 @@ SHIPPED = {
 }
 # of several materials: of each recipe they need what its kind needs alone (tests/cli/test_render_mixed.py)
 OF_SEVERAL = {"beach", "winter_evening"}
-OF_SURFACES = {"painted_head", "snow_field"}  # no scene decides anything of a surface
+OF_SURFACES = {"painted_head", "field_of_snow"}  # no scene decides anything of a surface
 NOISE = 3  # times the variance of the noise that may be in a difference: of 48 equal pixels and four seeds once in 4e6 (F test)
 
 
