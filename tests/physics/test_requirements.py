@@ -34,7 +34,7 @@ NOISE = 3  # times the variance of the noise that may be in a difference: of 48 
 
 
 def measured():
-    """Scenes of the table in docs/measurements/requirements.md: tolerance, differences of mean and pixels, those beyond noise, per cent."""
+    """Scenes of the table in docs/measurements/requirements.md: tolerance, differences of mean and pixels, those beyond noise."""
     text = (ROOT / "docs" / "measurements" / "requirements.md").read_text()
     rows = re.findall(r"^\| (\w+), ([\d.]+) %[^|]*\| (-?[\d.]+) %[^|]*\| ([\d.]+)[^|]*\| ([\d.]+) %", text, re.MULTILINE)
     return {name: tuple(map(float, values)) for name, *values in rows}
