@@ -5,6 +5,7 @@ Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
 
 from __future__ import annotations
 
+import gc
 from types import SimpleNamespace
 
 import numpy as np
@@ -94,6 +95,7 @@ def test_passes_depend_on_their_number_and_the_seed_alone(matched):
 
 
 def test_one_kernel_serves_all_passes_and_seeds(matched):
+    gc.collect()  # scenes of other tests, without which kernels are others
     passes(matched, [0])
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
