@@ -34,10 +34,10 @@ def command(recipes, output, asked, sweeps, jobs, force, overwrite, as_json, ver
     of few passes).  The pilot may bake into the cache; nothing else is written.
     """
     from bakery.cli import plan_scene
-    from bakery.cli.trade_scene import is_scene
     from bakery.run.bake import planned
     from bakery.run.cache import Cache
     from bakery.run.progress import choose
+    from bakery.scenes import is_scene
 
     values = settings_of(asked.quality, asked.tolerance, asked.seed, asked.settings, sweeps)
     progress = choose()

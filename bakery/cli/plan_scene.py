@@ -20,7 +20,7 @@ def planned(path, output, settings, quality, seed, overwrite, progress):
     ------
     BakeryError : what the render would raise before its first pass
     """
-    from bakery.cli.scene_plan import plan
+    from bakery.scenes.plan import plan
     from renderers import scene
     from renderers.pictures import images
 

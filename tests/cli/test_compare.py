@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bakery.cli.methods import drawing
+from bakery.scenes.methods import drawing
 from bakery.trade.methods import Curve
 from renderers.colour import LUMINANCE
 from renderers.pictures import comparison, differences

@@ -8,8 +8,8 @@ import signal
 import numpy as np
 import pytest
 
-from bakery.cli.trade_scene import is_scene
 from bakery.errors import UsageError
+from bakery.scenes import is_scene
 from renderers.colour import LUMINANCE
 from renderers.pictures import comparison
 from renderers.pictures.progressive import Estimate, Part, Stop, fingerprint
@@ -127,7 +127,7 @@ def test_what_cannot_be_rendered_is_said(call, place, monkeypatch):
 @pytest.mark.slow
 def test_a_scene_of_another_renderer(call, place, monkeypatch):
     """Its points are named after it, and what it is sure of counts for nothing; here a second one of the same renderer."""
-    monkeypatch.setattr("bakery.cli.trade_scene._distinct", lambda scenes: None)
+    monkeypatch.setattr("bakery.scenes.trade._distinct", lambda scenes: None)
     (place / "other.yaml").write_text(HAZE.replace("name: haze", "name: other"))
     found = traded(call, place, "--beside", place / "other.yaml", "--methods", "single")
     by_name = {one["name"]: one for one in found["methods"]}
