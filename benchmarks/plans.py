@@ -82,6 +82,7 @@ def one(recipe: str, folder: str) -> None:
 
     from bakery import run
     from bakery.run import standing
+    from bakery.run.bake import planned
     from bakery.run.cache import Cache
     from bakery.run.progress import Progress
 
@@ -119,7 +120,7 @@ def one(recipe: str, folder: str) -> None:
 
     cache, told = Cache(Path(folder)), Told()
     with event.install_listener("numba:compile", Modules()):
-        plan = run.prepare(recipe, Path(folder) / "a.h5", cache=cache, jobs=1)
+        plan = planned(recipe, Path(folder) / "a.h5", cache=cache, jobs=1)
         baked = run.execute(plan, cache=cache, jobs=1, progress=told)
     peak = max(standing.asset_at(baked.output)[f"provenance/{step.stage.name}"].attributes["peak_memory"] for step in plan.steps)
     print(json.dumps({
@@ -145,7 +146,7 @@ def _baked(name: str, text: str, folder: Path) -> dict:
 
 def _used(found: dict, name: str, folder: Path) -> float:
     """Seconds that a plan expects where all the other recipes were baked before."""
-    from bakery.run import prepare
+    from bakery.run.bake import planned
     from bakery.run.cache import Cache
 
     speeds: dict = {}
@@ -153,7 +154,7 @@ def _used(found: dict, name: str, folder: Path) -> float:
         for kind, entries in result["speeds"].items():
             speeds.setdefault(kind, []).extend(entries if other != name else [])
     (folder / "speed.json").write_text(json.dumps(speeds))
-    plan = prepare(found[name]["recipe"], folder / "nothing.h5", cache=Cache(folder), jobs=1)
+    plan = planned(found[name]["recipe"], folder / "nothing.h5", cache=Cache(folder), jobs=1)
     return plan.seconds - sum(step.cost.compiling for step in plan.steps)
 
 

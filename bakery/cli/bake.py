@@ -84,8 +84,8 @@ def command(recipes, output, asked, sweeps, run, depfile, overwrite, told):
         for index, recipe in enumerate(recipes):
             try:
                 wanted = for_scenes(recipe, values, asked.scenes, asked.stage, cache, progress)
-                plans[index] = planned(recipe, output, force=run.force, cache=cache, jobs=run.jobs, overwrite=overwrite,
-                                       progress=progress, keep_going=run.keep_going, **wanted.of_plan)
+                plans[index] = planned(recipe, output, asked=wanted, keep_going=run.keep_going, force=run.force, cache=cache,
+                                       jobs=run.jobs, overwrite=overwrite, progress=progress)
             except RecipeError as error:
                 problems += error.problems
                 failures[index] = str(error), error.exit_status

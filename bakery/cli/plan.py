@@ -51,8 +51,8 @@ def command(recipes, output, asked, sweeps, jobs, force, overwrite, as_json, ver
                                                 asked.quality, asked.seed, overwrite, progress))
                 continue
             wanted = for_scenes(recipe, values, asked.scenes, asked.stage, cache, progress)
-            plans.append(planned(recipe, output, force=force, cache=cache, jobs=jobs, overwrite=overwrite, progress=progress,
-                                 **wanted.of_plan))
+            plans.append(planned(recipe, output, asked=wanted, force=force, cache=cache, jobs=jobs, overwrite=overwrite,
+                                 progress=progress))
     finally:
         progress.close()
     show(plans, as_json, verbose)

@@ -15,7 +15,8 @@ import bakery
 from bakery.asset.verify import _broken
 from bakery.errors import AssetError, RecipeError, StageError
 from bakery.recipe import load
-from bakery.run import overrides, prepare
+from bakery.run import overrides
+from bakery.run.bake import planned
 from bakery.run.executors import Context, threads
 from bakery.stages.packing import stage, view
 from bakery.store.tree import Dataset, Group
@@ -89,7 +90,7 @@ def test_values_and_defaults(write):
 ])
 def test_refused_before_any_work(write, inside, place, words):
     with pytest.raises(RecipeError, match=words) as refused:
-        prepare(write(inside))
+        planned(write(inside))
     assert [problem.key for problem in refused.value.problems] == [place]
     assert all(problem.line == 4 and problem.file.endswith("tile.yaml") for problem in refused.value.problems)
 
@@ -153,7 +154,7 @@ def test_sizes(bake):
 
 
 def test_size_of_the_file_is_foreseen(write, tmp_path):
-    plan = prepare(write("fraction: [0.1, 0.2], count: 400"), tmp_path / "t.h5")
+    plan = planned(write("fraction: [0.1, 0.2], count: 400"), tmp_path / "t.h5")
     size = Path(bakery.bake(write("fraction: [0.1, 0.2], count: 400"), output=tmp_path / "t.h5")).stat().st_size
     assert 0.7 < plan.file / size < 1.5
 
