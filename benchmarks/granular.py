@@ -119,7 +119,7 @@ def of_asset(path):
         mesh = None if grain.ball else Mesh(grain.vertices, grain.faces)
         parts.append((float(part["weight"].data[0]), coat(surface["type"], index, surface.get("roughness", 0.0)), mesh))
     asked = float(root["medium/fraction"].data[0]) if "medium" in root.members else 0.0
-    centers, radii, cell, _ = nearest_denser(root["packing"], asked)
+    centers, radii, cell = nearest_denser(root["packing"], asked)
     return Case(Path(path).stem, centers, radii, cell, *grains_of(parts))
 
 

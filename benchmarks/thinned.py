@@ -40,6 +40,7 @@ def ways(aggregate, start, direction, limit, met, free):
     """From points of a tile (n, 3) along directions (n, 3) to the next sphere, 0 within one, at most `limit`: free (n,)."""
     o, d, to, left, none = np.empty(3), np.empty(3), np.empty(3), np.zeros(4, np.int64), np.empty(4, np.int64)
     room = kernels.aggregate_scratch()
+    grid = aggregate.cell, aggregate.m, aggregate.start, aggregate.image, aggregate.owner
     left[0] = -1
     for n in range(len(start)):
         for k in range(3):
@@ -47,8 +48,7 @@ def ways(aggregate, start, direction, limit, met, free):
         if kernels.enclosing_sphere(aggregate, o, none, room):
             free[n] = 0.0
             continue
-        free[n] = kernels.flight_to_sphere(o, d, left, aggregate.cell, aggregate.m, aggregate.start, aggregate.image,
-                                           aggregate.owner, limit, met, to)
+        free[n] = kernels.flight_to_sphere(o, d, left, grid, limit, met, to)
 
 
 def free_ways(tile):

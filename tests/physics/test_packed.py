@@ -217,7 +217,7 @@ def test_flights_are_those_of_a_search_over_all_images(which):
         d = d if d @ n > 0 else -d
         o, left = centers[s] + radii[s] * n, np.array([s, *copy])
         met, to = np.full(4, -1), np.zeros(3)
-        z = kernel.flight_to_sphere(o, d, left, *grid, 1e9, met, to)
+        z = kernel.flight_to_sphere(o, d, left, grid, 1e9, met, to)
         distance, image = nearest_sphere(centers, radii, cell, o + copy * cell, d, tuple(left))
         if distance < cell.min():  # farther on the search is not complete
             found += 1

@@ -27,7 +27,7 @@ from bakery.trade.resolve import all_of
 from bakery.trade.search import Ladder, Seen, proposals, start_of
 from bakery.trade.settings import Job, Settings
 from bakery.trade.sweep import Sweeper
-from bakery.trade.worker import Bench
+from bakery.trade.worker import Bench, Task
 from tests import traded
 from tests.traded import CLOCK, RECIPE
 
@@ -201,7 +201,7 @@ class Here:
     ran = 0
 
     def __init__(self, **arguments):
-        self._bench = Bench(clock=CLOCK, wall=CLOCK, **arguments)
+        self._bench = Bench(Task(**arguments), clock=CLOCK, wall=CLOCK)
 
     def __getattr__(self, name):
         def call(*args, limit=None):

@@ -75,8 +75,9 @@ class Path(NamedTuple):
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _turned(grain, channels, dx, dy, dz, nx, ny, nz, draws, carried):
+def _turned(grain, channels, d, n, draws, carried):
     """Direction after a meeting with the surface, its part along the outward normal, share of all light that is left."""
+    (dx, dy, dz), (nx, ny, nz) = d, n
     sx, sy, sz, tx, ty, tz = surface_frame(nx, ny, nz)
     x, y, z = -(dx * sx + dy * sy + dz * sz), -(dx * tx + dy * ty + dz * tz), -(dx * nx + dy * ny + dz * nz)
     u, v, w = uniforms_of_meeting(grain.matter, grain.roughness, draws.stream, draws.pool)
@@ -122,7 +123,7 @@ def _ball(grain, channels, ray, depth, draws, carried):
         if count == depth:
             return CUT, 0.0, path
         count += 1
-        dx, dy, dz, z, share = _turned(grain, channels, dx, dy, dz, nx, ny, nz, draws, carried)
+        dx, dy, dz, z, share = _turned(grain, channels, (dx, dy, dz), (nx, ny, nz), draws, carried)
         factor *= share
         if z > 0.0:
             break
@@ -162,7 +163,7 @@ def _mesh(tree, grain, channels, ray, depth, draws, carried, scratch):
         if count == depth:
             return CUT, 0.0, path
         count += 1
-        dx, dy, dz, z, share = _turned(grain, channels, dx, dy, dz, nx, ny, nz, draws, carried)
+        dx, dy, dz, z, share = _turned(grain, channels, (dx, dy, dz), (nx, ny, nz), draws, carried)
         factor *= share
         within = z < 0.0
     return LEFT, 0.0, path
@@ -184,9 +185,9 @@ def _meet(path, radius, grains, matter, depth, draws, scratch):
         turn = rotation_matrix(*rotation(b, c, e))
         low, high = offset[which, 0], offset[which + 1, 0]
         tree = grains.nodes[low:high], grains.children[low:high], grains.blocks[offset[which, 1] : offset[which + 1, 1]]
-        _rotated(ray, turn[0], turn[3], turn[6], turn[1], turn[4], turn[7], turn[2], turn[5], turn[8])
+        _rotated(ray, (turn[0], turn[3], turn[6], turn[1], turn[4], turn[7], turn[2], turn[5], turn[8]))
         state, factor, inside = _mesh(tree, grain, matter.channels[which], ray, depth, draws, path.carried, scratch)
-        _rotated(ray, *turn)
+        _rotated(ray, turn)
     if grain.matter == DIELECTRIC:
         for k in range(len(path.optical)):
             path.optical[k] += matter.mu[which, k] * radius * inside
@@ -194,8 +195,9 @@ def _meet(path, radius, grains, matter, depth, draws, scratch):
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _rotated(ray, xx, xy, xz, yx, yy, yz, zx, zy, zz):
+def _rotated(ray, matrix):
     """Place and direction by the rows of a rotation, kept at length 1."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = matrix
     for k in (0, 3):
         x, y, z = ray[k], ray[k + 1], ray[k + 2]
         x, y, z = xx * x + xy * y + xz * z, yx * x + yy * y + yz * z, zx * x + zy * y + zz * z
@@ -219,18 +221,21 @@ def counted(tile, grains, matter, key, replicate, first, count, surface, rules):
     scratch, widest = mesh_scratch(), np.max(tile.radii)
     for walk in range(count):
         draws.stream[2], draws.stream[4] = np.uint64(first + walk), np.uint64(0)
-        _walk(tile, grains, matter, path, draws, scratch, widest, surface, rules, out)
+        _walk(tile, grains, matter, path, draws, scratch, (surface[0], surface[1], widest), rules, out)
     return np.concatenate((out.cells.ravel(), out.entered.ravel(), out.walks, out.inside.ravel(), out.sums))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _walk(tile, grains, matter, path, draws, scratch, widest, surface, rules, out):
-    """One walk, from above the grains until it is out or at its end."""
+def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
+    """One walk, from above the grains until it is out or at its end.
+
+    levels : the lowest and the highest at which the tile may be cut, and how far the largest sphere reaches beyond its centre
+    """
     tile, grains, matter, path, draws = lent(tile), lent(grains), lent(matter), lent(path), lent(draws)
     scratch, rules, out = lent(scratch), lent(rules), lent(out)
-    cell, m, start, image, owner = tile.grid
-    bin0, mu0, ex, ey, top = _begin(path, cell, widest, surface, rules.bins, draws)
-    base, above = path.left_behind[3], top + widest
+    cell = tile.grid[0]
+    bin0, mu0, ex, ey, top = _begin(path, cell, levels, rules.bins, draws)
+    base, above = path.left_behind[3], top + levels[2]
     order, hits, factor = 0, 0, 1.0
     out.walks[bin0] += 1.0
     out.sums[WALKS] += 1.0
@@ -240,8 +245,7 @@ def _walk(tile, grains, matter, path, draws, scratch, widest, surface, rules, ou
         rises = path.d[2] > 0.0
         if rises:
             limit = max((above - shift - path.o[2]) / path.d[2], 0.0)
-        z = flight_in_half_space(path.o, path.d, path.left_behind, cell, m, start, image, owner, limit, path.sphere, path.to,
-                                 base, top)
+        z = flight_in_half_space(path.o, path.d, path.left_behind, tile.grid, limit, path.sphere, path.to, base, top)
         if z >= limit:
             if rises:
                 _count_out(path, order, hits, factor, mu0, -(ex * path.d[0] + ey * path.d[1] - mu0 * path.d[2]), bin0, rules, out)
@@ -279,7 +283,7 @@ def _walk(tile, grains, matter, path, draws, scratch, widest, surface, rules, ou
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _begin(path, cell, widest, surface, bins, draws):
+def _begin(path, cell, levels, bins, draws):
     """Light above the grains: bin and cosine of its incidence, horizontal part of its direction, the plane that cuts the tile."""
     least = math.sqrt(STEEPEST)
     share = next_uniform(draws.stream, draws.pool)
@@ -288,9 +292,9 @@ def _begin(path, cell, widest, surface, bins, draws):
     across = math.sqrt(max(1.0 - mu0 * mu0, 0.0))
     ex, ey = across * math.cos(azimuth), across * math.sin(azimuth)
     path.d[0], path.d[1], path.d[2] = ex, ey, -mu0
-    top = surface[0] + (surface[1] - surface[0]) * next_uniform(draws.stream, draws.pool)
+    top = levels[0] + (levels[1] - levels[0]) * next_uniform(draws.stream, draws.pool)
     path.o[0], path.o[1] = cell[0] * next_uniform(draws.stream, draws.pool), cell[1] * next_uniform(draws.stream, draws.pool)
-    path.o[2], path.left_behind[0] = top + widest, -1
+    path.o[2], path.left_behind[0] = top + levels[2], -1
     for k in range(1, 4):
         path.left_behind[k] = int((2.0 * next_uniform(draws.stream, draws.pool) - 1.0) * FAR)
     path.carried[:] = 1.0

@@ -27,8 +27,8 @@ SUMS = 19
 
 
 class Tile(NamedTuple):
-    """A periodic tile of spheres: centers (N, 3), radii (N,), cumulated shares of the surface (N,), the first five arguments of
-    `flight_to_sphere` that are not of a ray, longest flight between two spheres."""
+    """A periodic tile of spheres: centers (N, 3), radii (N,), cumulated shares of the surface (N,), the grid of
+    `flight_to_sphere`, longest flight between two spheres."""
 
     centers: np.ndarray
     radii: np.ndarray
@@ -350,13 +350,12 @@ def _pass(walk, radius):
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _next_sphere(tile, walk, radius):
     """Flight from a sphere to the next one, which is entered; the limit where none comes."""
-    cell, m, start, image, owner = tile.grid
     for k in range(4):
         walk.left_behind[k] = walk.sphere[k]
     for k in range(3):
         walk.d[k] = walk.ray[3 + k]
         walk.o[k] = tile.centers[walk.left_behind[0], k] + radius * walk.ray[k]
-    z = flight_to_sphere(walk.o, walk.d, walk.left_behind, cell, m, start, image, owner, tile.limit, walk.sphere, walk.to)
+    z = flight_to_sphere(walk.o, walk.d, walk.left_behind, tile.grid, tile.limit, walk.sphere, walk.to)
     if z >= tile.limit:
         return z
     length2 = 0.0

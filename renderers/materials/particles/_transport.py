@@ -13,6 +13,7 @@ import numpy as np
 
 from bakery.kernels import (
     NO_DISC,
+    Pencil,
     first_disc,
     lent,
     mesh_scratch,
@@ -81,8 +82,8 @@ def _particle(medium, paths, end, distance, point, i, scratch):
     begin, square, weight, left_out = 0.0, medium.discs.square, paths.throughput, paths.left_out
     ox, oy, oz, dx, dy, dz = ray_of(paths.origin, paths.direction, i)
     while begin < end:
-        kind, t, d2, x, y, z = first_disc(medium.discs, ox, oy, oz, dx, dy, dz, begin, end, left_out[i, 0], left_out[i, 1],
-                                          left_out[i, 2], scratch)
+        pencil = Pencil((ox, oy, oz), (dx, dy, dz), begin, end, (left_out[i, 0], left_out[i, 1], left_out[i, 2]))
+        kind, t, d2, x, y, z = first_disc(medium.discs, pencil, scratch)
         if kind == NO_DISC:
             break
         total, stopped = 0.0, 0.0
@@ -158,12 +159,11 @@ def transmit(medium, ray, far, discrete, left_out, states, i, passed, scratch):
     """
     sigma, region = medium.sigma_t, medium.discs.region
     ox, oy, oz, dx, dy, dz = ray
-    sx, sy, sz = left_out
     open, mesh_room = scratch
-    share = medium.others if sx == sx else 1.0
+    share = medium.others if left_out[0] == left_out[0] else 1.0
     open[:] = 1
     if discrete > 0:
-        open_wavelengths(medium.discs, ox, oy, oz, dx, dy, dz, 0.0, min(far, discrete), sx, sy, sz, open, mesh_room)
+        open_wavelengths(medium.discs, Pencil((ox, oy, oz), (dx, dy, dz), 0.0, min(far, discrete), left_out), open, mesh_room)
     for w in range(len(passed)):
         passed[w] = open[w]
     absorbed(medium, ray, far, passed)
