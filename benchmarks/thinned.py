@@ -92,7 +92,7 @@ def main():
         moment, left = void.mean() / (4 / 3 * (1 - f) / f), [f"{np.mean(free > way):.4f}" for way in WAYS]
         print("|", " | ".join([str(f), how, f"{moment:.3f}", *left]), "|", flush=True)
         for name, grain in grains.items():
-            walks = packed.walk(*tile, [grain], seed=1, tolerance=sized(0.005, 0.2), hits=sized(1 << 22, 1 << 14))
+            walks = packed.walk(tile, [grain], seed=1, tolerance=sized(0.005, 0.2), hits=sized(1 << 22, 1 << 14))
             factor = np.sqrt(walks.mean_square_rte / walks.mean_square_displacement)
             rows.append((name, f, how, factor, walks.achieved_error * factor))
     print("\n| grain | fraction | | sigma_t of the walk over that of Eq. 4 |\n|---|---|---|---|")

@@ -189,7 +189,7 @@ def _walked(inputs, at, context):
         index = None if component["index"] is None else component["index"].real[at]
         grains.append(packed.Grain(surface.lossless(component["type"], index, component["roughness"]),
                                  None if component["shape"]["type"] == "sphere" else bvh.Mesh(vertices, faces)))
-    return packed.walk(*inputs["tile"], grains, inputs["weights"], seed=context.seed, hits=inputs["walks"], depth=inputs["depth"],
+    return packed.walk(inputs["tile"], grains, inputs["weights"], seed=context.seed, hits=inputs["walks"], depth=inputs["depth"],
                        tolerance=max(0.5 * context.tolerance, 1e-4), map=context.map,
                        report=lambda share, error: context.report(share, error, "random walk through the grains"))
 
