@@ -29,7 +29,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | reflectance of layers | `asset.surface.table()` | `surface_reflectance`, `surface_transmittance` |
 | amplitudes of spheres | `mie_amplitudes`, `goa_amplitudes` | |
 | where particles are | `Region`, `BOX`, `region_box`, `region_grid`, `region_mesh` | `relative_density`, `region_densities` |
-| its particles, as discs | `disc_order`, `stored_discs`, `procedural_discs` | `first_disc` (`NO_DISC`), `open_wavelengths`: `Pencil` |
+| particles as discs | `disc_order`, `stored_discs`, `procedural_discs` | `Pencil`, `first_disc` (`NO_DISC`), `open_wavelengths` |
 | one by one | | `disc_cells`, `discs_of_cell` (into `Particles`) |
 | closed meshes, of files or of triangles | `closed_mesh`, `solid` | |
 | hashes | | `hashed` |
