@@ -86,8 +86,8 @@ def closed_forms(albedo, B):
 
 def compare(theta, phase, albedo, count, B=None, of=None, everything=True):
     """Errors (flux, fluence) of every kernel, and the noise of the photons."""
-    counted = photons.count(photons.Medium(albedo, theta, phase), DEPTH, EDGES, count, back=False)
-    everything = photons.count(photons.Medium(albedo, theta, phase), DEPTH, EDGES, count) if everything else None
+    counted = photons.count(albedo, theta, phase, DEPTH, EDGES, count, back=False)
+    everything = photons.count(albedo, theta, phase, DEPTH, EDGES, count) if everything else None
     medium = build.prepare(theta, phase)
     of = of or medium.planar
     B = of.B if B is None else B
@@ -181,8 +181,7 @@ def stacks(count):
             kernel = named.Kernels(albedo, theta, phase, medium.planar.B, True, tables.__getitem__)
             for density in STACKS:
                 planes = np.arange(1.0, 5.0)[np.cumsum(density) > 0]
-                layered = photons.Medium(albedo, theta, phase, (np.arange(4.0), density))
-                counted = photons.count(layered, planes, EDGES, count, back=False)
+                counted = photons.count(albedo, theta, phase, planes, EDGES, count, back=False, layers=(np.arange(4.0), density))
                 found = {}
                 for measure, name in (("flux", "flux"), ("fluence", "forward")):
                     rows = [[], [], [], []]

@@ -87,8 +87,7 @@ def counted(um: float, kernels: named.Kernels, planes: int) -> Shown:
     within = table.within(deepest, radius)
     reach = float(np.interp(_HELD, within / within[-1], radius))
     reach = deepest if reach > deepest / 2 else reach
-    medium = photons.Medium(kernels.albedo, kernels.theta, kernels.phase)
-    found = photons.count(medium, deepest * np.arange(1, planes + 1) / planes,
+    found = photons.count(kernels.albedo, kernels.theta, kernels.phase, deepest * np.arange(1, planes + 1) / planes,
                           np.linspace(0, reach, _CELLS + 1), _PHOTONS, seed=_SEED, back=False)
     return Shown(um, kernels, found)
 

@@ -180,8 +180,7 @@ def arrivals(folder, count=sized(400_000, 6400)):
             c, power, shape = len(tables) - 1 - k, [], []
             for tau in DEPTHS:
                 edges = tau * np.r_[0, np.geomspace(0.01, 10, 31), 1e9]
-                layer = photons.Medium(float(albedo), theta, tables[k], ((0.0, tau), (1.0, 0.0)))
-                found = photons.count(layer, [tau], edges, count)
+                found = photons.count(float(albedo), theta, tables[k], [tau], edges, count, layers=((0.0, tau), (1.0, 0.0)))
                 light = found.flux[0] * math.pi * np.diff(edges**2)
                 i = fog.place(tau, fog.depth)
                 within = (1 - i % 1) * fog.within[c, int(i)] + i % 1 * fog.within[c, int(i) + 1]

@@ -317,7 +317,7 @@ def test_forward_and_backward_light_between_beam_and_isotropy():
 def counted():
     """Spread 30 degrees, albedo 0.9; forward light, and all."""
     theta, phase = gaussian(30)
-    return [photons.count(photons.Medium(0.9, theta, phase), DEPTH, EDGES, 60_000, back=back) for back in (False, True)]
+    return [photons.count(0.9, theta, phase, DEPTH, EDGES, 60_000, back=back) for back in (False, True)]
 
 
 @pytest.fixture(scope="module")
@@ -363,7 +363,7 @@ def test_transport_keeps_up_where_angles_are_not_small(degrees, albedo, limits):
 def test_transport_is_no_worse_than_the_best_kernel_known_before(degrees, albedo, flux, fluence):
     """Percent, the least of eight kernels in each medium; and better than the error function and the path integral."""
     theta, phase = gaussian(degrees)
-    counted = photons.count(photons.Medium(albedo, theta, phase), DEPTH, EDGES, 30_000, back=False)
+    counted = photons.count(albedo, theta, phase, DEPTH, EDGES, 30_000, back=False)
     tables = transported(degrees, albedo, 8.0)
     B = math.radians(degrees) ** 2 / 4
     (M0, _, _), q = of_medium(albedo, DEPTH[:, None, None], B)
@@ -387,7 +387,7 @@ def test_layered_kernel_is_what_photons_count_in_space(stack):
     medium = medium_of(30)
     tables = transported(30, 0.9, 8.0) | {"small_angle": small_angled(30, 0.9, 8.0)}
     kernel = named.Kernels(0.9, theta, phase, medium.planar.B, True, tables.__getitem__)
-    counted = photons.count(photons.Medium(0.9, theta, phase, (np.arange(4.0), density)), planes, EDGES, 40_000, back=False)
+    counted = photons.count(0.9, theta, phase, planes, EDGES, 40_000, back=False, layers=(np.arange(4.0), density))
     for measure, name, limit in (("flux", "flux", 0.06), ("fluence", "forward", 0.1)):
         def averages(of):
             return np.concatenate([named.ring_averages(lambda _, r, z=z: of(int(z), r), [0.0], EDGES) for z in planes])
@@ -400,8 +400,8 @@ def test_layered_kernel_is_what_photons_count_in_space(stack):
 
 def test_photons_in_layers_are_those_of_the_medium():
     theta, phase = gaussian(30)
-    plain, split, empty, dense = (photons.count(photons.Medium(0.9, theta, phase, stack), scale * np.array([1.0, 2.5]) + shift,
-                                                scale * EDGES[:11], 3200)
+    plain, split, empty, dense = (photons.count(0.9, theta, phase, scale * np.array([1.0, 2.5]) + shift, scale * EDGES[:11], 3200,
+                                                layers=stack)
                                   for scale, shift, stack in ((1, 0, ((0,), (1,))), (1, 0, ((0, 0.3, 2), (1, 1, 1))),
                                                               (1, 5, ((0, 5), (0, 1))), (0.5, 0, ((0,), (2,)))))
     assert split.fluence == pytest.approx(plain.fluence, rel=1e-9)
@@ -410,7 +410,7 @@ def test_photons_in_layers_are_those_of_the_medium():
     # emptiness before the medium: what comes back into it is lost there all the same
     assert empty.flux == pytest.approx(plain.flux, rel=1e-9)
     with pytest.raises(ValueError, match="begin at 0"):
-        photons.count(photons.Medium(0.9, theta, phase, ((1,), (1,))), DEPTH, EDGES, 32)
+        photons.count(0.9, theta, phase, DEPTH, EDGES, 32, layers=((1,), (1,)))
 
 
 def test_single_scattering_in_layers():
@@ -418,8 +418,7 @@ def test_single_scattering_in_layers():
     theta, phase = gaussian(45)
     begins, density = np.array([0, 0.5, 1.0, 2.0]), np.array([2.0, 0.0, 0.3, 1.0])
     edges = np.linspace(0.2, 2.2, 6)
-    medium = photons.Medium(0.8, theta, phase, (begins, density))
-    got = photons.count(medium, np.array([3.0]), edges, 60_000, last=1, seed=5, back=False)
+    got = photons.count(0.8, theta, phase, np.array([3.0]), edges, 60_000, last=1, seed=5, back=False, layers=(begins, density))
     mean = [named.ring_averages(lambda _, r, k=k: layers.single(0.8, theta, phase, np.append(begins, 3.0), density,
                                                                 r.ravel())[k].reshape(r.shape), [0.0], edges)[0]
             for k in (0, 1)]
@@ -436,7 +435,7 @@ def test_single_scattering_in_layers():
 def test_photons_of_one_event_are_single_scattering():
     theta, phase = gaussian(30)
     edges = np.array([0.5, 0.6, 1.0, 1.1])
-    got = photons.count(photons.Medium(0.7, theta, phase), np.array([1.0, 3.0]), edges, 40_000, last=1, seed=2, back=False)
+    got = photons.count(0.7, theta, phase, np.array([1.0, 3.0]), edges, 40_000, last=1, seed=2, back=False)
     r = np.linspace(0.5, 0.6, 41)
     for ring, at in ((0, r), (2, r + 0.5)):
         for plane, z in enumerate((1.0, 3.0)):
@@ -444,6 +443,13 @@ def test_photons_of_one_event_are_single_scattering():
             mean = integrate.simpson(forward * at, x=at, axis=1) / integrate.simpson(at, x=at)
             assert abs(mean[0] - got.fluence[plane, ring]) < 6 * got.fluence_error[plane, ring]
             assert abs(mean[1] - got.flux[plane, ring]) < 6 * got.flux_error[plane, ring]
+
+
+def test_photons_do_not_depend_on_threads():
+    theta, phase = gaussian(30)
+    one, two = (photons.count(0.9, theta, phase, DEPTH[:2], EDGES[:5], 640, threads=n) for n in (1, 2))
+    assert (one.flux == two.flux).all()
+    assert (one.fluence == two.fluence).all()
 
 
 # tables

@@ -106,7 +106,7 @@ def test_light_that_arrives(asset, fog):
     for k, albedo in ((0, 1.0), (2, 0.9)):
         for tau, bound in ((0.5, 0.09), (3.0, 0.2)):
             edges = tau * np.r_[0, np.geomspace(0.03, 10, 15), 1e9]
-            found = photons.count(photons.Medium(albedo, theta, phase[k], ((0.0, tau), (1.0, 0.0))), [tau], edges, 100_000)
+            found = photons.count(albedo, theta, phase[k], [tau], edges, 100_000, layers=((0.0, tau), (1.0, 0.0)))
             power = found.flux[0] * math.pi * np.diff(edges**2)
             c = 2 - k
             own = fog.powers(np.array(tau / fog.sigma_t[c]), "lost")[0][c]

@@ -97,8 +97,7 @@ def errors(tables, albedo, theta, phase, planes, edges, count, seed=0, stream=0)
     for back in (False, True):
         names = [name for name in tables if (name == "fluence") == back]
         if names:
-            counted = photons.count(photons.Medium(albedo, theta, phase), planes, edges, count, seed=seed, stream=stream,
-                                    back=back)
+            counted = photons.count(albedo, theta, phase, planes, edges, count, seed=seed, stream=stream, back=back)
             for name in names:
                 result[name] = photons.rms(tables[name].rings(planes, edges), counted, "flux" if name == "flux" else "fluence")
     return result

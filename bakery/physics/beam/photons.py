@@ -6,6 +6,7 @@ The medium fills z >= 0, in layers if wanted; photons enter it at the origin alo
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -48,33 +49,22 @@ class Counted:
         return (self.edges[1:] + self.edges[:-1]) / 2
 
 
-class Medium(NamedTuple):
-    """What photons go through.
-
-    Attributes
-    ----------
-    albedo : 0 to 1
-    theta, phase : (A,) rad, 1/sr, linear in cos theta, normalised
-    layers : begins (N,) ascending from 0, density (N,) >= 0; the last one never ends.  Lengths are mean free paths at density 1
-    """
-
-    albedo: float
-    theta: np.ndarray
-    phase: np.ndarray
-    layers: tuple = ((0.0,), (1.0,))
-
-
-def count(medium: Medium, depth, edges, photons, *, seed=0, stream=0, last=None, back=True) -> Counted:
+def count(albedo, theta, phase, depth, edges, photons, *, seed=0, stream=0, first=1, last=None, back=True, threads=1,
+          layers=((0.0,), (1.0,))) -> Counted:
     """Follows photons of a narrow beam.
 
     Parameters
     ----------
+    albedo : 0 to 1
+    theta, phase : (A,) rad, 1/sr, linear in cos theta, normalised
     depth : (D,) mfp, of the planes, ascending, > 0
     edges : (R + 1,) mfp, ascending from >= 0
     photons : number
     seed, stream : whole numbers >= 0; the same ones give the same values
-    last : the highest number of scattering events of the light that counts (None: any)
+    first, last : numbers of scattering events of the light that counts (None: any more)
     back : whether light that goes back through a plane counts too
+    threads : the values do not depend on it
+    layers : begins (N,) ascending from 0, density (N,) >= 0; the last one never ends.  Lengths are mean free paths at density 1
 
     Notes
     -----
@@ -84,8 +74,9 @@ def count(medium: Medium, depth, edges, photons, *, seed=0, stream=0, last=None,
     (with albedo 1 and wide rings that is a bias; it is below 1e-3 for depths and rings up to 5 mfp).
     """
     depth, edges = np.asarray(depth, float), np.asarray(edges, float)
-    table = phase_layout(np.asarray(medium.theta, float), np.asarray(medium.phase, float))
-    begins, density = (np.array(column, float) for column in medium.layers)
+    theta, phase = np.asarray(theta, float), np.asarray(phase, float)
+    table = phase_layout(theta, phase)
+    begins, density = (np.array(column, float) for column in layers)
     if begins[0] != 0 or not (np.diff(begins) > 0).all() or not (density >= 0).all() or len(begins) != len(density):
         raise ValueError("layers begin at 0 and ascend, each with a density of 0 or more")
     begins = np.append(begins, math.inf)
@@ -97,11 +88,12 @@ def count(medium: Medium, depth, edges, photons, *, seed=0, stream=0, last=None,
     def block(index):
         random = rng.generator(seed, "beam.photons", stream, index)
         sums = np.zeros((2, len(depth), len(edges) - 1))
-        _follow(random, per_block, float(medium.albedo), table, (begins, density, optical), _Planes(depth, thick, edges, sums),
-                (2**62 if last is None else last, back))
+        _follow(random, per_block, float(albedo), table, (begins, density, optical), _Planes(depth, thick, edges, sums),
+                (first, 2**62 if last is None else last, back))
         return sums
 
-    sums = np.array([block(index) for index in range(BLOCKS)]) / (per_block * math.pi * np.diff(edges**2))
+    with ThreadPoolExecutor(threads) as pool:
+        sums = np.array(list(pool.map(block, range(BLOCKS)))) / (per_block * math.pi * np.diff(edges**2))
     mean, error = sums.mean(axis=0), sums.std(axis=0, ddof=1) / math.sqrt(BLOCKS)
     return Counted(depth, edges, mean[0], error[0], mean[1], error[1], per_block * BLOCKS)
 
@@ -190,9 +182,9 @@ class _Planes(NamedTuple):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _follow(stream, photons, albedo, table, layers, rings, events):
-    """Photons of a block, added to the planes.  events : the last that counts, whether light that goes back counts."""
+    """Photons of a block, added to the planes.  events : first and last that count, whether light that goes back counts."""
     (v_nodes, steps, f, cdf), (begins, density, optical) = table, layers
-    (depth, thick, edges, sums), (last, back) = rings, events
+    (depth, thick, edges, sums), (first, last, back) = rings, events
     planes, outer = len(depth), edges[-1]
     for _ in range(photons):
         px, py, pz = 0.0, 0.0, _flight(0.0, 1.0, -math.log1p(-stream.random()), begins, density)
@@ -209,7 +201,7 @@ def _follow(stream, photons, albedo, table, layers, rings, events):
             v = phase_sample(v_nodes, steps, f, cdf, stream.random())
             ux, uy, uz = turned_direction(ux, uy, uz, v, 2 * math.pi * stream.random())
             event += 1
-            if uz > 0 or (back and uz < 0):
+            if event >= first and (uz > 0 or (back and uz < 0)):
                 over = 1 / abs(uz) if abs(uz) > _GRAZING else 2 / _GRAZING
                 layer = np.searchsorted(begins, pz, side="right") - 1
                 above = optical[layer] + (pz - begins[layer]) * density[layer]
