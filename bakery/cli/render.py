@@ -87,7 +87,7 @@ def command(source, output, asked, place, overwrite, as_json, quiet):
 
     suffix, live, denoise = Path(source).suffix.lower(), asked.live or asked.port is not None, asked.denoise
     _check(source, suffix, {"--resume": asked.resume, "--live": live, "--cluster": asked.cluster is not None,
-                            _denoising(denoise): denoise is not None}, place)
+                            f"--{'' if denoise else 'no-'}denoise": denoise is not None}, place)
     values = settings_of(None, None, None, asked.settings) | ({} if denoise is None else {"denoise": "yes" if denoise else "no"})
     options = {"quality": asked.quality, "variant": asked.variant, "seed": asked.seed, "overwrite": overwrite}
     if asked.cluster is not None:
@@ -136,10 +136,6 @@ class _Job(NamedTuple):
     target: object
     name: str
     options: dict
-
-
-def _denoising(denoise) -> str:
-    return f"--{'' if denoise else 'no-'}denoise"
 
 
 _ANEW = {"--resume": "it is always rendered from the start", "--cluster": "it has no frames or passes to share",

@@ -138,7 +138,8 @@ def planned(recipe: str | os.PathLike, *, require: Callable, cache: Cache, progr
         if ready is None and (root := cache.asset(kept)) is not None:
             ready = kept, root
     if ready:
-        return Planned(ready[0], None, wanted, (*wanted.remarks, *_missed(*ready)), kept)
+        misses = (f"{ready[0]}: {name}: {line}" for name, line in missed(ready[1]).items())
+        return Planned(ready[0], None, wanted, (*wanted.remarks, *misses), kept)
     if output is None or os.path.lexists(output):
         output = _to_be_written(kept, progress)
     plan = bake_of(wanted, output, output.name == kept.name, cache, progress)
@@ -196,10 +197,6 @@ def _good_enough(paths: Sequence[Path], wanted: Asked, steps: Sequence, recipe) 
         if root is not None and not lacking(standing.held(root), steps, wanted.recipe_parts, knobs, recipe):
             return path, root
     return None
-
-
-def _missed(path: Path, root: Group) -> list[str]:
-    return [f"{path}: {name}: {line}" for name, line in missed(root).items()]
 
 
 def _to_be_written(kept: Path, progress: Progress) -> Path:

@@ -88,6 +88,11 @@ class RecipeSection:
     beside: str = ""
 
 
+def own_tolerance(least: float) -> Callable[[Any, Any], Any]:
+    """A `completed` of sections with a tolerance of their own: where they say none it is the recipe's, and at least so much."""
+    return lambda model, recipe: model.model_copy(update={"tolerance": model.tolerance or max(recipe.tolerance, least)})
+
+
 def later(target: str) -> Callable:
     """The function at a place, `bakery.stages.beam.pictures:pictures`, whose module is imported when it is first called."""
     module, _, name = target.partition(":")

@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 import os
 import struct
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from bakery.errors import UsageError
+from bakery.grammar import grids
+from bakery.grammar.units import Wrong
 from bakery.system.memory import free_memory
 
 MOST = 1 << 30  # values: 1024^3
-_FILTERS = {"gzip", "lzf", None}
 _HEAD = struct.Struct("<3sB5i6f")  # VOL: magic, version, encoding, X, Y, Z, channels, box
 
 
@@ -40,7 +42,8 @@ def read(path, dataset=None):
     if reader is None:
         raise UsageError(f"{path}: found the ending {path.suffix or 'of no kind'}; {', '.join(readers)} would do")
     try:
-        values, *box = reader(path, dataset)
+        with _named(path):
+            values, *box = reader(path, dataset)
     except MemoryError:
         raise UsageError(f"{path}: does not fit into memory; a coarser grid would do") from None
     except (OSError, ValueError, KeyError, RuntimeError, EOFError, TypeError) as error:
@@ -72,10 +75,20 @@ def placed(scene, key, where):
 def write_vol(path, values, lo=(0.0, 0.0, 0.0), hi=(1.0, 1.0, 1.0)):
     """Writes densities (X, Y, Z) as the VOL file of one channel that `gridvolume` of Mitsuba reads; box from `lo` to `hi`."""
     values = np.asarray(values)
-    _check_shape(path, values.shape, np.dtype(np.float32))
+    with _named(path):
+        _check_shape(path, values.shape, np.dtype(np.float32))
     _check_values(path, values)
     head = _HEAD.pack(b"VOL", 3, 1, *values.shape, 1, *map(float, lo), *map(float, hi))
     Path(path).write_bytes(head + np.ascontiguousarray(values.T, "<f4").tobytes())
+
+
+@contextmanager
+def _named(path):
+    """What is wrong with a grid, with the file's name before it."""
+    try:
+        yield
+    except Wrong as wrong:
+        raise UsageError(f"{path}: {wrong.found}; {wrong.expected}") from None
 
 
 def _hdf5(path, dataset):
@@ -84,33 +97,9 @@ def _hdf5(path, dataset):
     if not dataset:
         raise UsageError(f"{path}: the name of a dataset is missing")
     with h5py.File(path, "r") as file:
-        where = file
-        for step in (step for step in dataset.split("/") if step):
-            link = where.get(step, getlink=True) if isinstance(where, h5py.Group) and step in where else None
-            if link is None:
-                raise UsageError(f'{path}: found no dataset "{dataset}"; the file holds {_datasets(file)}')
-            if not isinstance(link, h5py.HardLink):
-                raise UsageError(f'{path}: found "{dataset}", a link to another place; a dataset in the file itself would do')
-            where = where[step]
-        if not isinstance(where, h5py.Dataset):
-            raise UsageError(f'{path}: found "{dataset}", a group; the name of a dataset would do')
-        if where.is_virtual or where.external or where.compression not in _FILTERS:
-            raise UsageError(f'{path}: found "{dataset}", which is not stored in the file itself in a layout that is known here')
-        _check_shape(path, where.shape or (), where.dtype)
-        # what a bomb of zeros unpacks to, or values never written, which HDF5 makes up; 1100 is the most that deflate can save
-        stored = min(where.id.get_storage_size(), path.stat().st_size)
-        if where.size * where.dtype.itemsize > 1100 * stored + (1 << 20):
-            raise UsageError(f'{path}: found "{dataset}" of {where.size:,} values, most of which the file does not hold')
-        return (_floats(where[()]),)
-
-
-def _datasets(file):
-    """The names of datasets, some of them where there are many."""
-    import h5py
-
-    names = []
-    file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
-    return ", ".join(names[:20]) + (", ..." if len(names) > 20 else "") if names else "none"
+        stored = grids.dataset(file, dataset, MOST)
+        _check_shape(path, stored.shape, stored.dtype)
+        return (_floats(stored[()]),)
 
 
 def _npy(path, _dataset):
@@ -144,16 +133,10 @@ def _floats(values):
 
 
 def _check_shape(path, shape, dtype):
-    shown = " x ".join(map(str, shape)) or "one number"
-    if dtype.kind not in "fiu":
-        raise UsageError(f"{path}: found values of type {dtype}; real numbers would do")
-    if len(shape) != 3 or min(shape) < 1:
-        raise UsageError(f"{path}: found {shown}{' values' * bool(shape)}; three axes (x, y, z) with an entry or more would do")
-    if math.prod(shape) > MOST:
-        raise UsageError(f"{path}: found {shown} values; at most {MOST:,} would do")
+    grids.check_shape(shape, dtype, MOST)
     needed, free = 2 * dtype.itemsize * math.prod(shape), free_memory()  # as they are read, and as `read` gives them
     if free is not None and needed > free:
-        raise UsageError(f"{path}: found {shown} values, which take {needed / 1e9:.3g} GB of memory; "
+        raise UsageError(f"{path}: found {' x '.join(map(str, shape))} values, which take {needed / 1e9:.3g} GB of memory; "
                          f"{free / 1e9:.3g} GB are free")
 
 

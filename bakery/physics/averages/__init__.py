@@ -21,6 +21,7 @@ from bakery.physics.averages.predicted import predict, predicted_angles
 from bakery.physics.averages.spheres import Aim, Coat, Component, Rays, channels_of, features_of
 from bakery.physics.averages.work import Work
 from bakery.physics.medium import grid, phase
+from bakery.physics.tasks import in_turn
 
 __all__ = ["Aim", "Average", "Coat", "Component", "Rays", "averages", "expected", "first_grid"]
 
@@ -61,7 +62,7 @@ class Average:
 
 
 def averages(components: Sequence[Component], wavelength, host, aim: Aim,
-             map: Callable = lambda function, tasks: [function(*task) for task in tasks],
+             map: Callable = in_turn,
              report: Callable[[float, float | None], None] = lambda seconds, error: None, *,
              remember: Callable = at_once) -> tuple[np.ndarray, list[Average]]:
     """Averages of all components at all wavelengths on one grid of angles.
@@ -156,8 +157,9 @@ class _Tables:
 
 def _ripples(channels):
     """(C,) rad, distance of neighbouring crests of the ripples of equal spheres; 0 where there are none."""
-    return np.array([math.pi / (2 * features_of(c)[0][0]) if len(features_of(c)) == 1 and _rippled(*features_of(c)[0]) else 0.0
-                     for c in channels])
+    features = map(features_of, channels)
+    return np.array([math.pi / (2 * x) if len(parts) == 1 and x > 5 and x * width < 3 else 0.0
+                     for parts in features for x, width in parts[:1]])
 
 
 def _finest(channels, choices):
@@ -204,10 +206,6 @@ def first_grid(channels, tolerance, count=None):
     if count is None:
         return theta
     return np.interp(np.linspace(0, len(theta) - 1, count), np.arange(len(theta)), theta)
-
-
-def _rippled(x, width):
-    return x > 5 and x * width < 3
 
 
 def _too_many(channels, tolerance):

@@ -19,6 +19,7 @@ from bakery.physics.averages.choice import at_once
 from bakery.physics.averages.spheres import SERIES
 from bakery.physics.medium import phase
 from bakery.physics.sizes.distributions import Part, Population
+from bakery.physics.tasks import in_turn
 
 MOST = 64  # classes of all components together
 RATIO = 1.25  # of the edges of a class
@@ -135,7 +136,7 @@ def spheres(components: Sequence[Component], by_component: Sequence[Classes]) ->
 
 
 def optics(components: Sequence[Component], by_component: Sequence[Classes], wavelength, host, tolerance: float,
-           map: Callable = lambda function, tasks: [function(*task) for task in tasks],
+           map: Callable = in_turn,
            report: Callable[[float, float | None], None] = lambda seconds, error: None, *, rays: Rays = SERIES,
            remember: Callable = at_once) -> tuple[np.ndarray, list[Optics]]:
     """Averages over the particles of each class.

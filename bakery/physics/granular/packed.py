@@ -25,6 +25,7 @@ from bakery.physics.packing.cells import counts, tile_grid
 from bakery.physics.packing.instances import cumulated_shares
 from bakery.physics.packing.structure import fraction, smallest_gap
 from bakery.physics.packing.theory import mean_chord
+from bakery.physics.tasks import in_turn
 
 REPLICATES = 32
 HITS_MAX = 1 << 27
@@ -150,7 +151,7 @@ def walk(tile, grains, weights=None, *, seed, tolerance, hits=None, depth=EVENTS
     True
     """
     scene = _checked(tile, grains, weights, seed, tolerance, depth)
-    map = map or _in_turn
+    map = map or in_turn
     most = HITS_MAX if hits is None else max(int(hits), 1)
     warm = _WARM if any(g.surface.roughness > 0 for g in scene.grains) else 0
     endless = _endless(scene)
@@ -184,10 +185,6 @@ def run(scene, replicate, first, count, length, warm):
 def _windows(length):
     """Windows n of walks of so many hits: powers of two up to a quarter of them."""
     return 1 << np.arange(int(math.log2(length)) - 1)
-
-
-def _in_turn(function, tasks):
-    return [function(*task) for task in tasks]
 
 
 # ---- figures
