@@ -15,7 +15,7 @@ from bakery.system.compiled import njit
 
 
 # inlined, so that arrays are not counted in and out at each call: a fifth of the time of a walk among balls
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def flight_to_sphere(o, d, remaining, cell, m, start, image, owner, limit, cells, to):
     """Distance along unit d (3,) from o (3,), outside of all spheres, to the first sphere; `limit` where none comes before it.
 
@@ -26,7 +26,7 @@ def flight_to_sphere(o, d, remaining, cell, m, start, image, owner, limit, cells
     return flight_in_half_space(o, d, remaining, cell, m, start, image, owner, limit, cells, to, 0, np.inf)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def flight_in_half_space(o, d, remaining, cell, m, start, image, owner, limit, cells, to, base, top):
     """`flight_to_sphere` among those spheres alone whose centres lie below a plane across the tile's third axis.
 
