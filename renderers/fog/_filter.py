@@ -102,12 +102,12 @@ class Table(NamedTuple):
     step: float
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _place(value, last):
     return min(max(value, 0.0), last)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _four(t, v, factor):
     """Nodes before a place (t, v) and the weights of the four around it, times a factor."""
     i, j = int(t), int(v)
@@ -257,7 +257,7 @@ def profiles(entries, depth_of, shape, lever_step, lever_first, shift, side, out
                      factor, out[e, :, k])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _looked(s, node, weight):
     """Weight of the band, node and fraction of a profile."""
     i = int(s)

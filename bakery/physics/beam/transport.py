@@ -228,7 +228,7 @@ def _polar(legendre, theta):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _cubic(position, last):
     """First of four neighbours and their weights (Lagrange)."""
     position = min(max(position, 0.0), last)

@@ -17,12 +17,12 @@ _LEVELS = 400  # above the last one, where the infinite chain of streaming is st
 _HUGE = 1e150
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def packed(j, l, m):
     return j * (j + 1) * (j + 2) // 6 + l * (l + 1) // 2 + m
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def coupling(l, M):
     """Square of the coupling of l - 1 and l by the cosine: (l^2 - M^2) / (4 l^2 - 1)."""
     return (l * l - M * M) / (4.0 * l * l - 1.0)
