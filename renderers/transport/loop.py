@@ -42,6 +42,7 @@ class Path:
 
     random : PCG32;  pixel, number : of the path;  alive : whether there is one
     origin, direction : of the next flight;  throughput : of each wavelength
+    squared_index : of where it is over that around the camera, by which refraction has divided the throughput
     inside : bodies in which it is, a bit each, the innermost one first
     order, bounces : scatterings in bodies; those and surfaces
     drawn, density : where the direction was drawn, and its density (1/sr);  single : no light sample could have found it
@@ -57,6 +58,7 @@ class Path:
     origin: mi.Point3f
     direction: mi.Vector3f
     throughput: list
+    squared_index: mi.Float
     inside: mi.UInt32
     order: mi.UInt32
     bounces: mi.UInt32
@@ -238,7 +240,7 @@ def camera_paths(scene, pixel, drawn, random, alive, number):
     width = dr.width(pixel)
     zero = dr.zeros(mi.UInt32, width)
     return Path(random, pixel, number, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.waves)],
-                scene.around_camera + zero, mi.UInt32(zero), mi.UInt32(zero), mi.Point3f(origin), dr.zeros(mi.Float, width),
+                dr.full(mi.Float, 1, width), scene.around_camera + zero, mi.UInt32(zero), mi.UInt32(zero), mi.Point3f(origin), dr.zeros(mi.Float, width),
                 dr.full(mi.Bool, True, width), choice, scene.lamps and scene.lamps.none(width), None)
 
 
@@ -360,6 +362,7 @@ def turned(scene, path, event, records=None):
         factor *= dr.select(chance_of_lobe > 0, sample.pdf / chance_of_lobe, 1)
     factor = scene.reflectance(dr.select(dr.all(dr.isfinite(factor)), factor, 0))
     path.throughput = [dr.select(shades, w * f, w) for w, f in zip(path.throughput, factor)]
+    path.squared_index *= dr.select(shades, squared_index(sample), 1)
     onward = surface.spawn_ray(surface.to_world(sample.wo))
     onward.o = dr.select(event.crosses, scene.boundaries.across(surface, path.direction), onward.o)
     path.direction = dr.select(shades, onward.d, path.direction)
@@ -376,12 +379,18 @@ def turned(scene, path, event, records=None):
     return scattered(scene, path, event.medium, event.position, event.scatters, records) if scene.samples else path
 
 
+def squared_index(sample):
+    """By which refraction divides the throughput, of a sample of a BSDF."""
+    return dr.select(sample.eta > 0, dr.square(sample.eta), 1)  # 0 of what met nothing
+
+
 def roulette(path, far, return_share, u, active=True):
     """Without paths of little throughput, one in twenty of those that have come far, and those that hardly come back.
 
     active : which may end
     """
-    most = media.largest(path.throughput)
+    # refraction changes radiance, and back again where the path leaves: it makes no path less worth
+    most = media.largest(path.throughput) * path.squared_index
     chance = dr.minimum(most, dr.select(path.bounces < _ENDLESS, mi.Float(1), mi.Float(_ALMOST)))
     chance = dr.select((most > 0) & (path.bounces < _ROULETTE), 1, chance)
     chance *= return_share * dr.select(far, mi.Float(_GOES_ON), mi.Float(1))
