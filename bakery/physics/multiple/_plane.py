@@ -16,7 +16,10 @@ from bakery.physics.multiple._kernels import packed
 from bakery.system.compiled import njit
 
 TAPS = 4  # coefficients of a cubic spline at a place
-_ROWS = 4  # distances at a time: what they need stays in the second level of the cache
+_ROWS = 8  # distances at a time: what they need stays in the second level of the cache
+_BEYOND = 10  # distances after which the end of a spline does not matter
+_POLE = math.sqrt(3.0) - 2  # of the filter that turns values into coefficients of a cubic spline
+_FORGOTTEN = 40  # points after which that filter has forgotten the first
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -101,12 +104,80 @@ def from_normal(l, d, b, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def point_table(l, order, scaled, lowest, R, harmonics, columns, d):
+def splines(l, order, by_distance):
+    """Coefficients of cubic splines through a propagator's elements of one l, which go on straight beyond the far end.
+
+    Returns
+    -------
+    (R + 1, l + 1, L + 1) by distance, m and l', for m <= l'
+    """
+    R, beyond = len(by_distance), _BEYOND
+    f = np.empty((R + beyond, l + 1, order + 1))
+    for r in range(R):
+        row, source = f[r], by_distance[r]
+        for j in range(order + 1):
+            at = packed(j, l, 0) if l <= j else packed(l, j, 0)
+            for m in range(min(j, l) + 1):
+                row[m, j] = source[at + m]
+    for m in range(l + 1):
+        for j in range(m):
+            f[:R, m, j] = 0.0
+    flat = f.reshape(R + beyond, -1)
+    for n in range(beyond):
+        for e in range(flat.shape[1]):
+            flat[R + n, e] = flat[R - 1, e] + (flat[R - 1, e] - flat[R - 2, e]) * (n + 1)
+    # the two recursive filters of a cubic spline, which is even about its first point
+    share = 1.0
+    first = np.zeros(flat.shape[1])
+    for n in range(min(R, _FORGOTTEN)):
+        for e in range(len(first)):
+            first[e] += share * flat[n, e]
+        share *= _POLE
+    for e in range(len(first)):
+        flat[0, e] = 6 * first[e]
+    last = R + beyond - 1
+    for n in range(1, last + 1):
+        for e in range(len(first)):
+            flat[n, e] = 6 * flat[n, e] + _POLE * flat[n - 1, e]
+    for e in range(len(first)):
+        flat[last, e] = _POLE / (_POLE * _POLE - 1) * (flat[last, e] + _POLE * flat[last - 1, e])
+    for n in range(last - 1, -1, -1):
+        for e in range(len(first)):
+            flat[n, e] = _POLE * (flat[n + 1, e] - flat[n, e])
+    return f[:R + 1]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _add_four(factors, rows, first, count, out):
+    """For i = 0 .. 3: out[i] += sum over n < count of factors[i, n] rows[first + 2 n], two at a time."""
+    o0, o1, o2, o3 = out[0], out[1], out[2], out[3]
+    whole = count - count % 2
+    for n in range(0, whole, 2):
+        a0, a1, a2, a3 = factors[0, n], factors[1, n], factors[2, n], factors[3, n]
+        b0, b1, b2, b3 = factors[0, n + 1], factors[1, n + 1], factors[2, n + 1], factors[3, n + 1]
+        r, s = rows[first + 2 * n], rows[first + 2 * n + 2]
+        for a in range(len(o0)):
+            o0[a] += a0 * r[a] + b0 * s[a]
+            o1[a] += a1 * r[a] + b1 * s[a]
+            o2[a] += a2 * r[a] + b2 * s[a]
+            o3[a] += a3 * r[a] + b3 * s[a]
+    if count > whole:
+        a0, a1, a2, a3 = factors[0, whole], factors[1, whole], factors[2, whole], factors[3, whole]
+        r = rows[first + 2 * whole]
+        for a in range(len(o0)):
+            o0[a] += a0 * r[a]
+            o1[a] += a1 * r[a]
+            o2[a] += a2 * r[a]
+            o3[a] += a3 * r[a]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def point_table(l, order, by_distance, lowest, R, harmonics, columns, d):
     """b of one l for every distance and angle of a table, times r exp(k0 r).
 
     Parameters
     ----------
-    scaled : (P, ...) of the propagator, of which R distances from number `lowest` on are wanted
+    by_distance : (.., P) of the propagator, of whose splines R distances from number `lowest` on are wanted
     harmonics : (L + 1, L + 1, H) by m and l, of the first half of the angles; the others mirror them about a right angle
     columns : A, H = (A + 1) // 2
     d : (L + 1, L + 1) quarter turn of this l
@@ -117,24 +188,27 @@ def point_table(l, order, scaled, lowest, R, harmonics, columns, d):
     """
     A, H = columns, harmonics.shape[2]
     K = l // 2 + 1
+    spline = splines(l, order, by_distance)
     out = np.empty((R, A, 2 * K), np.float32)
     c, b = np.empty((_ROWS, l + 1, A), np.float32), np.empty((2 * K, A), np.float32)
-    factors, half = np.empty(order // 2 + 1), np.empty((2, H))
+    factors, half = np.zeros((4, order // 2 + 1)), np.empty((2, 4, H))
     for first in range(0, R, _ROWS):
         rows = min(_ROWS, R - first)
         for m in range(l + 1):
-            for i in range(rows):
+            for four in range(0, rows, 4):
                 for odd in range(2):  # of j + m: Y_jm is odd or even about a right angle
-                    count = 0
-                    for j in range(m + odd, order + 1, 2):
-                        factors[count] = scaled[packed(j, l, m) if l <= j else packed(l, j, m), lowest + first + i]
-                        count += 1
+                    count = (order - m - odd) // 2 + 1
+                    for i in range(min(4, rows - four)):
+                        line = spline[lowest + first + four + i, m]
+                        for n in range(count):
+                            factors[i, n] = line[m + odd + 2 * n]
                     half[odd] = 0.0
-                    _add(factors, harmonics[m], m + odd, count, half[odd])
-                row = c[i, m]
-                for a in range(H):
-                    row[a] = half[0, a] + half[1, a]
-                    row[A - 1 - a] = half[0, a] - half[1, a]
+                    _add_four(factors, harmonics[m], m + odd, count, half[odd])
+                for i in range(min(4, rows - four)):
+                    row, even, odd_part = c[four + i, m], half[0, i], half[1, i]
+                    for a in range(H):
+                        row[a] = even[a] + odd_part[a]
+                        row[A - 1 - a] = even[a] - odd_part[a]
         for i in range(rows):
             to_normal(l, d, c[i], b)
             for a in range(A):
