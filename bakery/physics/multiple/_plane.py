@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from bakery.physics.multiple._kernels import packed
+from bakery.physics.multiple._products import add_four
 from bakery.system.compiled import njit
 
 TAPS = 4  # coefficients of a cubic spline at a place
@@ -76,18 +77,23 @@ def to_normal(l, d, c, out):
     c : (l + 1, A);  out : (2 K, A), K = l // 2 + 1
     """
     K = l // 2 + 1
-    factors = np.empty(K, c.dtype)
-    for n in range(K):
-        k = l % 2 + 2 * n
-        for odd in range(2):
-            count = (l + 2 - odd) // 2
-            for i in range(count):
-                m = odd + 2 * i
-                # (-i)^m: 1, -i, -1, i
-                factors[i] = d[k, m] * (1.0 if m == 0 else 2.0) * (1.0 if m % 4 == 0 or m % 4 == 3 else -1.0)
-            row = out[n + odd * K]
-            row[:] = 0.0
-            _add(factors, c, odd, count, row)
+    factors = np.empty((4, K), c.dtype)
+    out[:] = 0.0
+    for odd in range(2):
+        count = (l + 2 - odd) // 2
+        for first in range(0, K, 4):
+            rows = min(4, K - first)
+            for n in range(rows):
+                k = l % 2 + 2 * (first + n)
+                for i in range(count):
+                    m = odd + 2 * i
+                    # (-i)^m: 1, -i, -1, i
+                    factors[n, i] = d[k, m] * (1.0 if m == 0 else 2.0) * (1.0 if m % 4 == 0 or m % 4 == 3 else -1.0)
+            if rows == 4:
+                add_four(factors, c, odd, 2, count, out[first + odd * K:first + odd * K + 4])
+            else:
+                for n in range(rows):
+                    _add(factors[n], c, odd, count, out[first + n + odd * K])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -147,30 +153,6 @@ def splines(l, order, by_distance):
     return f[:R + 1]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _add_four(factors, rows, first, count, out):
-    """For i = 0 .. 3: out[i] += sum over n < count of factors[i, n] rows[first + 2 n], two at a time."""
-    o0, o1, o2, o3 = out[0], out[1], out[2], out[3]
-    whole = count - count % 2
-    for n in range(0, whole, 2):
-        a0, a1, a2, a3 = factors[0, n], factors[1, n], factors[2, n], factors[3, n]
-        b0, b1, b2, b3 = factors[0, n + 1], factors[1, n + 1], factors[2, n + 1], factors[3, n + 1]
-        r, s = rows[first + 2 * n], rows[first + 2 * n + 2]
-        for a in range(len(o0)):
-            o0[a] += a0 * r[a] + b0 * s[a]
-            o1[a] += a1 * r[a] + b1 * s[a]
-            o2[a] += a2 * r[a] + b2 * s[a]
-            o3[a] += a3 * r[a] + b3 * s[a]
-    if count > whole:
-        a0, a1, a2, a3 = factors[0, whole], factors[1, whole], factors[2, whole], factors[3, whole]
-        r = rows[first + 2 * whole]
-        for a in range(len(o0)):
-            o0[a] += a0 * r[a]
-            o1[a] += a1 * r[a]
-            o2[a] += a2 * r[a]
-            o3[a] += a3 * r[a]
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def point_table(l, order, by_distance, lowest, R, harmonics, columns, d):
     """b of one l for every distance and angle of a table, times r exp(k0 r).
@@ -203,7 +185,7 @@ def point_table(l, order, by_distance, lowest, R, harmonics, columns, d):
                         for n in range(count):
                             factors[i, n] = line[m + odd + 2 * n]
                     half[odd] = 0.0
-                    _add_four(factors, harmonics[m], m + odd, count, half[odd])
+                    add_four(factors, harmonics[m], m + odd, 2, count, half[odd])
                 for i in range(min(4, rows - four)):
                     row, even, odd_part = c[four + i, m], half[0, i], half[1, i]
                     for a in range(H):
