@@ -13,10 +13,14 @@ import math
 import numpy as np
 
 from bakery.physics.multiple._kernels import packed
+from bakery.physics.multiple._products import add_four
 from bakery.system.compiled import njit
 
 TAPS = 4  # coefficients of a cubic spline at a place
-_ROWS = 4  # distances at a time: what they need stays in the second level of the cache
+_ROWS = 8  # distances at a time: what they need stays in the second level of the cache
+_BEYOND = 10  # distances after which the end of a spline does not matter
+_POLE = math.sqrt(3.0) - 2  # of the filter that turns values into coefficients of a cubic spline
+_FORGOTTEN = 40  # points after which that filter has forgotten the first
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -73,18 +77,23 @@ def to_normal(l, d, c, out):
     c : (l + 1, A);  out : (2 K, A), K = l // 2 + 1
     """
     K = l // 2 + 1
-    factors = np.empty(K, c.dtype)
-    for n in range(K):
-        k = l % 2 + 2 * n
-        for odd in range(2):
-            count = (l + 2 - odd) // 2
-            for i in range(count):
-                m = odd + 2 * i
-                # (-i)^m: 1, -i, -1, i
-                factors[i] = d[k, m] * (1.0 if m == 0 else 2.0) * (1.0 if m % 4 == 0 or m % 4 == 3 else -1.0)
-            row = out[n + odd * K]
-            row[:] = 0.0
-            _add(factors, c, odd, count, row)
+    factors = np.empty((4, K), c.dtype)
+    out[:] = 0.0
+    for odd in range(2):
+        count = (l + 2 - odd) // 2
+        for first in range(0, K, 4):
+            rows = min(4, K - first)
+            for n in range(rows):
+                k = l % 2 + 2 * (first + n)
+                for i in range(count):
+                    m = odd + 2 * i
+                    # (-i)^m: 1, -i, -1, i
+                    factors[n, i] = d[k, m] * (1.0 if m == 0 else 2.0) * (1.0 if m % 4 == 0 or m % 4 == 3 else -1.0)
+            if rows == 4:
+                add_four(factors, c, odd, 2, count, out[first + odd * K:first + odd * K + 4])
+            else:
+                for n in range(rows):
+                    _add(factors[n], c, odd, count, out[first + n + odd * K])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -101,12 +110,56 @@ def from_normal(l, d, b, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def point_table(l, order, scaled, lowest, R, harmonics, columns, d):
+def splines(l, order, by_distance):
+    """Coefficients of cubic splines through a propagator's elements of one l, which go on straight beyond the far end.
+
+    Returns
+    -------
+    (R + 1, l + 1, L + 1) by distance, m and l', for m <= l'
+    """
+    R, beyond = len(by_distance), _BEYOND
+    f = np.empty((R + beyond, l + 1, order + 1))
+    for r in range(R):
+        row, source = f[r], by_distance[r]
+        for j in range(order + 1):
+            at = packed(j, l, 0) if l <= j else packed(l, j, 0)
+            for m in range(min(j, l) + 1):
+                row[m, j] = source[at + m]
+    for m in range(l + 1):
+        for j in range(m):
+            f[:R, m, j] = 0.0
+    flat = f.reshape(R + beyond, -1)
+    for n in range(beyond):
+        for e in range(flat.shape[1]):
+            flat[R + n, e] = flat[R - 1, e] + (flat[R - 1, e] - flat[R - 2, e]) * (n + 1)
+    # the two recursive filters of a cubic spline, which is even about its first point
+    share = 1.0
+    first = np.zeros(flat.shape[1])
+    for n in range(min(R, _FORGOTTEN)):
+        for e in range(len(first)):
+            first[e] += share * flat[n, e]
+        share *= _POLE
+    for e in range(len(first)):
+        flat[0, e] = 6 * first[e]
+    last = R + beyond - 1
+    for n in range(1, last + 1):
+        for e in range(len(first)):
+            flat[n, e] = 6 * flat[n, e] + _POLE * flat[n - 1, e]
+    for e in range(len(first)):
+        flat[last, e] = _POLE / (_POLE * _POLE - 1) * (flat[last, e] + _POLE * flat[last - 1, e])
+    for n in range(last - 1, -1, -1):
+        for e in range(len(first)):
+            flat[n, e] = _POLE * (flat[n + 1, e] - flat[n, e])
+    return f[:R + 1]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def point_table(l, order, by_distance, lowest, R, harmonics, columns, d):
     """b of one l for every distance and angle of a table, times r exp(k0 r).
 
     Parameters
     ----------
-    scaled : (P, ...) of the propagator, of which R distances from number `lowest` on are wanted
+    by_distance : (.., P) of the propagator, of whose splines R distances from number `lowest` on are wanted
     harmonics : (L + 1, L + 1, H) by m and l, of the first half of the angles; the others mirror them about a right angle
     columns : A, H = (A + 1) // 2
     d : (L + 1, L + 1) quarter turn of this l
@@ -117,24 +170,27 @@ def point_table(l, order, scaled, lowest, R, harmonics, columns, d):
     """
     A, H = columns, harmonics.shape[2]
     K = l // 2 + 1
+    spline = splines(l, order, by_distance)
     out = np.empty((R, A, 2 * K), np.float32)
     c, b = np.empty((_ROWS, l + 1, A), np.float32), np.empty((2 * K, A), np.float32)
-    factors, half = np.empty(order // 2 + 1), np.empty((2, H))
+    factors, half = np.zeros((4, order // 2 + 1)), np.empty((2, 4, H))
     for first in range(0, R, _ROWS):
         rows = min(_ROWS, R - first)
         for m in range(l + 1):
-            for i in range(rows):
+            for four in range(0, rows, 4):
                 for odd in range(2):  # of j + m: Y_jm is odd or even about a right angle
-                    count = 0
-                    for j in range(m + odd, order + 1, 2):
-                        factors[count] = scaled[packed(j, l, m) if l <= j else packed(l, j, m), lowest + first + i]
-                        count += 1
+                    count = (order - m - odd) // 2 + 1
+                    for i in range(min(4, rows - four)):
+                        line = spline[lowest + first + four + i, m]
+                        for n in range(count):
+                            factors[i, n] = line[m + odd + 2 * n]
                     half[odd] = 0.0
-                    _add(factors, harmonics[m], m + odd, count, half[odd])
-                row = c[i, m]
-                for a in range(H):
-                    row[a] = half[0, a] + half[1, a]
-                    row[A - 1 - a] = half[0, a] - half[1, a]
+                    add_four(factors, harmonics[m], m + odd, 2, count, half[odd])
+                for i in range(min(4, rows - four)):
+                    row, even, odd_part = c[four + i, m], half[0, i], half[1, i]
+                    for a in range(H):
+                        row[a] = even[a] + odd_part[a]
+                        row[A - 1 - a] = even[a] - odd_part[a]
         for i in range(rows):
             to_normal(l, d, c[i], b)
             for a in range(A):

@@ -95,11 +95,10 @@ def coefficients(medium: Propagator, rho, z, length, axis, *, fine=1.0, threads=
     turned = angle - np.repeat(axis, np.diff(start))
     phases = [_plane.phases(turned, odd, max(order - (order - odd) % 2, odd)) for odd in (0, 1)]  # of even and of odd k
     turns = _plane.quarter_turns(order)
-    splines = medium.splines
     out = np.empty((len(rho), (order + 1) * (order + 2) // 2))
 
     def one(l):
-        table = _plane.point_table(l, order, splines, lowest, rows, harmonics, len(grid), turns[l])
+        table = _plane.point_table(l, order, medium.by_distance, lowest, rows, harmonics, len(grid), turns[l])
         part = np.empty((len(rho), l + 1))
         _plane.along(l, table, turns[l], start, row, row_weight, column, column_weight, weight, *phases[l % 2], part)
         out[:, l * (l + 1) // 2:(l + 1) * (l + 2) // 2] = part
