@@ -1,0 +1,267 @@
+"""Loops of Markov chains among lines of sight and beams of light in a body, joined by the tables of multiple scattering."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.kernels import lent, mesh_scratch, point_source
+from bakery.system.compiled import njit
+from renderers.materials.bodies._gather import _along, _mirror, _placed, _product
+from renderers.materials.bodies._geometry import Geometry, first
+from renderers.transport.scattering import Scatterer
+from renderers.transport.wavefront import uniform
+
+NUMBERS = 5  # of a state: line of sight, beam, place on the beam, place on the line by the tables, and for second events
+LATER, SECOND, OTHER = range(3)  # what a state brings: as `_gather`
+_LINE, _BEAM, _ON_BEAM, _ON_LINE, _SEEN = range(NUMBERS)
+
+
+class Sights(NamedTuple):
+    """n lines of sight in a body, neighbours one after another.
+
+    origin, direction, far : (n, 3) m, unit, (n,) m;  facing : (n, 3) outward normals where they begin, read where light is
+        mirrored
+    weight : (n, L) of the paths that they belong to, over the paths of a pixel;  pixel, order : (n,) and events before
+    """
+
+    origin: np.ndarray
+    direction: np.ndarray
+    far: np.ndarray
+    facing: np.ndarray
+    weight: np.ndarray
+    pixel: np.ndarray
+    order: np.ndarray
+
+
+class Edge(NamedTuple):
+    """What light does between a beam and a line of sight.
+
+    tables : of points, ready for look-ups, of each wavelength;  beyond : (L,) m, as `_gather.Wave`
+    second : whether second events on beams of positive power count
+    to_rgb, to_luminance : (3, L) linear sRGB of radiances, (3,)
+    """
+
+    geometry: Geometry
+    medium: Scatterer
+    tables: tuple
+    beyond: np.ndarray
+    second: bool
+    to_rgb: np.ndarray
+    to_luminance: np.ndarray
+
+
+class Plan(NamedTuple):
+    """How chains go, and what their states count for.
+
+    scale : lines times beams, which states are drawn of
+    steps : of a chain; each `large`-th one draws all numbers anew
+    small : (NUMBERS, 2) least and most of a small step of each number
+    drawn, moved : states that are drawn alike, and those of chains, as the weights count them
+    typical : mean luminance of states that are drawn alike, by a pilot; 0: not known
+    of_state : normalisation of the pass over the states of its chains
+    """
+
+    scale: float
+    steps: int
+    large: int
+    small: np.ndarray
+    drawn: float
+    moved: float
+    typical: float
+    of_state: float
+
+
+class Chains(NamedTuple):
+    """n chains.
+
+    states : (n, NUMBERS) where they are;  streams : (n,) uint64, of random numbers
+    taken : (B, 2) sums of how likely small and large steps were taken, of blocks of chains
+    """
+
+    states: np.ndarray
+    streams: np.ndarray
+    taken: np.ndarray
+
+
+class _Scratch(NamedTuple):
+    """What a loop works on, as `_gather`."""
+
+    point: np.ndarray
+    away: np.ndarray
+    ray: np.ndarray
+    waves: np.ndarray
+    mesh: tuple
+
+
+@njit(nogil=True, error_model="numpy")
+def _scratch(waves):
+    return _Scratch(np.empty((1, 3)), np.empty((1, 3)), np.empty(3), np.zeros((3, waves)), mesh_scratch())
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _number(u, count):
+    return min(int(u * count), count - 1)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _brought(edge, sights, beams, scale, u, light, scratch):
+    """Luminance, without its sign, of the light (3, 3) that a state u (NUMBERS,) brings, which becomes `LATER`, `SECOND` and
+    `OTHER` in linear sRGB."""
+    medium, waves, kinds = edge.medium, scratch.waves, 3 if edge.second else 1
+    i, b = _number(u[_LINE], len(sights.far)), _number(u[_BEAM], len(beams.length))
+    other = OTHER if beams.before[b] > 0 or sights.order[i] > 0 else SECOND
+    for k in range(3):
+        scratch.ray[k] = beams.direction[b, k]
+    for w in range(len(medium.sigma_t)):
+        for kind in range(kinds):
+            waves[kind, w] = 0.0
+        sigma, power = medium.sigma_t[w], scale * sights.weight[i, w] * beams.power[b, w]
+        if power == 0.0:
+            continue
+        s, collides = _along(u[_ON_BEAM], sigma, beams.length[b])
+        collides *= sigma * power
+        for k in range(3):
+            scratch.point[0, k] = beams.origin[b, k] + s * beams.direction[b, k]
+        waves[LATER, w] = collides * _by_tables(edge, sights, i, w, u[_ON_LINE], scratch)
+        negative = power < 0.0
+        if negative or edge.second:
+            again = collides * medium.albedo[w] * medium.albedo[w] * sigma
+            waves[LATER if negative else other, w] += again * _by_two(edge, sights, beams, (i, b, w), u[_SEEN], scratch)
+    luminance = 0.0
+    for kind in range(kinds):
+        for c in range(3):
+            light[kind, c] = 0.0
+            for w in range(len(medium.sigma_t)):
+                light[kind, c] += edge.to_rgb[c, w] * waves[kind, w]
+            luminance += edge.to_luminance[c] * light[kind, c]
+    if not abs(luminance) < np.inf:
+        light[:] = 0.0
+        return 0.0
+    return abs(luminance)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _by_tables(edge, sights, i, w, u, scratch):
+    """Later events of a collision at the place `scratch.point` of a beam, on line of sight i at a place drawn with u."""
+    sigma, table, away, ray = edge.medium.sigma_t[w], edge.tables[w], scratch.away, scratch.ray
+    t, lasting = _along(u, sigma, sights.far[i])
+    for k in range(3):
+        away[0, k] = sigma * (sights.origin[i, k] + t * sights.direction[i, k] - scratch.point[0, k])
+    value = point_source(table, *_placed(away, ray, sights.direction, i))
+    if edge.beyond[w] < np.inf:
+        x, y, z = ray[0], ray[1], ray[2]
+        _mirror(edge.beyond[w], sigma, sights, i, t, scratch)
+        value -= point_source(table, *_placed(away, ray, sights.direction, i))
+        ray[0], ray[1], ray[2] = x, y, z
+    return value * lasting * sigma**3
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _by_two(edge, sights, beams, numbers, u, scratch):
+    """The second event of a collision at the place `scratch.point` of beam b, on line of sight i, at wavelength w, by numbers
+    (i, b, w), as `_gather` has it; its place is drawn with u, evenly in the angle that the line subtends."""
+    i, b, w = numbers
+    along, square = 0.0, 0.0
+    for k in range(3):
+        along += (scratch.point[0, k] - sights.origin[i, k]) * sights.direction[i, k]
+    for k in range(3):
+        away = sights.origin[i, k] + along * sights.direction[i, k] - scratch.point[0, k]
+        square += away * away
+    h = np.sqrt(square)
+    if not h > 0.0:
+        return 0.0
+    low, high = np.arctan2(-along, h), np.arctan2(sights.far[i] - along, h)
+    value, distance = _product(edge.medium, w, beams, b, sights, i, (low + u * (high - low), along, h), scratch)
+    if beams.real[b] and value > 0.0:
+        _, wall = first(edge.geometry, scratch.point, scratch.away, 0, np.int64(-1), scratch.mesh)
+        if wall < distance * (1 - 1e-6):
+            return 0.0
+    return value * (high - low) / h
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _bring(light, share, image, pixel):
+    for kind in range(len(image)):
+        for c in range(3):
+            image[kind, pixel, c] += share * light[kind, c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _of_drawn(plan, luminance):
+    """What a state counts for that is drawn alike."""
+    if not plan.typical > 0.0:
+        return 1.0 / plan.drawn if luminance == 0.0 else 0.0
+    return 1.0 / (plan.drawn + plan.moved * luminance / plan.typical)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _of_moved(plan, luminance):
+    """What a state counts for that a chain is at."""
+    if not luminance > 0.0:
+        return 0.0
+    if not plan.typical > 0.0:
+        return plan.of_state / luminance
+    return plan.of_state * plan.moved / (plan.typical * plan.drawn + plan.moved * luminance)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def candidates(edge, sights, beams, plan, states, luminance, images, begin, end):
+    """Luminance (n,) of states (n, NUMBERS) that are drawn alike, and adds what they bring to images, as `move`."""
+    edge, sights, beams, plan = lent(edge), lent(sights), lent(beams), lent(plan)
+    scratch, light, n = _scratch(len(edge.beyond)), np.zeros((3, 3)), len(states)
+    for g in range(begin, end):
+        for c in range(g * n // len(images), (g + 1) * n // len(images)):
+            luminance[c] = _brought(edge, sights, beams, plan.scale, states[c], light, scratch)
+            _bring(light, _of_drawn(plan, luminance[c]), images[g], sights.pixel[_number(states[c, _LINE], len(sights.far))])
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _proposed(plan, state, streams, c, large, u):
+    """Makes u (NUMBERS,) where chain c may go from a state."""
+    if large:
+        for k in range(NUMBERS):
+            u[k] = uniform(streams, c)
+        return
+    # the side of the line, that of the beam, or both
+    side = uniform(streams, c) * 3
+    for k in range(NUMBERS):
+        u[k] = state[k]
+        of_beam = k == _BEAM or k == _ON_BEAM
+        if (side < 1 and of_beam) or (side >= 2 and not of_beam):
+            continue
+        size, least, most = uniform(streams, c), plan.small[k, 0], plan.small[k, 1]
+        size = most * np.exp(size * np.log(least / most))
+        u[k] += size if uniform(streams, c) < 0.5 else -size
+        u[k] -= np.floor(u[k])
+        if not u[k] < 1.0:
+            u[k] = 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def move(edge, sights, beams, plan, chains, images, begin, end):
+    """Moves chains and adds what they bring to images (B, kinds, pixels, 3), of as many blocks of chains; begin, end : of blocks"""
+    edge, sights, beams, plan = lent(edge), lent(sights), lent(beams), lent(plan)
+    chains = lent(chains)
+    scratch, n, lines = _scratch(len(edge.beyond)), len(chains.states), len(sights.far)
+    u, here, there = np.empty(NUMBERS), np.zeros((3, 3)), np.zeros((3, 3))
+    for g in range(begin, end):
+        for c in range(g * n // len(images), (g + 1) * n // len(images)):
+            state, image = chains.states[c], images[g]
+            luminance, held = _brought(edge, sights, beams, plan.scale, state, here, scratch), 0.0
+            for step in range(1, plan.steps + 1):
+                large = step % plan.large == 0
+                _proposed(plan, state, chains.streams, c, large, u)
+                other = _brought(edge, sights, beams, plan.scale, u, there, scratch)
+                pixel, share = sights.pixel[_number(u[_LINE], lines)], min(other / luminance, 1.0)
+                chains.taken[g, 1 if large else 0] += share
+                if large:
+                    _bring(there, _of_drawn(plan, other), image, pixel)
+                held += 1.0 - share
+                if uniform(chains.streams, c) < share:
+                    _bring(here, held * _of_moved(plan, luminance), image, sights.pixel[_number(state[_LINE], lines)])
+                    state[:], here[:], luminance, held = u, there, other, share
+                elif share > 0.0:
+                    _bring(there, share * _of_moved(plan, other), image, pixel)
+            _bring(here, held * _of_moved(plan, luminance), image, sights.pixel[_number(state[_LINE], lines)])
