@@ -17,6 +17,7 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from renderers.mitsuba import variants
 from renderers.transport import flights, media
 from renderers.transport.lamps import Counts, Departure
 from renderers.transport.strata import Strata
@@ -28,7 +29,8 @@ import mitsuba as mi  # isort: skip
 # caught in glass loses nothing on its way
 _ROULETTE, _FAR, _GOES_ON = 4, 64, 0.95
 # paths of a lane, about, and lanes at least: a packet goes on until the last of its lanes has none.  In a glass of milk packets
-# of 16 lanes are busy to 25 % with 4 paths a lane, to some 70 % with 256
+# of 16 lanes are busy to 25 % with 4 paths a lane, to some 70 % with 256.  A graphics card wants a hundred thousand lanes: each
+# pixel has one
 _PATHS, _LANES = 256, 256
 # scatterings in bodies until all paths of a packet are looked at together
 _SCATTERINGS = 8
@@ -148,7 +150,7 @@ def trace(scene, key, pixels, samples, by_light, turn=None, sums=None):
     sums : function of arguments as of `summed` that gives the same; None: that itself
     """
     turn = turn or Turn(lambda scene, path: path, wandered, next_event, turned)
-    lanes = min(pixels, max(_LANES, pixels * samples // _PATHS))
+    lanes = pixels if variants.on_gpu(mi.variant()) else min(pixels, max(_LANES, pixels * samples // _PATHS))
     lamps = scene.lamps.records(lanes, pixels * samples / lanes) if scene.lamps else (None, None)
     by_order, of_lights = (sums or summed)(scene, Numbers.of(key, pixels, lanes, samples), (pixels, lanes), by_light, turn, lamps)
     dr.eval(by_order, of_lights)  # both by one kernel
