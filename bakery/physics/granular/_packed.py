@@ -83,11 +83,11 @@ class Walk(NamedTuple):
     position: np.ndarray
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def turned(grain, d, n, draws):
     """Direction after a meeting with the surface, its part along the outward normal n, the share of the light that leaves, and
     the cosine at the facet."""
-    draws, (dx, dy, dz), (nx, ny, nz) = lent(draws), d, n
+    (dx, dy, dz), (nx, ny, nz) = d, n
     sx, sy, sz, tx, ty, tz = surface_frame(nx, ny, nz)
     x, y, z = -(dx * sx + dy * sy + dz * sz), -(dx * tx + dy * ty + dz * tz), -(dx * nx + dy * ny + dz * nz)
     u, v, w = uniforms_of_meeting(grain.matter, grain.roughness, draws.stream, draws.pool)
@@ -131,7 +131,7 @@ def ball(grain, ray, depth, draws):
     return LEFT, count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def leave(ray, ox, oy, oz, dx, dy, dz):
     """Write where a ray from inside of the unit sphere leaves it."""
     along = ox * dx + oy * dy + oz * dz
