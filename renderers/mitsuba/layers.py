@@ -94,7 +94,7 @@ def layer_of(asset, layer: int = 0) -> Layer:
     result = Layer(np.asarray(asset.wavelength, float), table, errors.largest)
     if (gain := gained(table)) > _GAIN:
         raise UsageError(f"layer {layer} sends on {100 * gain:.2g} % more light than it gets: its forward peak deflects light "
-                         "several times, which is counted as if once; a thicker or a thinner layer, or a base would do")
+                         "several times, which is counted as if once; use a thicker or a thinner layer, or a base")
     return result
 
 

@@ -181,8 +181,8 @@ def _variant(asked):
     """Mitsuba's variant for one wavelength at a time, which is set, and why it is that one."""
     chosen, reason = variants.activate("mono", asked)
     if "mono" not in chosen and not chosen.startswith("scalar"):
-        raise UsageError(f"variant {chosen!r}: the preview renders one wavelength at a time; llvm_ad_mono, cuda_ad_mono or "
-                         "scalar_rgb would do")
+        raise UsageError(f"variant {chosen!r}: the preview renders one wavelength at a time; expected llvm_ad_mono, "
+                         "cuda_ad_mono or scalar_rgb")
     return chosen, reason
 
 

@@ -152,7 +152,7 @@ class Scene:
 
     def no_camera(self) -> UsageError:
         """What to raise where neither the scene nor its Mitsuba file has one."""
-        return self.wrong("camera", "there is no camera; camera: {origin: …, target: …, fov: …} would do")
+        return self.wrong("camera", "there is no camera; expected camera: {origin: …, target: …, fov: …}")
 
 
 def load(path, settings: MappingType[str, str] | None = None, *, assets: bool = True, frame: int | None = None) -> Scene:

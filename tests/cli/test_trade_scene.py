@@ -158,7 +158,7 @@ def test_scenes_and_recipes_are_not_mixed_up(call, place, monkeypatch):
 
 
 WRONG = (
-    ("haze.yaml --methods single,isotropc", "single or isotropic would do (isotropic?)"),
+    ("haze.yaml --methods single,isotropc", "expected single or isotropic (isotropic?)"),
     ("haze.yaml --methods single,single", "found single twice"),
     ("haze.yaml --budget 0", "--budget: found 0; a number of minutes above 0"),
     ("haze.yaml --seed x", '--seed: found "x"; a whole number'),
