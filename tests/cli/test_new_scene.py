@@ -109,7 +109,7 @@ def test_grains_keep_their_size(call, tmp_path):
     (("milk", "--mesh", "open.ply"), "open.ply: no closed mesh: not closed: face"),
     (("milk", "--mesh", "point.ply"), "whose vertices are all in one place"),
     (("milk", "--mesh", "nan.ply"), "no finite numbers"),
-    (("milk", "--mesh", "mine.txt"), "found a name that ends in .txt; a mesh in a file of PLY"),
+    (("milk", "--mesh", "mine.txt"), "found a name that ends in .txt; expected a mesh in a file of PLY"),
     (("milk", "--mesh", "mine.3mf"), "mine.3mf: no 3mf file"),
     (("milk", "--mesh", "good.ply", "--unit", "km", "--height", "2 m"), "each sets the size of the mesh"),
     (("milk", "--mesh", "good.ply", "--unit", "yard"), '--unit: found "yard"; expected um, mm, cm, m, km, in, ft'),
