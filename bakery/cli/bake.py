@@ -73,7 +73,7 @@ def command(recipes, output, asked, sweeps, run, depfile, overwrite, told):
     if len(recipes) > 1 and output and not output.endswith("/"):
         raise UsageError(f'-o: found "{output}" for {len(recipes)} recipes; write DIR/ to put each asset into a folder')
     if len(recipes) > 1 and depfile:
-        raise UsageError(f"--depfile: names one asset, but there are {len(recipes)} recipes; one call a recipe would do")
+        raise UsageError(f"--depfile: names one asset, but there are {len(recipes)} recipes; use one call for each")
     if run.cluster is not None:
         check_address(run.cluster)
     progress = choose(told.quiet or run.dry_run)

@@ -101,7 +101,7 @@ def _pair(option: str, text: str, example: str) -> tuple[str, str]:
     """`KEY=VALUE` as (key, value)."""
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
-        raise UsageError(f'{option}: found "{text}"; KEY=VALUE would do, such as {option} {example}')
+        raise UsageError(f'{option}: found "{text}"; expected KEY=VALUE, such as {option} {example}')
     return key.strip(), value
 
 

@@ -152,7 +152,7 @@ def _check(source, suffix, of_scenes, place) -> None:
     is_file = Path(source).is_file()
     if not is_file or suffix in (".png", ".exr"):
         kind = "a picture" if is_file else "no file"
-        raise UsageError(f'found "{source}", which is {kind}; a scene (.yaml or .xml) or an asset (.h5) would do')
+        raise UsageError(f'found "{source}", which is {kind}; expected a scene (.yaml or .xml) or an asset (.h5)')
     if place and suffix in (*SCENES, ".xml"):
         raise UsageError(f"--at: {source} is a scene, not a family; save the asset of a place and name that in the scene")
     for option, given in of_scenes.items():
@@ -225,7 +225,7 @@ def _of_asset(source, output, values, options, place, folders) -> _Job:
     from bakery.store import scratch
 
     if values:
-        raise UsageError(f"--set: {source} is an asset, whose preview has no values to set; a scene would do")
+        raise UsageError(f"--set: {source} is an asset, whose preview has no values to set; expected a scene")
     path = Path(source)
     if place:
         between = one_asset(source, place)

@@ -92,5 +92,5 @@ def _of_scene(source, output, methods, values, seed, *, progress, verbose, **opt
 
 def _seed(text) -> int | None:
     if text is not None and not text.isdecimal():
-        raise UsageError(f'--seed: found "{text}"; a whole number from 0 on would do')
+        raise UsageError(f'--seed: found "{text}"; expected a whole number from 0 on')
     return None if text is None else int(text)

@@ -106,7 +106,7 @@ def prepare(recipe, output: str | os.PathLike | None = None, *, asked: Asked = E
     """
     cache, progress = cache or Cache(), progress or Progress()
     with progress.during(f"planning {recipe.path.name}"):
-        target, present = _place(recipe.unswept(), output, overwrite, asked.read)
+        target, present = _destination(recipe.unswept(), output, overwrite, asked.read)
         held = standing.held(present) if present else None
         plan = _priced(recipe, target, asked.stages, present, held, force=force, cache=cache, jobs=jobs, progress=progress)
         plan = replace(plan, needs=asked.needs, remarks=asked.remarks, read=asked.read)
@@ -116,7 +116,7 @@ def prepare(recipe, output: str | os.PathLike | None = None, *, asked: Asked = E
     return plan if plan.write else replace(plan, missed=_missed(present))
 
 
-def _place(recipe, output, overwrite: bool, read):
+def _destination(recipe, output, overwrite: bool, read):
     """Where the asset of a recipe goes, and the asset that stands there, if any; the same errors as `prepare`."""
     from bakery.store.outputs import ASSET, check_outputs
 

@@ -222,4 +222,4 @@ def _refuse_too_large(plan: FamilyPlan) -> None:
     space = free_space(plan.output)
     if 1.2 * plan.file > space:
         raise UsageError(f"{plan.output}: {plan.points:,} points take about {resources.in_words(plan.file)}, but only "
-                         f"{resources.in_words(space)} are free there; fewer points would do")
+                         f"{resources.in_words(space)} are free there; use fewer points")

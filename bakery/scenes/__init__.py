@@ -14,10 +14,10 @@ def is_scene(source) -> bool:
     """Whether a file says that it is a scene; what is wrong with it is found later."""
     from bakery.grammar import files, text
 
-    content = ""
+    read = text.Source("", "")
     try:
-        content = text.decode(files.read_recipe(source), source)
-        root = text.parse(text.Source(source, content)).root
+        read = files.source_of(source)
+        root = text.parse(read).root
     except BakeryError:
-        return re.search(r"^[\"']?bakery_scene[\"']?\s*:", content, re.MULTILINE) is not None
+        return re.search(r"^[\"']?bakery_scene[\"']?\s*:", read.text, re.MULTILINE) is not None
     return isinstance(root, text.Mapping) and "bakery_scene" in root

@@ -24,7 +24,7 @@ def planned(source, names, reference, output, values, seed, resume, overwrite):
     if file is not None and not file.is_file():
         raise UsageError(f'--reference: found "{reference}", and there is no such file')
     if len(named) + (file is not None) < 2:
-        raise UsageError(f"--methods: found {len(named) or 'none'}; two or more, or a --reference, would do")
+        raise UsageError(f"--methods: found {len(named) or 'none'}; expected two or more, or a --reference")
     loaded = load(source, values)
     page = methods.page_at(output, loaded, "compare")
     if resume and not loaded.rules.RESUMES:

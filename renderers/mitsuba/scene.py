@@ -61,7 +61,7 @@ def load(path, *, colour="rgb", variant=None, parameters=None, sensor=True, inte
     if sensor and not scene.sensors():
         raise UsageError(f"{path}: the scene has no sensor, so there is no view to render")
     if integrator and scene.integrator() is None:
-        raise UsageError(f'{path}: the scene has no integrator; <integrator type="path"/> or another one would do')
+        raise UsageError(f'{path}: the scene has no integrator; expected <integrator type="path"/> or another one')
     lights.refuse(path, scene)
     return scene, chosen, reason
 

@@ -48,7 +48,7 @@ def require_mitsuba() -> None:
 def decide(cuda: bool, llvm: tuple[int, ...], colour: str = "mono") -> Choice:
     """The choice for a machine whose CUDA works or not and whose LLVM has this version ((-1, -1, -1): none usable)."""
     if colour not in _NAMES:
-        raise UsageError(f"variants: colour {colour!r}; one of {', '.join(_NAMES)} would do")
+        raise UsageError(f"variants: colour {colour!r}; expected one of {', '.join(_NAMES)}")
     suffix, scalar = _NAMES[colour]
     names, reason = [scalar], ""
     version = ".".join(map(str, llvm))
@@ -95,7 +95,7 @@ def activate(colour: str = "mono", variant: str | None = None) -> tuple[str, str
         mi.set_variant(variant)
     except ImportError as error:
         raise UsageError(f"variant {variant!r} does not work on this machine: {error}; "
-                         f"{', '.join(choice.names)} would do") from None
+                         f"expected {', '.join(choice.names)}") from None
     return variant, "asked for"
 
 

@@ -30,7 +30,7 @@ def refuse_other(scene) -> None:
     """Raises UsageError where a scene's renderer goes by no passes."""
     if not scene.rules.RESUMES:
         raise UsageError(f"{scene.path}: the renderer {scene.section} makes its picture at once, not by passes, so that there is "
-                         "nothing to see before its end; bake render without --live would do")
+                         "nothing to see before its end; use bake render without --live")
 
 
 def _prepared(path, output, begins=None, *, overrides=None, variant=None, seed=None, resume=False, **options) -> passes.Rendering:

@@ -110,7 +110,7 @@ def preview(asset_path, output_path, *, quality="preview", panel=None, variant=N
                                 seed=seed, progress=share(progress, i / len(panels), (i + 1) / len(panels)))
         rendered.append(_rendered(shown_panel, picture, denoise))
     gap = max(1, width // 96)
-    bitmaps.write(pair, _beside([each.display for each in rendered], gap), _beside([each.linear for each in rendered], gap),
+    bitmaps.write(pair, _beside([item.display for item in rendered], gap), _beside([item.linear for item in rendered], gap),
                   {PREVIEW_OF: asset.content_hash})
     report = {"files": [str(path) for path in pair], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
               **_figures(rendered, width, gap)}
@@ -181,8 +181,8 @@ def _variant(asked):
     """Mitsuba's variant for one wavelength at a time, which is set, and why it is that one."""
     chosen, reason = variants.activate("mono", asked)
     if "mono" not in chosen and not chosen.startswith("scalar"):
-        raise UsageError(f"variant {chosen!r}: the preview renders one wavelength at a time; llvm_ad_mono, cuda_ad_mono or "
-                         "scalar_rgb would do")
+        raise UsageError(f"variant {chosen!r}: the preview renders one wavelength at a time; expected llvm_ad_mono, "
+                         "cuda_ad_mono or scalar_rgb")
     return chosen, reason
 
 

@@ -40,12 +40,12 @@ def read(path, dataset=None):
     readers = {".h5": _hdf5, ".hdf5": _hdf5, ".npy": _npy, ".vol": _vol}
     reader = readers.get(path.suffix.lower())
     if reader is None:
-        raise UsageError(f"{path}: found the ending {path.suffix or 'of no kind'}; {', '.join(readers)} would do")
+        raise UsageError(f"{path}: found the ending {path.suffix or 'of no kind'}; expected {', '.join(readers)}")
     try:
         with _named(path):
             values, *box = reader(path, dataset)
     except MemoryError:
-        raise UsageError(f"{path}: does not fit into memory; a coarser grid would do") from None
+        raise UsageError(f"{path}: does not fit into memory; use a coarser grid") from None
     except (OSError, ValueError, KeyError, RuntimeError, EOFError, TypeError) as error:
         raise UsageError(f"{path}: cannot be read ({error})") from None
     _check_values(path, values)
@@ -66,9 +66,9 @@ def placed(scene, key, where):
     lo, hi = (np.array(requested if requested is not None else stored, float)
               for requested, stored in ((where.lo, lo), (where.hi, hi)))
     if lo.shape != (3,) or hi.shape != (3,):
-        raise scene.wrong(f"{key}.grid", "found no box in the file; lo and hi would do")
+        raise scene.wrong(f"{key}.grid", "found no box in the file; expected lo and hi")
     if not np.all(lo < hi):
-        raise scene.wrong(f"{key}.grid", "found a box without volume; hi above lo in x, y and z would do")
+        raise scene.wrong(f"{key}.grid", "found a box without volume; expected hi above lo in x, y and z")
     return values, lo, hi
 
 
@@ -112,19 +112,19 @@ def _vol(path, _dataset):
     with open(path, "rb") as file:
         head = file.read(_HEAD.size)
         if len(head) < _HEAD.size or head[:3] != b"VOL":
-            raise UsageError(f"{path}: found no VOL file; one that Mitsuba reads would do")
+            raise UsageError(f"{path}: found no VOL file; expected one that Mitsuba reads")
         _, version, encoding, x, y, z, channels, *box = _HEAD.unpack(head)
         if (version, encoding, channels) != (3, 1, 1):
             raise UsageError(f"{path}: found version {version}, encoding {encoding}, {channels} channels; "
-                             "version 3, encoding 1 (float32) and one channel would do")
+                             "expected version 3, encoding 1 (float32) and one channel")
         _check_shape(path, (x, y, z), np.dtype(np.float32))
         size = os.fstat(file.fileno()).st_size - _HEAD.size
         if size != 4 * x * y * z:
-            raise UsageError(f"{path}: found {size:,} bytes for {x} x {y} x {z} values; {4 * x * y * z:,} would do")
+            raise UsageError(f"{path}: found {size:,} bytes for {x} x {y} x {z} values; expected {4 * x * y * z:,}")
         values = np.fromfile(file, "<f4")
     lo, hi = box[:3], box[3:]
     if not (np.isfinite(box).all() and all(low < high for low, high in zip(lo, hi))):
-        raise UsageError(f"{path}: found a box from {lo} to {hi}; finite corners, the second above the first, would do")
+        raise UsageError(f"{path}: found a box from {lo} to {hi}; expected finite corners, the second above the first")
     return np.ascontiguousarray(values.reshape(z, y, x).T, np.float32), tuple(lo), tuple(hi)
 
 
@@ -146,4 +146,4 @@ def _check_values(path, values):
         wrong = ~(np.isfinite(part) & (part >= 0))
         if wrong.any():
             y, z = np.argwhere(wrong)[0]
-            raise UsageError(f"{path}: found the density {part[y, z]:g} at [{plane}, {y}, {z}]; numbers of 0 or more would do")
+            raise UsageError(f"{path}: found the density {part[y, z]:g} at [{plane}, {y}, {z}]; expected numbers of 0 or more")

@@ -180,7 +180,7 @@ def test_a_light_that_is_no_number_is_refused(call, place):
     (place / "lit.xml").write_text(XML.replace("4 4 4", "4 nan 4").replace("<sensor", '<integrator type="path"/><sensor'))
     for source in ("s.yaml", "lit.xml"):
         status, _, err = call("render", place / source, "-o", place / "out.png")
-        assert status == 2 and "lit.xml: light panel: radiance is 4 nan 4; finite numbers would do" in err
+        assert status == 2 and "lit.xml: light panel: radiance is 4 nan 4; expected finite numbers" in err
     assert not (place / "out.png").exists()
 
 

@@ -158,10 +158,10 @@ def test_scenes_and_recipes_are_not_mixed_up(call, place, monkeypatch):
 
 
 WRONG = (
-    ("haze.yaml --methods single,isotropc", "single or isotropic would do (isotropic?)"),
+    ("haze.yaml --methods single,isotropc", "expected single or isotropic (isotropic?)"),
     ("haze.yaml --methods single,single", "found single twice"),
-    ("haze.yaml --budget 0", "--budget: found 0; a number of minutes above 0"),
-    ("haze.yaml --seed x", '--seed: found "x"; a whole number'),
+    ("haze.yaml --budget 0", "--budget: found 0; expected a number of minutes above 0"),
+    ("haze.yaml --seed x", '--seed: found "x"; expected a whole number'),
     ("haze.yaml --stage optics", "--stage: haze.yaml is a scene, which has none"),
     ("haze.yaml --measure phase", "--measure: haze.yaml is a scene"),
     ("haze.yaml --set toy.method=single", "the methods are those of --methods"),

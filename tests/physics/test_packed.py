@@ -229,7 +229,7 @@ def test_flights_are_those_of_a_search_over_all_images(which):
 def test_a_walk_between_mirrors_is_that_of_a_literal_twin():
     """Six hits between mirror balls from the same start: nothing is drawn, so sums agree to rounding, blown up by the balls."""
     centers, radii, cell = tile(0.45, 12)
-    scene = packed._checked(centers, radii, cell, [Grain(MIRROR)], None, 7, 0.1, 100)
+    scene = packed._checked((centers, radii, cell), [Grain(MIRROR)], None, 7, 0.1, 100)
     length = 6
     sums = kernel.walks(*scene.arrays, np.uint64(3), 11, 1, length, 0)
     periodic, _, key = scene.arrays
@@ -257,7 +257,7 @@ def test_a_walk_between_mirrors_is_that_of_a_literal_twin():
 def test_a_grain_is_met_as_its_hash_turns_it():
     """A mirror cube turned in the world against the kernel's ray turned into the cube's frame; which of two types it is, too."""
     seed, weights = 9, [1.0, 2.0]
-    scene = packed._checked(*ONE, [Grain(GLASS), Grain(MIRROR, CUBE)], weights, seed, 0.1, 100)
+    scene = packed._checked(ONE, [Grain(GLASS), Grain(MIRROR, CUBE)], weights, seed, 0.1, 100)
     room, draws, row = kernel.mesh_scratch(), kernel.Draws(np.zeros(5, np.uint64), np.empty(4)), np.zeros(kernel.SUMS)
     rng, seen = np.random.default_rng(1), [0, 0, 0]
     for copy in rng.integers(-(10**12), 10**12, (60, 3)):

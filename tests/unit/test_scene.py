@@ -183,7 +183,7 @@ def test_rays_and_distances_of_a_sensor(tmp_path, lens, crop, variant):
 
 def test_no_perspective_camera(tmp_path):
     (tmp_path / "s.xml").write_text(XML.format(kind="orthographic", lens="", crop=""))
-    with pytest.raises(UsageError, match="a perspective camera would do"):
+    with pytest.raises(UsageError, match="expected a .*perspective camera"):
         picture.from_mitsuba(tmp_path / "s.xml")
 
 

@@ -212,8 +212,8 @@ def test_a_file_is_no_place_for_a_cache(tmp_path, monkeypatch, call, milk, below
     monkeypatch.setenv("BAKERY_CACHE", f"{tmp_path}/taken{below}")
     status, out, message = call(milk, "-o", tmp_path / "milk.h5")
     assert status == 2 and not out and not (tmp_path / "milk.h5").exists()
-    assert message == (f'BAKERY_CACHE: found "{tmp_path}/taken{below}", but {tmp_path}/taken is no folder; a folder, there or to '
-                       "be made, would do\n")
+    assert message == (f'BAKERY_CACHE: found "{tmp_path}/taken{below}", but {tmp_path}/taken is no folder; expected a '
+                       "folder, there or to be made\n")
 
 
 def test_without_the_extra_it_is_named(monkeypatch, tmp_path):

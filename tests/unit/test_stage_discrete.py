@@ -14,7 +14,6 @@ from bakery.asset import read_checked
 from bakery.asset.verify import _broken
 from bakery.errors import RecipeError, StageError
 from bakery.recipe import load
-from bakery.run import execute
 from bakery.run.bake import planned
 from bakery.stages import measures
 from bakery.stages.discrete.stage import STAGE, check
@@ -100,19 +99,6 @@ def test_each_particle_has_its_class(asset):
     assert mean == pytest.approx(asset.discrete.mean_extinction, rel=1e-9)
     off = (asset.discrete.mean_extinction - asset.discrete.law_extinction) / asset.discrete.error["mean_extinction"]
     assert (np.abs(off) < SIGMAS).all()
-
-
-@pytest.mark.slow
-def test_workers_do_not_decide(recipe, monkeypatch):
-    monkeypatch.setattr("bakery.physics.discrete.realise.BLOCK", 1 << 14)  # several blocks of fewer particles
-    path = recipe("{count: 50000, box: [1 m, 1 m, 2 m], grid: {file: rho.npy}}")
-    np.save(path.with_name("rho.npy"), np.array([0.5, 1, 0, 0.2]).reshape(2, 2, 1))
-    hashes = set()
-    for jobs in (1, 3):
-        plan = planned(path, path.with_suffix(".h5"), jobs=jobs, force=True)
-        execute(plan, jobs=jobs)
-        hashes.add(bakery.open(path.with_suffix(".h5")).content_hash)
-    assert len(hashes) == 1
 
 
 def test_a_seed_is_another_realisation_of_the_same(recipe, asset):

@@ -359,7 +359,7 @@ def test_what_changes_the_figures_is_measured_again(copied, monkeypatch):
 def test_a_budget_that_is_spent_and_raised(copied, tmp_path):
     task, first, total = copied
     (tmp_path / "new").mkdir()
-    with pytest.raises(UsageError, match=r"no converged values .* --budget \d+ would do"):
+    with pytest.raises(UsageError, match=r"no converged values .* use --budget \d+"):
         sweep(job(tmp_path / "new"), budget=1.0)
     for file in (task.folder / "runs").iterdir():
         file.unlink()

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.physics.grains.bvh import mesh_scratch, nearest_triangle, triangle_normal
-from bakery.physics.grains.sampling import AHEAD, FAINT, next_uniform, surface_frame, uniforms_of_meeting
-from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, at_surface, fresnel_conductor
-from bakery.physics.granular._packed import FAR, Draws, Kind
+from bakery.physics.grains.sampling import AHEAD, FAINT, next_uniform
+from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, fresnel_conductor
+from bakery.physics.granular._packed import FAR, Draws, Kind, leave, turned
 from bakery.physics.granular.flights import flight_in_half_space
 from bakery.physics.lent import lent
 from bakery.physics.packing.instances import kind, rotation, rotation_matrix, uniforms
@@ -77,30 +77,14 @@ class Path(NamedTuple):
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _turned(grain, channels, d, n, draws, carried):
     """Direction after a meeting with the surface, its part along the outward normal, share of all light that is left."""
-    (dx, dy, dz), (nx, ny, nz) = d, n
-    sx, sy, sz, tx, ty, tz = surface_frame(nx, ny, nz)
-    x, y, z = -(dx * sx + dy * sy + dz * sz), -(dx * tx + dy * ty + dz * tz), -(dx * nx + dy * ny + dz * nz)
-    u, v, w = uniforms_of_meeting(grain.matter, grain.roughness, draws.stream, draws.pool)
-    x, y, z, share, cosine = at_surface(grain.matter, grain.index, grain.roughness, x, y, z, u, v, w)
+    dx, dy, dz, z, share, cosine = turned(grain, d, n, draws)
     if grain.matter == DIFFUSE:
         for c in range(len(carried)):
             carried[c] *= channels[0, c]
     elif grain.matter == CONDUCTOR:
         for c in range(len(carried)):
             carried[c] *= fresnel_conductor(cosine, channels[0, c], channels[1, c])
-    dx, dy, dz = x * sx + y * tx + z * nx, x * sy + y * ty + z * ny, x * sz + y * tz + z * nz
-    over = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
-    return dx * over, dy * over, dz * over, z, share
-
-
-@njit(nogil=True, error_model="numpy", forceinline=True)
-def _leave(ray, ox, oy, oz, dx, dy, dz):
-    """Write where a ray from inside of the unit sphere leaves it."""
-    along = ox * dx + oy * dy + oz * dz
-    t = math.sqrt(along * along + max(1.0 - (ox * ox + oy * oy + oz * oz), 0.0)) - along
-    ox, oy, oz = ox + t * dx, oy + t * dy, oz + t * dz
-    over = 1.0 / math.sqrt(ox * ox + oy * oy + oz * oz)
-    ray[0], ray[1], ray[2], ray[3], ray[4], ray[5] = ox * over, oy * over, oz * over, dx, dy, dz
+    return dx, dy, dz, z, share
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -114,7 +98,7 @@ def _ball(grain, channels, ray, depth, draws, carried):
     t = 0.0
     if radius < 1.0:
         if beside <= 0.0:
-            _leave(ray, px, py, pz, dx, dy, dz)
+            leave(ray, px, py, pz, dx, dy, dz)
             return MISSED, 1.0, 0.0
         t = along - math.sqrt(beside)
     nx, ny, nz = (ox + t * dx) / radius, (oy + t * dy) / radius, (oz + t * dz) / radius
@@ -132,7 +116,7 @@ def _ball(grain, channels, ray, depth, draws, carried):
         nx, ny, nz = nx + t * dx, ny + t * dy, nz + t * dz
         over = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
         nx, ny, nz = nx * over, ny * over, nz * over
-    _leave(ray, radius * nx, radius * ny, radius * nz, dx, dy, dz)
+    leave(ray, radius * nx, radius * ny, radius * nz, dx, dy, dz)
     return LEFT, factor, path
 
 
@@ -151,7 +135,7 @@ def _mesh(tree, grain, channels, ray, depth, draws, carried, scratch):
             if count == 0:  # the chord: from its middle, where rounding is least
                 t = -(ox * dx + oy * dy + oz * dz)
                 ox, oy, oz = ox + t * dx, oy + t * dy, oz + t * dz
-            _leave(ray, ox, oy, oz, dx, dy, dz)
+            leave(ray, ox, oy, oz, dx, dy, dz)
             return (LEFT if count else MISSED), factor, path
         if within:
             path += t
