@@ -109,7 +109,7 @@ def _with_machine_code(result, release_gil: bool):
     context = result.target_context
     library = context.codegen().create_library(result.library.name)
     library.enable_object_caching()
-    # the function for Python has constants of its own, so that those of the kernel stay what they are in all that it is linked into
+    # the function for Python has constants of its own: those of the kernel stay what they are in all that it is linked into
     fndesc = copy.copy(result.fndesc)
     fndesc.env_name = f"{result.fndesc.env_name}.python"
     constants = environment.Environment.from_fndesc(fndesc)
