@@ -61,5 +61,6 @@ def test_both_methods_tabulate_the_same_medium():
 def test_a_medium_that_scatters_next_to_nothing(albedo):
     """Far from the source less light than a double holds: finite tables, a finite error, no warning."""
     f = phases.normalised(THETA, 0.75 / (1.25 - np.cos(THETA)) ** 1.5)[0]
-    dark = choice.by_solver(choice.Medium(albedo, THETA, f, 0.0), (SEGMENT,), choice.Asked(None, 2.0, 0.05, None, 4000, 0))[SEGMENT]
+    asked = choice.Asked(None, 2.0, 0.05, None, 4000, 0)
+    dark = choice.by_solver(choice.Medium(albedo, THETA, f, 0.0), (SEGMENT,), asked)[SEGMENT]
     assert all(np.isfinite(values).all() for values in dark.table.arrays().values()) and np.isfinite(dark.table.error_with_solver)

@@ -230,7 +230,8 @@ def along(l, table, d, owner, row, row_weight, column, column_weight, cosine, si
     table : (R, A, 2 K') from `point_table`, as spline coefficients
     owner : (Q,) number of the position that a point belongs to.  Points in the order of row and column read the table once:
         those of one position after the other read it from memory again and again
-    row, column : (Q,) first of TAPS rows, columns;  row_weight, column_weight : (Q, TAPS) float32, the former with that of the point
+    row, column : (Q,) first of TAPS rows, columns
+    row_weight, column_weight : (Q, TAPS) float32, the former times the weight of the point
     cosine, sine : (Q, >= K') float32, of k times the angle from the frame's axis to the position as seen from that point
     out : (N, l + 1)
     """

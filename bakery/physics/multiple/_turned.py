@@ -1,7 +1,7 @@
 """One point of a segment: sixteen neighbours in a table of the point source, blended, turned and added, eight orders at a time.
 
-Written in the compiler's own vectors: numba checks for each of the sixteen whether it overlaps what is written, which takes as long
-as the sum.  The order of the sums is fixed, so it does not depend on how wide the processor's vectors are.
+Written in the compiler's own vectors: numba checks for each of the sixteen whether it overlaps what is written, which takes as
+long as the sum.  The order of the sums is fixed, so it does not depend on how wide the processor's vectors are.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _INT = ir.IntType(32)
 
 @intrinsic
 def add_turned(typingctx, table, at, row, count, p, w, cosine, sine, angle, sums, to):
-    """sums += (a + i b) (cosine + i sine) for each order k, with a + i b = sum over four rows and four columns of p w times the table.
+    """sums += (a + i b) (cosine + i sine) for each order k, with a + i b = sum over four rows and columns of p w times the table.
 
     Parameters
     ----------

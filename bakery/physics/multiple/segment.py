@@ -96,18 +96,20 @@ def coefficients(medium: Propagator, rho, z, length, axis, *, fine=1.0, threads=
     # distances that no position needs are left out of the table
     lowest = row.min()
     rows, row = row.max() + _plane.TAPS - lowest, row - lowest
-    phases = [_plane.phases(turned, odd, max(order - (order - odd) % 2, odd)) for odd in (0, 1)]  # of even and of odd k
     turns = _plane.quarter_turns(order)
     out = np.empty((len(rho), (order + 1) * (order + 2) // 2))
 
-    def one(l):
+    def one(l, phases):
         table = _plane.point_table(l, order, medium.by_distance, lowest, rows, harmonics, len(grid), turns[l])
         part = np.empty((len(rho), l + 1))
-        _plane.along(l, table, turns[l], owner, row, row_weight, column, column_weight, *phases[l % 2], part)
+        _plane.along(l, table, turns[l], owner, row, row_weight, column, column_weight, *phases, part)
         out[:, l * (l + 1) // 2:(l + 1) * (l + 2) // 2] = part
 
     with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(one, range(order, -1, -1)))
+        for last in range(order, max(order - 2, -1), -1):  # even and odd orders: the phases of either are the largest array here
+            phases = _plane.phases(turned, last % 2, last)
+            list(pool.map(lambda l, phases=phases: one(l, phases), range(last, -1, -2)))
+            del phases
     return out
 
 

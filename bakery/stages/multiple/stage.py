@@ -294,7 +294,8 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
 
 
 _TOGETHER = 2
-_KERNELS = tuple(f"multiple.{name}" for name in ("_kernels", "_plane", "_products", "basis", "locate", "legendre", "lookup", "sums", "point"))
+_KERNELS = tuple(f"multiple.{name}" for name in ("_kernels", "_plane", "_products", "basis", "locate", "legendre", "lookup",
+                                                 "sums", "point"))
 _KERNELS_OF_PHOTONS = ("multiple._tally",)
 _COUNTED = 30.0  # seconds of one core for the tables of a wavelength by photons
 _FEW, _MORE, _MANY = 0.2, 1.5, 520.0  # seconds of one core for a table: at g up to 0.5; times g - 0.5; times (g - 0.5)^5
