@@ -13,7 +13,8 @@ import math
 import numpy as np
 
 from bakery.physics.multiple._kernels import packed
-from bakery.physics.multiple._products import add_four
+from bakery.physics.multiple._products import add_four, product
+from bakery.physics.multiple._turned import LANES, add_turned
 from bakery.system.compiled import njit
 
 TAPS = 4  # coefficients of a cubic spline at a place
@@ -98,15 +99,20 @@ def to_normal(l, d, c, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def from_normal(l, d, b, out):
-    """The inverse of `to_normal`."""
-    K = l // 2 + 1
-    for m in range(l + 1):
-        total = 0.0
-        part = 0 if m % 2 == 0 else K
+    """The inverse of `to_normal`, of many: b (N, 2 K'), the imaginary parts from K' on, to out (N, l + 1)."""
+    K, whole = l // 2 + 1, b.shape[1] // 2
+    for odd in range(2):  # orders m from real and from imaginary parts
+        count = (l + 2 - odd) // 2
+        turn = np.empty((K, count))
         for n in range(K):
             k = l % 2 + 2 * n
-            total += d[k, m] * b[part + n] * (1.0 if k == 0 else 2.0)
-        out[m] = total if m % 4 == 0 or m % 4 == 3 else -total
+            for i in range(count):
+                m = odd + 2 * i
+                turn[n, i] = d[k, m] * (1.0 if k == 0 else 2.0) * (1.0 if m % 4 == 0 or m % 4 == 3 else -1.0)
+        c = product(b[:, odd * whole:odd * whole + K], turn)
+        for n in range(len(out)):
+            for i in range(count):
+                out[n, odd + 2 * i] = c[n, i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -166,12 +172,13 @@ def point_table(l, order, by_distance, lowest, R, harmonics, columns, d):
 
     Returns
     -------
-    (R, A, 2 K) float32.  Only the sum over l' cancels, and it is in double precision
+    (R, A, 2 K') float32, K padded with zeros to K'.  Only the sum over l' cancels, and it is in double precision
     """
     A, H = columns, harmonics.shape[2]
     K = l // 2 + 1
+    whole = -(-K // LANES) * LANES
     spline = splines(l, order, by_distance)
-    out = np.empty((R, A, 2 * K), np.float32)
+    out = np.zeros((R, A, 2 * whole), np.float32)
     c, b = np.empty((_ROWS, l + 1, A), np.float32), np.empty((2 * K, A), np.float32)
     factors, half = np.zeros((4, order // 2 + 1)), np.empty((2, 4, H))
     for first in range(0, R, _ROWS):
@@ -194,16 +201,17 @@ def point_table(l, order, by_distance, lowest, R, harmonics, columns, d):
         for i in range(rows):
             to_normal(l, d, c[i], b)
             for a in range(A):
-                for k in range(2 * K):
-                    out[first + i, a, k] = b[k, a]
+                for k in range(K):
+                    out[first + i, a, k], out[first + i, a, whole + k] = b[k, a], b[K + k, a]
     return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def phases(angle, first, last):
-    """Cosines and sines (Q, K) float32 of k times angles (Q,), k = first, first + 2, .. last."""
+    """Cosines and sines (Q, K') float32 of k times angles (Q,), k = first, first + 2, .. last, padded."""
     K = (last - first) // 2 + 1
-    cosine, sine = np.empty((len(angle), K), np.float32), np.empty((len(angle), K), np.float32)
+    whole = -(-K // LANES) * LANES
+    cosine, sine = np.zeros((len(angle), whole), np.float32), np.zeros((len(angle), whole), np.float32)
     for q in range(len(angle)):
         c, s = math.cos(first * angle[q]), math.sin(first * angle[q])
         c2, s2 = math.cos(2 * angle[q]), math.sin(2 * angle[q])
@@ -214,40 +222,24 @@ def phases(angle, first, last):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def along(l, table, d, start, row, row_weight, column, column_weight, weight, cosine, sine, out):
+def along(l, table, d, owner, row, row_weight, column, column_weight, cosine, sine, out):
     """Sums a table of b over the points of segments, and turns the sums to c in frames with given axes.
 
     Parameters
     ----------
-    table : (R, A, 2 K) from `point_table`, as spline coefficients
-    start : (N + 1,) first point of each position, of Q in all
-    row, column : (Q,) first of TAPS rows, columns;  row_weight, column_weight : (Q, TAPS) float32
-    weight : (Q,) float32, of the point of the segment
-    cosine, sine : (Q, K) float32, of k times the angle from the frame's axis to the position as seen from that point
+    table : (R, A, 2 K') from `point_table`, as spline coefficients
+    owner : (Q,) number of the position that a point belongs to.  Points in the order of row and column read the table once:
+        those of one position after the other read it from memory again and again
+    row, column : (Q,) first of TAPS rows, columns
+    row_weight, column_weight : (Q, TAPS) float32, the former times the weight of the point
+    cosine, sine : (Q, >= K') float32, of k times the angle from the frame's axis to the position as seen from that point
     out : (N, l + 1)
     """
-    K = l // 2 + 1
-    sums, values = np.empty(2 * K), np.empty(2 * K, np.float32)
-    for n in range(len(start) - 1):
-        sums[:] = 0.0
-        for q in range(start[n], start[n + 1]):
-            a = column[q]
-            values[:] = np.float32(0)
-            for i in range(0, TAPS, 2):
-                share, next_weight = weight[q] * row_weight[q, i], weight[q] * row_weight[q, i + 1]
-                s0, s1 = share * column_weight[q, 0], share * column_weight[q, 1]
-                s2, s3 = share * column_weight[q, 2], share * column_weight[q, 3]
-                t0, t1 = next_weight * column_weight[q, 0], next_weight * column_weight[q, 1]
-                t2, t3 = next_weight * column_weight[q, 2], next_weight * column_weight[q, 3]
-                v, w = table[row[q] + i], table[row[q] + i + 1]
-                v0, v1, v2, v3 = v[a], v[a + 1], v[a + 2], v[a + 3]
-                w0, w1, w2, w3 = w[a], w[a + 1], w[a + 2], w[a + 3]
-                for k in range(2 * K):
-                    values[k] += (s0 * v0[k] + s1 * v1[k] + s2 * v2[k] + s3 * v3[k]
-                                + t0 * w0[k] + t1 * w1[k] + t2 * w2[k] + t3 * w3[k])
-            # azimuth counted from the frame's axis: times exp(i k angle)
-            c, s = cosine[q], sine[q]
-            for k in range(K):
-                sums[k] += values[k] * c[k] - values[K + k] * s[k]
-                sums[K + k] += values[k] * s[k] + values[K + k] * c[k]
-        from_normal(l, d, sums, out[n])
+    whole, width = table.shape[2] // 2, table.shape[1] * table.shape[2]
+    sums = np.zeros((len(out), 2 * whole))
+    for q in range(len(owner)):
+        p, w = row_weight[q], column_weight[q]
+        # azimuth counted from the frame's axis: times exp(i k angle)
+        add_turned(table, row[q] * width + column[q] * table.shape[2], width, whole, (p[0], p[1], p[2], p[3]),
+                   (w[0], w[1], w[2], w[3]), cosine, sine, q * cosine.shape[1], sums, owner[q] * 2 * whole)
+    from_normal(l, d, sums, out)

@@ -109,8 +109,10 @@ def _orthogonal(basis, overall, k):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve(grams, rights, out):
-    """Cholesky of normal equations, lower triangles (N, K (K + 1)/2) and right sides (N, K), into out (N, K); a regressor that adds
-    nothing gets coefficient 0."""
+    """Cholesky of normal equations, lower triangles (N, K (K + 1)/2) and right sides (N, K), into out (N, K).
+
+    A regressor that adds nothing gets coefficient 0.
+    """
     N, K = rights.shape
     gram = np.empty((K, K))
     for n in range(N):
