@@ -14,7 +14,7 @@ from renderers.fog._lanes import LANES
 INNER = 2.5
 CLASSES = 16  # of distance
 OUTSIDE, ENERGY = ("edge", "black"), ("kept", "lost")
-_FINE = 2048  # steps of the squared distance for a band's weight
+_FINE = 512  # steps of the squared distance for a band's weight
 
 
 class Prepared:
@@ -60,11 +60,13 @@ class Prepared:
             depth_of = np.log(np.maximum(fog.sigma_t, 1e-300)) / kernels.STEP
         shape = np.concatenate([fog.shape, np.zeros((*fog.shape.shape[:2], _filter.NODES + 1))], axis=2).astype(np.float32)
         self.kernels = _filter.Kernels(_lanes(shape), _lanes(means), _lanes(depth_of), kernels.STEP, math.log(fog.ratio[0]))
-        square = np.linspace(0, 4 * INNER**2, _FINE)
+        square = np.linspace(0, 4 * INNER**2, _FINE + 1)
         rho = np.sqrt(np.maximum(square, INNER**2 / 4))
         # a profile's first node lies where the band begins
         node = np.log(rho / (INNER / 2)) / kernels.STEP
-        self.band = _filter.Band(INNER / 2, 2 * INNER, node, (_rise(2 * rho / INNER) - _rise(rho / INNER)) / rho)
+        weight = (_rise(2 * rho / INNER) - _rise(rho / INNER)) / rho
+        table = np.stack([weight[:-1], np.diff(weight), node[:-1], np.diff(node)], axis=1)
+        self.band = _filter.Band(INNER / 2, 2 * INNER, table.astype(np.float32))
 
     def nearest(self):
         """Level 0."""

@@ -31,7 +31,7 @@ from renderers.fog import _blocks, _filter, _pairs, kernels
 from renderers.fog._lanes import LANES
 from renderers.fog._prepared import INNER, Prepared
 
-_FINER = 2  # a band is summed at points as close as blocks that are so many levels smaller
+_FINER = 0  # a band is summed at points as close as blocks that are so many levels smaller
 _ROWS, _TARGETS, _SOME = 16, 4096, 64  # rows, targets, pixels of a task
 
 
