@@ -184,7 +184,7 @@ def level_targets(low, high, targets, kernels, level, band, out):
     shape, depth_of = kernels.shape, kernels.depth_of
     around, size = band.outer + 0.71, 1 / level.side
     nearest, farthest = (band.inner * level.side) ** 2, (band.outer * level.side) ** 2
-    step = len(table) / farthest
+    step = len(table) * (1 - 1e-6) / farthest  # single precision reaches no further than the last
     for p in range(low, high):
         y, x, distance, at = targets.y[p], targets.x[p], targets.distance[p], p * SUMS * LANES
         _profile(shape, depth_of, targets.column[p], targets.lever[p] + level.shift,

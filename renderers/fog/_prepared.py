@@ -149,5 +149,10 @@ def _classes(z):
     if high - low < 1e-9:
         return np.zeros(z.shape, np.int64)
     bin_of = np.minimum((log_z - low) / (high - low) * 256, 255).astype(int)
-    density = np.cumsum(np.cbrt(np.bincount(bin_of.ravel(), minlength=256)))
-    return np.minimum(((density - 1e-9) / density[-1] * CLASSES).astype(int), CLASSES - 1)[bin_of]
+    return class_of_bins(np.bincount(bin_of.ravel(), minlength=256))[bin_of]
+
+
+def class_of_bins(count):
+    """Classes of equal steps of log distance that hold so many pixels."""
+    density = np.cumsum(np.cbrt(count))
+    return np.minimum(((density - 1e-9) / density[-1] * CLASSES).astype(int), CLASSES - 1)
