@@ -31,12 +31,13 @@ from renderers.fog import _blocks, _filter, _pairs, kernels
 from renderers.fog._lanes import LANES
 from renderers.fog._prepared import INNER, Prepared
 
-_FINER = 0  # a band is summed at points as close as blocks that are so many levels smaller
+# A band is summed at points as close as the blocks of so many levels below
+POINTS = {"draft": 0, "preview": 1, "final": 2, "every pixel": math.inf}
 _ROWS, _TARGETS, _SOME = 16, 4096, 64  # rows, targets, pixels of a task
 
 
-def fogged(image, distance, angle, column, lever, medium, *, outside="edge", energy="kept", cut_off=None, threads=None,
-           progress=None):
+def fogged(image, distance, angle, column, lever, medium, *, outside="edge", energy="kept", cut_off=None, points="final",
+           threads=None, progress=None):
     """A picture seen through fog, without light from elsewhere.
 
     Parameters
@@ -51,6 +52,7 @@ def fogged(image, distance, angle, column, lever, medium, *, outside="edge", ene
     outside : edge, the surroundings look like what the picture shows of them; black, they are dark
     energy : lost, scattered light has the power that transport gives it; kept, what went back past the camera is added
     cut_off : lengths (kernels.Fog.width) beyond which a kernel is cut and renormalised, or None
+    points : name of POINTS, how close the points are
     threads : None for all processors; the result does not depend on it
     progress : function of the share that is done, or None
 
@@ -67,22 +69,24 @@ def fogged(image, distance, angle, column, lever, medium, *, outside="edge", ene
     Root mean square difference from `direct`: 0.5 % of the image's mean for a scene with lamps and edges (benchmarks/screen.py);
     with CLASSES of 12 and 24 the same, with INNER 3 it is 0.3 % in 1.3 times the time.  Memory: some 600 bytes a pixel.
     """
+    if points not in POINTS:
+        raise UsageError(f"filter: points {points!r}; {', '.join(POINTS)} would do")
     image = np.asarray(image, float)
     parts = [Prepared(part, distance, angle, column, lever, kind, energy, cut_off, outside)
              for part, kind in _by_lanes(image, medium)]
     with _workers(threads) as pool:
-        return np.concatenate([_seen(p, pool, progress) for p in parts], axis=2)
+        return np.concatenate([_seen(p, pool, POINTS[points], progress) for p in parts], axis=2)
 
 
-def _seen(p, pool, progress):
-    """The picture of some channels; p : `_prepared.Prepared`"""
+def _seen(p, pool, finer, progress):
+    """The picture of some channels; p : `_prepared.Prepared`;  finer : of POINTS"""
     if not p.power.any():  # nothing is scattered
         return p.finished(np.zeros((*p.z.shape, _filter.SUMS, LANES)))
     pyramid = _pyramid(p, pool)
     sums, targets, finished = None, None, 0
     for number in range(len(pyramid), 0, -1):
         level = _level(p, pool, pyramid[number - 1], number)
-        targets, sums = _refined(p, pool, pyramid, max(number - _FINER, 0), targets, sums)
+        targets, sums = _refined(p, pool, pyramid, max(number - finer, 0), targets, sums)
         _each(pool, _filter.level_targets, len(targets.y), _TARGETS, targets, p.kernels, level, p.band, sums)
         finished += 1
         if progress:
