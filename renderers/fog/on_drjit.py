@@ -84,7 +84,8 @@ class Filter:
         index = dr.arange(types.UInt, count)
         width = np.shape(distance)[1]
         y, x = types.Float(index // width) + 0.5, types.Float(index % width) + 0.5
-        u = dr.clip(dr.select(lever > 0, types.Float(z) * angle / dr.select(lever > 0, lever, 1), self._last_u), 1e-30, self._last_u)
+        u = dr.select(lever > 0, types.Float(z) * angle / dr.select(lever > 0, lever, 1), self._last_u)
+        u = dr.clip(u, 1e-30, self._last_u)
         lever_at = (dr.log(u) - self._first) / kernels.STEP
         column_at = (dr.log(dr.maximum(column, 1e-37)) - math.log(kernels.SHALLOWEST)) / kernels.STEP
         col, share, power = types.Four(0), types.Four(0), types.Four(0)
@@ -239,9 +240,10 @@ def _merged(types, below):
     for _, active, index in _children(types, block, width, below):
         mask |= dr.gather(types.UInt, below.mask, index, active)
     number = dr.popcnt(mask)
-    start = dr.prefix_sum(number)  # exclusive
+    end = dr.cumsum(number)
+    start = end - number
     dr.eval(mask, start)
-    count = int(start[-1]) + int(dr.popcnt(mask)[height * width - 1])
+    count = int(end[-1])
     # which block and class each entry is of
     lane = dr.arange(types.UInt, height * width * CLASSES)
     own, bit = lane // CLASSES, types.UInt(1) << (lane % CLASSES)
@@ -255,7 +257,8 @@ def _merged(types, below):
     for _, active, index in _children(types, block, width, below):
         bits = dr.gather(types.UInt, below.mask, index, active)
         active = active & ((bits & kind) != 0)
-        parts.append(_part(types, below, dr.gather(types.UInt, below.start, index, active) + dr.popcnt(bits & (kind - 1)), active))
+        index = dr.gather(types.UInt, below.start, index, active) + dr.popcnt(bits & (kind - 1))
+        parts.append(_part(types, below, index, active))
     merged = SimpleNamespace(height=height, width=width, mask=mask, count=count,
                              start=dr.zeros(types.UInt, height * width + 1), **_sum_of(types, parts))
     dr.scatter(merged.start, start, dr.arange(types.UInt, height * width))
