@@ -1,7 +1,7 @@
 """Fog in screen space on a graphics card: time of a frame, and how far it is from the processor's.
 
-    python -m benchmarks.screen_gpu --keep build/screen.npz                 # here: a frame, its fog, and what `fogged` makes of it
-    python -m benchmarks.screen_gpu build/screen.npz --backend cuda         # there: frames a second, and the differences
+    python -m benchmarks.screen_gpu --keep build/screen.npz           # here: a frame, its fog, and what `fogged` makes of it
+    python -m benchmarks.screen_gpu build/screen.npz --backend cuda   # there: milliseconds a frame, and the differences
 
 The second one needs numpy, scipy, numba and drjit alone.  A frame begins with arrays of NumPy, and has ended when the picture is
 complete on the card; `with copy`: when it is an array of NumPy again.
@@ -69,10 +69,12 @@ def measure(path, backend, frames):
         seen.numpy()
         times.append((on_card - start, time.perf_counter() - start))
     alone, copied = 1000 * np.array(times).T
-    print(f"a frame: median {np.median(alone):.1f} ms, least {alone.min():.1f}, most {alone.max():.1f}; with copy {np.median(copied):.1f}")
+    print(f"a frame: median {np.median(alone):.1f} ms, least {alone.min():.1f}, most {alone.max():.1f}; with copy "
+          f"{np.median(copied):.1f}")
     off = abs(found - picture)
     print(f"against the processor: largest {off.max():.2e}, mean {off.mean():.2e}, root mean square "
-          f"{np.sqrt(np.square(off).mean()) / picture.mean():.2e} of the picture's mean {picture.mean():.4f}, brightest {picture.max():.3g}")
+          f"{np.sqrt(np.square(off).mean()) / picture.mean():.2e} of the picture's mean; that is {picture.mean():.4f}, the "
+          f"brightest pixel {picture.max():.3g}")
 
 
 def main():

@@ -133,7 +133,8 @@ def nearest_rows(low, high, pixels, kernels, nearest, out):
     profile = np.zeros(((bottom - top) * width + 1, len(weight), LANES), np.float32)
     for y in range(top, bottom):
         for x in range(width):
-            _means(means, depth_of, pixels.column[y, x], pixels.lever[y, x], pixels.u[y, x], weight, (y - top) * width + x, profile)
+            _means(means, depth_of, pixels.column[y, x], pixels.lever[y, x], pixels.u[y, x], weight, (y - top) * width + x,
+                   profile)
     for y in range(low, high):
         for x in range(width):
             at, beam, distance = (y * width + x) * SUMS * LANES, ((y - top) * width + x) * len(weight), z[y, x]

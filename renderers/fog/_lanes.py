@@ -49,8 +49,9 @@ def _add_share(context, builder, signature, args):
 def _share(context, builder, signature, profile, node, fraction, weight):
     """weight * (profile[node] + fraction * (profile[node + 1] - profile[node])), in double precision."""
     first = builder.mul(node, node.type(LANES))
-    below, above = (builder.load(_pointer(context, builder, signature.args[2], profile, builder.add(first, first.type(n)), _FLOATS),
-                                 align=4) for n in (0, LANES))
+    kind = signature.args[2]
+    places = (_pointer(context, builder, kind, profile, builder.add(first, first.type(n)), _FLOATS) for n in (0, LANES))
+    below, above = (builder.load(place, align=4) for place in places)
     mixed = _fma(builder, _fill(builder, fraction), builder.fsub(above, below))(below)
     return builder.fpext(builder.fmul(_fill(builder, weight), mixed), _DOUBLES)
 

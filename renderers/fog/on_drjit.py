@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import math
+from functools import lru_cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,6 +25,17 @@ import drjit as dr  # noqa: E402
 _NODES = _filter.NODES
 _ROWS = 6  # of four numbers in an entry: see `_rows`
 _BINS = 256
+
+
+def fogged(image, distance, angle, column, lever, medium, *, outside="edge", energy="kept", cut_off=None, backend="cuda"):
+    """As `filter.fogged`; an image of up to LANES channels, in single precision."""
+    card = _filter_of(medium, np.shape(image)[2], backend, outside, energy, cut_off)
+    return card.fogged(image, distance, angle, column, lever).numpy().astype(float)
+
+
+@lru_cache(maxsize=4)
+def _filter_of(medium, channels, backend, outside, energy, cut_off):
+    return Filter(medium, channels, backend=backend, outside=outside, energy=energy, cut_off=cut_off)
 
 
 class Filter:
@@ -155,6 +167,8 @@ def _types(backend):
     fault = llvm.fault(dr.detail.llvm_version()) if backend == "llvm" else None
     if fault:
         raise UsageError(fault)
+    if backend == "cuda" and not dr.has_backend(dr.JitBackend.CUDA):
+        raise UsageError("fog: no graphics card that CUDA could use was found; a variant that does not begin with cuda would do")
     module = importlib.import_module(f"drjit.{backend}")
     return SimpleNamespace(Float=module.Float, Double=module.Float64, UInt=module.UInt32, Int=module.Int32, Four=module.Array4f,
                            Bool=module.Bool, Tensor=module.TensorXf)
