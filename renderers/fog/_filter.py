@@ -16,7 +16,7 @@ from renderers.fog import _blocks
 from renderers.fog._blocks import number_of
 from renderers.fog._lanes import LANES, add_light, add_share
 
-NEAR, SHARE, FAR, MET, REST = range(5)
+NEAR, SHARE, FAR, MET, REST = range(5)  # in this order: two at a time are added to
 SUMS = 5
 NODES = 18  # of a radial profile of a block
 
@@ -142,15 +142,13 @@ def nearest_rows(low, high, pixels, kernels, nearest, out):
                 yy, xx, o = y + taps[n, 0], x + taps[n, 1], taps[n, 2]
                 if yy < 0 or yy >= height or xx < 0 or xx >= width:
                     continue
-                source = (yy * width + xx) * 3 * LANES
+                source = (yy * width + xx) * _blocks.LIGHT
                 if z[yy, xx] < distance:
                     other = ((yy - top) * width + xx) * len(weight) + o
-                    add_light(out, at + NEAR * LANES, profile, other, none, all_of, light, source + LANES)
-                    add_light(out, at + SHARE * LANES, profile, other, none, all_of, light, source + 2 * LANES)
+                    add_light(out, at + NEAR * LANES, profile, other, none, all_of, light, source + 2 * LANES)
                     add_share(out, at + REST * LANES, profile, beam + o, none, all_of)
                 else:
                     add_light(out, at + FAR * LANES, profile, beam + o, none, all_of, light, source)
-                    add_share(out, at + MET * LANES, profile, beam + o, none, all_of)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -200,32 +198,23 @@ def level_targets(low, high, targets, kernels, level, band, out):
             if first >= last:
                 continue
             for e in range(np.uint64(start[by * columns + first]), np.uint64(start[by * columns + last])):
-                if distance <= entries[e, _blocks.NEAREST]:
-                    nearer = 0.0
-                elif distance > entries[e, _blocks.FARTHEST]:
-                    nearer = 1.0
-                else:
-                    nearer = _between(entries, e, distance)
-                # light lies where it is bright, weights where the pixels are: without that a lamp's halo is not round
-                square = (entries[e, _blocks.GLOW_Y] - y) ** 2 + (entries[e, _blocks.GLOW_X] - x) ** 2
+                square = (entries[e, _blocks.Y] - y) ** 2 + (entries[e, _blocks.X] - x) ** 2
                 if nearest < square < farthest:
+                    if distance <= entries[e, _blocks.NEAREST]:
+                        nearer = 0.0
+                    elif distance > entries[e, _blocks.FARTHEST]:
+                        nearer = 1.0
+                    else:
+                        nearer = _between(entries, e, distance)
                     w, n, g = _looked(square * step, table)
                     if nearer > 0:
-                        add_light(out, at + NEAR * LANES, spread, e * NODES + n, g, np.float32(w * nearer), entries,
+                        share = np.float32(w * nearer)
+                        add_light(out, at + NEAR * LANES, spread, e * NODES + n, g, share, entries,
                                   e * _blocks.ENTRY + _blocks.SENT)
+                        add_share(out, at + REST * LANES, beam, n, g, share * np.float32(entries[e, _blocks.COUNT]))
                     if nearer < 1:
                         add_light(out, at + FAR * LANES, beam, n, g, np.float32(w * (1 - nearer)), entries,
                                   e * _blocks.ENTRY + _blocks.FIRST)
-                square = (entries[e, _blocks.Y] - y) ** 2 + (entries[e, _blocks.X] - x) ** 2
-                if nearest < square < farthest:
-                    w, n, g = _looked(square * step, table)
-                    number = w * entries[e, _blocks.COUNT]
-                    if nearer > 0:
-                        add_share(out, at + REST * LANES, beam, n, g, np.float32(number * nearer))
-                        add_light(out, at + SHARE * LANES, spread, e * NODES + n, g, np.float32(w * nearer), entries,
-                                  e * _blocks.ENTRY + _blocks.SHARE)
-                    if nearer < 1:
-                        add_share(out, at + MET * LANES, beam, n, g, np.float32(number * (1 - nearer)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -17,6 +17,9 @@ OUTSIDE, ENERGY = ("edge", "black"), ("kept", "lost")
 _FINE = 512  # steps of the squared distance for a band's weight
 
 
+DARK = 1e-6  # of the brightest pixel: what a block is centred by where it is black
+
+
 class Prepared:
     """Checked inputs as the loops take them.
 
@@ -48,10 +51,12 @@ class Prepared:
             pixel = np.where(lever > 0, self.z * angle / np.where(lever > 0, lever, 1), np.inf)
             at_depth = (np.log(np.maximum(column, 1e-300)) - math.log(fog.depth[0])) / kernels.STEP
         u = np.clip(pixel, 1e-30, fog.ratio[-1])
-        light = np.zeros((*self.z.shape, 3, LANES))
-        for k, values in enumerate((image, self.power * image, self._share)):
+        light = np.zeros((*self.z.shape, 4, LANES))
+        for k, values in enumerate((image, 1.0, self.power * image, self._share)):
             light[..., k, :image.shape[2]] = values
-        self.pixels = _blocks.Pixels(self.z, at_depth, (np.log(u) - self.kernels.first) / kernels.STEP, u, np.abs(image).sum(2),
+        glow = np.abs(image).sum(2)
+        glow += max(DARK * float(glow.max()), 1e-30)
+        self.pixels = _blocks.Pixels(self.z, at_depth, (np.log(u) - self.kernels.first) / kernels.STEP, u, glow,
                                      self._share.mean(2), light.reshape(*self.z.shape, -1))
 
     def _tables(self, fog):

@@ -12,10 +12,11 @@ constant picture without absorption stays constant for any distances.
 
 The sums go over all pixels.  `direct` does so; `fogged` takes near pixels one by one and others in blocks of 2, 4, 8 ... pixels,
 whose side is a fifth to four fifths of their distance: the kernel is split into smooth bands, K = sum K w_l, and band l is summed
-over blocks of 2^l pixels, their light at its centre.  A block keeps its sums in classes of distance from the camera.  What a band
-brings is as smooth as its blocks are large: it is summed at points as close as they are, or twice or four times as close (POINTS),
-for each class of distance, and is linear between these.  So most of the time goes to the smallest blocks; it does not know the
-kernel's size.
+over blocks of 2^l pixels, at the centre of their light.  A block keeps its sums in classes of distance from the camera.
+
+What a band brings is as smooth as its blocks are large: it is summed at points as close as they are, or twice or four times as
+close (POINTS), for each class of distance, and is linear between these.  So most of the time goes to the smallest blocks; it does
+not know the kernel's size.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from bakery.errors import UsageError
 from bakery.system import llvm
 from renderers.fog import _filter, kernels
 from renderers.fog._lanes import LANES
-from renderers.fog._prepared import CLASSES, INNER, Prepared, class_of_bins
+from renderers.fog._prepared import CLASSES, DARK, INNER, Prepared, class_of_bins
 
 llvm.find()  # before Dr.Jit looks for it
 import drjit as dr  # noqa: E402
@@ -79,7 +79,7 @@ class Filter:
             blocks = _merged(types, blocks)
             shift = (math.log(INNER / 2) + math.log(side)) / kernels.STEP
             row = dr.gather(types.Four, blocks.rows, dr.arange(types.UInt, blocks.count) * _ROWS + 1)
-            blocks.profiles = self._profiles(row[2], row[3], shift, side)
+            blocks.profiles = self._profiles(row[1], row[2], shift, side)
             beam = self._profiles(pixels.column, pixels.lever, shift, side)
             found = _level_sums(types, pixels.y, pixels.x, pixels.z, blocks, beam, self._band, self._band_steps, float(side))
             sums = [total + part for total, part in zip(sums, found)]
@@ -106,7 +106,9 @@ class Filter:
             share[c] = _scattered(column * float(self._sigma_s[c]))
             power[c] = share[c] * self._ratios.at(dr.log(dr.maximum(column * float(self._sigma_t[c]), 1e-37)), c)
         glow, weight = (sum(one[c] for c in range(self._channels)) for one in (dr.abs(col), share))
-        rows = _rows(types, y, x, y, x, 1, glow, column_at, lever_at, weight / self._channels, 1, 1, 0, col, power * col, share)
+        glow += dr.maximum(DARK * dr.max(glow), 1e-30)
+        kernel = weight / self._channels, column_at, lever_at, 0
+        rows = _rows(types, (y, x, 1, glow), kernel, (1, 1, 0, 0), col, power * col, share)
         pixels = SimpleNamespace(y=y, x=x, z=z, column=column_at, lever=lever_at, u=u, col=col, share=share, power=power,
                                  depth=column, rows=rows, mask=self._classes(z))
         dr.eval(pixels.y, pixels.x, column_at, lever_at, u, col, share, power, pixels.mask, rows)
@@ -235,13 +237,16 @@ def _stored(types, four):
 # ---- entries of blocks
 
 
-def _rows(types, y, x, glow_y, glow_x, count, glow, column, lever, weight, at_nearest, at_farthest, between, col, sent, share):
-    """Entries in memory, (N, _ROWS, 4)."""
-    width = dr.width(y)
+def _rows(types, centre, kernel, ends, col, sent, share):
+    """Entries in memory, (N, _ROWS, 4).
+
+    centre : y, x, pixels, brightness;  kernel : weight, indices of column and lever;  ends : pixels at the nearest and at the
+    farthest distance, and how others lie between them (`_blocks.BETWEEN`)
+    """
+    width = dr.width(col)
     out = dr.empty(types.Float, LANES * _ROWS * width)
     index = dr.arange(types.UInt, width) * _ROWS
-    for n, row in enumerate((types.Four(y, x, glow_y, glow_x), types.Four(count, glow, column, lever),
-                             types.Four(weight, at_nearest, at_farthest, between), col, sent, share)):
+    for n, row in enumerate((types.Four(*centre), types.Four(*kernel), types.Four(*ends), col, sent, share)):
         dr.scatter(out, row, index + n)
     return out
 
@@ -301,22 +306,20 @@ def _sum_of(types, parts):
     for part in parts[1:]:
         near, far = dr.minimum(near, part.near), dr.maximum(far, part.far)
     total = lambda value: sum(value(part) for part in parts[1:]) + value(parts[0])  # noqa: E731
-    count, glow, weight = total(lambda p: p.rows[1][0]), total(lambda p: p.rows[1][1]), total(lambda p: p.rows[2][0])
-    y, x = (total(lambda p, k=k: p.rows[1][0] * p.rows[0][k]) / count for k in (0, 1))
-    some_glow, some_weight = dr.select(glow > 0, glow, 1), dr.select(weight > 0, weight, 1)
-    glow_y, glow_x = (dr.select(glow > 0, total(lambda p, k=k: p.rows[1][1] * p.rows[0][k]) / some_glow, centre)
-                      for k, centre in ((2, y), (3, x)))
-    column, lever = (total(lambda p, k=k: p.rows[2][0] * p.rows[1][k]) / some_weight for k in (2, 3))
-    at_near = total(lambda p: dr.select(p.near == near, p.rows[2][1], 0))
-    at_far = total(lambda p: dr.select(p.far == far, p.rows[2][2], 0))
-    distance = total(lambda p: types.Double(p.rows[1][0]) * p.mean)
+    count, glow, weight = total(lambda p: p.rows[0][2]), total(lambda p: p.rows[0][3]), total(lambda p: p.rows[1][0])
+    y, x = (total(lambda p, k=k: p.rows[0][3] * p.rows[0][k]) / glow for k in (0, 1))
+    column, lever = (total(lambda p, k=k: p.rows[1][0] * p.rows[1][k]) / dr.select(weight > 0, weight, 1) for k in (1, 2))
+    at_near = total(lambda p: dr.select(p.near == near, p.rows[2][0], 0))
+    at_far = total(lambda p: dr.select(p.far == far, p.rows[2][1], 0))
+    distance = total(lambda p: types.Double(p.rows[0][2]) * p.mean)
     span, number = far - near, types.Double(count)
     between = number - types.Double(at_near) - types.Double(at_far)
     inside = between > 0.5
     mean = (distance - near * number - types.Double(at_far) * span) / dr.select(inside, between * span, 1)
     mean = dr.clip(mean, 1e-3, 1 - 1e-3)
-    rows = _rows(types, y, x, glow_y, glow_x, count, glow, column, lever, weight, at_near, at_far,
-                 types.Float(dr.select(inside, mean / (1 - mean), 0)), *(total(lambda p, k=k: p.rows[k]) for k in (3, 4, 5)))
+    ends = at_near, at_far, types.Float(dr.select(inside, mean / (1 - mean), 0)), 0
+    light = (total(lambda p, k=k: p.rows[k]) for k in (3, 4, 5))
+    rows = _rows(types, (y, x, count, glow), (weight, column, lever, 0), ends, *light)
     return {"rows": rows, "near": near, "far": far, "mean": distance / number}
 
 
@@ -367,31 +370,27 @@ def _level_sums(types, y, x, z, blocks, beam, band, steps, side):
         e = dr.gather(types.UInt, blocks.start, types.UInt(row + first), here)
         end = dr.gather(types.UInt, blocks.start, types.UInt(row + last), here)
         while e < end:
-            centre, counts = (dr.gather(types.Four, blocks.rows, e * _ROWS + n) for n in (0, 1))
-            nearer = types.Float(0)
-            nearest, farthest = (dr.gather(types.Double, a, e) for a in (blocks.near, blocks.far))
-            if z > farthest:
-                nearer = types.Float(1)
-            elif z > nearest:
-                ends = dr.gather(types.Four, blocks.rows, e * _ROWS + 2)
-                between = counts[0] - ends[1] - ends[2]
-                t = types.Float((z - nearest) / (farthest - nearest))
-                nearer = (ends[1] + dr.select(between < 0.5, 0, between * dr.power(t, ends[3]))) / counts[0]
-            w, n, g = _looked(types, band, steps, side, dr.square(centre[2] - y) + dr.square(centre[3] - x))
-            if (w > 0) & (nearer > 0):
-                sent = _mixed(types, blocks.profiles, e * _NODES + n, g)
-                near += w * nearer * sent * dr.gather(types.Four, blocks.rows, e * _ROWS + 4)
-            if (w > 0) & (nearer < 1):
-                own = _mixed(types, beam, pixel * _NODES + n, g)
-                far += w * (1 - nearer) * own * dr.gather(types.Four, blocks.rows, e * _ROWS + 3)
+            centre = dr.gather(types.Four, blocks.rows, e * _ROWS)
             w, n, g = _looked(types, band, steps, side, dr.square(centre[0] - y) + dr.square(centre[1] - x))
             if w > 0:
-                own = w * counts[0] * _mixed(types, beam, pixel * _NODES + n, g)
-                met += (1 - nearer) * own
-                rest += nearer * own
+                nearest, farthest = (dr.gather(types.Double, a, e) for a in (blocks.near, blocks.far))
+                nearer = types.Float(0)
+                if z > farthest:
+                    nearer = types.Float(1)
+                elif z > nearest:
+                    ends = dr.gather(types.Four, blocks.rows, e * _ROWS + 2)
+                    between = centre[2] - ends[0] - ends[1]
+                    t = types.Float((z - nearest) / (farthest - nearest))
+                    nearer = (ends[0] + dr.select(between < 0.5, 0, between * dr.power(t, ends[2]))) / centre[2]
+                own = w * _mixed(types, beam, pixel * _NODES + n, g)
+                rest += nearer * centre[2] * own
                 if nearer > 0:
-                    sent = _mixed(types, blocks.profiles, e * _NODES + n, g)
-                    share += w * nearer * sent * dr.gather(types.Four, blocks.rows, e * _ROWS + 5)
+                    sent = w * nearer * _mixed(types, blocks.profiles, e * _NODES + n, g)
+                    near += sent * dr.gather(types.Four, blocks.rows, e * _ROWS + 4)
+                    share += sent * dr.gather(types.Four, blocks.rows, e * _ROWS + 5)
+                if nearer < 1:
+                    far += (1 - nearer) * own * dr.gather(types.Four, blocks.rows, e * _ROWS + 3)
+                    met += (1 - nearer) * centre[2] * own
             e += 1
         by += 1
     return [near, share, far, met, rest]

