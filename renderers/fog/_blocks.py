@@ -17,13 +17,12 @@ import numpy as np
 from bakery.system.compiled import njit
 from renderers.fog._lanes import LANES
 
-# columns of an entry: pixels and their centre, light and its centre, distances (smallest, largest, pixels at those two, mean, how
-# the others lie between: see `_finish`), indices on log column and on log of pixel over lever with the weight of those two; from
-# FIRST on col, light sent and its share, of LANES channels each
-(COUNT, Y, X, GLOW, GLOW_Y, GLOW_X, NEAREST, FARTHEST, AT_NEAREST, AT_FARTHEST, DISTANCE, BETWEEN, COLUMN, LEVER, WEIGHT,
- FIRST) = range(16)
-SENT, SHARE = FIRST + LANES, FIRST + 2 * LANES
-ENTRY = FIRST + 3 * LANES
+# columns of an entry: pixels, brightness and its centre, distances (smallest, largest, pixels at those two, mean, how the others
+# lie between: see `_finish`), indices on log column and on log of pixel over lever with the weight of those two; from FIRST on
+# col, pixels, light sent and its share, for LANES channels each
+COUNT, GLOW, Y, X, NEAREST, FARTHEST, AT_NEAREST, AT_FARTHEST, DISTANCE, BETWEEN, COLUMN, LEVER, WEIGHT, FIRST = range(14)
+LIGHT = 4 * LANES
+SENT, ENTRY = FIRST + 2 * LANES, FIRST + LIGHT
 
 
 class Pixels(NamedTuple):
@@ -31,9 +30,9 @@ class Pixels(NamedTuple):
 
     distance : (H, W) m
     column, lever : (H, W) 1, indices on log tau of sigma_t = 1 and on log u;  u : (H, W) 1, pixel over lever
-    glow : (H, W), brightness that light is centred by
+    glow : (H, W), brightness that a block is centred by, above 0: without that a lamp's halo is not round
     weight : (H, W), share that is scattered
-    light : (H, W, 3 LANES), as the tail of an entry
+    light : (H, W, LIGHT), as the tail of an entry
     """
 
     distance: np.ndarray
@@ -130,11 +129,9 @@ def _add(entry, total):
     total[AT_FARTHEST] += entry[AT_FARTHEST] if entry[FARTHEST] == total[FARTHEST] else 0
     total[COUNT] += entry[COUNT]
     total[DISTANCE] += entry[COUNT] * entry[DISTANCE]
-    total[Y] += entry[COUNT] * entry[Y]
-    total[X] += entry[COUNT] * entry[X]
     total[GLOW] += entry[GLOW]
-    total[GLOW_Y] += entry[GLOW] * entry[GLOW_Y]
-    total[GLOW_X] += entry[GLOW] * entry[GLOW_X]
+    total[Y] += entry[GLOW] * entry[Y]
+    total[X] += entry[GLOW] * entry[X]
     total[WEIGHT] += entry[WEIGHT]
     total[COLUMN] += entry[WEIGHT] * entry[COLUMN]
     total[LEVER] += entry[WEIGHT] * entry[LEVER]
@@ -156,10 +153,8 @@ def _finish(total):
         mean = min(max(mean, 1e-3), 1 - 1e-3)
         total[BETWEEN] = mean / (1 - mean)
     total[DISTANCE] /= number
-    total[Y] /= number
-    total[X] /= number
-    total[GLOW_Y] = total[GLOW_Y] / total[GLOW] if total[GLOW] > 0 else total[Y]
-    total[GLOW_X] = total[GLOW_X] / total[GLOW] if total[GLOW] > 0 else total[X]
+    total[Y] /= total[GLOW]
+    total[X] /= total[GLOW]
     if total[WEIGHT] > 0:
         total[COLUMN] /= total[WEIGHT]
         total[LEVER] /= total[WEIGHT]
@@ -169,12 +164,11 @@ def _finish(total):
 def _pixel(pixels, y, x, entry):
     """A pixel as an entry."""
     entry[COUNT] = entry[AT_NEAREST] = entry[AT_FARTHEST] = 1
-    entry[Y] = entry[GLOW_Y] = y + 0.5
-    entry[X] = entry[GLOW_X] = x + 0.5
+    entry[Y], entry[X] = y + 0.5, x + 0.5
     entry[GLOW], entry[WEIGHT] = pixels.glow[y, x], pixels.weight[y, x]
     entry[NEAREST] = entry[FARTHEST] = entry[DISTANCE] = pixels.distance[y, x]
     entry[COLUMN], entry[LEVER] = pixels.column[y, x], pixels.lever[y, x]
-    for c in range(3 * LANES):
+    for c in range(LIGHT):
         entry[FIRST + c] = pixels.light[y, x, c]
 
 

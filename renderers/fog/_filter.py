@@ -16,7 +16,7 @@ from renderers.fog import _blocks
 from renderers.fog._blocks import number_of
 from renderers.fog._lanes import LANES, add_light, add_share
 
-NEAR, SHARE, FAR, MET, REST = range(5)
+NEAR, SHARE, FAR, MET, REST = range(5)  # in this order: two at a time are added to
 SUMS = 5
 NODES = 18  # of a radial profile of a block
 
@@ -63,14 +63,13 @@ class Level(NamedTuple):
 class Band(NamedTuple):
     """The distances, in blocks, that a level has its part in: `inner` to `outer`.
 
-    node, weight : index on a profile's nodes, and weight of the band over the distance, on equal steps of the squared distance
-        from 0 to outer^2
+    table : (N, 4) float32, on equal steps of the squared distance from 0 to outer^2: weight of the band over the distance, its
+        difference to the next, index on a profile's nodes, its difference
     """
 
     inner: float
     outer: float
-    node: np.ndarray
-    weight: np.ndarray
+    table: np.ndarray
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -88,14 +87,15 @@ def _four(t, v, factor):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _profile(kernels, column, lever, factor, out):
-    """Profile (NODES, LANES) at an index of the column, from an index of log u on, times a factor."""
-    last_t, last_u = kernels.shape.shape[1] - 1.001, kernels.shape.shape[2] - NODES - 1.001
+def _profile(shape, depth_of, column, lever, factor, e, out):
+    """Profile out[e], (NODES, LANES), at an index of the column, from an index of log u on, times a factor."""
+    # whole arrays and numbers of rows, here and below: numba counts each slice that is taken, which takes most of the time
+    last_t, last_u = shape.shape[1] - 1.001, shape.shape[2] - NODES - 1.001
     for k in range(LANES):
-        i, j, a, b, c, d = _four(_place(column + kernels.depth_of[k], last_t), _place(lever, last_u), factor)
-        here, deeper = kernels.shape[k, i], kernels.shape[k, i + 1]
+        i, j, a, b, c, d = _four(_place(column + depth_of[k], last_t), _place(lever, last_u), factor)
         for n in range(NODES):
-            out[n, k] = a * here[j + n] + b * here[j + n + 1] + c * deeper[j + n] + d * deeper[j + n + 1]
+            out[e, n, k] = (a * shape[k, i, j + n] + b * shape[k, i, j + n + 1] + c * shape[k, i + 1, j + n]
+                            + d * shape[k, i + 1, j + n + 1])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -103,20 +103,18 @@ def profiles(low, high, kernels, entries, shift, side, out):
     """Radial profiles (E, NODES, LANES) of entries: what a pixel receives, times its distance in blocks."""
     for e in range(low, high):
         factor = math.exp(kernels.first + kernels.step * entries[e, _blocks.LEVER]) / side
-        _profile(kernels, entries[e, _blocks.COLUMN], entries[e, _blocks.LEVER] + shift, factor, out[e])
+        _profile(kernels.shape, kernels.depth_of, entries[e, _blocks.COLUMN], entries[e, _blocks.LEVER] + shift, factor, e, out)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _means(kernels, pixels, y, x, weight, out):
-    """Shares (O, LANES) of a pixel's light in those at offsets, times the weights of these."""
-    last_t, last_u = kernels.means.shape[1] - 1.001, kernels.means.shape[2] - 1.001
+def _means(means, depth_of, column, lever, u, weight, e, out):
+    """Shares out[e], (O, LANES), of a pixel's light in those at offsets, times the weights of these."""
+    last_t, last_u = means.shape[1] - 1.001, means.shape[2] - 1.001
     for k in range(LANES):
-        i, j, a, b, c, d = _four(_place(pixels.column[y, x] + kernels.depth_of[k], last_t), _place(pixels.lever[y, x], last_u),
-                                 pixels.u[y, x])
-        table = kernels.means[k]
+        i, j, a, b, c, d = _four(_place(column + depth_of[k], last_t), _place(lever, last_u), u)
         for o in range(len(weight)):
-            out[o, k] = weight[o] * (a * table[i, j, o] + b * table[i, j + 1, o] + c * table[i + 1, j, o]
-                                     + d * table[i + 1, j + 1, o])
+            out[e, o, k] = weight[o] * (a * means[k, i, j, o] + b * means[k, i, j + 1, o] + c * means[k, i + 1, j, o]
+                                        + d * means[k, i + 1, j + 1, o])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -124,6 +122,7 @@ def nearest_rows(low, high, pixels, kernels, nearest, out):
     """Level 0: all pairs of pixels at the offsets `nearest.taps`, for rows low to high; out (H W, SUMS, LANES)."""
     taps, weight = nearest
     z, light = pixels.distance, pixels.light
+    means, depth_of = kernels.means, kernels.depth_of
     height, width = z.shape
     none, all_of = np.float32(0), np.float32(1)
     reach = 0
@@ -134,7 +133,8 @@ def nearest_rows(low, high, pixels, kernels, nearest, out):
     profile = np.zeros(((bottom - top) * width + 1, len(weight), LANES), np.float32)
     for y in range(top, bottom):
         for x in range(width):
-            _means(kernels, pixels, y, x, weight, profile[(y - top) * width + x])
+            _means(means, depth_of, pixels.column[y, x], pixels.lever[y, x], pixels.u[y, x], weight, (y - top) * width + x,
+                   profile)
     for y in range(low, high):
         for x in range(width):
             at, beam, distance = (y * width + x) * SUMS * LANES, ((y - top) * width + x) * len(weight), z[y, x]
@@ -142,25 +142,24 @@ def nearest_rows(low, high, pixels, kernels, nearest, out):
                 yy, xx, o = y + taps[n, 0], x + taps[n, 1], taps[n, 2]
                 if yy < 0 or yy >= height or xx < 0 or xx >= width:
                     continue
-                source = (yy * width + xx) * 3 * LANES
+                source = (yy * width + xx) * _blocks.LIGHT
                 if z[yy, xx] < distance:
                     other = ((yy - top) * width + xx) * len(weight) + o
-                    add_light(out, at + NEAR * LANES, profile, other, none, all_of, light, source + LANES)
-                    add_light(out, at + SHARE * LANES, profile, other, none, all_of, light, source + 2 * LANES)
+                    add_light(out, at + NEAR * LANES, profile, other, none, all_of, light, source + 2 * LANES)
                     add_share(out, at + REST * LANES, profile, beam + o, none, all_of)
                 else:
                     add_light(out, at + FAR * LANES, profile, beam + o, none, all_of, light, source)
-                    add_share(out, at + MET * LANES, profile, beam + o, none, all_of)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _looked(s, node, weight):
+def _looked(s, table):
     """Weight of the band, node and fraction of a profile."""
-    i = int(s)
-    s -= i
-    g = node[i] + s * (node[i + 1] - node[i])
-    n = int(g)
-    return weight[i] + s * (weight[i + 1] - weight[i]), n, np.float32(g - n)
+    s = np.float32(s)
+    i = np.uint32(s)
+    s -= np.float32(i)
+    g = table[i, 2] + s * table[i, 3]
+    n = np.uint32(g)
+    return table[i, 0] + s * table[i, 1], n, g - np.float32(n)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -178,16 +177,17 @@ def _between(entries, e, distance):
 def level_targets(low, high, targets, kernels, level, band, out):
     """Levels above 0: what all blocks of `level` at the distances of `band` send to targets low to high; out (N, SUMS, LANES)."""
     mask, start, entries = level.blocks
-    spread, node, weight = level.profiles, band.node, band.weight
+    spread, table = level.profiles, band.table
     rows, columns = mask.shape
-    beam = np.zeros((NODES + 1, LANES), np.float32)
+    beam = np.zeros((1, NODES + 1, LANES), np.float32)
+    shape, depth_of = kernels.shape, kernels.depth_of
     around, size = band.outer + 0.71, 1 / level.side
     nearest, farthest = (band.inner * level.side) ** 2, (band.outer * level.side) ** 2
-    step = (len(node) - 1) / farthest
+    step = len(table) * (1 - 1e-6) / farthest  # single precision reaches no further than the last
     for p in range(low, high):
         y, x, distance, at = targets.y[p], targets.x[p], targets.distance[p], p * SUMS * LANES
-        _profile(kernels, targets.column[p], targets.lever[p] + level.shift,
-                 math.exp(kernels.first + kernels.step * targets.lever[p]) * size, beam)
+        _profile(shape, depth_of, targets.column[p], targets.lever[p] + level.shift,
+                 math.exp(kernels.first + kernels.step * targets.lever[p]) * size, 0, beam)
         v, h = y * size, x * size
         for by in range(max(math.floor(v - around), 0), min(math.floor(v + around) + 1, rows)):
             across = around * around - (by + 0.5 - v) ** 2
@@ -197,33 +197,24 @@ def level_targets(low, high, targets, kernels, level, band, out):
             first, last = max(math.ceil(h - across - 0.5), 0), min(math.floor(h + across - 0.5) + 1, columns)
             if first >= last:
                 continue
-            for e in range(start[by * columns + first], start[by * columns + last]):
-                if distance <= entries[e, _blocks.NEAREST]:
-                    nearer = 0.0
-                elif distance > entries[e, _blocks.FARTHEST]:
-                    nearer = 1.0
-                else:
-                    nearer = _between(entries, e, distance)
-                # light lies where it is bright, weights where the pixels are: without that a lamp's halo is not round
-                square = (entries[e, _blocks.GLOW_Y] - y) ** 2 + (entries[e, _blocks.GLOW_X] - x) ** 2
+            for e in range(np.uint64(start[by * columns + first]), np.uint64(start[by * columns + last])):
+                square = (entries[e, _blocks.Y] - y) ** 2 + (entries[e, _blocks.X] - x) ** 2
                 if nearest < square < farthest:
-                    w, n, g = _looked(square * step, node, weight)
+                    if distance <= entries[e, _blocks.NEAREST]:
+                        nearer = 0.0
+                    elif distance > entries[e, _blocks.FARTHEST]:
+                        nearer = 1.0
+                    else:
+                        nearer = _between(entries, e, distance)
+                    w, n, g = _looked(square * step, table)
                     if nearer > 0:
-                        add_light(out, at + NEAR * LANES, spread, e * NODES + n, g, np.float32(w * nearer), entries,
+                        share = np.float32(w * nearer)
+                        add_light(out, at + NEAR * LANES, spread, e * NODES + n, g, share, entries,
                                   e * _blocks.ENTRY + _blocks.SENT)
+                        add_share(out, at + REST * LANES, beam, n, g, share * np.float32(entries[e, _blocks.COUNT]))
                     if nearer < 1:
                         add_light(out, at + FAR * LANES, beam, n, g, np.float32(w * (1 - nearer)), entries,
                                   e * _blocks.ENTRY + _blocks.FIRST)
-                square = (entries[e, _blocks.Y] - y) ** 2 + (entries[e, _blocks.X] - x) ** 2
-                if nearest < square < farthest:
-                    w, n, g = _looked(square * step, node, weight)
-                    number = w * entries[e, _blocks.COUNT]
-                    if nearer > 0:
-                        add_share(out, at + REST * LANES, beam, n, g, np.float32(number * nearer))
-                        add_light(out, at + SHARE * LANES, spread, e * NODES + n, g, np.float32(w * nearer), entries,
-                                  e * _blocks.ENTRY + _blocks.SHARE)
-                    if nearer < 1:
-                        add_share(out, at + MET * LANES, beam, n, g, np.float32(number * (1 - nearer)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -13,7 +13,7 @@ _FLOATS, _DOUBLES = (ir.VectorType(kind(), LANES) for kind in (ir.FloatType, ir.
 
 @intrinsic
 def add_light(typingctx, sums, at, profile, node, fraction, weight, light, source):
-    """sums[at:at + 4] += weight * share * light[source:source + 4], share the profile between two nodes.
+    """sums[at:at + 8] += weight * share * light[source:source + 8], share (4 channels, twice) the profile between two nodes.
 
     Parameters
     ----------
@@ -26,16 +26,18 @@ def add_light(typingctx, sums, at, profile, node, fraction, weight, light, sourc
 
 @intrinsic
 def add_share(typingctx, sums, at, profile, node, fraction, weight):
-    """The same without light: sums[at:at + 4] += weight * share."""
+    """sums[at:at + 4] += weight * share."""
     i, f = types.intp, types.float32
     return types.void(sums, i, profile, i, f, f), _add_share
 
 
 def _add_light(context, builder, signature, args):
     sums, at, profile, node, fraction, weight, light, source = args
-    light = builder.load(_pointer(context, builder, signature.args[6], light, source, _DOUBLES), align=8)
     share = _share(context, builder, signature, profile, node, fraction, weight)
-    _add(context, builder, signature.args[0], sums, at, _fma(builder, share, light))
+    for n in (0, LANES):
+        place = _pointer(context, builder, signature.args[6], light, builder.add(source, source.type(n)), _DOUBLES)
+        brought = _fma(builder, share, builder.load(place, align=8))
+        _add(context, builder, signature.args[0], sums, builder.add(at, at.type(n)), brought)
     return context.get_dummy_value()
 
 
@@ -49,8 +51,9 @@ def _add_share(context, builder, signature, args):
 def _share(context, builder, signature, profile, node, fraction, weight):
     """weight * (profile[node] + fraction * (profile[node + 1] - profile[node])), in double precision."""
     first = builder.mul(node, node.type(LANES))
-    below, above = (builder.load(_pointer(context, builder, signature.args[2], profile, builder.add(first, first.type(n)), _FLOATS),
-                                 align=4) for n in (0, LANES))
+    kind = signature.args[2]
+    places = (_pointer(context, builder, kind, profile, builder.add(first, first.type(n)), _FLOATS) for n in (0, LANES))
+    below, above = (builder.load(place, align=4) for place in places)
     mixed = _fma(builder, _fill(builder, fraction), builder.fsub(above, below))(below)
     return builder.fpext(builder.fmul(_fill(builder, weight), mixed), _DOUBLES)
 

@@ -70,8 +70,8 @@ def every_pair(chosen, reach, pixels, table, remainder, out):
                 if z[yy, xx] < this:
                     _shares(pixels, yy, xx, distance, along, o, table.kernels, share)
                     for c in range(LANES):
-                        sums[NEAR, c] += share[c] * light[yy, xx, LANES + c]
-                        sums[SHARE, c] += share[c] * light[yy, xx, 2 * LANES + c]
+                        sums[NEAR, c] += share[c] * light[yy, xx, 2 * LANES + c]
+                        sums[SHARE, c] += share[c] * light[yy, xx, 3 * LANES + c]
                     if remainder:
                         _shares(pixels, y, x, distance, along, o, table.kernels, share)
                         for c in range(LANES):

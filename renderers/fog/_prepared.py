@@ -14,7 +14,10 @@ from renderers.fog._lanes import LANES
 INNER = 2.5
 CLASSES = 16  # of distance
 OUTSIDE, ENERGY = ("edge", "black"), ("kept", "lost")
-_FINE = 2048  # steps of the squared distance for a band's weight
+_FINE = 512  # steps of the squared distance for a band's weight
+
+
+DARK = 1e-6  # of the brightest pixel: what a block is centred by where it is black
 
 
 class Prepared:
@@ -48,10 +51,12 @@ class Prepared:
             pixel = np.where(lever > 0, self.z * angle / np.where(lever > 0, lever, 1), np.inf)
             at_depth = (np.log(np.maximum(column, 1e-300)) - math.log(fog.depth[0])) / kernels.STEP
         u = np.clip(pixel, 1e-30, fog.ratio[-1])
-        light = np.zeros((*self.z.shape, 3, LANES))
-        for k, values in enumerate((image, self.power * image, self._share)):
+        light = np.zeros((*self.z.shape, 4, LANES))
+        for k, values in enumerate((image, 1.0, self.power * image, self._share)):
             light[..., k, :image.shape[2]] = values
-        self.pixels = _blocks.Pixels(self.z, at_depth, (np.log(u) - self.kernels.first) / kernels.STEP, u, np.abs(image).sum(2),
+        glow = np.abs(image).sum(2)
+        glow += max(DARK * float(glow.max()), 1e-30)
+        self.pixels = _blocks.Pixels(self.z, at_depth, (np.log(u) - self.kernels.first) / kernels.STEP, u, glow,
                                      self._share.mean(2), light.reshape(*self.z.shape, -1))
 
     def _tables(self, fog):
@@ -60,11 +65,13 @@ class Prepared:
             depth_of = np.log(np.maximum(fog.sigma_t, 1e-300)) / kernels.STEP
         shape = np.concatenate([fog.shape, np.zeros((*fog.shape.shape[:2], _filter.NODES + 1))], axis=2).astype(np.float32)
         self.kernels = _filter.Kernels(_lanes(shape), _lanes(means), _lanes(depth_of), kernels.STEP, math.log(fog.ratio[0]))
-        square = np.linspace(0, 4 * INNER**2, _FINE)
+        square = np.linspace(0, 4 * INNER**2, _FINE + 1)
         rho = np.sqrt(np.maximum(square, INNER**2 / 4))
         # a profile's first node lies where the band begins
         node = np.log(rho / (INNER / 2)) / kernels.STEP
-        self.band = _filter.Band(INNER / 2, 2 * INNER, node, (_rise(2 * rho / INNER) - _rise(rho / INNER)) / rho)
+        weight = (_rise(2 * rho / INNER) - _rise(rho / INNER)) / rho
+        table = np.stack([weight[:-1], np.diff(weight), node[:-1], np.diff(node)], axis=1)
+        self.band = _filter.Band(INNER / 2, 2 * INNER, table.astype(np.float32))
 
     def nearest(self):
         """Level 0."""
@@ -147,5 +154,10 @@ def _classes(z):
     if high - low < 1e-9:
         return np.zeros(z.shape, np.int64)
     bin_of = np.minimum((log_z - low) / (high - low) * 256, 255).astype(int)
-    density = np.cumsum(np.cbrt(np.bincount(bin_of.ravel(), minlength=256)))
-    return np.minimum(((density - 1e-9) / density[-1] * CLASSES).astype(int), CLASSES - 1)[bin_of]
+    return class_of_bins(np.bincount(bin_of.ravel(), minlength=256))[bin_of]
+
+
+def class_of_bins(count):
+    """Classes of equal steps of log distance that hold so many pixels."""
+    density = np.cumsum(np.cbrt(count))
+    return np.minimum(((density - 1e-9) / density[-1] * CLASSES).astype(int), CLASSES - 1)

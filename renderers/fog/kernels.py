@@ -94,6 +94,12 @@ class Fog:
         ratio = [spline(np.clip(at[..., c], spline.x[0], spline.x[-1])) for c, spline in enumerate(self._ratios(energy))]
         return scattered * np.maximum(np.stack(ratio, axis=-1), 0)
 
+    def ratios(self, energy, finer):
+        """That ratio on equal steps of log tau, so many to each of the spline: nodes (N,), values (C, N)."""
+        splines = self._ratios(energy)
+        nodes = np.linspace(splines[0].x[0], splines[0].x[-1], finer * (len(splines[0].x) - 1) + 1)
+        return nodes, np.maximum([spline(nodes) for spline in splines], 0)
+
     @lru_cache(maxsize=4)  # noqa: B019  # as below
     def _ratios(self, energy):
         """Splines of power over the share that is scattered, over log tau."""
