@@ -6,16 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bakery.kernels import lent, mesh_scratch, point_source
+from bakery.kernels import lent, mesh_scratch, phase_value, point_source
 from bakery.system.compiled import njit
-from renderers.materials.bodies._gather import _along, _mirror, _placed, _product
+from renderers.materials.bodies._beams import DEEP
+from renderers.materials.bodies._gather import _along, _mirror, _placed
 from renderers.materials.bodies._geometry import Geometry, first
 from renderers.transport.scattering import Scatterer
 from renderers.transport.wavefront import uniform
 
-NUMBERS = 5  # of a state: line of sight, beam, place on the beam, place on the line by the tables, and for second events
+# of a state: line of sight, beam, place on the beam, place on the line, both by the tables; both for second events
+NUMBERS = 6
 LATER, SECOND, OTHER = range(3)  # what a state brings: as `_gather`
-_LINE, _BEAM, _ON_BEAM, _ON_LINE, _SEEN = range(NUMBERS)
+_PARALLEL, _CLOSEST = 1e-4, 1e-9  # sine, and share of the farthest that is looked at, below which lines are no nearer
+_LINE, _BEAM, _ON_BEAM, _ON_LINE, _CLOSE, _SEEN = range(NUMBERS)
 
 
 class Sights(NamedTuple):
@@ -85,6 +88,19 @@ class Chains(NamedTuple):
     taken: np.ndarray
 
 
+class _Joined(NamedTuple):
+    """A place on a beam that sees one on a line of sight.
+
+    depth : m, of both along beam and line, and the way between them;  before, after : 1 - cosines of both turns
+    share : 1/m^2 over the density with which the places are drawn, times m^2; 0 where something hides them
+    """
+
+    depth: float
+    before: float
+    after: float
+    share: float
+
+
 class _Scratch(NamedTuple):
     """What a loop works on, as `_gather`."""
 
@@ -112,23 +128,21 @@ def _brought(edge, sights, beams, scale, u, light, scratch):
     medium, waves, kinds = edge.medium, scratch.waves, 3 if edge.second else 1
     i, b = _number(u[_LINE], len(sights.far)), _number(u[_BEAM], len(beams.length))
     other = OTHER if beams.before[b] > 0 or sights.order[i] > 0 else SECOND
+    negative = beams.power[b].sum() < 0.0
+    joined = _joined(edge, sights, beams, i, b, u, scratch) if negative or edge.second else _Joined(0.0, 0.0, 0.0, 0.0)
     for k in range(3):
         scratch.ray[k] = beams.direction[b, k]
     for w in range(len(medium.sigma_t)):
         for kind in range(kinds):
             waves[kind, w] = 0.0
         sigma, power = medium.sigma_t[w], scale * sights.weight[i, w] * beams.power[b, w]
-        if power == 0.0:
-            continue
-        s, collides = _along(u[_ON_BEAM], sigma, beams.length[b])
-        collides *= sigma * power
-        for k in range(3):
-            scratch.point[0, k] = beams.origin[b, k] + s * beams.direction[b, k]
-        waves[LATER, w] = collides * _by_tables(edge, sights, i, w, u[_ON_LINE], scratch)
-        negative = power < 0.0
-        if negative or edge.second:
-            again = collides * medium.albedo[w] * medium.albedo[w] * sigma
-            waves[LATER if negative else other, w] += again * _by_two(edge, sights, beams, (i, b, w), u[_SEEN], scratch)
+        if power != 0.0:
+            waves[LATER, w] = sigma * power * _by_tables(edge, sights, beams, (i, b, w), u, scratch)
+        if power != 0.0 and joined.share > 0.0:
+            again = joined.share * (medium.albedo[w] * sigma) ** 2 * np.exp(-sigma * joined.depth)
+            again *= phase_value(medium.v, medium.steps, medium.phase[w], joined.before)
+            again *= phase_value(medium.v, medium.steps, medium.phase[w], joined.after)
+            waves[LATER if negative else other, w] += power * again
     luminance = 0.0
     for kind in range(kinds):
         for c in range(3):
@@ -143,11 +157,14 @@ def _brought(edge, sights, beams, scale, u, light, scratch):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _by_tables(edge, sights, i, w, u, scratch):
-    """Later events of a collision at the place `scratch.point` of a beam, on line of sight i at a place drawn with u."""
+def _by_tables(edge, sights, beams, numbers, u, scratch):
+    """Later events of light of beam b on line of sight i at wavelength w, numbers (i, b, w), by places that u draws, m."""
+    i, b, w = numbers
     sigma, table, away, ray = edge.medium.sigma_t[w], edge.tables[w], scratch.away, scratch.ray
-    t, lasting = _along(u, sigma, sights.far[i])
+    s, collides = _along(u[_ON_BEAM], sigma, beams.length[b])
+    t, lasting = _along(u[_ON_LINE], sigma, sights.far[i])
     for k in range(3):
+        scratch.point[0, k] = beams.origin[b, k] + s * ray[k]
         away[0, k] = sigma * (sights.origin[i, k] + t * sights.direction[i, k] - scratch.point[0, k])
     value = point_source(table, *_placed(away, ray, sights.direction, i))
     if edge.beyond[w] < np.inf:
@@ -155,30 +172,52 @@ def _by_tables(edge, sights, i, w, u, scratch):
         _mirror(edge.beyond[w], sigma, sights, i, t, scratch)
         value -= point_source(table, *_placed(away, ray, sights.direction, i))
         ray[0], ray[1], ray[2] = x, y, z
-    return value * lasting * sigma**3
+    return value * collides * lasting * sigma**3
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _by_two(edge, sights, beams, numbers, u, scratch):
-    """The second event of a collision at the place `scratch.point` of beam b, on line of sight i, at wavelength w, by numbers
-    (i, b, w), as `_gather` has it; its place is drawn with u, evenly in the angle that the line subtends."""
-    i, b, w = numbers
+def _joined(edge, sights, beams, i, b, u, scratch):
+    """A place on beam b and one on line of sight i, `_Joined`, which u draws: on the beam in proportion to the inverse distance
+    from the line, on the line evenly in the angle that it subtends there.
+
+    So the inverse square of the distance between them goes, which the tables do not have.
+    """
+    ray, away, origin, direction = scratch.ray, scratch.away, sights.origin, sights.direction
+    cosine, ahead, across = 0.0, 0.0, 0.0
+    for k in range(3):
+        ray[k] = origin[i, k] - beams.origin[b, k]
+        cosine += beams.direction[b, k] * direction[i, k]
+        ahead += ray[k] * beams.direction[b, k]
+        across += ray[k] * direction[i, k]
+    sine = max(np.sqrt(max(1.0 - cosine * cosine, 0.0)), _PARALLEL)
+    nearest, square = (ahead - cosine * across) / (sine * sine), 0.0
+    for k in range(3):
+        square += (ray[k] - nearest * beams.direction[b, k] + (nearest * cosine - across) * direction[i, k]) ** 2
+    longest = DEEP / np.min(edge.medium.sigma_t)
+    close, end = max(np.sqrt(square) / sine, _CLOSEST * longest), min(beams.length[b], longest)
+    low, high = np.arcsinh(-nearest / close), np.arcsinh((end - nearest) / close)
+    place = low + u[_CLOSE] * (high - low)
+    s = min(max(nearest + close * np.sinh(place), 0.0), end)
+    stretch = (high - low) * close * np.cosh(place)
     along, square = 0.0, 0.0
     for k in range(3):
-        along += (scratch.point[0, k] - sights.origin[i, k]) * sights.direction[i, k]
+        scratch.point[0, k] = beams.origin[b, k] + s * beams.direction[b, k]
+        along += (scratch.point[0, k] - origin[i, k]) * direction[i, k]
     for k in range(3):
-        away = sights.origin[i, k] + along * sights.direction[i, k] - scratch.point[0, k]
-        square += away * away
+        square += (origin[i, k] + along * direction[i, k] - scratch.point[0, k]) ** 2
     h = np.sqrt(square)
     if not h > 0.0:
-        return 0.0
+        return _Joined(0.0, 0.0, 0.0, 0.0)
     low, high = np.arctan2(-along, h), np.arctan2(sights.far[i] - along, h)
-    value, distance = _product(edge.medium, w, beams, b, sights, i, (low + u * (high - low), along, h), scratch)
-    if beams.real[b] and value > 0.0:
-        _, wall = first(edge.geometry, scratch.point, scratch.away, 0, np.int64(-1), scratch.mesh)
-        if wall < distance * (1 - 1e-6):
-            return 0.0
-    return value * (high - low) / h
+    angle, before, after = low + u[_SEEN] * (high - low), 0.0, 0.0
+    t, distance = along + h * np.tan(angle), h / np.cos(angle)
+    for k in range(3):
+        away[0, k] = (origin[i, k] + t * direction[i, k] - scratch.point[0, k]) / distance
+        before += away[0, k] * beams.direction[b, k]
+        after -= away[0, k] * direction[i, k]
+    if beams.real[b] and first(edge.geometry, scratch.point, away, 0, np.int64(-1), scratch.mesh)[1] < distance * (1 - 1e-6):
+        return _Joined(0.0, 0.0, 0.0, 0.0)
+    return _Joined(s + distance + t, max(1 - before, 0.0), max(1 - after, 0.0), stretch * (high - low) / h)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)

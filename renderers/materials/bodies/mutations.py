@@ -2,9 +2,9 @@
 
 A path of three and more events in a body is one edge: from a place on a beam of light that came in to a place on a line of
 sight, by the table of its medium.  Lines of sight and beams of a pass are drawn first, as for other methods with tables
-(`transport`, `light`), negative beams among them, several paths a pixel.  States of chains are five numbers: which line, which
-beam, where on each, and where on the line light of negative beams scatters a second time; neighbours are near each other in all
-of them.  Chains go by the absolute value of the luminance, and what they bring keeps its sign.
+(`transport`, `light`), negative beams among them, several paths a pixel.  States of chains are six numbers: which line, which
+beam, where on each, and where light of negative beams scatters that has two events; neighbours are near each other in all of
+them.  Chains go by the absolute value of the luminance, and what they bring keeps its sign.
 
 Each pass is a group of chains by itself, with lines and beams of its own, so that the scatter of passes is the noise.  Chains
 begin at states drawn alike, by their luminance, so that no start-up is thrown away and no pass is biased; these and large steps
@@ -31,7 +31,7 @@ from renderers.transport import wavefront
 from renderers.transport.metropolis import Figures
 from renderers.transport.paths import follow, joined, of_camera
 
-_PATHS, _SAMPLES = 1 << 15, 64  # from the camera in a pass, about; of a pixel, at most
+_PATHS, _SAMPLES = 1 << 16, 64  # from the camera in a pass, about; of a pixel, at most
 _BEAMS = 4  # times the places and walks of other methods, which have lines of sight share few beams
 _MUTATIONS, _OF_PIXEL = 1 << 20, 64  # of a pass; more where there are more lines of sight: so many of each
 _STEPS, _LARGE = 256, 8  # of a chain; of so many the last one is large
@@ -42,7 +42,7 @@ _ALL = 1 << 17  # paths of the camera that go on together
 _APART = 1 << 28  # random streams of bodies are so far apart
 _PILOT = (1 << 30) - 1  # pass that finds how bright states are
 _LATER = 1 << 31  # passes of lines of sight are numbered from here, so many of each pass
-_MOST = 0.125  # of a small step, of the range of a number; least: a neighbour among lines and beams, and
+_MOST = 1 / 32  # of a small step, of the range of a number; least: a neighbour among lines and beams, and
 _LEAST = 1 / 1024  # of places on them
 
 
@@ -180,7 +180,7 @@ class _Group:
         large = _STEPS // _LARGE
         self.count = chains * np.array([_STEPS - large, large])
         lines, places = len(sights.far), len(beams.length)
-        small = np.array([[min(1 / lines, _MOST), _MOST], [min(1 / places, _MOST), _MOST], *[[_LEAST, _MOST]] * 3])
+        small = np.array([[min(1 / lines, _MOST), _MOST], [min(1 / places, _MOST), _MOST], *[[_LEAST, _MOST]] * (NUMBERS - 2)])
         self._plan = Plan(float(lines * places), _STEPS, _LARGE, small, float(_CANDIDATES * chains + self.count[1]),
                           float(_EFFECTIVE * chains * _STEPS), 0.0, 0.0)
 
