@@ -11,29 +11,20 @@ import pytest
 from scipy import stats
 
 from renderers import threads
-from renderers.materials.bodies import _geometry, _mutations, light, methods, mutations
+from renderers.materials.bodies import _mutations, methods, mutations
 from renderers.materials.bodies._mutations import NUMBERS, Chains, Edge, Plan, Sights
 from tests.odds import ODDS, sigmas
+from tests.physics import test_translucent as bodies
+from tests.physics import test_translucent_gather as quadrature
 from tests.physics.particles import averaged
-from tests.physics.test_translucent import BALL, FLOOR, HOLLOW, PANEL, SKY, baked, shape, transport  # noqa: F401
-from tests.physics.test_translucent_gather import (  # noqa: F401
-    DISTANT,
-    EYE,
-    FAR,
-    NEAR,
-    VIEW,
-    beams_of,
-    gel,
-    scattered_twice,
-    tabulated,
-)
+from tests.physics.test_translucent import BALL, FLOOR, HOLLOW, PANEL, SKY, shape, transport
+from tests.physics.test_translucent_gather import DISTANT, EYE, FAR, NEAR, VIEW, beams_of, scattered_twice, tabulated
+from tests.physics.test_transport import POINT, box
 
+baked, gel = bodies.baked, quadrature.gel  # fixtures
 BLOCKS, STATES = 64, 1 << 18
 GREY = np.ones((3, 1)), np.array([0.0, 1.0, 0.0])  # to linear sRGB, and to luminance, of one wavelength
-SMALL = np.array([[0.5, 0.5]] * 2 + [[1 / 1024, 1 / 8]] * (NUMBERS - 2))
-POINT = """<emitter type="point"><point name="position" x="6" y="-6" z="9"/><rgb name="intensity" value="300 300 300"/>
-</emitter>"""
-BOX = ((-9, -9, 14), (9, 9, 20))  # around the panel
+SMALL = np.array([[0.0, 0.5]] * 2 + [[-3.0, 0.125]] * (NUMBERS - 2))
 
 
 def edge_of(gel, second=False, beyond=np.inf):
@@ -67,12 +58,12 @@ def agrees(blocks, expected):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rows", [NEAR[:1], NEAR[:3], DISTANT], ids=["beside", "several", "distant"])
-def test_states_bring_what_the_tables_have(gel, rows):  # noqa: F811
+def test_states_bring_what_the_tables_have(gel, rows):
     agrees(drawn(gel, rows, _mutations.LATER), tabulated(gel, rows))
 
 
 @pytest.mark.slow
-def test_a_mirror_takes_its_light_away(gel):  # noqa: F811
+def test_a_mirror_takes_its_light_away(gel):
     mirrored = [((x, y, 4.0 - z), (u, v, -w), length, -power) for (x, y, z), (u, v, w), length, power in NEAR[:3]]
     bare, less = (drawn(gel, NEAR[:3], _mutations.LATER, beyond=beyond) for beyond in (np.inf, 2.0))
     agrees(less - bare, tabulated(gel, mirrored))
@@ -80,22 +71,22 @@ def test_a_mirror_takes_its_light_away(gel):  # noqa: F811
 
 @pytest.mark.slow
 @pytest.mark.parametrize("before, kind", [(0, _mutations.SECOND), (1, _mutations.OTHER)])
-def test_second_events_are_a_double_integral(gel, before, kind):  # noqa: F811
+def test_second_events_are_a_double_integral(gel, before, kind):
     agrees(drawn(gel, NEAR[:3], kind, before, second=True), scattered_twice(NEAR[:3]))
 
 
 @pytest.mark.slow
-def test_light_that_is_taken_away_is_that_of_second_events_too(gel):  # noqa: F811
+def test_light_that_is_taken_away_is_that_of_second_events_too(gel):
     agrees(drawn(gel, NEAR[3:], _mutations.LATER), tabulated(gel, NEAR[3:]) + scattered_twice(NEAR[3:]))
 
 
-def group(gel, rows, key, chains=64):  # noqa: F811
+def group(gel, rows, key, chains=64):
     return mutations._Group(0, edge_of(gel), sights_of(), beams_of(rows), chains, np.uint64(key))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("typical", [0.0, 1.0, 30.0])
-def test_chains_bring_the_same_whatever_the_pilot_says(gel, typical):  # noqa: F811
+def test_chains_bring_the_same_whatever_the_pilot_says(gel, typical):
     """Beams of both signs; typical : times what it is, 0: not known."""
     wanted = tabulated(gel, NEAR) + scattered_twice(NEAR[3:])
     images = np.zeros((BLOCKS, 3, 1, 3))
@@ -108,7 +99,7 @@ def test_chains_bring_the_same_whatever_the_pilot_says(gel, typical):  # noqa: F
 
 
 @pytest.mark.slow
-def test_a_chain_that_takes_no_step(gel):  # noqa: F811
+def test_a_chain_that_takes_no_step(gel):
     """Two lines and two beams, one of each dark, and steps from each to the other: chains stay, and bring what they should."""
     beams, steps = beams_of([NEAR[0], (*NEAR[0][:3], 0.0)]), 40
     plan = Plan(4.0, steps, steps + 1, SMALL, 1.0, 1e12, 1.0, 1.0 / steps)
@@ -137,7 +128,7 @@ def agree(ours, theirs, most=0.03):
     assert stats.ttest_ind(ours, theirs, equal_var=False).pvalue > ODDS, (ours.mean() / theirs.mean(), error / theirs.mean())
 
 
-def test_the_same_bytes_whatever_threads(baked, tmp_path, monkeypatch, few):  # noqa: F811
+def test_the_same_bytes_whatever_threads(baked, tmp_path, monkeypatch, few):
     how = transport(tmp_path, [baked()], {"ball": BALL}, PANEL + FLOOR, size=8)
     found = passes(how, count=2, kinds=slice(1, 2))
     assert found.any() and not np.array_equal(found[0], found[1])
@@ -149,7 +140,7 @@ def test_the_same_bytes_whatever_threads(baked, tmp_path, monkeypatch, few):  # 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("index, mesh", [(1.0, BALL), (1.4, BALL), (1.4, HOLLOW)], ids=["matched", "glass", "hollow-glass"])
-def test_chains_and_paths_agree(baked, tmp_path, few, index, mesh):  # noqa: F811
+def test_chains_and_paths_agree(baked, tmp_path, few, index, mesh):
     """Of all light, and of three and more events."""
     how = transport(tmp_path, [baked(0.9, 0.3)], {"body": mesh}, SKY + PANEL, index, size=16)
     for layer in ("", "orders"):
@@ -158,14 +149,14 @@ def test_chains_and_paths_agree(baked, tmp_path, few, index, mesh):  # noqa: F81
 
 @pytest.mark.slow
 @pytest.mark.parametrize("boundary", ["none", "mirrored"])
-def test_boundaries_are_those_of_other_methods(baked, tmp_path, few, boundary):  # noqa: F811
+def test_boundaries_are_those_of_other_methods(baked, tmp_path, few, boundary):
     how = transport(tmp_path, [baked(0.9)], {"ball": BALL}, PANEL + FLOOR, 1.0, size=16)
     agree(*(passes(how, boundary, count=24, seed=seed, layer="orders", method=method)
             for seed, method in enumerate(("metropolis+tables", "vrl+tables"))))
 
 
 @pytest.mark.slow
-def test_points_behind_glass(baked, tmp_path, few):  # noqa: F811
+def test_points_behind_glass(baked, tmp_path, few):
     """Second events come of beams there."""
     how = transport(tmp_path, [baked(0.9)], {"ball": BALL}, POINT + FLOOR, 1.4, size=16)
     for layer in ("order2", "orders"):
@@ -174,7 +165,7 @@ def test_points_behind_glass(baked, tmp_path, few):  # noqa: F811
 
 
 @pytest.mark.slow
-def test_several_bodies(baked, tmp_path, few):  # noqa: F811
+def test_several_bodies(baked, tmp_path, few):
     meshes = {"left": (0.8 * BALL[0] - [4, 0, 0], BALL[1]), "right": (0.8 * BALL[0] + [4, 0, 0], BALL[1])}
     how = transport(tmp_path, [baked(0.9), baked(0.5)], meshes, SKY + PANEL, 1.0, size=16)
     agree(*(passes(how, count=20, seed=seed, layer="orders", method=method)
@@ -183,7 +174,7 @@ def test_several_bodies(baked, tmp_path, few):  # noqa: F811
 
 @pytest.mark.slow
 @pytest.mark.parametrize("index", [1.0, 1.4])
-def test_a_white_world(baked, tmp_path, few, index):  # noqa: F811
+def test_a_white_world(baked, tmp_path, few, index):
     """Albedo 1 in light from everywhere is 1."""
     how = transport(tmp_path, [baked(1.0, extent="auto")], {"ball": BALL}, SKY, index, size=16)
     found = passes(how, count=40).mean(axis=(1, 2, 3))
@@ -191,22 +182,17 @@ def test_a_white_world(baked, tmp_path, few, index):  # noqa: F811
     assert error < 0.012 and abs(found.mean() - 1) < sigmas(40) * error, (found.mean(), error)
 
 
-def test_no_light_is_no_light(baked, tmp_path, few):  # noqa: F811
+def test_no_light_is_no_light(baked, tmp_path, few):
     """A lamp in a closed box: nothing is found, and nothing waits."""
-    sides = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-    faces = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6],
-                      [0, 6, 4], [1, 5, 7], [1, 7, 3]])
-    (_, _, z), (_, _, top) = BOX
     matt = '<bsdf type="twosided"><bsdf type="diffuse"/></bsdf>'
-    lamp = PANEL.replace("</transform>", f'<translate z="{(z + top) / 2 - 12}"/></transform>')
-    box = shape(tmp_path, "box", (np.array(BOX[0]) + sides * (np.array(BOX[1]) - BOX[0]), faces), matt)
-    how = transport(tmp_path, [baked()], {"ball": BALL}, lamp + box, size=8)
+    around = PANEL + shape(tmp_path, "box", box((-9, -9, 12), (9, 9, 14)), matt)
+    how = transport(tmp_path, [baked()], {"ball": BALL}, around, size=8)
     (part,) = methods.parts(how, "metropolis+tables", "negative", 0)[1:]
     assert not part.render(0)[""].any() and part.render.figures().normalisation == 0
     assert part.render.figures().small_steps is None
 
 
-def test_one_pixel(baked, tmp_path, few):  # noqa: F811
+def test_one_pixel(baked, tmp_path, few):
     how = transport(tmp_path, [baked()], {"ball": BALL}, PANEL + FLOOR, size=1)
     found = passes(how, count=3, kinds=slice(1, 2))
     assert found.shape == (3, 1, 1, 3) and np.all(found > 0) and found.std() < 0.5 * found.mean()

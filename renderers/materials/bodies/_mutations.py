@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from bakery.kernels import lent, mesh_scratch, phase_value, point_source
 from bakery.system.compiled import njit
 from renderers.materials.bodies._beams import DEEP
-from renderers.materials.bodies._gather import _along, _mirror, _placed
+from renderers.materials.bodies._gather import _along, _mirror
 from renderers.materials.bodies._geometry import Geometry, first
 from renderers.transport.scattering import Scatterer
 from renderers.transport.wavefront import uniform
@@ -60,7 +61,7 @@ class Plan(NamedTuple):
 
     scale : lines times beams, which states are drawn of
     steps : of a chain; each `large`-th one draws all numbers anew
-    small : (NUMBERS, 2) least and most of a small step of each number
+    small : (NUMBERS, 2) of small steps of each number: logarithm of the least over the largest, and the largest
     drawn, moved : states that are drawn alike, and those of chains, as the weights count them
     typical : mean luminance of states that are drawn alike, by a pilot; 0: not known
     of_state : normalisation of the pass over the states of its chains
@@ -116,22 +117,24 @@ def _scratch(waves):
     return _Scratch(np.empty((1, 3)), np.empty((1, 3)), np.empty(3), np.zeros((3, waves)), mesh_scratch())
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _number(u, count):
     return min(int(u * count), count - 1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+# forceinline: a call would hand over every array of the tuples
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _brought(edge, sights, beams, scale, u, light, scratch):
     """Luminance, without its sign, of the light (3, 3) that a state u (NUMBERS,) brings, which becomes `LATER`, `SECOND` and
     `OTHER` in linear sRGB."""
     medium, waves, kinds = edge.medium, scratch.waves, 3 if edge.second else 1
     i, b = _number(u[_LINE], len(sights.far)), _number(u[_BEAM], len(beams.length))
     other = OTHER if beams.before[b] > 0 or sights.order[i] > 0 else SECOND
-    negative = beams.power[b].sum() < 0.0
+    whole = 0.0
+    for w in range(len(medium.sigma_t)):
+        whole += beams.power[b, w]
+    negative = whole < 0.0
     joined = _joined(edge, sights, beams, i, b, u, scratch) if negative or edge.second else _Joined(0.0, 0.0, 0.0, 0.0)
-    for k in range(3):
-        scratch.ray[k] = beams.direction[b, k]
     for w in range(len(medium.sigma_t)):
         for kind in range(kinds):
             waves[kind, w] = 0.0
@@ -139,7 +142,7 @@ def _brought(edge, sights, beams, scale, u, light, scratch):
         if power != 0.0:
             waves[LATER, w] = sigma * power * _by_tables(edge, sights, beams, (i, b, w), u, scratch)
         if power != 0.0 and joined.share > 0.0:
-            again = joined.share * (medium.albedo[w] * sigma) ** 2 * np.exp(-sigma * joined.depth)
+            again = joined.share * (medium.albedo[w] * sigma) ** 2 * math.exp(-sigma * joined.depth)
             again *= phase_value(medium.v, medium.steps, medium.phase[w], joined.before)
             again *= phase_value(medium.v, medium.steps, medium.phase[w], joined.after)
             waves[LATER if negative else other, w] += power * again
@@ -160,19 +163,34 @@ def _brought(edge, sights, beams, scale, u, light, scratch):
 def _by_tables(edge, sights, beams, numbers, u, scratch):
     """Later events of light of beam b on line of sight i at wavelength w, numbers (i, b, w), by places that u draws, m."""
     i, b, w = numbers
-    sigma, table, away, ray = edge.medium.sigma_t[w], edge.tables[w], scratch.away, scratch.ray
+    sigma, table, origin, direction = edge.medium.sigma_t[w], edge.tables[w], sights.origin, sights.direction
     s, collides = _along(u[_ON_BEAM], sigma, beams.length[b])
     t, lasting = _along(u[_ON_LINE], sigma, sights.far[i])
-    for k in range(3):
-        scratch.point[0, k] = beams.origin[b, k] + s * ray[k]
-        away[0, k] = sigma * (sights.origin[i, k] + t * sights.direction[i, k] - scratch.point[0, k])
-    value = point_source(table, *_placed(away, ray, sights.direction, i))
+    ray = beams.direction[b, 0], beams.direction[b, 1], beams.direction[b, 2]
+    view = -direction[i, 0], -direction[i, 1], -direction[i, 2]
+    x, y, z = (beams.origin[b, 0] + s * ray[0], beams.origin[b, 1] + s * ray[1], beams.origin[b, 2] + s * ray[2])
+    away = origin[i, 0] - t * view[0] - x, origin[i, 1] - t * view[1] - y, origin[i, 2] - t * view[2] - z
+    value = point_source(table, *_placed(sigma, away, ray, view))
     if edge.beyond[w] < np.inf:
-        x, y, z = ray[0], ray[1], ray[2]
-        _mirror(edge.beyond[w], sigma, sights, i, t, scratch)
-        value -= point_source(table, *_placed(away, ray, sights.direction, i))
-        ray[0], ray[1], ray[2] = x, y, z
+        for k in range(3):
+            scratch.ray[k] = ray[k]
+        scratch.point[0, 0], scratch.point[0, 1], scratch.point[0, 2] = x, y, z
+        _mirror(edge.beyond[w], 1.0, sights, i, t, scratch)
+        away = scratch.away[0, 0], scratch.away[0, 1], scratch.away[0, 2]
+        value -= point_source(table, *_placed(sigma, away, (scratch.ray[0], scratch.ray[1], scratch.ray[2]), view))
     return value * collides * lasting * sigma**3
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _placed(sigma, away, ray, view):
+    """Where a place away (m) is from light along a ray, and a direction: rho, z, and components along rho, across and along z."""
+    along = away[0] * ray[0] + away[1] * ray[1] + away[2] * ray[2]
+    px, py, pz = away[0] - along * ray[0], away[1] - along * ray[1], away[2] - along * ray[2]
+    rho = math.sqrt(px * px + py * py + pz * pz)
+    forward = view[0] * ray[0] + view[1] * ray[1] + view[2] * ray[2]
+    side = math.sqrt(max(1.0 - forward * forward, 0.0))
+    radial = (view[0] * px + view[1] * py + view[2] * pz) / rho if rho > 0.0 else side
+    return sigma * rho, sigma * along, radial, math.sqrt(max(side * side - radial * radial, 0.0)), forward
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -189,28 +207,28 @@ def _joined(edge, sights, beams, i, b, u, scratch):
         cosine += beams.direction[b, k] * direction[i, k]
         ahead += ray[k] * beams.direction[b, k]
         across += ray[k] * direction[i, k]
-    sine = max(np.sqrt(max(1.0 - cosine * cosine, 0.0)), _PARALLEL)
+    sine = max(math.sqrt(max(1.0 - cosine * cosine, 0.0)), _PARALLEL)
     nearest, square = (ahead - cosine * across) / (sine * sine), 0.0
     for k in range(3):
         square += (ray[k] - nearest * beams.direction[b, k] + (nearest * cosine - across) * direction[i, k]) ** 2
     longest = DEEP / np.min(edge.medium.sigma_t)
-    close, end = max(np.sqrt(square) / sine, _CLOSEST * longest), min(beams.length[b], longest)
-    low, high = np.arcsinh(-nearest / close), np.arcsinh((end - nearest) / close)
+    close, end = max(math.sqrt(square) / sine, _CLOSEST * longest), min(beams.length[b], longest)
+    low, high = math.asinh(-nearest / close), math.asinh((end - nearest) / close)
     place = low + u[_CLOSE] * (high - low)
-    s = min(max(nearest + close * np.sinh(place), 0.0), end)
-    stretch = (high - low) * close * np.cosh(place)
+    s = min(max(nearest + close * math.sinh(place), 0.0), end)
+    stretch = (high - low) * close * math.cosh(place)
     along, square = 0.0, 0.0
     for k in range(3):
         scratch.point[0, k] = beams.origin[b, k] + s * beams.direction[b, k]
         along += (scratch.point[0, k] - origin[i, k]) * direction[i, k]
     for k in range(3):
         square += (origin[i, k] + along * direction[i, k] - scratch.point[0, k]) ** 2
-    h = np.sqrt(square)
+    h = math.sqrt(square)
     if not h > 0.0:
         return _Joined(0.0, 0.0, 0.0, 0.0)
-    low, high = np.arctan2(-along, h), np.arctan2(sights.far[i] - along, h)
+    low, high = math.atan2(-along, h), math.atan2(sights.far[i] - along, h)
     angle, before, after = low + u[_SEEN] * (high - low), 0.0, 0.0
-    t, distance = along + h * np.tan(angle), h / np.cos(angle)
+    t, distance = along + h * math.tan(angle), h / math.cos(angle)
     for k in range(3):
         away[0, k] = (origin[i, k] + t * direction[i, k] - scratch.point[0, k]) / distance
         before += away[0, k] * beams.direction[b, k]
@@ -267,20 +285,20 @@ def _proposed(plan, state, streams, c, large, u):
     side = uniform(streams, c) * 3
     for k in range(NUMBERS):
         u[k] = state[k]
-        of_beam = k == _BEAM or k == _ON_BEAM
+        of_beam = k in (_BEAM, _ON_BEAM)
         if (side < 1 and of_beam) or (side >= 2 and not of_beam):
             continue
-        size, least, most = uniform(streams, c), plan.small[k, 0], plan.small[k, 1]
-        size = most * np.exp(size * np.log(least / most))
-        u[k] += size if uniform(streams, c) < 0.5 else -size
-        u[k] -= np.floor(u[k])
+        size = 2 * uniform(streams, c) - 1
+        step = plan.small[k, 1] * math.exp(abs(size) * plan.small[k, 0])
+        u[k] += step if size > 0.0 else -step
+        u[k] -= math.floor(u[k])
         if not u[k] < 1.0:
             u[k] = 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def move(edge, sights, beams, plan, chains, images, begin, end):
-    """Moves chains and adds what they bring to images (B, kinds, pixels, 3), of as many blocks of chains; begin, end : of blocks"""
+    """Moves chains of blocks begin to end and adds what they bring to images (B, kinds, pixels, 3) of these."""
     edge, sights, beams, plan = lent(edge), lent(sights), lent(beams), lent(plan)
     chains = lent(chains)
     scratch, n, lines = _scratch(len(edge.beyond)), len(chains.states), len(sights.far)

@@ -77,7 +77,7 @@ class Mutations:
         self._setup, self._entries, self._settings, self._seed = setup, entries, settings, seed
         self._size, self._pixels = setup.world.size, setup.world.size[0] * setup.world.size[1]
         self._samples = max(1, min(_SAMPLES, _PATHS // self._pixels))
-        self._normalisations, self._accepted = {}, {}
+        self._normalisations, self._accepted, self._steps = {}, {}, {}
 
     def __call__(self, number):
         rays = transport.begin(self._setup, np.arange(self._pixels), _LATER + number, self._seed)
@@ -91,9 +91,15 @@ class Mutations:
                 taken += group.move(image)
                 steps = steps + group.count
         self._normalisations[number] = luminance
-        if np.any(steps):
+        self._steps[number] = int(np.sum(steps))
+        if self._steps[number]:
             self._accepted[number] = (taken / steps).tolist()
         return self._layers(image, gathers, view)
+
+    @property
+    def count(self) -> int:
+        """Mutations of the passes so far."""
+        return sum(self._steps.values())
 
     def figures(self) -> Figures:
         """Of the passes so far."""
@@ -149,7 +155,8 @@ class Mutations:
         lines = lines.of(order[np.argsort((lines.order + ~lines.seen)[order] > 0, kind="stable")])
         mirrored = np.isfinite(self._settings.beyond[body]).any()
         facing = transport.facing(self._setup, lines) if mirrored else np.empty((0, 3))
-        return Sights(lines.origin, lines.direction, lines.far, facing, lines.throughput / self._samples, lines.pixel, lines.order)
+        weight = lines.throughput / self._samples
+        return Sights(lines.origin, lines.direction, lines.far, facing, weight, lines.pixel, lines.order)
 
     def _edge(self, number):
         body, asked = self._setup.bodies[number], self._settings
@@ -180,12 +187,13 @@ class _Group:
         large = _STEPS // _LARGE
         self.count = chains * np.array([_STEPS - large, large])
         lines, places = len(sights.far), len(beams.length)
-        small = np.array([[min(1 / lines, _MOST), _MOST], [min(1 / places, _MOST), _MOST], *[[_LEAST, _MOST]] * (NUMBERS - 2)])
+        least = [min(1 / lines, _MOST), min(1 / places, _MOST), *[_LEAST] * (NUMBERS - 2)]
+        small = np.array([[math.log(shortest / _MOST), _MOST] for shortest in least])
         self._plan = Plan(float(lines * places), _STEPS, _LARGE, small, float(_CANDIDATES * chains + self.count[1]),
                           float(_EFFECTIVE * chains * _STEPS), 0.0, 0.0)
 
     def begin(self, typical, image) -> float:
-        """Draws states alike and adds what they bring to image (3, pixels, 3); the luminance of all light in the body by them."""
+        """Draws states alike and adds what they bring to image (3, pixels, 3): the luminance of all light in the body."""
         n = _CANDIDATES * self._chains
         self._states, self._luminance = np.empty((n, NUMBERS)), np.empty(n)
         wavefront.draw(self._streams[self._chains + 1:], self._states)
