@@ -112,7 +112,7 @@ def test_a_chain_that_takes_no_step(gel):
 @pytest.fixture
 def few(monkeypatch):
     """Passes of few lines, beams and steps."""
-    for name, value in (("_PATHS", 1 << 12), ("_BEAMS", 1), ("_MUTATIONS", 1 << 15), ("_OF_PIXEL", 4)):
+    for name, value in (("_PATHS", 1 << 12), ("_BEAMS", 1), ("_FEWEST", 1 << 15), ("_OF_PIXEL", 64)):
         monkeypatch.setattr(mutations, name, value)
 
 

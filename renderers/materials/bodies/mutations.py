@@ -33,7 +33,8 @@ from renderers.transport.paths import follow, joined, of_camera
 
 _PATHS, _SAMPLES = 1 << 16, 64  # from the camera in a pass, about; of a pixel, at most
 _BEAMS = 4  # times the places and walks of other methods, which have lines of sight share few beams
-_MUTATIONS, _OF_PIXEL = 1 << 20, 64  # of a pass; more where there are more lines of sight: so many of each
+# mutations of a pass: so many a pixel, at least and at most; more where there are more lines of sight, so many of each
+_OF_PIXEL, _FEWEST, _MOST_OF_PASS, _OF_LINE = 512, 1 << 17, 1 << 20, 4
 _STEPS, _LARGE = 256, 8  # of a chain; of so many the last one is large
 _CANDIDATES = 32  # states drawn alike for each chain
 _EFFECTIVE = 0.1  # independent states that a step of a chain is worth, as the weights count it
@@ -77,16 +78,15 @@ class Mutations:
         self._setup, self._entries, self._settings, self._seed = setup, entries, settings, seed
         self._size, self._pixels = setup.world.size, setup.world.size[0] * setup.world.size[1]
         self._samples = max(1, min(_SAMPLES, _PATHS // self._pixels))
+        self._mutations = max(_FEWEST, min(_MOST_OF_PASS, _OF_PIXEL * self._pixels))
         self._normalisations, self._accepted, self._steps = {}, {}, {}
 
     def __call__(self, number):
-        rays = transport.begin(self._setup, np.arange(self._pixels), _LATER + number, self._seed)
-        view, every = smooth.seen(self._setup, rays), np.ones(self._size, bool)
-        gathers = every if self._samples > 1 or any(self._settings.second) else smooth.chosen(view, number)
+        view, gathers = self._seen(number)
         image, luminance, steps, taken = np.zeros((3, self._pixels, 3)), 0.0, np.zeros(2), np.zeros(2)
         for group in self._groups(number, gathers):
             begun = group.begin(self._typical[group.body], image)
-            luminance += begun / self._pixels
+            luminance += begun / gathers.sum()
             if begun > 0:
                 taken += group.move(image)
                 steps = steps + group.count
@@ -105,6 +105,13 @@ class Mutations:
         """Of the passes so far."""
         return Figures.of(self._normalisations, self._accepted)
 
+    def _seen(self, number):
+        """What the camera sees of bodies in a pass, and pixels (H, W) that gather light."""
+        rays = transport.begin(self._setup, np.arange(self._pixels), _LATER + number, self._seed)
+        view = smooth.seen(self._setup, rays)
+        shares = self._samples == 1 and not any(self._settings.second)
+        return view, smooth.chosen(view, number) if shares else np.ones(self._size, bool)
+
     def _layers(self, image, gathers, view):
         later, second, other = (values.reshape(*self._size, 3) for values in image)
         half, later = smooth.smoothed(later, gathers, view, 0.5), smooth.smoothed(later, gathers, view)
@@ -116,7 +123,8 @@ class Mutations:
     def _typical(self):
         """Luminance of all light in each body, by states drawn alike; 0 where none brings any."""
         image = np.zeros((3, self._pixels, 3))
-        begun = {group.body: group.begin(0.0, image) for group in self._groups(_PILOT, np.ones(self._size, bool))}
+        groups = self._groups(_PILOT, self._seen(_PILOT)[1])
+        begun = {group.body: group.begin(0.0, image) for group in groups}
         return [begun.get(body, 0.0) for body in range(len(self._setup.bodies))]
 
     def _groups(self, number, gathers):
@@ -128,9 +136,9 @@ class Mutations:
         total = sum(part.count for part in lines.values())
         for body, its in lines.items():
             if its.count and len(beams[body].length):
-                edge, steps = self._edge(body), max(_OF_PIXEL * its.count, _MUTATIONS * its.count // total)
+                steps = max(_OF_LINE * its.count, self._mutations * its.count // total)
                 key = stream_key(self._seed, "render.mutations", number)
-                yield _Group(body, edge, self._sights(body, its), beams[body], math.ceil(steps / _STEPS), key)
+                yield _Group(body, self._edge(body), self._sights(body, its), beams[body], math.ceil(steps / _STEPS), key)
 
     def _lines(self, number, gathers):
         """`Paths` of each body that are lines of sight in it, in a pass."""
