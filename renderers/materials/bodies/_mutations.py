@@ -129,7 +129,7 @@ def _brought(edge, sights, beams, scale, u, light, scratch):
     `OTHER` in linear sRGB."""
     medium, waves, kinds = edge.medium, scratch.waves, 3 if edge.second else 1
     i, b = _number(u[_LINE], len(sights.far)), _number(u[_BEAM], len(beams.length))
-    other = OTHER if beams.before[b] > 0 or sights.order[i] > 0 else SECOND
+    of_second = OTHER if beams.before[b] > 0 or sights.order[i] > 0 else SECOND
     whole = 0.0
     for w in range(len(medium.sigma_t)):
         whole += beams.power[b, w]
@@ -142,10 +142,10 @@ def _brought(edge, sights, beams, scale, u, light, scratch):
         if power != 0.0:
             waves[LATER, w] = sigma * power * _by_tables(edge, sights, beams, (i, b, w), u, scratch)
         if power != 0.0 and joined.share > 0.0:
-            again = joined.share * (medium.albedo[w] * sigma) ** 2 * math.exp(-sigma * joined.depth)
-            again *= phase_value(medium.v, medium.steps, medium.phase[w], joined.before)
-            again *= phase_value(medium.v, medium.steps, medium.phase[w], joined.after)
-            waves[LATER if negative else other, w] += power * again
+            twice = joined.share * (medium.albedo[w] * sigma) ** 2 * math.exp(-sigma * joined.depth)
+            twice *= phase_value(medium.v, medium.steps, medium.phase[w], joined.before)
+            twice *= phase_value(medium.v, medium.steps, medium.phase[w], joined.after)
+            waves[LATER if negative else of_second, w] += power * twice
     luminance = 0.0
     for kind in range(kinds):
         for c in range(3):
@@ -214,9 +214,9 @@ def _joined(edge, sights, beams, i, b, u, scratch):
     longest = DEEP / np.min(edge.medium.sigma_t)
     close, end = max(math.sqrt(square) / sine, _CLOSEST * longest), min(beams.length[b], longest)
     low, high = math.asinh(-nearest / close), math.asinh((end - nearest) / close)
-    place = low + u[_CLOSE] * (high - low)
-    s = min(max(nearest + close * math.sinh(place), 0.0), end)
-    stretch = (high - low) * close * math.cosh(place)
+    stretched = low + u[_CLOSE] * (high - low)
+    s = min(max(nearest + close * math.sinh(stretched), 0.0), end)
+    stretch = (high - low) * close * math.cosh(stretched)
     along, square = 0.0, 0.0
     for k in range(3):
         scratch.point[0, k] = beams.origin[b, k] + s * beams.direction[b, k]
@@ -302,23 +302,23 @@ def move(edge, sights, beams, plan, chains, images, begin, end):
     edge, sights, beams, plan = lent(edge), lent(sights), lent(beams), lent(plan)
     chains = lent(chains)
     scratch, n, lines = _scratch(len(edge.beyond)), len(chains.states), len(sights.far)
-    u, here, there = np.empty(NUMBERS), np.zeros((3, 3)), np.zeros((3, 3))
+    u, current, proposed = np.empty(NUMBERS), np.zeros((3, 3)), np.zeros((3, 3))
     for g in range(begin, end):
         for c in range(g * n // len(images), (g + 1) * n // len(images)):
             state, image = chains.states[c], images[g]
-            luminance, held = _brought(edge, sights, beams, plan.scale, state, here, scratch), 0.0
+            luminance, held = _brought(edge, sights, beams, plan.scale, state, current, scratch), 0.0
             for step in range(1, plan.steps + 1):
                 large = step % plan.large == 0
                 _proposed(plan, state, chains.streams, c, large, u)
-                other = _brought(edge, sights, beams, plan.scale, u, there, scratch)
-                pixel, share = sights.pixel[_number(u[_LINE], lines)], min(other / luminance, 1.0)
+                new_luminance = _brought(edge, sights, beams, plan.scale, u, proposed, scratch)
+                pixel, share = sights.pixel[_number(u[_LINE], lines)], min(new_luminance / luminance, 1.0)
                 chains.taken[g, 1 if large else 0] += share
                 if large:
-                    _bring(there, _of_drawn(plan, other), image, pixel)
+                    _bring(proposed, _of_drawn(plan, new_luminance), image, pixel)
                 held += 1.0 - share
                 if uniform(chains.streams, c) < share:
-                    _bring(here, held * _of_moved(plan, luminance), image, sights.pixel[_number(state[_LINE], lines)])
-                    state[:], here[:], luminance, held = u, there, other, share
+                    _bring(current, held * _of_moved(plan, luminance), image, sights.pixel[_number(state[_LINE], lines)])
+                    state[:], current[:], luminance, held = u, proposed, new_luminance, share
                 elif share > 0.0:
-                    _bring(there, share * _of_moved(plan, other), image, pixel)
-            _bring(here, held * _of_moved(plan, luminance), image, sights.pixel[_number(state[_LINE], lines)])
+                    _bring(proposed, share * _of_moved(plan, new_luminance), image, pixel)
+            _bring(current, held * _of_moved(plan, luminance), image, sights.pixel[_number(state[_LINE], lines)])

@@ -85,9 +85,9 @@ class Mutations:
         view, gathers = self._seen(number)
         image, luminance, steps, taken = np.zeros((3, self._pixels, 3)), 0.0, np.zeros(2), np.zeros(2)
         for group in self._groups(number, gathers):
-            begun = group.begin(self._typical[group.body], image)
-            luminance += begun / gathers.sum()
-            if begun > 0:
+            of_body = group.begin(self._typical[group.body], image)
+            luminance += of_body / gathers.sum()
+            if of_body > 0:
                 taken += group.move(image)
                 steps = steps + group.count
         self._normalisations[number] = luminance
@@ -113,10 +113,10 @@ class Mutations:
         return view, smooth.chosen(view, number) if shares else np.ones(self._size, bool)
 
     def _layers(self, image, gathers, view):
-        later, second, other = (values.reshape(*self._size, 3) for values in image)
+        later, second, third = (values.reshape(*self._size, 3) for values in image)
         half, later = smooth.smoothed(later, gathers, view, 0.5), smooth.smoothed(later, gathers, view)
         none = np.zeros_like(later)
-        return {"": later + second + other, "order0": none, "order1": none, "order2": second, "orders": later + other,
+        return {"": later + second + third, "order0": none, "order1": none, "order2": second, "orders": later + third,
                 CLOSER: half - later}
 
     @cached_property
@@ -124,8 +124,8 @@ class Mutations:
         """Luminance of all light in each body, by states drawn alike; 0 where none brings any."""
         image = np.zeros((3, self._pixels, 3))
         groups = self._groups(_PILOT, self._seen(_PILOT)[1])
-        begun = {group.body: group.begin(0.0, image) for group in groups}
-        return [begun.get(body, 0.0) for body in range(len(self._setup.bodies))]
+        luminance = {group.body: group.begin(0.0, image) for group in groups}
+        return [luminance.get(body, 0.0) for body in range(len(self._setup.bodies))]
 
     def _groups(self, number, gathers):
         """`_Group` of each body in which there are lines of sight and beams, in a pass."""
