@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from bakery.kernels import lent, mesh_scratch, point_source
+from bakery.kernels import lent, mesh_scratch, phase_value, point_source
 from bakery.system.compiled import njit
-from renderers.materials.bodies._gather import _along, _mirror, _placed, _product
+from renderers.materials.bodies._beams import DEEP
+from renderers.materials.bodies._gather import _along, _mirror
 from renderers.materials.bodies._geometry import Geometry, first
 from renderers.transport.scattering import Scatterer
 from renderers.transport.wavefront import uniform
 
-NUMBERS = 5  # of a state: line of sight, beam, place on the beam, place on the line by the tables, and for second events
+# of a state: line of sight, beam, place on the beam, place on the line, both by the tables; both for second events
+NUMBERS = 6
 LATER, SECOND, OTHER = range(3)  # what a state brings: as `_gather`
-_LINE, _BEAM, _ON_BEAM, _ON_LINE, _SEEN = range(NUMBERS)
+_PARALLEL, _CLOSEST = 1e-4, 1e-9  # sine, and share of the farthest that is looked at, below which lines are no nearer
+_LINE, _BEAM, _ON_BEAM, _ON_LINE, _CLOSE, _SEEN = range(NUMBERS)
 
 
 class Sights(NamedTuple):
@@ -57,7 +61,7 @@ class Plan(NamedTuple):
 
     scale : lines times beams, which states are drawn of
     steps : of a chain; each `large`-th one draws all numbers anew
-    small : (NUMBERS, 2) least and most of a small step of each number
+    small : (NUMBERS, 2) of small steps of each number: logarithm of the least over the largest, and the largest
     drawn, moved : states that are drawn alike, and those of chains, as the weights count them
     typical : mean luminance of states that are drawn alike, by a pilot; 0: not known
     of_state : normalisation of the pass over the states of its chains
@@ -85,6 +89,19 @@ class Chains(NamedTuple):
     taken: np.ndarray
 
 
+class _Joined(NamedTuple):
+    """A place on a beam that sees one on a line of sight.
+
+    depth : m, of both along beam and line, and the way between them;  before, after : 1 - cosines of both turns
+    share : 1/m^2 over the density with which the places are drawn, times m^2; 0 where something hides them
+    """
+
+    depth: float
+    before: float
+    after: float
+    share: float
+
+
 class _Scratch(NamedTuple):
     """What a loop works on, as `_gather`."""
 
@@ -100,35 +117,35 @@ def _scratch(waves):
     return _Scratch(np.empty((1, 3)), np.empty((1, 3)), np.empty(3), np.zeros((3, waves)), mesh_scratch())
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _number(u, count):
     return min(int(u * count), count - 1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+# forceinline: a call would hand over every array of the tuples
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _brought(edge, sights, beams, scale, u, light, scratch):
     """Luminance, without its sign, of the light (3, 3) that a state u (NUMBERS,) brings, which becomes `LATER`, `SECOND` and
     `OTHER` in linear sRGB."""
     medium, waves, kinds = edge.medium, scratch.waves, 3 if edge.second else 1
     i, b = _number(u[_LINE], len(sights.far)), _number(u[_BEAM], len(beams.length))
-    other = OTHER if beams.before[b] > 0 or sights.order[i] > 0 else SECOND
-    for k in range(3):
-        scratch.ray[k] = beams.direction[b, k]
+    of_second = OTHER if beams.before[b] > 0 or sights.order[i] > 0 else SECOND
+    whole = 0.0
+    for w in range(len(medium.sigma_t)):
+        whole += beams.power[b, w]
+    negative = whole < 0.0
+    joined = _joined(edge, sights, beams, i, b, u, scratch) if negative or edge.second else _Joined(0.0, 0.0, 0.0, 0.0)
     for w in range(len(medium.sigma_t)):
         for kind in range(kinds):
             waves[kind, w] = 0.0
         sigma, power = medium.sigma_t[w], scale * sights.weight[i, w] * beams.power[b, w]
-        if power == 0.0:
-            continue
-        s, collides = _along(u[_ON_BEAM], sigma, beams.length[b])
-        collides *= sigma * power
-        for k in range(3):
-            scratch.point[0, k] = beams.origin[b, k] + s * beams.direction[b, k]
-        waves[LATER, w] = collides * _by_tables(edge, sights, i, w, u[_ON_LINE], scratch)
-        negative = power < 0.0
-        if negative or edge.second:
-            again = collides * medium.albedo[w] * medium.albedo[w] * sigma
-            waves[LATER if negative else other, w] += again * _by_two(edge, sights, beams, (i, b, w), u[_SEEN], scratch)
+        if power != 0.0:
+            waves[LATER, w] = sigma * power * _by_tables(edge, sights, beams, (i, b, w), u, scratch)
+        if power != 0.0 and joined.share > 0.0:
+            twice = joined.share * (medium.albedo[w] * sigma) ** 2 * math.exp(-sigma * joined.depth)
+            twice *= phase_value(medium.v, medium.steps, medium.phase[w], joined.before)
+            twice *= phase_value(medium.v, medium.steps, medium.phase[w], joined.after)
+            waves[LATER if negative else of_second, w] += power * twice
     luminance = 0.0
     for kind in range(kinds):
         for c in range(3):
@@ -143,42 +160,82 @@ def _brought(edge, sights, beams, scale, u, light, scratch):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _by_tables(edge, sights, i, w, u, scratch):
-    """Later events of a collision at the place `scratch.point` of a beam, on line of sight i at a place drawn with u."""
-    sigma, table, away, ray = edge.medium.sigma_t[w], edge.tables[w], scratch.away, scratch.ray
-    t, lasting = _along(u, sigma, sights.far[i])
-    for k in range(3):
-        away[0, k] = sigma * (sights.origin[i, k] + t * sights.direction[i, k] - scratch.point[0, k])
-    value = point_source(table, *_placed(away, ray, sights.direction, i))
+def _by_tables(edge, sights, beams, numbers, u, scratch):
+    """Later events of light of beam b on line of sight i at wavelength w, numbers (i, b, w), by places that u draws, m."""
+    i, b, w = numbers
+    sigma, table, origin, direction = edge.medium.sigma_t[w], edge.tables[w], sights.origin, sights.direction
+    s, collides = _along(u[_ON_BEAM], sigma, beams.length[b])
+    t, lasting = _along(u[_ON_LINE], sigma, sights.far[i])
+    ray = beams.direction[b, 0], beams.direction[b, 1], beams.direction[b, 2]
+    view = -direction[i, 0], -direction[i, 1], -direction[i, 2]
+    x, y, z = (beams.origin[b, 0] + s * ray[0], beams.origin[b, 1] + s * ray[1], beams.origin[b, 2] + s * ray[2])
+    away = origin[i, 0] - t * view[0] - x, origin[i, 1] - t * view[1] - y, origin[i, 2] - t * view[2] - z
+    value = point_source(table, *_placed(sigma, away, ray, view))
     if edge.beyond[w] < np.inf:
-        x, y, z = ray[0], ray[1], ray[2]
-        _mirror(edge.beyond[w], sigma, sights, i, t, scratch)
-        value -= point_source(table, *_placed(away, ray, sights.direction, i))
-        ray[0], ray[1], ray[2] = x, y, z
-    return value * lasting * sigma**3
+        for k in range(3):
+            scratch.ray[k] = ray[k]
+        scratch.point[0, 0], scratch.point[0, 1], scratch.point[0, 2] = x, y, z
+        _mirror(edge.beyond[w], 1.0, sights, i, t, scratch)
+        away = scratch.away[0, 0], scratch.away[0, 1], scratch.away[0, 2]
+        value -= point_source(table, *_placed(sigma, away, (scratch.ray[0], scratch.ray[1], scratch.ray[2]), view))
+    return value * collides * lasting * sigma**3
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _by_two(edge, sights, beams, numbers, u, scratch):
-    """The second event of a collision at the place `scratch.point` of beam b, on line of sight i, at wavelength w, by numbers
-    (i, b, w), as `_gather` has it; its place is drawn with u, evenly in the angle that the line subtends."""
-    i, b, w = numbers
+def _placed(sigma, away, ray, view):
+    """Where a place away (m) is from light along a ray, and a direction: rho, z, and components along rho, across and along z."""
+    along = away[0] * ray[0] + away[1] * ray[1] + away[2] * ray[2]
+    px, py, pz = away[0] - along * ray[0], away[1] - along * ray[1], away[2] - along * ray[2]
+    rho = math.sqrt(px * px + py * py + pz * pz)
+    forward = view[0] * ray[0] + view[1] * ray[1] + view[2] * ray[2]
+    side = math.sqrt(max(1.0 - forward * forward, 0.0))
+    radial = (view[0] * px + view[1] * py + view[2] * pz) / rho if rho > 0.0 else side
+    return sigma * rho, sigma * along, radial, math.sqrt(max(side * side - radial * radial, 0.0)), forward
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _joined(edge, sights, beams, i, b, u, scratch):
+    """A place on beam b and one on line of sight i, `_Joined`, which u draws: on the beam in proportion to the inverse distance
+    from the line, on the line evenly in the angle that it subtends there.
+
+    So the inverse square of the distance between them goes, which the tables do not have.
+    """
+    ray, away, origin, direction = scratch.ray, scratch.away, sights.origin, sights.direction
+    cosine, ahead, across = 0.0, 0.0, 0.0
+    for k in range(3):
+        ray[k] = origin[i, k] - beams.origin[b, k]
+        cosine += beams.direction[b, k] * direction[i, k]
+        ahead += ray[k] * beams.direction[b, k]
+        across += ray[k] * direction[i, k]
+    sine = max(math.sqrt(max(1.0 - cosine * cosine, 0.0)), _PARALLEL)
+    nearest, square = (ahead - cosine * across) / (sine * sine), 0.0
+    for k in range(3):
+        square += (ray[k] - nearest * beams.direction[b, k] + (nearest * cosine - across) * direction[i, k]) ** 2
+    longest = DEEP / np.min(edge.medium.sigma_t)
+    close, end = max(math.sqrt(square) / sine, _CLOSEST * longest), min(beams.length[b], longest)
+    low, high = math.asinh(-nearest / close), math.asinh((end - nearest) / close)
+    stretched = low + u[_CLOSE] * (high - low)
+    s = min(max(nearest + close * math.sinh(stretched), 0.0), end)
+    stretch = (high - low) * close * math.cosh(stretched)
     along, square = 0.0, 0.0
     for k in range(3):
-        along += (scratch.point[0, k] - sights.origin[i, k]) * sights.direction[i, k]
+        scratch.point[0, k] = beams.origin[b, k] + s * beams.direction[b, k]
+        along += (scratch.point[0, k] - origin[i, k]) * direction[i, k]
     for k in range(3):
-        away = sights.origin[i, k] + along * sights.direction[i, k] - scratch.point[0, k]
-        square += away * away
-    h = np.sqrt(square)
+        square += (origin[i, k] + along * direction[i, k] - scratch.point[0, k]) ** 2
+    h = math.sqrt(square)
     if not h > 0.0:
-        return 0.0
-    low, high = np.arctan2(-along, h), np.arctan2(sights.far[i] - along, h)
-    value, distance = _product(edge.medium, w, beams, b, sights, i, (low + u * (high - low), along, h), scratch)
-    if beams.real[b] and value > 0.0:
-        _, wall = first(edge.geometry, scratch.point, scratch.away, 0, np.int64(-1), scratch.mesh)
-        if wall < distance * (1 - 1e-6):
-            return 0.0
-    return value * (high - low) / h
+        return _Joined(0.0, 0.0, 0.0, 0.0)
+    low, high = math.atan2(-along, h), math.atan2(sights.far[i] - along, h)
+    angle, before, after = low + u[_SEEN] * (high - low), 0.0, 0.0
+    t, distance = along + h * math.tan(angle), h / math.cos(angle)
+    for k in range(3):
+        away[0, k] = (origin[i, k] + t * direction[i, k] - scratch.point[0, k]) / distance
+        before += away[0, k] * beams.direction[b, k]
+        after -= away[0, k] * direction[i, k]
+    if beams.real[b] and first(edge.geometry, scratch.point, away, 0, np.int64(-1), scratch.mesh)[1] < distance * (1 - 1e-6):
+        return _Joined(0.0, 0.0, 0.0, 0.0)
+    return _Joined(s + distance + t, max(1 - before, 0.0), max(1 - after, 0.0), stretch * (high - low) / h)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -228,40 +285,40 @@ def _proposed(plan, state, streams, c, large, u):
     side = uniform(streams, c) * 3
     for k in range(NUMBERS):
         u[k] = state[k]
-        of_beam = k == _BEAM or k == _ON_BEAM
+        of_beam = k in (_BEAM, _ON_BEAM)
         if (side < 1 and of_beam) or (side >= 2 and not of_beam):
             continue
-        size, least, most = uniform(streams, c), plan.small[k, 0], plan.small[k, 1]
-        size = most * np.exp(size * np.log(least / most))
-        u[k] += size if uniform(streams, c) < 0.5 else -size
-        u[k] -= np.floor(u[k])
+        size = 2 * uniform(streams, c) - 1
+        step = plan.small[k, 1] * math.exp(abs(size) * plan.small[k, 0])
+        u[k] += step if size > 0.0 else -step
+        u[k] -= math.floor(u[k])
         if not u[k] < 1.0:
             u[k] = 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def move(edge, sights, beams, plan, chains, images, begin, end):
-    """Moves chains and adds what they bring to images (B, kinds, pixels, 3), of as many blocks of chains; begin, end : of blocks"""
+    """Moves chains of blocks begin to end and adds what they bring to images (B, kinds, pixels, 3) of these."""
     edge, sights, beams, plan = lent(edge), lent(sights), lent(beams), lent(plan)
     chains = lent(chains)
     scratch, n, lines = _scratch(len(edge.beyond)), len(chains.states), len(sights.far)
-    u, here, there = np.empty(NUMBERS), np.zeros((3, 3)), np.zeros((3, 3))
+    u, current, proposed = np.empty(NUMBERS), np.zeros((3, 3)), np.zeros((3, 3))
     for g in range(begin, end):
         for c in range(g * n // len(images), (g + 1) * n // len(images)):
             state, image = chains.states[c], images[g]
-            luminance, held = _brought(edge, sights, beams, plan.scale, state, here, scratch), 0.0
+            luminance, held = _brought(edge, sights, beams, plan.scale, state, current, scratch), 0.0
             for step in range(1, plan.steps + 1):
                 large = step % plan.large == 0
                 _proposed(plan, state, chains.streams, c, large, u)
-                other = _brought(edge, sights, beams, plan.scale, u, there, scratch)
-                pixel, share = sights.pixel[_number(u[_LINE], lines)], min(other / luminance, 1.0)
+                new_luminance = _brought(edge, sights, beams, plan.scale, u, proposed, scratch)
+                pixel, share = sights.pixel[_number(u[_LINE], lines)], min(new_luminance / luminance, 1.0)
                 chains.taken[g, 1 if large else 0] += share
                 if large:
-                    _bring(there, _of_drawn(plan, other), image, pixel)
+                    _bring(proposed, _of_drawn(plan, new_luminance), image, pixel)
                 held += 1.0 - share
                 if uniform(chains.streams, c) < share:
-                    _bring(here, held * _of_moved(plan, luminance), image, sights.pixel[_number(state[_LINE], lines)])
-                    state[:], here[:], luminance, held = u, there, other, share
+                    _bring(current, held * _of_moved(plan, luminance), image, sights.pixel[_number(state[_LINE], lines)])
+                    state[:], current[:], luminance, held = u, proposed, new_luminance, share
                 elif share > 0.0:
-                    _bring(there, share * _of_moved(plan, other), image, pixel)
-            _bring(here, held * _of_moved(plan, luminance), image, sights.pixel[_number(state[_LINE], lines)])
+                    _bring(proposed, share * _of_moved(plan, new_luminance), image, pixel)
+            _bring(current, held * _of_moved(plan, luminance), image, sights.pixel[_number(state[_LINE], lines)])

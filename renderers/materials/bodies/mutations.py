@@ -2,9 +2,9 @@
 
 A path of three and more events in a body is one edge: from a place on a beam of light that came in to a place on a line of
 sight, by the table of its medium.  Lines of sight and beams of a pass are drawn first, as for other methods with tables
-(`transport`, `light`), negative beams among them, several paths a pixel.  States of chains are five numbers: which line, which
-beam, where on each, and where on the line light of negative beams scatters a second time; neighbours are near each other in all
-of them.  Chains go by the absolute value of the luminance, and what they bring keeps its sign.
+(`transport`, `light`), negative beams among them, several paths a pixel.  States of chains are six numbers: which line, which
+beam, where on each, and where light of negative beams scatters that has two events; neighbours are near each other in all of
+them.  Chains go by the absolute value of the luminance, and what they bring keeps its sign.
 
 Each pass is a group of chains by itself, with lines and beams of its own, so that the scatter of passes is the noise.  Chains
 begin at states drawn alike, by their luminance, so that no start-up is thrown away and no pass is biased; these and large steps
@@ -31,9 +31,10 @@ from renderers.transport import wavefront
 from renderers.transport.metropolis import Figures
 from renderers.transport.paths import follow, joined, of_camera
 
-_PATHS, _SAMPLES = 1 << 15, 64  # from the camera in a pass, about; of a pixel, at most
+_PATHS, _SAMPLES = 1 << 16, 64  # from the camera in a pass, about; of a pixel, at most
 _BEAMS = 4  # times the places and walks of other methods, which have lines of sight share few beams
-_MUTATIONS, _OF_PIXEL = 1 << 20, 64  # of a pass; more where there are more lines of sight: so many of each
+# mutations of a pass: so many a pixel, at least and at most; more where there are more lines of sight, so many of each
+_OF_PIXEL, _FEWEST, _MOST_OF_PASS, _OF_LINE = 512, 1 << 17, 1 << 20, 4
 _STEPS, _LARGE = 256, 8  # of a chain; of so many the last one is large
 _CANDIDATES = 32  # states drawn alike for each chain
 _EFFECTIVE = 0.1  # independent states that a step of a chain is worth, as the weights count it
@@ -42,7 +43,7 @@ _ALL = 1 << 17  # paths of the camera that go on together
 _APART = 1 << 28  # random streams of bodies are so far apart
 _PILOT = (1 << 30) - 1  # pass that finds how bright states are
 _LATER = 1 << 31  # passes of lines of sight are numbered from here, so many of each pass
-_MOST = 0.125  # of a small step, of the range of a number; least: a neighbour among lines and beams, and
+_MOST = 1 / 32  # of a small step, of the range of a number; least: a neighbour among lines and beams, and
 _LEAST = 1 / 1024  # of places on them
 
 
@@ -77,41 +78,54 @@ class Mutations:
         self._setup, self._entries, self._settings, self._seed = setup, entries, settings, seed
         self._size, self._pixels = setup.world.size, setup.world.size[0] * setup.world.size[1]
         self._samples = max(1, min(_SAMPLES, _PATHS // self._pixels))
-        self._normalisations, self._accepted = {}, {}
+        self._mutations = max(_FEWEST, min(_MOST_OF_PASS, _OF_PIXEL * self._pixels))
+        self._normalisations, self._accepted, self._steps = {}, {}, {}
 
     def __call__(self, number):
-        rays = transport.begin(self._setup, np.arange(self._pixels), _LATER + number, self._seed)
-        view, every = smooth.seen(self._setup, rays), np.ones(self._size, bool)
-        gathers = every if self._samples > 1 or any(self._settings.second) else smooth.chosen(view, number)
+        view, gathers = self._seen(number)
         image, luminance, steps, taken = np.zeros((3, self._pixels, 3)), 0.0, np.zeros(2), np.zeros(2)
         for group in self._groups(number, gathers):
-            begun = group.begin(self._typical[group.body], image)
-            luminance += begun / self._pixels
-            if begun > 0:
+            of_body = group.begin(self._typical[group.body], image)
+            luminance += of_body / gathers.sum()
+            if of_body > 0:
                 taken += group.move(image)
                 steps = steps + group.count
         self._normalisations[number] = luminance
-        if np.any(steps):
+        self._steps[number] = int(np.sum(steps))
+        if self._steps[number]:
             self._accepted[number] = (taken / steps).tolist()
         return self._layers(image, gathers, view)
+
+    @property
+    def count(self) -> int:
+        """Mutations of the passes so far."""
+        return sum(self._steps.values())
 
     def figures(self) -> Figures:
         """Of the passes so far."""
         return Figures.of(self._normalisations, self._accepted)
 
+    def _seen(self, number):
+        """What the camera sees of bodies in a pass, and pixels (H, W) that gather light."""
+        rays = transport.begin(self._setup, np.arange(self._pixels), _LATER + number, self._seed)
+        view = smooth.seen(self._setup, rays)
+        shares = self._samples == 1 and not any(self._settings.second)
+        return view, smooth.chosen(view, number) if shares else np.ones(self._size, bool)
+
     def _layers(self, image, gathers, view):
-        later, second, other = (values.reshape(*self._size, 3) for values in image)
+        later, second, third = (values.reshape(*self._size, 3) for values in image)
         half, later = smooth.smoothed(later, gathers, view, 0.5), smooth.smoothed(later, gathers, view)
         none = np.zeros_like(later)
-        return {"": later + second + other, "order0": none, "order1": none, "order2": second, "orders": later + other,
+        return {"": later + second + third, "order0": none, "order1": none, "order2": second, "orders": later + third,
                 CLOSER: half - later}
 
     @cached_property
     def _typical(self):
         """Luminance of all light in each body, by states drawn alike; 0 where none brings any."""
         image = np.zeros((3, self._pixels, 3))
-        begun = {group.body: group.begin(0.0, image) for group in self._groups(_PILOT, np.ones(self._size, bool))}
-        return [begun.get(body, 0.0) for body in range(len(self._setup.bodies))]
+        groups = self._groups(_PILOT, self._seen(_PILOT)[1])
+        luminance = {group.body: group.begin(0.0, image) for group in groups}
+        return [luminance.get(body, 0.0) for body in range(len(self._setup.bodies))]
 
     def _groups(self, number, gathers):
         """`_Group` of each body in which there are lines of sight and beams, in a pass."""
@@ -122,9 +136,9 @@ class Mutations:
         total = sum(part.count for part in lines.values())
         for body, its in lines.items():
             if its.count and len(beams[body].length):
-                edge, steps = self._edge(body), max(_OF_PIXEL * its.count, _MUTATIONS * its.count // total)
+                steps = max(_OF_LINE * its.count, self._mutations * its.count // total)
                 key = stream_key(self._seed, "render.mutations", number)
-                yield _Group(body, edge, self._sights(body, its), beams[body], math.ceil(steps / _STEPS), key)
+                yield _Group(body, self._edge(body), self._sights(body, its), beams[body], math.ceil(steps / _STEPS), key)
 
     def _lines(self, number, gathers):
         """`Paths` of each body that are lines of sight in it, in a pass."""
@@ -149,7 +163,8 @@ class Mutations:
         lines = lines.of(order[np.argsort((lines.order + ~lines.seen)[order] > 0, kind="stable")])
         mirrored = np.isfinite(self._settings.beyond[body]).any()
         facing = transport.facing(self._setup, lines) if mirrored else np.empty((0, 3))
-        return Sights(lines.origin, lines.direction, lines.far, facing, lines.throughput / self._samples, lines.pixel, lines.order)
+        weight = lines.throughput / self._samples
+        return Sights(lines.origin, lines.direction, lines.far, facing, weight, lines.pixel, lines.order)
 
     def _edge(self, number):
         body, asked = self._setup.bodies[number], self._settings
@@ -180,12 +195,13 @@ class _Group:
         large = _STEPS // _LARGE
         self.count = chains * np.array([_STEPS - large, large])
         lines, places = len(sights.far), len(beams.length)
-        small = np.array([[min(1 / lines, _MOST), _MOST], [min(1 / places, _MOST), _MOST], *[[_LEAST, _MOST]] * 3])
+        least = [min(1 / lines, _MOST), min(1 / places, _MOST), *[_LEAST] * (NUMBERS - 2)]
+        small = np.array([[math.log(shortest / _MOST), _MOST] for shortest in least])
         self._plan = Plan(float(lines * places), _STEPS, _LARGE, small, float(_CANDIDATES * chains + self.count[1]),
                           float(_EFFECTIVE * chains * _STEPS), 0.0, 0.0)
 
     def begin(self, typical, image) -> float:
-        """Draws states alike and adds what they bring to image (3, pixels, 3); the luminance of all light in the body by them."""
+        """Draws states alike and adds what they bring to image (3, pixels, 3): the luminance of all light in the body."""
         n = _CANDIDATES * self._chains
         self._states, self._luminance = np.empty((n, NUMBERS)), np.empty(n)
         wavefront.draw(self._streams[self._chains + 1:], self._states)
