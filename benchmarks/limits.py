@@ -115,6 +115,7 @@ def mie(rates):
     last = kernels.terms(size)
     grid = fourier.blocks(np.array([size]), np.array([0]))[0][0]
     _, (_, h, tree, values) = fourier._memory(last, 1, grid)
+    h[:], tree[:], values[:] = 0.0, 0.0, 0.0
     table, tables, only = legendre.ratios(2 * h.shape[3] + 4 * legendre.LEAF), legendre.box_tables(), np.array([last])
     yield (f"transform, boxes nearby, x = {size:,.0f}", "an order: 88 targets of 5 products", 440 * last * product,
            best(lambda: [legendre._near(h, parity, table, only) for parity in range(2)], sized(10, 1)))
