@@ -37,7 +37,7 @@ def speed(miepython, lxmie):
     if not lxmie:
         return
     radii, theta = np.linspace(1, 1000, sized(100, 2)), np.linspace(0, np.pi, sized(1000, 10))
-    n, k, x_list, mu = [1.33] * 100, [0.0] * 100, list(radii), list(np.cos(theta))
+    n, k, x_list, mu = [1.33] * radii.size, [0.0] * radii.size, list(radii), list(np.cos(theta))
     row("S1, S2 at 1000 angles, 100 radii, x 1..1000", "lxmie", processor_seconds({
         "bakery": lambda: amplitudes(1.33, radii, theta),
         "lxmie": lambda: lxmie.mie_amplitudes(n, k, x_list, mu)}, sized(10, 1)), 0.08, 0.01)
