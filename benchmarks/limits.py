@@ -95,10 +95,46 @@ def machine():
     return rates
 
 
+def mie(rates):
+    """Kernels of Mie on one core: (name, operations, seconds of the bound, measured seconds)."""
+    from scipy.fft import dct
+
+    from bakery.physics.mie import fourier, kernels, legendre
+
+    product, quotient, byte = (1.0 / rates[kind] for kind in ("multiply-adds", "quotients", "bytes of memory"))
+    x = np.linspace(0.1, 1000.0, sized(10_000, 32))
+    orders, out = sum(kernels.terms(size) for size in x), np.empty((5, x.size))
+    yield ("efficiencies, 10,000 sizes, m = 1.33", "an order: 35 products, 2 quotients; an order of mx: 4 and 1",
+           orders * (35 * product + 2 * quotient + 1.33 * (4 * product + quotient)),
+           best(lambda: kernels.efficiency_block(1.33 + 0j, x, *out)))
+    size, theta = sized(20_000.0, 200.0), np.linspace(0.0, np.pi, sized(1801, 20))
+    last, pairs = kernels.terms(size), np.empty((1, theta.size, 4))
+    yield (f"recurrence of angles, x = {size:,.0f}", "an order and angle: 9 products", 9 * last * theta.size * product,
+           best(lambda: kernels.amplitude_block(1.33 + 0j, np.array([size]), theta, pairs), sized(10, 1)))
+    size = sized(200_000.0, 300.0)
+    last = kernels.terms(size)
+    grid = fourier.blocks(np.array([size]), np.array([0]))[0][0]
+    _, (_, h, tree, values) = fourier._memory(last, 1, grid)
+    h[:], tree[:], values[:] = 0.0, 0.0, 0.0
+    table, tables, only = legendre.ratios(2 * h.shape[3] + 4 * legendre.LEAF), legendre.box_tables(), np.array([last])
+    yield (f"transform, boxes nearby, x = {size:,.0f}", "an order: 88 targets of 5 products", 440 * last * product,
+           best(lambda: [legendre._near(h, parity, table, only) for parity in range(2)], sized(10, 1)))
+    yield ("transform, boxes and their tree", "an order: 1080 products", 1080 * last * product,
+           best(lambda: legendre.legendre_to_fourier(h, only, table, tables, tree), sized(10, 1)))
+    flops = 4 * 2.5 * grid * np.log2(grid)
+    yield ("transform, cosines (SciPy)", "four series, 2.5 n log2 n sums and products; memory read and written four times",
+           max(0.5 * flops * product, 8 * values.nbytes * byte),
+           best(lambda: dct(values, type=3, axis=0, overwrite_x=True), sized(10, 1)))
+
+
 def main():
     print("| one core, a second | 1e9 |\n|---|---|")
-    for kind, rate in machine().items():
+    rates = machine()
+    for kind, rate in rates.items():
         print(f"| {kind} | {rate / 1e9:.2f} |", flush=True)
+    print("\n| kernel | operations | bound, ms | measured, ms | reached |\n|---|---|---|---|---|")
+    for name, operations, bound, seconds in mie(rates):
+        print(f"| {name} | {operations} | {bound * 1e3:.2f} | {seconds * 1e3:.2f} | {bound / seconds:.2f} |", flush=True)
 
 
 if __name__ == "__main__":

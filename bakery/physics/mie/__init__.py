@@ -146,8 +146,8 @@ def _by_transform(index, x, angles, places, s1, s2):
     if not places.size:
         return []
     blocks = fourier.blocks(x, places)
-    work = np.cumsum([x[block].sum() + 3 * angles.size for _, block in blocks])
-    parts = parts_of_work(work[-1] * 6e-8)
+    work = np.cumsum([x[block].sum() + 0.4 * angles.size * block.size for _, block in blocks])
+    parts = parts_of_work(work[-1] * 7e-8 / 10)  # memory of a new thread costs some ms: not for less than ten
     cuts = [0, *np.searchsorted(work, work[-1] * np.arange(1, parts) / parts), len(blocks)]
     return [partial(run, blocks[a:b]) for a, b in zip(cuts[:-1], cuts[1:]) if b > a]
 

@@ -59,7 +59,9 @@ _INVERSE_PI, _INVERSE_PI_LOW = 0.3183098861837907, -1.9678676675182486e-17  # 1/
 
 @njit(**STRICT)
 def weighted_coefficients(work, last, h):
-    """h (R, 4, 2, size), zero, of the coefficients work (rows, 4, L): orders 2i + parity of Re a, Im a, Re b, Im b."""
+    """h (R, 4, 2, size) of the coefficients work (rows, 4, L): orders 2i + parity of Re a, Im a, Re b, Im b, else zero."""
+    h[:, :, 0, 0] = 0.0
+    h[:, :, :, last[0] // 2:] = 0.0
     for q in range(last.shape[0]):
         for n in range(1, last[q] + 1):
             f = (2.0 * n + 1.0) / (n * (n + 1.0))
@@ -154,13 +156,14 @@ def _cosine_rows(typingctx, g, size, count, damping, out, column, pitch, power):
 
 @njit(**STRICT)
 def cosine_coefficients(g, last, polynomial, out):
-    """What the transform takes into out (grid, 4 R), zero: Re S1, Im S1, Re S2, Im S2 of each radius; returns the square of ERROR
+    """What the transform takes into out (grid, 4 R): Re S1, Im S1, Re S2, Im S2 of each radius; returns the square of ERROR
     times their mean square (R,).
     """
     radii, size = g.shape[0], g.shape[3]
     power, top = np.zeros((radii, 4)), np.max(last)
     damping, rows = _damping(out.shape[0], top + 2, polynomial), out.reshape(-1)
     error = np.empty(radii)
+    out[2 * (last[0] // 2 + 1):] = 0.0
     for q in range(radii):
         _cosine_rows(g[q].reshape(-1), size, last[q] // 2 + 1, damping, rows, 4 * q, 4 * radii, power[q])
         error[q] = ERROR * ERROR * (power[q, 0] + power[q, 1] + power[q, 2] + power[q, 3])
@@ -248,9 +251,10 @@ def _spectrum(m, x, ratio, tables, polynomial, memory):
     """Into values what the transform takes of spheres x (R,); returns the square of the least S that it is good for, and S1 at 0
     and pi (R, 2, 2).
 
-    memory: a_n and b_n; zero, h (R, 4, 2, ..), the tree of `legendre_to_fourier` and values (grid, 4 R).
+    memory, as it may be: a_n and b_n, h (R, 4, 2, ..), the tree of `legendre_to_fourier` and values (grid, 4 R).
     """
     work, h, tree, values = memory
+    tree[:] = 0.0
     last = np.empty(x.shape[0], np.int64)
     for q in range(x.shape[0]):
         last[q] = kernels.terms(x[q])
@@ -351,10 +355,7 @@ def _memory(last, radii, grid):
         whole = np.empty(0)
     if whole.size < ends[-1]:
         whole = np.empty(ends[-1])
-    parts = tuple(part.reshape(shape) for part, shape in zip(np.split(whole[:ends[-1]], ends[:-1]), shapes))
-    for part in parts[1:]:
-        part[:] = 0.0
-    return whole, parts
+    return whole, tuple(part.reshape(shape) for part, shape in zip(np.split(whole[:ends[-1]], ends[:-1]), shapes))
 
 
 def amplitudes_of_block(m, x, theta, grid, s1, s2):
