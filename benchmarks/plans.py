@@ -147,7 +147,8 @@ def _baked(name: str, text: str, folder: Path) -> dict:
                           capture_output=True)
     if done.returncode:
         raise SystemExit(f"{name}: {done.stderr}")
-    return json.loads(done.stdout) | {"recipe": str(recipe), "speeds": json.loads((kept / "speed.json").read_text())}
+    speeds = kept / "speed.json"  # of work that takes no time there is none
+    return json.loads(done.stdout) | {"recipe": str(recipe), "speeds": json.loads(speeds.read_text()) if speeds.exists() else {}}
 
 
 def _used(found: dict, name: str, folder: Path) -> float:
