@@ -440,3 +440,12 @@ def test_bad_input(asset, fog):
         kernels.fog_of(asset, channels=1)
     with pytest.raises(UsageError, match="filter.kernel: "):
         kernels.fog_of(asset, kernel="best")
+
+
+def test_without_a_graphics_card(fog, monkeypatch):
+    """One message; what would do."""
+    from renderers.fog import on_drjit
+
+    monkeypatch.setattr(on_drjit.dr, "has_backend", lambda backend: False)
+    with pytest.raises(UsageError, match="no graphics card that CUDA could use"):
+        on_drjit.fogged(*scene(6, 8), fog)
