@@ -208,18 +208,18 @@ OPTIONS = [{}, {"outside": "black", "energy": "lost"}, {"cut_off": 1.0}]
 @pytest.mark.parametrize("options", OPTIONS)
 @pytest.mark.parametrize("narrow", [1, 20])
 def test_against_every_pair(fog, options, narrow):
-    """With points as close as the blocks 3 % at worst (a small dark picture), with closer ones 1 %."""
+    """With points as close as the blocks 4 % at worst (a small dark picture), with closer ones 1 %."""
     image, z, angle, column, lever = scene(54, 72)
     some = np.random.default_rng(3).choice(z.size, 500, replace=False)
     expected = screen.direct(image, z, angle * narrow, column, lever, fog, pixels=some, **options)
     off = {points: rms(screen.fogged(image, z, angle * narrow, column, lever, fog, points=points, **options).reshape(-1, 3)[some],
                        expected) for points in screen.POINTS}
-    assert off["final"] < 0.01 and off["every pixel"] < 0.01 and off["preview"] < 0.015 and off["draft"] < 0.03
+    assert off["final"] < 0.01 and off["every pixel"] < 0.01 and off["preview"] < 0.015 and off["draft"] < 0.04
 
 
-@pytest.mark.parametrize("points, bound", [("draft", 0.15), ("preview", 0.05), ("final", 0.015), ("every pixel", 0.012)])
+@pytest.mark.parametrize("points, bound", [("draft", 0.15), ("preview", 0.05), ("final", 0.022), ("every pixel", 0.02)])
 def test_points_around_a_lamp(fog, points, bound):
-    """A single bright pixel, where points matter most: 12, 4, 1.4 and 1 % of the mean of what is seen."""
+    """A single bright pixel, where points matter most: 12, 4, 1.8 and 1.6 % of the mean of what is seen."""
     image = np.zeros((100, 140, 3))
     image[41, 63] = 100
     some = np.random.default_rng(1).choice(14000, 300, replace=False)
@@ -440,3 +440,12 @@ def test_bad_input(asset, fog):
         kernels.fog_of(asset, channels=1)
     with pytest.raises(UsageError, match="filter.kernel: "):
         kernels.fog_of(asset, kernel="best")
+
+
+def test_without_a_graphics_card(fog, monkeypatch):
+    """One message; what would do."""
+    from renderers.fog import on_drjit
+
+    monkeypatch.setattr(on_drjit.dr, "has_backend", lambda backend: False)
+    with pytest.raises(UsageError, match="no graphics card that CUDA could use"):
+        on_drjit.fogged(*scene(6, 8), fog)
