@@ -16,10 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba import types
+from numba import carray, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from bakery.physics.packing._approach import DUE as NEXT
+from bakery.physics.packing._approach import LANES, A, B, C, approach, lowest, scratch
 from bakery.system.compiled import njit
 
 STRICT = dict(cache=True, nogil=True, error_model="numpy")
@@ -306,27 +308,25 @@ def predict(st, i, t):
         soon = st.sphere[i, DUE] - t
         choice = agreed
 
-    for k in range(st.index[i, FIRST], st.index[i, LAST]):
-        entry = st.near[k]
-        j = entry >> 5
-        code = entry & 31
-        ux, uy, uz = vx - st.sphere[j, V], vy - st.sphere[j, V + 1], vz - st.sphere[j, V + 2]
-        dx = (x - st.shift[code, 0]) - (st.sphere[j, X] + st.sphere[j, V] * t)
-        dy = (y - st.shift[code, 1]) - (st.sphere[j, X + 1] + st.sphere[j, V + 1] * t)
-        dz = (z - st.shift[code, 2]) - (st.sphere[j, X + 2] + st.sphere[j, V + 2] * t)
-        radii = radius + st.sphere[j, R]
-        s, g = radii * scale, radii * rate
-        a = ux * ux + uy * uy + uz * uz - g * g
-        b = dx * ux + dy * uy + dz * uz - s * g
-        c = dx * dx + dy * dy + dz * dz - s * s
-        until = min(soon, st.sphere[j, DUE] - t)
-        # c + 2 b tau + a tau^2 = 0 has no root before `until` where even this bound from below stays positive
-        if c > 0.0 and c + until * (2.0 * b + until * min(a, 0.0)) >= 0.0:
-            continue
-        tau = _touching(a, b, c)
-        if tau < until:
-            soon = tau
-            choice = entry
+    own, now = (x, y, z, vx, vy, vz, radius), (scale, rate, t)
+    room = scratch()
+    gap = carray(room, 4 * LANES)
+    last = st.index[i, LAST]
+    # lists take whole cache lines: what stands behind the last one is some sphere's number, or was
+    for first in range(st.index[i, FIRST], last, LANES):
+        bits = approach(st.sphere, st.near, first, st.shift, CENTRE, own, now, soon, room)
+        bits &= (1 << min(last - first, LANES)) - 1
+        while bits != 0:
+            k = lowest(bits)
+            bits &= bits - 1
+            a, b, c = gap[A + k], gap[B + k], gap[C + k]
+            until = min(soon, gap[NEXT + k])
+            if c > 0.0 and c + until * (2.0 * b + until * min(a, 0.0)) >= 0.0:
+                continue  # no longer, for something else comes sooner
+            tau = _touching(a, b, c)
+            if tau < until:
+                soon = tau
+                choice = st.near[first + k]
 
     if choice == agreed and agreed >= 0:
         return
