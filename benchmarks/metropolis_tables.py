@@ -70,8 +70,8 @@ def main():
     parser.add_argument("--seconds", type=float, default=sized(6.0, 1.0))
     args = parser.parse_args()
     print(variants.activate("rgb"))
-    print("| scene | method | three and more events over `metropolis` | a second of two cores | noise 1 % after, s | of three and "
-          "more events | error over `metropolis`, equal time |\n|" + "---|" * 7, flush=True)
+    print("| scene | method | three and more events over `metropolis` | a second of two cores | noise 1 % after, s | of three "
+          "and more events | error over `metropolis`, equal time |\n|" + "---|" * 7, flush=True)
     for scene in args.scenes:
         rows(scene, args.size, args.seconds)
 
