@@ -24,12 +24,11 @@ from renderers.colour import LUMINANCE
 from renderers.materials.bodies import _mutations, light, smooth, transport
 from renderers.materials.bodies._mutations import NUMBERS, Chains, Edge, Plan, Sights
 from renderers.materials.bodies.bias import CLOSER
-from renderers.materials.bodies.paths import Paths
 from renderers.materials.bodies.transport import Sums
 from renderers.threads import run
 from renderers.transport import wavefront
 from renderers.transport.metropolis import Figures
-from renderers.transport.paths import follow, joined, of_camera
+from renderers.transport.paths import follow, joined
 
 _PATHS, _SAMPLES = 1 << 16, 64  # from the camera in a pass, about; of a pixel, at most
 _BEAMS = 4  # times the places and walks of other methods, which have lines of sight share few beams
@@ -143,15 +142,11 @@ class Mutations:
     def _lines(self, number, gathers):
         """`Paths` of each body that are lines of sight in it, in a pass."""
         setup, asked, collected = self._setup, self._settings, _Collected()
-        pixels, key = np.flatnonzero(gathers), stream_key(self._seed, "render.translucent", _LATER + number)
-        sums = Sums(self._pixels, by_paths=False)
+        pixels, sums = np.flatnonzero(gathers), Sums(self._pixels, by_paths=False)
 
         def camera(first, last):
             its = pixels[np.arange(first, last) // self._samples]
-            states, origin, direction = of_camera(setup.world, self._size[1], key, first, its)
-            paths = Paths.begun(origin, direction, np.ones((len(its), len(setup.colours.to_waves))), states, its)
-            paths.seen[:] = True
-            return paths
+            return transport.begin(setup, its, _LATER + number, self._seed, first)
 
         follow(len(pixels) * self._samples, _ALL, camera,
                lambda paths: transport.onward(setup, paths, asked.most, sums, collected))

@@ -140,9 +140,12 @@ def from_eye(transport, most, gather, number, seed, by_paths=True, chosen=None) 
     return sums
 
 
-def begin(transport, pixel, number, seed) -> Paths:
-    """The camera's path through each pixel (n,), ascending without gaps, of a pass."""
-    key, first = stream_key(seed, "render.translucent", number), int(pixel[0]) if len(pixel) else 0
+def begin(transport, pixel, number, seed, first=None) -> Paths:
+    """The camera's paths through pixels (n,) of a pass, from path `first` on; if that is None a path a pixel, ascending without
+    gaps."""
+    key = stream_key(seed, "render.translucent", number)
+    if first is None:
+        first = int(pixel[0]) if len(pixel) else 0
     states, origin, direction = of_camera(transport.world, transport.world.size[1], key, first, pixel)
     paths = Paths.begun(origin, direction, np.ones((len(pixel), len(transport.colours.to_waves))), states, pixel)
     paths.seen[:] = True
