@@ -73,6 +73,12 @@ COMPILED = {
     "solid": _GEL + "multiple_scattering: {sources: [point, segment], tolerance: 10%}\n",
     "counted": _GEL + "multiple_scattering: {sources: [point], tolerance: 10%, method: photons, photons: 10000}\n",
     "spread": _GEL + "beam: {photons: 20000}\n",
+    "layer": _GEL + "surface: {thickness: 1 mm, boundary: {index: 1.5}}\n",
+    "snow": _grains("{type: sphere}", "{type: dielectric, material: ice}", "{fraction: 0.5, count: 200}",
+                    _COARSE + "surface: {tolerance: 30%}\n"),
+    "shells": "tolerance: 10%\nwavelengths: [0.55]\nparticles: {host: air, number_density: 1e8 /m^3, components: [{name: a, "
+              "material: soot, size: {distribution: lognormal, radius: 50 nm, sigma: 1.6, max: 1 um}, "
+              "coating: {material: {n: 1.53, k: 1e-7}, ratio: 2}}]}\n",
 }
 
 

@@ -151,7 +151,7 @@ def _priced(recipe, target: Path, stages, present: Group | None, held, *, force:
         work = _work(cost, workers)
         ratio, count = cache.speed(_kind(stage, cost), key, work)
         coming = compiling.expected(cost.kernels)
-        basis = f"{cost.basis}; {work:.2g} s on {min(workers, cost.most):.2g} cores"
+        basis = f"{cost.basis}; {work:.2g} s on {cost.cores(workers):.2g} cores"
         basis += f"; by {count} earlier bakes here {ratio:.2g} times that" if count else ""
         basis += f"; {coming:.2g} s for compiling kernels, once" if coming else ""
         return replace(cost, seconds=work * ratio, compiling=coming, memory=cost.memory + COMPILER * (coming > 0), basis=basis)
@@ -167,7 +167,7 @@ def _priced(recipe, target: Path, stages, present: Group | None, held, *, force:
 
 def _work(cost: Cost, workers: int) -> float:
     """Seconds that a cost model expects on so many cores of the machine that it was measured on."""
-    return cost.startup + cost.seconds / min(workers, cost.most)
+    return cost.startup + cost.seconds / cost.cores(workers)
 
 
 def _kind(stage: Stage, cost: Cost) -> str:

@@ -225,7 +225,15 @@ class Cost:
     kernels: tuple[str, ...] = ()  # modules whose compiled kernels run, below `bakery`: mie.kernels
     kind: str = ""  # of work: measured speeds of one kind say nothing of another
     most: float = math.inf  # cores that the work can use
+    blocks: int = 0  # equal ones that the work consists of, `most` of which run at a time; 0: it divides into any number
     compiling: float = 0.0  # seconds that compiling these kernels adds on this machine, once; the plan finds out
+
+    def cores(self, workers: int) -> float:
+        """Cores of `workers` that are busy, on average over the work: 1.5 of two where there are three blocks."""
+        if not self.blocks:
+            return min(workers, self.most)
+        whole, rest = divmod(self.blocks, int(self.most))
+        return self.blocks / (whole * math.ceil(int(self.most) / workers) + math.ceil(rest / workers))
 
 
 @dataclass(frozen=True)

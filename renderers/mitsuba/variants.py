@@ -6,6 +6,8 @@ import functools
 import importlib.util
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from typing import NamedTuple
 
 from bakery.errors import BakeryError, UsageError
@@ -25,6 +27,16 @@ class Choice(NamedTuple):
 
     names: tuple[str, ...]
     reason: str
+
+
+def on_gpu(variant: str) -> bool:
+    """Whether a variant runs on a graphics card."""
+    return variant.startswith("cuda")
+
+
+def clock(variant: str) -> Callable[[], float]:
+    """Seconds that a variant's work takes: of all processors, or, where these wait for a graphics card, of the clock."""
+    return time.monotonic if on_gpu(variant) else time.process_time
 
 
 def require_mitsuba() -> None:

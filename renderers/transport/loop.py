@@ -17,6 +17,7 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from renderers.mitsuba import variants
 from renderers.transport import flights, media
 from renderers.transport.lamps import Counts, Departure
 from renderers.transport.strata import Strata
@@ -28,7 +29,8 @@ import mitsuba as mi  # isort: skip
 # caught in glass loses nothing on its way
 _ROULETTE, _FAR, _GOES_ON = 4, 64, 0.95
 # paths of a lane, about, and lanes at least: a packet goes on until the last of its lanes has none.  In a glass of milk packets
-# of 16 lanes are busy to 25 % with 4 paths a lane, to some 70 % with 256
+# of 16 lanes are busy to 25 % with 4 paths a lane, to some 70 % with 256.  A graphics card wants a hundred thousand lanes: each
+# pixel has one
 _PATHS, _LANES = 256, 256
 # scatterings in bodies until all paths of a packet are looked at together
 _SCATTERINGS = 8
@@ -42,6 +44,7 @@ class Path:
 
     random : PCG32;  pixel, number : of the path;  alive : whether there is one
     origin, direction : of the next flight;  throughput : of each wavelength
+    squared_index : of where it is over that around the camera, by which refraction has divided the throughput
     inside : bodies in which it is, a bit each, the innermost one first
     order, bounces : scatterings in bodies; those and surfaces
     drawn, density : where the direction was drawn, and its density (1/sr);  single : no light sample could have found it
@@ -57,6 +60,7 @@ class Path:
     origin: mi.Point3f
     direction: mi.Vector3f
     throughput: list
+    squared_index: mi.Float
     inside: mi.UInt32
     order: mi.UInt32
     bounces: mi.UInt32
@@ -146,7 +150,7 @@ def trace(scene, key, pixels, samples, by_light, turn=None, sums=None):
     sums : function of arguments as of `summed` that gives the same; None: that itself
     """
     turn = turn or Turn(lambda scene, path: path, wandered, next_event, turned)
-    lanes = min(pixels, max(_LANES, pixels * samples // _PATHS))
+    lanes = pixels if variants.on_gpu(mi.variant()) else min(pixels, max(_LANES, pixels * samples // _PATHS))
     lamps = scene.lamps.records(lanes, pixels * samples / lanes) if scene.lamps else (None, None)
     by_order, of_lights = (sums or summed)(scene, Numbers.of(key, pixels, lanes, samples), (pixels, lanes), by_light, turn, lamps)
     dr.eval(by_order, of_lights)  # both by one kernel
@@ -238,7 +242,7 @@ def camera_paths(scene, pixel, drawn, random, alive, number):
     width = dr.width(pixel)
     zero = dr.zeros(mi.UInt32, width)
     return Path(random, pixel, number, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.waves)],
-                scene.around_camera + zero, mi.UInt32(zero), mi.UInt32(zero), mi.Point3f(origin), dr.zeros(mi.Float, width),
+                dr.full(mi.Float, 1, width), scene.around_camera + zero, mi.UInt32(zero), mi.UInt32(zero), mi.Point3f(origin), dr.zeros(mi.Float, width),
                 dr.full(mi.Bool, True, width), choice, scene.lamps and scene.lamps.none(width), None)
 
 
@@ -360,6 +364,7 @@ def turned(scene, path, event, records=None):
         factor *= dr.select(chance_of_lobe > 0, sample.pdf / chance_of_lobe, 1)
     factor = scene.reflectance(dr.select(dr.all(dr.isfinite(factor)), factor, 0))
     path.throughput = [dr.select(shades, w * f, w) for w, f in zip(path.throughput, factor)]
+    path.squared_index *= dr.select(shades, squared_index(sample), 1)
     onward = surface.spawn_ray(surface.to_world(sample.wo))
     onward.o = dr.select(event.crosses, scene.boundaries.across(surface, path.direction), onward.o)
     path.direction = dr.select(shades, onward.d, path.direction)
@@ -376,12 +381,18 @@ def turned(scene, path, event, records=None):
     return scattered(scene, path, event.medium, event.position, event.scatters, records) if scene.samples else path
 
 
+def squared_index(sample):
+    """By which refraction divides the throughput, of a sample of a BSDF."""
+    return dr.select(sample.eta > 0, dr.square(sample.eta), 1)  # 0 of what met nothing
+
+
 def roulette(path, far, return_share, u, active=True):
     """Without paths of little throughput, one in twenty of those that have come far, and those that hardly come back.
 
     active : which may end
     """
-    most = media.largest(path.throughput)
+    # refraction changes radiance, and back again where the path leaves: it makes no path less worth
+    most = media.largest(path.throughput) * path.squared_index
     chance = dr.minimum(most, dr.select(path.bounces < _ENDLESS, mi.Float(1), mi.Float(_ALMOST)))
     chance = dr.select((most > 0) & (path.bounces < _ROULETTE), 1, chance)
     chance *= return_share * dr.select(far, mi.Float(_GOES_ON), mi.Float(1))

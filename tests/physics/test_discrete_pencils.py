@@ -228,9 +228,9 @@ def ball():
 
 
 REGIONS = {
-    "box": BOX,
-    "grid": kernels.region_grid(BOX.lo, BOX.hi, np.random.default_rng(2).random((4, 3, 5)) ** 3),
-    "mesh": ball(),
+    "box": lambda: BOX,
+    "grid": lambda: kernels.region_grid(BOX.lo, BOX.hi, np.random.default_rng(2).random((4, 3, 5)) ** 3),
+    "mesh": ball,
 }
 
 
@@ -242,7 +242,7 @@ def procedural(region, numbers, extinction, words=WORDS, **more):
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("where", REGIONS)
 def test_hashed_particles_stop_what_all_of_them_do(where, moving):
-    region = REGIONS[where]
+    region = REGIONS[where]()
     more = {"velocity": np.tile([0.4, 0.3, -5.0], (4, 1)), "time": 3.1} if moving else {}
     discs = procedural(region, MANY, sizes(4.0, MANY, [1000, 300, 40, 1], region), **more)
     assert len(discs.reach) == 3

@@ -133,11 +133,11 @@ def test_quarter_turns_are_orthogonal_and_come_back():
     order, rng = 40, np.random.default_rng(2)
     d = _plane.quarter_turns(order)
     for l in (0, 1, 2, 17, 40):
-        c, b, again = rng.standard_normal(l + 1), np.empty((2 * (l // 2 + 1), 1)), np.empty(l + 1)
+        c, b, again = rng.standard_normal(l + 1), np.empty((2 * (l // 2 + 1), 1)), np.empty((1, l + 1))
         _plane.to_normal(l, d[l], c[:, None], b)
+        _plane.from_normal(l, d[l], b.T, again)
+        np.testing.assert_allclose(again[0], c, atol=1e-12)
         b = b[:, 0]
-        _plane.from_normal(l, d[l], b, again)
-        np.testing.assert_allclose(again, c, atol=1e-12)
         # Parseval: both frames hold the same function
         k = l % 2 + 2 * np.arange(l // 2 + 1)
         both = np.where(k == 0, 1, 2) * (b[:len(k)] ** 2 + b[len(k):] ** 2)

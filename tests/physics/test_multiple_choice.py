@@ -46,7 +46,7 @@ def test_orders_follow_the_phase_function():
 @pytest.mark.slow
 def test_both_methods_tabulate_the_same_medium():
     asked = choice.Asked(5.0, 2.0, 0.1, None, 4000, 0)
-    solver = choice.by_solver(medium(0.625, 0.4), POINT, asked)
+    solver = choice.by_solver(medium(0.625, 0.4), (POINT,), asked)[POINT]
     photons = choice.by_photons(medium(0.625, 0.4), (POINT, SEGMENT), asked)
     assert set(photons) == {POINT, SEGMENT} and not solver.counted and photons[SEGMENT].table.kind == SEGMENT
     for one in photons.values():
@@ -61,5 +61,6 @@ def test_both_methods_tabulate_the_same_medium():
 def test_a_medium_that_scatters_next_to_nothing(albedo):
     """Far from the source less light than a double holds: finite tables, a finite error, no warning."""
     f = phases.normalised(THETA, 0.75 / (1.25 - np.cos(THETA)) ** 1.5)[0]
-    dark = choice.by_solver(choice.Medium(albedo, THETA, f, 0.0), SEGMENT, choice.Asked(None, 2.0, 0.05, None, 4000, 0))
+    asked = choice.Asked(None, 2.0, 0.05, None, 4000, 0)
+    dark = choice.by_solver(choice.Medium(albedo, THETA, f, 0.0), (SEGMENT,), asked)[SEGMENT]
     assert all(np.isfinite(values).all() for values in dark.table.arrays().values()) and np.isfinite(dark.table.error_with_solver)

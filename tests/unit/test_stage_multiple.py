@@ -112,7 +112,7 @@ def test_peaks_count_as_not_scattered(bake, tmp_path):
 
 @pytest.mark.slow
 def test_what_no_solver_reaches_is_refused_or_left_to_photons(bake, tmp_path):
-    with pytest.raises(StageError, match="wavelength number 0, segment source"):
+    with pytest.raises(StageError, match="wavelength number 0: the phase function has a narrow peak backward"):
         bake(phase="{type: hg, g: -0.999}", options="{method: solver}")
     with pytest.raises(StageError, match="is written, but .* more multiple_scattering.photons would do"):
         bake(phase="{type: hg, g: -0.95}", options="{sources: [point], extent: 3, orders: 8, photons: 3200, tolerance: 10%}")

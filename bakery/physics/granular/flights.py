@@ -14,14 +14,14 @@ import numpy as np
 from bakery.system.compiled import njit
 
 
-@njit(nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _walls(cell, edge, o, d):
     """Distance to the first wall between cells along an axis, and from one to the next; inf where nothing moves along it."""
     return (((cell + (d > 0)) * edge - o) / d, edge / abs(d)) if d != 0 else (np.inf, np.inf)
 
 
 # inlined, so that arrays are not counted in and out at each call: a fifth of the time of a walk among balls
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def flight_to_sphere(o, d, remaining, grid, limit, cells, to):
     """Distance along unit d (3,) from o (3,), outside of all spheres, to the first sphere; `limit` where none comes before it.
 
@@ -33,7 +33,7 @@ def flight_to_sphere(o, d, remaining, grid, limit, cells, to):
     return flight_in_half_space(o, d, remaining, grid, limit, cells, to, 0, np.inf)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def flight_in_half_space(o, d, remaining, grid, limit, cells, to, base, top):
     """`flight_to_sphere` among those spheres alone whose centres lie below a plane across the tile's third axis.
 

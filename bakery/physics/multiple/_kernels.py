@@ -15,14 +15,15 @@ from bakery.system.compiled import njit
 
 _LEVELS = 400  # above the last one, where the infinite chain of streaming is started
 _HUGE = 1e150
+_TOGETHER = 4  # transforms whose sums over m are made at a time
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def packed(j, l, m):
     return j * (j + 1) * (j + 2) // 6 + l * (l + 1) // 2 + m
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def coupling(l, M):
     """Square of the coupling of l - 1 and l by the cosine: (l^2 - M^2) / (4 l^2 - 1)."""
     return (l * l - M * M) / (4.0 * l * l - 1.0)
@@ -127,6 +128,12 @@ def clebsch(l, j, lam, v):
         v[M] /= norm
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def rows_of(M, L):
+    """Where row l of order M stands less l, where only the rows l = M .. L of each M are kept, one M after the other."""
+    return M * L - M * (M - 1) // 2
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def columns(j, k, c, uncounted, pivots, events, transform, k0, out):
     """Elements (l <= j, j) of the sum over events, as functions of r; element (l, m) at l (l + 1)/2 + m of `out`.
@@ -135,54 +142,102 @@ def columns(j, k, c, uncounted, pivots, events, transform, k0, out):
     ----------
     k : (N,) wave numbers, logarithmic;  c : (L + 1,) albedo p_l
     uncounted : (L + 1,) of each order, light that is turned and not counted
-    pivots : of streaming up and down, and of scattering down, each (L + 1, L + 1, N), for each M
+    pivots : of streaming up and down, and of scattering down, each (.., N), row l of M at rows_of(M, L) + l
     events : flights taken one by one before the last, and whether the last solve sums over all further events
     transform : r (R,), and of k f(k) for each lam, (2 L + 1, 2 N), at sums of the indices of k and r
     k0 : decay of diffuse light
     out : (P, R), r^2 T
     """
-    (stream_up, stream_down, scatter_down), (alone, closed), (r, hankel) = pivots, events, transform
+    r, hankel = transform
+    N, R = len(k), out.shape[1]
+    spectrum = _spectrum(j, k, c, uncounted, pivots, events)
+    v, wave, space = np.empty((_TOGETHER, j + 1)), np.empty(N), np.empty((_TOGETHER, R))
+    for l in range(j + 1):
+        first = l * (l + 1) // 2
+        out[first:first + l + 1] = 0.0
+        for start in range(j - l, j + l + 1, 2 * _TOGETHER):
+            count = min(_TOGETHER, (j + l - start) // 2 + 1)
+            for n in range(count):
+                lam = start + 2 * n
+                clebsch(l, j, lam, v[n])
+                _wave(l, v[n], spectrum, wave)
+                if j < 2 and l == 0:
+                    _take_diffuse(j, k, k0, r, wave, space[n])
+                else:
+                    space[n] = 0.0
+                for i in range(N):
+                    wave[i] *= k[i]
+                _hankel(wave, hankel[lam], space[n])
+                # the sign of the element, on v, which is done with
+                for m in range(l + 1):
+                    sign = (1 - 2 * (((lam + l - j) // 2) & 1)) * (1 - 2 * (m & 1))
+                    v[n, m] = sign * v[n, m] / (2 * math.pi * math.pi)
+            for m in range(l + 1):
+                line = out[first + m]
+                if count == _TOGETHER:
+                    v0, v1, v2, v3 = v[0, m], v[1, m], v[2, m], v[3, m]
+                    s0, s1, s2, s3 = space[0], space[1], space[2], space[3]
+                    for n in range(R):
+                        line[n] = line[n] + v0 * s0[n] + v1 * s1[n] + v2 * s2[n] + v3 * s3[n]
+                else:
+                    for i in range(count):
+                        for n in range(R):
+                            line[n] += v[i, m] * space[i, n]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _spectrum(j, k, c, uncounted, pivots, events):
+    """Elements (M, l <= j, j) of the sum over events as functions of k, (j + 1, j + 1, N)."""
+    (stream_up, stream_down, scatter_down), (alone, closed) = pivots, events
     L, N = len(c) - 1, len(k)
-    R = out.shape[1]
     x = np.empty((L + 1, N))
-    spectrum = np.empty((j + 1, j + 1, N))  # M, l
+    spectrum = np.empty((j + 1, j + 1, N))
     for M in range(j + 1):
-        streaming(k, stream_up[M], stream_down[M], M, j, uncounted[j], x)
+        at = rows_of(M, L)
+        streaming(k, stream_up[at:], stream_down[at:], M, j, uncounted[j], x)
         for flight in range(alone + 1):
             for l in range(M, L + 1):
                 for i in range(N):
                     x[l, i] *= c[l]
             last = flight == alone
-            solve(k, scatter_down[M] if closed and last else stream_down[M], M, x)
+            solve(k, scatter_down[at:] if closed and last else stream_down[at:], M, x)
         for l in range(M, j + 1):
             for i in range(N):
                 spectrum[M, l, i] = c[l] * c[j] * x[l, i]
-    v, wave, space = np.empty(j + 1), np.empty(N), np.empty(R)
-    for l in range(j + 1):
-        first = l * (l + 1) // 2
-        out[first:first + l + 1] = 0.0
-        for lam in range(j - l, j + l + 1, 2):
-            clebsch(l, j, lam, v)
-            for i in range(N):
-                wave[i] = v[0] * spectrum[0, l, i]
-            for M in range(1, l + 1):
-                factor = 2 * v[M] * (1 - 2 * (M & 1))
-                for i in range(N):
-                    wave[i] += factor * spectrum[M, l, i]
-            if j < 2 and l == 0:
-                _take_diffuse(j, k, k0, r, wave, space)
-            else:
-                space[:] = 0.0
-            kernel = hankel[lam]
-            for i in range(N):
-                value = wave[i] * k[i]
-                for n in range(R):
-                    space[n] += value * kernel[i + n]
-            sign = 1 - 2 * (((lam + l - j) // 2) & 1)
-            for m in range(l + 1):
-                factor = sign * (1 - 2 * (m & 1)) * v[m] / (2 * math.pi * math.pi)
-                for n in range(R):
-                    out[first + m, n] += factor * space[n]
+    return spectrum
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _wave(l, v, spectrum, wave):
+    """Sum of a spectrum over M = -l .. l with factors v: four at a time, as loads and stores cost more than sums."""
+    for i in range(len(wave)):
+        wave[i] = v[0] * spectrum[0, l, i]
+    whole = 1 + l // 4 * 4
+    for M in range(1, whole, 4):
+        f0, f1, f2, f3 = -2 * v[M], 2 * v[M + 1], -2 * v[M + 2], 2 * v[M + 3]
+        s0, s1, s2, s3 = spectrum[M, l], spectrum[M + 1, l], spectrum[M + 2, l], spectrum[M + 3, l]
+        for i in range(len(wave)):
+            wave[i] = wave[i] + f0 * s0[i] + f1 * s1[i] + f2 * s2[i] + f3 * s3[i]
+    for M in range(whole, l + 1):
+        factor = 2 * v[M] * (1 - 2 * (M & 1))
+        for i in range(len(wave)):
+            wave[i] += factor * spectrum[M, l, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _hankel(values, kernel, space):
+    """Adds the sum over i of values[i] kernel[i + n] to space[n], eight at a time."""
+    R, whole = len(space), len(values) // 8 * 8
+    for i in range(0, whole, 8):
+        v0, v1, v2, v3 = values[i], values[i + 1], values[i + 2], values[i + 3]
+        v4, v5, v6, v7 = values[i + 4], values[i + 5], values[i + 6], values[i + 7]
+        for n in range(R):
+            at = i + n
+            space[n] = (space[n] + v0 * kernel[at] + v1 * kernel[at + 1] + v2 * kernel[at + 2] + v3 * kernel[at + 3]
+                        + v4 * kernel[at + 4] + v5 * kernel[at + 5] + v6 * kernel[at + 6] + v7 * kernel[at + 7])
+    for i in range(whole, len(values)):
+        for n in range(R):
+            space[n] += values[i] * kernel[i + n]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -206,3 +261,16 @@ def _take_diffuse(lam, k, k0, r, wave, space):
         factor = amplitude * 0.5 * math.pi * 4 / (4 - k0 ** 2)
         for n in range(R):
             space[n] = factor * ((1 + k0 * r[n]) * math.exp(-k0 * r[n]) - (1 + 2 * r[n]) * math.exp(-2 * r[n]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def below_decay(k, c):
+    """Whether all pivots of 1 - c - k A are positive: k is below the decay of diffuse light."""
+    # the infinite chain above L: its fixed point at infinity, a few hundred levels higher
+    levels = len(c) + 2000
+    pivot = 0.5 * (1 + math.sqrt(max(1 - 4 * k * k * coupling(levels + 0.5, 0), 0.0)))
+    for l in range(levels - 1, -1, -1):
+        pivot = 1 - (c[l] if l < len(c) else 0.0) - k * k * coupling(l + 1, 0) / pivot
+        if pivot <= 0:
+            return False
+    return True

@@ -13,10 +13,15 @@ import math
 import numpy as np
 
 from bakery.physics.multiple._kernels import packed
+from bakery.physics.multiple._products import add_four, product
+from bakery.physics.multiple._turned import LANES, add_turned
 from bakery.system.compiled import njit
 
 TAPS = 4  # coefficients of a cubic spline at a place
-_ROWS = 4  # distances at a time: what they need stays in the second level of the cache
+_ROWS = 8  # distances at a time: what they need stays in the second level of the cache
+_BEYOND = 10  # distances after which the end of a spline does not matter
+_POLE = math.sqrt(3.0) - 2  # of the filter that turns values into coefficients of a cubic spline
+_FORGOTTEN = 40  # points after which that filter has forgotten the first
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -47,7 +52,7 @@ def quarter_turns(order):
     return d
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _add(factors, rows, first, count, out):
     """out += sum over n < count of factors[n] rows[first + 2 n]: four at a time, as loads and stores cost more than sums."""
     whole = count - count % 4
@@ -73,81 +78,140 @@ def to_normal(l, d, c, out):
     c : (l + 1, A);  out : (2 K, A), K = l // 2 + 1
     """
     K = l // 2 + 1
-    factors = np.empty(K, c.dtype)
-    for n in range(K):
-        k = l % 2 + 2 * n
-        for odd in range(2):
-            count = (l + 2 - odd) // 2
-            for i in range(count):
-                m = odd + 2 * i
-                # (-i)^m: 1, -i, -1, i
-                factors[i] = d[k, m] * (1.0 if m == 0 else 2.0) * (1.0 if m % 4 == 0 or m % 4 == 3 else -1.0)
-            row = out[n + odd * K]
-            row[:] = 0.0
-            _add(factors, c, odd, count, row)
+    factors = np.empty((4, K), c.dtype)
+    out[:] = 0.0
+    for odd in range(2):
+        count = (l + 2 - odd) // 2
+        for first in range(0, K, 4):
+            rows = min(4, K - first)
+            for n in range(rows):
+                k = l % 2 + 2 * (first + n)
+                for i in range(count):
+                    m = odd + 2 * i
+                    # (-i)^m: 1, -i, -1, i
+                    factors[n, i] = d[k, m] * (1.0 if m == 0 else 2.0) * (1.0 if m % 4 == 0 or m % 4 == 3 else -1.0)
+            if rows == 4:
+                add_four(factors, c, odd, 2, count, out[first + odd * K:first + odd * K + 4])
+            else:
+                for n in range(rows):
+                    _add(factors[n], c, odd, count, out[first + n + odd * K])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def from_normal(l, d, b, out):
-    """The inverse of `to_normal`."""
-    K = l // 2 + 1
-    for m in range(l + 1):
-        total = 0.0
-        part = 0 if m % 2 == 0 else K
+    """The inverse of `to_normal`, of many: b (N, 2 K'), the imaginary parts from K' on, to out (N, l + 1)."""
+    K, whole = l // 2 + 1, b.shape[1] // 2
+    for odd in range(2):  # orders m from real and from imaginary parts
+        count = (l + 2 - odd) // 2
+        turn = np.empty((K, count))
         for n in range(K):
             k = l % 2 + 2 * n
-            total += d[k, m] * b[part + n] * (1.0 if k == 0 else 2.0)
-        out[m] = total if m % 4 == 0 or m % 4 == 3 else -total
+            for i in range(count):
+                m = odd + 2 * i
+                turn[n, i] = d[k, m] * (1.0 if k == 0 else 2.0) * (1.0 if m % 4 == 0 or m % 4 == 3 else -1.0)
+        c = product(b[:, odd * whole:odd * whole + K], turn)
+        for n in range(len(out)):
+            for i in range(count):
+                out[n, odd + 2 * i] = c[n, i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def point_table(l, order, scaled, lowest, R, harmonics, columns, d):
+def splines(l, order, by_distance):
+    """Coefficients of cubic splines through a propagator's elements of one l, which go on straight beyond the far end.
+
+    Returns
+    -------
+    (R + 1, l + 1, L + 1) by distance, m and l', for m <= l'
+    """
+    R, beyond = len(by_distance), _BEYOND
+    f = np.empty((R + beyond, l + 1, order + 1))
+    for r in range(R):
+        row, source = f[r], by_distance[r]
+        for j in range(order + 1):
+            at = packed(j, l, 0) if l <= j else packed(l, j, 0)
+            for m in range(min(j, l) + 1):
+                row[m, j] = source[at + m]
+    for m in range(l + 1):
+        for j in range(m):
+            f[:R, m, j] = 0.0
+    flat = f.reshape(R + beyond, -1)
+    for n in range(beyond):
+        for e in range(flat.shape[1]):
+            flat[R + n, e] = flat[R - 1, e] + (flat[R - 1, e] - flat[R - 2, e]) * (n + 1)
+    # the two recursive filters of a cubic spline, which is even about its first point
+    share = 1.0
+    first = np.zeros(flat.shape[1])
+    for n in range(min(R, _FORGOTTEN)):
+        for e in range(len(first)):
+            first[e] += share * flat[n, e]
+        share *= _POLE
+    for e in range(len(first)):
+        flat[0, e] = 6 * first[e]
+    last = R + beyond - 1
+    for n in range(1, last + 1):
+        for e in range(len(first)):
+            flat[n, e] = 6 * flat[n, e] + _POLE * flat[n - 1, e]
+    for e in range(len(first)):
+        flat[last, e] = _POLE / (_POLE * _POLE - 1) * (flat[last, e] + _POLE * flat[last - 1, e])
+    for n in range(last - 1, -1, -1):
+        for e in range(len(first)):
+            flat[n, e] = _POLE * (flat[n + 1, e] - flat[n, e])
+    return f[:R + 1]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def point_table(l, order, by_distance, lowest, R, harmonics, columns, d):
     """b of one l for every distance and angle of a table, times r exp(k0 r).
 
     Parameters
     ----------
-    scaled : (P, ...) of the propagator, of which R distances from number `lowest` on are wanted
+    by_distance : (.., P) of the propagator, of whose splines R distances from number `lowest` on are wanted
     harmonics : (L + 1, L + 1, H) by m and l, of the first half of the angles; the others mirror them about a right angle
     columns : A, H = (A + 1) // 2
     d : (L + 1, L + 1) quarter turn of this l
 
     Returns
     -------
-    (R, A, 2 K) float32.  Only the sum over l' cancels, and it is in double precision
+    (R, A, 2 K') float32, K padded with zeros to K'.  Only the sum over l' cancels, and it is in double precision
     """
     A, H = columns, harmonics.shape[2]
     K = l // 2 + 1
-    out = np.empty((R, A, 2 * K), np.float32)
+    whole = -(-K // LANES) * LANES
+    spline = splines(l, order, by_distance)
+    out = np.zeros((R, A, 2 * whole), np.float32)
     c, b = np.empty((_ROWS, l + 1, A), np.float32), np.empty((2 * K, A), np.float32)
-    factors, half = np.empty(order // 2 + 1), np.empty((2, H))
+    factors, half = np.zeros((4, order // 2 + 1)), np.empty((2, 4, H))
     for first in range(0, R, _ROWS):
         rows = min(_ROWS, R - first)
         for m in range(l + 1):
-            for i in range(rows):
+            for four in range(0, rows, 4):
                 for odd in range(2):  # of j + m: Y_jm is odd or even about a right angle
-                    count = 0
-                    for j in range(m + odd, order + 1, 2):
-                        factors[count] = scaled[packed(j, l, m) if l <= j else packed(l, j, m), lowest + first + i]
-                        count += 1
+                    count = (order - m - odd) // 2 + 1
+                    for i in range(min(4, rows - four)):
+                        line = spline[lowest + first + four + i, m]
+                        for n in range(count):
+                            factors[i, n] = line[m + odd + 2 * n]
                     half[odd] = 0.0
-                    _add(factors, harmonics[m], m + odd, count, half[odd])
-                row = c[i, m]
-                for a in range(H):
-                    row[a] = half[0, a] + half[1, a]
-                    row[A - 1 - a] = half[0, a] - half[1, a]
+                    add_four(factors, harmonics[m], m + odd, 2, count, half[odd])
+                for i in range(min(4, rows - four)):
+                    row, even, odd_part = c[four + i, m], half[0, i], half[1, i]
+                    for a in range(H):
+                        row[a] = even[a] + odd_part[a]
+                        row[A - 1 - a] = even[a] - odd_part[a]
         for i in range(rows):
             to_normal(l, d, c[i], b)
             for a in range(A):
-                for k in range(2 * K):
-                    out[first + i, a, k] = b[k, a]
+                for k in range(K):
+                    out[first + i, a, k], out[first + i, a, whole + k] = b[k, a], b[K + k, a]
     return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def phases(angle, first, last):
-    """Cosines and sines (Q, K) float32 of k times angles (Q,), k = first, first + 2, .. last."""
+    """Cosines and sines (Q, K') float32 of k times angles (Q,), k = first, first + 2, .. last, padded."""
     K = (last - first) // 2 + 1
-    cosine, sine = np.empty((len(angle), K), np.float32), np.empty((len(angle), K), np.float32)
+    whole = -(-K // LANES) * LANES
+    cosine, sine = np.zeros((len(angle), whole), np.float32), np.zeros((len(angle), whole), np.float32)
     for q in range(len(angle)):
         c, s = math.cos(first * angle[q]), math.sin(first * angle[q])
         c2, s2 = math.cos(2 * angle[q]), math.sin(2 * angle[q])
@@ -158,40 +222,24 @@ def phases(angle, first, last):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def along(l, table, d, start, row, row_weight, column, column_weight, weight, cosine, sine, out):
+def along(l, table, d, owner, row, row_weight, column, column_weight, cosine, sine, out):
     """Sums a table of b over the points of segments, and turns the sums to c in frames with given axes.
 
     Parameters
     ----------
-    table : (R, A, 2 K) from `point_table`, as spline coefficients
-    start : (N + 1,) first point of each position, of Q in all
-    row, column : (Q,) first of TAPS rows, columns;  row_weight, column_weight : (Q, TAPS) float32
-    weight : (Q,) float32, of the point of the segment
-    cosine, sine : (Q, K) float32, of k times the angle from the frame's axis to the position as seen from that point
+    table : (R, A, 2 K') from `point_table`, as spline coefficients
+    owner : (Q,) number of the position that a point belongs to.  Points in the order of row and column read the table once:
+        those of one position after the other read it from memory again and again
+    row, column : (Q,) first of TAPS rows, columns
+    row_weight, column_weight : (Q, TAPS) float32, the former times the weight of the point
+    cosine, sine : (Q, >= K') float32, of k times the angle from the frame's axis to the position as seen from that point
     out : (N, l + 1)
     """
-    K = l // 2 + 1
-    sums, values = np.empty(2 * K), np.empty(2 * K, np.float32)
-    for n in range(len(start) - 1):
-        sums[:] = 0.0
-        for q in range(start[n], start[n + 1]):
-            a = column[q]
-            values[:] = np.float32(0)
-            for i in range(0, TAPS, 2):
-                share, next_weight = weight[q] * row_weight[q, i], weight[q] * row_weight[q, i + 1]
-                s0, s1 = share * column_weight[q, 0], share * column_weight[q, 1]
-                s2, s3 = share * column_weight[q, 2], share * column_weight[q, 3]
-                t0, t1 = next_weight * column_weight[q, 0], next_weight * column_weight[q, 1]
-                t2, t3 = next_weight * column_weight[q, 2], next_weight * column_weight[q, 3]
-                v, w = table[row[q] + i], table[row[q] + i + 1]
-                v0, v1, v2, v3 = v[a], v[a + 1], v[a + 2], v[a + 3]
-                w0, w1, w2, w3 = w[a], w[a + 1], w[a + 2], w[a + 3]
-                for k in range(2 * K):
-                    values[k] += (s0 * v0[k] + s1 * v1[k] + s2 * v2[k] + s3 * v3[k]
-                                + t0 * w0[k] + t1 * w1[k] + t2 * w2[k] + t3 * w3[k])
-            # azimuth counted from the frame's axis: times exp(i k angle)
-            c, s = cosine[q], sine[q]
-            for k in range(K):
-                sums[k] += values[k] * c[k] - values[K + k] * s[k]
-                sums[K + k] += values[k] * s[k] + values[K + k] * c[k]
-        from_normal(l, d, sums, out[n])
+    whole, width = table.shape[2] // 2, table.shape[1] * table.shape[2]
+    sums = np.zeros((len(out), 2 * whole))
+    for q in range(len(owner)):
+        p, w = row_weight[q], column_weight[q]
+        # azimuth counted from the frame's axis: times exp(i k angle)
+        add_turned(table, row[q] * width + column[q] * table.shape[2], width, whole, (p[0], p[1], p[2], p[3]),
+                   (w[0], w[1], w[2], w[3]), cosine, sine, q * cosine.shape[1], sums, owner[q] * 2 * whole)
+    from_normal(l, d, sums, out)

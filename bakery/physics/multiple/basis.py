@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from bakery.physics.multiple._products import product
 from bakery.system.compiled import njit
 
 FAINT = 0.003
 ROUNDS = 2
+_TOGETHER = 256  # lobes whose normal equations are made at a time
 
 
 def weights(lobes, solid_angle):
@@ -63,7 +65,15 @@ def improved(basis, logs, weight, rounds=ROUNDS):
 
 def solve(values, weight, regressors):
     """Weighted least squares of every row of values (N, D) on regressors (K, D): coefficients (N, K)."""
-    return _solve(np.ascontiguousarray(values), np.ascontiguousarray(weight), np.ascontiguousarray(regressors.T))
+    out = np.empty((len(values), len(regressors)))
+    x = np.ascontiguousarray(regressors.T)
+    lower = np.tril_indices(len(regressors))
+    pairs = np.ascontiguousarray((regressors[lower[0]] * regressors[lower[1]]).T)
+    for n in range(0, len(values), _TOGETHER):  # a block of products of values and weights at a time
+        of = slice(n, n + _TOGETHER)
+        block = np.ascontiguousarray(weight[of])
+        _solve(product(block, pairs), product(block * values[of], x), out[of])
+    return out
 
 
 def coefficients(logs, weight, basis):
@@ -72,11 +82,8 @@ def coefficients(logs, weight, basis):
 
 
 def combine(a, functions):
-    """Sum over k of a (N, K) times functions (K, D), in order."""
-    total = np.zeros((len(a), functions.shape[1]))
-    for k in range(len(functions)):
-        total += a[:, k:k + 1] * functions[k]
-    return total
+    """Sum over k of a (N, K) times functions (K, D)."""
+    return product(np.ascontiguousarray(a), np.ascontiguousarray(functions))
 
 
 def distance(logs, a, weight, basis):
@@ -101,25 +108,19 @@ def _orthogonal(basis, overall, k):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve(values, weight, x):
-    """Normal equations and Cholesky; a regressor that adds nothing gets coefficient 0."""
-    N, D = values.shape
-    K = x.shape[1]
-    out = np.zeros((N, K))
-    gram, right = np.empty((K, K)), np.empty(K)
+def _solve(grams, rights, out):
+    """Cholesky of normal equations, lower triangles (N, K (K + 1)/2) and right sides (N, K), into out (N, K).
+
+    A regressor that adds nothing gets coefficient 0.
+    """
+    N, K = rights.shape
+    gram = np.empty((K, K))
     for n in range(N):
-        gram[:] = 0.0
-        right[:] = 0.0
-        for d in range(D):
-            row, w = x[d], weight[n, d]
-            value = w * values[n, d]
-            for i in range(K):
-                wx = w * row[i]
-                line = gram[i]
-                for j in range(K):
-                    line[j] += wx * row[j]
-            for i in range(K):
-                right[i] += value * row[i]
+        at, right = 0, rights[n]
+        for i in range(K):
+            for j in range(i + 1):
+                gram[i, j] = grams[n, at]
+                at += 1
         for i in range(K):
             least = 1e-11 * gram[i, i]
             for j in range(i):
@@ -141,4 +142,3 @@ def _solve(values, weight, x):
             for k in range(i + 1, K):
                 total -= gram[k, i] * out[n, k]
             out[n, i] = total / gram[i, i] if gram[i, i] > 0 else 0.0
-    return out

@@ -26,6 +26,7 @@ _DARKEST = 1e-6  # of the mean over directions, 1/sr: below it a lobe is noise o
 _LEAST = 1e-3  # of the integral of the absolute value
 _NOTHING = 1e-300  # what is scattered where a double holds no less
 _NEAR = 0.05  # mfp from the ends of the source; nearer ones count in proportion
+_TOGETHER = 128  # lobes
 _TESTS, _RINGS = 480, 30  # places of the error estimate, and different distances among them
 
 
@@ -111,36 +112,42 @@ class _Build:
         # all at once: a table of the point source is shared
         c = coefficients(self.medium, self.kind, self.length, np.append(rho, tests[0]), np.append(z, tests[1]), self.threads)
         lobe, integral, near = self.normalised(first, c[:len(first)])
-        self.choose(lobe[sample], near[sample])
+        of_tests = c[len(first):].copy()
+        del c  # the largest array, of which the tests' are needed once more
+        self.choose(lobe[sample].astype(float), near[sample])
         values = np.full((*(self.size + 1), len(self.basis)), np.nan)
-        exact, weight = self.represent(lobe, integral)
+        exact = self.represent(lobe, integral)
         values[tuple(coarse.T)] = exact[:len(coarse)]
         if self.finest > COARSE:
-            self.divide(values, leaves, exact[len(coarse):], weight[len(coarse):], near[len(coarse):])
+            middles = (exact[len(coarse):], lobe[len(coarse):].copy(), near[len(coarse):])
+            del lobe
+            self.divide(values, leaves, *middles)
         corner = np.argwhere(~np.isnan(values[:, :, 0]))
-        return self.measured(self.pack(corner, values[tuple(corner.T)]), *tests, c[len(first):])
+        return self.measured(self.pack(corner, values[tuple(corner.T)]), *tests, of_tests)
 
     def positions(self, lattice):
         return frame.position(self.kind, self.length, self.extent, *(lattice / self.size).T)
 
     def sample(self, lattice):
-        """Coefficients a (N, K + 1), weights of errors (N, D) and how much places near the source count (N,)."""
+        """Coefficients a (N, K + 1), lobes (N, D) and how much places near the source count (N,)."""
         c = coefficients(self.medium, self.kind, self.length, *self.positions(lattice), self.threads)
         lobe, integral, near = self.normalised(lattice, c)
-        return *self.represent(lobe, integral), near
+        return self.represent(lobe, integral), lobe, near
 
     def normalised(self, lattice, c):
-        """Normalised lobes (N, D), integrals over the singular part, and how much places near the source count."""
+        """Normalised lobes (N, D) float32, integrals over the singular part, and how much places near the source count."""
         rho, z = self.positions(lattice)
-        lobe = point.lobes(c, self.medium.order, self.polar, self.azimuth).reshape(len(c), -1)
-        integral = np.sqrt(4 * np.pi) * c[:, 0]
         # rounding of the solver can leave less than nothing where a forward peak is a thousand times brighter ahead
-        integral = np.maximum(integral, _LEAST * (np.abs(lobe) * self.solid_angle).sum(axis=1))
-        # next to nothing is scattered (albedo 1e-12, far away), less than a double holds: lobes without light are even
-        integral = np.maximum(integral, _NOTHING)
-        lobe = np.maximum(lobe / integral[:, None], _DARKEST)
+        integral = np.sqrt(4 * np.pi) * c[:, 0]
+        lobes = np.empty((len(c), len(self.solid_angle)), np.float32)
+        for of in _blocks(len(c)):
+            lobe = point.lobes(c[of], self.medium.order, self.polar, self.azimuth).reshape(len(c[of]), -1)
+            integral[of] = np.maximum(integral[of], _LEAST * (np.abs(lobe) * self.solid_angle).sum(axis=1))
+            # next to nothing is scattered (albedo 1e-12, far away), less than a double holds: lobes without light are even
+            integral[of] = np.maximum(integral[of], _NOTHING)
+            lobes[of] = np.maximum(lobe / integral[of, None], _DARKEST)
         ends = np.minimum(np.hypot(rho, z), np.hypot(rho, z - self.length))
-        return lobe, integral / locate.measure(self.kind, self.length, rho, z)[1], np.minimum(1.0, ends / _NEAR)
+        return lobes, integral / locate.measure(self.kind, self.length, rho, z)[1], np.minimum(1.0, ends / _NEAR)
 
     def choose(self, lobe, near):
         """The smallest basis that represents the sample to its share of the tolerance."""
@@ -154,11 +161,21 @@ class _Build:
                 break
 
     def represent(self, lobe, integral):
-        """a_0 .. a_K, with a_0 such that the integral over directions is exact, and weights of errors."""
-        weight = bases.weights(lobe, self.solid_angle)
-        a = bases.coefficients(np.log(lobe), weight, self.basis)
+        """a_0 .. a_K, with a_0 such that the integral over directions is exact."""
+        a = np.empty((len(lobe), len(self.basis)))
+        for of in _blocks(len(lobe)):
+            block = lobe[of].astype(float)
+            a[of] = bases.coefficients(np.log(block), bases.weights(block, self.solid_angle), self.basis)
         a[:, 0] = np.log(integral)
-        return a, weight
+        return a
+
+    def missed(self, lobe, off):
+        """Errors (N,) of lobes (N, D) whose coefficients (N, K + 1) are off by so much."""
+        error = np.empty(len(lobe))
+        for of in _blocks(len(lobe)):
+            weight = bases.weights(lobe[of].astype(float), self.solid_angle)
+            error[of] = bases.distance(np.zeros_like(weight), off[of], weight, self.basis)
+        return error
 
     def plant(self):
         """The tree down to the coarsest cells; their numbers."""
@@ -183,14 +200,14 @@ class _Build:
                     self.child.append(-1)
         return after
 
-    def divide(self, values, leaves, exact, weight, near):
-        """Divides cells, corners into `values`, from lobes at the middles of the leaves: coefficients, weights and nearness."""
+    def divide(self, values, leaves, exact, lobe, near):
+        """Divides cells, corners into `values`, from what is at the middles of the leaves: coefficients, lobes and nearness."""
         for depth in range(COARSE, self.finest):
             half = (1 << self.finest) >> depth + 1
             cells = np.array([self.bounds[leaf] for leaf in leaves]).reshape(-1, 4)
             middle = cells[:, ::2] + half
             guess = between(fill(values[::2 * half, ::2 * half]))[tuple(middle.T // half)]
-            error = near * bases.distance(np.zeros_like(weight), exact - guess, weight, self.basis)
+            error = near * self.missed(lobe, exact - guess)
             split = error > self.tolerance
             if not split.any():
                 return
@@ -205,9 +222,10 @@ class _Build:
             wanted = np.concatenate([edges, after])
             if not len(wanted):
                 return
-            exact, weight, near = self.sample(wanted)
+            del lobe
+            exact, lobe, near = self.sample(wanted)
             values[tuple(edges.T)] = exact[:len(edges)]
-            exact, weight, near = exact[len(edges):], weight[len(edges):], near[len(edges):]
+            exact, lobe, near = exact[len(edges):], lobe[len(edges):], near[len(edges):]
             if not len(leaves):
                 return
 
@@ -234,6 +252,11 @@ class _Build:
         r, angle = np.hypot(rho, z - nearest), np.arctan2(rho, z - nearest)
         total = np.hypot(error, self.solution.error(r, angle))
         return replace(table, error=upper(error**2), error_with_solver=upper(total**2), worst=float(error.max()))
+
+
+def _blocks(count):
+    """Slices of so many lobes, a few at a time: all of them in double precision would take most of the memory."""
+    return [slice(n, n + _TOGETHER) for n in range(0, count, _TOGETHER)]
 
 
 def places(kind, length, extent, random):

@@ -121,18 +121,19 @@ def solved(medium: Medium, orders: int | None) -> Solved:
     return Solved(result, delta, without_delta(theta, phase, delta), _angle(medium))
 
 
-def by_solver(medium: Medium, kind: int, asked: Asked) -> Tabulated:
-    """The table of a kind of source from the solver.
+def by_solver(medium: Medium, kinds: Iterable[int], asked: Asked) -> dict[int, Tabulated]:
+    """Tables of several kinds of sources from one solution, by kind.
 
     Raises
     ------
-    ValueError : the solver or the table refuses
+    ValueError : the solver or a table refuses
     """
     result = solved(medium, asked.orders)
     prepared = result.solution.medium
     extent = build.extent_needed(prepared) if asked.extent is None else asked.extent
-    table = build.table(result.solution, kind, extent=extent, length=asked.length, tolerance=asked.tolerance, seed=asked.seed)
-    return Tabulated(table, prepared.albedo, without_peak(medium.albedo, result.peak)[1], *result[1:], {})
+    extinction = without_peak(medium.albedo, result.peak)[1]
+    return {kind: Tabulated(build.table(result.solution, kind, extent=extent, length=asked.length, tolerance=asked.tolerance,
+                                        seed=asked.seed), prepared.albedo, extinction, *result[1:], {}) for kind in kinds}
 
 
 def by_photons(medium: Medium, kinds: Iterable[int], asked: Asked) -> dict[int, Tabulated]:

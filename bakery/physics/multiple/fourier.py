@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import spline_filter1d
 from scipy.special import loggamma
 
 from bakery.physics.multiple import _kernels
@@ -24,7 +23,6 @@ _K_MIN, _K_MAX = 1e-9, 1e9
 R_MIN, R_MAX = 1e-3, 250.0
 _STENCIL = 8  # points of an interpolation in ln r
 _FLOOR = 1e-8  # of r^2 T over its largest value, where the table ends
-_BEYOND = 10  # distances after which the end of a spline does not matter
 
 
 @dataclass(frozen=True)
@@ -37,31 +35,23 @@ class Propagator:
     p : (L + 1,) Legendre moments of the phase function
     k0 : 1/mfp, decay of diffuse light: far away T ~ exp(-k0 r) / r
     log_r : (R,) equidistant
-    scaled : (P, R) r exp(k0 r) T, element `_kernels.packed(l', l, m)` for l <= l', m <= l; tends to constants at both ends
+    by_distance : (R, P) r exp(k0 r) T, element `_kernels.packed(l', l, m)` for l <= l', m <= l; tends to constants at both ends
     """
 
     albedo: float
     p: np.ndarray
     k0: float
     log_r: np.ndarray
-    scaled: np.ndarray
+    by_distance: np.ndarray
 
     @property
     def order(self) -> int:
         return len(self.p) - 1
 
-    @cached_property
-    def splines(self):
-        """(P, R + 1) coefficients of cubic splines through `scaled`, which go on straight beyond the far end."""
-        last = self.scaled[:, -1:]
-        beyond = last + (last - self.scaled[:, -2:-1]) * np.arange(1, _BEYOND + 1)
-        splines = spline_filter1d(np.concatenate([self.scaled, beyond], axis=1), axis=1, mode="mirror")
-        return np.ascontiguousarray(splines[:, :len(self.log_r) + 1])
-
-    @cached_property
-    def by_distance(self):
-        """(R, P) `scaled`, all of one distance together."""
-        return np.ascontiguousarray(self.scaled.T)
+    @property
+    def scaled(self):
+        """(P, R) `by_distance`, all of one element together."""
+        return self.by_distance.T
 
     def at(self, r, elements=slice(None)):
         """T at distances r (...,) > 0 as (P, ...): interpolated at eight points, held in the scaled form beyond both ends."""
@@ -92,13 +82,14 @@ class _Solver:
 
     def __init__(self, k, c, uncounted, whole):
         self.k, self.uncounted, self.whole, self.orders = k, uncounted, whole, len(c)
-        self.pivots = tuple(np.empty((len(c), len(c), len(k))) for _ in range(3))
+        self.pivots = tuple(np.empty((len(c) * (len(c) + 1) // 2, len(k))) for _ in range(3))
 
     def prepare(self, M):
         """Fill in those of order M."""
+        of = slice(_kernels.rows_of(M, self.orders - 1) + M, _kernels.rows_of(M, self.orders - 1) + self.orders)
         up, down, scattering_down = self.pivots
-        up[M], down[M] = (pivots[:self.orders] for pivots in _kernels.pivots(self.k, self.uncounted, M))
-        scattering_down[M] = _kernels.pivots(self.k, self.whole, M)[1][:self.orders]
+        up[of], down[of] = (pivots[M:self.orders] for pivots in _kernels.pivots(self.k, self.uncounted, M))
+        scattering_down[of] = _kernels.pivots(self.k, self.whole, M)[1][M:self.orders]
 
 
 def _checked(albedo, p):
@@ -140,7 +131,6 @@ def propagator(albedo, p, *, first=3, last=None, uncounted=None, threads=1, step
     order = len(p) - 1
     k, log_r, hankel = _transform(2 * order, step, r_min, r_max)
     count = (order + 1) * (order + 2) * (order + 3) // 6
-    values = np.zeros((count, len(log_r)))
     c, r = albedo * p, np.exp(log_r)
     uncounted = np.zeros_like(c) if uncounted is None else np.asarray(uncounted, float)
     if c[0] + uncounted[0] > 1 - 4e-16:
@@ -149,25 +139,28 @@ def propagator(albedo, p, *, first=3, last=None, uncounted=None, threads=1, step
     whole[:order + 1] += c
     k0 = decay(whole[0], whole / max(whole[0], 1e-300))
     if albedo == 0:
-        return Propagator(albedo, p, k0, log_r, values)
+        return Propagator(albedo, p, k0, log_r, np.zeros((len(log_r), count)))
     solver = _Solver(k, c, uncounted, whole)
 
-    def column(j):
-        _kernels.columns(j, k, c, uncounted, solver.pivots, (first - 3, last is None), (r, hankel), k0,
-                         values[_kernels.packed(j, 0, 0):_kernels.packed(j + 1, 0, 0)])
+    def column(j, reach):
+        """r^2 T of the elements (l <= j, j), at the first distances."""
+        out = np.empty((_kernels.packed(j + 1, 0, 0) - _kernels.packed(j, 0, 0), reach))
+        _kernels.columns(j, k, c, uncounted, solver.pivots, (first - 3, last is None), (r[:reach], hankel), k0, out)
+        return out
 
-    if threads == 1:
-        for M in range(order + 1):
-            solver.prepare(M)
-        for j in range(order + 1):
-            column(j)
-    else:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(solver.prepare, range(order + 1)))
-            list(pool.map(column, range(order, -1, -1)))
-    reached = values[0] > _FLOOR * values[0].max()
-    reach = len(r) if reached.all() else max(int(np.argmin(reached)), _STENCIL)
-    return Propagator(albedo, p, k0, log_r[:reach], (values * (np.exp(k0 * r) / r))[:, :reach])
+    with ThreadPoolExecutor(threads) if threads > 1 else nullcontext() as pool:
+        each = map if pool is None else pool.map
+        list(each(solver.prepare, range(order + 1)))
+        light = column(0, len(r))[0]
+        reached = light > _FLOOR * light.max()
+        reach = len(r) if reached.all() else max(int(np.argmin(reached)), _STENCIL)
+        by_distance, scale = np.empty((reach, count)), (np.exp(k0 * r) / r)[:reach]
+
+        def store(j):
+            by_distance[:, _kernels.packed(j, 0, 0):_kernels.packed(j + 1, 0, 0)] = (column(j, reach) * scale).T
+
+        list(each(store, range(order, -1, -1)))
+    return Propagator(albedo, p, k0, log_r[:reach], by_distance)
 
 
 def decay(albedo, p):
@@ -185,20 +178,8 @@ def decay(albedo, p):
         middle = 0.5 * (low + high)
         if middle in (low, high):
             break
-        low, high = (middle, high) if _positive(middle, albedo * p) else (low, middle)
+        low, high = (middle, high) if _kernels.below_decay(middle, albedo * p) else (low, middle)
     return low
-
-
-def _positive(k, c):
-    """Whether k is below the first eigenvalue."""
-    # the infinite chain above L: its fixed point at infinity, a few hundred levels higher
-    levels = len(c) + 2000
-    pivot = 0.5 * (1 + math.sqrt(max(1 - 4 * k * k * _kernels.coupling(levels + 0.5, 0), 0.0)))
-    for l in range(levels - 1, -1, -1):
-        pivot = 1 - (c[l] if l < len(c) else 0.0) - k * k * _kernels.coupling(l + 1, 0) / pivot
-        if pivot <= 0:
-            return False
-    return True
 
 
 def _transform(top, step, r_min, r_max):

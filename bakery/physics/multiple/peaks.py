@@ -162,7 +162,7 @@ def deflected(albedo, clip: Clipped, order) -> fourier.Propagator:
                                r_min=fourier.R_MIN * stretch, r_max=fourier.R_MAX * stretch)
     # T goes as stretch^3 for the volume, and once more for three events but two flights; r as 1/stretch
     return fourier.Propagator(scattered, clip.moments[:order + 1], stretched.k0 * stretch, stretched.log_r - math.log(stretch),
-                              stretched.scaled * stretch**3)
+                              stretched.by_distance * stretch**3)
 
 
 def solve(albedo, clip: Clipped, order) -> solution.Solution:

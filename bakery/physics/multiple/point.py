@@ -64,8 +64,9 @@ def coefficients(medium: Propagator, r, angle):
     by_r = np.argsort(which, kind="stable")
     ends = np.searchsorted(which[by_r], np.arange(len(r) + 1))
     out = np.empty((len(which), (medium.order + 1) * (medium.order + 2) // 2))
-    _coefficients(medium.by_distance, index, np.ascontiguousarray(weight.T), by_r, ends,
-                  harmonics(medium.order, angle.ravel()), medium.order, out)
+    angles, seen = np.unique(angle.ravel(), return_inverse=True)  # places on a grid have few
+    _coefficients(medium.by_distance, index, np.ascontiguousarray(weight.T), by_r, ends, seen,
+                  harmonics(medium.order, angles), medium.order, out)
     return out.reshape(*shape, -1)
 
 
@@ -145,8 +146,9 @@ def _harmonics(order, cosine, sine):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _coefficients(scaled, index, weight, by_r, ends, source, order, out):
-    """Positions by_r[ends[i]:ends[i + 1]] lie at distance i; scaled (R, P), index (U,) and weight (U, 8) of its interpolation."""
+def _coefficients(scaled, index, weight, by_r, ends, seen, source, order, out):
+    """Positions by_r[ends[i]:ends[i + 1]] lie at distance i; scaled (R, P), index (U,) and weight (U, 8) of its interpolation;
+    position n sees the source as source[seen[n]]."""
     of = np.empty(scaled.shape[1])
     for i in range(len(index)):
         of[:] = 0.0
@@ -155,7 +157,7 @@ def _coefficients(scaled, index, weight, by_r, ends, source, order, out):
             for n in range(len(of)):
                 of[n] += share * row[n]
         for n in by_r[ends[i]:ends[i + 1]]:
-            c, y = out[n], source[n]
+            c, y = out[n], source[seen[n]]
             c[:] = 0.0
             for j in range(order + 1):
                 column = j * (j + 1) // 2

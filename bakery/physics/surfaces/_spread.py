@@ -17,7 +17,7 @@ _DEEP, _REST = 13.0, 3.0  # transport mean free paths from a face: where spheres
 _TRIES = 32  # of facets, until one sends light to where it can be seen
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _mirrored(mu, index):
     """Unpolarised share that a plane reflects, and the cosine behind it; index of what is behind over that of what is before."""
     square = (index - 1.0) * (index + 1.0) + mu * mu

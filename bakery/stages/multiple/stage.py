@@ -74,22 +74,23 @@ def inputs(recipe, upstream) -> dict:
 # ---- work
 
 
-def tabulated(number, kind, medium, asked):
-    """A table of one wavelength (its number) and kind of source by the solver; a task that any worker may run."""
+def tabulated(number, kinds, medium, asked):
+    """Tables of one wavelength (its number) by the solver, number, kind and table of each; a task that any worker may run."""
     from bakery.physics.multiple import choice
 
     try:
-        return number, kind, choice.by_solver(medium, KINDS.index(kind), asked)
+        tables = choice.by_solver(medium, map(KINDS.index, kinds), asked)
     except ValueError as fault:
-        raise StageError(f"wavelength number {number}, {kind} source: {fault}") from None
+        raise StageError(f"wavelength number {number}: {fault}") from None
+    return [(number, KINDS[kind], table) for kind, table in tables.items()]
 
 
-def attempted(*task):
-    """`tabulated`, with the reason (a string) in place of a table where the solver refuses."""
+def attempted(number, kinds, *task):
+    """`tabulated`, with the reason (a string) in place of tables where the solver refuses."""
     try:
-        return tabulated(*task)
+        return tabulated(number, kinds, *task)
     except StageError as fault:
-        return *task[:2], str(fault)
+        return [(number, kind, str(fault)) for kind in kinds]
 
 
 def counted(number, kinds, medium, asked):
@@ -145,13 +146,15 @@ def compute(inputs: dict, context) -> Result:
     media = [choice.Medium(float(inputs["albedo"][k]), inputs["theta"], inputs["phase"][k], float(inputs["delta"][k]))
              for k in range(count)]
     asked = choice.Asked(*(inputs[key] for key in ("extent", "length", "tolerance", "orders", "photons")), context.seed)
-    tasks = [(k, kind, media[k], asked)
-             for kind in sorted(inputs["sources"], reverse=True) for k in range(count)]  # segments first: they take longest
+    kinds = tuple(sorted(inputs["sources"], reverse=True))
+    tasks = [(k, kinds, media[k], asked) for k in range(count)]
     results: list = []
-    for start in range(0, len(tasks) if method != "photons" else 0, _TOGETHER):  # a few at a time, so that progress is reported
-        results += context.map(tabulated if method == "solver" else attempted, tasks[start:start + _TOGETHER])
+    for start in range(0, count if method != "photons" else 0, _TOGETHER):  # a few at a time, so that progress is reported
+        for done in context.map(tabulated if method == "solver" else attempted, tasks[start:start + _TOGETHER]):
+            results += done
         errors = [table.table.error_with_solver for *_, table in results if not isinstance(table, str)]
-        context.report(len(results) / len(tasks), max(errors, default=None))
+        context.report(len(results) / (count * len(kinds)), max(errors, default=None))
+    results.sort(key=lambda result: kinds.index(result[1]))  # messages go by source, then by wavelength
     results, notes = with_photons(inputs, media, results, asked, context)
     values = {name: np.zeros(count) for name in (*_OF_MEDIUM, "k0", "extent")}
     values["phase"] = np.zeros_like(inputs["phase"])
@@ -245,7 +248,7 @@ def cost(recipe) -> Cost:
     beyond = max(g - 0.5, 0.0)
     seconds = number * (_FEW + _MORE * beyond + _MANY * beyond**5)
     return Cost(seconds, 1.5e8 + 3e9 * beyond**2, number * (1.5e4 + 3.3e5 * beyond), f"{number} tables", 1.0,
-                kernels=_KERNELS, kind="solver", most=min(number, _TOGETHER))
+                kernels=_KERNELS, kind="solver", most=min(len(recipe.wavelength), _TOGETHER), blocks=len(recipe.wavelength))
 
 
 def _width(recipe) -> float:
@@ -291,14 +294,15 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
 
 
 _TOGETHER = 2
-_KERNELS = tuple(f"multiple.{name}" for name in ("_kernels", "_plane", "basis", "locate", "legendre", "lookup", "sums", "point"))
+_KERNELS = tuple(f"multiple.{name}" for name in ("_kernels", "_plane", "_products", "basis", "locate", "legendre", "lookup",
+                                                 "sums", "point"))
 _KERNELS_OF_PHOTONS = ("multiple._tally",)
 _COUNTED = 30.0  # seconds of one core for the tables of a wavelength by photons
-_FEW, _MORE, _MANY = 0.2, 1.5, 520.0  # seconds of one core for a table: at g up to 0.5; times g - 0.5; times (g - 0.5)^5
+_FEW, _MORE, _MANY = 0.06, 0.4, 170.0  # seconds of one core for a table: at g up to 0.5; times g - 0.5; times (g - 0.5)^5
 
 STAGE = Stage(
     name="multiple",
-    version=6,
+    version=7,
     title="light scattered three times and more, around point and segment sources",
     reads=("wavelengths", "seed", "multiple_scattering"),
     needs=("medium",),

@@ -153,7 +153,7 @@ def _flown(flights, fresh, states, i):
     return flights.void[k] * uniform(states, i)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _start(sphere, triangle, centre, unit, i, contact):
     """Makes the contact that with which path i starts."""
     for k in range(3):

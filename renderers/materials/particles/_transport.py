@@ -49,7 +49,7 @@ class Guide(NamedTuple):
     used: np.ndarray
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def ray_of(origin, direction, i):
     """Ray i, origin and direction, as six numbers."""
     return (origin[i, 0], origin[i, 1], origin[i, 2],
@@ -247,7 +247,7 @@ def scatter(medium, kind, paths, guide, begin, end):
         direction[i, 0], direction[i, 1], direction[i, 2] = x, y, z
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _turn(x, y, z, ux, uy, uz):
     """1 - cos between two unit directions, with the digits of small angles."""
     return min(0.5 * ((x - ux) ** 2 + (y - uy) ** 2 + (z - uz) ** 2), 2.0)

@@ -286,7 +286,7 @@ def _sum(added, pixel, index, picture, by_light):
                 by_light[index[i], pixel[i], c] += added[i, c]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _cone(medium, kind, x, y, z):
     """Distance of a particle from the camera, and 1 - cos of the cone that its largest disc covers."""
     distance = math.sqrt(x * x + y * y + z * z)
