@@ -5,7 +5,6 @@ from __future__ import annotations
 from bakery.grammar import files
 from bakery.recipe import schema, sweep
 
-
 _MATERIAL = "ShippedMaterial"
 
 

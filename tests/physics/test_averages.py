@@ -23,13 +23,13 @@ def size(distribution, **given):
     return SimpleNamespace(distribution=distribution, **(values | given))
 
 
-def bake(s, m, wavelength=0.55, tolerance=1e-2, polarized=False, **more):
+def bake(s, m, wavelength=0.55, tolerance=1e-2, polarized=False, integrated=False, **more):
     wavelength = np.atleast_1d(wavelength)
     m = np.broadcast_to(np.asarray(m, complex), wavelength.shape)
     theta, found = averages(
         [Component("spheres", m, population(s))],
         wavelength, np.ones(len(wavelength)),
-        Aim(tolerance, polarized, **more))
+        Aim(tolerance, polarized, integrated), **more)
     return theta, found[0]
 
 

@@ -13,14 +13,15 @@ from bakery.physics.averages.choice import LOWEST, choose
 from bakery.physics.averages.spheres import channels_of
 from bakery.physics.medium import phase
 from bakery.physics.sizes import population
+from bakery.physics.tasks import in_turn
 from tests.physics.test_averages import size
 
 TOLERANCE = 0.03
 
 
-def bake(m, radius, sigma, rays, wavelength=0.6, **options):
+def bake(m, radius, sigma, rays, wavelength=0.6, map=in_turn, **options):
     component = Component("spheres", np.array([complex(m)]), population(size("lognormal", radius=radius, sigma=sigma)))
-    theta, found = averages([component], [wavelength], [1.0], Aim(TOLERANCE, rays=rays, **options))
+    theta, found = averages([component], [wavelength], [1.0], Aim(TOLERANCE, rays=rays, **options), map)
     return theta, found[0]
 
 

@@ -379,7 +379,7 @@ def test_editors_accept_every_kind(everything):
 def test_every_key_has_a_description():
     schema = json_schema()
     for name, part in [("recipe", schema), *schema["$defs"].items()]:
-        for key, value in part["properties"].items():
+        for key, value in part.get("properties", {}).items():
             assert value.get("description"), f"{name}.{key}"
 
 

@@ -200,8 +200,8 @@ class Here:
 
     ran = 0
 
-    def __init__(self, **arguments):
-        self._bench = Bench(Task(**arguments), clock=CLOCK, wall=CLOCK)
+    def __init__(self, share, **arguments):
+        self._bench = Bench(Task(**arguments), clock=CLOCK, wall=CLOCK, share=share)
 
     def __getattr__(self, name):
         def call(*args, limit=None):
