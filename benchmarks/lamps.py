@@ -98,12 +98,12 @@ def ours(folder, name, width, drawn):
     how = methods.transport_of(world, [shape], [asset], [None], lambda number, key, message: ValueError(message), "paths")
     # two seeds: their means are compared
     (part,) = methods.parts(how, "paths", "negative", int(drawn))
-    lamps = scene.lamps
+    samples = scene.samples
     try:
-        scene.lamps = lamps if drawn else lambda *arguments: None
+        scene.samples = samples if drawn else lambda *arguments: None
         part.render(1 << 20)  # compiles
     finally:
-        scene.lamps = lamps
+        scene.samples = samples
     passes = max(1, SAMPLES // part.samples)
 
     def render(number):
