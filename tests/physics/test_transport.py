@@ -219,6 +219,6 @@ def test_refraction_is_no_loss_to_roulette(tmp_path, monkeypatch):
     because refraction into glass divides radiance.  But for a few at the edges of the ball's triangles, which lose their side."""
     monkeypatch.setattr(loop, "_FAR", 1 << 20)  # else paths that are caught for 64 bounces end one time in twenty
     even = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
-    how = transport(tmp_path, {"ball": (BALL, asset(1.0, 0.0))}, even, [1.5], size=16)
+    how = transport(tmp_path, {"ball": (BALL, asset(1.0, 0.0))}, even, [1.4], size=16)
     by_order, _ = loop.trace(Scene(how.world, how.bodies, how.colours, drawn=False), (1, 2), 256, 1, False)
     assert np.quantile(abs(by_order.sum(axis=1) - 1), 0.95) < 1e-4
