@@ -67,7 +67,7 @@ SCENES = {
     "glass_of_milk": ("glass_of_milk.xml", "milk", Body(*MILK, GLASS)),
     "milk, small window": ("glass_of_milk.xml", "milk", Body(*MILK, GLASS)),
 }
-# of a window of 220 mm x 220 mm, which is too wide for light samples, and an even sky: 120 mm x 120 mm, brighter, and less sky
+# of a window of 220 mm x 220 mm, which is wider, and an even sky: 120 mm x 120 mm, brighter, and less sky
 SMALL_WINDOW = {'"110, 110, 1"/> <lookat origin="-150, -30, 150"': '"60, 60, 1"/> <lookat origin="-130, -40, 140"',
                 "5, 5, 4.85": "8, 8, 7.7", "0.34, 0.365, 0.39": "0.24, 0.26, 0.28"}
 
