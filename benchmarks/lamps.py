@@ -67,7 +67,7 @@ SCENES = {
     "glass_of_milk": ("glass_of_milk.xml", "milk", Body(*MILK, GLASS)),
     "milk, small window": ("glass_of_milk.xml", "milk", Body(*MILK, GLASS)),
 }
-# of a window of 220 mm x 220 mm, which is too wide for light samples, and an even sky: 120 mm x 120 mm, brighter, and less sky
+# of a window of 220 mm x 220 mm, which is wider, and an even sky: 120 mm x 120 mm, brighter, and less sky
 SMALL_WINDOW = {'"110, 110, 1"/> <lookat origin="-150, -30, 150"': '"60, 60, 1"/> <lookat origin="-130, -40, 140"',
                 "5, 5, 4.85": "8, 8, 7.7", "0.34, 0.365, 0.39": "0.24, 0.26, 0.28"}
 
@@ -98,12 +98,12 @@ def ours(folder, name, width, drawn):
     how = methods.transport_of(world, [shape], [asset], [None], lambda number, key, message: ValueError(message), "paths")
     # two seeds: their means are compared
     (part,) = methods.parts(how, "paths", "negative", int(drawn))
-    lamps = scene.lamps
+    samples = scene.samples
     try:
-        scene.lamps = lamps if drawn else lambda *arguments: None
+        scene.samples = samples if drawn else lambda *arguments: None
         part.render(1 << 20)  # compiles
     finally:
-        scene.lamps = lamps
+        scene.samples = samples
     passes = max(1, SAMPLES // part.samples)
 
     def render(number):

@@ -3,8 +3,8 @@
 Every turn of the loop takes a path to its next surface or scattering, adds the light that it meets there and that of a light
 sample, and gives it a new direction.  A path that has ended makes room for the next one of its lane, which has many pixels, so
 that lanes of a packet wait for each other once in hundreds of paths.  Light samples reach events in bodies, and surfaces,
-through boundaries to which light is blind, less what the media on the way take; small lamps are sampled through smooth
-boundaries, too (`lamps`).
+through boundaries to which light is blind, less what the media on the way take; lights are sampled through smooth boundaries,
+too (`samples`).
 """
 
 from __future__ import annotations
@@ -19,9 +19,12 @@ import numpy as np
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba import variants
 from renderers.transport import flights, media
-from renderers.transport.lamps import Counts, Departure
+from renderers.transport.lamps import Departure
+from renderers.transport.records import Counts
+from renderers.transport.samples import Before
 from renderers.transport.strata import Strata
 from renderers.transport.wavefront import ORDERS
+from renderers.transport.wide import Chance
 
 import mitsuba as mi  # isort: skip
 
@@ -32,6 +35,7 @@ _ROULETTE, _FAR, _GOES_ON = 4, 64, 0.95
 # of 16 lanes are busy to 25 % with 4 paths a lane, to some 70 % with 256.  A graphics card wants a hundred thousand lanes: each
 # pixel has one
 _PATHS, _LANES = 256, 256
+_TURN = (5**0.5 - 1) / 2  # of all lanes, by which their pixels move
 # scatterings in bodies until all paths of a packet are looked at together
 _SCATTERINGS = 8
 # bounces after which one path in a thousand ends; what ends earlier makes the others bright
@@ -49,8 +53,9 @@ class Path:
     order, bounces : scatterings in bodies; those and surfaces
     drawn, density : where the direction was drawn, and its density (1/sr);  single : no light sample could have found it
     choice : uniform number, of what the first smooth boundary does
-    departure, counts : from the last scattering, and records of the lane, where lamps are sampled through smooth boundaries; else
-        None
+    departure, chance : since the last scattering, where small lamps are sampled through smooth boundaries, and where wide ones
+        are; else None
+    counts : of records of the lane, where either is
     """
 
     random: mi.PCG32
@@ -69,6 +74,7 @@ class Path:
     single: mi.Bool
     choice: mi.Float
     departure: Departure | None
+    chance: Chance | None
     counts: Counts | None
 
 
@@ -124,6 +130,11 @@ class Numbers(NamedTuple):
     def samples(self) -> mi.UInt32:
         """Of a pixel."""
         return self.strata.count
+
+    @property
+    def turn(self) -> mi.UInt32:
+        """By how many lanes pixels move from one row of as many pixels to the next."""
+        return mi.UInt32(mi.Float(self.lanes) * _TURN)
 
     @classmethod
     def of(cls, key, pixels, lanes, samples) -> Numbers:
@@ -196,9 +207,11 @@ def add(sums, number, light):
 
 def _next(scene, strata, numbers, path):
     """The lane's next path, in the place of one that is over."""
-    number = path.number + 1
+    number, lanes = path.number + 1, numbers.lanes
     done = number == (path.pixel + 1) * numbers.samples
-    pixel = path.pixel + dr.select(done, numbers.lanes, 0)
+    # the next pixels of all lanes in another order: columns of a picture would be lanes, of which some have all of the long paths
+    row = path.pixel // lanes
+    pixel = dr.select(done, (row + 1) * lanes + (path.pixel - row * lanes + numbers.turn) % lanes, path.pixel)
     path.number, path.alive = dr.select(done, pixel * numbers.samples, number), pixel < numbers.pixels
     drawn = strata.drawn(pixel, path.number - pixel * numbers.samples, path.random, path.alive)
     vars(path).update(vars(camera_paths(scene, pixel, drawn, path.random, path.alive, path.number)) | {"counts": path.counts})
@@ -209,7 +222,7 @@ def brought(scene, turn, path, event, records=None):
     """Light that paths meet and that of light samples: pairs of linear sRGB and its emitters."""
     light, emitter = _emitted(scene, path, event)
     if scene.lamps:
-        light = scene.lamps.meets(path, event, light, records)
+        light = scene.lamps.meets(path, event, emitter, light, records)
     return [(light, emitter), turn.next_event(scene, path, event)]
 
 
@@ -241,9 +254,11 @@ def camera_paths(scene, pixel, drawn, random, alive, number):
     origin, direction = scene.camera_ray(pixel, offset)
     width = dr.width(pixel)
     zero = dr.zeros(mi.UInt32, width)
-    return Path(random, pixel, number, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.waves)],
-                dr.full(mi.Float, 1, width), scene.around_camera + zero, mi.UInt32(zero), mi.UInt32(zero), mi.Point3f(origin), dr.zeros(mi.Float, width),
-                dr.full(mi.Bool, True, width), choice, scene.lamps and scene.lamps.none(width), None)
+    since = scene.lamps.none(width) if scene.lamps else {"departure": None, "chance": None}
+    return Path(random=random, pixel=pixel, number=number, alive=alive, origin=origin, direction=direction,
+                throughput=[dr.full(mi.Float, 1, width) for _ in range(scene.waves)], squared_index=dr.full(mi.Float, 1, width),
+                inside=scene.around_camera + zero, order=mi.UInt32(zero), bounces=mi.UInt32(zero), drawn=mi.Point3f(origin),
+                density=dr.zeros(mi.Float, width), single=dr.full(mi.Bool, True, width), choice=choice, counts=None, **since)
 
 
 def _add(sums, number, light, active=True):
@@ -365,13 +380,13 @@ def turned(scene, path, event, records=None):
     factor = scene.reflectance(dr.select(dr.all(dr.isfinite(factor)), factor, 0))
     path.throughput = [dr.select(shades, w * f, w) for w, f in zip(path.throughput, factor)]
     path.squared_index *= dr.select(shades, squared_index(sample), 1)
-    onward = surface.spawn_ray(surface.to_world(sample.wo))
+    before, onward = Before(path.direction, path.inside), surface.spawn_ray(surface.to_world(sample.wo))
     onward.o = dr.select(event.crosses, scene.boundaries.across(surface, path.direction), onward.o)
     path.direction = dr.select(shades, onward.d, path.direction)
     path.origin = dr.select(event.meets, onward.o, path.origin)
     path.inside = dr.select(event.meets, scene.boundaries.beyond(surface, path.direction, path.inside, event.meets), path.inside)
     if scene.lamps:
-        scene.lamps.turned(path, sample, shades)
+        scene.lamps.turned(path, before, sample, shades)
     path.single = dr.select(shades, ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Smooth), path.single)
     path.density = dr.select(shades, sample.pdf, path.density)
     path.drawn = dr.select(shades, path.origin, path.drawn)
