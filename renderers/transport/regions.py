@@ -116,8 +116,8 @@ def boundary(vertices, faces, unit):
     UsageError : on a graphics card, where a kernel traces rays through one scene alone: others would silently be missed
     """
     if variants.on_gpu(mi.variant()):
-        raise UsageError(f"variant {mi.variant()}: a graphics card traces rays through one scene at a time, and bodies that touch "
-                         "or whose mesh is turned inward, and media in a mesh, need several; use --variant llvm_ad_rgb")
+        raise UsageError(f"variant {mi.variant()}: a graphics card traces rays through one scene at a time, and bodies that "
+                         "touch or whose mesh is turned inward, and media in a mesh, need several; use --variant llvm_ad_rgb")
     mesh = mi.Mesh("boundary", len(vertices), len(faces))
     values = mi.traverse(mesh)
     values["vertex_positions"] = (np.asarray(vertices) / unit).astype(np.float32).ravel()
