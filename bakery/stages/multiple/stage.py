@@ -243,7 +243,7 @@ def cost(recipe) -> Cost:
         return Cost(_COUNTED * len(recipe.wavelength), 6e8, 2e5 * number, f"{number} tables of photons", 1.0,
                     kernels=_KERNELS + _KERNELS_OF_PHOTONS, kind="photons", most=len(recipe.wavelength))
     beyond = max(g - 0.5, 0.0)
-    seconds = number * (_FEW + _MORE * beyond + _MANY * beyond**5)
+    seconds = number * (_FEW + _MORE * beyond + _MANY * beyond**7)
     return Cost(seconds, 1.5e8 + 3e9 * beyond**2, number * (1.5e4 + 3.3e5 * beyond), f"{number} tables", 1.0,
                 kernels=_KERNELS, kind="solver", most=min(number, _TOGETHER), blocks=number)
 
@@ -294,7 +294,7 @@ _TOGETHER = 2
 _KERNELS = tuple(f"multiple.{name}" for name in ("_kernels", "_plane", "basis", "locate", "legendre", "lookup", "sums", "point"))
 _KERNELS_OF_PHOTONS = ("multiple._tally",)
 _COUNTED = 30.0  # seconds of one core for the tables of a wavelength by photons
-_FEW, _MORE, _MANY = 0.2, 1.5, 520.0  # seconds of one core for a table: at g up to 0.5; times g - 0.5; times (g - 0.5)^5
+_FEW, _MORE, _MANY = 0.2, 0.6, 2200.0  # seconds of one core for a table: at g up to 0.5; times g - 0.5; times (g - 0.5)^7
 
 STAGE = Stage(
     name="multiple",
