@@ -70,7 +70,7 @@ def predict(channels: Sequence[Channel], choices, tolerance: float, polarized: b
     count = angles or predicted_angles([f for c in channels for f in features_of(c)], tolerance)
     per_angle = MUELLER if polarized else INTENSITY
     computed = (2 if angles else 2.3) * count  # an angle between neighbours is computed for each that is kept
-    seconds, spheres, rows = 0.02 + 0.005 * len(channels), 0, 0
+    seconds, spheres, rows = 0.02 + 0.003 * len(channels), 0, 0
     for channel, choice in zip(channels, choices):
         cross, coefficient = (COATED, COATED) if channel.coated else (CROSS, COEFFICIENT)
 
