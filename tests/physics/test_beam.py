@@ -483,7 +483,7 @@ def test_photons_divided_and_in_roulette_are_those_of_the_literal_twin():
     planes, edges = np.array([1.0, 3.0]), np.array([0.0, 0.5, 2.5])
     for g, albedo, seed in ((0.8, 0.999, 5), (0.3, 0.95, 6)):
         true, error = _crossings(g, albedo, planes, 2.5, 60_000, seed)
-        counting = photons.Counting(albedo, *tabulated("hg", g=[g]), planes, edges, seed=seed)
+        counting = photons.Counting(albedo, *tabulated("hg", g=[g]), planes, edges, (seed, 0))
         counting.follow(100_000)
         every, ahead = (counting.counted(back) for back in (True, False))
         area = math.pi * np.diff(edges**2)
@@ -495,7 +495,7 @@ def test_photons_divided_and_in_roulette_are_those_of_the_literal_twin():
 
 def test_more_photons_are_those_of_one_count():
     theta, phase = gaussian(30)
-    counting = photons.Counting(0.9, theta, phase, DEPTH[:2], EDGES[:5], seed=3)
+    counting = photons.Counting(0.9, theta, phase, DEPTH[:2], EDGES[:5], (3, 0))
     for number in (320, 100, 3200):
         counting.follow(number)
         assert counting.photons == max(number, 320)

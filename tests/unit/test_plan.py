@@ -121,3 +121,10 @@ def test_plan_as_data(two_stages):
     data = plan.as_dict()
     assert data["steps"][0]["why"] and data["seconds"] == plan.seconds
     assert replace(plan, write=False).as_dict()["write"] is False
+
+
+def test_blocks_that_wait_for_each_other_keep_fewer_cores_busy():
+    three, many = (Cost(3.0, 0.0, 0.0, "", most=most, blocks=blocks) for most, blocks in ((3, 3), (4, 9)))
+    assert [three.cores(workers) for workers in (1, 2, 3, 8)] == [1, 1.5, 3, 3]
+    assert [many.cores(workers) for workers in (1, 2, 4, 64)] == [1, 9 / 5, 3, 3]  # four, four and one
+    assert [Cost(1.0, 0.0, 0.0, "", most=2).cores(workers) for workers in (1, 2, 8)] == [1, 2, 2]

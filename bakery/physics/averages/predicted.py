@@ -24,7 +24,7 @@ MUELLER = 0.15e-9
 # coefficients of these windows, a + b x^(1/3) (sqrt(x)); and once per angle for any number of spheres, tracing
 RAY, RAY_ORDERS, EDGE, CRITICAL, TRACE, TRACE_ORDERS = 15e-9, 3.3e-9, 50e-9, 3e-9, 25e-9, 9e-9
 START, START_EDGE, START_CRITICAL = 2e-6, 0.19e-6, 0.3e-6
-LOADING = 0.4  # seconds, same machine
+LOADING = 0.25  # seconds, same machine
 FIRST_LEVEL = 2  # level before which nothing has converged: steps in size parameter of ~1
 HELD = 64 * 2**20  # bytes of block results held at a time
 _DAMPED, _RIPPLES, _RESONANT, _PASSES, _WHOLE, _ROUNDS = 3.5, 5.0, 400.0, 4.0, 16.0, 2.5  # fitted
@@ -67,7 +67,7 @@ def predict(channels: Sequence[Channel], choices, aim: Aim) -> Prediction:
     count = angles or predicted_angles([f for c in channels for f in features_of(c)], tolerance)
     per_angle = MUELLER if polarized else INTENSITY
     computed = (2 if angles else 2.3) * count  # an angle between neighbours is computed for each that is kept
-    seconds, spheres, rows = 0.02 + 0.005 * len(channels), 0, 0
+    seconds, spheres, rows = 0.02 + 0.003 * len(channels), 0, 0
     for channel, choice in zip(channels, choices):
         cross, coefficient = (COATED, COATED) if channel.coated else (CROSS, COEFFICIENT)
 
@@ -108,12 +108,11 @@ def _doublings(channel, tolerance, integrated=False):
     """
     if channel.nodes.counted:
         return 2.0**FIRST_LEVEL, 2.0**FIRST_LEVEL
-    fine = 0.01 / tolerance
-    if integrated:  # resonances hardly count in the whole
-        most = min(2.0**FIRST_LEVEL * max(1.0, _WHOLE * fine**1.25), 2.0 ** (channel.nodes.levels - 1))
+    fine, absorption, last = 0.01 / tolerance, 4 * channel.m.imag, 2.0 ** (channel.nodes.levels - 1)
+    if integrated:  # resonances hardly count in the whole, and not at all in spheres that absorb
+        damped = 1 + 5 * absorption * min((x for x, _ in features_of(channel)), default=0.0)
+        most = min(2.0**FIRST_LEVEL * max(1.0, _WHOLE * fine**1.25 / damped), last)
         return most, most
-    absorption = 4 * channel.m.imag
-    last = 2.0 ** (channel.nodes.levels - 1)
     most, resonant = 2.0**FIRST_LEVEL * max(1.0, fine) ** 0.6, False
     for (x, width), first in zip(features_of(channel)[len(channel.nodes.fixed()[0]) :], channel.nodes.first):
         if channel.m.real > 1:

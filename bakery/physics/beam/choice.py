@@ -62,7 +62,7 @@ def tabulated(albedo, theta, phase, nodes, photons, tolerance, seed, stream) -> 
     values = {name: table.value for name, table in tables.items()} | {"small_angle": small.value}
     if albedo == 0:
         return Tabulated(values, model, medium.planar.B, dict.fromkeys(MEASURES, (0.0, 0.0)), photons or 0)
-    counting = Counting(albedo, theta, phase, *counted_at(nodes[0][-1]), seed=seed, stream=stream)
+    counting = Counting(albedo, theta, phase, *counted_at(nodes[0][-1]), (seed, stream))
     counting.follow(photons or first_photons(tolerance))
     measured = build.errors(tables, counting)
     while not photons and counting.photons < MOST:

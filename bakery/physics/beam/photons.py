@@ -59,10 +59,12 @@ class Counting:
 
     Parameters
     ----------
-    albedo, theta, phase, depth, edges, seed, stream, first, last, layers : as of `count`
+    albedo, theta, phase, depth, edges, layers : as of `count`
+    source : its seed and stream
+    events : its first and last
     """
 
-    def __init__(self, albedo, theta, phase, depth, edges, *, seed=0, stream=0, first=1, last=None, layers=((0.0,), (1.0,))):
+    def __init__(self, albedo, theta, phase, depth, edges, source=(0, 0), events=(1, None), layers=((0.0,), (1.0,))):
         self.depth, self.edges = np.asarray(depth, float), np.asarray(edges, float)
         self._albedo, self._table = float(albedo), phase_layout(np.asarray(theta, float), np.asarray(phase, float))
         begins, density = (np.array(column, float) for column in layers)
@@ -72,8 +74,8 @@ class Counting:
         optical = np.concatenate([[0.0], np.cumsum(density[:-1] * np.diff(begins[:-1]))])
         which = np.searchsorted(begins, self.depth, side="right") - 1
         self._thick = optical[which] + (self.depth - begins[which]) * density[which]
-        self._layers, self._events = (begins, density, optical), (first, 2**62 if last is None else last)
-        self._streams = [rng.generator(seed, "beam.photons", stream, index) for index in range(BLOCKS)]
+        self._layers, self._events = (begins, density, optical), (events[0], 2**62 if events[1] is None else events[1])
+        self._streams = [rng.generator(source[0], "beam.photons", source[1], index) for index in range(BLOCKS)]
         self._sums = np.zeros((BLOCKS, 2, 2, len(self.depth), len(self.edges) - 1))
         self._per_block = 0
 
@@ -85,10 +87,10 @@ class Counting:
     def follow(self, photons, threads=1) -> None:
         """Follow more photons, until it is `photons` in all; the values do not depend on the threads."""
         per_block = -(-int(photons) // BLOCKS)
-        more, self._per_block = max(per_block - self._per_block, 0), max(per_block, self._per_block)
+        added, self._per_block = max(per_block - self._per_block, 0), max(per_block, self._per_block)
 
         def block(index):
-            _follow(self._streams[index], more, self._albedo, self._table, self._layers,
+            _follow(self._streams[index], added, self._albedo, self._table, self._layers,
                     _Planes(self.depth, self._thick, self.edges, self._sums[index]), self._events)
 
         with ThreadPoolExecutor(threads) as pool:
@@ -102,7 +104,8 @@ class Counting:
         return Counted(self.depth, self.edges, mean[0], error[0], mean[1], error[1], self.photons)
 
 
-def count(albedo, theta, phase, depth, edges, photons, *, back=True, threads=1, **more) -> Counted:
+def count(albedo, theta, phase, depth, edges, photons, *, seed=0, stream=0, first=1, last=None, back=True, threads=1,
+          layers=((0.0,), (1.0,))) -> Counted:
     """Follows photons of a narrow beam.
 
     Parameters
@@ -125,7 +128,7 @@ def count(albedo, theta, phase, depth, edges, photons, *, back=True, threads=1, 
     A photon is dropped where it is more than 20 mfp beyond the last plane, or 20 from the axis beyond the last ring
     (with albedo 1 and wide rings that is a bias; it is below 1e-3 for depths and rings up to 5 mfp).
     """
-    counting = Counting(albedo, theta, phase, depth, edges, **more)
+    counting = Counting(albedo, theta, phase, depth, edges, (seed, stream), (first, last), layers)
     counting.follow(photons, threads)
     return counting.counted(back)
 
@@ -249,23 +252,23 @@ def _follow(stream, photons, albedo, table, layers, rings, events):
         ux, uy, uz = 0.0, 0.0, 1.0
         weight, event = 1.0, 0
         while True:
-            going = pz >= 0 and pz < math.inf and px * px + py * py <= (outer + _GONE) ** 2
-            if going:
+            alive = pz >= 0 and pz < math.inf and px * px + py * py <= (outer + _GONE) ** 2
+            if alive:
                 layer = np.searchsorted(begins, pz, side="right") - 1
                 above = optical[layer] + (pz - begins[layer]) * density[layer]
-                going = above <= bottom + _GONE
-            if going:
+                alive = above <= bottom + _GONE
+            if alive:
                 weight *= albedo
                 wanted = 1 + _SLOPE * max(math.sqrt(px * px + py * py) - outer, above - bottom, 0.0)
                 if weight < _LOW * wanted:
-                    going = stream.random() * wanted < weight
+                    alive = stream.random() * wanted < weight
                     weight = wanted
-            if going and weight > _HIGH * wanted and waiting < _TWINS:
+            if alive and weight > _HIGH * wanted and waiting < _TWINS:
                 weight *= 0.5
                 twins[waiting, :3], twins[waiting, 3:6] = (px, py, pz), (ux, uy, uz)
                 twins[waiting, 6:] = weight, float(event), above
                 waiting += 1
-            if not going:
+            if not alive:
                 if waiting == 0:
                     break
                 waiting -= 1

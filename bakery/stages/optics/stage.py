@@ -21,7 +21,8 @@ _KERNELS = ("mie.kernels",)
 _OF_SHELLS = ("mie.coated",)
 _OF_RAYS = tuple(f"goa._{name}" for name in ("asymptotic", "edge", "field", "rays", "solve", "special", "surface"))
 # the rates are those of an AMD EPYC (Zen 5), of which an Intel Xeon with AVX-512 has less than half: a machine in between
-_SLOWER = 1.5
+_SLOWER = 1.6
+_RESTLESS = 1.2  # rays jump here and there: at tolerances of every angle, a few angles take many times the nodes of the others
 _RAYS_LOADED = 1e8  # bytes
 _LAST = deque(maxlen=2)  # recipes and what their averages are expected to take
 METHODS = ("rayleigh", "mie", "goa")
@@ -148,7 +149,7 @@ def cost(recipe) -> Cost:
 
     expectation, channels, choices = _expected(recipe)
     rays, coated = any(choice.taken for choice in choices), any(channel.coated for channel in channels)
-    seconds = _SLOWER * expectation.seconds
+    seconds = _SLOWER * expectation.seconds * (_RESTLESS if rays and recipe.measure == "pointwise" else 1.0)
     return Cost(seconds, expectation.memory + rays * _RAYS_LOADED, expectation.file,
                 f"about {expectation.angles} angles, {expectation.spheres} spheres, {seconds:.2g} s of one core by the rates of "
                 f"benchmarks/averages.py; {LOADING:g} s to load kernels", LOADING, _remarks(channels, choices),

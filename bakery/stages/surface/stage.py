@@ -182,7 +182,7 @@ def _seconds(recipe) -> float:
     g = phase_keys(recipe.medium.phase)["g"]
     steepest = min(float(np.abs(g).max()), 0.97) if g is not None else 0.5
     # moments that are larger than the tolerance
-    return 0.03 + 4e-6 * (math.log(recipe.surface.tolerance) / math.log(max(steepest, 0.1))) ** 3.3
+    return 0.8 + 4e-6 * (math.log(recipe.surface.tolerance) / math.log(max(steepest, 0.1))) ** 3.3
 
 
 def cost(recipe) -> Cost:
