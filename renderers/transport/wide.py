@@ -123,6 +123,6 @@ class Wide:
         passed = [dr.exp(-sigma * way.within) for sigma in scene.media.sigma_t(looking.medium)]
         least = dr.exp(-dr.gather(mi.Float, self._sigma, looking.medium) * way.within)
         scale = dr.rcp(media.mean(weights, phase) * least + guided)
-        throughput = [w * p * t * left * scale for w, p, t, left in zip(weights, phase, passed, way.weight)]
+        throughput = [w * p * t * s * scale for w, p, t, s in zip(weights, phase, passed, way.weight)]
         active = (guided > 0) & self._counts(way.emitter)
         yield looking.number, looking.order, way.emitter, scene.seen(throughput, way.radiance, active)
