@@ -10,7 +10,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | light of them along a line of sight | the same | `point_source_seen`, `segment_source_seen` |
 | the same on arrays of Dr.Jit | `drjit_tables` | |
 | which grain stands where in repeated tiles, and how it is turned | `cumulated_shares` | `instance`, `rotation_matrix` |
-| spheres of a repeated tile | `tile_grid` | `flight_to_sphere` |
+| spheres of a repeated tile | `nearest_denser`, `tile_grid` | `flight_to_sphere` |
 | its spheres with centres in a mesh | `Aggregate`, `aggregate` | `aggregate_scratch`, `first_sphere`, `enclosing_sphere` |
 | of which a part is left out | `Field`, `field`, `uniform_field`; `mean_share` | `share_at` |
 | grains whose mixture varies | `field` | `instance_of` |
@@ -29,8 +29,8 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | reflectance of layers | `asset.surface.table()` | `surface_reflectance`, `surface_transmittance` |
 | amplitudes of spheres | `mie_amplitudes`, `goa_amplitudes` | |
 | where particles are | `Region`, `BOX`, `region_box`, `region_grid`, `region_mesh` | `relative_density`, `region_densities` |
-| its particles, as discs | `disc_order`, `stored_discs`, `procedural_discs` | `first_disc` (or `NO_DISC`), `open_wavelengths` |
-| one by one | | `disc_cells`, `discs_of_cell` |
+| particles as discs | `disc_order`, `stored_discs`, `procedural_discs` | `Pencil`, `first_disc` (`NO_DISC`), `open_wavelengths` |
+| one by one | | `disc_cells`, `discs_of_cell` (into `Particles`) |
 | closed meshes, of files or of triangles | `closed_mesh`, `solid` | |
 | hashes | | `hashed` |
 | random streams, by name | `stream_key` (seed, a name of `bakery.rng.STREAMS`, its index) | |
@@ -43,7 +43,7 @@ Importing this module loads numba and SciPy.
 from __future__ import annotations
 
 from bakery.physics.discrete.levels import disc_order, procedural_discs, stored_discs
-from bakery.physics.discrete.pencils import NO_DISC, disc_cells, discs_of_cell, first_disc, open_wavelengths
+from bakery.physics.discrete.pencils import NO_DISC, Particles, Pencil, disc_cells, discs_of_cell, first_disc, open_wavelengths
 from bakery.physics.discrete.region import BOX, Region, region_box, region_densities, region_grid, region_mesh, relative_density
 from bakery.physics.goa import amplitudes as goa_amplitudes
 from bakery.physics.grains.bvh import Mesh, mesh_scratch, nearest_triangle, triangle_normal, triangle_tree
@@ -101,6 +101,7 @@ from bakery.physics.multiple.sums import add_look_up, no_look_ups, point_source,
 from bakery.physics.multiple.symbolic import drjit_tables
 from bakery.physics.packing.cells import tile_grid
 from bakery.physics.packing.instances import cumulated_shares, hashed, instance, rotation_matrix
+from bakery.physics.packing.tiles import nearest_denser
 from bakery.physics.shapes.mending import closed_mesh, solid
 from bakery.physics.surfaces.look_up import surface_reflectance, surface_transmittance
 from bakery.rng import stream_key
@@ -117,6 +118,8 @@ __all__ = [
     "Exemplars",
     "Field",
     "Mesh",
+    "Particles",
+    "Pencil",
     "Region",
     "Varied",
     "add_look_up",
@@ -162,6 +165,7 @@ __all__ = [
     "mesh_boundary",
     "mesh_scratch",
     "mie_amplitudes",
+    "nearest_denser",
     "nearest_triangle",
     "never_diffuse",
     "no_look_ups",

@@ -21,7 +21,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from bakery.errors import StageError
-from bakery.physics.averages import Component, averages, batches, cross, expected
+from bakery.physics.averages import Aim, Component, averages, batches, cross, expected
 from bakery.physics.averages import spheres as kinds
 from bakery.physics.medium import phase
 from bakery.physics.sizes import Nodes, population
@@ -86,7 +86,7 @@ def ours(case, tolerance, threads=None, report=lambda seconds, error: None):
     way = (lambda f, tasks: [f(*t) for t in tasks]
            ) if threads is None else lambda f, tasks: list(threads.map(lambda t: f(*t), tasks))
     component = Component("spheres", np.full(len(wavelength), m, complex), population(s))
-    return averages([component], wavelength, np.full(len(wavelength), host), tolerance, map=way, report=report)
+    return averages([component], wavelength, np.full(len(wavelength), host), Aim(tolerance), map=way, report=report)
 
 
 def truth(case, at, which=0):
@@ -167,7 +167,7 @@ def model():
         for name, case in sized(CASES | MORE, {"haze": CASES["haze"], "small": MORE["small"]}).items():
             s, m, host, wavelength, _ = case
             component = Component("spheres", np.full(len(wavelength), m, complex), population(s))
-            made = expected([component], wavelength, np.full(len(wavelength), host), tolerance)[0]
+            made = expected([component], wavelength, np.full(len(wavelength), host), Aim(tolerance))[0]
             if made.seconds > 30:
                 continue
             charged = [0.0]

@@ -86,6 +86,7 @@ class Recorder(Executor):
 
 def recorded(recipe: str) -> tuple[float, list[tuple[str, list[float]]]]:
     """Processor seconds of a bake besides its blocks, and of the blocks of each map; kernels are loaded before."""
+    from bakery.plan.asked import Asked
     from bakery.run.bake import executed, planned
     from bakery.run.cache import Cache
 
@@ -93,7 +94,7 @@ def recorded(recipe: str) -> tuple[float, list[tuple[str, list[float]]]]:
     with tempfile.TemporaryDirectory() as folder:
         for settings in {"tolerance": "30%"}, {"tolerance": tolerance} if tolerance else {}:
             cache = Cache(Path(folder, "cache"))
-            plan = planned(HERE / "recipes" / f"{name}.yaml", f"{folder}/", settings=settings, cache=cache, force=True)
+            plan = planned(HERE / "recipes" / f"{name}.yaml", f"{folder}/", asked=Asked(settings), cache=cache, force=True)
             recorder, started = Recorder(), time.process_time()
             executed(plan, cache=cache, executor=recorder)
             taken = time.process_time() - started

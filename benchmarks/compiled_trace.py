@@ -34,8 +34,8 @@ def _numba(event) -> None:
             function = event.data["dispatcher"].py_func
             _records.append({
                 "name": f"{function.__module__}:{function.__qualname__}", "own": spent - inner, "all": spent,
-                "seconds": time.time() - wall, "at": wall - _BEGAN, "depth": len(local.stack),
-                "waiting": event.data.get("waiting", False), "group": _group(), "types": _types(event.data["args"])})
+                "seconds": time.time() - wall, "at": wall - _BEGAN, "depth": len(local.stack), "group": _group(),
+                "types": _types(event.data["args"])} | {key: event.data.get(key, False) for key in ("waiting", "linking")})
 
     event.register("numba:compile", Listener())
 

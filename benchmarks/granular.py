@@ -119,7 +119,7 @@ def of_asset(path):
         mesh = None if grain.ball else Mesh(grain.vertices, grain.faces)
         parts.append((float(part["weight"].data[0]), coat(surface["type"], index, surface.get("roughness", 0.0)), mesh))
     asked = float(root["medium/fraction"].data[0]) if "medium" in root.members else 0.0
-    centers, radii, cell, _ = nearest_denser(root["packing"], asked)
+    centers, radii, cell = nearest_denser(root["packing"], asked)
     return Case(Path(path).stem, centers, radii, cell, *grains_of(parts))
 
 
@@ -155,7 +155,7 @@ def row(case, tolerance, quick):
     means = mixed(*zip(*each))
     chord = void_chord(f, case.radii)
     start = time.thread_time()
-    found = walk(case.centers, case.radii, case.cell, case.grains, case.weights, seed=1, tolerance=tolerance)
+    found = walk((case.centers, case.radii, case.cell), case.grains, case.weights, seed=1, tolerance=tolerance)
     seconds = time.thread_time() - start
     plain, shaped = effective(means, chord), effective(means, chord, found.second_moment)
     M, error = found.mean_square_displacement, found.errors["mean_square_displacement"]
@@ -182,7 +182,7 @@ def main():
     parser.add_argument("--count", type=int, help="spheres in a tile of the standard grains")
     options = parser.parse_args()
     tolerance, count = sized((0.01, 250), (0.2, 60)) if options.quick else sized((0.002, 1000), (0.2, 60))
-    walk([[0, 0, 0]], [1], [2.1] * 3, [Grain(dielectric(1.5), mesh_of("cube"))], seed=0, tolerance=1)  # compiles
+    walk(([[0, 0, 0]], [1], [2.1] * 3), [Grain(dielectric(1.5), mesh_of("cube"))], seed=0, tolerance=1)  # compiles
     cases = standard(options.count or count) if options.what is None else [
         of_asset(options.what) if options.what.endswith((".h5", ".hdf5")) else of_recipe(options.what)]
     print("| " + " | ".join(HEAD) + " |\n|" + "---|" * len(HEAD))

@@ -1,6 +1,7 @@
 """Lorenz-Mie against its peers: python benchmarks/mie.py
 
-Ratios of time, ours over theirs, measured in turn on this machine, and the accuracy of each on the same reference cases.
+Ratios of processor time, ours over theirs, all threads together, the least of calls in turn on this machine, and the accuracy of
+each on the same reference cases.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 import numpy as np  # noqa: E402
-from peers import interleaved, optional  # noqa: E402
+from peers import optional, processor_seconds  # noqa: E402
 
 from bakery.physics.mie import amplitudes, efficiencies  # noqa: E402
 from benchmarks.sizes import sized  # noqa: E402
@@ -32,18 +33,18 @@ def speed(miepython, lxmie):
     jobs = {"bakery": lambda: efficiencies(1.33, x)}
     if miepython:
         jobs["miepython"] = lambda: miepython.efficiencies_mx(1.33, x)
-        row("efficiencies, 10,000 x in 0.1..1000, m = 1.33", "miepython", interleaved(jobs, sized(7, 1)), 0.5, 0.03)
+        row("efficiencies, 10,000 x in 0.1..1000, m = 1.33", "miepython", processor_seconds(jobs, sized(15, 1)), 0.5, 0.03)
     if not lxmie:
         return
     radii, theta = np.linspace(1, 1000, sized(100, 2)), np.linspace(0, np.pi, sized(1000, 10))
-    n, k, x_list, mu = [1.33] * 100, [0.0] * 100, list(radii), list(np.cos(theta))
-    row("S1, S2 at 1000 angles, 100 radii, x 1..1000", "lxmie", interleaved({
+    n, k, x_list, mu = [1.33] * radii.size, [0.0] * radii.size, list(radii), list(np.cos(theta))
+    row("S1, S2 at 1000 angles, 100 radii, x 1..1000", "lxmie", processor_seconds({
         "bakery": lambda: amplitudes(1.33, radii, theta),
-        "lxmie": lambda: lxmie.mie_amplitudes(n, k, x_list, mu)}, 5), 0.08, 0.01)
+        "lxmie": lambda: lxmie.mie_amplitudes(n, k, x_list, mu)}, sized(10, 1)), 0.08, 0.01)
     theta = np.linspace(0, np.pi, 1801)
     mu = list(np.cos(theta))
-    for size, rounds in sized(((20_000.0, 5), (200_000.0, 3)), ((2000.0, 1),)):
-        row(f"S1, S2 at 1801 angles, x = {size:,.0f}", "lxmie", interleaved({
+    for size, rounds in sized(((20_000.0, 8), (200_000.0, 4)), ((2000.0, 1),)):
+        row(f"S1, S2 at 1801 angles, x = {size:,.0f}", "lxmie", processor_seconds({
             "bakery": lambda size=size: amplitudes(1.33, size, theta),
             "lxmie": lambda size=size: lxmie.mie_amplitudes(1.33, 0.0, size, mu)}, rounds), 0.05, 0.005)
 

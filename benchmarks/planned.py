@@ -13,9 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 import bakery
+from bakery.plan.asked import Asked
 from bakery.recipe import load
-from bakery.run import prepare
-from bakery.run.ensure import Asked, asked
+from bakery.run.bake import planned
+from bakery.run.ensure import asked
 from renderers import colour
 from renderers.scene import requirements
 
@@ -74,10 +75,10 @@ class Plans(NamedTuple):
 def plans(scene, recipe, folder, *, times=FINER, cache=None, **options) -> Plans:
     """Plans of both assets of a recipe, to be written to a folder."""
     (asks, share), full = wanted(scene, recipe, cache), whole(scene, recipe, cache)
-    settings = {"planned": asks.settings, "full": finer(recipe, full.settings, asks.needs, times)}
-    stages = {"planned": asks.stages, "full": full.stages}
-    return Plans(*(prepare(recipe, Path(folder) / f"{Path(recipe).stem}_{kind}.h5", settings=settings[kind], stages=stages[kind],
-                           force=True, cache=cache, **options) for kind in ("planned", "full")), share)
+    asked_for = {"planned": Asked(asks.settings, asks.stages),
+                 "full": Asked(finer(recipe, full.settings, asks.needs, times), full.stages)}
+    return Plans(*(planned(recipe, Path(folder) / f"{Path(recipe).stem}_{kind}.h5", asked=wanted, force=True, cache=cache,
+                           **options) for kind, wanted in asked_for.items()), share)
 
 
 class Difference(NamedTuple):

@@ -73,6 +73,12 @@ COMPILED = {
     "solid": _GEL + "multiple_scattering: {sources: [point, segment], tolerance: 10%}\n",
     "counted": _GEL + "multiple_scattering: {sources: [point], tolerance: 10%, method: photons, photons: 10000}\n",
     "spread": _GEL + "beam: {photons: 20000}\n",
+    "layer": _GEL + "surface: {thickness: 1 mm, boundary: {index: 1.5}}\n",
+    "snow": _grains("{type: sphere}", "{type: dielectric, material: ice}", "{fraction: 0.5, count: 200}",
+                    _COARSE + "surface: {tolerance: 30%}\n"),
+    "shells": "tolerance: 10%\nwavelengths: [0.55]\nparticles: {host: air, number_density: 1e8 /m^3, components: [{name: a, "
+              "material: soot, size: {distribution: lognormal, radius: 50 nm, sigma: 1.6, max: 1 um}, "
+              "coating: {material: {n: 1.53, k: 1e-7}, ratio: 2}}]}\n",
 }
 
 
@@ -82,6 +88,7 @@ def one(recipe: str, folder: str) -> None:
 
     from bakery import run
     from bakery.run import standing
+    from bakery.run.bake import planned
     from bakery.run.cache import Cache
     from bakery.run.progress import Progress
 
@@ -119,7 +126,7 @@ def one(recipe: str, folder: str) -> None:
 
     cache, told = Cache(Path(folder)), Told()
     with event.install_listener("numba:compile", Modules()):
-        plan = run.prepare(recipe, Path(folder) / "a.h5", cache=cache, jobs=1)
+        plan = planned(recipe, Path(folder) / "a.h5", cache=cache, jobs=1)
         baked = run.execute(plan, cache=cache, jobs=1, progress=told)
     peak = max(standing.asset_at(baked.output)[f"provenance/{step.stage.name}"].attributes["peak_memory"] for step in plan.steps)
     print(json.dumps({
@@ -140,12 +147,13 @@ def _baked(name: str, text: str, folder: Path) -> dict:
                           capture_output=True)
     if done.returncode:
         raise SystemExit(f"{name}: {done.stderr}")
-    return json.loads(done.stdout) | {"recipe": str(recipe), "speeds": json.loads((kept / "speed.json").read_text())}
+    speeds = kept / "speed.json"  # of work that takes no time there is none
+    return json.loads(done.stdout) | {"recipe": str(recipe), "speeds": json.loads(speeds.read_text()) if speeds.exists() else {}}
 
 
 def _used(found: dict, name: str, folder: Path) -> float:
     """Seconds that a plan expects where all the other recipes were baked before."""
-    from bakery.run import prepare
+    from bakery.run.bake import planned
     from bakery.run.cache import Cache
 
     speeds: dict = {}
@@ -153,7 +161,7 @@ def _used(found: dict, name: str, folder: Path) -> float:
         for kind, entries in result["speeds"].items():
             speeds.setdefault(kind, []).extend(entries if other != name else [])
     (folder / "speed.json").write_text(json.dumps(speeds))
-    plan = prepare(found[name]["recipe"], folder / "nothing.h5", cache=Cache(folder), jobs=1)
+    plan = planned(found[name]["recipe"], folder / "nothing.h5", cache=Cache(folder), jobs=1)
     return plan.seconds - sum(step.cost.compiling for step in plan.steps)
 
 

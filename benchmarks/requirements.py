@@ -16,7 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bakery.run import execute, prepare
+from bakery.plan.asked import Asked
+from bakery.run import execute
+from bakery.run.bake import planned as plan_of
 from bakery.run.cache import Cache
 from benchmarks import planned
 from benchmarks.sizes import sized
@@ -30,7 +32,7 @@ SCENES, RECIPES = FOLDER / "assets" / "scenes", FOLDER / "recipes"
 def bake(recipe, output, settings, stages):
     """Seconds of one core, and of the planning."""
     begin = time.process_time()
-    plan = prepare(recipe, output, settings=settings, stages=stages, force=True, jobs=1)
+    plan = plan_of(recipe, output, asked=Asked(settings, tuple(stages)), force=True, jobs=1)
     begin, planned = time.process_time(), time.process_time() - begin
     baked = execute(plan, jobs=1)
     for miss in baked.missed:

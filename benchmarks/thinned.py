@@ -40,6 +40,7 @@ def ways(aggregate, start, direction, limit, met, free):
     """From points of a tile (n, 3) along directions (n, 3) to the next sphere, 0 within one, at most `limit`: free (n,)."""
     o, d, to, left, none = np.empty(3), np.empty(3), np.empty(3), np.zeros(4, np.int64), np.empty(4, np.int64)
     room = kernels.aggregate_scratch()
+    grid = aggregate.cell, aggregate.m, aggregate.start, aggregate.image, aggregate.owner
     left[0] = -1
     for n in range(len(start)):
         for k in range(3):
@@ -47,8 +48,7 @@ def ways(aggregate, start, direction, limit, met, free):
         if kernels.enclosing_sphere(aggregate, o, none, room):
             free[n] = 0.0
             continue
-        free[n] = kernels.flight_to_sphere(o, d, left, aggregate.cell, aggregate.m, aggregate.start, aggregate.image,
-                                           aggregate.owner, limit, met, to)
+        free[n] = kernels.flight_to_sphere(o, d, left, grid, limit, met, to)
 
 
 def free_ways(tile):
@@ -92,7 +92,7 @@ def main():
         moment, left = void.mean() / (4 / 3 * (1 - f) / f), [f"{np.mean(free > way):.4f}" for way in WAYS]
         print("|", " | ".join([str(f), how, f"{moment:.3f}", *left]), "|", flush=True)
         for name, grain in grains.items():
-            walks = packed.walk(*tile, [grain], seed=1, tolerance=sized(0.005, 0.2), hits=sized(1 << 22, 1 << 14))
+            walks = packed.walk(tile, [grain], seed=1, tolerance=sized(0.005, 0.2), hits=sized(1 << 22, 1 << 14))
             factor = np.sqrt(walks.mean_square_rte / walks.mean_square_displacement)
             rows.append((name, f, how, factor, walks.achieved_error * factor))
     print("\n| grain | fraction | | sigma_t of the walk over that of Eq. 4 |\n|---|---|---|---|")

@@ -13,7 +13,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from bakery.cli.methods import curves
+from bakery.scenes.methods import curves
 from bakery.trade import methods
 from benchmarks.sizes import sized
 

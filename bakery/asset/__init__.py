@@ -74,7 +74,7 @@ def from_xarray(arrays: xarray.DataTree | xarray.Dataset, path: str | os.PathLik
 
     if not hasattr(arrays, "children"):
         if path is not None:
-            raise UsageError("from_xarray: found a path beside the dataset of one group; the tree of a whole asset would do")
+            raise UsageError("from_xarray: found a path beside the dataset of one group; expected the tree of a whole asset")
         return Members(labelled.group_of(arrays), str(arrays.attrs.get(labelled.STORED, "")))
     root = checked("the tree", labelled.root_of(arrays))
     if path is not None:

@@ -175,21 +175,7 @@ class Family:
         return Interpolated(root, place_path(self.path, self.tree, point))
 
     def query(self, path: str, /, **arguments: str | float | Sequence[float]) -> Answer | Attribute:
-        """A value of the family's own, such as `family/sigma_t`; `at(…).query(…)` asks the asset of a place.
-
-        Parameters
-        ----------
-        path : such as `medium/phase`
-        arguments : text with its unit, `theta="10 deg"`, or numbers: wavelength and radius in um, theta in rad
-
-        Returns
-        -------
-        answer : `values` with `units`, `axes`, `error` and `remarks`; text and attributes (`medium/achieved_error`) as they are
-
-        Raises
-        ------
-        UsageError : a missing path, an argument that has no effect on it or is outside of the stored range
-        """
+        """A value of the family's own, such as `family/sigma_t`, as `Asset.query`; `at(…).query(…)` asks the asset of a place."""
         return ask(self, path, arguments)
 
     def __getattr__(self, name: str):

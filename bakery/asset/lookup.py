@@ -131,7 +131,7 @@ def _told(nodes, around) -> str:
 def _by_theta(nodes, wanted, member: Dataset):
     """Linear in cos theta, as the format says."""
     if not ((wanted >= 0) & (wanted <= np.pi)).all():
-        raise UsageError(f"theta: found {_numbers(np.degrees(wanted))} deg; angles from 0 (forward) to 180 deg would do")
+        raise UsageError(f"theta: found {_numbers(np.degrees(wanted))} deg; expected angles from 0 (forward) to 180 deg")
     stored = np.isin(wanted, nodes).all()
     return lambda data: phase_at(nodes, data, wanted), wanted, "" if stored else "linear in cos theta between the stored angles"
 

@@ -34,7 +34,8 @@ def describe(root: Group, below: str = "") -> dict:
         "format_version": root.attributes.get("format_version"),
         "bakery_version": root.attributes.get("bakery_version"),
         "content_hash": root.attributes.get("content_hash"),
-        "stages": [stage(root, name) for name, member in root.members.items() if name in wanted and _is_stage(member)],
+        "stages": [stage(root, name) for name, member in root.members.items() if name in wanted
+                   and isinstance(member, Group) and "stage" in member.attributes],
         "members": [path for path, _ in inside],
         "datasets": [dataset(root, path) for path, member in inside if isinstance(member, Dataset)],
         "provenance": {name: number(value) for name, value in _provenance(root).attributes.items()},
@@ -89,10 +90,6 @@ def first_line(content: str, width: int = 40) -> str:
     lines = content.strip().splitlines() or [""]
     head = lines[0] if len(lines[0]) <= width else lines[0][:width - 3] + "..."
     return f"{len(content)} characters in {len(lines)} lines: {head}" if len(lines) > 1 else head
-
-
-def _is_stage(member) -> bool:
-    return isinstance(member, Group) and "stage" in member.attributes
 
 
 def _provenance(root: Group) -> Group:

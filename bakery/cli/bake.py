@@ -73,7 +73,7 @@ def command(recipes, output, asked, sweeps, run, depfile, overwrite, told):
     if len(recipes) > 1 and output and not output.endswith("/"):
         raise UsageError(f'-o: found "{output}" for {len(recipes)} recipes; write DIR/ to put each asset into a folder')
     if len(recipes) > 1 and depfile:
-        raise UsageError(f"--depfile: names one asset, but there are {len(recipes)} recipes; one call a recipe would do")
+        raise UsageError(f"--depfile: names one asset, but there are {len(recipes)} recipes; use one call for each")
     if run.cluster is not None:
         check_address(run.cluster)
     progress = choose(told.quiet or run.dry_run)
@@ -84,8 +84,8 @@ def command(recipes, output, asked, sweeps, run, depfile, overwrite, told):
         for index, recipe in enumerate(recipes):
             try:
                 wanted = for_scenes(recipe, values, asked.scenes, asked.stage, cache, progress)
-                plans[index] = planned(recipe, output, force=run.force, cache=cache, jobs=run.jobs, overwrite=overwrite,
-                                       progress=progress, keep_going=run.keep_going, **wanted.of_plan)
+                plans[index] = planned(recipe, output, asked=wanted, keep_going=run.keep_going, force=run.force, cache=cache,
+                                       jobs=run.jobs, overwrite=overwrite, progress=progress)
             except RecipeError as error:
                 problems += error.problems
                 failures[index] = str(error), error.exit_status

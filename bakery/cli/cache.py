@@ -140,4 +140,4 @@ def _bytes(text: str) -> float:
     try:
         return float(match[1]) * {"B": 1, "kB": 1e3, "MB": 1e6, "GB": 1e9}[match[2]]
     except (TypeError, ValueError):
-        raise UsageError(f'--max-size: found "{text}"; a number with B, kB, MB or GB would do (500MB)') from None
+        raise UsageError(f'--max-size: found "{text}"; expected a number with B, kB, MB or GB (500MB)') from None

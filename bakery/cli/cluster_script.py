@@ -27,7 +27,7 @@ def command(kind, workers, memory, time):
     if time and kind == "local":
         raise UsageError("--time: only Slurm ends a cluster by itself; leave the option out")
     if time and not re.fullmatch(r"(\d+-)?\d+:\d\d:\d\d", time):
-        raise UsageError(f'--time: found "{time}"; hours, minutes and seconds would do (4:00:00), or days too (1-12:00:00)')
+        raise UsageError(f'--time: found "{time}"; expected hours, minutes and seconds (4:00:00), or days too (1-12:00:00)')
     write(script(kind, workers or USUAL.get(kind) or processors(), 1e9 * memory, time or "4:00:00"))
     remark(f"keep it as cluster.sh; `{CALLS[kind]} RECIPE…` bakes on the cluster and ends, `{CALLS[kind]}` alone prints the "
            "command that bakes there" + (" into bakery-JOB.log" if kind == "slurm" else ""))

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import click
 
-from bakery.cli import methods as shared
 from bakery.cli import offers
 from bakery.cli.options import (
     gathered,
@@ -27,7 +26,9 @@ from bakery.system.terminal import say
 def _print_methods(context, _parameter, asked) -> None:
     """What methods declare, and no more."""
     if asked and not context.resilient_parsing:
-        for line in shared.declared_lines():
+        from bakery.cli.methods import declared_lines
+
+        for line in declared_lines():
             say(line)
         context.exit()
 
@@ -75,7 +76,9 @@ def command(source, methods, reference, output, asked, overwrite, as_json, quiet
     Existing pictures are not rendered again, and interrupted ones continue.  Prints the paths of the page and of the pictures.
     Exit status 3 if a method misses the noise or tolerance that the scene asks for.
     """
+    from bakery.cli.methods import lines
     from bakery.run.progress import choose
+    from bakery.scenes import compare
 
     if Path(source).suffix.lower() not in (".yaml", ".yml"):
         raise UsageError(f'found "{source}", which is no scene (.yaml); only scenes have methods to compare')
@@ -84,11 +87,11 @@ def command(source, methods, reference, output, asked, overwrite, as_json, quiet
     qualities.quality(asked.quality)
     stop = [f"stop.{key}={value}" for key, value in (("time", asked.seconds), ("noise", asked.noise)) if value is not None]
     values = settings_of(None, None, None, [*asked.settings, *stop])
-    jobs, page, file = _planned(source, methods, reference, output, values, asked.seed, asked.resume, overwrite)
+    jobs, page, file = compare.planned(source, methods, reference, output, values, asked.seed, asked.resume, overwrite)
     progress = choose(quiet)
     try:
-        summary = _compared(jobs, page, reference or jobs[0].name, file, progress, quality=asked.quality,
-                            variant=asked.variant, resume=asked.resume, force=asked.force, overwrite=overwrite)
+        summary = compare.compared(jobs, page, reference or jobs[0].name, file, progress, quality=asked.quality,
+                                   variant=asked.variant, resume=asked.resume, force=asked.force, overwrite=overwrite)
     except KeyboardInterrupt:
         raise Interrupted("interrupted; finished pictures are kept, and the same call continues") from None
     finally:
@@ -99,58 +102,6 @@ def command(source, methods, reference, output, asked, overwrite, as_json, quiet
         return missed
     print_paths([summary["page"], *(path for method in summary["methods"] for path in method["files"])])
     trade = summary["trade"] or {"advice": [], "others": []}
-    for line in [*shared.lines(summary), *trade["advice"], *trade["others"], *summary["remarks"]]:
+    for line in [*lines(summary), *trade["advice"], *trade["others"], *summary["remarks"]]:
         progress.say(line)
     return missed
-
-
-def _planned(source, methods, reference, output, values, seed, resume, overwrite):
-    """Jobs, the page, and the reference where it is a file; everything that can be wrong before work is said here."""
-    from renderers import scene
-    from renderers.pictures import comparison
-
-    named = shared.split(methods)
-    file = Path(reference) if reference and reference.lower().endswith(".exr") else None
-    if reference and file is None and reference not in named:
-        named.insert(0, reference)
-    if file is not None and not file.is_file():
-        raise UsageError(f'--reference: found "{reference}", and there is no such file')
-    if len(named) + (file is not None) < 2:
-        raise UsageError(f"--methods: found {len(named) or 'none'}; two or more, or a --reference, would do")
-    loaded = scene.load(source, values)
-    page = shared.page_at(output, loaded, "compare")
-    if resume and not loaded.rules.RESUMES:
-        raise UsageError(f"--resume: the renderer {loaded.section} cannot go on from an EXR; leave the option out")
-    jobs = comparison.jobs(source, named, page.with_suffix(""), values, seed)
-    shared.check(page, jobs, [*loaded.inputs, *([file] if file else [])], overwrite)
-    return jobs, page, file
-
-
-def _compared(jobs, page, reference, file, progress, **options) -> dict:
-    """Renders, measures and writes; what `--json` prints."""
-    from bakery.draw.files import folder_for
-    from bakery.report import comparison as report
-    from bakery.store.put import put
-    from bakery.trade import methods as trade
-    from renderers.pictures import comparison, differences
-
-    reference_picture = None if file is None else differences.read(file, file.name)
-    folder_for(page.with_suffix(""))
-    renders, pictures = [], []
-    for job in jobs:
-        renders.append(shared.made(job, progress, comparison.render, **options))
-        pictures.append(differences.read(job.pair[1], job.name))
-        differences.same_size(pictures[-1], reference_picture or pictures[0], file or jobs[0].name)
-    base = reference_picture or next(picture for picture in pictures if picture.name == reference)
-    with progress.during("measuring differences"):
-        methods = differences.compared([*([reference_picture] if reference_picture else []), *pictures], base,
-                                       dict(jobs[0].scene.values.display))
-        summary = shared.summary(renders, methods, base, file)
-        for method, its in zip(summary["methods"], renders, strict=True):
-            method["missed"] = its.report.get("missed", [])  # none of an earlier version's record
-        curves = shared.curves(summary)
-        summary["trade"] = trade.compared(curves, jobs[0].scene.values.tolerance or shared.TOLERANCE) if curves else None
-        shown, limit = shared.shown(methods)
-        text = report.page(summary, shown, limit, shared.drawing(curves, summary["trade"]["knee"]) if curves else None)
-    put(page, text)
-    return summary | {"page": str(page), "bytes": len(text.encode())}

@@ -27,7 +27,7 @@ def command(a, b, rtol, as_json):
     rtol = _fraction(rtol)
     for asset in (a, b):
         if not os.path.exists(asset):
-            raise UsageError(f"{asset}: there is no such file; the path of a baked asset would do")
+            raise UsageError(f"{asset}: there is no such file; expected the path of a baked asset")
     differences = compare_any(a, b, rtol)
     if as_json:
         print_json({"a": a, "b": b, "rtol": rtol, "equal": not differences, "differences": [_plain(row) for row in differences]})
@@ -45,7 +45,7 @@ def _fraction(text: str) -> float:
     except Wrong:
         value = -1.0
     if value < 0:
-        raise UsageError(f'--rtol: found "{text}"; a number from 0 would do, such as 1e-6 or 5%')
+        raise UsageError(f'--rtol: found "{text}"; expected a number from 0, such as 1e-6 or 5%')
     return value
 
 

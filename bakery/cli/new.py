@@ -75,12 +75,12 @@ def _refuse_in_vain(kind, mesh, mitsuba, as_list, unit, height, up):
     if mesh and mitsuba:
         raise UsageError("--mesh and --mitsuba: found both; a material fills a mesh or the air of a scene: use one of them")
     if (mesh or mitsuba) and (as_list or not kind):
-        raise UsageError("found no KIND; a material would do, as in `bake new milk --mesh drink.ply`")
+        raise UsageError("found no KIND; expected a material, as in `bake new milk --mesh drink.ply`")
     for option, value, needed in (("--unit", unit, mesh or mitsuba), ("--height", height, mesh), ("--up", up, mesh)):
         if value and not needed:
             raise UsageError(f"{option}: found without --mesh, to which it applies")
     if unit and unit not in UNITS:
-        raise UsageError(f'--unit: found "{unit}"; {", ".join(UNITS)} would do')
+        raise UsageError(f'--unit: found "{unit}"; expected {", ".join(UNITS)}')
 
 
 def _metres(height):
@@ -93,7 +93,7 @@ def _metres(height):
     except Wrong as fault:
         raise UsageError(f"--height: {fault.found}; {fault.expected}") from None
     if not metres > 0:
-        raise UsageError(f'--height: found "{height}"; a length above 0, such as "12 cm", would do')
+        raise UsageError(f'--height: found "{height}"; expected a length above 0, such as "12 cm"')
     return metres
 
 
@@ -102,7 +102,7 @@ def _target(kind, output) -> Path:
     if (output or "").endswith("/") or target.is_dir():
         target /= f"{kind}.yaml"
     if target.suffix not in (".yaml", ".yml"):
-        raise UsageError(f"{target}: found a name that does not end in .yaml; {target.with_suffix('.yaml')} would do")
+        raise UsageError(f"{target}: found a name that does not end in .yaml; expected {target.with_suffix('.yaml')}")
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]{0,63}", target.stem):
         raise UsageError(f'{target}: found "{target.stem}", which cannot be the name of a recipe; use letters, digits, - and _')
     return target
@@ -127,7 +127,7 @@ def _in_fog(kind, mitsuba, target, unit):
 
     material = air(kind)
     if mitsuba.suffix.lower() != ".xml" or not mitsuba.is_file():
-        raise UsageError(f"{mitsuba}: found no such file that ends in .xml; a scene of Mitsuba would do")
+        raise UsageError(f"{mitsuba}: found no such file that ends in .xml; expected a scene of Mitsuba")
     return filled(material, mitsuba, target.parent, target.stem, seen(mitsuba), unit)
 
 

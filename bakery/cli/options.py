@@ -101,7 +101,7 @@ def _pair(option: str, text: str, example: str) -> tuple[str, str]:
     """`KEY=VALUE` as (key, value)."""
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
-        raise UsageError(f'{option}: found "{text}"; KEY=VALUE would do, such as {option} {example}')
+        raise UsageError(f'{option}: found "{text}"; expected KEY=VALUE, such as {option} {example}')
     return key.strip(), value
 
 
@@ -160,11 +160,12 @@ def file_of(asset, folder: str) -> str:
 
 
 def for_scenes(recipe, settings: dict[str, str], scenes, stages, cache, progress):
-    """What to bake of a recipe for some scenes, `bakery.run.ensure.Asked`: their stages and knobs; what options say wins."""
-    from bakery.run.ensure import Asked, asked, told
+    """What to bake of a recipe for some scenes, `bakery.plan.asked.Asked`: their stages and knobs; what options say wins."""
+    from bakery.plan.asked import Asked
+    from bakery.run.ensure import asked, told
 
     if not scenes:
-        return Asked(settings, tuple(stages), (), ())
+        return Asked(settings, tuple(stages))
     from renderers.scene import requirements
 
     wanted = asked(recipe, settings, lambda *about: requirements.of(scenes, *about), cache, progress,

@@ -34,10 +34,10 @@ def command(recipes, output, asked, sweeps, jobs, force, overwrite, as_json, ver
     of few passes).  The pilot may bake into the cache; nothing else is written.
     """
     from bakery.cli import plan_scene
-    from bakery.cli.trade_scene import is_scene
     from bakery.run.bake import planned
     from bakery.run.cache import Cache
     from bakery.run.progress import choose
+    from bakery.scenes import is_scene
 
     values = settings_of(asked.quality, asked.tolerance, asked.seed, asked.settings, sweeps)
     progress = choose()
@@ -51,8 +51,8 @@ def command(recipes, output, asked, sweeps, jobs, force, overwrite, as_json, ver
                                                 asked.quality, asked.seed, overwrite, progress))
                 continue
             wanted = for_scenes(recipe, values, asked.scenes, asked.stage, cache, progress)
-            plans.append(planned(recipe, output, force=force, cache=cache, jobs=jobs, overwrite=overwrite, progress=progress,
-                                 **wanted.of_plan))
+            plans.append(planned(recipe, output, asked=wanted, force=force, cache=cache, jobs=jobs, overwrite=overwrite,
+                                 progress=progress))
     finally:
         progress.close()
     show(plans, as_json, verbose)

@@ -20,12 +20,12 @@ def planned(path, output, settings, quality, seed, overwrite, progress):
     ------
     BakeryError : what the render would raise before its first pass
     """
-    from bakery.cli.scene_plan import plan
+    from bakery.scenes.plan import plan
     from renderers import scene
     from renderers.pictures import images
 
     if seed is not None and not seed.isdecimal():
-        raise UsageError(f'--seed: found "{seed}"; a whole number from 0 would do')
+        raise UsageError(f'--seed: found "{seed}"; expected a whole number from 0')
     loaded = scene.load(path, settings)
     pair = images.output_pair(output or loaded.picture, loaded.inputs, overwrite)
     number = None if seed is None else int(seed)

@@ -87,7 +87,7 @@ def command(source, output, asked, place, overwrite, as_json, quiet):
 
     suffix, live, denoise = Path(source).suffix.lower(), asked.live or asked.port is not None, asked.denoise
     _check(source, suffix, {"--resume": asked.resume, "--live": live, "--cluster": asked.cluster is not None,
-                            _denoising(denoise): denoise is not None}, place)
+                            f"--{'' if denoise else 'no-'}denoise": denoise is not None}, place)
     values = settings_of(None, None, None, asked.settings) | ({} if denoise is None else {"denoise": "yes" if denoise else "no"})
     options = {"quality": asked.quality, "variant": asked.variant, "seed": asked.seed, "overwrite": overwrite}
     if asked.cluster is not None:
@@ -138,10 +138,6 @@ class _Job(NamedTuple):
     options: dict
 
 
-def _denoising(denoise) -> str:
-    return f"--{'' if denoise else 'no-'}denoise"
-
-
 _ANEW = {"--resume": "it is always rendered from the start", "--cluster": "it has no frames or passes to share",
          "--live": "it has no passes to show, leave the option out"}
 
@@ -156,7 +152,7 @@ def _check(source, suffix, of_scenes, place) -> None:
     is_file = Path(source).is_file()
     if not is_file or suffix in (".png", ".exr"):
         kind = "a picture" if is_file else "no file"
-        raise UsageError(f'found "{source}", which is {kind}; a scene (.yaml or .xml) or an asset (.h5) would do')
+        raise UsageError(f'found "{source}", which is {kind}; expected a scene (.yaml or .xml) or an asset (.h5)')
     if place and suffix in (*SCENES, ".xml"):
         raise UsageError(f"--at: {source} is a scene, not a family; save the asset of a place and name that in the scene")
     for option, given in of_scenes.items():
@@ -229,7 +225,7 @@ def _of_asset(source, output, values, options, place, folders) -> _Job:
     from bakery.store import scratch
 
     if values:
-        raise UsageError(f"--set: {source} is an asset, whose preview has no values to set; a scene would do")
+        raise UsageError(f"--set: {source} is an asset, whose preview has no values to set; expected a scene")
     path = Path(source)
     if place:
         between = one_asset(source, place)

@@ -34,7 +34,7 @@ def command(asset, output, no_render, place, overwrite, as_json):
     check_outputs([(path, PAGE)], [asset], overwrite)
     if path.suffix.lower() in OTHER_FORMATS:
         instead = path.with_suffix(".html")
-        raise UsageError(f'-o: found "{output}"; the page is HTML, {instead} would do (browsers print it to PDF)')
+        raise UsageError(f'-o: found "{output}"; the page is HTML: use {instead} (browsers print it to PDF)')
     picture = preview_beside(Path(opened.path), opened.content_hash) or (b"" if no_render else _rendered(opened))
     put(path, page(opened.tree, _description(opened.recipe), picture, Path(opened.path).name))
     if as_json:

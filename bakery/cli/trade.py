@@ -6,8 +6,8 @@ import click
 
 from bakery.cli import offers
 from bakery.cli.options import for_scenes, overwrite_option, print_json, recipe_options, settings_of, told_options
-from bakery.cli.trade_scene import is_scene
 from bakery.errors import Interrupted, UsageError
+from bakery.scenes import is_scene
 
 
 @click.command(
@@ -80,16 +80,17 @@ def _of_recipe(recipe, output, values, asked, *, progress, **options_of_trade):
 
 def _of_scene(source, output, methods, values, seed, *, progress, verbose, **options_of_trade):
     """The same of a scene."""
-    from bakery.cli import trade_scene
     from bakery.cli.methods import lines
+    from bakery.cli.trade_scene import report
+    from bakery.scenes.trade import trade
 
-    traded = trade_scene.trade(source, output, methods, values, seed, progress=progress, **options_of_trade)
+    traded = trade(source, output, methods, values, seed, progress=progress, **options_of_trade)
     for line in lines(traded) if verbose else ():
         progress.say(line)
-    return traded, [*trade_scene.report(traded), traded["page"]]
+    return traded, [*report(traded), traded["page"]]
 
 
 def _seed(text) -> int | None:
     if text is not None and not text.isdecimal():
-        raise UsageError(f'--seed: found "{text}"; a whole number from 0 on would do')
+        raise UsageError(f'--seed: found "{text}"; expected a whole number from 0 on')
     return None if text is None else int(text)

@@ -34,7 +34,7 @@ def _verdict(asset: str) -> tuple[str, list[str], int]:
     from bakery.asset.verify import verify
 
     if not os.path.exists(asset):
-        return "missing", ["there is no such file; the path of a baked asset would do"], 2
+        return "missing", ["there is no such file; expected the path of a baked asset"], 2
     try:
         broken = verify(asset)
     except StoreError as error:

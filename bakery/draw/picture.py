@@ -52,7 +52,7 @@ class Picture:
         form = path.suffix.removeprefix(".").lower()
         if form not in ("png", "svg", "csv"):
             better = path / f"{self.name}.png" if path.is_dir() else path.with_suffix(".png")
-            raise UsageError(f"{path}: found a name that does not end in .png, .svg or .csv; {better} would do")
+            raise UsageError(f"{path}: found a name that does not end in .png, .svg or .csv; expected {better}")
         return put(path, csv_text(self.columns) if form == "csv" else drawn(self, (form,))[form])
 
     def __repr__(self) -> str:

@@ -51,7 +51,7 @@ class Fragment:
         worst = max(self.colour, key=lambda um: self.colour[um].misdirected, default=None)
         if worst is not None and self.colour[worst].misdirected > USELESS:
             return (f"its one table sends {100 * self.colour[worst].misdirected:.2g} % of the light at {worst:g} um to another "
-                    "angle; --each-wavelength would do")
+                    "angle; use --each-wavelength")
         return ""
 
     def as_dict(self) -> dict:

@@ -233,10 +233,6 @@ def one_of(choices) -> str:
     return ", ".join(choices[:-1]) + f" or {choices[-1]}" if len(choices) > 1 else str(choices[0])
 
 
-def _read_text(node):
-    return scalar(node, "a line of text").text
-
-
 def _read_name(node):
     text = scalar(node, "a name").text
     if not _NAME.fullmatch(text):
@@ -300,7 +296,7 @@ def _read_format(node):
     return FORMAT
 
 
-Text = leaf(_read_text, {"type": "string"})
+Text = leaf(lambda node: scalar(node, "a line of text").text, {"type": "string"})
 Name = leaf(_read_name, {"type": "string", "pattern": f"^{_NAME.pattern}$"})
 ComponentName = component_name(theta="its angles")
 GrainName = component_name(theta="its angles", radius="the radii", radius_share="the shares of the radii")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bakery.errors import UsageError
-from bakery.grammar.text import MAX_BYTES, label_of, show
+from bakery.grammar.text import MAX_BYTES, Source, decode, label_of, show
 from bakery.grammar.units import Wrong
 
 MAX_TABLE_BYTES = 64 << 20
@@ -61,6 +61,12 @@ def read_recipe(path: str | os.PathLike) -> bytes:
         raise UsageError(f"{label}: cannot be read ({error.strerror})") from None
     except Wrong as wrong:
         raise UsageError(f"{label}: {wrong.found}; {wrong.expected}") from None
+
+
+def source_of(path: str | os.PathLike, label: str | None = None) -> Source:
+    """The text of a recipe or scene, by its path or another name; errors as of `read_recipe`, RecipeError where it is no text."""
+    label = label_of(path) if label is None else label
+    return Source(label, decode(read_recipe(path), label))
 
 
 def _read(path: str | os.PathLike, limit: int, flags: int = 0) -> bytes:

@@ -48,35 +48,43 @@ def _npy(data: bytes) -> np.ndarray:
     version = np.lib.format.read_magic(file)
     head = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = head(file)
-    _check(shape, dtype)
+    check_shape(shape, dtype, MOST)
     return np.load(io.BytesIO(data), allow_pickle=False).astype(np.float64)
 
 
-def _hdf5(data: bytes, dataset: str | None) -> np.ndarray:
+def _hdf5(data: bytes, name: str | None) -> np.ndarray:
     import h5py
 
-    if not dataset:
+    if not name:
         raise Wrong("found no dataset", "expected dataset: NAME beside an HDF5 file")
     with h5py.File(io.BytesIO(data), "r") as file:
-        where = file
-        for step in (step for step in dataset.split("/") if step):
-            link = where.get(step, getlink=True) if isinstance(where, h5py.Group) and step in where else None
-            if link is None:
-                raise Wrong(f"found no dataset {show(dataset)}", f"expected one that the file holds ({_datasets(file)})")
-            if not isinstance(link, h5py.HardLink):
-                raise Wrong(f"found {show(dataset)}, a link to another place", "expected a dataset in the file itself")
-            where = where[step]
-        if not isinstance(where, h5py.Dataset):
-            raise Wrong(f"found {show(dataset)}, a group", f"expected the name of a dataset ({_datasets(file)})")
-        if where.is_virtual or where.external or where.compression not in _FILTERS:
-            raise Wrong(f"found {show(dataset)}, which is not stored in the file itself in a layout that is known here",
-                        "expected a dataset without filters, or with gzip or lzf")
-        _check(where.shape or (), where.dtype)
-        # 1100 is the most that deflate can save
-        if where.size * where.dtype.itemsize > 1100 * where.id.get_storage_size() + (1 << 20):
-            raise Wrong(f"found {show(dataset)} of {where.size:,} values, most of which the file does not hold",
-                        "expected a dataset that was written whole")
-        return where[()].astype(np.float64)
+        return dataset(file, name, MOST)[()].astype(np.float64)
+
+
+def dataset(file, name: str, most: int):
+    """A dataset of an open HDF5 file that holds at most so many densities, in the file itself; `Wrong` where there is none."""
+    import h5py
+
+    where = file
+    for step in (step for step in name.split("/") if step):
+        link = where.get(step, getlink=True) if isinstance(where, h5py.Group) and step in where else None
+        if link is None:
+            raise Wrong(f"found no dataset {show(name)}", f"expected one that the file holds ({_datasets(file)})")
+        if not isinstance(link, h5py.HardLink):
+            raise Wrong(f"found {show(name)}, a link to another place", "expected a dataset in the file itself")
+        where = where[step]
+    if not isinstance(where, h5py.Dataset):
+        raise Wrong(f"found {show(name)}, a group", f"expected the name of a dataset ({_datasets(file)})")
+    if where.is_virtual or where.external or where.compression not in _FILTERS:
+        raise Wrong(f"found {show(name)}, which is not stored in the file itself in a layout that is known here",
+                    "expected a dataset without filters, or with gzip or lzf")
+    check_shape(where.shape or (), where.dtype, most)
+    # what a bomb of zeros unpacks to, or values never written, which HDF5 makes up; 1100 is the most that deflate can save
+    stored = min(where.id.get_storage_size(), file.id.get_filesize())
+    if where.size * where.dtype.itemsize > 1100 * stored + (1 << 20):
+        raise Wrong(f"found {show(name)} of {where.size:,} values, most of which the file does not hold",
+                    "expected a dataset that was written whole")
+    return where
 
 
 def _datasets(file) -> str:
@@ -87,11 +95,12 @@ def _datasets(file) -> str:
     return ", ".join(names[:20]) + (", ..." if len(names) > 20 else "") if names else "it holds none"
 
 
-def _check(shape, dtype) -> None:
+def check_shape(shape, dtype, most: int) -> None:
+    """`Wrong` unless an array of this shape and type may hold densities on a grid, of at most so many values."""
     shown = " x ".join(map(str, shape)) or "one number"
     if dtype.kind not in "fiu":
         raise Wrong(f"found values of type {dtype}", "expected real numbers")
     if len(shape) != 3 or min(shape) < 1:
         raise Wrong(f"found {shown}{' values' * bool(shape)}", "expected three axes (x, y, z) with an entry or more")
-    if math.prod(shape) > MOST:
-        raise Wrong(f"found {shown} values", f"expected at most {MOST:,}")
+    if math.prod(shape) > most:
+        raise Wrong(f"found {shown} values", f"expected at most {most:,}")

@@ -4,16 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from pydantic import BaseModel, ValidationError
+
 from bakery.errors import Problem
 from bakery.grammar import units
 from bakery.grammar.fields import describe, nearest, one_of
 from bakery.grammar.section import Section, likely, meant
-from bakery.grammar.text import Mapping, Node, Scalar, Sequence, owner, show
+from bakery.grammar.text import Mapping, Node, Scalar, Sequence, Source, owner, show
 
 
 def distinct(problems: list[Problem]) -> list[Problem]:
     """Each problem once."""
     return list({(p.file, p.line, p.column, p.key, p.found): p for p in problems}.values())
+
+
+def no_keys(source: Source, root: Node | None, begins: str) -> Problem:
+    """What is wrong with a text that is no mapping.  begins : how one begins, in words."""
+    content, at = ("nothing", None) if root is None else (describe(root), root.place.begin)
+    return source.problem(at, "", f"found {content}", f"expected `key: value` lines; {begins}")
+
+
+def validated(model: type[BaseModel], root: Mapping) -> tuple[BaseModel | None, dict, list[Problem]]:
+    """A tree as a model, None where something is wrong; its well-formed values by dotted key; and what is wrong."""
+    values: dict = {}
+    try:
+        return model.model_validate(root, context=values), values, []
+    except ValidationError as error:
+        return None, values, [problem for fault in error.errors(include_url=False) for problem in translate(fault)]
 
 
 def translate(error: dict) -> Iterator[Problem]:

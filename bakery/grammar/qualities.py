@@ -59,5 +59,5 @@ def quality(name: str | None) -> Quality:
     """The quality of that name, `final` if None; UsageError where there is none."""
     name = "final" if name is None else name
     if name not in QUALITIES:
-        raise UsageError(f'--quality: found "{name}"; {", ".join(QUALITIES)} would do')
+        raise UsageError(f'--quality: found "{name}"; expected {", ".join(QUALITIES)}')
     return QUALITIES[name]

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from bakery.errors import UsageError
 from bakery.plan.inputs import differences, input_hash, parts
+from bakery.plan.suffice import Held
 from bakery.stages.declaration import Cost, Stage
 
 RUN, REUSE = "run", "reuse"
@@ -137,8 +138,7 @@ def make(
     *,
     only: Sequence[str] = (),
     force: bool = False,
-    previous: Mapping[str, Mapping] | None = None,
-    current: Mapping[str, str] | None = None,
+    held: Mapping[str, Held] | None = None,
     in_cache: Callable[[str, str], bool] = lambda name, key: False,
     price: Callable[[Stage, str, Cost], Cost] = lambda stage, key, cost: cost,
     same_recipe: bool = False,
@@ -152,14 +152,13 @@ def make(
     output : where the asset goes
     only : names of stages, empty for all
     force : run every stage whatever is known
-    previous : parts of each stage in the asset that stands at `output`, None where there is none
-    current : input hash of each stage that an intact asset at `output` holds
+    held : the stages of the intact asset that stands at `output`; None where there is none
     in_cache : (stage name, input hash) -> whether the cache holds that stage
     price : (stage, input hash, cost model) -> what to expect of it on this machine
     same_recipe : whether the asset at `output` holds this recipe's very text
     loaded : memory of the process before any stage, in bytes
     """
-    current = current or {}
+    current = {name: stage.input_hash for name, stage in (held or {}).items()}
     steps = []
     for stage, inputs, key in wanted(recipe, only):
         if force:
@@ -170,10 +169,10 @@ def make(
             action, why = REUSE, ["in the cache"]
         else:
             action = RUN
-            before = (previous or {}).get(stage.name)
+            before = held[stage.name].parts if stage.name in current else None
             why = differences(before, inputs) if before else []
             if not why:
-                why = [f"not in {output}" if previous is not None else f"no {output} yet", "not in the cache"]
+                why = [f"not in {output}" if held is not None else f"no {output} yet", "not in the cache"]
         steps.append(Step(stage, key, inputs, action, tuple(why), price(stage, key, stage.cost(recipe)), force))
-    held = same_recipe and not force and {step.stage.name: step.input_hash for step in steps} == dict(current)
+    held = same_recipe and not force and {step.stage.name: step.input_hash for step in steps} == current
     return Plan(recipe, output, tuple(steps), write=not held, loaded=loaded)

@@ -67,12 +67,11 @@ def _parsed(path: str | os.PathLike, overrides: Mapping[str, str]):
     """Source and tree of a recipe, its text with the overrides in it, and their problems."""
     from bakery.errors import Problem, RecipeError
     from bakery.grammar import text
-    from bakery.grammar.files import read_recipe
+    from bakery.grammar.files import source_of
     from bakery.grammar.overrides import apply
 
-    label = text.label_of(path)
-    source = text.Source(label, text.decode(read_recipe(path), label))
-    tree = text.parse(source)
+    source = source_of(path)
+    tree, label = text.parse(source), source.label
     if isinstance(tree.root, text.Mapping) and "bakery_scene" in tree.root and "bakery" not in tree.root:
         # its keys would be so many unknown ones
         raise RecipeError([Problem(label, None, None, "", "is a scene", f"`bake render {label}` renders it")])

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from bakery.errors import Problem, RecipeError
-from bakery.grammar.fields import describe
 from bakery.grammar.files import Folder
-from bakery.grammar.problems import distinct, places, translate
+from bakery.grammar.problems import distinct, no_keys, places, validated
 from bakery.grammar.text import Mapping, Source, Tree
 from bakery.grammar.values import Values, resolved
 from bakery.recipe import schema
@@ -25,16 +24,10 @@ def check(path: Path, source: Source, tree: Tree, text: str, problems: list[Prob
     problems = tree.problems + problems
     if not isinstance(tree.root, Mapping):
         if tree.root is None or not tree.root.broken:
-            description = "nothing" if tree.root is None else describe(tree.root)
-            problems.append(source.problem(None if tree.root is None else tree.root.place.begin, "", f"found {description}",
-                                           "expected `key: value` lines; a recipe starts with `bakery: 1`"))
+            problems.append(no_keys(source, tree.root, "a recipe starts with `bakery: 1`"))
         raise RecipeError(problems)
-    values: dict = {}
-    try:
-        parsed = schema.recipe_file().model_validate(tree.root, context=values)
-    except ValidationError as error:
-        parsed = None
-        problems += (problem for error_entry in error.errors(include_url=False) for problem in translate(error_entry))
+    parsed, values, wrong = validated(schema.recipe_file(), tree.root)
+    problems += wrong
     checker = Checker(tree.root, values, Folder(path.parent), schema.sections())
     checker.run()
     problems = distinct(problems + checker.problems)

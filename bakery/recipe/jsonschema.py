@@ -5,6 +5,8 @@ from __future__ import annotations
 from bakery.grammar import files
 from bakery.recipe import schema, sweep
 
+_MATERIAL = "ShippedMaterial"
+
 
 def json_schema() -> dict:
     """The schema (draft 2020-12) as a dictionary; the same text in `assets/schemas/recipe-1.json`."""
@@ -13,7 +15,9 @@ def json_schema() -> dict:
     sections = schema.sections()
     generated["anyOf"] = [{"oneOf": [{"required": [section.name]} for section in sections if section.scatters]},
                           *({"required": [section.name]} for section in sections if section.alone)]
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_plain(generated)}
+    plain = _plain(generated)
+    plain["$defs"] |= {_MATERIAL: {"enum": list(files.materials())}}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **plain}
 
 
 def _plain(node):
@@ -23,7 +27,7 @@ def _plain(node):
     if not isinstance(node, dict):
         return node
     if node == {"enum": "materials"}:
-        return {"enum": list(files.materials())}
+        return {"$ref": f"#/$defs/{_MATERIAL}"}
     if "sweep" in node and node["sweep"] == "":
         return {**sweep.json_schema(), **{name: value for name, value in node.items() if name == "description"}}
     node = {

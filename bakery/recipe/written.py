@@ -17,12 +17,12 @@ def as_path(recipe: str | os.PathLike | Mapping) -> str | os.PathLike:
             # JSON is YAML; a key a line, so that messages name lines
             text = json.dumps(dict(recipe), indent=1, ensure_ascii=False, allow_nan=False, default=_plain)
         except (TypeError, ValueError) as error:
-            raise UsageError(f"recipe: a dict of texts, numbers, lists and dicts would do ({error})") from None
+            raise UsageError(f"recipe: expected a dict of texts, numbers, lists and dicts ({error})") from None
         return Written.of(text)
     if isinstance(recipe, str) and "\n" in recipe:
         return Written.of(recipe)
     if not isinstance(recipe, (str, os.PathLike)):
-        raise UsageError(f"recipe: found {type(recipe).__name__}; a path, the text of a recipe or a dict would do")
+        raise UsageError(f"recipe: found {type(recipe).__name__}; expected a path, the text of a recipe or a dict")
     return recipe
 
 

@@ -7,7 +7,7 @@ import os
 import shlex
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
@@ -19,6 +19,7 @@ from bakery.errors import BakeryError, Problem, StageError, StoreError, UsageErr
 from bakery.grammar import qualities
 from bakery.grammar.files import Written
 from bakery.plan import REUSE, RUN, Plan, Step, make
+from bakery.plan.asked import EVERYTHING, Asked
 from bakery.run import ahead, compiling, standing
 from bakery.run.cache import Cache
 from bakery.run.dask import cluster
@@ -87,48 +88,44 @@ def files_of(recipe) -> tuple[Path, ...]:
     return (recipe.path, *(file.path for file in recipe.files))
 
 
-def prepare(
-    recipe_path: str | os.PathLike, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
-    settings: Mapping[str, str] | None = None, force: bool = False, cache: Cache | None = None, jobs: int | None = None,
-    overwrite: bool = False, progress: Progress | None = None, needs: Sequence = (), remarks: Sequence[str] = (),
-    read: Sequence[Path] = (), recipe_parts: Mapping[str, Mapping] | None = None,
-) -> Plan:
-    """Read and check a recipe and plan its bake; runs nothing and writes nothing.  `needs`, `remarks` and `read` are those of
-    `Plan`.
+def prepare(recipe, output: str | os.PathLike | None = None, *, asked: Asked = EVERYTHING, force: bool = False,
+            cache: Cache | None = None, jobs: int | None = None, overwrite: bool = False,
+            progress: Progress | None = None) -> Plan:
+    """Plan the bake of a checked recipe; runs nothing and writes nothing.
 
-    recipe_parts : parts of each stage of the recipe as it stands, where scenes decide what is baked: an asset at the output that
-        is as good is then left alone, and one that would lose something is not replaced (but for `overwrite`)
+    Parameters
+    ----------
+    recipe : a `bakery.recipe.Recipe`, read with the settings that are asked for
+    asked : the stages and, where scenes decide what is baked, why; an asset at the output that is as good is then left alone, and
+        one that would lose something is not replaced (but for `overwrite`)
 
     Raises
     ------
-    RecipeError : with every problem of the recipe
-    UsageError : the output cannot be written, is an input or (but for `overwrite`) no asset of this recipe, or the bake is larger
-        than this machine
+    UsageError : the recipe sweeps keys, the output cannot be written, is an input or (but for `overwrite`) no asset of this
+        recipe, or the bake is larger than this machine
     """
     cache, progress = cache or Cache(), progress or Progress()
-    with progress.during(f"planning {Path(recipe_path).name}"):
-        recipe, target, present = _checked(recipe_path, output, settings, overwrite, read)
-        held = standing.held(present) if present else {}
-        plan = _priced(recipe, target, stages, present, held, force=force, cache=cache, jobs=jobs, progress=progress)
-        plan = replace(plan, needs=tuple(needs), remarks=tuple(remarks), read=tuple(read))
-        if recipe_parts is not None and plan.write and held:
-            plan = _no_worse(plan, held, recipe_parts, force, overwrite)
+    with progress.during(f"planning {recipe.path.name}"):
+        target, present = _destination(recipe.unswept(), output, overwrite, asked.read)
+        held = standing.held(present) if present else None
+        plan = _priced(recipe, target, asked.stages, present, held, force=force, cache=cache, jobs=jobs, progress=progress)
+        plan = replace(plan, needs=asked.needs, remarks=asked.remarks, read=asked.read)
+        if asked.recipe_parts is not None and plan.write and held:
+            plan = _no_worse(plan, held, asked.recipe_parts, force, overwrite)
     _refuse_too_large(plan)
     return plan if plan.write else replace(plan, missed=_missed(present))
 
 
-def _checked(recipe_path, output, settings, overwrite: bool, read):
-    """The recipe, where its asset goes, and the asset that stands there, if any; the same errors as `prepare`."""
-    from bakery.recipe import load
+def _destination(recipe, output, overwrite: bool, read):
+    """Where the asset of a recipe goes, and the asset that stands there, if any; the same errors as `prepare`."""
     from bakery.store.outputs import ASSET, check_outputs
 
-    recipe = load(recipe_path, dict(settings or {})).unswept()
     target = target_of(output, recipe)
     check_outputs([(target, ASSET)], (*files_of(recipe), *read), overwrite)
     present = standing.asset_at(target)
     if present is not None and not overwrite:
         standing.check_recipe(target, present, recipe)
-    return recipe, target, present
+    return target, present
 
 
 def _no_worse(plan: Plan, held, recipe_parts: Mapping[str, Mapping], force: bool, overwrite: bool) -> Plan:
@@ -154,7 +151,7 @@ def _priced(recipe, target: Path, stages, present: Group | None, held, *, force:
         work = _work(cost, workers)
         ratio, count = cache.speed(_kind(stage, cost), key, work)
         coming = compiling.expected(cost.kernels)
-        basis = f"{cost.basis}; {work:.2g} s on {min(workers, cost.most):.2g} cores"
+        basis = f"{cost.basis}; {work:.2g} s on {cost.cores(workers):.2g} cores"
         basis += f"; by {count} earlier bakes here {ratio:.2g} times that" if count else ""
         basis += f"; {coming:.2g} s for compiling kernels, once" if coming else ""
         return replace(cost, seconds=work * ratio, compiling=coming, memory=cost.memory + COMPILER * (coming > 0), basis=basis)
@@ -163,16 +160,14 @@ def _priced(recipe, target: Path, stages, present: Group | None, held, *, force:
     measured = () if recipe.particles is None else ("mie.kernels",)
     memory = ahead.Measuring(cache) if workers > 1 else cache
     with remembering(memory), compiling.watched(measured, progress.compiling):
-        return make(recipe, target, only=stages, force=force, price=price, in_cache=cache.has,
-                    previous={name: stage.parts for name, stage in held.items() if stage.parts} if present else None,
-                    current={name: stage.input_hash for name, stage in held.items()},
+        return make(recipe, target, only=stages, force=force, held=held, price=price, in_cache=cache.has,
                     same_recipe=present is not None and standing.is_of(present, recipe),
                     loaded=resources.resident_memory() + LIBRARIES)
 
 
 def _work(cost: Cost, workers: int) -> float:
     """Seconds that a cost model expects on so many cores of the machine that it was measured on."""
-    return cost.startup + cost.seconds / min(workers, cost.most)
+    return cost.startup + cost.seconds / cost.cores(workers)
 
 
 def _kind(stage: Stage, cost: Cost) -> str:

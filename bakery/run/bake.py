@@ -7,36 +7,41 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bakery.errors import StageError
 from bakery.grammar.files import Written
 from bakery.plan import Plan
+from bakery.plan.asked import EVERYTHING, Asked
 from bakery.recipe.written import as_path
 from bakery.run import Baked, execute, overrides, prepare
 from bakery.run.cache import Cache
 from bakery.run.dask import check_address
-from bakery.run.family import FamilyPlan, execute_family, prepare_family
+from bakery.run.family import execute_family
+from bakery.run.family_plan import FamilyPlan, prepare_family
 from bakery.run.progress import Progress
 
 if TYPE_CHECKING:
     from bakery.asset import Asset, Family
 
 
-def planned(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *, settings: Mapping[str, str] | None = None,
-            needs: Sequence = (), remarks: Sequence[str] = (), read: Sequence[Path] = (),
-            recipe_parts: Mapping[str, Mapping] | None = None, keep_going: bool = False, **options) -> Plan | FamilyPlan:
-    """The plan of a recipe, whichever it is; arguments as of `bakery.run.prepare`.  No scene decides families.
+def planned(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *, asked: Asked = EVERYTHING,
+            keep_going: bool = False, progress: Progress | None = None, **options) -> Plan | FamilyPlan:
+    """Read and check a recipe, where that was not done to know what is asked, and plan its bake, whichever it is; arguments and
+    errors as of `bakery.run.prepare`.  No scene decides families.
 
     keep_going : of a sweep the points that are not wrong are baked where others are
-    """
-    from bakery.recipe import swept
 
-    if swept(recipe, settings):
-        return prepare_family(recipe, output, settings=settings, keep_going=keep_going, **options)
-    return prepare(recipe, output, settings=settings, needs=needs, remarks=remarks, read=read, recipe_parts=recipe_parts,
-                   **options)
+    Raises RecipeError with every problem of the recipe
+    """
+    from bakery.recipe import load
+
+    values = asked.recipe
+    if values is None:
+        with (progress or Progress()).during(f"reading {os.path.basename(recipe)}"):
+            values = load(recipe, asked.settings, keep_going=keep_going)
+    make = prepare if values.sweep is None else prepare_family
+    return make(values, output, asked=asked, progress=progress, **options)
 
 
 def executed(plan: Plan | FamilyPlan, **options) -> Baked:
@@ -93,8 +98,9 @@ def bake(
     if cluster is not None:
         check_address(cluster)
     stored = Cache(say=progress.say if progress else lambda text: None)
-    plan = planned(recipe, output, stages=stages, settings=overrides(quality, tolerance, seed, settings), force=force,
-                   cache=stored, jobs=jobs, overwrite=overwrite, progress=progress)
+    asked = Asked(overrides(quality, tolerance, seed, settings), tuple(stages))
+    plan = planned(recipe, output, asked=asked, force=force, cache=stored, jobs=jobs, overwrite=overwrite,
+                   progress=progress)
     baked = executed(plan, cache=stored, jobs=jobs, executor=executor, address=cluster, progress=progress)
     if baked.missed:
         raise StageError(f"{baked.output} is written, but " + "; ".join(baked.missed))

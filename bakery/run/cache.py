@@ -41,7 +41,7 @@ def places() -> tuple[Path, str | None]:
         stands = next(path for path in (folder, *folder.parents) if path == path.parent or os.path.lexists(path))
         if not os.path.isdir(stands):
             raise UsageError(f'BAKERY_CACHE: found "{chosen}", but {stands} is no folder; '
-                             "a folder, there or to be made, would do")
+                             "expected a folder, there or to be made")
         return folder, None
     from platformdirs import user_cache_path
 
@@ -56,7 +56,7 @@ def _refuse_name(folder: Path, message: str) -> None:
         os.lstat(folder)
     except OSError as error:
         if error.errno in (errno.ENAMETOOLONG, errno.ELOOP):
-            raise UsageError(f"{message}, which cannot be a folder ({error.strerror}); another one would do") from None
+            raise UsageError(f"{message}, which cannot be a folder ({error.strerror}); use another one") from None
     except ValueError:
         raise UsageError(f"{message}, which cannot be the name of a folder; use another one") from None
 

@@ -15,21 +15,22 @@ import bakery
 from bakery.system import sources
 
 # seconds of one core of an Intel Xeon to compile the kernels of a module, those that it calls in others apart:
-# benchmarks/plans.py --compiling, three quarters of what it says where two cores have ten processes
+# benchmarks/plans.py --compiling, three quarters of what it says where two cores have ten to twenty processes; `discrete` and
+# `simplify` were measured earlier, and are taken to have shrunk as the others since
 SECONDS = {
-    "beam.photons": 1.3, "beam.single": 0.68, "beam.table": 0.83, "beam.transport": 2.0,
-    "discrete._places": 0.5, "discrete.region": 3.7,
-    "goa._asymptotic": 2.2, "goa._edge": 6.6, "goa._field": 5.8, "goa._rays": 10.0, "goa._solve": 1.7, "goa._special": 1.4,
-    "goa._surface": 1.7,
-    "granular._goniometer": 8.0, "granular._packed": 4.6, "shapes._triangles": 2.9, "grains._walk": 8.2, "grains.balls": 1.7,
-    "grains.bvh": 6.4,
-    "grains.grid": 1.9, "grains.points": 2.0, "grains.scatterometer": 0.42, "shapes.simplify": 6.1, "grains.sphere": 3.4,
-    "grains.surface": 1.0,
-    "mie.coated": 5.9, "mie.kernels": 8.2,
-    "multiple._kernels": 2.4, "multiple._plane": 2.9, "multiple._tally": 4.5, "multiple.basis": 0.71, "multiple.locate": 0.21,
-    "multiple.legendre": 0.33, "multiple.lookup": 0.4, "multiple.sums": 1.8, "multiple.point": 1.2,
-    "packing.cells": 1.2, "packing._chords": 1.4, "packing._kernels": 9.8, "packing.instances": 0.33,
-    "surfaces._spread": 2.4,
+    "beam.photons": 0.88, "beam.single": 0.52, "beam.table": 0.56, "beam.transport": 1.7,
+    "discrete._places": 0.28, "discrete.region": 2.0,
+    "goa._asymptotic": 0.92, "goa._edge": 2.9, "goa._field": 2.9, "goa._rays": 3.1, "goa._solve": 0.61, "goa._special": 0.58,
+    "goa._surface": 0.63,
+    "granular._goniometer": 3.8, "granular._packed": 2.9, "shapes._triangles": 1.7, "grains._walk": 5.2, "grains.balls": 3.1,
+    "grains.bvh": 2.7,
+    "grains.grid": 1.5, "grains.points": 0.34, "grains.scatterometer": 0.41, "shapes.simplify": 3.4, "grains.sphere": 2.6,
+    "grains.surface": 0.47,
+    "mie.coated": 3.7, "mie.kernels": 3.5,
+    "multiple._kernels": 2.1, "multiple._plane": 2.1, "multiple._tally": 5.6, "multiple.basis": 0.42, "multiple.locate": 0.26,
+    "multiple.legendre": 0.39, "multiple.lookup": 0.19, "multiple.sums": 0.77, "multiple.point": 0.82,
+    "packing.cells": 1.0, "packing._chords": 0.99, "packing._kernels": 4.2, "packing.instances": 0.16,
+    "surfaces._spread": 1.1,
 }
 
 

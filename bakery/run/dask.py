@@ -173,7 +173,7 @@ def check_address(address: str) -> None:
     # tcp:8786 is half an address, and no host of that name
     match = re.fullmatch(r"(?:(?:tcp|tls)://|(?!(?:tcp|tls):))[^\s/]+:(\d{1,5})", address)
     if not match or not 0 < int(match[1]) < 65536:
-        raise UsageError(f'--cluster: found "{address}"; the address of a Dask scheduler would do, such as tcp://host:8786')
+        raise UsageError(f'--cluster: found "{address}"; expected the address of a Dask scheduler, such as tcp://host:8786')
 
 
 def _client(address: str):

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bakery.plan.asked import Asked
 from bakery.run import execute, prepare
 from bakery.run.cache import Cache
 from bakery.run.progress import Progress
@@ -45,14 +46,15 @@ def medium(recipe, settings: Mapping[str, str], cache: Cache, progress: Progress
     Raises RecipeError, UsageError, StageError, StoreError : see `bakery.errors`
     """
     import bakery
+    from bakery.recipe import load
 
     progress, name = progress or Progress(), os.path.basename(recipe.path)
     draft = DRAFT | ({} if recipe.particles is None else OF_PARTICLES)
     if recipe.particles is not None and recipe.phase.method == "auto":
         draft["phase.method"] = "mie"
     with scratch.folder("draft") as folder:
-        plan = prepare(recipe.path, folder / "draft.h5", stages=("medium",), settings={**settings, **draft},
-                       cache=cache)
+        coarser = load(recipe.path, {**settings, **draft})
+        plan = prepare(coarser, folder / "draft.h5", asked=Asked(stages=("medium",)), cache=cache)
         with progress.during(f"measuring the medium of {name}"):
             asset = bakery.open(execute(plan, cache=cache).output)
     baked = asset.medium

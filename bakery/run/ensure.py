@@ -14,13 +14,15 @@ import atexit
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from bakery.errors import RecipeError, UsageError
 from bakery.plan import Plan, chosen
 from bakery.plan import wanted as stages_wanted
+from bakery.plan.asked import Asked
 from bakery.plan.suffice import lacking
 from bakery.run import draft, execute, prepare, standing
 from bakery.run.cache import Cache
@@ -35,45 +37,15 @@ _UNTIL_THE_END = ExitStack()  # folders of assets that are kept nowhere
 atexit.register(_UNTIL_THE_END.close)
 
 
-@dataclass(frozen=True)
-class Asked:
-    """What a bake is asked for.
-
-    Attributes
-    ----------
-    settings : overrides of the recipe: what was set before, and on top of the recipe the knobs that are asked for
-    stages : names of the only stages to bake, with those that they need
-    added, left : names of stages that the recipe does not ask for, and that it asks for in vain
-    recipe_parts : parts of each stage of the recipe as it stands, with the stages that are added
-    needs : why, see `renderers.scene.requirements.Need`
-    remarks : what could not be found out
-    read : files that it was found out from, besides the recipe's
-    """
-
-    settings: Mapping[str, str]
-    stages: tuple[str, ...]
-    added: tuple[str, ...]
-    left: tuple[str, ...]
-    recipe_parts: Mapping[str, Mapping] | None = None
-    needs: tuple = ()
-    remarks: tuple[str, ...] = ()
-    read: tuple[Path, ...] = ()
-
-    @property
-    def of_plan(self) -> dict:
-        """What `bakery.run.prepare` takes of it, by name."""
-        return {name: getattr(self, name) for name in ("stages", "settings", "needs", "remarks", "read", "recipe_parts")}
-
-
 def asked(recipe: str | os.PathLike, settings: Mapping[str, str], require: Callable, cache: Cache | None = None,
           progress: Progress | None = None, by: str = "the scene") -> Asked:
     """What to bake of a recipe so that it serves those that `require` it, which messages call `by`; what the settings say wins.
 
     Raises RecipeError, UsageError, StageError, StoreError : see `bakery.errors`
     """
-    from bakery.recipe import load
-
-    values, cache = load(recipe, dict(settings)).unswept(), cache or Cache()
+    cache = cache or Cache()
+    read = partial(_read_once, {}, recipe, by)
+    values = read(settings)
     by_default = [stage.name for stage in chosen(values)]
 
     def overrides(required):
@@ -84,25 +56,30 @@ def asked(recipe: str | os.PathLike, settings: Mapping[str, str], require: Calla
         return added, sections | knobs | dict(settings), sections | dict(settings)
 
     def seconds(required):
-        every = _loaded(recipe, *overrides(required)[:2], by)
-        return sum(stage.cost(every).seconds for stage in chosen(every, required.stages))
+        added, every, _ = overrides(required)
+        return sum(stage.cost(read(every, added)).seconds for stage in chosen(read(every, added), required.stages))
 
     required = require(values, lambda: draft.medium(values, settings, cache, progress), seconds)
     added, every, whole = overrides(required)
-    kept = set(by_default)
-    if required.stages:
-        kept = {stage.name for stage in chosen(_loaded(recipe, added, every, by), required.stages)}
-    parts = {need.stage.name: need.parts for need in stages_wanted(load(recipe, whole).unswept())}
-    return Asked(every, tuple(required.stages), tuple(added), tuple(name for name in by_default if name not in kept), parts,
-                 tuple(_as_set(need, settings) for need in required.needs), required.remarks, tuple(required.read))
+    kept = {stage.name for stage in chosen(read(every, added), required.stages)} if required.stages else set(by_default)
+    parts = {need.stage.name: need.parts for need in stages_wanted(read(whole))}
+    return Asked(every, tuple(required.stages), read(every), tuple(added), tuple(name for name in by_default if name not in kept),
+                 parts, tuple(_as_set(need, settings) for need in required.needs), required.remarks, tuple(required.read))
 
 
-def _loaded(recipe, added: Sequence[str], settings: Mapping[str, str], by: str):
-    """The recipe with sections of stages that it does not ask for; UsageError where one of them cannot be left to defaults."""
+def _read_once(done: dict, recipe, by: str, settings: Mapping[str, str], added: Sequence[str] = ()):
+    """The recipe with settings, and with sections of stages that it does not ask for; UsageError where one of them cannot be left
+    to defaults.
+
+    done : what was read already, by the settings
+    """
     from bakery.recipe import load
 
+    key = frozenset(settings.items())
+    if key in done:
+        return done[key]
     try:
-        return load(recipe, settings)
+        return done.setdefault(key, load(recipe, dict(settings)).unswept())
     except RecipeError as error:
         absent: dict[str, str] = {}
         for every in map(sections_for, added):
@@ -151,10 +128,8 @@ class Planned(NamedTuple):
 def planned(recipe: str | os.PathLike, *, require: Callable, cache: Cache, progress: Progress, candidates: Sequence[Path] = (),
             output: Path | None = None, by: str = "the scene") -> Planned:
     """What `ensured` will do; arguments and errors as of that."""
-    from bakery.recipe import load
-
     wanted = asked(recipe, {}, require, cache, progress, by)
-    values = load(recipe, dict(wanted.settings)).unswept()
+    values = wanted.recipe
     steps = stages_wanted(values, wanted.stages)
     key = asset_key(values.name, values.text, {step.stage.name: step.input_hash for step in steps})
     kept = cache.asset_path(values.name, key)
@@ -163,20 +138,21 @@ def planned(recipe: str | os.PathLike, *, require: Callable, cache: Cache, progr
         if ready is None and (root := cache.asset(kept)) is not None:
             ready = kept, root
     if ready:
-        return Planned(ready[0], None, wanted, (*wanted.remarks, *_missed(*ready)), kept)
+        misses = (f"{ready[0]}: {name}: {line}" for name, line in missed(ready[1]).items())
+        return Planned(ready[0], None, wanted, (*wanted.remarks, *misses), kept)
     if output is None or os.path.lexists(output):
         output = _to_be_written(kept, progress)
-    plan = bake_of(recipe, wanted, output, output.name == kept.name, cache, progress)
+    plan = bake_of(wanted, output, output.name == kept.name, cache, progress)
     return Planned(output, plan, wanted, tuple(told(recipe, wanted)), kept)
 
 
-def bake_of(recipe: str | os.PathLike, wanted: Asked, output: Path, in_cache: bool, cache: Cache, progress: Progress) -> Plan:
+def bake_of(wanted: Asked, output: Path, in_cache: bool, cache: Cache, progress: Progress) -> Plan:
     """The plan of a bake with just what is asked.
 
     in_cache : the name of the output is a hash of all that decides the asset: what stands there is the same asset, damaged
     """
-    return prepare(recipe, output, cache=cache, progress=progress, overwrite=in_cache,
-                   **{name: value for name, value in wanted.of_plan.items() if name != "recipe_parts"})
+    return prepare(wanted.recipe, output, asked=replace(wanted, recipe_parts=None), cache=cache, progress=progress,
+                   overwrite=in_cache)
 
 
 def ensured(recipe: str | os.PathLike, *, require: Callable, candidates: Sequence[Path] = (), output: Path | None = None,
@@ -221,10 +197,6 @@ def _good_enough(paths: Sequence[Path], wanted: Asked, steps: Sequence, recipe) 
         if root is not None and not lacking(standing.held(root), steps, wanted.recipe_parts, knobs, recipe):
             return path, root
     return None
-
-
-def _missed(path: Path, root: Group) -> list[str]:
-    return [f"{path}: {name}: {line}" for name, line in missed(root).items()]
 
 
 def _to_be_written(kept: Path, progress: Progress) -> Path:

@@ -177,8 +177,8 @@ def _place_of(address: str) -> _Place:
     root = path.strip("/")
     if scheme not in PACKAGES or not root or path.startswith("/"):  # s3:///x names no bucket
         stores = ", ".join(f"{schemes}://BUCKET/PREFIX" for schemes in PACKAGES)
-        raise UsageError(f'BAKERY_CACHE: found "{address}"; a folder, file:///FOLDER for one that is shared, or an object store '
-                         f"{stores} would do")
+        raise UsageError(f'BAKERY_CACHE: found "{address}"; expected a folder, file:///FOLDER for one that is shared, or an '
+                         f"object store {stores}")
     missing = [package for package in ("fsspec", PACKAGES[scheme]) if find_spec(package) is None]
     if missing:
         extra = '; the extra store has it: pip install ".[store]" in the folder of bakery\'s sources' if scheme == "s3" else ""

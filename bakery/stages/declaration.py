@@ -88,6 +88,11 @@ class RecipeSection:
     beside: str = ""
 
 
+def own_tolerance(least: float) -> Callable[[Any, Any], Any]:
+    """A `completed` of sections with a tolerance of their own: where they say none it is the recipe's, and at least so much."""
+    return lambda model, recipe: model.model_copy(update={"tolerance": model.tolerance or max(recipe.tolerance, least)})
+
+
 def later(target: str) -> Callable:
     """The function at a place, `bakery.stages.beam.pictures:pictures`, whose module is imported when it is first called."""
     module, _, name = target.partition(":")
@@ -220,7 +225,15 @@ class Cost:
     kernels: tuple[str, ...] = ()  # modules whose compiled kernels run, below `bakery`: mie.kernels
     kind: str = ""  # of work: measured speeds of one kind say nothing of another
     most: float = math.inf  # cores that the work can use
+    blocks: int = 0  # equal ones that the work consists of, `most` of which run at a time; 0: it divides into any number
     compiling: float = 0.0  # seconds that compiling these kernels adds on this machine, once; the plan finds out
+
+    def cores(self, workers: int) -> float:
+        """Cores of `workers` that are busy, on average over the work: 1.5 of two where there are three blocks."""
+        if not self.blocks:
+            return min(workers, self.most)
+        whole, rest = divmod(self.blocks, int(self.most))
+        return self.blocks / (whole * math.ceil(int(self.most) / workers) + math.ceil(rest / workers))
 
 
 @dataclass(frozen=True)

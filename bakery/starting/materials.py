@@ -77,4 +77,4 @@ def air(name: str) -> Start:
 def _refused(option, name, why, accepted, other_option):
     hint = f": {name} takes {other_option}" if other_option else "" if name in starts() else nearest(name, accepted)
     named = ", ".join(list(accepted)[:: max(len(accepted) // 6, 1)])
-    return UsageError(f'{option}: found "{name}", which {why}{hint}; {named} and others would do, `bake new --list` names them')
+    return UsageError(f'{option}: found "{name}", which {why}{hint}; expected {named} and others, `bake new --list` names them')

@@ -77,8 +77,8 @@ def solid(path: Path, usual_height: float, unit: str | None = None, height: floa
         raise UsageError(f"{path}: found a mesh whose vertices are all in one place")
     metres, sentence = _metres(path, high - low, usual_height, unit, height, stated)
     if not SMALLEST <= longest * metres <= LARGEST:
-        raise UsageError(f"{path}: found a mesh {length(longest * metres)} across; {length(SMALLEST)} to {length(LARGEST)} "
-                         "would do: say its unit (--unit mm, cm, m) or its height (--height \"12 cm\")")
+        raise UsageError(f"{path}: found a mesh {length(longest * metres)} across; expected {length(SMALLEST)} to "
+                         f"{length(LARGEST)}: say its unit (--unit mm, cm, m) or its height (--height \"12 cm\")")
     foot = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     try:
         # single precision, as it is written: what is checked here is what renders
@@ -95,16 +95,16 @@ def _read(path):
 
     kind = path.suffix.lower().lstrip(".")
     if kind not in (*KINDS, "3mf"):
-        raise UsageError(f"{path}: found a name that ends in {path.suffix or 'nothing'}; a mesh in a file of "
-                         "PLY, OBJ, STL, OFF or 3MF would do")
+        raise UsageError(f"{path}: found a name that ends in {path.suffix or 'nothing'}; expected a mesh in a "
+                         "file of PLY, OBJ, STL, OFF or 3MF")
     try:
         if path.stat().st_size > BYTES:
-            raise UsageError(f"{path}: found {path.stat().st_size / 2**20:.0f} MiB; a file of at most {BYTES >> 20} MiB would do")
+            raise UsageError(f"{path}: found {path.stat().st_size / 2**20:.0f} MiB; expected a file of at most {BYTES >> 20} MiB")
         if not path.is_file():
-            raise UsageError(f"{path}: found a folder, pipe or device; a mesh file would do")
+            raise UsageError(f"{path}: found a folder, pipe or device; expected a mesh file")
         data = path.read_bytes()
     except OSError as error:
-        raise UsageError(f"{path}: cannot be read: {error.strerror}; a mesh file (PLY, OBJ, STL, OFF or 3MF) would do") from None
+        raise UsageError(f"{path}: cannot be read: {error.strerror}; expected a mesh file (PLY, OBJ, STL, OFF or 3MF)") from None
     try:
         if kind == "3mf":
             return three_mf.triangles(data)

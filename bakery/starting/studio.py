@@ -63,7 +63,7 @@ def _body(fill, body, recipe):
     path = _mean_free_path(recipe)
     across = float(body.extent.min())
     thin = [] if across > 3 * path else [f"light goes {length(path)} between two scatterings, and the mesh is {length(across)} "
-                                         "across: it will look clear; a larger --height would do"]
+                                         "across: it will look clear; use a larger --height"]
     surface = f"roughness {fill.roughness:g}" if fill.roughness else "smooth"
     return 2e-3 * float(body.extent.max()), f"refractive index {fill.index:g} against air, {surface}", *thin
 
@@ -82,7 +82,7 @@ def _grains(body, mesh, recipe):
     count = body.volume * fraction / (4 / 3 * math.pi * radius**3)
     if count < 1 or body.extent.min() < 2 * radius:
         raise UsageError(f"{mesh}: found a mesh {length(float(body.extent.min()))} across at its narrowest, and grains are "
-                         f"{length(2 * radius)} wide; a larger --height, or a smaller radius in a recipe of your own, would do")
+                         f"{length(2 * radius)} wide; use a larger --height, or a smaller radius in a recipe of your own")
     remark = f"some {_rounded(count)} grains, {length(2 * radius)} wide as in the recipe"
     if count < _FEW:
         remark += "; so few keep little of the mesh's shape: a larger --height has more"

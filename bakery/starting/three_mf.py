@@ -28,7 +28,7 @@ def triangles(data: bytes):
     for item in root.iterfind(f"{_CORE}build/{_CORE}item"):
         mesh = meshes.get(item.get("objectid"))
         if mesh is None:
-            raise ValueError("an item of this 3mf file is no mesh but an assembly; one mesh would do")
+            raise ValueError("an item of this 3mf file is no mesh but an assembly; expected one mesh")
         corners = _numbers(mesh, "vertices/vertex", "xyz", float)
         transform = _transform(item.get("transform"))
         vertices.append(corners @ transform[:3] + transform[3])
@@ -49,7 +49,7 @@ def _model(data):
             if not models:
                 raise ValueError("a 3mf file without a model")
             if models[0].file_size > BYTES:
-                raise ValueError(f"a model of {models[0].file_size / 2**20:.0f} MiB; at most {BYTES >> 20} MiB would do")
+                raise ValueError(f"a model of {models[0].file_size / 2**20:.0f} MiB; expected at most {BYTES >> 20} MiB")
             text = archive.read(models[0])
         if b"<!DOCTYPE" in text:  # entities that stand for each other take all memory
             raise ValueError("the model declares a document type, which no 3mf file needs")
@@ -74,4 +74,4 @@ def _transform(text):
         rows = np.array(text.split(), float) if text else np.eye(4)[:, :3].ravel()
         return rows.reshape(4, 3)
     except ValueError:
-        raise ValueError(f"transform is {text[:60]!r}; twelve numbers would do") from None
+        raise ValueError(f"transform is {text[:60]!r}; expected twelve numbers") from None

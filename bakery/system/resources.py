@@ -20,7 +20,7 @@ def jobs(count: int | None = None) -> int:
     text = os.environ.get("BAKERY_JOBS", "")
     if count is None and text:
         if not text.isdigit() or int(text) < 1:
-            raise UsageError(f'BAKERY_JOBS: found "{text}"; a whole number from 1 would do')
+            raise UsageError(f'BAKERY_JOBS: found "{text}"; expected a whole number from 1')
         count = int(text)
     return count or processors()
 

@@ -42,7 +42,7 @@ class Trade:
 def check_budget(budget: float) -> None:
     """UsageError unless it is a time in minutes."""
     if not 0 < budget <= LONGEST:
-        raise UsageError(f"--budget: found {budget:g}; a number of minutes above 0 would do, at most {LONGEST:,.0f}")
+        raise UsageError(f"--budget: found {budget:g}; expected a number of minutes above 0, at most {LONGEST:,.0f}")
 
 
 def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *, stages: Sequence[str] = (),
@@ -119,7 +119,7 @@ def _with_knobs(recipe, names: Sequence[str]) -> list:
     chosen = [stage for stage in able if not names or stage.name in names]
     if not chosen:
         subject = " and ".join(names) if names else f"none of its stages ({', '.join(stage.name for stage in applicable)})"
-        able_names = f"; {', '.join(stage.name for stage in able)} would do" if able else ": its values are exact or take no time"
+        able_names = f"; expected {', '.join(stage.name for stage in able)}" if able else ": its values are exact or take no time"
         raise UsageError(f"{recipe.path}: {subject} has knobs that trade time for accuracy{able_names}" if not names else
                          f"--stage: {subject} has no knobs that trade time for accuracy{able_names}")
     return chosen

@@ -30,7 +30,7 @@ class Worker:
     Parameters
     ----------
     share : receives the share done of a run, 0 to 1
-    arguments : of `Bench`
+    arguments : of `trade.worker.Task`
     """
 
     def __init__(self, share: Callable[[float], None] = lambda share: None, **arguments):

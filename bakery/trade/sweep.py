@@ -111,7 +111,7 @@ class Sweeper:
                           if not (folder / f"{self.settings.stage.name}-{key}.h5").is_file())
             if seconds > SHARE * self.left:
                 kind = UsageError
-                refusal = f"they take about {duration(seconds)}; --budget {-(-seconds // (60 * SHARE)):.0f} would do"
+                refusal = f"they take about {duration(seconds)}; use --budget {-(-seconds // (60 * SHARE)):.0f}"
                 self._say(f"no converged values at a tolerance of {tolerance:.2g}: {refusal}")
                 continue
             self._open(upstream, str(folder))

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from statistics import median
+from typing import NamedTuple
 
 from bakery.errors import BakeryError, StageError
 from bakery.store.tree import Group
@@ -22,10 +23,10 @@ from bakery.trade.resolve import above, find, hash_of, hashes_above
 BURST = 0.15  # seconds of baseline around a run, or one run where that takes longer
 
 
-class Bench:
-    """Times and compares settings of one stage of one recipe.
+class Task(NamedTuple):
+    """What is measured.
 
-    Parameters
+    Attributes
     ----------
     recipe : its path
     stage : name
@@ -35,19 +36,34 @@ class Bench:
     loosest : overrides with which a run is short: one loads the kernels of a setting before its time is taken
     folder : of the converged values and the values upstream
     stages : `module:function` that returns all stages
+    """
+
+    recipe: str
+    stage: str
+    base: Mapping[str, str]
+    upstream: Mapping[str, str]
+    baseline: Mapping[str, str]
+    loosest: Mapping[str, str]
+    folder: str
+    stages: str
+
+
+class Bench:
+    """Times and compares settings of one stage of one recipe.
+
+    Parameters
+    ----------
+    task : what is measured
     clock, wall : seconds of the processor and of the wall
     share : receives the share done of a run, 0 to 1
     """
 
-    def __init__(self, recipe: str, stage: str, base: Mapping[str, str], upstream: Mapping[str, str], baseline: Mapping[str, str],
-                 loosest: Mapping[str, str], folder: str, stages: str, clock: Callable[[], float] = time.process_time,
-                 wall: Callable[[], float] = time.perf_counter, share: Callable[[float], None] = lambda share: None):
+    def __init__(self, task: Task, clock: Callable[[], float] = time.process_time, wall: Callable[[], float] = time.perf_counter,
+                 share: Callable[[float], None] = lambda share: None):
         from bakery.run.cache import Cache
 
-        self._recipe, self._base, self._baseline, self._loosest = recipe, dict(base), dict(baseline), dict(loosest)
-        self._name, self._stages, self._upstream = stage, stages, dict(upstream)
-        self._clock, self._wall, self._share = clock, wall, share
-        self._cache = Cache(Path(folder))
+        self._task, self._clock, self._wall, self._share = task, clock, wall, share
+        self._cache = Cache(Path(task.folder))
         self._groups: dict[str, Group] = {}
         self._hashes: dict[str, str] | None = None
         self._warm: set[str] = set()
@@ -58,14 +74,14 @@ class Bench:
 
     def keep(self, setting: Mapping[str, str], expected: str) -> dict:
         """Compute a setting and keep its values: seconds and the error that the stage claims."""
-        entry = self._cache.get(self._name, expected)
+        entry = self._cache.get(self._task.stage, expected)
         if entry is None:
             group, seconds = self._compute(setting, expected)
             self._burst = None
-            self._cache.put(self._name, expected, group, Group({}, {"seconds": seconds}))
-            entry = self._cache.get(self._name, expected)
+            self._cache.put(self._task.stage, expected, group, Group({}, {"seconds": seconds}))
+            entry = self._cache.get(self._task.stage, expected)
             if entry is None:
-                raise StageError(f"{self._cache.path(self._name, expected)}: the converged values could not be kept")
+                raise StageError(f"{self._cache.path(self._task.stage, expected)}: the converged values could not be kept")
         return {"seconds": entry[1].attributes["seconds"], "achieved": entry[0].attributes["achieved_error"]}
 
     def compare(self, found: str, reference: str) -> dict[str, float]:
@@ -96,17 +112,17 @@ class Bench:
         return measured | {"baseline": (before * self._burst) ** 0.5}
 
     def _load_kernels(self, setting) -> None:
-        kind = json.dumps({key: text for key, text in setting.items() if key not in self._loosest})
+        kind = json.dumps({key: text for key, text in setting.items() if key not in self._task.loosest})
         if kind in self._warm:
             return
         with suppress(BakeryError):  # the run itself will raise it
-            self._compute({**setting, **self._loosest}, None)
+            self._compute({**setting, **self._task.loosest}, None)
         self._burst = None
         self._warm.add(kind)
 
     def _around(self) -> float:
         """Median time of the baseline, run until it has taken a while."""
-        fixed = self._resolve(self._baseline, None)
+        fixed = self._resolve(self._task.baseline, None)
         if not self._warm_baseline:
             self._timed(*fixed)  # loads its kernels
             self._warm_baseline = True
@@ -143,12 +159,12 @@ class Bench:
         words = json.dumps(setting, sort_keys=True)
         if words not in self._resolved:
             hashes = self._upstream_hashes()
-            recipe = load(self._recipe, {**self._base, **setting})
-            stage = find(self._stages, recipe, self._name)
+            recipe = load(self._task.recipe, {**self._task.base, **setting})
+            stage = find(self._task.stages, recipe, self._task.stage)
             self._resolved[words] = (stage, recipe, hash_of(stage, recipe, hashes))
         stage, recipe, key = self._resolved[words]
         if expected is not None and key != expected:
-            raise StageError(f"{self._recipe}: it, or a file that it names, changed while it was measured; start again")
+            raise StageError(f"{self._task.recipe}: it, or a file that it names, changed while it was measured; start again")
         return stage, recipe, key
 
     def _upstream_hashes(self) -> dict[str, str]:
@@ -156,9 +172,9 @@ class Bench:
         if self._hashes is None:
             from bakery.recipe import load
 
-            recipe = load(self._recipe, {**self._base, **self._upstream})
-            hashes = hashes_above(self._stages, recipe, self._name)
-            for stage in above(self._stages, recipe, self._name):
+            recipe = load(self._task.recipe, {**self._task.base, **self._task.upstream})
+            hashes = hashes_above(self._task.stages, recipe, self._task.stage)
+            for stage in above(self._task.stages, recipe, self._task.stage):
                 entry = self._cache.get(stage.name, hashes[stage.name])
                 if entry is None:
                     group, seconds = self._timed(stage, recipe, hashes[stage.name])
@@ -169,14 +185,14 @@ class Bench:
 
     def _kept_group(self, key: str) -> Group:
         if self._reference is None or self._reference[0] != key:
-            entry = self._cache.get(self._name, key)
+            entry = self._cache.get(self._task.stage, key)
             if entry is None:
-                raise StageError(f"{self._cache.path(self._name, key)}: the converged values are gone; start again")
+                raise StageError(f"{self._cache.path(self._task.stage, key)}: the converged values are gone; start again")
             self._reference = (key, entry[0])
         return self._reference[1]
 
     def _errors(self, group: Group, reference: Group) -> dict[str, float]:
-        stage, _, _ = self._resolve(self._baseline, None)
+        stage, _, _ = self._resolve(self._task.baseline, None)
         return {name: float(value) for name, value in stage.measures(group, reference).items()}
 
 
@@ -205,7 +221,7 @@ def main() -> None:
             last_report[0] = time.monotonic()
             print(json.dumps({"share": done}), file=answers, flush=True)
 
-    bench = Bench(**next(calls), share=share)
+    bench = Bench(Task(**next(calls)), share=share)
     for call in calls:
         try:
             answer = {"found": getattr(bench, call.pop("do"))(**call)}

@@ -23,8 +23,9 @@ def _all(discs, origin, direction):
     for i in range(len(origin)):
         t = 0.0
         while True:
-            kind, t, _, _, _, _ = kernels.first_disc(discs, origin[i, 0], origin[i, 1], origin[i, 2], direction[i, 0],
-                                                     direction[i, 1], direction[i, 2], t, 2.0, np.nan, np.nan, np.nan, room)
+            pencil = kernels.Pencil((origin[i, 0], origin[i, 1], origin[i, 2]),
+                                    (direction[i, 0], direction[i, 1], direction[i, 2]), t, 2.0, (np.nan, np.nan, np.nan))
+            kind, t, _, _, _, _ = kernels.first_disc(discs, pencil, room)
             if kind == kernels.NO_DISC:
                 break
             met += 1

@@ -16,6 +16,7 @@ import numpy as np
 
 from bakery.errors import Interrupted
 from renderers import colour
+from renderers.mitsuba import variants
 from renderers.pictures.engine import Passes, Stop
 from renderers.pictures.means import tiled
 
@@ -184,20 +185,21 @@ class _Run:
     """Passes of one small picture."""
 
     def __init__(self, prepare, world, stop, compiles=False):
-        self.pixels, clock, begin = world.size[0] * world.size[1], time.process_time(), time.monotonic()
+        self.pixels, spent = world.size[0] * world.size[1], variants.clock(world.variant)
+        clock, begin = spent(), time.monotonic()
         parts = prepare(world, _SEED).parts
-        self.setup, self.clock = time.process_time() - clock, time.monotonic() - begin
+        self.setup, self.clock = spent() - clock, time.monotonic() - begin
         for part in parts if compiles else ():
             part.render(1 << 30)
         begin = time.monotonic()
         self._regions: dict[str, list] = {part.name: [] for part in parts}
         self.passes = Passes([part._replace(render=self._noted(part)) for part in parts])
-        clock = time.process_time()
+        clock = spent()
         self.passes.run(stop)
-        spent = time.process_time() - clock
+        seconds = spent() - clock
         self.clock += time.monotonic() - begin
         counted = sum(mean.count * mean.expected for mean in self.passes.means.values())
-        self._processors = spent / max(counted, 1e-9)  # passes run on several
+        self._processors = seconds / max(counted, 1e-9)  # passes run on several
         if self.passes.signal:
             fault = Interrupted("interrupted before there was a picture; nothing was written")
             fault.exit_status = 128 + self.passes.signal

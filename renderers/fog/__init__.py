@@ -14,7 +14,8 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     scene : path of the scene, or what `renderers.scene.load` made of it
     output : `X.png` or `X.exr`, both are written; beside the scene, by its name, if None
     overrides : dotted key -> value as text, such as `{"fog.density.scale": "5"}`; of a path
-    quality, variant, seed : of the Mitsuba scene, if the picture comes from one; as in `renderers.mitsuba.render_scene`
+    quality : how close the filter's points are (`filter.POINTS`); also of the Mitsuba scene, if the picture comes from one
+    variant, seed : of that scene, as in `renderers.mitsuba.render_scene`; with a variant `cuda_…` the filter runs on the card
     progress : function of (fraction 0 to 1, noise or None)
     threads : as many as the process may use if None; the pictures do not depend on it
     overwrite : replace also files that are no such pictures; never one that the scene reads
@@ -22,7 +23,8 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     Returns
     -------
     report : that of `renderers.pictures.running`, with `picture` (how it was made), `optical_depth` (smallest, median and
-        largest, a channel), `share_scattered` (of the picture's luminance), `share_sun` (of it)
+        largest, a channel), `share_scattered` (of the picture's luminance), `share_sun` (of it), `filter` (its points; their
+        measured error)
 
     Raises
     ------
@@ -47,7 +49,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     job.part_over("prepare")
 
     def view_of(camera, distance):
-        return View(scene, medium, density, camera, distance, threads)
+        return View(scene, medium, density, camera, distance, threads, quality or "final", (variant or "").startswith("cuda"))
 
     picture = _picture(scene, quality, variant, seed, job.progress(0.0, 0.5), view_of)
     job.part_over("picture")
@@ -96,13 +98,15 @@ def _figures(view, picture, sunlight, total):
     import numpy as np
 
     from renderers import colour
+    from renderers.fog.filter import ERRORS
 
     direct = float(np.mean((view.through * picture.rgb) @ colour.LUMINANCE))
     scattered, sun = (1 - direct / total, float(np.mean(sunlight @ colour.LUMINANCE)) / total) if total > 0 else (0.0, 0.0)
     depths = {name: [float(f(view.depth[..., c])) for c in range(3)]
               for name, f in (("smallest", np.min), ("median", np.median), ("largest", np.max))}
     return {"without_surface": int(view.sky.sum()), "distance": [float(view.distance.min()), float(view.distance.max())],
-            "optical_depth": depths, "share_scattered": scattered, "share_sun": sun}
+            "optical_depth": depths, "share_scattered": scattered, "share_sun": sun,
+            "filter": {"points": view.points, "error": ERRORS[view.points]}}
 
 
 def describe(report) -> list[str]:
@@ -119,6 +123,7 @@ def describe(report) -> list[str]:
     seen = [] if report["noise"] is None else [f"noise {percent(report['noise'])}"]
     return running.describe(report, [
         f"without fog: {source}; {report['size'][0]} x {report['size'][1]}{sky}", *seen,
+        f"filter: {report['filter']['points']}, within {percent(report['filter']['error'])} of a sum over all pixels",
         f"optical depth (smallest / median / largest): red {red}; green {green}; blue {blue}",
         f"scattered: {100 * report['share_scattered']:.3g} % of the light"
         + (f", {100 * report['share_sun']:.3g} % from the sun" if report["share_sun"] else ""), *report.get("reasons", [])[1:]])
@@ -168,9 +173,9 @@ def _picture(scene, quality, variant, seed, progress, view_of=None):
         return picture.from_mitsuba(scene.file(section.mitsuba), samples=section.samples, noise=noise,
                                     time=reached.limit(stop.time, quality), unit=section.unit, variant=variant,
                                     quality=quality or "final", seed=seed or 0, view_of=view_of, progress=progress)
-    if not (quality is None and variant is None and seed is None):
-        raise UsageError(f"{scene.path}: found a quality, variant or seed, which are those of Mitsuba scenes; none would do, "
-                         "as this picture comes from files")
+    if not ((variant is None or variant.startswith("cuda")) and seed is None):
+        raise UsageError(f"{scene.path}: found a variant or seed, which are those of Mitsuba scenes; none would do, as this "
+                         "picture comes from files, or a variant cuda_… for a filter on the graphics card")
     return picture.from_files(scene.file(section.color), scene.file(section.depth), origin=camera.origin, target=camera.target,
                               up=camera.up, fov=camera.fov, layer=section.layer, channel=section.channel, measure=section.measure,
                               unit=section.unit, sky=section.sky)

@@ -15,8 +15,8 @@ import numpy as np
 from bakery.system.compiled import njit
 
 _LARGEST_G = 1 - 1e-9  # at 1 nothing is deflected and D is infinite
-_DEEPEST = 1e8  # optical depth; more is dark
-_THIN = 1e-6  # optical depth of a slab below which what it scatters goes with it; 1e-10 is lost to rounding here
+DEEPEST = 1e8  # optical depth; more is dark
+THIN = 1e-6  # optical depth of a slab below which what it scatters goes with it; 1e-10 is lost to rounding here
 
 
 def moments(phase):
@@ -176,7 +176,7 @@ def _fill(albedo, g, tau, total, mu, irradiance, phi, flux):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fill_slabs(albedo, g, peak, tau, passed, reflected, crossing):
     for n in range(len(passed)):
-        depth = min(max(tau[n], _THIN), _DEEPEST)
+        depth = min(max(tau[n], THIN), DEEPEST)
         reduced, asymmetry, factor = scaled(albedo[n], g[n], peak[n])
         phi, flux = column(reduced, asymmetry, depth * factor, depth * factor, 1.0, 1.0)
         # what the peak has scattered is nearly parallel still
@@ -185,7 +185,7 @@ def _fill_slabs(albedo, g, peak, tau, passed, reflected, crossing):
         passed[n] = thin * (forward + phi / 4 + flux / 2)
         phi, flux = column(reduced, asymmetry, 0.0, depth * factor, 1.0, 1.0)
         reflected[n] = thin * (phi / 4 - flux / 2)
-        phi, flux = column(reduced, asymmetry, depth * factor, _DEEPEST, 1.0, 1.0)
+        phi, flux = column(reduced, asymmetry, depth * factor, DEEPEST, 1.0, 1.0)
         crossing[n] = thin * (forward + phi / 4 + flux / 2)
 
 
@@ -232,11 +232,11 @@ def source(before, behind, single, turn, cosine, medium, sun, out):
         albedo_left, g_left, factor = scaled(albedo[c], g[c], peak[c])
         q = (1 + g[c]) / 2
         for i in range(len(before)):
-            true = min(before[i] * sigma_t[c], _DEEPEST)
+            true = min(before[i] * sigma_t[c], DEEPEST)
             light = single[i, c] * math.exp(-true / mu)
             if diffuse:
                 tau = true * factor
-                phi, flux = column(albedo_left, g_left, tau, tau + min(behind[i] * sigma_t[c], _DEEPEST) * factor, mu,
+                phi, flux = column(albedo_left, g_left, tau, tau + min(behind[i] * sigma_t[c], DEEPEST) * factor, mu,
                                    irradiance[c])
                 # P1 is linear in the direction and may fall below 0 where light is nearly parallel
                 light += max(phi + 3 * g[c] * cosine[i] * flux, 0.0) / (4 * math.pi)

@@ -1,12 +1,7 @@
-"""Loops of the filter: rows of pixels in, sums of light and of shares out.
+"""Loops of the filter: pixels and blocks in, sums of light and of shares out, LANES channels at a time.
 
-A kernel's kinds are the medium's channels: 1 for all channels of the picture, or one each, so kind k is that of the channels k,
-k + kinds, ...
-
-Sums of a pixel p: `NEAR` light of nearer pixels by their own kernels, `FAR` light of the others by the kernel of p, for each
-channel; `SHARE` the nearer ones' shares, `REST` weights of these, `MET` weights of the others by the kernel of p, for each kind.
-
-An entry is what one block of 2^l x 2^l pixels holds of one class of distances: sums over its pixels, then means.
+Sums of a pixel p: `NEAR` light of nearer pixels by their own kernels, `FAR` light of the others by the kernel of p; `SHARE` the
+nearer ones' shares, `REST` weights of these, `MET` weights of the others by the kernel of p.
 """
 
 from __future__ import annotations
@@ -17,41 +12,37 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.system.compiled import njit
+from renderers.fog import _blocks
+from renderers.fog._blocks import number_of
+from renderers.fog._lanes import LANES, add_light, add_share
 
-NEAR, SHARE, FAR, MET, REST = range(5)
-# columns of an entry: pixels and their centre, light and its centre, distances (smallest, largest, pixels at those two, mean),
-# indices on log column and on log of pixel over lever with the weight of those two; from FIRST on (C,) col, (C,) light sent, (K,)
-# its share
-COUNT, Y, X, GLOW, GLOW_Y, GLOW_X, NEAREST, FARTHEST, AT_NEAREST, AT_FARTHEST, DISTANCE, COLUMN, LEVER, WEIGHT, FIRST = range(15)
+NEAR, SHARE, FAR, MET, REST = range(5)  # in this order: two at a time are added to
+SUMS = 5
 NODES = 18  # of a radial profile of a block
 
 
-class Pixels(NamedTuple):
-    """Of a picture.
+class Kernels(NamedTuple):
+    """Tables of a medium.
 
-    distance : (H, W) m
-    column, lever : (H, W) 1, indices on log tau of sigma_t = 1 and on log u;  u : (H, W) 1
-    light : (H, W, 2 C + K), as the tail of an entry
-    depth_of : K numbers, index of log sigma_t
+    shape : (LANES, T, X + NODES + 1), ends with zeros;  means : (LANES, T, X, O), `kernels.over_pixels`
+    depth_of : (LANES,) index of log sigma_t
+    step, first : of log u
     """
 
-    distance: np.ndarray
-    column: np.ndarray
-    lever: np.ndarray
-    u: np.ndarray
-    light: np.ndarray
-    depth_of: tuple
+    shape: np.ndarray
+    means: np.ndarray
+    depth_of: np.ndarray
+    step: float
+    first: float
 
 
 class Nearest(NamedTuple):
     """Level 0.
 
-    means : (K, T, X, O), `kernels.over_pixels`
     taps : (N, 3) dy, dx and offset o of pixels around one
     weight : (O,) of the band
     """
 
-    means: np.ndarray
     taps: np.ndarray
     weight: np.ndarray
 
@@ -59,349 +50,197 @@ class Nearest(NamedTuple):
 class Level(NamedTuple):
     """Blocks of `side` pixels.
 
-    shape : (K, T, X + NODES + 1), ends with zeros
     shift : from u to a profile's first node, in steps of the table
-    start : (h w + 1,), where the entries of blocks start, of which there are `blocks`, (h, w)
-    entries : (E, F)
-    profiles : (E, NODES, K), see `profiles`
+    profiles : (E, NODES, LANES), see `profiles`
     """
 
-    shape: np.ndarray
-    shift: float
     side: float
-    start: np.ndarray
-    blocks: tuple
-    entries: np.ndarray
+    shift: float
+    blocks: _blocks.Blocks
     profiles: np.ndarray
 
 
 class Band(NamedTuple):
     """The distances, in blocks, that a level has its part in: `inner` to `outer`.
 
-    node, weight : index on a profile's nodes, and weight of the band over the distance, on equal steps of the squared distance
-        from 0 to outer^2
+    table : (N, 4) float32, on equal steps of the squared distance from 0 to outer^2: weight of the band over the distance, its
+        difference to the next, index on a profile's nodes, its difference
     """
 
     inner: float
     outer: float
-    node: np.ndarray
-    weight: np.ndarray
+    table: np.ndarray
 
 
-class Table(NamedTuple):
-    """Kernels of pairs of pixels.
-
-    shape : (K, T, X);  means : (K, T, X, O)
-    offset : (R, R) number of the mean over pixels at |dy|, |dx|, or -1: the kernel at the pixel's centre
-    step : of log u
-    """
-
-    shape: np.ndarray
-    means: np.ndarray
-    offset: np.ndarray
-    step: float
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _place(value, last):
     return min(max(value, 0.0), last)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _four(t, v, factor):
     """Nodes before a place (t, v) and the weights of the four around it, times a factor."""
     i, j = int(t), int(v)
     f, g = t - i, v - j
-    return i, j, (1 - f) * (1 - g) * factor, (1 - f) * g * factor, f * (1 - g) * factor, f * g * factor
+    return (i, j, np.float32((1 - f) * (1 - g) * factor), np.float32((1 - f) * g * factor), np.float32(f * (1 - g) * factor),
+            np.float32(f * g * factor))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _profile(table, t, v, factor, out):
-    """table[t, v + n] for n = 0, 1, ..., linear in both, times a factor."""
-    i, j, a, b, c, d = _four(t, v, factor)
-    for n in range(len(out)):
-        out[n] = a * table[i, j + n] + b * table[i, j + n + 1] + c * table[i + 1, j + n] + d * table[i + 1, j + n + 1]
+def _profile(shape, depth_of, column, lever, factor, e, out):
+    """Profile out[e], (NODES, LANES), at an index of the column, from an index of log u on, times a factor."""
+    # whole arrays and numbers of rows, here and below: numba counts each slice that is taken, which takes most of the time
+    last_t, last_u = shape.shape[1] - 1.001, shape.shape[2] - NODES - 1.001
+    for k in range(LANES):
+        i, j, a, b, c, d = _four(_place(column + depth_of[k], last_t), _place(lever, last_u), factor)
+        for n in range(NODES):
+            out[e, n, k] = (a * shape[k, i, j + n] + b * shape[k, i, j + n + 1] + c * shape[k, i + 1, j + n]
+                            + d * shape[k, i + 1, j + n + 1])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _means(table, t, v, factor, out):
-    """The same for means over pixels: table[t, v, o]."""
-    i, j, a, b, c, d = _four(t, v, factor)
-    for n in range(len(out)):
-        out[n] = a * table[i, j, n] + b * table[i, j + 1, n] + c * table[i + 1, j, n] + d * table[i + 1, j + 1, n]
+def profiles(low, high, kernels, entries, shift, side, out):
+    """Radial profiles (E, NODES, LANES) of entries: what a pixel receives, times its distance in blocks."""
+    for e in range(low, high):
+        factor = math.exp(kernels.first + kernels.step * entries[e, _blocks.LEVER]) / side
+        _profile(kernels.shape, kernels.depth_of, entries[e, _blocks.COLUMN], entries[e, _blocks.LEVER] + shift, factor, e, out)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def nearest_rows(low, high, pixels, nearest, out):
-    """Level 0: all pairs of pixels at the offsets `nearest.taps`, for rows low to high; out (H, W, 5, C)."""
-    z, column, lever, u, light, depth_of = pixels
-    means, taps, weight = nearest
+def _means(means, depth_of, column, lever, u, weight, e, out):
+    """Shares out[e], (O, LANES), of a pixel's light in those at offsets, times the weights of these."""
+    last_t, last_u = means.shape[1] - 1.001, means.shape[2] - 1.001
+    for k in range(LANES):
+        i, j, a, b, c, d = _four(_place(column + depth_of[k], last_t), _place(lever, last_u), u)
+        for o in range(len(weight)):
+            out[e, o, k] = weight[o] * (a * means[k, i, j, o] + b * means[k, i, j + 1, o] + c * means[k, i + 1, j, o]
+                                        + d * means[k, i + 1, j + 1, o])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def nearest_rows(low, high, pixels, kernels, nearest, out):
+    """Level 0: all pairs of pixels at the offsets `nearest.taps`, for rows low to high; out (H W, SUMS, LANES)."""
+    taps, weight = nearest
+    z, light = pixels.distance, pixels.light
+    means, depth_of = kernels.means, kernels.depth_of
     height, width = z.shape
-    channels, kinds, last_t, last_u = out.shape[3], len(depth_of), means.shape[1] - 1.001, means.shape[2] - 1.001
+    none, all_of = np.float32(0), np.float32(1)
     reach = 0
     for n in range(len(taps)):
         reach = max(reach, taps[n, 0])
     top, bottom = max(low - reach, 0), min(high + reach, height)
-    profile = np.empty((bottom - top, width, kinds, len(weight)), np.float32)
+    # one more, as two neighbours are read of a profile
+    profile = np.zeros(((bottom - top) * width + 1, len(weight), LANES), np.float32)
     for y in range(top, bottom):
         for x in range(width):
-            for k in range(kinds):
-                row = profile[y - top, x, k]
-                _means(means[k], _place(column[y, x] + depth_of[k], last_t), _place(lever[y, x], last_u), u[y, x], row)
-                for o in range(len(weight)):
-                    row[o] *= weight[o]
+            _means(means, depth_of, pixels.column[y, x], pixels.lever[y, x], pixels.u[y, x], weight, (y - top) * width + x,
+                   profile)
     for y in range(low, high):
         for x in range(width):
-            sums, beam, distance = out[y, x], profile[y - top, x], z[y, x]
+            at, beam, distance = (y * width + x) * SUMS * LANES, ((y - top) * width + x) * len(weight), z[y, x]
             for n in range(len(taps)):
                 yy, xx, o = y + taps[n, 0], x + taps[n, 1], taps[n, 2]
                 if yy < 0 or yy >= height or xx < 0 or xx >= width:
                     continue
+                source = (yy * width + xx) * _blocks.LIGHT
                 if z[yy, xx] < distance:
-                    for k in range(kinds):
-                        share = profile[yy - top, xx, k, o]
-                        for c in range(k, channels, kinds):
-                            sums[NEAR, c] += share * light[yy, xx, channels + c]
-                        sums[SHARE, k] += share * light[yy, xx, 2 * channels + k]
-                        sums[REST, k] += beam[k, o]
+                    other = ((yy - top) * width + xx) * len(weight) + o
+                    add_light(out, at + NEAR * LANES, profile, other, none, all_of, light, source + 2 * LANES)
+                    add_share(out, at + REST * LANES, profile, beam + o, none, all_of)
                 else:
-                    for k in range(kinds):
-                        for c in range(k, channels, kinds):
-                            sums[FAR, c] += beam[k, o] * light[yy, xx, c]
-                        sums[MET, k] += beam[k, o]
+                    add_light(out, at + FAR * LANES, profile, beam + o, none, all_of, light, source)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def count(mask, below_height, below_width):
-    """Classes in blocks of two by two (h, w) as bits, and where their entries start (h w + 1,)."""
-    height, width = (below_height + 1) // 2, (below_width + 1) // 2
-    classes = np.zeros((height, width), np.int64)
-    for y in range(below_height):
-        for x in range(below_width):
-            classes[y // 2, x // 2] |= mask[y, x]
-    start = np.zeros(height * width + 1, np.int64)
-    for y in range(height):
-        for x in range(width):
-            bits, number = classes[y, x], 0
-            while bits:
-                bits &= bits - 1
-                number += 1
-            start[y * width + x + 1] = start[y * width + x] + number
-    return classes, start
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def merge(below, below_mask, below_start, mask, start, classes, entries):
-    """Entries of blocks from those of the four blocks of half their size."""
-    below_height, below_width = below_mask.shape
-    height, width = mask.shape
-    columns = below.shape[1]
-    sums = np.empty((classes, columns))
-    for y in range(height):
-        for x in range(width):
-            sums[:] = 0
-            sums[:, NEAREST] = math.inf
-            for yy in range(2 * y, min(2 * y + 2, below_height)):
-                for xx in range(2 * x, min(2 * x + 2, below_width)):
-                    n, bits = below_start[yy * below_width + xx], below_mask[yy, xx]
-                    for k in range(classes):
-                        if not (bits >> k) & 1:
-                            continue
-                        entry, total = below[n], sums[k]
-                        n += 1
-                        if entry[NEAREST] < total[NEAREST]:
-                            total[NEAREST], total[AT_NEAREST] = entry[NEAREST], 0
-                        if entry[FARTHEST] > total[FARTHEST]:
-                            total[FARTHEST], total[AT_FARTHEST] = entry[FARTHEST], 0
-                        total[AT_NEAREST] += entry[AT_NEAREST] if entry[NEAREST] == total[NEAREST] else 0
-                        total[AT_FARTHEST] += entry[AT_FARTHEST] if entry[FARTHEST] == total[FARTHEST] else 0
-                        total[DISTANCE] += entry[COUNT] * entry[DISTANCE]
-                        total[COUNT] += entry[COUNT]
-                        total[WEIGHT] += entry[WEIGHT]
-                        total[Y] += entry[COUNT] * entry[Y]
-                        total[X] += entry[COUNT] * entry[X]
-                        total[GLOW] += entry[GLOW]
-                        total[GLOW_Y] += entry[GLOW] * entry[GLOW_Y]
-                        total[GLOW_X] += entry[GLOW] * entry[GLOW_X]
-                        total[COLUMN] += entry[WEIGHT] * entry[COLUMN]
-                        total[LEVER] += entry[WEIGHT] * entry[LEVER]
-                        for c in range(FIRST, columns):
-                            total[c] += entry[c]
-            n = start[y * width + x]
-            for k in range(classes):
-                if (mask[y, x] >> k) & 1:
-                    for c in range(columns):  # not a row at once: what numba checks then takes half of the time to compile this
-                        entries[n, c] = sums[k, c]
-                    entries[n, DISTANCE] /= sums[k, COUNT]
-                    entries[n, Y] /= sums[k, COUNT]
-                    entries[n, X] /= sums[k, COUNT]
-                    entries[n, GLOW_Y] = sums[k, GLOW_Y] / sums[k, GLOW] if sums[k, GLOW] > 0 else entries[n, Y]
-                    entries[n, GLOW_X] = sums[k, GLOW_X] / sums[k, GLOW] if sums[k, GLOW] > 0 else entries[n, X]
-                    if sums[k, WEIGHT] > 0:
-                        entries[n, COLUMN] /= sums[k, WEIGHT]
-                        entries[n, LEVER] /= sums[k, WEIGHT]
-                    n += 1
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def profiles(entries, depth_of, shape, lever_step, lever_first, shift, side, out):
-    """Radial profiles (E, NODES, K) of entries: what a pixel receives, times its distance in blocks.
-
-    shape (K, T, X + NODES + 1) ends with zeros; shift is from u to the first node, in steps of the table.
-    """
-    last_t, last_u = shape.shape[1] - 1.001, shape.shape[2] - NODES - 1.001
-    for e in range(len(entries)):
-        factor = math.exp(lever_first + lever_step * entries[e, LEVER]) / side
-        for k in range(len(depth_of)):
-            _profile(shape[k], _place(entries[e, COLUMN] + depth_of[k], last_t), _place(entries[e, LEVER] + shift, last_u),
-                     factor, out[e, :, k])
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _looked(s, node, weight):
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _looked(s, table):
     """Weight of the band, node and fraction of a profile."""
-    i = int(s)
-    s -= i
-    g = node[i] + s * (node[i + 1] - node[i])
-    n = int(g)
-    return weight[i] + s * (weight[i + 1] - weight[i]), n, g - n
+    s = np.float32(s)
+    i = np.uint32(s)
+    s -= np.float32(i)
+    g = table[i, 2] + s * table[i, 3]
+    n = np.uint32(g)
+    return table[i, 0] + s * table[i, 1], n, g - np.float32(n)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _nearer(entry, distance):
-    """Share of an entry's pixels that are nearer than a distance between its ends.
-
-    Those at the ends are counted (a wall that faces the camera is one distance); the others have a density t^(k - 1) with their
-    mean.
-    """
-    span = entry[FARTHEST] - entry[NEAREST]
-    between = entry[COUNT] - entry[AT_NEAREST] - entry[AT_FARTHEST]
+def _between(entries, e, distance):
+    """Share of an entry's pixels that are nearer than a distance between its ends."""
+    first, last = entries[e, _blocks.NEAREST], entries[e, _blocks.FARTHEST]
+    between = entries[e, _blocks.COUNT] - entries[e, _blocks.AT_NEAREST] - entries[e, _blocks.AT_FARTHEST]
     if between < 0.5:
-        return entry[AT_NEAREST] / entry[COUNT]
-    mean = ((entry[DISTANCE] - entry[NEAREST]) * entry[COUNT] - entry[AT_FARTHEST] * span) / (between * span)
-    mean = min(max(mean, 1e-3), 1 - 1e-3)
-    return (entry[AT_NEAREST] + between * ((distance - entry[NEAREST]) / span) ** (mean / (1 - mean))) / entry[COUNT]
+        return entries[e, _blocks.AT_NEAREST] / entries[e, _blocks.COUNT]
+    inside = between * ((distance - first) / (last - first)) ** entries[e, _blocks.BETWEEN]
+    return (entries[e, _blocks.AT_NEAREST] + inside) / entries[e, _blocks.COUNT]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def level_rows(low, high, pixels, level, band, out):
-    """Levels above 0: what all blocks of `level` at the distances of `band` send to rows low to high."""
-    z, column, lever, u, _, depth_of = pixels
-    shape, shift, side, start, blocks, entries, spread = level
-    inner, outer, node, weight = band
-    width, channels, kinds = z.shape[1], out.shape[3], len(depth_of)
-    last_t, last_u = shape.shape[1] - 1.001, shape.shape[2] - NODES - 1.001
-    beam = np.empty((NODES, kinds), np.float32)
-    rows, columns = blocks
-    nearest, farthest = inner * inner, outer * outer
-    step = (len(node) - 1) / farthest
-    around, size = outer + 0.71, 1 / side
-    for y in range(low, high):
-        for x in range(width):
-            sums, distance = out[y, x], z[y, x]
-            for k in range(kinds):
-                _profile(shape[k], _place(column[y, x] + depth_of[k], last_t), _place(lever[y, x] + shift, last_u),
-                         u[y, x] * size, beam[:, k])
-            v, h = (y + 0.5) * size, (x + 0.5) * size
-            for by in range(max(math.floor(v - around), 0), min(math.floor(v + around) + 1, rows)):
-                across = around * around - (by + 0.5 - v) ** 2
-                if across <= 0:
-                    continue
-                across = math.sqrt(across)
-                for bx in range(max(math.ceil(h - across - 0.5), 0), min(math.floor(h + across - 0.5) + 1, columns)):
-                    for e in range(start[by * columns + bx], start[by * columns + bx + 1]):
-                        entry = entries[e]
-                        if distance <= entry[NEAREST]:
-                            nearer = 0.0
-                        elif distance > entry[FARTHEST]:
-                            nearer = 1.0
-                        else:
-                            nearer = _nearer(entry, distance)
-                        # light lies where it is bright, weights where the pixels are: without that a lamp's halo is not round
-                        square = ((entry[GLOW_Y] - y - 0.5) ** 2 + (entry[GLOW_X] - x - 0.5) ** 2) * (size * size)
-                        if nearest < square < farthest:
-                            w, n, g = _looked(square * step, node, weight)
-                            if nearer > 0:
-                                for k in range(kinds):
-                                    share = w * nearer * (spread[e, n, k] + g * (spread[e, n + 1, k] - spread[e, n, k]))
-                                    for c in range(k, channels, kinds):
-                                        sums[NEAR, c] += share * entry[FIRST + channels + c]
-                            if nearer < 1:
-                                for k in range(kinds):
-                                    share = w * (1 - nearer) * (beam[n, k] + g * (beam[n + 1, k] - beam[n, k]))
-                                    for c in range(k, channels, kinds):
-                                        sums[FAR, c] += share * entry[FIRST + c]
-                        square = ((entry[Y] - y - 0.5) ** 2 + (entry[X] - x - 0.5) ** 2) * (size * size)
-                        if nearest < square < farthest:
-                            w, n, g = _looked(square * step, node, weight)
-                            for k in range(kinds):
-                                share = w * entry[COUNT] * (beam[n, k] + g * (beam[n + 1, k] - beam[n, k]))
-                                sums[MET, k] += (1 - nearer) * share
-                                sums[REST, k] += nearer * share
-                            if nearer > 0:
-                                for k in range(kinds):
-                                    share = w * nearer * (spread[e, n, k] + g * (spread[e, n + 1, k] - spread[e, n, k]))
-                                    sums[SHARE, k] += share * entry[FIRST + 2 * channels + k]
+def level_targets(low, high, targets, kernels, level, band, out):
+    """Levels above 0: what all blocks of `level` at the distances of `band` send to targets low to high; out (N, SUMS, LANES)."""
+    mask, start, entries = level.blocks
+    spread, table = level.profiles, band.table
+    rows, columns = mask.shape
+    beam = np.zeros((1, NODES + 1, LANES), np.float32)
+    shape, depth_of = kernels.shape, kernels.depth_of
+    around, size = band.outer + 0.71, 1 / level.side
+    nearest, farthest = (band.inner * level.side) ** 2, (band.outer * level.side) ** 2
+    step = len(table) * (1 - 1e-6) / farthest  # single precision reaches no further than the last
+    for p in range(low, high):
+        y, x, distance, at = targets.y[p], targets.x[p], targets.distance[p], p * SUMS * LANES
+        _profile(shape, depth_of, targets.column[p], targets.lever[p] + level.shift,
+                 math.exp(kernels.first + kernels.step * targets.lever[p]) * size, 0, beam)
+        v, h = y * size, x * size
+        for by in range(max(math.floor(v - around), 0), min(math.floor(v + around) + 1, rows)):
+            across = around * around - (by + 0.5 - v) ** 2
+            if across <= 0:
+                continue
+            across = math.sqrt(across)
+            first, last = max(math.ceil(h - across - 0.5), 0), min(math.floor(h + across - 0.5) + 1, columns)
+            if first >= last:
+                continue
+            for e in range(np.uint64(start[by * columns + first]), np.uint64(start[by * columns + last])):
+                square = (entries[e, _blocks.Y] - y) ** 2 + (entries[e, _blocks.X] - x) ** 2
+                if nearest < square < farthest:
+                    if distance <= entries[e, _blocks.NEAREST]:
+                        nearer = 0.0
+                    elif distance > entries[e, _blocks.FARTHEST]:
+                        nearer = 1.0
+                    else:
+                        nearer = _between(entries, e, distance)
+                    w, n, g = _looked(square * step, table)
+                    if nearer > 0:
+                        share = np.float32(w * nearer)
+                        add_light(out, at + NEAR * LANES, spread, e * NODES + n, g, share, entries,
+                                  e * _blocks.ENTRY + _blocks.SENT)
+                        add_share(out, at + REST * LANES, beam, n, g, share * np.float32(entries[e, _blocks.COUNT]))
+                    if nearer < 1:
+                        add_light(out, at + FAR * LANES, beam, n, g, np.float32(w * (1 - nearer)), entries,
+                                  e * _blocks.ENTRY + _blocks.FIRST)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _shares(pixels, y, x, distance, along, o, table, out):
-    """Shares (K,) of a pixel's light in another one: at offset number o by the mean over the pixel, or else at its centre."""
-    shape, means = table.shape, table.means
-    column, lever, u, depth_of = pixels.column[y, x], pixels.lever[y, x], pixels.u[y, x], pixels.depth_of
-    last_t, last_u = shape.shape[1] - 1.001, shape.shape[2] - 1.001
-    v = lever if o >= 0 else lever + along
-    if o < 0 and v > last_u:
-        out[:] = 0
-        return
-    v = _place(v, last_u)
-    j = int(v)
-    g = v - j
-    factor = u if o >= 0 else u / distance
-    for c in range(len(out)):
-        t = _place(column + depth_of[c], last_t)
-        i = int(t)
-        f = t - i
-        if o >= 0:
-            out[c] = factor * ((1 - f) * ((1 - g) * means[c, i, j, o] + g * means[c, i, j + 1, o])
-                               + f * ((1 - g) * means[c, i + 1, j, o] + g * means[c, i + 1, j + 1, o]))
-        else:
-            out[c] = factor * ((1 - f) * ((1 - g) * shape[c, i, j] + g * shape[c, i, j + 1])
-                               + f * ((1 - g) * shape[c, i + 1, j] + g * shape[c, i + 1, j + 1]))
+def between_points(low, high, offset, fine, coarse, sums, out):
+    """Adds to targets the sums (n, SUMS, LANES) of points twice as far apart, linear between those of the same class.
 
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def every_pair(chosen, reach, pixels, table, remainder, out):
-    """The sums of chosen pixels (flat indices) over every pixel at most `reach` away along either axis; out (N, 5, C).
-
-    remainder : whether `REST` is wanted
+    low, high : rows of `fine`
+    offset : of a target from the lattice's corner, in its steps: 0 for points, 0.5 for pixels
     """
-    z, light, offset = pixels.distance, pixels.light, table.offset
-    height, width = z.shape
-    channels, kinds, near = out.shape[2], len(pixels.depth_of), len(offset)
-    share = np.empty(kinds)
-    for n in range(len(chosen)):
-        y, x = chosen[n] // width, chosen[n] % width
-        this, sums = z[y, x], out[n]
-        for yy in range(max(y - reach, 0), min(y + reach + 1, height)):
-            for xx in range(max(x - reach, 0), min(x + reach + 1, width)):
-                dy, dx = abs(yy - y), abs(xx - x)
-                o = offset[dy, dx] if dy < near and dx < near else -1
-                distance = math.sqrt(float(dy * dy + dx * dx))
-                along = math.log(distance) / table.step if o < 0 else 0.0
-                if z[yy, xx] < this:
-                    _shares(pixels, yy, xx, distance, along, o, table, share)
-                    for k in range(kinds):
-                        for c in range(k, channels, kinds):
-                            sums[NEAR, c] += share[k] * light[yy, xx, channels + c]
-                        sums[SHARE, k] += share[k] * light[yy, xx, 2 * channels + k]
-                    if remainder:
-                        _shares(pixels, y, x, distance, along, o, table, share)
-                        for k in range(kinds):
-                            sums[REST, k] += share[k]
-                else:
-                    _shares(pixels, y, x, distance, along, o, table, share)
-                    for k in range(kinds):
-                        for c in range(k, channels, kinds):
-                            sums[FAR, c] += share[k] * light[yy, xx, c]
-                        sums[MET, k] += share[k]
+    width, across = fine.mask.shape[1], coarse.mask.shape[1]
+    for y in range(low, high):
+        i = int(0.5 * (y + offset))
+        f = 0.5 * (y + offset) - i
+        for x in range(width):
+            j = int(0.5 * (x + offset))
+            g = 0.5 * (x + offset) - j
+            n, bits = fine.start[y * width + x], fine.mask[y, x]
+            while bits:
+                below = (bits & -bits) - 1
+                bits &= bits - 1
+                for k in range(4):
+                    weight = (f if k & 2 else 1 - f) * (g if k & 1 else 1 - g)
+                    if weight > 0:
+                        yy, xx = i + (k >> 1), j + (k & 1)
+                        m = coarse.start[yy * across + xx] + number_of(coarse.mask[yy, xx] & below)
+                        for s in range(SUMS):
+                            for c in range(LANES):
+                                out[n, s, c] += weight * sums[m, s, c]
+                n += 1

@@ -84,6 +84,36 @@ class Fog:
                          axis=-1)
         return power * np.exp(-(1 - albedo) * tau) * -np.expm1(-albedo * tau), back
 
+    def arriving(self, column, scattered, energy):
+        """The first of `powers` for many columns (...), of which so much is `scattered` (..., C): their ratio from a spline.
+
+        Within 1e-8 of it.  A pixel takes 0.1 us so, 1.8 us by `powers`.
+        """
+        with np.errstate(divide="ignore"):
+            at = np.log(np.asarray(column, float)[..., None] * self.sigma_t)
+        ratio = [spline(np.clip(at[..., c], spline.x[0], spline.x[-1])) for c, spline in enumerate(self._ratios(energy))]
+        return scattered * np.maximum(np.stack(ratio, axis=-1), 0)
+
+    def ratios(self, energy, finer):
+        """That ratio on equal steps of log tau, so many to each of the spline: nodes (N,), values (C, N)."""
+        splines = self._ratios(energy)
+        nodes = np.linspace(splines[0].x[0], splines[0].x[-1], finer * (len(splines[0].x) - 1) + 1)
+        return nodes, np.maximum([spline(nodes) for spline in splines], 0)
+
+    @lru_cache(maxsize=4)  # noqa: B019  # as below
+    def _ratios(self, energy):
+        """Splines of power over the share that is scattered, over log tau."""
+        from scipy.interpolate import CubicSpline
+
+        tau = np.geomspace(_columns.THIN, _columns.DEEPEST, 14 * 96 + 1)
+        splines = []
+        for c, (sigma_t, sigma_s) in enumerate(zip(self.sigma_t, self.sigma_s)):
+            scattered = -np.expm1(-tau / max(sigma_t, 1e-300) * sigma_s)
+            power = self.powers(tau / max(sigma_t, 1e-300), energy)[0][:, c]
+            ratio = np.divide(power, scattered, out=np.zeros_like(power), where=scattered > 0)
+            splines.append(CubicSpline(np.log(tau), ratio))
+        return splines
+
     def place(self, value, nodes):
         """Where values lie on the `nodes` (depth or ratio), as a fractional index inside of the table."""
         with np.errstate(divide="ignore"):
@@ -96,6 +126,12 @@ class Fog:
         return np.where(inside, _bilinear(self.shape[channel], i, j), 0.0)
 
     @lru_cache(maxsize=16)  # noqa: B019  # a few media, of a picture's whole life
+    def channels(self, first, last):
+        """The medium of some channels."""
+        several = ("sigma_t", "sigma_s", "g", "peak", "shape", "width", *(() if self.model_power is None else ("model_power",)))
+        return replace(self, **{name: getattr(self, name)[first:last] for name in several})
+
+    @lru_cache(maxsize=16)  # noqa: B019  # as above
     def cut(self, lengths):
         """The same with nothing beyond so many lengths (`width`), renormalised; the edge is one step of the table wide."""
         if lengths is None:

@@ -26,7 +26,7 @@ class View:
     energy, outside : as the scene says, or by default
     """
 
-    def __init__(self, scene, medium, density, camera, distance, threads):
+    def __init__(self, scene, medium, density, camera, distance, threads, points="final", card=False):
         """
         Parameters
         ----------
@@ -36,9 +36,12 @@ class View:
         camera : `renderers.camera.Camera`
         distance : (H, W) m, inf where there is no surface
         threads : of the filter
+        points : of `filter.POINTS`
+        card : whether the filter runs on a graphics card, with points at every pixel
         """
         height, width = distance.shape
         self._medium, self._threads, self._filter = medium, threads, scene.values.filter
+        self.points, self._card = "every pixel" if card else points, card
         self.rays, self.origin = camera.rays(height, width), camera.origin
         self.distance, self.sky = finite(scene, density, self.origin, distance)
         moments = density.integrals(self.origin, self.rays.reshape(-1, 3), self.distance.ravel()).reshape(height, width, 3)
@@ -69,8 +72,13 @@ class View:
         return noise.relative(self.unsure(error), float(np.mean(seen @ colour.LUMINANCE)))
 
     def _fogged(self, rgb, angle, distance, column, lever, progress=None):
-        return screen_filter.fogged(rgb, distance, angle, column, lever, self._medium, energy=self.energy, outside=self.outside,
-                                    cut_off=self._filter.cut_off, threads=self._threads, progress=progress)
+        arguments = rgb, distance, angle, column, lever, self._medium
+        options = {"energy": self.energy, "outside": self.outside, "cut_off": self._filter.cut_off}
+        if self._card:
+            from renderers.fog import on_drjit
+
+            return on_drjit.fogged(*arguments, **options)
+        return screen_filter.fogged(*arguments, **options, points=self.points, threads=self._threads, progress=progress)
 
     @cached_property
     def _glow(self):

@@ -44,7 +44,7 @@ import mitsuba as mi
 import numpy as np
 
 from renderers.mitsuba import tables as asset_tables
-from renderers.mitsuba.rows import JitRows, ScalarRows, pick
+from renderers.mitsuba.rows import JitRows, ScalarRows, between, pick
 
 
 def define():
@@ -99,16 +99,8 @@ class PhaseFunction:
             return [(0, 0, 0.0)]
         if not mi.is_spectral:
             return [(row, row, 0.0) for row in range(len(self.tables))]
-        knots = [1e3 * w for w in self.tables.wavelength]
-        return [self._between(knots, mei.wavelengths[k]) for k in range(len(mei.wavelengths))]
-
-    def _between(self, knots, wavelength):
-        lower, weight = mi.UInt32(0), mi.Float(0.0)
-        for row, (low, high) in enumerate(zip(knots, knots[1:])):
-            inside = wavelength >= low
-            lower = pick(inside, mi.UInt32(row), lower)
-            weight = pick(inside, dr.clip((wavelength - low) / (high - low), 0.0, 1.0), weight)
-        return lower, lower + 1, weight
+        places = (between(self.tables.wavelength, mei.wavelengths[k]) for k in range(len(mei.wavelengths)))
+        return [(lower, lower + 1, weight) for lower, weight in places]
 
     def lookup(self, array, channel, i, t, active):
         lower, upper, weight = channel

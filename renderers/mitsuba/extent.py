@@ -32,12 +32,12 @@ def seen(path) -> Extent:
     """Of a scene's file; UsageError where it cannot be loaded, has no camera, or that sees no surface."""
     world = World(path, size=_SIZE)
     if world.camera is None:
-        raise UsageError(f"{path}: found no sensor; a scene with a perspective camera would do")
+        raise UsageError(f"{path}: found no sensor; expected a scene with a perspective camera")
     pixels = np.indices(_SIZE).reshape(2, -1).T
     distance = world.trace(*world.camera_rays(np.full(pixels.shape, 0.5), pixels), FAR)
     distance = distance[np.isfinite(distance)]
     if not len(distance):
         raise UsageError(f"{path}: found no surface before the camera, so nothing says how large the scene is; "
-                         "a scene with a surface in view would do")
+                         "expected a scene with a surface in view")
     corners = np.concatenate([world.box, [world.camera.origin]])
     return Extent(float(np.median(distance)), corners.min(axis=0), corners.max(axis=0), world.sky)

@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from renderers.mitsuba import layers
-from renderers.mitsuba.rows import pick
+from renderers.mitsuba.rows import between, pick
 
 LEAST = 1e-6  # cosine; single precision has no smaller ones to add to
 
@@ -94,18 +94,11 @@ class Values:
         """[(row, weight), ...] of each channel; rows are numbers or UInt32 arrays."""
         if self._channels:
             return self._channels
-        knots = [1e3 * wavelength for wavelength in self.layer.wavelength]
+        knots = self.layer.wavelength
         if len(knots) == 1:
             return [[(0, 1.0)]]
-        return [self._between(knots, si.wavelengths[k]) for k in range(len(si.wavelengths))]
-
-    def _between(self, knots, wavelength):
-        lower, weight = mi.UInt32(0), mi.Float(0.0)
-        for row, (lower_knot, upper_knot) in enumerate(zip(knots, knots[1:], strict=False)):
-            inside = wavelength >= lower_knot
-            lower = pick(inside, mi.UInt32(row), lower)
-            weight = pick(inside, dr.clip((wavelength - lower_knot) / (upper_knot - lower_knot), 0.0, 1.0), weight)
-        return [(lower, 1 - weight), (lower + 1, weight)]
+        places = (between(knots, si.wavelengths[k]) for k in range(len(si.wavelengths)))
+        return [[(lower, 1 - weight), (lower + 1, weight)] for lower, weight in places]
 
     def _coordinate(self, mu, inner):
         s = mu if self.index > 1 and not self.rough else dr.sqrt(inner)

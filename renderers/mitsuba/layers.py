@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import functools
 import math
-import os
 from typing import NamedTuple
 
 import numpy as np
 
-from bakery.errors import AssetError, UsageError
+from bakery.errors import UsageError
 from bakery.kernels import surface_reflectance, surface_transmittance
 from bakery.system.compiled import njit
 from renderers import colour
-from renderers.mitsuba.tables import open_asset
+from renderers.mitsuba.tables import open_asset, state_of
 
 CELLS = 32  # of each direction and of the azimuth; a power of two, as they are looked for by halving
 _EVEN = 0.1  # share of directions that are drawn by the cosine alone
@@ -69,16 +68,11 @@ class Cells(NamedTuple):
 
 def load(path, layer: int) -> Layer:
     """A layer of an asset file; kept in memory until the file changes."""
-    try:
-        state = os.stat(path)
-    except OSError as error:
-        raise AssetError(f"{path}: cannot be read: {error.strerror}; give the path of a baked asset, "
-                         "`bake RECIPE` makes one") from None
-    return _load(os.path.abspath(path), layer, state.st_mtime_ns, state.st_size)
+    return _load(layer, *state_of(path))
 
 
 @functools.lru_cache(maxsize=8)
-def _load(path, layer, modified, size) -> Layer:
+def _load(layer, path, modified, size) -> Layer:
     return layer_of(open_asset(path, ("surface",)), layer)
 
 
@@ -94,7 +88,7 @@ def layer_of(asset, layer: int = 0) -> Layer:
     result = Layer(np.asarray(asset.wavelength, float), table, errors.largest)
     if (gain := gained(table)) > _GAIN:
         raise UsageError(f"layer {layer} sends on {100 * gain:.2g} % more light than it gets: its forward peak deflects light "
-                         "several times, which is counted as if once; a thicker or a thinner layer, or a base would do")
+                         "several times, which is counted as if once; use a thicker or a thinner layer, or a base")
     return result
 
 

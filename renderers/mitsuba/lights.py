@@ -55,13 +55,13 @@ def _faults(emitter):
     for key, values in _parameters(emitter):
         name = key.removesuffix(".value")
         if not np.all(np.isfinite(values)):
-            faults.append(f"{name} is {_shown(values, ~np.isfinite(values))}; finite numbers would do")
+            faults.append(f"{name} is {_shown(values, ~np.isfinite(values))}; expected finite numbers")
         elif _is_strength(key, values) and np.any(values < 0):
-            faults.append(f"{name} is {_shown(values, values < 0)}; 0 and above would do")
+            faults.append(f"{name} is {_shown(values, values < 0)}; expected 0 and above")
         elif key == "cutoff_angle" and not np.all(values > 0):
-            faults.append(f"{name} is {_shown(values, values <= 0)}; an angle above 0 would do")
+            faults.append(f"{name} is {_shown(values, values <= 0)}; expected an angle above 0")
     if shape is not None and not (area := float(np.max(np.array(shape.surface_area())))) > 0:
-        faults.append(f"its shape has an area of {area:g}; a shape of some size would do")
+        faults.append(f"its shape has an area of {area:g}; expected a shape of some size")
     return faults
 
 

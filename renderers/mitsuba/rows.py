@@ -14,6 +14,17 @@ def pick(condition, a, b):
     return dr.select(condition, a, b) if dr.is_jit_v(condition) else (a if condition else b)
 
 
+def between(knots, wavelength):
+    """The row of a table below a wavelength, and the weight of the next one.  knots : um, of the rows;  wavelength : nm"""
+    lower, weight = mi.UInt32(0), mi.Float(0.0)
+    for row, (low, high) in enumerate(zip(knots, knots[1:])):
+        low, high = 1e3 * low, 1e3 * high
+        inside = wavelength >= low
+        lower = pick(inside, mi.UInt32(row), lower)
+        weight = pick(inside, dr.clip((wavelength - low) / (high - low), 0.0, 1.0), weight)
+    return lower, weight
+
+
 class JitRows:
     """Rows of a table in device memory; `row` and `i` are UInt32 arrays."""
 

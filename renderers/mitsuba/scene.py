@@ -61,7 +61,7 @@ def load(path, *, colour="rgb", variant=None, parameters=None, sensor=True, inte
     if sensor and not scene.sensors():
         raise UsageError(f"{path}: the scene has no sensor, so there is no view to render")
     if integrator and scene.integrator() is None:
-        raise UsageError(f'{path}: the scene has no integrator; <integrator type="path"/> or another one would do')
+        raise UsageError(f'{path}: the scene has no integrator; expected <integrator type="path"/> or another one')
     lights.refuse(path, scene)
     return scene, chosen, reason
 
@@ -72,8 +72,8 @@ def _of_plugin(path):
     return kind(f"{path}: {faults[-1]}")
 
 
-def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=None, spp=None, tolerance=0.0,
-                 time_limit=None, seed=0, parameters=None, progress=None, overwrite=False) -> dict:
+def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=None, seed=0, parameters=None,
+                 progress=None, overwrite=False) -> dict:
     """Renders an XML scene to a PNG and an EXR file beside each other.
 
     Parameters
@@ -83,8 +83,7 @@ def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=N
     colour : `rgb`, `mono`, `spectral` or `spectral_polarized`; the machine's best variant of that kind is used
     variant : a variant by name, instead
     quality : `final` takes the samples that the scene asks for, `preview` a quarter, `draft` a sixteenth
-    spp : samples a pixel, instead
-    tolerance, time_limit, seed, progress : as in `passes.render`
+    seed, progress : as in `passes.render`
     parameters : dict, `$name` in the scene -> value
     overwrite : replace also files that are no such pictures; never one that the scene reads
 
@@ -106,10 +105,10 @@ def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=N
     pair = images.output_pair(output, inputs.files_of(scene_path, parameters), overwrite)
     scene, chosen, reason = load(scene_path, colour=colour, variant=variant, parameters=parameters, integrator=True)
     images.refuse_too_large(scene_path, *reversed([int(side) for side in scene.sensors()[0].film().crop_size()]))
-    samples = spp or max(1, round(scene.sensors()[0].sampler().sample_count() / coarser**2))
+    samples = max(1, round(scene.sensors()[0].sampler().sample_count() / coarser**2))
     try:
-        picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-samples // 8)), tolerance=tolerance,
-                                time_limit=time_limit, seed=seed, progress=progress)
+        picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-samples // 8)), seed=seed,
+                                progress=progress)
     except RuntimeError:
         if faults:
             raise _of_plugin(scene_path) from None

@@ -34,7 +34,7 @@ def camera_of(sensor, path, width, height):
             break
         plane.append(direction / (direction @ ahead))
     if not plane or np.abs(plane[1] + plane[2] - plane[0] - plane[3]).max() > 1e-4 * np.abs(plane[3] - plane[0]).max():
-        raise UsageError(f"{path}: the first sensor is of the kind {sensor.class_name()}; a perspective camera would do")
+        raise UsageError(f"{path}: the first sensor is of the kind {sensor.class_name()}; expected a perspective camera")
     return Camera(origin, plane[0], (plane[1] - plane[0]) / width, (plane[2] - plane[0]) / height)
 
 

@@ -130,12 +130,17 @@ def open_asset(path, stages=("medium",)):
 
 def load(path) -> Tables:
     """The tables of an asset file; kept in memory until the file changes."""
+    return _load(*state_of(path))
+
+
+def state_of(path) -> tuple[str, int, int]:
+    """An asset file's path, time and size; AssetError where it cannot be read."""
     try:
         state = os.stat(path)
     except OSError as error:
         raise AssetError(f"{path}: cannot be read: {error.strerror}; give the path of a baked asset, "
                          "`bake RECIPE` makes one") from None
-    return _load(os.path.abspath(path), state.st_mtime_ns, state.st_size)
+    return os.path.abspath(path), state.st_mtime_ns, state.st_size
 
 
 @functools.lru_cache(maxsize=16)

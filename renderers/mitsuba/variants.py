@@ -6,6 +6,8 @@ import functools
 import importlib.util
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from typing import NamedTuple
 
 from bakery.errors import BakeryError, UsageError
@@ -27,6 +29,16 @@ class Choice(NamedTuple):
     reason: str
 
 
+def on_gpu(variant: str) -> bool:
+    """Whether a variant runs on a graphics card."""
+    return variant.startswith("cuda")
+
+
+def clock(variant: str) -> Callable[[], float]:
+    """Seconds that a variant's work takes: of all processors, or, where these wait for a graphics card, of the clock."""
+    return time.monotonic if on_gpu(variant) else time.process_time
+
+
 def require_mitsuba() -> None:
     """Raises MissingMitsuba, naming the extra, where Mitsuba cannot be imported."""
     if importlib.util.find_spec("mitsuba") is None:
@@ -36,7 +48,7 @@ def require_mitsuba() -> None:
 def decide(cuda: bool, llvm: tuple[int, ...], colour: str = "mono") -> Choice:
     """The choice for a machine whose CUDA works or not and whose LLVM has this version ((-1, -1, -1): none usable)."""
     if colour not in _NAMES:
-        raise UsageError(f"variants: colour {colour!r}; one of {', '.join(_NAMES)} would do")
+        raise UsageError(f"variants: colour {colour!r}; expected one of {', '.join(_NAMES)}")
     suffix, scalar = _NAMES[colour]
     names, reason = [scalar], ""
     version = ".".join(map(str, llvm))
@@ -83,7 +95,7 @@ def activate(colour: str = "mono", variant: str | None = None) -> tuple[str, str
         mi.set_variant(variant)
     except ImportError as error:
         raise UsageError(f"variant {variant!r} does not work on this machine: {error}; "
-                         f"{', '.join(choice.names)} would do") from None
+                         f"expected {', '.join(choice.names)}") from None
     return variant, "asked for"
 
 

@@ -101,7 +101,7 @@ def _particles(scene, world, asset, spectra, number, method):
         return Content(Particles(region, tabulated), stands, reasons)
     if np.any(tabulated.host) and region.kind != kernels.BOX:
         raise scene.wrong(f"materials[{number}].method", f"found {method.name}, but the host of the particles absorbs light "
-                          f"in the whole box, also beside the mesh or the grid; method {chosen(entry.kind, 'auto')} would do")
+                          f"in the whole box, also beside the mesh or the grid; expected method {chosen(entry.kind, 'auto')}")
     return Content(stands, stands, (*reasons, f"materials[{number}]: no particle is told apart"))
 
 
@@ -132,5 +132,5 @@ def _region(scene, number):
     values, lo, hi = grids.placed(scene, key, where)
     most = float(np.max(values))
     if not most > 0:
-        raise scene.wrong(f"{key}.grid", "found densities that are 0 everywhere; a cloud would do")
+        raise scene.wrong(f"{key}.grid", "found densities that are 0 everywhere; expected a cloud")
     return regions.Grid(lo, hi, np.asarray(values, float) / most)

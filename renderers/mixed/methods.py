@@ -119,7 +119,7 @@ def _refuse_twins(scene, filled):
         for earlier, earlier_box in boxes:
             if np.allclose(box, earlier_box, rtol=0, atol=1e-9 * float(np.ptp(earlier_box, axis=0).max())):
                 raise scene.wrong(f"materials[{number}].where", f"found the box of materials[{earlier}], so that neither is "
-                                  "inside of the other; a larger or a smaller one would do")
+                                  "inside of the other; use a larger or a smaller one")
         boxes.append((number, box))
 
 
@@ -132,4 +132,4 @@ def _refuse_overlap(scene, filled):
     if reaching := material.overlap([content.grains for content in packed], [tuple(content.region) for content in packed]):
         outer, inner, deep = reaching
         raise scene.wrong(f"materials[{numbers[inner]}].where.mesh", f"reaches {deep:.2g} m into the mesh of "
-                          f"materials[{numbers[outer]}]; meshes that do not overlap, but may touch, would do")
+                          f"materials[{numbers[outer]}]; use meshes that do not overlap, but may touch")

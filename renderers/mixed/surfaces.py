@@ -58,8 +58,8 @@ def _put(scene, world, asset, number) -> Placed:
 
 def _refuse_without(scene, asset, number) -> None:
     if "surface" not in asset.stages:
-        raise scene.wrong(f"materials[{number}].method", f"found surface, and {asset.path} has no stage surface; a section "
-                          "surface: {thickness: infinite} in its recipe would do, or another method")
+        raise scene.wrong(f"materials[{number}].method", f"found surface, and {asset.path} has no stage surface; use a section "
+                          "surface: {thickness: infinite} in its recipe, or another method")
 
 
 def spread(asset, layer: int = 0) -> np.ndarray:
@@ -105,7 +105,7 @@ def _spread_in_words(scene, world, asset, layer, shape, size) -> str:
     pixel = nearest * angle
     compared = (f"a pixel is {_length(pixel)} wide at the nearest of its box, and that {_length(size)}: regions of a ball as "
                 f"wide would be off by {100 * _OFF * far / (0.5 * size):.2g} % or less")
-    verdict = "; another method would do where it is near" if far > pixel else ""
+    verdict = "; use another method where it is near" if far > pixel else ""
     return f"{words}; {compared}{verdict}"
 
 

@@ -113,7 +113,7 @@ def jobs(path, names: Sequence[str], folder, settings, seed=None) -> list[Job]:
     of_method, stems = {name: _settings(name, key, methods, listed) for name in names}, [_stem(name) for name in names]
     for name, stem in zip(names, stems):
         if stems.count(stem) > 1:
-            raise UsageError(f"found {name} twice; each method once would do")
+            raise UsageError(f"found {name} twice; use each method once")
     # a filter has no passes: with the same noise in what it filters its methods compare best
     seeds = [(seed or 0) + _place(name, of_method[name][key], methods) if rules.RESUMES else seed for name in names]
     loaded = [denoise.without(scene.load(path, {**settings, **of_method[name]})) for name in names]
@@ -125,13 +125,13 @@ def _settings(name, key, methods, listed) -> dict[str, str]:
     """Dotted key -> value of `METHOD:KEY=VALUE:…`; keys of entries are set in all of them, of which there are `listed`."""
     method, *further = name.split(":")
     if method not in methods:
-        raise UsageError(f'found "{method}", which is no method of this scene; {fields.one_of(methods)} would do'
+        raise UsageError(f'found "{method}", which is no method of this scene; expected {fields.one_of(methods)}'
                          f"{fields.nearest(method, methods)}")
     settings, section = {key: method}, key.rpartition(".")[0]
     for setting in further:
         beside, equals, value = setting.partition("=")
         if not equals or not beside:
-            raise UsageError(f'found "{name}"; METHOD:KEY=VALUE would do, of a key beside {key}')
+            raise UsageError(f'found "{name}"; expected METHOD:KEY=VALUE, of a key beside {key}')
         if listed and re.split(r"[.\[]", beside)[0] in entries.Entry.model_fields:
             settings |= {f"materials[{i}].{beside}": value for i in range(listed)}
         else:

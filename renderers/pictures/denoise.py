@@ -85,7 +85,7 @@ def fault() -> str:
 def refuse_absent(scene) -> None:
     """Raises UsageError where a scene says `denoise: yes` and the package is not there: before any work, not after it."""
     if getattr(scene.values, "denoise", "no") == "yes" and (why := fault()):
-        raise scene.wrong("denoise", f"found yes, which takes the package {PACKAGE} ({why}); {EXTRA}, or denoise: auto, would do")
+        raise scene.wrong("denoise", f"found yes, which takes the package {PACKAGE} ({why}); use {EXTRA}, or denoise: auto")
 
 
 def without(scene):
@@ -108,7 +108,7 @@ def chosen(values, quality, shared) -> tuple[bool, list[str]]:
     if wish == "no" or wish == "auto" and quality not in _COARSE:
         return False, []
     if why := fault():
-        return False, [f"the noise is not taken out: that takes the package {PACKAGE} ({why}); {EXTRA} would do"]
+        return False, [f"the noise is not taken out: that takes the package {PACKAGE} ({why}); use {EXTRA}"]
     if wish == "auto" and shared:
         return False, [f"the noise is not taken out: {shared} (denoise: yes does so all the same)"]
     return True, [f"the filter leaves blotches of the noise: {shared}"] if shared else []

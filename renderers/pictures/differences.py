@@ -77,11 +77,11 @@ def read(path, name) -> Picture:
     """
     channels, text = bitmaps.read(path)
     if not {"R", "G", "B"} <= channels.keys():
-        raise UsageError(f"{path}: holds no channels R, G and B, only {', '.join(channels)}; another picture would do")
+        raise UsageError(f"{path}: holds no channels R, G and B, only {', '.join(channels)}; use another picture")
     estimate = signed.estimate_of(channels)  # means over many pixels and pictures: what noise takes away belongs to them
     rgb = np.stack([channels[f"{estimate}{c}"] for c in "RGB"], axis=-1).astype(float)
     if not np.isfinite(rgb).all():
-        raise UsageError(f"{path}: holds values that are no numbers; another picture would do")
+        raise UsageError(f"{path}: holds values that are no numbers; use another picture")
     noise, error = channels.get(f"{estimate}noise.Y"), progressive.error_of_mean(text)
     return Picture(name, rgb, None if noise is None else noise.astype(float) ** 2, None if error is None else float(error[3]))
 
@@ -190,5 +190,5 @@ def same_size(picture: Picture, reference: Picture, path) -> None:
     """UsageError where the reference, from a file or of a method, has another size than a picture."""
     if picture.rgb.shape != reference.rgb.shape:
         (height, width), (other_high, other_wide) = picture.rgb.shape[:2], reference.rgb.shape[:2]
-        raise UsageError(f"{path}: has {other_wide} x {other_high} pixels, and {picture.name} {width} x {height}; a reference of "
-                         "that size would do, or film: {width: …, height: …} of the scene")
+        raise UsageError(f"{path}: has {other_wide} x {other_high} pixels, and {picture.name} {width} x {height}; use a "
+                         "reference of that size, or film: {width: …, height: …} of the scene")

@@ -139,7 +139,7 @@ def refuse_name(path):
     try:
         os.path.abspath(path).encode()
     except UnicodeEncodeError:
-        raise UsageError(f"{path}: a name that is no UTF-8, which Mitsuba cannot open; another name would do") from None
+        raise UsageError(f"{path}: a name that is no UTF-8, which Mitsuba cannot open; use another name") from None
 
 
 def output_pair(output, inputs=(), overwrite=False):

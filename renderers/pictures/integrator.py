@@ -27,7 +27,7 @@ def define(name, inside):
         def __init__(self, props):
             super().__init__(props)
             if not mi.variant().endswith("_ad_rgb"):
-                raise UsageError(f"{name}: variant {mi.variant()}; one that works on arrays of colours would do, such as "
+                raise UsageError(f"{name}: variant {mi.variant()}; expected one that works on arrays of colours, such as "
                                  "llvm_ad_rgb")
             self.inside = inside(props)
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from bakery.errors import BakeryError, UsageError
 from renderers import scene
+from renderers.mitsuba import variants
 from renderers.pictures import denoise, passes, running
 from renderers.pictures.picture import DENOISED, NOISE, PICTURE, Picture, words_of
 
@@ -29,7 +30,7 @@ def refuse_other(scene) -> None:
     """Raises UsageError where a scene's renderer goes by no passes."""
     if not scene.rules.RESUMES:
         raise UsageError(f"{scene.path}: the renderer {scene.section} makes its picture at once, not by passes, so that there is "
-                         "nothing to see before its end; bake render without --live would do")
+                         "nothing to see before its end; use bake render without --live")
 
 
 def _prepared(path, output, begins=None, *, overrides=None, variant=None, seed=None, resume=False, **options) -> passes.Rendering:
@@ -195,7 +196,7 @@ class Watch:
     def begin(self, rendering) -> None:
         """The passes of a `renderers.pictures.passes.Rendering` begin."""
         stop, (height, width) = rendering.stop, rendering.estimate.identity["size"]
-        clock = time.monotonic if rendering.variant.startswith("cuda") else time.process_time
+        clock = variants.clock(rendering.variant)
         self._rendering, self._drawn, self._filtered = rendering, Allowance(SHARE, clock), Allowance(SHARE, clock)
         self._seconds["filter"] = _A_PIXEL * height * width
         self._filters = denoise.chosen(rendering.job.scene.values, rendering.job.quality, "")[0]

@@ -58,8 +58,8 @@ def block_edge(asset, packed=False) -> tuple[float, str]:
     return float(lengths[words]), f"{words} at {asset.wavelength[int(np.argmax(limits[words][1]))]:.3f} um"
 
 
-def preview(asset_path, output_path, *, quality="preview", width=None, spp=None, tolerance=None, time_limit=None, variant=None,
-            seed=0, denoise=True, progress=None, overwrite=False) -> dict:
+def preview(asset_path, output_path, *, quality="preview", panel=None, variant=None, seed=0, denoise=True, progress=None,
+            overwrite=False) -> dict:
     """Renders the standard preview to a PNG and an EXR file beside each other.
 
     An asset of packed grains has two panels side by side: its exemplar grains, and a block of their equivalent medium.
@@ -68,11 +68,9 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
     ----------
     asset_path : a baked asset with a `medium`, or with `grains`, or both
     output_path : `X.png` or `X.exr`; both are written
-    quality : `draft`, `preview` or `final`: defaults of the next four
-    width : pixels of a panel
-    spp : samples a pixel and wavelength, at most
-    tolerance : noise at which to stop: root mean square standard error of the luminance over its mean
-    time_limit : seconds after which no further pass starts, for all panels together
+    quality : `draft`, `preview` or `final`
+    panel : `bakery.grammar.qualities.Panel`, width, samples, noise (root mean square standard error of the luminance over its
+        mean) and seconds, of all panels together, instead of those of the quality
     variant : of Mitsuba; default the best that the machine can run
     denoise : whether the PNG shows the filtered picture; the EXR never does
     progress : function of (fraction 0 to 1, noise so far or None), called after each wavelength of each pass
@@ -92,7 +90,9 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
     AssetError : a damaged asset, or one without a medium and grains
     """
     begin = time.monotonic()
-    usual = qualities.quality(quality).panel
+    width, spp, tolerance, time_limit = panel or qualities.quality(quality).panel
+    if width < 16 or spp < 1:
+        raise UsageError(f"width {width}, samples {spp}: at least 16 pixels and 1 sample are needed")
     images.refuse_name(asset_path)
     pair = images.output_pair(output_path, [asset_path], overwrite)
     asset, asset_path = asset_tables.open_asset(asset_path, ("grains", "medium")), os.path.abspath(asset_path)
@@ -100,23 +100,22 @@ def preview(asset_path, output_path, *, quality="preview", width=None, spp=None,
     edge, words = block_edge(asset, "grains" in groups) if "medium" in groups else (0.0, "")
     shown = grains.grains_of(asset) if "grains" in groups else None
     chosen, reason = _variant(variant)
-    width, spp, tolerance, time_limit = _limits((width, spp, tolerance, time_limit), usual)
     panels = _panels(asset, asset_path, shown, edge, words, (width, width * 5 // 8), chosen)
     rendered = []
-    for i, panel in enumerate(panels):
-        clear_heap = panel.shows == "medium" and shown and np.max(asset.medium.albedo) > 1 - HEAP_CLEAR
+    for i, shown_panel in enumerate(panels):
+        clear_heap = shown_panel.shows == "medium" and shown and np.max(asset.medium.albedo) > 1 - HEAP_CLEAR
         samples = max(1, round(HEAP_SAMPLES * spp)) if clear_heap else spp
-        picture = passes.render(panel.scenes(), colour.srgb_matrix(asset.wavelength), samples=samples,
+        picture = passes.render(shown_panel.scenes(), colour.srgb_matrix(asset.wavelength), samples=samples,
                                 per_pass=max(1, min(4, spp // 2)), tolerance=tolerance, time_limit=time_limit / len(panels),
                                 seed=seed, progress=share(progress, i / len(panels), (i + 1) / len(panels)))
-        rendered.append(_rendered(panel, picture, denoise))
+        rendered.append(_rendered(shown_panel, picture, denoise))
     gap = max(1, width // 96)
-    bitmaps.write(pair, _beside([panel.display for panel in rendered], gap), _beside([panel.linear for panel in rendered], gap),
+    bitmaps.write(pair, _beside([item.display for item in rendered], gap), _beside([item.linear for item in rendered], gap),
                   {PREVIEW_OF: asset.content_hash})
     report = {"files": [str(path) for path in pair], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
               **_figures(rendered, width, gap)}
-    for panel in panels:
-        report |= panel.report()
+    for shown_panel in panels:
+        report |= shown_panel.report()
     return report
 
 
@@ -182,17 +181,9 @@ def _variant(asked):
     """Mitsuba's variant for one wavelength at a time, which is set, and why it is that one."""
     chosen, reason = variants.activate("mono", asked)
     if "mono" not in chosen and not chosen.startswith("scalar"):
-        raise UsageError(f"variant {chosen!r}: the preview renders one wavelength at a time; llvm_ad_mono, cuda_ad_mono or "
-                         "scalar_rgb would do")
+        raise UsageError(f"variant {chosen!r}: the preview renders one wavelength at a time; expected llvm_ad_mono, "
+                         "cuda_ad_mono or scalar_rgb")
     return chosen, reason
-
-
-def _limits(requested, usual):
-    """Width, samples, noise and time: those of `usual` where none is requested."""
-    width, spp, tolerance, time_limit = (b if a is None else a for a, b in zip(requested, usual))
-    if width < 16 or spp < 1:
-        raise UsageError(f"width {width}, spp {spp}: at least 16 pixels and 1 sample are needed")
-    return width, spp, tolerance, time_limit
 
 
 def _panels(asset, asset_path, shown, edge, words, size, chosen) -> list[Panel]:

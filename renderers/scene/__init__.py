@@ -29,11 +29,9 @@ from importlib import import_module
 from pathlib import Path
 from xml.etree import ElementTree
 
-from pydantic import ValidationError
-
 from bakery.errors import Problem, RecipeError, UsageError
 from bakery.grammar import fields, files, overrides, text
-from bakery.grammar.problems import distinct, places, translate
+from bakery.grammar.problems import distinct, no_keys, places, validated
 from bakery.grammar.text import Mapping, Node
 from renderers.scene import budget, common, entries, former, frames
 from renderers.scene.common import FORMAT, Every, names_at, node_at, value_at
@@ -154,7 +152,7 @@ class Scene:
 
     def no_camera(self) -> UsageError:
         """What to raise where neither the scene nor its Mitsuba file has one."""
-        return self.wrong("camera", "there is no camera; camera: {origin: …, target: …, fov: …} would do")
+        return self.wrong("camera", "there is no camera; expected camera: {origin: …, target: …, fov: …}")
 
 
 def load(path, settings: MappingType[str, str] | None = None, *, assets: bool = True, frame: int | None = None) -> Scene:
@@ -176,10 +174,7 @@ def load(path, settings: MappingType[str, str] | None = None, *, assets: bool = 
     source, tree = _read(path)
     problems = tree.problems + overrides.apply(source, tree, settings or {})[1]
     if not isinstance(tree.root, Mapping):
-        content = "nothing" if tree.root is None else fields.describe(tree.root)
-        expected = f"expected `key: value` lines; a scene starts with `bakery_scene: {FORMAT}`"
-        position = None if tree.root is None else tree.root.place.begin
-        raise RecipeError([*problems, source.problem(position, "", f"found {content}", expected)])
+        raise RecipeError([*problems, no_keys(source, tree.root, f"a scene starts with `bakery_scene: {FORMAT}`")])
     settings = dict(settings or {})
     if frame is not None:
         texts, wrong = _framed(path, source, tree.root, frame, settings)
@@ -192,13 +187,8 @@ def load(path, settings: MappingType[str, str] | None = None, *, assets: bool = 
     if written:
         section = renderer_of([entry.kind for entry in written], [entry.method for entry in written])
     model = entries.SceneFile if section in OF_MATERIALS or section == "materials" else _rules(section).SceneFile
-    values: dict = {}
-    try:
-        parsed = model.model_validate(tree.root, context=values)
-    except ValidationError as error:
-        parsed = None
-        problems += [problem for fault in error.errors(include_url=False) for problem in translate(fault)
-                     if not (written and problem.key in entries.OF_ENTRIES)]
+    parsed, values, wrong = validated(model, tree.root)
+    problems += [problem for problem in wrong if not (written and problem.key in entries.OF_ENTRIES)]
     if section == "materials":  # it has no entries
         raise RecipeError(distinct(problems))
     keys = _keys_of_files(section, len(written), lambda key: node_at(tree.root, key))
@@ -355,7 +345,7 @@ def _read(path: Path) -> tuple[text.Source, text.Tree]:
 def _parsed(path: Path) -> tuple[text.Source, text.Tree]:
     """Text and tree; what the grammar says of recipes holds for scenes."""
     try:
-        source = text.Source(text.label_of(path), text.decode(files.read_recipe(path), text.label_of(path)))
+        source = files.source_of(path)
         tree = text.parse(source)
     except RecipeError as error:
         raise RecipeError(map(_of_scenes, error.problems)) from None

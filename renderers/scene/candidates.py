@@ -85,7 +85,8 @@ def medium_for(kind: str) -> str | None:
 def _of_several(materials):
     first = [beside(entry.kind)[0] for entry in materials]
     asked = [method if entry.method == "auto" else entry.method for method, entry in zip(first, materials, strict=True)]
-    groups, inexact = _groups(materials), [_stands(entry, method) for entry, method in zip(materials, asked, strict=True)]
+    groups, inexact = _groups(materials), [
+        entries.declared(entry.kind)[method].continuous for entry, method in zip(materials, asked, strict=True)]
     combinations = [_combined(materials, asked, numbers) for numbers in _chosen(groups)]
     if any(inexact):  # by hand: what they are not tells how far they are off
         explicit = [exact if stands else method for exact, method, stands in zip(first, asked, inexact, strict=True)]
@@ -118,10 +119,6 @@ def _combined(materials, methods, replaced, eligible=True):
     return Candidate(_named(materials, methods), tuple(methods), all(method.exact for method in declared),
                      lambda tolerance: math.hypot(*(method.error(tolerance) for method in declared)),
                      max(method.pilot for method in declared), media=media, replaced=tuple(replaced), eligible=eligible)
-
-
-def _stands(entry, method):
-    return entries.declared(entry.kind)[method].continuous
 
 
 def _named(materials, methods):

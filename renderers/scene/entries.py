@@ -294,7 +294,7 @@ def _groups(path: File) -> set[str] | None:
 
 def _sections(path: File) -> set[str] | None:
     try:
-        root = text.parse(text.Source(path.name, text.decode(files.read_recipe(path), path.name))).root
+        root = text.parse(files.source_of(path, path.name)).root
         return set(root) if isinstance(root, Mapping) else None
     except (BakeryError, OSError):
         return None  # reading the recipe says what is wrong with it

@@ -50,7 +50,7 @@ def numbers(text: str) -> tuple[int, ...]:
             if match else (0, 0, 0)
         last = last if match and match[2] else first
         if not 1 <= first <= last <= MOST or step < 1:
-            raise UsageError(f"--frames: found {show(text)}; 1-48, 1,5,9 or 1-48:2 would do, of frames from 1 to {MOST:,}")
+            raise UsageError(f"--frames: found {show(text)}; expected 1-48, 1,5,9 or 1-48:2, of frames from 1 to {MOST:,}")
         asked.update(range(first, last + 1, step))
     return tuple(sorted(asked))
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 import os
 import struct
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from bakery.errors import UsageError
+from bakery.grammar import grids
+from bakery.grammar.units import Wrong
 from bakery.system.memory import free_memory
 
 MOST = 1 << 30  # values: 1024^3
-_FILTERS = {"gzip", "lzf", None}
 _HEAD = struct.Struct("<3sB5i6f")  # VOL: magic, version, encoding, X, Y, Z, channels, box
 
 
@@ -38,11 +40,12 @@ def read(path, dataset=None):
     readers = {".h5": _hdf5, ".hdf5": _hdf5, ".npy": _npy, ".vol": _vol}
     reader = readers.get(path.suffix.lower())
     if reader is None:
-        raise UsageError(f"{path}: found the ending {path.suffix or 'of no kind'}; {', '.join(readers)} would do")
+        raise UsageError(f"{path}: found the ending {path.suffix or 'of no kind'}; expected {', '.join(readers)}")
     try:
-        values, *box = reader(path, dataset)
+        with _named(path):
+            values, *box = reader(path, dataset)
     except MemoryError:
-        raise UsageError(f"{path}: does not fit into memory; a coarser grid would do") from None
+        raise UsageError(f"{path}: does not fit into memory; use a coarser grid") from None
     except (OSError, ValueError, KeyError, RuntimeError, EOFError, TypeError) as error:
         raise UsageError(f"{path}: cannot be read ({error})") from None
     _check_values(path, values)
@@ -63,19 +66,29 @@ def placed(scene, key, where):
     lo, hi = (np.array(requested if requested is not None else stored, float)
               for requested, stored in ((where.lo, lo), (where.hi, hi)))
     if lo.shape != (3,) or hi.shape != (3,):
-        raise scene.wrong(f"{key}.grid", "found no box in the file; lo and hi would do")
+        raise scene.wrong(f"{key}.grid", "found no box in the file; expected lo and hi")
     if not np.all(lo < hi):
-        raise scene.wrong(f"{key}.grid", "found a box without volume; hi above lo in x, y and z would do")
+        raise scene.wrong(f"{key}.grid", "found a box without volume; expected hi above lo in x, y and z")
     return values, lo, hi
 
 
 def write_vol(path, values, lo=(0.0, 0.0, 0.0), hi=(1.0, 1.0, 1.0)):
     """Writes densities (X, Y, Z) as the VOL file of one channel that `gridvolume` of Mitsuba reads; box from `lo` to `hi`."""
     values = np.asarray(values)
-    _check_shape(path, values.shape, np.dtype(np.float32))
+    with _named(path):
+        _check_shape(path, values.shape, np.dtype(np.float32))
     _check_values(path, values)
     head = _HEAD.pack(b"VOL", 3, 1, *values.shape, 1, *map(float, lo), *map(float, hi))
     Path(path).write_bytes(head + np.ascontiguousarray(values.T, "<f4").tobytes())
+
+
+@contextmanager
+def _named(path):
+    """What is wrong with a grid, with the file's name before it."""
+    try:
+        yield
+    except Wrong as wrong:
+        raise UsageError(f"{path}: {wrong.found}; {wrong.expected}") from None
 
 
 def _hdf5(path, dataset):
@@ -84,33 +97,9 @@ def _hdf5(path, dataset):
     if not dataset:
         raise UsageError(f"{path}: the name of a dataset is missing")
     with h5py.File(path, "r") as file:
-        where = file
-        for step in (step for step in dataset.split("/") if step):
-            link = where.get(step, getlink=True) if isinstance(where, h5py.Group) and step in where else None
-            if link is None:
-                raise UsageError(f'{path}: found no dataset "{dataset}"; the file holds {_datasets(file)}')
-            if not isinstance(link, h5py.HardLink):
-                raise UsageError(f'{path}: found "{dataset}", a link to another place; a dataset in the file itself would do')
-            where = where[step]
-        if not isinstance(where, h5py.Dataset):
-            raise UsageError(f'{path}: found "{dataset}", a group; the name of a dataset would do')
-        if where.is_virtual or where.external or where.compression not in _FILTERS:
-            raise UsageError(f'{path}: found "{dataset}", which is not stored in the file itself in a layout that is known here')
-        _check_shape(path, where.shape or (), where.dtype)
-        # what a bomb of zeros unpacks to, or values never written, which HDF5 makes up; 1100 is the most that deflate can save
-        stored = min(where.id.get_storage_size(), path.stat().st_size)
-        if where.size * where.dtype.itemsize > 1100 * stored + (1 << 20):
-            raise UsageError(f'{path}: found "{dataset}" of {where.size:,} values, most of which the file does not hold')
-        return (_floats(where[()]),)
-
-
-def _datasets(file):
-    """The names of datasets, some of them where there are many."""
-    import h5py
-
-    names = []
-    file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
-    return ", ".join(names[:20]) + (", ..." if len(names) > 20 else "") if names else "none"
+        stored = grids.dataset(file, dataset, MOST)
+        _check_shape(path, stored.shape, stored.dtype)
+        return (_floats(stored[()]),)
 
 
 def _npy(path, _dataset):
@@ -123,19 +112,19 @@ def _vol(path, _dataset):
     with open(path, "rb") as file:
         head = file.read(_HEAD.size)
         if len(head) < _HEAD.size or head[:3] != b"VOL":
-            raise UsageError(f"{path}: found no VOL file; one that Mitsuba reads would do")
+            raise UsageError(f"{path}: found no VOL file; expected one that Mitsuba reads")
         _, version, encoding, x, y, z, channels, *box = _HEAD.unpack(head)
         if (version, encoding, channels) != (3, 1, 1):
             raise UsageError(f"{path}: found version {version}, encoding {encoding}, {channels} channels; "
-                             "version 3, encoding 1 (float32) and one channel would do")
+                             "expected version 3, encoding 1 (float32) and one channel")
         _check_shape(path, (x, y, z), np.dtype(np.float32))
         size = os.fstat(file.fileno()).st_size - _HEAD.size
         if size != 4 * x * y * z:
-            raise UsageError(f"{path}: found {size:,} bytes for {x} x {y} x {z} values; {4 * x * y * z:,} would do")
+            raise UsageError(f"{path}: found {size:,} bytes for {x} x {y} x {z} values; expected {4 * x * y * z:,}")
         values = np.fromfile(file, "<f4")
     lo, hi = box[:3], box[3:]
     if not (np.isfinite(box).all() and all(low < high for low, high in zip(lo, hi))):
-        raise UsageError(f"{path}: found a box from {lo} to {hi}; finite corners, the second above the first, would do")
+        raise UsageError(f"{path}: found a box from {lo} to {hi}; expected finite corners, the second above the first")
     return np.ascontiguousarray(values.reshape(z, y, x).T, np.float32), tuple(lo), tuple(hi)
 
 
@@ -144,16 +133,10 @@ def _floats(values):
 
 
 def _check_shape(path, shape, dtype):
-    shown = " x ".join(map(str, shape)) or "one number"
-    if dtype.kind not in "fiu":
-        raise UsageError(f"{path}: found values of type {dtype}; real numbers would do")
-    if len(shape) != 3 or min(shape) < 1:
-        raise UsageError(f"{path}: found {shown}{' values' * bool(shape)}; three axes (x, y, z) with an entry or more would do")
-    if math.prod(shape) > MOST:
-        raise UsageError(f"{path}: found {shown} values; at most {MOST:,} would do")
+    grids.check_shape(shape, dtype, MOST)
     needed, free = 2 * dtype.itemsize * math.prod(shape), free_memory()  # as they are read, and as `read` gives them
     if free is not None and needed > free:
-        raise UsageError(f"{path}: found {shown} values, which take {needed / 1e9:.3g} GB of memory; "
+        raise UsageError(f"{path}: found {' x '.join(map(str, shape))} values, which take {needed / 1e9:.3g} GB of memory; "
                          f"{free / 1e9:.3g} GB are free")
 
 
@@ -163,4 +146,4 @@ def _check_values(path, values):
         wrong = ~(np.isfinite(part) & (part >= 0))
         if wrong.any():
             y, z = np.argwhere(wrong)[0]
-            raise UsageError(f"{path}: found the density {part[y, z]:g} at [{plane}, {y}, {z}]; numbers of 0 or more would do")
+            raise UsageError(f"{path}: found the density {part[y, z]:g} at [{plane}, {y}, {z}]; expected numbers of 0 or more")

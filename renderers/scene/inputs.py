@@ -37,9 +37,9 @@ def unbounded(path, parameters: Mapping[str, object] | None = None) -> str | Non
         mode = status.st_mode
         if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
             kind = "a pipe" if stat.S_ISFIFO(mode) else "a socket" if stat.S_ISSOCK(mode) else "a device"
-            return f"{file}, {kind}; a regular file would do"
+            return f"{file}, {kind}; expected a regular file"
         if file.suffix.lower() == ".xml" and status.st_size > LONGEST:
-            return f"{file}, a scene of {status.st_size / 1e6:.3g} MB; at most {LONGEST >> 20} MiB would do"
+            return f"{file}, a scene of {status.st_size / 1e6:.3g} MB; expected at most {LONGEST >> 20} MiB"
         total += status.st_size
     free = free_memory()
     if free is not None and total > free:

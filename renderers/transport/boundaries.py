@@ -53,6 +53,14 @@ class Boundaries:
         """Whether light does not see a shape."""
         return (self._number(shape) & _BLIND) != 0
 
+    def is_body(self, shape):
+        """Whether a shape bounds a body."""
+        return (self._number(shape) & (_BLIND - 1)) != 0
+
+    def medium(self, shape):
+        """Number of the medium in the body that a shape bounds; 0 of other shapes."""
+        return dr.maximum(self._number(shape) & (_BLIND - 1), 1) - 1
+
     def beyond(self, surface, direction, inside, active):
         """Bodies in which paths are that go on from a surface."""
         if self._apart:

@@ -6,22 +6,22 @@ chance would have been found so if the walk from its scattering to the point of 
 share by the balance heuristic of their densities, else it counts alone.  So nothing is lost where walks end nowhere, or at one of
 several places.
 
-Walks wait until all paths of a pass are over: in the loop a packet would wait for the few of its paths that walk.  Each lane
-keeps records of scatterings and of lamps that its paths have met.  Where it has no space for more no lamp is looked for, and what
-paths meet by chance counts in full.
+Walks wait until all paths of a pass are over: each lane keeps `records` of scatterings and of lamps that its paths have met.
+Where it has no space for more no lamp is looked for, and what paths meet by chance counts in full.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
-from renderers.transport import flights, media, solid_angles
+from renderers.transport import flights, media
 from renderers.transport.distances import Distances
-from renderers.transport.manifold import Manifold, numbered, refracts
+from renderers.transport.manifold import numbered, refracts
 from renderers.transport.refractions import Refractions
 from renderers.transport.skies import Sky
 
@@ -29,7 +29,7 @@ import mitsuba as mi  # isort: skip
 
 # records of a lane: scatterings from which lamps are looked for, and lamps met, for each path, and at least.  In a glass of milk
 # a path of the camera has half a scattering and a twentieth of a lamp
-_SCATTERINGS, _ARRIVALS = (2.0, 8), (0.25, 2)
+SCATTERINGS, ARRIVALS = (2.0, 8), (0.25, 2)
 _SHORT = 1e-3  # of the distance to a lamp: the ray that meets it begins so far before the point
 
 
@@ -47,15 +47,6 @@ class Departure:
     medium: mi.UInt32
     density: mi.Float
     turned: mi.Bool
-
-
-@dataclass
-class Counts:
-    """How many records of `Scattering` and `Arrival` lanes have, by their numbers."""
-
-    lane: mi.UInt32
-    scatterings: mi.UInt32
-    arrivals: mi.UInt32
 
 
 @dataclass
@@ -100,41 +91,6 @@ class Arrival:
     light: list
 
 
-class Records:
-    """What lanes that follow so many paths each have found, `Scattering` and `Arrival`."""
-
-    def __init__(self, lanes, paths, waves):
-        """waves : wavelengths"""
-        most = [max(int(share * paths), least) for share, least in (_SCATTERINGS, _ARRIVALS)]
-        self._arrays = _arrays(Scattering, most[0] * lanes, waves), _arrays(Arrival, most[1] * lanes, 3)
-        self._most, self._ends = [dr.opaque(mi.UInt32, number) for number in most], dr.zeros(mi.UInt32, 2 * lanes)
-
-    def has_space(self, counts):
-        """Whether lanes can keep one more of each."""
-        return (counts.scatterings < self._most[0]) & (counts.arrivals < self._most[1])
-
-    def add(self, counts, record, active):
-        """Keeps a record."""
-        kind = int(isinstance(record, Arrival))
-        name = ("scatterings", "arrivals")[kind]
-        number = getattr(counts, name)
-        _scatter(self._arrays[kind], record, counts.lane * self._most[kind] + number, active)
-        number = number + dr.select(active, mi.UInt32(1), mi.UInt32(0))
-        setattr(counts, name, number)
-        dr.scatter(self._ends, number, 2 * counts.lane + kind, active)
-
-    def kept(self):
-        """All `Scattering`, and all `Arrival`; None where there are none."""
-        dr.eval(self._arrays, self._ends)
-        both = []
-        for kind, (arrays, most) in enumerate(zip(self._arrays, self._most)):
-            index = dr.arange(mi.UInt32, dr.width(arrays.number))
-            lane = index // most
-            index = dr.compress(index - lane * most < dr.gather(mi.UInt32, self._ends, 2 * lane + kind))
-            both.append(_gather(arrays, index) if dr.width(index) else None)
-        return both
-
-
 class Lamps:
     """The lamps that are drawn, and boundaries through which they are looked for."""
 
@@ -161,23 +117,18 @@ class Lamps:
         self._cumulated = [dr.opaque(mi.Float, float(share)) for share in np.cumsum(shares)[:-1]]
         self._shapes = mi.ShapePtr([scene.scene.shapes()[0] if isinstance(lamp, Sky) else lamp for lamp in lamps])
         self._emitters = mi.EmitterPtr([lamp.emitter if isinstance(lamp, Sky) else lamp.emitter() for lamp in lamps])
-        self._distances = Distances(scene.scene, manifold, list(lamps))
+        self._distances = Distances(scene.scene, manifold, [partial(_towards, lamp) for lamp in lamps])
 
     @staticmethod
     def none(width):
         """`Departure` of paths that have not scattered."""
         return dr.zeros(Departure, width)
 
-    def records(self, lanes, paths):
-        """`Records` of lanes that follow so many paths each, and their `Counts`."""
-        none = dr.zeros(mi.UInt32, lanes)
-        return Records(lanes, paths, self._scene.waves), Counts(dr.arange(mi.UInt32, lanes), none, mi.UInt32(none))
-
     def departs(self, path, medium, position, density, active, records):
         """Changes departures of paths that scatter at positions, and go on with density (1/sr); some keep a record."""
         departure, random = path.departure, path.random
         sigma = dr.gather(mi.Float, self._sigma, medium)
-        looks = active & (sigma > 0) & records.has_space(path.counts)
+        looks = active & (sigma > 0) & records.has_space(path.counts, Scattering, Arrival)
         density = dr.select(looks, density, 0)
         departure.event, departure.before, departure.medium, departure.density = (
             dr.select(active, after, before) for after, before in (
@@ -212,8 +163,8 @@ class Lamps:
         return [dr.select(arrives, 0, value) for value in light]
 
     def light(self, records):
-        """What records come to: numbers (n,) of paths, orders (n,), emitters (n,) by their numbers, and light (n, 3)."""
-        scattering, arrival = records.kept()
+        """What records come to: numbers (n,) of paths, orders (n,), emitters, and light (n, 3)."""
+        scattering, arrival = records.kept(Scattering), records.kept(Arrival)
         if scattering is not None:
             yield self._columns(scattering, self._light(scattering))
         if arrival is not None:
@@ -221,10 +172,7 @@ class Lamps:
             yield self._columns(arrival, [value * share for value in arrival.light])
 
     def _columns(self, record, light):
-        emitter = self._scene.light_number(dr.gather(mi.EmitterPtr, self._emitters, record.lamp))
-        dr.eval(record.number, record.order, emitter, light)
-        columns = [np.asarray(column) for column in (record.number, record.order, emitter, *light)]
-        return *columns[:3], np.stack(columns[3:], axis=1)
+        return record.number, record.order, dr.gather(mi.EmitterPtr, self._emitters, record.lamp), light
 
     def _walk(self, x, y):
         """Ways from scatterings to points on lamps, and whether they end there."""
@@ -328,65 +276,7 @@ class Lamps:
         return media.product(beyond, within)
 
 
-def _kind(annotation):
-    return getattr(mi, annotation.removeprefix("mi."))
-
-
-def _arrays(record, count, entries):
-    """A record whose fields are arrays for so many, those of vectors with three numbers each; entries : of its lists."""
-    def zeros(kind):
-        if kind == "list":
-            return [dr.empty(mi.Float, count) for _ in range(entries)]
-        return dr.empty(mi.UInt32, count) if kind == "mi.UInt32" else dr.empty(mi.Float, (1 if kind == "mi.Float" else 3) * count)
-
-    return record(**{name: zeros(kind) for name, kind in record.__annotations__.items()})
-
-
-def _scatter(arrays, record, index, active):
-    """Puts records at places in arrays."""
-    for name, target in vars(arrays).items():
-        value = getattr(record, name)
-        for part, whole in zip(value, target) if isinstance(target, list) else [(value, target)]:
-            dr.scatter(whole, part, index, active)
-
-
-def _gather(arrays, index):
-    """The records at places in arrays."""
-    def taken(kind, source):
-        if kind == "list":
-            return [dr.gather(mi.Float, each, index) for each in source]
-        return dr.gather(_kind(kind), source, index)
-
-    return type(arrays)(**{name: taken(kind, getattr(arrays, name)) for name, kind in arrays.__annotations__.items()})
-
-
-def lamps(scene, world, bodies):
-    """`Lamps` of a scene, None where none is to be drawn.
-
-    scene : `scene.Scene`;  bodies : by the numbers of their media
-    """
-    shapes = {shape.id(): shape for shape in world.scene.shapes()}
-    smooth = {number: shapes[body.name] for number, body in bodies.items() if _smooth(shapes[body.name])}
-    if not smooth:
-        return None
-    blind, names = any(body.matched for body in bodies.values()), {body.name for body in bodies.values()}
-    panes = [shape for name, shape in shapes.items() if name not in names and _smooth(shape)]
-    if blind or scene.regions.bounded or scene.regions.always:  # what is between panes would have to be known
-        panes = []
-    boundaries = list(smooth.values())
-    sky = Sky(scene) if scene.scene.environment() is not None and not scene.regions.always else None
-    drawn = solid_angles.drawn(scene, boundaries, panes, sky)
-    if not drawn:
-        return None
-    least = {number: float(min(bodies[number].medium.sigma_t)) * world.unit for number in smooth}
-    around = {shape: solid_angles.index_around(scene, shape, panes, drawn) for shape in boundaries} if panes else {}
-    manifold = Manifold(scene.scene, scene.boundaries, {shape: least[number] for number, shape in smooth.items()}, blind,
-                        around, panes)
-    sigma = [least.get(number, 0.0) for number in range(len(scene.entries))]
-    return Lamps(scene, manifold, drawn, sigma, not blind and not scene.regions.bounded, bool(panes))
-
-
-def _smooth(shape):
-    """Whether a shape is a mesh whose boundary does nothing but refract and reflect all light."""
-    return shape.is_mesh() and not shape.has_flipped_normals() and shape.bsdf().class_name() == "SmoothDielectric" \
-        and list(mi.traverse(shape.bsdf()).keys()) == ["eta"]
+def _towards(lamp, point, u):
+    """Directions from points to points on a lamp, by uniform numbers."""
+    target = lamp.drawn(point, u, True) if isinstance(lamp, Sky) else lamp.sample_position(0.0, u).p
+    return dr.normalize(target - point)

@@ -3,8 +3,8 @@
 Every turn of the loop takes a path to its next surface or scattering, adds the light that it meets there and that of a light
 sample, and gives it a new direction.  A path that has ended makes room for the next one of its lane, which has many pixels, so
 that lanes of a packet wait for each other once in hundreds of paths.  Light samples reach events in bodies, and surfaces,
-through boundaries to which light is blind, less what the media on the way take; small lamps are sampled through smooth
-boundaries, too (`lamps`).
+through boundaries to which light is blind, less what the media on the way take; lights are sampled through smooth boundaries,
+too (`samples`).
 """
 
 from __future__ import annotations
@@ -17,10 +17,14 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from renderers.mitsuba import variants
 from renderers.transport import flights, media
-from renderers.transport.lamps import Counts, Departure
+from renderers.transport.lamps import Departure
+from renderers.transport.records import Counts
+from renderers.transport.samples import Before
 from renderers.transport.strata import Strata
 from renderers.transport.wavefront import ORDERS
+from renderers.transport.wide import Chance
 
 import mitsuba as mi  # isort: skip
 
@@ -28,8 +32,10 @@ import mitsuba as mi  # isort: skip
 # caught in glass loses nothing on its way
 _ROULETTE, _FAR, _GOES_ON = 4, 64, 0.95
 # paths of a lane, about, and lanes at least: a packet goes on until the last of its lanes has none.  In a glass of milk packets
-# of 16 lanes are busy to 25 % with 4 paths a lane, to some 70 % with 256
+# of 16 lanes are busy to 25 % with 4 paths a lane, to some 70 % with 256.  A graphics card wants a hundred thousand lanes: each
+# pixel has one
 _PATHS, _LANES = 256, 256
+_TURN = (5**0.5 - 1) / 2  # of all lanes, by which their pixels move
 # scatterings in bodies until all paths of a packet are looked at together
 _SCATTERINGS = 8
 # bounces after which one path in a thousand ends; what ends earlier makes the others bright
@@ -42,12 +48,14 @@ class Path:
 
     random : PCG32;  pixel, number : of the path;  alive : whether there is one
     origin, direction : of the next flight;  throughput : of each wavelength
+    squared_index : of where it is over that around the camera, by which refraction has divided the throughput
     inside : bodies in which it is, a bit each, the innermost one first
     order, bounces : scatterings in bodies; those and surfaces
     drawn, density : where the direction was drawn, and its density (1/sr);  single : no light sample could have found it
     choice : uniform number, of what the first smooth boundary does
-    departure, counts : from the last scattering, and records of the lane, where lamps are sampled through smooth boundaries; else
-        None
+    departure, chance : since the last scattering, where small lamps are sampled through smooth boundaries, and where wide ones
+        are; else None
+    counts : of records of the lane, where either is
     """
 
     random: mi.PCG32
@@ -57,6 +65,7 @@ class Path:
     origin: mi.Point3f
     direction: mi.Vector3f
     throughput: list
+    squared_index: mi.Float
     inside: mi.UInt32
     order: mi.UInt32
     bounces: mi.UInt32
@@ -65,6 +74,7 @@ class Path:
     single: mi.Bool
     choice: mi.Float
     departure: Departure | None
+    chance: Chance | None
     counts: Counts | None
 
 
@@ -121,6 +131,11 @@ class Numbers(NamedTuple):
         """Of a pixel."""
         return self.strata.count
 
+    @property
+    def turn(self) -> mi.UInt32:
+        """By how many lanes pixels move from one row of as many pixels to the next."""
+        return mi.UInt32(mi.Float(self.lanes) * _TURN)
+
     @classmethod
     def of(cls, key, pixels, lanes, samples) -> Numbers:
         """Of a pass of so many samples of each pixel."""
@@ -146,7 +161,7 @@ def trace(scene, key, pixels, samples, by_light, turn=None, sums=None):
     sums : function of arguments as of `summed` that gives the same; None: that itself
     """
     turn = turn or Turn(lambda scene, path: path, wandered, next_event, turned)
-    lanes = min(pixels, max(_LANES, pixels * samples // _PATHS))
+    lanes = pixels if variants.on_gpu(mi.variant()) else min(pixels, max(_LANES, pixels * samples // _PATHS))
     lamps = scene.lamps.records(lanes, pixels * samples / lanes) if scene.lamps else (None, None)
     by_order, of_lights = (sums or summed)(scene, Numbers.of(key, pixels, lanes, samples), (pixels, lanes), by_light, turn, lamps)
     dr.eval(by_order, of_lights)  # both by one kernel
@@ -192,9 +207,11 @@ def add(sums, number, light):
 
 def _next(scene, strata, numbers, path):
     """The lane's next path, in the place of one that is over."""
-    number = path.number + 1
+    number, lanes = path.number + 1, numbers.lanes
     done = number == (path.pixel + 1) * numbers.samples
-    pixel = path.pixel + dr.select(done, numbers.lanes, 0)
+    # the next pixels of all lanes in another order: columns of a picture would be lanes, of which some have all of the long paths
+    row = path.pixel // lanes
+    pixel = dr.select(done, (row + 1) * lanes + (path.pixel - row * lanes + numbers.turn) % lanes, path.pixel)
     path.number, path.alive = dr.select(done, pixel * numbers.samples, number), pixel < numbers.pixels
     drawn = strata.drawn(pixel, path.number - pixel * numbers.samples, path.random, path.alive)
     vars(path).update(vars(camera_paths(scene, pixel, drawn, path.random, path.alive, path.number)) | {"counts": path.counts})
@@ -205,7 +222,7 @@ def brought(scene, turn, path, event, records=None):
     """Light that paths meet and that of light samples: pairs of linear sRGB and its emitters."""
     light, emitter = _emitted(scene, path, event)
     if scene.lamps:
-        light = scene.lamps.meets(path, event, light, records)
+        light = scene.lamps.meets(path, event, emitter, light, records)
     return [(light, emitter), turn.next_event(scene, path, event)]
 
 
@@ -237,9 +254,11 @@ def camera_paths(scene, pixel, drawn, random, alive, number):
     origin, direction = scene.camera_ray(pixel, offset)
     width = dr.width(pixel)
     zero = dr.zeros(mi.UInt32, width)
-    return Path(random, pixel, number, alive, origin, direction, [dr.full(mi.Float, 1, width) for _ in range(scene.waves)],
-                scene.around_camera + zero, mi.UInt32(zero), mi.UInt32(zero), mi.Point3f(origin), dr.zeros(mi.Float, width),
-                dr.full(mi.Bool, True, width), choice, scene.lamps and scene.lamps.none(width), None)
+    since = scene.lamps.none(width) if scene.lamps else {"departure": None, "chance": None}
+    return Path(random=random, pixel=pixel, number=number, alive=alive, origin=origin, direction=direction,
+                throughput=[dr.full(mi.Float, 1, width) for _ in range(scene.waves)], squared_index=dr.full(mi.Float, 1, width),
+                inside=scene.around_camera + zero, order=mi.UInt32(zero), bounces=mi.UInt32(zero), drawn=mi.Point3f(origin),
+                density=dr.zeros(mi.Float, width), single=dr.full(mi.Bool, True, width), choice=choice, counts=None, **since)
 
 
 def _add(sums, number, light, active=True):
@@ -360,13 +379,14 @@ def turned(scene, path, event, records=None):
         factor *= dr.select(chance_of_lobe > 0, sample.pdf / chance_of_lobe, 1)
     factor = scene.reflectance(dr.select(dr.all(dr.isfinite(factor)), factor, 0))
     path.throughput = [dr.select(shades, w * f, w) for w, f in zip(path.throughput, factor)]
-    onward = surface.spawn_ray(surface.to_world(sample.wo))
+    path.squared_index *= dr.select(shades, squared_index(sample), 1)
+    before, onward = Before(path.direction, path.inside), surface.spawn_ray(surface.to_world(sample.wo))
     onward.o = dr.select(event.crosses, scene.boundaries.across(surface, path.direction), onward.o)
     path.direction = dr.select(shades, onward.d, path.direction)
     path.origin = dr.select(event.meets, onward.o, path.origin)
     path.inside = dr.select(event.meets, scene.boundaries.beyond(surface, path.direction, path.inside, event.meets), path.inside)
     if scene.lamps:
-        scene.lamps.turned(path, sample, shades)
+        scene.lamps.turned(path, before, sample, shades)
     path.single = dr.select(shades, ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Smooth), path.single)
     path.density = dr.select(shades, sample.pdf, path.density)
     path.drawn = dr.select(shades, path.origin, path.drawn)
@@ -376,12 +396,18 @@ def turned(scene, path, event, records=None):
     return scattered(scene, path, event.medium, event.position, event.scatters, records) if scene.samples else path
 
 
+def squared_index(sample):
+    """By which refraction divides the throughput, of a sample of a BSDF."""
+    return dr.select(sample.eta > 0, dr.square(sample.eta), 1)  # 0 of what met nothing
+
+
 def roulette(path, far, return_share, u, active=True):
     """Without paths of little throughput, one in twenty of those that have come far, and those that hardly come back.
 
     active : which may end
     """
-    most = media.largest(path.throughput)
+    # refraction changes radiance, and back again where the path leaves: it makes no path less worth
+    most = media.largest(path.throughput) * path.squared_index
     chance = dr.minimum(most, dr.select(path.bounces < _ENDLESS, mi.Float(1), mi.Float(_ALMOST)))
     chance = dr.select((most > 0) & (path.bounces < _ROULETTE), 1, chance)
     chance *= return_share * dr.select(far, mi.Float(_GOES_ON), mi.Float(1))

@@ -71,6 +71,14 @@ class Figures(NamedTuple):
     small_steps: float | None
     large_steps: float | None
 
+    @classmethod
+    def of(cls, normalisations, accepted) -> Figures:
+        """Of passes by their number: mean luminance of candidates, and shares of small and large steps of those that have any."""
+        values, taken = np.array(list(normalisations.values())), np.array(list(accepted.values()))
+        error = float(values.std(ddof=1) / len(values) ** 0.5) if len(values) > 1 else None
+        return cls(float(values.mean()) if len(values) else None, error,
+                   *(taken.mean(axis=0).tolist() if len(taken) else (None, None)))
+
 
 class States(NamedTuple):
     """Where n chains are: light (n, 3 ORDERS), its luminance (n,) and pixel (n,); `Table` of numbers, words (2, n) of streams."""
@@ -118,10 +126,7 @@ class Metropolis:
 
     def figures(self) -> Figures:
         """Of the passes so far."""
-        values, taken = np.array(list(self._normalisations.values())), np.array(list(self._accepted.values()))
-        error = float(values.std(ddof=1) / len(values) ** 0.5) if len(values) > 1 else None
-        return Figures(float(values.mean()) if len(values) else None, error,
-                       *(taken.mean(axis=0).tolist() if len(taken) else (None, None)))
+        return Figures.of(self._normalisations, self._accepted)
 
     def _candidates(self, number):
         """Light, pixels and words of a pass's candidates, and random streams (chains + 1,) of what follows."""

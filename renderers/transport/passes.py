@@ -8,6 +8,7 @@ import drjit as dr
 import numpy as np
 
 from bakery.kernels import stream_key
+from renderers.mitsuba import variants
 from renderers.mitsuba.recording import undisturbed
 from renderers.pictures.engine import Part
 from renderers.transport import loop
@@ -16,6 +17,7 @@ from renderers.transport.wavefront import ORDERS
 
 LAYERS = ("order0", "order1", "order2", "orders")
 _PATHS = 1 << 20  # of a pass, at most, where a pixel has several: one to three seconds of a core
+_ON_GPU = 4  # times as many there: what processors do for a pass, a tenth of a second, has nothing to do with their number
 _SAMPLES = 16  # a pixel and pass, at most: the noise of small pictures is known from several passes
 
 
@@ -57,6 +59,7 @@ def of_loop(name, world, traced, seed, by_light=False, most=_SAMPLES, paths=_PAT
     most, paths : samples a pixel and pass;  paths of a pass where a pixel has several samples
     """
     height, width = world.size
+    paths *= _ON_GPU if variants.on_gpu(world.variant) else 1
     samples = 1 << max(0, min(most, paths // (height * width)).bit_length() - 1)
     return _of_samples(name, traced, (height, width), seed, world.light_names if by_light else (), samples)
 

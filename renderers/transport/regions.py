@@ -8,6 +8,8 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from bakery.errors import UsageError
+from renderers.mitsuba import variants
 from renderers.transport import solids
 from renderers.transport.scattering import Scatterer
 
@@ -107,7 +109,15 @@ class Regions:
 
 
 def boundary(vertices, faces, unit):
-    """A Mitsuba scene of nothing but a mesh."""
+    """A Mitsuba scene of nothing but a mesh.
+
+    Raises
+    ------
+    UsageError : on a graphics card, where a kernel traces rays through one scene alone: others would silently be missed
+    """
+    if variants.on_gpu(mi.variant()):
+        raise UsageError(f"variant {mi.variant()}: a graphics card traces rays through one scene at a time, and bodies that "
+                         "touch or whose mesh is turned inward, and media in a mesh, need several; use --variant llvm_ad_rgb")
     mesh = mi.Mesh("boundary", len(vertices), len(faces))
     values = mi.traverse(mesh)
     values["vertex_positions"] = (np.asarray(vertices) / unit).astype(np.float32).ravel()

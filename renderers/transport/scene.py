@@ -9,9 +9,9 @@ import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba.recording import pointers
 from renderers.transport import regions
 from renderers.transport.boundaries import Boundaries
-from renderers.transport.lamps import lamps
 from renderers.transport.media import Media
 from renderers.transport.regions import Grid, Medium, Regions
+from renderers.transport.samples import samples
 from renderers.transport.solids import volume
 from renderers.transport.splitting import Splitting, smooth
 from renderers.transport.voxels import Voxels
@@ -27,7 +27,7 @@ class View:
     scene : of Mitsuba;  waves : number of wavelengths
     light_number : of emitters, their places among `lights` lights, -1 for none
     around_camera : what the camera stands in, as a path's `inside`
-    lamps : `lamps.Lamps`, of which light samples go through smooth boundaries of bodies; None where there are none
+    lamps : `samples.Samples`, which go through smooth boundaries of bodies; None where there are none
     """
 
     around_camera = 0
@@ -114,7 +114,7 @@ class Scene(View):
         self.extent = mi.Point3f(*((low + high) / 2).tolist()), mi.Float(float(np.linalg.norm(high - low)))
         dr.make_opaque(self.extent)
         self.splitting = Splitting(self.scene) if drawn and smooth(self.scene) else None
-        self.lamps = lamps(self, world, bodies) if drawn else None
+        self.lamps = samples(self, world, bodies) if drawn else None
 
     def innermost(self, inside):
         """Whether paths are in a medium, and its number."""

@@ -16,17 +16,22 @@ import mitsuba as mi  # isort: skip
 # sr, times the cosine at the boundary, of lamps that are drawn: paths meet wider ones often enough.  A ball of mean free paths of
 # a fifth to a fifteenth of its radius under a panel, variance times time with over without light samples, all light: 0.3 (g 0)
 # and 0.7 (0.8) at 0.5 sr, 0.6 and 1.4 at 1.4, 1.1 and 1.5 at 2.4
-_WIDEST = 0.6
+WIDEST_ALONE = 0.6
+# The same where directions are drawn for wider ones (`wide`), and there behind panes, where walks take longer.  Variance times
+# time as lamps that are drawn, and as wide ones: flame of 0.34 sr beside a candle 0.076 and 0.091, window of 120 mm over a glass
+# of milk 0.141 and 0.122
+WIDEST, WIDEST_BEHIND_PANES = 0.4, 0.2
 _PLACES, _POINTS = 512, 16  # on the boundaries; on a lamp, seen from each of them
 _CROSSED = 8  # panes, and boundaries to which light is blind, on the way, at most
 _EVEN = ("Rectangle", "Disk", "Sphere", "Cylinder")  # shapes, besides meshes, on which points are drawn evenly
 
 
-def drawn(scene, boundaries, panes=(), sky=None):
+def drawn(scene, boundaries, panes=(), sky=None, widest=WIDEST_ALONE):
     """How likely each lamp is to be drawn, by shapes of Mitsuba, in proportion to the light that it sends to the boundaries.
 
     scene : `scene.Scene`;  boundaries : meshes of Mitsuba;  panes : such of smooth glass, through which lamps are seen
     sky : None, or `skies.Sky`, which is drawn where most of its light comes from a small part of it
+    widest : sr, times the cosine at the boundary, of lamps that are drawn
 
     Lamps are left out that no place sees, and those that are wide: their solid angle, averaged over places by itself, tells how
     wide they are where their light comes in.  Ways through panes count as straight.
@@ -38,11 +43,11 @@ def drawn(scene, boundaries, panes=(), sky=None):
             continue
         angle, radiance, _ = _seen(scene, position, normal, shape, _numbers(1 + number, _PLACES * _POINTS, 2), panes)
         angle = angle.reshape(_PLACES, _POINTS).mean(axis=1)
-        if radiance > 0 and 0 < (angle**2).sum() < _WIDEST * angle.sum():
+        if radiance > 0 and 0 < (angle**2).sum() < widest * angle.sum():
             shares[shape] = float(angle.mean() * radiance)
     if sky:
         width, light = _width(scene, position, normal, sky, _numbers(0, _PLACES * _POINTS, 2), panes)
-        if 0 < width < _WIDEST:
+        if 0 < width < widest:
             shares[sky] = light
     return {shape: share / sum(shares.values()) for shape, share in shares.items()}
 

@@ -58,6 +58,7 @@ def turned(scene, path, meeting, records=None):
     surface, sample = meeting.surface, meeting.sample
     factor = scene.reflectance(dr.select(dr.all(dr.isfinite(meeting.factor)), meeting.factor, 0))
     path.throughput = [weight * f for weight, f in zip(path.throughput, factor)]
+    path.squared_index *= loop.squared_index(sample)
     ray = surface.spawn_ray(surface.to_world(sample.wo))
     path.origin, path.direction, path.drawn = ray.o, ray.d, mi.Point3f(ray.o)
     path.single, path.density = ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Smooth), sample.pdf

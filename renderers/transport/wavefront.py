@@ -22,7 +22,7 @@ def begin_streams(key, first, states):
         states[i] = hashed(key ^ (np.uint64(first + i) * _GOLDEN))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def uniform(states, i):
     """The next number of stream i, in [0, 1)."""
     s = states[i] + _GOLDEN

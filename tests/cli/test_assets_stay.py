@@ -9,8 +9,11 @@ import shutil
 import pytest
 
 import bakery
+from bakery import recipe
 from bakery.run.ensure import ensured
 from bakery.store.read import read
+from renderers import scene as scenes
+from renderers.scene import assets
 from renderers.scene.requirements import Need, Required
 from tests.cli.test_requirements import RECIPE, SCENE, place  # noqa: F401  a fixture
 from tests.conftest import DROPS, MILK, slow
@@ -87,6 +90,20 @@ def test_a_damaged_asset_of_a_scene_is_baked_again(call, wax):
     with open(kept, "r+b") as file:
         file.truncate(900)
     assert call("render", wax / "s.yaml")[0] == 0 and read(kept).attributes["content_hash"] == whole
+
+
+def test_a_recipe_is_read_once_for_each_set_of_values(wax, monkeypatch):
+    """From what the scene asks for to the bake: as it stands, as a draft, and once for each share of the tolerance."""
+    (wax / "s.yaml").write_text((wax / "s.yaml").read_text().replace("method: paths", "method: vrl+tables"))
+    calls, load = [], recipe.load
+
+    def counted(path, settings=None, **options):
+        calls.append(tuple(sorted((settings or {}).items())))
+        return load(path, settings, **options)
+
+    monkeypatch.setattr("bakery.recipe.load", counted)
+    assets.baked(scenes.load(wax / "s.yaml"))
+    assert 3 <= len(calls) == len(set(calls)) <= 6, calls
 
 
 def test_assets_of_scenes_are_counted_and_cleared(call, milk, tmp_path, monkeypatch):

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bakery.cli.methods import drawing
+from bakery.scenes.methods import drawing
 from bakery.trade.methods import Curve
 from renderers.colour import LUMINANCE
 from renderers.pictures import comparison, differences
@@ -247,17 +247,17 @@ def test_without_flip(call, place, monkeypatch):
 
 
 WRONG = (
-    ("haze.yaml --methods single,isotropc", "single or isotropic would do (isotropic?)"),
+    ("haze.yaml --methods single,isotropc", "expected single or isotropic (isotropic?)"),
     ("haze.yaml --methods single,single", "found single twice"),
     ("haze.yaml --methods single", "two or more, or a --reference"),
     ("haze.yaml --methods single,", "found \"single,\", with a name missing"),
-    ("haze.yaml --methods single,single:sun", "METHOD:KEY=VALUE would do"),
+    ("haze.yaml --methods single,single:sun", "expected METHOD:KEY=VALUE"),
     ("haze.yaml --methods single,single:son=[1,1,1]", "toy.son"),
     ("haze.yaml --methods single --reference gone.exr", "there is no such file"),
     ("haze.yaml --methods single --reference other", 'found "other"'),
     ("haze.yaml --methods single,isotropic --set toy.method=single", "those of --methods"),
     ("haze.yaml --methods single,isotropic --time 5", "has no unit"),
-    ("haze.yaml --methods single,isotropic --quality good", "draft, preview, final would do"),
+    ("haze.yaml --methods single,isotropic --quality good", "expected draft, preview, final"),
     ("haze.yaml --methods single,isotropic --resume --force", "use one of them"),
     ("haze.yaml --methods single,isotropic -o page.htm", "ends in .html"),
     ("haze.yaml --methods single,isotropic -o notes.html", "not an HTML page"),

@@ -150,8 +150,8 @@ def test_a_forward_peak_may_count_as_unscattered(call, root, tmp_path):
     (("--to", "blender", "--unscattered-within", "11deg"), "above 0 to 10deg"),
     (("--to", "blender", "--unscattered-within", "0deg"), "above 0 to 10deg"),
     (("--to", "blender", "--unscattered-within", "1"), "has no unit"),
-    (("--to", "blender", "--index", "glass"), '--index: found "glass"; a number from 0.2 to 5 would do'),
-    (("--to", "blender", "--index", "1.4", "--roughness", "2"), "a number from 0 to 1 would do"),
+    (("--to", "blender", "--index", "glass"), '--index: found "glass"; expected a number from 0.2 to 5'),
+    (("--to", "blender", "--index", "1.4", "--roughness", "2"), "expected a number from 0 to 1"),
     (("--to", "blender", "--roughness", "0.1"), "found without --index"),
     (("--to", "hg", "--index", "1.4"), "has no effect on hg"),
 ])

@@ -122,8 +122,9 @@ def test_unscattered_light_is_taken_out(exported):
 
 @pytest.mark.parametrize(("options", "words"), [
     (("--thickness", "3"), "--thickness: found \"3\", which has no unit"),
-    (("--thickness", "[1, -3] m"), "--thickness: found \"[1, -3] m\"; lengths of 0 or more"),
-    (("--moments", "0"), "--moments: found \"0\"; the highest order"), (("--moments", "many"), "--moments: found \"many\""),
+    (("--thickness", "[1, -3] m"), "--thickness: found \"[1, -3] m\"; expected lengths of 0 or more"),
+    (("--moments", "0"), "--moments: found \"0\"; expected the highest order"),
+    (("--moments", "many"), "--moments: found \"many\""),
     (("--moments", "100000"), "a whole number from 1 to 4096")])
 def test_wrong_options(call, tmp_path, options, words):
     write(tmp_path / "a.h5", small_asset())

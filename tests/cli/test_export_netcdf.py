@@ -138,7 +138,7 @@ def test_libradtran_has_extinction_over_mass(export, drops, option):
 @pytest.mark.parametrize(("options", "words"), [
     ((), "fog: holds no mass of particles, by which libradtran scales extinction; give --density 2.6g/cm^3 or"),
     (("--density", "1"), '--density: found "1", which has no unit'),
-    (("--effective-radius", "0 um"), '--effective-radius: found "0 um"; a value above 0')])
+    (("--effective-radius", "0 um"), '--effective-radius: found "0 um"; expected a value above 0')])
 def test_what_libradtran_needs(call, tmp_path, options, words):
     write(tmp_path / "fog.h5", small_asset())
     status, out, err = call("export", tmp_path / "fog.h5", "--to", "libradtran", *options)

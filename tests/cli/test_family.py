@@ -45,7 +45,7 @@ def test_plan_and_bake(call, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("options, says", [
-    (["--sweep", "medium.phase.g"], "--sweep: found \"medium.phase.g\"; KEY=VALUE would do"),
+    (["--sweep", "medium.phase.g"], "--sweep: found \"medium.phase.g\"; expected KEY=VALUE"),
     (["--sweep", "medium.phase.gg=[0.1, 0.2]"], 'found the unknown key "gg"'),
     (["--set", "multiple_scattering={}", "--sweep", "multiple_scattering.length=[1, 2]"], "changes nothing of the medium"),
     (["-o", "fresh"], "name it fresh.h5"),

@@ -16,7 +16,8 @@ import pytest
 
 from bakery.errors import StageError
 from bakery.plan import RUN
-from bakery.run import many, prepare
+from bakery.run import many
+from bakery.run.bake import planned
 from bakery.run.executors import Lent
 from bakery.run.messages import ClusterLost
 from bakery.run.wire import Wire
@@ -120,7 +121,7 @@ def test_threads_that_are_lent_are_the_most_that_run():
 
 def test_plans_travel_whole(drops):
     near, far = Pipe()
-    plan = prepare(drops)
+    plan = planned(drops)
     Wire(near).send("bake", plan)
     kind, found = Wire(far).receive()
     assert kind == "bake" and [step.stage for step in found.steps] == [step.stage for step in plan.steps]

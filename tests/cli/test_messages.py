@@ -65,7 +65,7 @@ def test_a_recipe_is_no_scene(call, milk):
 def test_a_page_is_html(call, milk, tmp_path):
     assert call(milk, "-o", tmp_path / "milk.h5")[0] == 0
     status, out, err = call("report", tmp_path / "milk.h5", "-o", tmp_path / "milk.pdf")
-    assert (status, out) == (2, "") and f"the page is HTML, {tmp_path / 'milk.html'} would do" in err
+    assert (status, out) == (2, "") and f"the page is HTML: use {tmp_path / 'milk.html'}" in err
     assert not (tmp_path / "milk.pdf").exists()
 
 

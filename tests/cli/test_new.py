@@ -85,7 +85,7 @@ def test_a_recipe_that_ships(call, tmp_path):
 
 @pytest.mark.parametrize(("args", "said"), [
     (("fgo",), "no recipe or scene that ships (fog?)"),
-    (("fog", "-o", "fog.h5"), "fog.yaml would do"),
+    (("fog", "-o", "fog.h5"), "expected fog.yaml"),
     (("fog", "-o", "a b.yaml"), 'found "a b"'),
     (("fog", "-o", "missing/fog.yaml"), "its folder does not exist"),
     (("fog",), "fog.yaml: exists already; choose another file with -o, or replace it with --overwrite"),

@@ -201,7 +201,7 @@ def test_baked_from_its_recipe(call, assets, place):
     (["materials[0].where={mesh: gone.ply}"], "gone.ply"),
     ([HASHED, "materials[0].where={mesh: hole.obj, unit: 1 um}"], "materials[0].where.mesh: not closed: face"),
     ([HASHED, "materials[0].where={grid: zero.npy, lo: [0, 0, 0] um, hi: [9, 9, 9] um}"], "densities that are 0"),
-    ([HASHED, "materials[0].where={grid: ones.npy}"], "lo and hi would do"),
+    ([HASHED, "materials[0].where={grid: ones.npy}"], "expected lo and hi"),
     (["materials[0].where={mesh: whole.obj}"], "the asset's places are stored"),
     (["camera=null"], "camera"),
 ])

@@ -182,7 +182,7 @@ def test_fraction_and_mixture(call, place):
         ("materials[0].fraction={grid: gone.npy, lo: [0, 0, 0] m, hi: [1, 1, 1] m}", "there is no such file"),
         ("materials[0].mixture={clear: {grid: gone.npy}}", "mixture.clear.grid: found \"gone.npy\""),
         (gridded("units", clear, box="lo: [0, 0, 0], hi: [7, 7, 7]"), "unit"),
-        ("materials[0].fraction={grid: clear.npy}", "found no box in the file; lo and hi would do"),
+        ("materials[0].fraction={grid: clear.npy}", "found no box in the file; expected lo and hi"),
         (f"materials[0].fraction={{grid: clear.npy, dataset: rho, {BOX}}}", "found a dataset of a file that has none"),
         ('materials[0].mixture={"a[b.c]": {grid: clear.npy, ' + BOX + "}}", "the asset has no such component"),
         ("materials[0].mixture={}", "at least 1"), ("materials[0].mixture=salt", "materials[0].mixture"),
@@ -294,7 +294,7 @@ def test_what_the_integrator_refuses(call, place, old, new, said):
 
 def test_the_integrator_needs_arrays(call, place):
     status, _, err = call("render", mitsuba_scene(place), "-o", place / "x.png", "--variant", "scalar_rgb")
-    assert status and "variant scalar_rgb; one that works on arrays of colours would do" in err
+    assert status and "variant scalar_rgb; expected one that works on arrays of colours" in err
 
 
 def test_what_the_camera_sees_of_grains(place):

@@ -161,11 +161,15 @@ def test_a_mitsuba_scene_and_its_picture_again(call, place):
     own = "color: m.exr, layer: clear, depth: m.exr, channel: distance, far: 100 m"
     again = SCENE.replace("color: clear.exr, depth: depth.npy", own)
     (place / "again.yaml").write_text(again)
-    status, _, err = call("render", place / "again.yaml")
-    assert status == 0, err
-    assert np.allclose(rgb(place / "night.exr"), rgb(place / "m.exr"), rtol=0.01)
-    status, _, err = call("render", place / "again.yaml", "--quality", "draft")
-    assert status == 2 and "comes from files" in err
+    for quality, near in (("draft", 0.01), ("final", 0.1)):  # a draft has the filter's points farther apart
+        status, out, err = call("render", place / "again.yaml", "--quality", quality, "--json")
+        assert status == 0, err
+        assert np.allclose(rgb(place / "night.exr"), rgb(place / "m.exr"), rtol=near)
+        filtered = json.loads(out)["filter"]
+        assert filtered["points"] == quality and 0 < filtered["error"] < 0.03
+    for told in (("--seed", "3"), ("--variant", "scalar_rgb")):
+        status, _, err = call("render", place / "again.yaml", *told)
+        assert status == 2 and "comes from files" in err
 
 
 def test_a_scene_takes_its_own_samples_unless_told(call, place):
@@ -414,10 +418,11 @@ def test_noise_beyond_the_mean_is_said_in_plain_numbers():
     from renderers.fog import describe
 
     report = {"files": ["a.png", "a.exr"], "size": [4, 3], "noise": 1.04, "share_scattered": 0.5, "share_sun": 0.0,
-              "without_surface": 0, "optical_depth": {"median": [1.0, 1.0, 1.0]}, "seconds": {"total": 1.0},
+              "filter": {"points": "draft", "error": 0.0054}, "without_surface": 0,
+              "optical_depth": {"median": [1.0, 1.0, 1.0]}, "seconds": {"total": 1.0},
               "picture": {"from": "mitsuba", "scene": "a.xml", "samples": 4, "noise": 1.3, "variant": "llvm", "reason": "fast"}}
     said = " ".join(describe(report))
-    assert "noise 104 %" in said and "noise 130 %" in said and "e+" not in said
+    assert "filter: draft, within 0.54 %" in said and "noise 104 %" in said and "noise 130 %" in said and "e+" not in said
 
 
 def test_frames_of_fog(call, place):

@@ -66,7 +66,7 @@ def test_a_lossless_surface_vanishes_in_even_light(scene, call):
 @pytest.mark.parametrize(("settings", "asset", "message"), [
     ({"materials[0].layer": "2"}, WHITE, "found no layer 2; it has 2: 0 to 1"),
     ({"materials[0].where.shape": "bowl"}, WHITE, "found 0 shapes of the id bowl; it has ball, other"),
-    ({}, WHITE[:WHITE.index("surface")], "no stage surface; a section surface: {thickness: infinite} in its recipe would do"),
+    ({}, WHITE[:WHITE.index("surface")], "no stage surface; use a section surface: {thickness: infinite} in its recipe"),
 ])
 def test_what_cannot_be_a_surface_is_told(scene, call, settings, asset, message):
     (scene.parent / "white.yaml").write_text(asset)

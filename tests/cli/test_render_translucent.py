@@ -127,7 +127,8 @@ def test_beams_of_negative_power_leave_no_picture_below_0(call, place):
 
 
 @pytest.mark.parametrize("method", ["vrl+tables",
-                                    *map(slow, ("auto", "paths", "shells", "vrl", "beams", "dipole", "metropolis"))])
+                                    *map(slow, ("auto", "paths", "shells", "vrl", "beams", "dipole", "metropolis",
+                                                "metropolis+tables"))])
 def test_a_scene_without_light_is_black_and_says_so(call, place, method):
     """Also where a recipe is baked for it, of which no light tells what tables are needed."""
     (place / "lit.xml").write_text(re.sub("<emitter.*?</emitter>", "", XML, flags=re.DOTALL))
@@ -168,6 +169,22 @@ def test_chains_report_and_go_on(call, place, monkeypatch):
     assert any("chains are normalised by the mean luminance" in sentence for sentence in straight["reasons"])
 
 
+@pytest.mark.slow
+def test_chains_with_tables_report_and_go_on(call, place, monkeypatch):
+    from renderers.materials.bodies import mutations
+
+    for name in ("_FEWEST", "_MOST_OF_PASS"):
+        monkeypatch.setattr(mutations, name, 1 << 14)
+    settings = "materials[0].method=metropolis+tables", "stop={samples: 4, noise: 0.01%}"
+    straight, found = rendered(call, place, "a", *settings)
+    begun = rendered(call, place, "b", settings[0], "stop={samples: 2, noise: 0.01%}")[0]
+    report, resumed = rendered(call, place, "b", *settings, options=("--resume",))
+    assert set(begun["passes"]) == {"few", "mutations"} and report["passes"] == straight["passes"]
+    assert np.allclose(picture(resumed), picture(found), rtol=1e-5, atol=1e-6)
+    assert straight["noise"] > 0 and straight["bias"] >= 0 and straight["chains"]["normalisation"] > 0
+    assert any("chains are normalised by the mean luminance" in sentence for sentence in straight["reasons"])
+
+
 def test_chains_refuse_points_through_glass(call, place):
     in_light_of(place, POINT, GLASS)
     status, _, err = call("render", place / "s.yaml", "-o", place / "x.png", "--set", "materials[0].method=metropolis")
@@ -180,7 +197,7 @@ def test_a_light_that_is_no_number_is_refused(call, place):
     (place / "lit.xml").write_text(XML.replace("4 4 4", "4 nan 4").replace("<sensor", '<integrator type="path"/><sensor'))
     for source in ("s.yaml", "lit.xml"):
         status, _, err = call("render", place / source, "-o", place / "out.png")
-        assert status == 2 and "lit.xml: light panel: radiance is 4 nan 4; finite numbers would do" in err
+        assert status == 2 and "lit.xml: light panel: radiance is 4 nan 4; expected finite numbers" in err
     assert not (place / "out.png").exists()
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import signal
 from pathlib import Path
 
 import numpy as np
@@ -49,32 +48,6 @@ def test_it_renders(call, place, milk):
     assert "method: single" in err and "more than once" in err
     for kind in ("png", "exr"):
         assert (place / f"again.{kind}").read_bytes() == (place / f"haze.{kind}").read_bytes()
-
-
-def test_an_interruption_leaves_the_picture_so_far(call, place, milk, monkeypatch):
-    """A renderer by passes: status 130, nothing on standard output, and both files whole, from which it goes on."""
-
-    def render(scene, output, progress=None, **_):
-        job = Render(scene, output, progress=progress)
-
-        def passed(index):
-            if index == 2:
-                signal.raise_signal(signal.SIGINT)
-            return {"": np.full((6, 8, 3), 1.0 + index)}
-
-        estimate = Estimate([Part("haze", passed)], {"scene": "haze"})
-        estimate.run(Stop(samples=64), job.progress(0.0, 1.0))
-        return estimate.finish(job, method="passes")
-
-    monkeypatch.setattr("tests.toy_renderer.render", render)
-    assert call(milk, "-o", place / "milk.h5")[0] == 0
-    status, out, err = call("render", place / "haze.yaml")
-    assert (status, out) == (130, "")
-    assert f"interrupted after 3 samples a pixel, noise 29 %; the picture so far is in {place / 'haze.png'}" in err
-    assert np.all(layers(place / "haze.exr")["R"] == 2) and (place / "haze.png").is_file()
-    on = Estimate([Part("haze", None)], {"scene": "haze"})
-    on.resume(place / "haze.exr")
-    assert on.samples == 3
 
 
 def test_a_picture_that_misses_its_noise_is_status_3(call, place, milk, monkeypatch):

@@ -64,9 +64,9 @@ def test_wrong_calls(call, recipe, milk, tmp_path):
     for args, said in (((milk,), "none of its stages (medium) has knobs that trade time for accuracy"),
                        (("drops.yaml", "--stage", "fog"), '--stage: found "fog"; this recipe has the stages'),
                        (("drops.yaml", "--stage", "medium"), "medium has no knobs that trade time for accuracy"),
-                       (("drops.yaml", "--budget", "0"), "--budget: found 0; a number of minutes above 0 would do"),
-                       (("drops.yaml", "--quality", "best"), '--quality: found "best"; draft, preview, final would do'),
-                       (("drops.yaml", "--set", "tolerance"), "KEY=VALUE would do"),
+                       (("drops.yaml", "--budget", "0"), "--budget: found 0; expected a number of minutes above 0"),
+                       (("drops.yaml", "--quality", "best"), '--quality: found "best"; expected draft, preview, final'),
+                       (("drops.yaml", "--set", "tolerance"), "expected KEY=VALUE"),
                        (("drops.yaml", "--set", "tolerance=200%"), "tolerance"),
                        (("drops.yaml", "-o", "drops.yaml"), "found a file where a folder should be"),
                        (("missing.yaml",), "missing.yaml")):

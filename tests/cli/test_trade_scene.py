@@ -8,8 +8,8 @@ import signal
 import numpy as np
 import pytest
 
-from bakery.cli.trade_scene import is_scene
 from bakery.errors import UsageError
+from bakery.scenes import is_scene
 from renderers.colour import LUMINANCE
 from renderers.pictures import comparison
 from renderers.pictures.progressive import Estimate, Part, Stop, fingerprint
@@ -127,7 +127,7 @@ def test_what_cannot_be_rendered_is_said(call, place, monkeypatch):
 @pytest.mark.slow
 def test_a_scene_of_another_renderer(call, place, monkeypatch):
     """Its points are named after it, and what it is sure of counts for nothing; here a second one of the same renderer."""
-    monkeypatch.setattr("bakery.cli.trade_scene._distinct", lambda scenes: None)
+    monkeypatch.setattr("bakery.scenes.trade._distinct", lambda scenes: None)
     (place / "other.yaml").write_text(HAZE.replace("name: haze", "name: other"))
     found = traded(call, place, "--beside", place / "other.yaml", "--methods", "single")
     by_name = {one["name"]: one for one in found["methods"]}
@@ -158,10 +158,10 @@ def test_scenes_and_recipes_are_not_mixed_up(call, place, monkeypatch):
 
 
 WRONG = (
-    ("haze.yaml --methods single,isotropc", "single or isotropic would do (isotropic?)"),
+    ("haze.yaml --methods single,isotropc", "expected single or isotropic (isotropic?)"),
     ("haze.yaml --methods single,single", "found single twice"),
-    ("haze.yaml --budget 0", "--budget: found 0; a number of minutes above 0"),
-    ("haze.yaml --seed x", '--seed: found "x"; a whole number'),
+    ("haze.yaml --budget 0", "--budget: found 0; expected a number of minutes above 0"),
+    ("haze.yaml --seed x", '--seed: found "x"; expected a whole number'),
     ("haze.yaml --stage optics", "--stage: haze.yaml is a scene, which has none"),
     ("haze.yaml --measure phase", "--measure: haze.yaml is a scene"),
     ("haze.yaml --set toy.method=single", "the methods are those of --methods"),

@@ -59,7 +59,7 @@ def test_what_is_no_asset(call, milk, tmp_path):
     status, out, err = call("verify", milk, tmp_path / "none.h5")
     assert status == 2 and out.splitlines() == [
         f"ok      {milk}  checksums, format and physics hold", f"missing {tmp_path / 'none.h5'}",
-        "        there is no such file; the path of a baked asset would do"]
+        "        there is no such file; expected the path of a baked asset"]
     status, out, _ = call("verify", tmp_path / "none.h5", milk, tmp_path, "--json")
     assert status == 2 and [row["ok"] for row in json.loads(out)] == [False, True, False]
     (tmp_path / "text.h5").write_text("hello")

@@ -118,21 +118,22 @@ def check(aggregate, spheres, origin, direction, far=np.inf):
     return seen
 
 
+# made where they are used: packing compiles its kernels
 MESHES = {
-    "dented, many tiles": (bumpy(14.0, (3.0, -5.0, 40.0)), tile(0.6)),
-    "dented, thin packing": (bumpy(9.0), tile(0.05, 20)),
-    "dense": (bumpy(8.0, (-100.0, 20.0, 7.0)), tile(0.63, 200)),
-    "tile of one sphere": (bumpy(6.0), (np.array([[0.3, 0.2, 0.1]]), np.ones(1), np.array([2.4, 2.2, 2.5]))),
-    "sizes": (bumpy(9.0), None),
-    "thinner than a grain": ((CUBE[0] * [15.0, 15.0, 0.3] + [0.1, 0.2, 0.7], CUBE[1]), tile(0.6)),
-    "one grain": ((CUBE[0] * 0.4 + tile(0.6)[0][7] - 0.2, CUBE[1]), tile(0.6)),
-    "faces on the walls of voxels": ((CUBE[0] * 8.0, CUBE[1]), tile(0.5)),
+    "dented, many tiles": lambda: (bumpy(14.0, (3.0, -5.0, 40.0)), tile(0.6)),
+    "dented, thin packing": lambda: (bumpy(9.0), tile(0.05, 20)),
+    "dense": lambda: (bumpy(8.0, (-100.0, 20.0, 7.0)), tile(0.63, 200)),
+    "tile of one sphere": lambda: (bumpy(6.0), (np.array([[0.3, 0.2, 0.1]]), np.ones(1), np.array([2.4, 2.2, 2.5]))),
+    "sizes": lambda: (bumpy(9.0), None),
+    "thinner than a grain": lambda: ((CUBE[0] * [15.0, 15.0, 0.3] + [0.1, 0.2, 0.7], CUBE[1]), tile(0.6)),
+    "one grain": lambda: ((CUBE[0] * 0.4 + tile(0.6)[0][7] - 0.2, CUBE[1]), tile(0.6)),
+    "faces on the walls of voxels": lambda: ((CUBE[0] * 8.0, CUBE[1]), tile(0.5)),
 }
 
 
 @pytest.fixture(scope="module", params=MESHES)
 def made(request):
-    (vertices, faces), spheres = MESHES[request.param]
+    (vertices, faces), spheres = MESHES[request.param]()
     if spheres is None:
         packed = pack(0.55, np.repeat([1.2, 0.6], [20, 40]), (1.0, 1.2, 0.8), seed=4, schedule="draft")
         spheres = packed.centers, packed.radii, packed.cell

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bakery.errors import StageError
-from bakery.physics.averages import Component, averages, batches, cross, expected, work
+from bakery.physics.averages import Aim, Component, averages, batches, cross, expected, work
 from bakery.physics.medium import phase
 from bakery.physics.sizes import Nodes, population
 
@@ -23,13 +23,13 @@ def size(distribution, **given):
     return SimpleNamespace(distribution=distribution, **(values | given))
 
 
-def bake(s, m, wavelength=0.55, tolerance=1e-2, polarized=False, **more):
+def bake(s, m, wavelength=0.55, tolerance=1e-2, polarized=False, integrated=False, **more):
     wavelength = np.atleast_1d(wavelength)
     m = np.broadcast_to(np.asarray(m, complex), wavelength.shape)
     theta, found = averages(
         [Component("spheres", m, population(s))],
         wavelength, np.ones(len(wavelength)),
-        tolerance, polarized, **more)
+        Aim(tolerance, polarized, integrated), **more)
     return theta, found[0]
 
 
@@ -238,7 +238,7 @@ def test_predicted_work_is_right_within_a_factor(s, m):
     """In units of charged work, so that no clock is read; fixed overheads of the prediction left out."""
     done = []
     theta, _ = bake(s, m, report=lambda seconds, error: done.append(seconds))
-    made = expected([Component("spheres", np.array([complex(m)]), population(s))], [0.55], [1.0], 0.01)[0]
+    made = expected([Component("spheres", np.array([complex(m)]), population(s))], [0.55], [1.0], Aim(0.01))[0]
     assert 1 / 2 < made.angles / len(theta) < 2
     assert 1 / 3 < made.seconds / (done[-1] + 0.025) < 3
 
@@ -253,7 +253,8 @@ def test_integrated_tolerance(s, m, tolerance):
     done = {}
 
     def made(name, tolerance, **options):
-        return averages(component, [0.55], [1.0], tolerance, report=lambda seconds, _: done.update({name: seconds}), **options)
+        return averages(component, [0.55], [1.0], Aim(tolerance, **options),
+                        report=lambda seconds, _: done.update({name: seconds}))
 
     reference, exact = made("exact", tolerance / 4)
     theta, found = made("integrated", tolerance, integrated=True)

@@ -8,19 +8,20 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bakery.physics.averages import Component, Rays, averages, expected
+from bakery.physics.averages import Aim, Component, Rays, averages, expected
 from bakery.physics.averages.choice import LOWEST, choose
 from bakery.physics.averages.spheres import channels_of
 from bakery.physics.medium import phase
 from bakery.physics.sizes import population
+from bakery.physics.tasks import in_turn
 from tests.physics.test_averages import size
 
-SPREAD = dict(tolerance=0.03)
+TOLERANCE = 0.03
 
 
-def bake(m, radius, sigma, rays, wavelength=0.6, **options):
+def bake(m, radius, sigma, rays, wavelength=0.6, map=in_turn, **options):
     component = Component("spheres", np.array([complex(m)]), population(size("lognormal", radius=radius, sigma=sigma)))
-    theta, found = averages([component], [wavelength], [1.0], **SPREAD, rays=rays, **options)
+    theta, found = averages([component], [wavelength], [1.0], Aim(TOLERANCE, rays=rays, **options), map)
     return theta, found[0]
 
 
@@ -55,7 +56,7 @@ def test_measured_error_covers_the_true_one(m, radius):
 def test_auto_keeps_to_the_tolerance_and_to_what_pays():
     def at(radius, tolerance, **options):
         component = Component("spheres", np.array([1.33 + 0j]), population(size("lognormal", radius=radius, sigma=1.3)))
-        return expected([component], [0.6], [1.0], tolerance, rays=Rays(**options))[2][0]
+        return expected([component], [0.6], [1.0], Aim(tolerance, rays=Rays(**options)))[2][0]
 
     assert not at(10.0, 0.1).taken and "save time" in at(10.0, 0.1).why  # x = 105: accurate enough, but dearer
     large = at(300.0, 0.01)
@@ -88,7 +89,7 @@ def test_polarised_elements_by_rays_obey_their_bounds():
 
 def test_equal_spheres_have_a_measured_error_too():
     component = Component("spheres", np.array([1.33 + 0j]), population(size("single", radius=20.0)))
-    theta, found = averages([component], [0.6], [1.0], 0.1, rays=Rays("goa"))
+    theta, found = averages([component], [0.6], [1.0], Aim(0.1, rays=Rays("goa")))
     assert 0.01 < found[0].choices[0].error < 0.1
 
 
@@ -119,10 +120,10 @@ def test_the_light_as_a_whole_takes_no_more_angles_than_every_angle_and_its_work
     sizes = population(size("lognormal", radius=1000.0, sigma=1.5, min=500.0, max=3000.0))
     hail = [Component("hail", np.array([1.31 + 0j]), sizes)]
     done = []
-    made, *_ = expected(hail, [0.55], [1.0], 0.03, rays=Rays(), integrated=True)
-    theta, found = averages(hail, [0.55], [1.0], 0.03, rays=Rays(), integrated=True,
+    made, *_ = expected(hail, [0.55], [1.0], Aim(0.03, rays=Rays(), integrated=True))
+    theta, found = averages(hail, [0.55], [1.0], Aim(0.03, rays=Rays(), integrated=True),
                             report=lambda seconds, error: done.append(seconds))
-    every, *_ = expected(hail, [0.55], [1.0], 0.03, rays=Rays())
+    every, *_ = expected(hail, [0.55], [1.0], Aim(0.03, rays=Rays()))
     assert found[0].error[0] <= 0.03
     assert made.angles / 2 < len(theta) < min(2 * made.angles, 600)
     assert 1 / 3 < made.seconds / (done[-1] + 0.025) < 3

@@ -61,13 +61,14 @@ def listed(discs):
 
 @njit
 def gathered(discs, place, kind):
-    room, filled, identity = kernels.mesh_scratch(), np.int64(0), np.empty(len(kind), np.uint64)
+    room, filled = kernels.mesh_scratch(), np.int64(0)
+    particles = kernels.Particles(place, kind, np.empty(len(kind), np.uint64))
     for level in range(len(discs.reach)):
         low_high = kernels.disc_cells(discs, level)
         for i in range(low_high[0], low_high[3] + 1):
             for j in range(low_high[1], low_high[4] + 1):
                 for k in range(low_high[2], low_high[5] + 1):
-                    filled, _ = kernels.discs_of_cell(discs, level, i, j, k, np.int64(0), place, kind, identity, filled, room)
+                    filled, _ = kernels.discs_of_cell(discs, level, (i, j, k), np.int64(0), particles, filled, room)
     return filled
 
 
@@ -91,9 +92,10 @@ def asked(discs, origin, direction, begin, end, left_out, kind, found, free):
     room = kernels.mesh_scratch()
     for i in range(len(origin)):
         o, d, s = origin[i], direction[i], left_out[i]
+        pencil = kernels.Pencil((o[0], o[1], o[2]), (d[0], d[1], d[2]), begin[i], end[i], (s[0], s[1], s[2]))
         kind[i], found[i, 0], found[i, 1], found[i, 2], found[i, 3], found[i, 4] = kernels.first_disc(
-            discs, o[0], o[1], o[2], d[0], d[1], d[2], begin[i], end[i], s[0], s[1], s[2], room)
-        kernels.open_wavelengths(discs, o[0], o[1], o[2], d[0], d[1], d[2], begin[i], end[i], s[0], s[1], s[2], free[i], room)
+            discs, pencil, room)
+        kernels.open_wavelengths(discs, pencil, free[i], room)
 
 
 def rays(discs, place, number=400, seed=3):
@@ -226,9 +228,9 @@ def ball():
 
 
 REGIONS = {
-    "box": BOX,
-    "grid": kernels.region_grid(BOX.lo, BOX.hi, np.random.default_rng(2).random((4, 3, 5)) ** 3),
-    "mesh": ball(),
+    "box": lambda: BOX,
+    "grid": lambda: kernels.region_grid(BOX.lo, BOX.hi, np.random.default_rng(2).random((4, 3, 5)) ** 3),
+    "mesh": ball,
 }
 
 
@@ -240,7 +242,7 @@ def procedural(region, numbers, extinction, words=WORDS, **more):
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("where", REGIONS)
 def test_hashed_particles_stop_what_all_of_them_do(where, moving):
-    region = REGIONS[where]
+    region = REGIONS[where]()
     more = {"velocity": np.tile([0.4, 0.3, -5.0], (4, 1)), "time": 3.1} if moving else {}
     discs = procedural(region, MANY, sizes(4.0, MANY, [1000, 300, 40, 1], region), **more)
     assert len(discs.reach) == 3
@@ -277,7 +279,8 @@ def shares(discs, radius, width, realisations, pencils, passed):
             x = width / 2 + radius * math.sqrt(u) * math.cos(2 * math.pi * v)
             y = width / 2 + radius * math.sqrt(u) * math.sin(2 * math.pi * v)
             free[:] = 1
-            kernels.open_wavelengths(discs, x, y, -1.0, 0.0, 0.0, 1.0, 0.0, np.inf, np.nan, np.nan, np.nan, free, room)
+            pencil = kernels.Pencil((x, y, -1.0), (0.0, 0.0, 1.0), 0.0, np.inf, (np.nan, np.nan, np.nan))
+            kernels.open_wavelengths(discs, pencil, free, room)
             for w in range(len(free)):
                 passed[i, w] += free[w] / pencils
 

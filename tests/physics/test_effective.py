@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -23,7 +24,10 @@ from bakery.physics.medium.diffusion import JENSEN, ROBUST, classical, exitance,
 from bakery.physics.packing.theory import mean_chord
 from tests.conftest import slow
 
-GLASS = Means.of(ball(dielectric(1.5)))
+
+@cache
+def glass():
+    return Means.of(ball(dielectric(1.5)))
 
 
 def grain(beta, delta, albedo, lambda_s, mean_square=1.0, g=0.0, **more):
@@ -43,7 +47,7 @@ def test_mean_chords_between_spheres():
 
 
 def test_glass_balls():
-    medium = effective(GLASS, void_chord(0.63))
+    medium = effective(glass(), void_chord(0.63))
     assert medium.lambda_t[0] == pytest.approx(2.207424, abs=5e-7)
     assert medium.sigma_t[0] == pytest.approx(0.453017, abs=5e-7)
     assert medium.lambda_beta == medium.void_chord
@@ -60,20 +64,20 @@ def test_published_grains(name, delta, lambda_s, albedo, beta, sigma_t):
 
 
 @pytest.mark.parametrize("means, fraction, measured, over_rte, over_tele",
-                         [(GLASS, 0.3, 120.3, 1.023, 0.999), (GLASS, 0.63, 33.34, 1.197, 1.086),
-                          (CUBE, 0.63, 37.88, 1.103, 1.013)])
+                         [(glass, 0.3, 120.3, 1.023, 0.999), (glass, 0.63, 33.34, 1.197, 1.086),
+                          (lambda: CUBE, 0.63, 37.88, 1.103, 1.013)])
 def test_spread_of_light_in_published_packings(means, fraction, measured, over_rte, over_tele):
     """Mean squares a hit measured in packings of 4000 grains (to 1 %), and their published ratios to both formulas."""
-    medium = effective(means, void_chord(fraction))
+    medium = effective(means(), void_chord(fraction))
     assert medium.m_rte[0] == pytest.approx(measured / over_rte, rel=3e-3)
     assert medium.m_tele[0] == pytest.approx(measured / over_tele, rel=3e-3)
-    assert 2 / medium.sigma_t_second_moment[0] ** 2 / (1 - means.g[0]) == pytest.approx(medium.m_tele[0], rel=1e-12)
+    assert 2 / medium.sigma_t_second_moment[0] ** 2 / (1 - means().g[0]) == pytest.approx(medium.m_tele[0], rel=1e-12)
 
 
 def test_second_moments_of_chords_change_little():
     """Of published second moments of chords; the flight of balls that fill their spheres is the chord."""
     for fraction, second in ((0.3, 0.943), (0.63, 0.967)):
-        plain, true = effective(GLASS, void_chord(fraction)), effective(GLASS, void_chord(fraction), second, 0.002)
+        plain, true = effective(glass(), void_chord(fraction)), effective(glass(), void_chord(fraction), second, 0.002)
         assert true.flight_square / plain.flight_square == pytest.approx(second, rel=1e-12)
         assert 0.99 < true.m_tele[0] / plain.m_tele[0] < 1
         assert np.all(true.sigma_t == plain.sigma_t) and true.errors["flight_square"] > 0 == plain.errors["flight_square"]
@@ -230,13 +234,13 @@ def test_errors_of_mixtures_are_those_of_their_parts_to_first_order():
 
 
 def test_mixtures_of_one_and_of_nothing():
-    glass = replace(GLASS, errors={"lambda_s": np.array([0.01]), "hit_probability": 1e-3, "phase": GLASS.errors["phase"]})
-    for parts, weights, radii in (([glass], [5], [3.0]), ([glass, CUBE, glass], [2, 0, 2], [3.0, 1.0, 3.0])):
+    beads = replace(glass(), errors={"lambda_s": np.array([0.01]), "hit_probability": 1e-3, "phase": glass().errors["phase"]})
+    for parts, weights, radii in (([beads], [5], [3.0]), ([beads, CUBE, beads], [2, 0, 2], [3.0, 1.0, 3.0])):
         if len(parts) == 3:
-            parts = [glass, replace(glass, hit_probability=0.5), glass]
+            parts = [beads, replace(beads, hit_probability=0.5), beads]
         one = mixed(parts, weights, radii)
         for name, power in (("hit_probability", 0), ("albedo", 0), ("lambda_s", 1), ("mean_square", 2), ("g", 0), ("phase", 0)):
-            assert np.allclose(getattr(one, name), getattr(glass, name) * 3.0**power, rtol=1e-12)
+            assert np.allclose(getattr(one, name), getattr(beads, name) * 3.0**power, rtol=1e-12)
         assert one.lambda_delta == 0 and one.errors["lambda_s"][0] == pytest.approx(0.03 / len(parts[::2]) ** 0.5)
         assert one.errors["hit_probability"] == pytest.approx(1e-3 / len(parts[::2]) ** 0.5)
     black = grain(0.6, 0.8, 0.0, 0.0, 0.0, 0.0, phase=np.full((1, 4), 7.0))
@@ -244,8 +248,8 @@ def test_mixtures_of_one_and_of_nothing():
     assert dark.albedo[0] == dark.lambda_s[0] == dark.g[0] == 0 and np.all(dark.phase == 1 / (4 * np.pi))
     empty = mixed([replace(black, hit_probability=0.0)])
     assert empty.hit_probability == empty.albedo[0] == 0 and empty.lambda_delta == 0.8
-    light = mixed([black, replace(GLASS, phase=np.full((1, 4), 2.0), errors={})], [1, 1])
-    assert light.lambda_s[0] == GLASS.lambda_s[0] and np.all(light.phase == 2) and 0 < light.albedo[0] < 1
+    light = mixed([black, replace(glass(), phase=np.full((1, 4), 2.0), errors={})], [1, 1])
+    assert light.lambda_s[0] == glass().lambda_s[0] and np.all(light.phase == 2) and 0 < light.albedo[0] < 1
 
 
 @pytest.mark.slow

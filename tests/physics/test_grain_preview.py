@@ -11,6 +11,7 @@ import mitsuba as mi
 
 import bakery
 from bakery.errors import AssetError
+from bakery.grammar.qualities import Panel
 from bakery.physics.grains.sphere import ball
 from bakery.physics.grains.surface import conductor, dielectric, diffuse
 from bakery.store.tree import text
@@ -19,6 +20,8 @@ from renderers.mitsuba import passes
 from renderers.preview import describe, grains, preview, studio
 from tests.grain_assets import RADIUS, asset, component
 from tests.samples import with_member
+
+SMALL = Panel(64, 2, 0.05, 120.0)
 
 GLASS = {"type": "dielectric", "index": [1.5, 1.5, 1.5], "roughness": 0.0}
 RED = {"type": "diffuse", "reflectance": [0.8, 0.4, 0.1]}
@@ -44,7 +47,7 @@ def pixels(path):
 @pytest.mark.slow
 def test_two_panels_and_a_report(beads, tmp_path):
     seen = []
-    report = preview(beads, tmp_path / "x.png", width=64, spp=2, progress=lambda fraction, noise: seen.append(fraction))
+    report = preview(beads, tmp_path / "x.png", panel=SMALL, progress=lambda fraction, noise: seen.append(fraction))
     png, exr = pixels(tmp_path / "x.png"), pixels(tmp_path / "x.exr")
     assert png.shape == exr.shape == (40 + 56, 2 * 64 + 1, 3) and np.isfinite(exr).all()
     assert [panel["shows"] for panel in report["panels"]] == ["grains", "medium"] and report["width"] == png.shape[1]
@@ -56,7 +59,7 @@ def test_two_panels_and_a_report(beads, tmp_path):
     assert report["block_edge"] == pytest.approx(40 / opened.medium.sigma_t.max()) and 50 < report["block_edge"] / RADIUS < 200
     words = " ".join(describe(report))
     assert "clay, glass" in words and "500 um" in words and "40 mean free paths" in words
-    preview(beads, tmp_path / "again.exr", width=64, spp=2)
+    preview(beads, tmp_path / "again.exr", panel=SMALL)
     np.testing.assert_array_equal(pixels(tmp_path / "again.exr"), exr)
     clay = exr[14:26, 14:24].reshape(-1, 3).mean(axis=0)  # the box stands on the left
     assert clay[0] > 1.3 * clay[1] > 1.6 * clay[2]
@@ -65,11 +68,11 @@ def test_two_panels_and_a_report(beads, tmp_path):
 def test_grains_alone(tree, tmp_path):
     """An asset baked with `--stage grains`: one panel; without both, the message says what is missing."""
     write(tmp_path / "alone.h5", with_member(tree, "medium", None))
-    report = preview(tmp_path / "alone.h5", tmp_path / "x.png", width=48, spp=2)
+    report = preview(tmp_path / "alone.h5", tmp_path / "x.png", panel=SMALL._replace(width=48))
     assert pixels(tmp_path / "x.png").shape == (30 + 40, 48, 3) and "block" not in report
     write(tmp_path / "none.h5", with_member(with_member(tree, "medium", None), "grains", None))
     with pytest.raises(AssetError, match="no stage 'medium'"):
-        preview(tmp_path / "none.h5", tmp_path / "y.png", width=48, spp=2)
+        preview(tmp_path / "none.h5", tmp_path / "y.png", panel=SMALL._replace(width=48))
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", renderer.variants.choose().names[0]])
@@ -142,7 +145,7 @@ def test_grains_lie_stable():
 def test_damage_is_named(tree, tmp_path, path, stored, message):
     write(tmp_path / "x.h5", with_member(tree, f"grains/clay/{path}", text(stored, path)))
     with pytest.raises(AssetError, match=message):
-        preview(tmp_path / "x.h5", tmp_path / "x.png", width=48, spp=2)
+        preview(tmp_path / "x.h5", tmp_path / "x.png", panel=SMALL._replace(width=48))
 
 
 def test_faces_that_name_no_vertex_are_refused(tree, tmp_path):
@@ -150,4 +153,4 @@ def test_faces_that_name_no_vertex_are_refused(tree, tmp_path):
     broken = type(faces)(faces.data + 5, faces.units, faces.description)
     write(tmp_path / "x.h5", with_member(tree, "grains/clay/faces", broken))
     with pytest.raises(AssetError, match="grains/clay/faces: holds"):
-        preview(tmp_path / "x.h5", tmp_path / "x.png", width=48, spp=2)
+        preview(tmp_path / "x.h5", tmp_path / "x.png", panel=SMALL._replace(width=48))

@@ -51,7 +51,7 @@ def tile(fraction, count, ratio=1):
 
 @cache
 def walked(fraction, grain, tolerance=0.01, count=500):
-    return walk(*tile(fraction, count), [{"ball": Grain(GLASS), "cube": Grain(GLASS, CUBE), "matt": Grain(MATT)}[grain]], seed=2,
+    return walk(tile(fraction, count), [{"ball": Grain(GLASS), "cube": Grain(GLASS, CUBE), "matt": Grain(MATT)}[grain]], seed=2,
                 tolerance=tolerance)
 
 
@@ -97,7 +97,7 @@ def test_cubes_of_glass_keep_the_exact_means():
 def test_spheres_of_several_sizes_and_a_mixture():
     """Ratio 10: means are weighted by cross section; half of the grains are cubes, which 2/pi of the rays hit."""
     centers, radii, cell = tile(0.6, 400, 10)
-    found = walk(centers, radii, cell, [Grain(GLASS), Grain(GLASS, CUBE)], [1.0, 1.0], seed=5, tolerance=0.02)
+    found = walk((centers, radii, cell), [Grain(GLASS), Grain(GLASS, CUBE)], [1.0, 1.0], seed=5, tolerance=0.02)
     near(found, "void_chord", 4 / 3 * np.sum(radii**3) / np.sum(radii**2) * 0.4 / 0.6)
     beta = 0.5 + 1 / np.pi
     near(found, "hit_probability", beta)
@@ -108,7 +108,7 @@ def test_spheres_of_several_sizes_and_a_mixture():
 
 
 def test_long_flights_have_the_exact_mean():
-    near(walk(*tile(0.001, 1000), [Grain(GLASS)], seed=1, tolerance=0.03), "void_chord", 4 / 3 * 999)
+    near(walk(tile(0.001, 1000), [Grain(GLASS)], seed=1, tolerance=0.03), "void_chord", 4 / 3 * 999)
 
 
 # ---- how far light gets
@@ -133,7 +133,7 @@ def test_matt_balls_keep_light_back():
 
 def test_errors_are_as_large_as_they_say():
     """Spread of z over 16 seeds, of figures known exactly and of M around its mean: chi^2 of 15, odds of 1e-4 each."""
-    results = [walk(*tile(0.63, 500), [Grain(GLASS)], seed=seed, tolerance=0.03) for seed in range(16)]
+    results = [walk(tile(0.63, 500), [Grain(GLASS)], seed=seed, tolerance=0.03) for seed in range(16)]
     for name in ("void_chord", "lambda_s", "g", "lambda_t", "mean_square_displacement"):
         value, error = (np.array([getattr(found, name + end) for found in results]) for end in ("", "_error"))
         chi = np.sum(((value - value.mean()) / error) ** 2)
@@ -141,27 +141,27 @@ def test_errors_are_as_large_as_they_say():
 
 
 def test_nearly_matched_grains_take_longer_windows():
-    found = walk(*tile(0.3, 500), [Grain(dielectric(1.1))], seed=1, tolerance=0.05)
+    found = walk(tile(0.3, 500), [Grain(dielectric(1.1))], seed=1, tolerance=0.05)
     assert found.reached and found.length > 512 and found.window >= 4 * found.mean_square_displacement / found.by_window[0] / 2
     assert 0.9 < found.mean_square_displacement / found.mean_square_tele < 1.2
-    few = walk(*tile(0.3, 500), [Grain(dielectric(1.1))], seed=1, tolerance=0.05, hits=100_000)
+    few = walk(tile(0.3, 500), [Grain(dielectric(1.1))], seed=1, tolerance=0.05, hits=100_000)
     assert few.window == 32 and not few.reached and "windows of 32 hits" in few.reason and few.hits > 60_000
     near(few, "mean_square_displacement", found.mean_square_displacement)
     assert few.mean_square_displacement_error > 0.1 * few.mean_square_displacement
-    fewer = walk(*tile(0.3, 500), [Grain(dielectric(1.02))], seed=1, tolerance=0.05, hits=100_000)
+    fewer = walk(tile(0.3, 500), [Grain(dielectric(1.02))], seed=1, tolerance=0.05, hits=100_000)
     assert fewer.achieved_error == np.inf and "keeps its direction" in fewer.reason
 
 
 def test_light_that_is_hardly_turned_is_not_walked():
     """Where no walk is long enough the first one ends it: 64 walks of 512 hits."""
-    found = walk(*tile(0.3, 500), [Grain(dielectric(1.002))], seed=1, tolerance=0.05)
+    found = walk(tile(0.3, 500), [Grain(dielectric(1.002))], seed=1, tolerance=0.05)
     assert found.achieved_error == np.inf and "keeps its direction" in found.reason and found.hits == 32 * 2 * 512
 
 
 # ---- light without an end
 
 def test_grains_of_the_hosts_index_have_no_mean_square_displacement():
-    found = walk(*tile(0.3, 500), [Grain(dielectric(1.0)), Grain(dielectric(1.0), CUBE)], seed=1, tolerance=0.01)
+    found = walk(tile(0.3, 500), [Grain(dielectric(1.0)), Grain(dielectric(1.0), CUBE)], seed=1, tolerance=0.01)
     assert found.mean_square_displacement == found.errors["mean_square_displacement"] == np.inf and not found.reached
     assert "index" in found.reason and abs(found.g - 1) < 1e-12
     assert found.mean_square_rte == np.inf
@@ -170,7 +170,7 @@ def test_grains_of_the_hosts_index_have_no_mean_square_displacement():
 
 def test_a_tile_of_one_sphere_lets_light_through_for_ever():
     """The mean flight is exact all the same."""
-    found = walk(*ONE, [Grain(GLASS)], seed=1, tolerance=0.01)
+    found = walk(ONE, [Grain(GLASS)], seed=1, tolerance=0.01)
     assert found.mean_square_displacement == np.inf and not found.reached and "planes (0, 0, 1)" in found.reason
     near(found, "void_chord", found.void_chord_exact)
 
@@ -217,7 +217,7 @@ def test_flights_are_those_of_a_search_over_all_images(which):
         d = d if d @ n > 0 else -d
         o, left = centers[s] + radii[s] * n, np.array([s, *copy])
         met, to = np.full(4, -1), np.zeros(3)
-        z = kernel.flight_to_sphere(o, d, left, *grid, 1e9, met, to)
+        z = kernel.flight_to_sphere(o, d, left, grid, 1e9, met, to)
         distance, image = nearest_sphere(centers, radii, cell, o + copy * cell, d, tuple(left))
         if distance < cell.min():  # farther on the search is not complete
             found += 1
@@ -229,7 +229,7 @@ def test_flights_are_those_of_a_search_over_all_images(which):
 def test_a_walk_between_mirrors_is_that_of_a_literal_twin():
     """Six hits between mirror balls from the same start: nothing is drawn, so sums agree to rounding, blown up by the balls."""
     centers, radii, cell = tile(0.45, 12)
-    scene = packed._checked(centers, radii, cell, [Grain(MIRROR)], None, 7, 0.1, 100)
+    scene = packed._checked((centers, radii, cell), [Grain(MIRROR)], None, 7, 0.1, 100)
     length = 6
     sums = kernel.walks(*scene.arrays, np.uint64(3), 11, 1, length, 0)
     periodic, _, key = scene.arrays
@@ -257,7 +257,7 @@ def test_a_walk_between_mirrors_is_that_of_a_literal_twin():
 def test_a_grain_is_met_as_its_hash_turns_it():
     """A mirror cube turned in the world against the kernel's ray turned into the cube's frame; which of two types it is, too."""
     seed, weights = 9, [1.0, 2.0]
-    scene = packed._checked(*ONE, [Grain(GLASS), Grain(MIRROR, CUBE)], weights, seed, 0.1, 100)
+    scene = packed._checked(ONE, [Grain(GLASS), Grain(MIRROR, CUBE)], weights, seed, 0.1, 100)
     room, draws, row = kernel.mesh_scratch(), kernel.Draws(np.zeros(5, np.uint64), np.empty(4)), np.zeros(kernel.SUMS)
     rng, seen = np.random.default_rng(1), [0, 0, 0]
     for copy in rng.integers(-(10**12), 10**12, (60, 3)):
@@ -290,7 +290,7 @@ def test_a_grain_is_met_as_its_hash_turns_it():
 
 def test_what_is_lost_is_drawn_again_and_counted():
     """Rough glass; a matt white ring whose surface light may meet three times; a ball that light enters but never leaves."""
-    rough = walk(*tile(0.3, 500), [Grain(dielectric(1.5, 0.3), CUBE), Grain(dielectric(1.5, 0.5))], seed=1, tolerance=0.03)
+    rough = walk(tile(0.3, 500), [Grain(dielectric(1.5, 0.3), CUBE), Grain(dielectric(1.5, 0.5))], seed=1, tolerance=0.03)
     assert rough.reached and 0.1 < rough.lost < 3 and rough.given_up == rough.cut == 0
     near(rough, "void_chord", rough.void_chord_exact)
     u, v = np.meshgrid(*(2 * np.pi * np.arange(n) / n for n in (24, 16)), indexing="ij")
@@ -299,17 +299,17 @@ def test_what_is_lost_is_drawn_again_and_counted():
     i, j = np.meshgrid(np.arange(24), np.arange(16), indexing="ij")
     a, b, c, d = i * 16 + j, (i + 1) % 24 * 16 + j, (i + 1) % 24 * 16 + (j + 1) % 16, i * 16 + (j + 1) % 16
     ring = Grain(MATT, Mesh(vertices, np.concatenate([np.stack([p.ravel() for p in t], -1) for t in ((a, b, c), (a, c, d))])))
-    free, cut = (walk(*tile(0.3, 500), [ring], seed=1, tolerance=0.03, depth=depth) for depth in (100_000, 3))
+    free, cut = (walk(tile(0.3, 500), [ring], seed=1, tolerance=0.03, depth=depth) for depth in (100_000, 3))
     assert free.cut == 0 and 1e-3 < cut.cut < 2e-2 and cut.events < free.events
-    only_reflected = walk(*tile(0.3, 500), [Grain(GLASS)], seed=1, tolerance=0.1, depth=1)
+    only_reflected = walk(tile(0.3, 500), [Grain(GLASS)], seed=1, tolerance=0.1, depth=1)
     assert abs(only_reflected.lambda_s) < 1e-12 and only_reflected.mean_square < 1e-12 and only_reflected.cut > 5
-    trap = walk(*tile(0.3, 500), [Grain(dielectric(1.0))], seed=1, tolerance=0.1, depth=1)
+    trap = walk(tile(0.3, 500), [Grain(dielectric(1.0))], seed=1, tolerance=0.1, depth=1)
     assert trap.given_up == 1 and trap.hits == 0 and not trap.reached
 
 
 def test_hits_are_bounded():
     told = []
-    found = walk(*tile(0.63, 500), [Grain(GLASS)], seed=1, tolerance=1e-4, hits=100_000, report=lambda *state: told.append(state))
+    found = walk(tile(0.63, 500), [Grain(GLASS)], seed=1, tolerance=1e-4, hits=100_000, report=lambda *state: told.append(state))
     assert not found.reached and 60_000 < found.hits <= 100_000 and "error of sqrt(M)" in found.reason
     assert len(told) >= 2 and told[-1][1] == found.achieved_error and 0 < told[-1][0] < 1
 
@@ -322,7 +322,7 @@ def test_any_number_of_threads_gives_the_same_bytes():
         return [pickle.loads(pickle.dumps(function))(*pickle.loads(pickle.dumps(task))) for task in tasks]
 
     with ThreadPoolExecutor(2) as threads:
-        results = [walk(*tile(0.63, 500), grains, seed=seed, tolerance=0.05, map=each) for seed, each in (
+        results = [walk(tile(0.63, 500), grains, seed=seed, tolerance=0.05, map=each) for seed, each in (
             (1, None), (1, lambda function, tasks: list(threads.map(lambda task: function(*task), tasks))), (1, sent), (2, None))]
     bytes_of = [pickle.dumps([getattr(found, name) for name in found.errors] + list(found.errors.values())) for found in results]
     assert bytes_of[0] == bytes_of[1] == bytes_of[2] != bytes_of[3]
@@ -336,4 +336,4 @@ def test_any_number_of_threads_gives_the_same_bytes():
 def test_what_is_refused(change, said):
     given = dict(zip(("centers", "radii", "cell"), ONE), grains=[Grain(GLASS)], weights=None, seed=0, tolerance=0.1) | change
     with pytest.raises(ValueError, match=said):
-        walk(given.pop("centers"), given.pop("radii"), given.pop("cell"), given.pop("grains"), given.pop("weights"), **given)
+        walk((given.pop("centers"), given.pop("radii"), given.pop("cell")), given.pop("grains"), given.pop("weights"), **given)

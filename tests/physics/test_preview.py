@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import shutil
 import signal
@@ -20,13 +19,13 @@ from PIL import Image
 import bakery
 from bakery.draw.files import PREVIEW_OF
 from bakery.errors import AssetError, UsageError
-from bakery.grammar.qualities import QUALITIES
+from bakery.grammar.qualities import Panel
 from renderers.mitsuba import passes
 from renderers.preview import describe, lobe, preview, studio
 from renderers.preview.picture import block_edge
 from tests.physics.media import RGB, angles, asset_file, henyey_greenstein
 
-SMALL = {"width": 48, "spp": 2}
+SMALL = Panel(48, 2, 0.05, 120.0)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +48,7 @@ def pixels(path):
 
 def test_both_files_and_a_report(wax, tmp_path):
     seen = []
-    report = preview(wax, tmp_path / "wax.png", **SMALL, progress=lambda fraction, noise: seen.append((fraction, noise)))
+    report = preview(wax, tmp_path / "wax.png", panel=SMALL, progress=lambda fraction, noise: seen.append((fraction, noise)))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["wax.exr", "wax.png"]
     png, exr = pixels(tmp_path / "wax.png"), pixels(tmp_path / "wax.exr")
     assert png.dtype == np.uint8 and exr.dtype == np.float32 and png.shape == exr.shape == (30 + 40, 48, 3)
@@ -70,7 +69,7 @@ def test_both_files_and_a_report(wax, tmp_path):
 
 def test_same_seed_same_picture(wax, tmp_path, no_strip):
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        preview(wax, tmp_path / f"{name}.exr", **SMALL, seed=seed)
+        preview(wax, tmp_path / f"{name}.exr", panel=SMALL, seed=seed)
     a, b, c = (pixels(tmp_path / f"{name}.exr") for name in "abc")
     np.testing.assert_array_equal(a, b)
     assert np.any(a != c)
@@ -78,7 +77,7 @@ def test_same_seed_same_picture(wax, tmp_path, no_strip):
 
 def test_scalar_variant_states_its_loss(wax, tmp_path):
     """Mitsuba's own table on a regular grid; at most 0.1 % of the light is misdirected."""
-    report = preview(wax, tmp_path / "wax.png", width=16, spp=1, variant="scalar_rgb")
+    report = preview(wax, tmp_path / "wax.png", panel=SMALL._replace(width=16, samples=1), variant="scalar_rgb")
     assert report["variant"] == "scalar_rgb" and (tmp_path / "wax.exr").exists()
     assert 0 < report["misdirected"] <= 1e-3 and "regular grid" in " ".join(describe(report))
 
@@ -87,7 +86,7 @@ def test_scalar_equals_jit(wax, tmp_path, no_strip):
     """The mean of the picture, within 6 standard errors of both."""
     reports = {}
     for variant in ("scalar_rgb", renderer.variants.choose().names[0]):
-        report = preview(wax, tmp_path / "x.exr", width=16, spp=8, variant=variant)
+        report = preview(wax, tmp_path / "x.exr", panel=SMALL._replace(width=16, samples=8), variant=variant)
         reports[variant] = pixels(tmp_path / "x.exr")[:10].mean(), report["noise"] / np.sqrt(160)
     (a, da), (b, db) = list(reports.values())[0], list(reports.values())[-1]
     assert a == pytest.approx(b, rel=6 * np.hypot(da, db))
@@ -97,15 +96,15 @@ def test_more_wavelengths_than_channels(tmp_path, no_strip):
     wavelength = np.linspace(0.405, 0.755, 4)
     path = asset_file(tmp_path / "haze.h5", np.full((4, 50), 1 / (4 * np.pi)), theta=np.linspace(0, np.pi, 50),
                       wavelength=wavelength, sigma_t=1e-5 * (0.55 / wavelength) ** 4, name="haze")
-    preview(path, tmp_path / "haze.png", width=16, spp=2)
+    preview(path, tmp_path / "haze.png", panel=SMALL._replace(width=16))
     assert np.isfinite(pixels(tmp_path / "haze.exr")).all()
 
 
 @pytest.mark.slow
 def test_stops_by_noise_and_by_time(wax, tmp_path, no_strip):
-    report = preview(wax, tmp_path / "x.png", width=16, spp=64, tolerance=10.0)
+    report = preview(wax, tmp_path / "x.png", panel=Panel(16, 64, 10.0, 120.0))
     assert report["stopped_by"] == "noise" and report["samples"] == 16  # four passes
-    report = preview(wax, tmp_path / "x.png", width=16, spp=64, tolerance=0.0, time_limit=0.0)
+    report = preview(wax, tmp_path / "x.png", panel=Panel(16, 64, 0.0, 0.0))
     assert report["stopped_by"] == "time" and report["samples"] == 8
     assert "depends on the machine" in " ".join(describe(report))
 
@@ -114,7 +113,7 @@ def test_refuses_before_rendering(wax, tmp_path):
     for output in (tmp_path / "no" / "x.png", tmp_path / "x.gif"):
         with pytest.raises(UsageError):
             preview(wax, output)
-    for wrong in ({"quality": "best"}, {"variant": "llvm_rgb"}, {"width": 3}):
+    for wrong in ({"quality": "best"}, {"variant": "llvm_rgb"}, {"panel": SMALL._replace(width=3)}):
         with pytest.raises(UsageError):
             preview(wax, tmp_path / "x.png", **wrong)
     clear = asset_file(tmp_path / "clear.h5", np.full((1, 50), 1 / (4 * np.pi)), theta=np.linspace(0, np.pi, 50), sigma_t=0)
@@ -123,7 +122,7 @@ def test_refuses_before_rendering(wax, tmp_path):
     assert not list(tmp_path.glob("x.*"))
 
 
-def test_scene_with_the_plugin(wax, tmp_path, monkeypatch):
+def test_scene_with_the_plugin(wax, tmp_path):
     (tmp_path / "scene.xml").write_text("""<scene version="3.0.0">
         <integrator type="volpath"/> <emitter type="constant"/>
         <sensor type="perspective">
@@ -143,14 +142,6 @@ def test_scene_with_the_plugin(wax, tmp_path, monkeypatch):
     for name in ("broken.xml", "absent.xml"):
         with pytest.raises(UsageError):
             renderer.render_scene(tmp_path / name, tmp_path / "scene.png")
-    main = importlib.import_module("renderers.mitsuba.__main__").main  # `python -m renderers.mitsuba`
-    assert main([str(tmp_path / "scene.xml"), "-o", str(tmp_path / "x.png"), "--spp", "2"]) == 2  # $spp has no value
-    (tmp_path / "scene.xml").write_text((tmp_path / "scene.xml").read_text().replace("$spp", "2"))
-    assert main([str(tmp_path / "scene.xml"), "-o", str(tmp_path / "x.png"), "--spp", "2"]) == 0
-    draft = QUALITIES["draft"]
-    monkeypatch.setitem(QUALITIES, "draft", draft._replace(panel=draft.panel._replace(width=SMALL["width"])))
-    assert main([str(wax), "-o", str(tmp_path / "y.png"), "--quality", "draft", "--spp", "1"]) == 0
-    assert all((tmp_path / f"{name}.{kind}").exists() for name in "xy" for kind in ("png", "exr"))
 
 
 @pytest.mark.parametrize(("sigma_t", "albedo", "g", "edge", "words"), [
@@ -248,7 +239,7 @@ def test_interruption_is_handed_on(variant, wax, tmp_path, no_strip):
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):
-            preview(wax, tmp_path / "x.png", width=256, spp=64, variant=variant, progress=progress)
+            preview(wax, tmp_path / "x.png", panel=SMALL._replace(width=256, samples=64), variant=variant, progress=progress)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, usual)

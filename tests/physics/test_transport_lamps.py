@@ -8,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from renderers.transport import lamps, passes, scene, solid_angles
+from renderers.transport import guides as directions
+from renderers.transport import lamps, passes, samples, scene, solid_angles, wide
 from renderers.transport.scene import Scene
 from tests.odds import ODDS, sigmas
 from tests.physics import test_transport as loops
@@ -26,15 +27,29 @@ CUBE = loops.box((-4, -4, -4), (4, 4, 4))
 FACETS = BOUNDARIES[1.4] + '<boolean name="face_normals" value="true"/>'
 
 
+def widest(monkeypatch, angle):
+    """Lamps are drawn up to a solid angle; of others directions are, however wide they are."""
+    for name in ("WIDEST", "WIDEST_ALONE", "WIDEST_BEHIND_PANES"):
+        monkeypatch.setattr(solid_angles, name, angle)
+    monkeypatch.setattr(samples, "_SHARE", 0.0)
+    monkeypatch.setattr(samples, "_CONTRAST", 0.0)
+
+
 @pytest.fixture
 def every(monkeypatch):
     """Lamps are drawn however wide they are."""
-    monkeypatch.setattr(solid_angles, "_WIDEST", np.inf)
+    widest(monkeypatch, np.inf)
+
+
+@pytest.fixture
+def none(monkeypatch):
+    """Lamps are wide, however small they are."""
+    widest(monkeypatch, 0.0)
 
 
 def without(monkeypatch):
-    """Lamps are not drawn."""
-    monkeypatch.setattr(scene, "lamps", lambda *arguments: None)
+    """No light is drawn through boundaries."""
+    monkeypatch.setattr(scene, "samples", lambda *arguments: None)
 
 
 def white(how, error):
@@ -62,6 +77,7 @@ def as_by_chance(tmp_path, monkeypatch, meshes, around, indices):
 def counted_twice(monkeypatch):
     """Light that paths meet by chance counts in full as well."""
     monkeypatch.setattr(lamps.Lamps, "_share", lambda self, arrival: 1.0)
+    monkeypatch.setattr(wide.Wide, "meets", lambda self, path, emitter, light: light)
 
 
 def walls():
@@ -70,6 +86,17 @@ def walls():
     return "".join('<shape type="rectangle"><transform name="to_world"><scale value="25"/><translate z="-25"/>'
                    f'<rotate {turn}/></transform>{BLACK}<emitter type="area"><rgb name="radiance" value="1"/></emitter></shape>'
                    for turn in turns)
+
+
+@pytest.mark.parametrize("counted", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_a_white_room_of_wide_lamps(tmp_path, none, monkeypatch, counted):
+    """The same where directions are drawn."""
+    if not counted:
+        counted_twice(monkeypatch)
+    how = loops.transport(tmp_path, {"ball": (BALL, loops.asset(1.0, 0.5, (0.9, 0.7, 1.1)))}, walls(), [1.4], size=8)
+    view = Scene(how.world, how.bodies, how.colours)
+    assert view.lamps.wide and not view.lamps.small
+    assert white(how, 0.006) == counted
 
 
 @pytest.mark.parametrize("counted", [True, pytest.param(False, marks=pytest.mark.slow)])
@@ -83,18 +110,49 @@ def test_a_white_room_of_lamps(tmp_path, every, monkeypatch, counted):
 
 
 @pytest.mark.parametrize("scatterings, arrivals", [(0.5, 4.0), (8.0, 0.1)])
-def test_without_room_for_records_lamps_are_met_by_chance(tmp_path, monkeypatch, scatterings, arrivals):
+def test_without_room_for_records_lamps_are_met_by_chance(tmp_path, every, monkeypatch, scatterings, arrivals):
     """Where lanes have no room for more scatterings, or for more lamps that paths have met, what loses no light is 1 as well."""
-    monkeypatch.setattr(lamps, "_SCATTERINGS", (scatterings, 1))
-    monkeypatch.setattr(lamps, "_ARRIVALS", (arrivals, 1))
+    monkeypatch.setattr(lamps, "SCATTERINGS", (scatterings, 1))
+    monkeypatch.setattr(lamps, "ARRIVALS", (arrivals, 1))
     how = loops.transport(tmp_path, {"ball": (BALL, loops.asset(1.0, 0.5, (0.9, 0.7, 1.1)))}, walls(), [1.4], size=8)
     assert white(how, 0.008)
+
+
+def test_without_room_for_directions_lights_are_met_by_chance(tmp_path, none, monkeypatch):
+    """Where lanes have no room for more scatterings from which directions are followed, what loses no light is 1 as well."""
+    monkeypatch.setattr(wide, "SPACE", (0.5, 1))
+    how = loops.transport(tmp_path, {"ball": (BALL, loops.asset(1.0, 0.5, (0.9, 0.7, 1.1)))}, walls(), [1.4], size=8)
+    assert white(how, 0.008)
+
+
+def test_directions_are_drawn_by_their_density(tmp_path, none):
+    """Of points in a ball under a panel: shares of bins that are drawn, against the density; chi-square over all bins."""
+    how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, PANEL, [1.4])
+    guides = Scene(how.world, how.bodies, how.colours).lamps.wide._guides
+    random, n = np.random.default_rng(2), 200_000
+    x = mi.Point3f(*(dr.full(mi.Float, value, n) for value in (0.5, -0.4, 3.5)))
+    u, v = (mi.Float(column.astype(np.float32)) for column in random.random((2, n)))
+    drawn = np.bincount(np.array(directions._bin(guides.drawn(x, u, v))), minlength=128)
+    towards = mi.Vector3f(*(mi.Float(row) for row in bin_middles()))
+    x = mi.Point3f(0.5, -0.4, 3.5) + dr.zeros(mi.Point3f, 128)
+    expected = np.array(guides.density(x, towards, True)) * 4 * np.pi / 128 * n
+    assert expected.sum() == pytest.approx(n, rel=1e-4) and not drawn[expected == 0].any()
+    some = expected > 10
+    # odds of 1e-7: bins + 5.2 standard deviations of chi-square, whose variance is twice the bins
+    assert ((drawn - expected)[some] ** 2 / expected[some]).sum() < some.sum() + 5.2 * (2 * some.sum()) ** 0.5 + 14
+
+
+def bin_middles():
+    """Directions (3, 128) in the middle of bins of `guides`."""
+    cosine, angle = (np.arange(128) // 16 + 0.5) / 4 - 1, (np.arange(128) % 16 + 0.5) * np.pi / 8
+    sine = (1 - cosine**2) ** 0.5
+    return np.array([sine * np.cos(angle), sine * np.sin(angle), cosine]).astype(np.float32)
 
 
 def test_solid_angles_are_those_of_neighbouring_walks(tmp_path):
     """Through a smooth boundary: directions from x to where walks to three points of a small triangle end."""
     how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, LAMP, [1.4])
-    manifold = Scene(how.world, how.bodies, how.colours).lamps._manifold
+    manifold = Scene(how.world, how.bodies, how.colours).lamps.small._manifold
     random, n, side = np.random.default_rng(0), 4000, 0.02
     x = mi.Point3f(*(mi.Float(row) for row in 2.5 * random.uniform(-1, 1, (3, n))))
     y = mi.Point3f(*(mi.Float(row) for row in np.array([[3.0], [-4.0], [8.0]]) + random.uniform(-1, 1, (3, n))))
@@ -174,3 +232,16 @@ def test_as_paths_that_meet_lamps_by_chance(tmp_path, every, monkeypatch, meshes
     monkeypatch.setitem(loops.bodies.BOUNDARIES, 1.4, boundary)
     around = PANEL + FLOOR + shape(tmp_path, "obstacle", (0.3 * BALL[0] + [0, 0, 9], BALL[1]), BLACK)
     as_by_chance(tmp_path, monkeypatch, meshes, around, indices)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("meshes, boundary", [
+    ({"ball": (BALL, GREY)}, BOUNDARIES[1.4]),
+    ({"bumpy": (bumpy(5.0), FORWARD)}, BOUNDARIES[1.4]),
+    ({"cube": (CUBE, GREY)}, BOUNDARIES[1.4]),
+    ({"left": (loops.box((-4, -2, -2), (0, 2, 2)), GREY), "right": (loops.box((0, -2, -2), (4, 2, 2)), FORWARD)}, FACETS),
+], ids=["ball", "bumpy", "cube-shaded", "touching"])
+def test_directions_as_paths_that_meet_lamps_by_chance(tmp_path, none, monkeypatch, meshes, boundary):
+    """The same where directions are drawn."""
+    monkeypatch.setitem(loops.bodies.BOUNDARIES, 1.4, boundary)
+    as_by_chance(tmp_path, monkeypatch, meshes, PANEL + FLOOR, [1.4] * len(meshes))

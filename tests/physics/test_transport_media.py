@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
+from bakery.errors import UsageError
 from bakery.physics.shapes.radial import icosphere
 from renderers.materials.bodies.bodies import untabled
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
 from renderers.scene import grids
 from renderers.transport import passes
-from renderers.transport.regions import Box, Everywhere, Grid, Medium, Mesh, Regions
+from renderers.transport.regions import Box, Everywhere, Grid, Medium, Mesh, Regions, boundary
 from renderers.transport.voxels import Voxels
 from tests.odds import ODDS, sigmas
 from tests.physics.particles import blocks, same
@@ -210,3 +211,10 @@ def test_where_light_first_scatters(tmp_path):
     (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0">{sensor(size=9)}{SKY}{ball}</scene>')
     number = passes.materials(World(tmp_path / "scene.xml"), entries, RGB, 0)
     assert number[0].tolist() == [-1] * 9 and number[8].tolist() == [0] * 9 and number[3, 4] == 1
+
+
+def test_on_a_graphics_card_a_second_scene_is_refused(monkeypatch):
+    """There a kernel traces rays through one scene: those through the boundary of a medium would miss it, without an error."""
+    monkeypatch.setattr(variants, "on_gpu", lambda variant: True)
+    with pytest.raises(UsageError, match="one scene at a time.*llvm_ad_rgb"):
+        boundary(np.eye(3), [[0, 1, 2]], 1.0)

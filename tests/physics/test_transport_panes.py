@@ -21,6 +21,7 @@ from tests.physics.test_transport_lamps import (  # noqa: F401
     as_by_chance,
     counted_twice,
     every,
+    none,
     walls,
     white,
 )
@@ -66,7 +67,7 @@ def test_solid_angles_are_those_of_neighbouring_refractions(tmp_path, monkeypatc
     """Directions from x to where walks to three points of a small triangle end; and the guess of the index around the body."""
     monkeypatch.setitem(loops.bodies.BOUNDARIES, 1.4, boundary)
     how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, LAMP + panes(tmp_path, meshes), [1.4])
-    sampled = Scene(how.world, how.bodies, how.colours).lamps
+    sampled = Scene(how.world, how.bodies, how.colours).lamps.small
     assert np.max(sampled._manifold._around) == pytest.approx(around)
     random, n, side = np.random.default_rng(0), 4000, 0.02
     x = mi.Point3f(*(mi.Float(row) for row in 2.5 * random.uniform(-1, 1, (3, n))))
@@ -90,7 +91,7 @@ def test_refractions_follow_the_rays_of_mitsuba(tmp_path, of_milk):
     random, n = np.random.default_rng(1), 2000
     x = mi.Point3f(*(mi.Float(row) for row in 2.5 * random.uniform(-1, 1, (3, n))))
     y = mi.Point3f(*(mi.Float(row) for row in np.array([[3.0], [-4.0], [8.0]]) + random.uniform(-1, 1, (3, n))))
-    walk = view.lamps._refractions.walk(x, y, dr.full(mi.Bool, True, n))
+    walk = view.lamps.small._refractions.walk(x, y, dr.full(mi.Bool, True, n))
     ray, squared = mi.Ray3f(x, walk.towards), mi.Float(1)
     for _ in range(2):
         surface = view.scene.ray_intersect(ray)
@@ -157,3 +158,15 @@ def test_as_paths_that_meet_lamps_behind_panes_by_chance(tmp_path, every, monkey
     monkeypatch.setitem(loops.bodies.BOUNDARIES, 1.4, boundary)
     around = PANEL + FLOOR + panes(tmp_path, meshes) + shape(tmp_path, "obstacle", (0.3 * BALL[0] + [0, 0, 9], BALL[1]), BLACK)
     as_by_chance(tmp_path, monkeypatch, {"ball": (BALL, body)}, around, [1.4])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("meshes, boundary, body", [
+    ({"shell": SHELL}, IN_GLASS, GREY),
+    ({"shell": SHELL}, IN_GLASS, FORWARD),
+    ({"pane": PANE}, glass(1.4), GREY),
+], ids=["in-glass", "forward-in-glass", "behind-a-pane"])
+def test_directions_through_panes_as_by_chance(tmp_path, none, monkeypatch, meshes, boundary, body):  # noqa: F811
+    """The same where directions are drawn: by way of reflections in the glass, too."""
+    monkeypatch.setitem(loops.bodies.BOUNDARIES, 1.4, boundary)
+    as_by_chance(tmp_path, monkeypatch, {"ball": (BALL, body)}, PANEL + FLOOR + panes(tmp_path, meshes), [1.4])

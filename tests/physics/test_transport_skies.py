@@ -38,7 +38,7 @@ def test_which_environments_are_drawn(tmp_path):
     loops.transport(tmp_path, {"ball": (BALL, GREY)}, SKY, [1.4])  # sets the variant
     sun = loops.transport(tmp_path, {"ball": (BALL, GREY)}, sunny(tmp_path, 200.0, 3), [1.4])
     even = loops.transport(tmp_path, {"ball": (BALL, GREY)}, SKY, [1.4])
-    assert isinstance(lamps_of(sun)._sky, Sky) and lamps_of(even) is None
+    assert isinstance(lamps_of(sun).small._sky, Sky) and lamps_of(even) is None
 
 
 @pytest.mark.parametrize("in_glass", [False, pytest.param(True, marks=pytest.mark.slow)])
@@ -49,7 +49,7 @@ def test_a_white_sky(tmp_path, every, monkeypatch, in_glass):  # noqa: F811
         monkeypatch.setitem(loops.bodies.BOUNDARIES, 1.4, IN_GLASS)
         around += shape(tmp_path, "shell", SHELL, WALL)
     how = loops.transport(tmp_path, {"ball": (BALL, loops.asset(1.0, 0.5, (0.9, 0.7, 1.1)))}, around, [1.4], size=8)
-    assert lamps_of(how)._sky
+    assert lamps_of(how).small._sky
     assert white(how, 0.007)
 
 

@@ -72,8 +72,8 @@ def test_workers_of_another_version_are_refused(call, monkeypatch, scheduler, dr
 def test_what_is_no_address_is_refused(call, drops, tmp_path, address):
     status, out, err = call(drops, "-o", tmp_path / "a.h5", "--cluster", address)
     assert status == 2 and not out and not (tmp_path / "a.h5").exists()
-    assert err.endswith(f'--cluster: found "{address}"; the address of a Dask scheduler would do, such as tcp://host:8786\n')
-    with pytest.raises(UsageError, match="the address of a Dask scheduler would do"):
+    assert err.endswith(f'--cluster: found "{address}"; expected the address of a Dask scheduler, such as tcp://host:8786\n')
+    with pytest.raises(UsageError, match="expected the address of a Dask scheduler"):
         bakery.bake(drops, tmp_path / "a.h5", cluster=address)
 
 

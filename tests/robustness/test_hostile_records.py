@@ -98,7 +98,7 @@ def test_figures_that_no_run_shows(tmp_path):
 
 @pytest.mark.parametrize("minutes", [0.0, -1.0, math.inf, math.nan, 1e300])
 def test_budgets(minutes):
-    with pytest.raises(UsageError, match="--budget: found .* a number of minutes above 0 would do, at most 1,000,000"):
+    with pytest.raises(UsageError, match="--budget: found .* expected a number of minutes above 0, at most 1,000,000"):
         check_budget(minutes)
 
 

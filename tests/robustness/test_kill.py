@@ -147,8 +147,8 @@ def test_bakes_at_once(drops, tmp_path, undisturbed):
 
 def test_the_holder_of_a_lock_dies(drops, tmp_path):
     holder = subprocess.Popen([sys.executable, "-c", (
-        "import time\nfrom pathlib import Path\nfrom bakery.run import prepare\nfrom bakery.run.cache import Cache\n"
-        f"plan = prepare({str(drops)!r})\ncache = Cache()\n"
+        "import time\nfrom pathlib import Path\nfrom bakery.run.bake import planned\nfrom bakery.run.cache import Cache\n"
+        f"plan = planned({str(drops)!r})\ncache = Cache()\n"
         "with cache.lock('optics', plan.steps[0].input_hash):\n    print('held', flush=True)\n    time.sleep(600)\n")],
         env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True)
     assert holder.stdout.readline() == "held\n"

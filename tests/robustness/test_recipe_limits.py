@@ -21,7 +21,7 @@ from bakery.grammar import text
 from bakery.grammar.fields import Leaf
 from bakery.grammar.section import Section
 from bakery.recipe import schema
-from bakery.run import execute, prepare
+from bakery.run import bake, execute
 from tests.libradtran import libradtran
 
 HEAD = {"bakery": 1, "name": "x", "description": "", "wavelengths": [0.55, 0.6], "seed": 0, "tolerance": 0.1,
@@ -264,7 +264,7 @@ def tried() -> dict[str, list]:
 def planned(path):
     """The plan of a recipe, or None where it is refused with a place; warnings of NumPy are errors here."""
     try:
-        return prepare(path, path.with_suffix(".h5"), jobs=2)
+        return bake.planned(path, path.with_suffix(".h5"), jobs=2)
     except RecipeError as error:
         assert all(problem.line and (problem.found or problem.expected) for problem in error.problems)
         return None

@@ -167,9 +167,10 @@ def test_the_server_dies_in_the_middle_of_a_bake(objects, bake, drops, tmp_path)
     home.mkdir()
     with Server() as server:
         child = subprocess.Popen([sys.executable, "-c", (
-            "import sys\nfrom bakery.run import execute, prepare\nfrom bakery.run.cache import Cache\n"
+            "import sys\nfrom bakery.run import execute\n"
+            "from bakery.run.bake import planned\nfrom bakery.run.cache import Cache\n"
             "cache = Cache(say=lambda text: print(text, flush=True))\n"
-            f"plan = prepare({str(drops)!r}, {str(tmp_path / 'b.h5')!r}, cache=cache)\nprint('planned', flush=True)\n"
+            f"plan = planned({str(drops)!r}, {str(tmp_path / 'b.h5')!r}, cache=cache)\nprint('planned', flush=True)\n"
             "sys.stdin.readline()\nexecute(plan, cache=cache)\n")], text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=subprocess.PIPE, env={**os.environ, "PYTHONPATH": str(ROOT),
                                          **environment(home, server.address, server.endpoint, **ONCE)})

@@ -9,7 +9,7 @@ from bakery.store.outputs import FileKind
 
 def _digits(text: str) -> int:
     if not text.isdecimal():
-        raise UsageError(f'--digits: found "{text}"; a number such as 3 would do')
+        raise UsageError(f'--digits: found "{text}"; expected a number such as 3')
     return int(text)
 
 

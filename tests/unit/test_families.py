@@ -19,6 +19,7 @@ from bakery.family.pictures import pictures
 from bakery.family.refine import ROOM, refined
 from bakery.family.tree import departures, physics
 from bakery.physics.medium.between import Optics, common_angles, difference, hole, interpolated, tabulated
+from bakery.plan.asked import Asked
 from bakery.run.bake import executed, planned
 from bakery.run.messages import ClusterLost
 from bakery.store.missed import missed
@@ -213,7 +214,7 @@ def test_up_to_date_and_again(lobes, tmp_path):
     plan = planned(recipe, family)
     assert not plan.write and not executed(plan).written
     assert family.stat().st_mtime_ns > before
-    assert planned(recipe, family, settings={"sweep.tolerance": "4%"}).write
+    assert planned(recipe, family, asked=Asked({"sweep.tolerance": "4%"})).write
     assert planned(recipe, family, force=True).write
 
 
@@ -406,7 +407,7 @@ def test_ten_thousand_points_are_planned_and_refused_where_they_have_no_room(tmp
     path.write_text(LOBES.replace("[0.0, 0.5, 0.8]", "{from: 0.1, to: 0.8, count: 10000}"))
     plan = planned(path, tmp_path / "lobes.h5")
     assert plan.points == 10_000 and plan.middles == 9_999 and plan.seconds > 100 and 5e7 < plan.file < 1e10
-    monkeypatch.setattr("bakery.run.family.free_space", lambda path: int(plan.file))
+    monkeypatch.setattr("bakery.run.family_plan.free_space", lambda path: int(plan.file))
     with pytest.raises(bakery.UsageError, match=r"10,000 points take about .* are free there"):
         planned(path, tmp_path / "lobes.h5")
     assert not any(tmp_path.glob("*.h5"))

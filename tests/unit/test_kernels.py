@@ -59,9 +59,10 @@ def placed(seed, tile, sphere, shares, out):
 @njit
 def met(centers, radii, cell, m, o, d, distance, spheres):
     start, image, owner = kernels.tile_grid(centers, radii, cell, m)
+    grid = cell, m, start, image, owner
     left, sphere, to = np.array([-1, 0, 0, 0]), np.zeros(4, np.int64), np.zeros(3)
     for n in range(len(o)):
-        distance[n] = kernels.flight_to_sphere(o[n], d[n], left, cell, m, start, image, owner, np.inf, sphere, to)
+        distance[n] = kernels.flight_to_sphere(o[n], d[n], left, grid, np.inf, sphere, to)
         spheres[n] = sphere
 
 

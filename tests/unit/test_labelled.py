@@ -84,7 +84,7 @@ def test_a_dataset_gives_its_arrays(xarray, fog):
     members = bakery.from_xarray(medium)
     assert np.array_equal(members.new, [1, 2]) and members.units["new"] == "K" and "wavelength" not in members
     assert np.array_equal(members.phase(0.5), fog.medium.phase(0.5)) and members.attributes["tolerance"] == 0.01
-    with pytest.raises(UsageError, match="the tree of a whole asset would do"):
+    with pytest.raises(UsageError, match="expected the tree of a whole asset"):
         bakery.from_xarray(medium, "a.h5")
 
 

@@ -325,16 +325,6 @@ def test_news_come_when_there_are_some(watched):
     assert state["version"] > version and state["samples"] == 4 and state["seconds_left"] is not None
 
 
-def test_a_page_stops_the_render(watched):
-    watch, rendering = watched
-    watch.stop()
-    assert watch.state()["stopping"]
-    rendering.run(watch.observe)
-    assert rendering.estimate.stopped_by == "request"
-    watch.over(rendering.finish())
-    assert not watch.state()["stopping"] and watch.state()["report"]["stopped_by"] == "request"
-
-
 def test_what_goes_wrong_is_on_the_page(monkeypatch):
     def fails(path, output, begins, **options):
         begins("choice")

@@ -11,6 +11,7 @@ import pytest
 from bakery import plan as planning
 from bakery.errors import UsageError
 from bakery.plan.inputs import differences, input_hash, parts, reads_key
+from bakery.plan.suffice import Held
 from bakery.stages.declaration import Cost, Result, Stage
 
 
@@ -89,11 +90,11 @@ def test_actions(two_stages):
     fresh = planning.make(recipe(), Path("fog.h5"))
     assert [step.action for step in fresh.steps] == ["run", "run"]
     assert fresh.write and fresh.seconds == 4.0 and fresh.memory == 1e6 and fresh.file == 2e3 + planning.FRAME
-    hashes = {step.stage.name: step.input_hash for step in fresh.steps}
-    held = planning.make(recipe(), Path("fog.h5"), previous={}, current=hashes, same_recipe=True)
+    stored = {step.stage.name: Held({}, step.input_hash, 0.0) for step in fresh.steps}
+    held = planning.make(recipe(), Path("fog.h5"), held=stored, same_recipe=True)
     assert not held.write and [step.action for step in held.steps] == ["reuse", "reuse"]
-    assert planning.make(recipe(), Path("fog.h5"), current=hashes, same_recipe=False).write
-    forced = planning.make(recipe(), Path("fog.h5"), current=hashes, same_recipe=True, force=True)
+    assert planning.make(recipe(), Path("fog.h5"), held=stored, same_recipe=False).write
+    forced = planning.make(recipe(), Path("fog.h5"), held=stored, same_recipe=True, force=True)
     assert forced.write and [step.action for step in forced.steps] == ["run", "run"]
     assert all(step.force for step in forced.steps) and not any(step.force for step in (*fresh.steps, *held.steps))
     cached = planning.make(recipe(), Path("fog.h5"), in_cache=lambda name, key: name == "dig")
@@ -102,9 +103,8 @@ def test_actions(two_stages):
 
 def test_only_what_a_change_concerns_runs_again(two_stages):
     before = {s.stage.name: s for s in planning.make(recipe(), Path("fog.h5")).steps}
-    current = {name: step.input_hash for name, step in before.items()}
-    previous = {name: step.parts for name, step in before.items()}
-    after = planning.make(recipe(**{"particles.number_density": 2e8}), Path("fog.h5"), previous=previous, current=current)
+    stored = {name: Held(step.parts, step.input_hash, 0.0) for name, step in before.items()}
+    after = planning.make(recipe(**{"particles.number_density": 2e8}), Path("fog.h5"), held=stored)
     assert [step.action for step in after.steps] == ["reuse", "run"]
     assert after.steps[1].why == ("particles.number_density: 100000000 -> 200000000",)
 

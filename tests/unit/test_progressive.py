@@ -374,7 +374,7 @@ def test_stops_by_quality():
     assert Stop.of(split) == Stop(0.01, None, None) and Stop.of(split, "pixels").pixels
     assert Stop.of(split, time=60.0, samples=1024, quality="preview") == Stop(0.02, 15.0, 256)
     assert Stop.of(split, samples=4, quality="draft").samples == 1
-    with pytest.raises(UsageError, match='found "best"; draft, preview, final would do'):
+    with pytest.raises(UsageError, match='found "best"; expected draft, preview, final'):
         Stop.of(split, quality="best")
 
 

@@ -42,5 +42,5 @@ def test_limits_of_time():
     """By the square of the noise; a draft has one where the scene has none."""
     assert [reached.limit(60.0, quality) for quality in (None, "final", "preview", "draft")] == [60.0, 60.0, 15.0, 3.75]
     assert [reached.limit(None, quality) for quality in (None, "final", "preview", "draft")] == [None, None, None, 60.0]
-    with pytest.raises(UsageError, match="draft, preview, final would do"):
+    with pytest.raises(UsageError, match="expected draft, preview, final"):
         reached.limit(60.0, "best")

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from bakery.physics.multiple import legendre, peaks
-from bakery.run.ensure import Asked, told
+from bakery.plan.asked import Asked
+from bakery.run.ensure import told
 from bakery.stages.packing.stage import _schedule
 from renderers.materials.bodies import requirements as translucent
 from renderers.materials.bodies import thin
@@ -84,7 +85,7 @@ def test_the_union_asks_for_most():
 def test_what_is_out_of_reach_is_told_before_the_bake():
     needs = (Need("grains", True, "", (), "the least is asked for"), Need("medium", False, "", (), "never read"),
              Need("packing", True, ""))
-    wanted = Asked({}, ("grains", "packing"), (), (), needs=needs, remarks=("noise leaves no room",))
+    wanted = Asked(stages=("grains", "packing"), needs=needs, remarks=("noise leaves no room",))
     assert told("sand.yaml", wanted) == ["sand.yaml: grains: out of reach: the least is asked for", "noise leaves no room"]
 
 

@@ -19,6 +19,7 @@ from bakery import plan as planning
 from bakery import run
 from bakery.errors import StageError
 from bakery.physics import mie
+from bakery.plan.suffice import Held
 from bakery.recipe import load
 from bakery.run import compiling, execute
 from bakery.run.cache import Cache
@@ -445,7 +446,8 @@ def test_what_misses_its_tolerance_is_stored_and_told_each_time(tmp_path):
         plan = planning.make(strict, path, in_cache=Cache().has)
         baked = execute(plan)
         assert baked.missed == told and [step["source"] for step in baked.steps] == [source] * 2
-    again = execute(planning.make(strict, path, current={s.stage.name: s.input_hash for s in plan.steps}, same_recipe=True))
+    held = {step.stage.name: Held({}, step.input_hash, 0.0) for step in plan.steps}
+    again = execute(planning.make(strict, path, held=held, same_recipe=True))
     assert not again.written and again.missed == told and again.steps[1]["achieved_error"] == 0.02
     assert execute(planning.make(recipe(factor=3.0), tmp_path / "c.h5")).missed == ()
 

@@ -86,7 +86,7 @@ def test_python_of_the_readme(folder):
 def test_python_of_tables_by_photons(folder):
     for method, photons in (("solver", "auto"), ("photons", "1000")):
         (folder / "milk.yaml").write_text(CHEAP.format(method=method, photons=photons))
-        bakery.run.execute(bakery.run.prepare("milk.yaml", f"{method}.h5"))  # 1,000 photons miss any tolerance
+        bakery.run.execute(bakery.run.bake.planned("milk.yaml", f"{method}.h5"))  # 1,000 photons miss any tolerance
     for text in blocks("python")["docs/multiple-photons.md"]:
         exec(compile(text, "docs/multiple-photons.md", "exec"), {})
 

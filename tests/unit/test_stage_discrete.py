@@ -14,7 +14,7 @@ from bakery.asset import read_checked
 from bakery.asset.verify import _broken
 from bakery.errors import RecipeError, StageError
 from bakery.recipe import load
-from bakery.run import execute, prepare
+from bakery.run.bake import planned
 from bakery.stages import measures
 from bakery.stages.discrete.stage import STAGE, check
 from bakery.store.tree import Group
@@ -101,19 +101,6 @@ def test_each_particle_has_its_class(asset):
     assert (np.abs(off) < SIGMAS).all()
 
 
-@pytest.mark.slow
-def test_workers_do_not_decide(recipe, monkeypatch):
-    monkeypatch.setattr("bakery.physics.discrete.realise.BLOCK", 1 << 14)  # several blocks of fewer particles
-    path = recipe("{count: 50000, box: [1 m, 1 m, 2 m], grid: {file: rho.npy}}")
-    np.save(path.with_name("rho.npy"), np.array([0.5, 1, 0, 0.2]).reshape(2, 2, 1))
-    hashes = set()
-    for jobs in (1, 3):
-        plan = prepare(path, path.with_suffix(".h5"), jobs=jobs, force=True)
-        execute(plan, jobs=jobs)
-        hashes.add(bakery.open(path.with_suffix(".h5")).content_hash)
-    assert len(hashes) == 1
-
-
 def test_a_seed_is_another_realisation_of_the_same(recipe, asset):
     other = baked(recipe("", "  count: 2000", "  count: 2000\n  seed: 1"))
     assert not np.array_equal(other.discrete.position, asset.discrete.position)
@@ -152,10 +139,10 @@ def test_a_grid_of_either_kind_is_an_input(recipe):
     second = baked(recipe("{count: 3000, box: [1 m, 1 m, 1 m], grid: {file: rho2.npy}}"))
     assert np.allclose(first.discrete.density, second.discrete.density, rtol=1e-6)
     assert np.mean(first.discrete.position == second.discrete.position) > 0.9
-    plan = prepare(recipe("{count: 3000, box: [1 m, 1 m, 1 m], grid: {file: rho2.npy}}"), path.with_suffix(".h5"), jobs=1)
+    plan = planned(recipe("{count: 3000, box: [1 m, 1 m, 1 m], grid: {file: rho2.npy}}"), path.with_suffix(".h5"), jobs=1)
     assert [step.action for step in plan.steps][-1] == "reuse"
     np.save(path.with_name("rho2.npy"), values**2)
-    plan = prepare(path, path.with_suffix(".h5"), jobs=1)
+    plan = planned(path, path.with_suffix(".h5"), jobs=1)
     assert [step.action for step in plan.steps] == ["reuse", "reuse", "run"]
     assert "rho2.npy" in " ".join(plan.steps[-1].why)
 
@@ -176,7 +163,7 @@ def test_a_mesh_with_a_hole_is_refused_with_its_place(recipe):
     path.with_name("open.off").write_text(MESH.replace("4 4 0", "4 3 0").removesuffix("3 1 2 3\n"))
     says = r"variant.yaml:\d+: discrete.mesh.file: open.off: not closed: face 0 alone has .* vertices 2 and 1 at \(0.5, 0.5, 0\)"
     with pytest.raises(StageError, match=says):
-        prepare(path, path.with_suffix(".h5"), jobs=1)
+        planned(path, path.with_suffix(".h5"), jobs=1)
 
 
 REFUSED = {
@@ -242,7 +229,7 @@ def test_verify_sees_what_is_not_chance(folder):
 
 def test_the_plan_tells_memory_and_file(recipe):
     path = recipe("{count: 100000000, box: [1 m, 1 m, 1 m]}")
-    plan = prepare(path, path.with_suffix(".h5"), jobs=1)
+    plan = planned(path, path.with_suffix(".h5"), jobs=1)
     cost = plan.steps[-1].cost
     assert 1.2e9 < cost.file < 1.6e9 and 5e9 < cost.memory < 8e9
     assert "bytes a particle" in cost.basis

@@ -94,12 +94,6 @@ def test_tampered_values_are_found(upstream, path, change, words):
     assert any(words in fault for fault in faults), faults
 
 
-def test_missing_datasets_are_named():
-    members = dict(of_coefficients()[0].members)
-    del members["cdf"]
-    assert list(OF_COEFFICIENTS.check(Group(members))) == ["cdf missing"]
-
-
 def test_given_coefficients_are_kept():
     result, _ = of_coefficients()
     values = {name: member.data for name, member in result.members.items() if isinstance(member, Dataset)}

@@ -27,7 +27,7 @@ from bakery.trade.resolve import all_of
 from bakery.trade.search import Ladder, Seen, proposals, start_of
 from bakery.trade.settings import Job, Settings
 from bakery.trade.sweep import Sweeper
-from bakery.trade.worker import Bench
+from bakery.trade.worker import Bench, Task
 from tests import traded
 from tests.traded import CLOCK, RECIPE
 
@@ -200,8 +200,8 @@ class Here:
 
     ran = 0
 
-    def __init__(self, **arguments):
-        self._bench = Bench(clock=CLOCK, wall=CLOCK, **arguments)
+    def __init__(self, share, **arguments):
+        self._bench = Bench(Task(**arguments), clock=CLOCK, wall=CLOCK, share=share)
 
     def __getattr__(self, name):
         def call(*args, limit=None):
@@ -359,7 +359,7 @@ def test_what_changes_the_figures_is_measured_again(copied, monkeypatch):
 def test_a_budget_that_is_spent_and_raised(copied, tmp_path):
     task, first, total = copied
     (tmp_path / "new").mkdir()
-    with pytest.raises(UsageError, match=r"no converged values .* --budget \d+ would do"):
+    with pytest.raises(UsageError, match=r"no converged values .* use --budget \d+"):
         sweep(job(tmp_path / "new"), budget=1.0)
     for file in (task.folder / "runs").iterdir():
         file.unlink()

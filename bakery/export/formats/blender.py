@@ -17,7 +17,7 @@ def _between(flag: str, low: float, high: float):
         except ValueError:
             value = float("nan")
         if not low <= value <= high:
-            raise UsageError(f'{flag}: found "{text}"; a number from {low:g} to {high:g} would do')
+            raise UsageError(f'{flag}: found "{text}"; expected a number from {low:g} to {high:g}')
         return value
     return parsed
 
@@ -33,7 +33,7 @@ def write(job: Job) -> Written:
 
     index, roughness = (job.settings.get(option.name) for option in (INDEX, ROUGHNESS))
     if roughness is not None and index is None:
-        raise UsageError("--roughness: found without --index, without which there is no surface; both would do")
+        raise UsageError("--roughness: found without --index, without which there is no surface; use both")
     bands = job.colour.band_matrix(job.asset.wavelength)
     medium = written(job, cycles_medium, "py",
                      lambda medium: blender_text(job.medium_name, medium, bands, index, roughness or 0.0))

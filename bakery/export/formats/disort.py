@@ -18,7 +18,7 @@ def _thicknesses(text: str) -> np.ndarray:
     except Wrong as wrong:
         raise UsageError(f"--thickness: {wrong.found}; {wrong.expected}") from None
     if not (values >= 0).all():
-        raise UsageError(f'--thickness: found "{text}"; lengths of 0 or more would do')
+        raise UsageError(f'--thickness: found "{text}"; expected lengths of 0 or more')
     return values
 
 
@@ -26,7 +26,7 @@ def _orders(text: str) -> int:
     from bakery.physics.moments import MOST
 
     if not text.isdecimal() or not 1 <= int(text) <= MOST:
-        raise UsageError(f'--moments: found "{text}"; the highest order, a whole number from 1 to {MOST}, would do')
+        raise UsageError(f'--moments: found "{text}"; expected the highest order, a whole number from 1 to {MOST}')
     return int(text)
 
 

@@ -21,7 +21,7 @@ def angle(text: str) -> float:
     except Wrong as wrong:
         raise UsageError(f"--unscattered-within: {wrong.found}; {wrong.expected}") from None
     if not 0 < value <= WIDEST:
-        raise UsageError(f'--unscattered-within: found "{text}"; angles above 0 to {math.degrees(WIDEST):g}deg would do')
+        raise UsageError(f'--unscattered-within: found "{text}"; expected angles above 0 to {math.degrees(WIDEST):g}deg')
     return value
 
 

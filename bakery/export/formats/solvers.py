@@ -53,7 +53,7 @@ def quantity(flag: str, words: str, metavar: str, kind: str) -> Option:
         except units.Wrong as wrong:
             raise UsageError(f"{flag}: {wrong.found}; {wrong.expected}") from None
         if not value > 0:
-            raise UsageError(f'{flag}: found "{text}"; a value above 0 would do')
+            raise UsageError(f'{flag}: found "{text}"; expected a value above 0')
         return value
 
     return Option(flag, words, metavar, parsed)

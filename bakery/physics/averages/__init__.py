@@ -18,13 +18,13 @@ from bakery.physics.averages.batches import solve
 from bakery.physics.averages.choice import Choice, at_once, choose
 from bakery.physics.averages.cross import SHARE, cross_sections
 from bakery.physics.averages.predicted import predict, predicted_angles
-from bakery.physics.averages.spheres import Coat, Component, Rays, channels_of, features_of
+from bakery.physics.averages.spheres import Aim, Coat, Component, Rays, channels_of, features_of
 from bakery.physics.averages.work import Work
 from bakery.physics.medium import grid, phase
+from bakery.physics.tasks import in_turn
 
-__all__ = ["Average", "Coat", "Component", "Rays", "averages", "expected", "first_grid"]
+__all__ = ["Aim", "Average", "Coat", "Component", "Rays", "averages", "expected", "first_grid"]
 
-SERIES = Rays("mie")
 _RIPPLE = 0.03  # steps of this over x are a hundredth of a ripple
 _TRIES = 4
 _MARGIN = 0.8  # of the tolerance, for quadrature (its SHARE) and interpolant together; the rest is the normalisation's
@@ -61,10 +61,9 @@ class Average:
     choices: tuple[Choice, ...] = ()
 
 
-def averages(components: Sequence[Component], wavelength, host, tolerance: float, polarized: bool = False,
-             map: Callable = lambda function, tasks: [function(*task) for task in tasks],
-             report: Callable[[float, float | None], None] = lambda seconds, error: None, *, rays: Rays = SERIES,
-             radii: int | None = None, angles: int | None = None, integrated: bool = False,
+def averages(components: Sequence[Component], wavelength, host, aim: Aim,
+             map: Callable = in_turn,
+             report: Callable[[float, float | None], None] = lambda seconds, error: None, *,
              remember: Callable = at_once) -> tuple[np.ndarray, list[Average]]:
     """Averages of all components at all wavelengths on one grid of angles.
 
@@ -73,15 +72,9 @@ def averages(components: Sequence[Component], wavelength, host, tolerance: float
     components : with indices m (L,)
     wavelength : (L,) um, in vacuum
     host : (L,) real index of the host
-    tolerance : largest relative error of any mean cross section and of the phase function at any angle
-    polarized : also S12, S33, S34
+    aim : how good they are to be
     map : `map(function, tasks)` -> list in the order of the tasks
     report : called with the work that is done, in seconds as predicted for one core, and the error reached
-    rays : whether and how rays stand for the series of large spheres
-    integrated : the tolerance holds for the integral of the phase function's error over the sphere (twice the share of light that
-        goes elsewhere), not for its relative error at every angle
-    radii, angles : fixed numbers of sizes and of angles, whatever error they leave: it is measured all the same; None: as many as
-        the tolerance takes
     remember : of choices of rays, as in `choice.choose`
 
     Returns
@@ -100,14 +93,13 @@ def averages(components: Sequence[Component], wavelength, host, tolerance: float
     Spheres of one size have interference minima of any depth, in which a relative error means nothing; for them (one part, x > 5,
     x times relative width < 3) the reference is the largest value within half a ripple, pi/(2x).
     """
-    prediction, channels, choices = expected(components, wavelength, host, tolerance, polarized, rays=rays, radii=radii,
-                                             angles=angles, integrated=integrated, remember=remember)
+    prediction, channels, choices = expected(components, wavelength, host, aim, remember=remember)
     k = np.array([channel.k for channel in channels[: len(np.asarray(wavelength))]])
     work = Work(map, report)
     work.expect(prediction)
-    crosses = [cross_sections(c, channel.nodes, np.asarray(wavelength), k, tolerance, work)
+    crosses = [cross_sections(c, channel.nodes, np.asarray(wavelength), k, aim.tolerance, work)
                for c, channel in zip(components, channels[:: len(k)])]
-    table, finished = _Tables(channels, choices, crosses, tolerance, polarized, rays, radii, angles, integrated, work).solved()
+    table, finished = _Tables(channels, choices, crosses, aim, work).solved()
     spectra = (slice(i * len(k), (i + 1) * len(k)) for i in range(len(components)))
     return table.theta, [_average(component, cross, finished[part], choices[part])
                          for component, cross, part in zip(components, crosses, spectra)]
@@ -120,27 +112,22 @@ class _Tables:
     channels: Sequence
     choices: Sequence[Choice]
     crosses: Sequence
-    tolerance: float
-    polarized: bool
-    rays: Rays
-    radii: int | None
-    angles: int | None
-    integrated: bool
+    aim: Aim
     work: Work
 
     def solved(self):
         """The refined table, and of each channel what `_finish` gives."""
-        tolerance, integrated = self.tolerance, self.integrated
-        margin = math.inf if self.angles else (_MARGIN - SHARE if integrated else _MARGIN) * tolerance
-        target = math.inf if self.radii else SHARE * tolerance
+        tolerance, integrated, aim = self.aim.tolerance, self.aim.integrated, self.aim
+        margin = math.inf if aim.angles else (_MARGIN - SHARE if integrated else _MARGIN) * tolerance
+        target = math.inf if aim.radii else SHARE * tolerance
         if integrated and any(choice.taken for choice in self.choices):
             # nothing else bounds the integral of a table by rays: what it misses counts twice (`_finish`)
             margin, target = margin / 2, target / 2
-        theta, earlier = first_grid(self.channels, tolerance, self.angles), None
+        theta, earlier = first_grid(self.channels, tolerance, aim.angles), None
         for _ in range(_TRIES):
             table = self._refined(theta, margin, target, earlier)
             finished = self._finished(table)
-            if self.angles or self.radii or self.work.unfinished or all(error <= tolerance for *_, error in finished):
+            if aim.angles or aim.radii or self.work.unfinished or all(error <= tolerance for *_, error in finished):
                 break
             # the normalisation, or angles between the first ones, took more than their share: leave more room
             if integrated:
@@ -150,28 +137,29 @@ class _Tables:
         return table, finished
 
     def _refined(self, theta, margin, target, earlier):
-        switches = [choice.switch for choice in self.choices]
+        switches, aim = [choice.switch for choice in self.choices], self.aim
 
         def evaluate(new, floor):
-            return solve(self.channels, switches, new, floor, target, self.polarized, self.rays, self.work, self.integrated)
+            return solve(self.channels, switches, new, floor, target, aim.polarized, aim.rays, self.work, aim.integrated)
 
         try:
             return grid.refine(theta, evaluate, margin, _ripples(self.channels), earlier,
-                               finest=_finest(self.channels, self.choices), most=0.0 if self.radii else target,
-                               integrated=self.integrated)
+                               finest=_finest(self.channels, self.choices), most=0.0 if aim.radii else target,
+                               integrated=aim.integrated)
         except grid.TooManyAngles:
-            raise StageError(_too_many(self.channels, self.tolerance)) from None
+            raise StageError(_too_many(self.channels, aim.tolerance)) from None
 
     def _finished(self, table):
         spectrum = len(self.channels) // len(self.crosses)
-        return [_finish(table, i, channel, self.choices[i], self.crosses[i // spectrum], i % spectrum, self.integrated)
+        return [_finish(table, i, channel, self.choices[i], self.crosses[i // spectrum], i % spectrum, self.aim.integrated)
                 for i, channel in enumerate(self.channels)]
 
 
 def _ripples(channels):
     """(C,) rad, distance of neighbouring crests of the ripples of equal spheres; 0 where there are none."""
-    return np.array([math.pi / (2 * features_of(c)[0][0]) if len(features_of(c)) == 1 and _rippled(*features_of(c)[0]) else 0.0
-                     for c in channels])
+    features = map(features_of, channels)
+    return np.array([math.pi / (2 * x) if len(parts) == 1 and x > 5 and x * width < 3 else 0.0
+                     for parts in features for x, width in parts[:1]])
 
 
 def _finest(channels, choices):
@@ -189,8 +177,7 @@ def _average(component, cross, spectrum, choices):
                    cross.absorption_bias, np.array(scale), tuple(choices))
 
 
-def expected(components, wavelength, host, tolerance, polarized=False, *, rays=SERIES, radii=None, angles=None,
-             integrated=False, remember=at_once):
+def expected(components, wavelength, host, aim: Aim, *, remember=at_once):
     """What `averages` with these arguments will take, before it runs.
 
     Returns
@@ -198,9 +185,9 @@ def expected(components, wavelength, host, tolerance, polarized=False, *, rays=S
     prediction : `predicted.Prediction`
     channels, choices : each component at each wavelength, component by component, and where rays are taken in it (measured here)
     """
-    channels = channels_of(components, wavelength, host, tolerance, radii, integrated)
-    choices = choose(channels, tolerance, rays, remember)
-    return predict(channels, choices, tolerance, polarized, rays, angles, integrated), channels, choices
+    channels = channels_of(components, wavelength, host, aim.tolerance, aim.radii, aim.integrated)
+    choices = choose(channels, aim.tolerance, aim.rays, remember)
+    return predict(channels, choices, aim), channels, choices
 
 
 def first_grid(channels, tolerance, count=None):
@@ -219,10 +206,6 @@ def first_grid(channels, tolerance, count=None):
     if count is None:
         return theta
     return np.interp(np.linspace(0, len(theta) - 1, count), np.arange(len(theta)), theta)
-
-
-def _rippled(x, width):
-    return x > 5 and x * width < 3
 
 
 def _too_many(channels, tolerance):

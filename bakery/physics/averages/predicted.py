@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bakery.physics.averages.spheres import Channel, Rays, features_of, terms
+from bakery.physics.averages.spheres import Aim, Channel, Rays, features_of, terms
 
 # seconds on one core of an AMD EPYC (Zen 5, AVX-512): benchmarks/averages.py --rates
 CROSS = 2e-9  # per term of a sphere's series, cross sections only
@@ -61,12 +61,9 @@ def trace_seconds(angles: int, rays: Rays) -> float:
     return (TRACE + TRACE_ORDERS * rays.orders**2) * angles
 
 
-def predict(channels: Sequence[Channel], choices, tolerance: float, polarized: bool = False, rays: Rays | None = None,
-            angles: int | None = None, integrated: bool = False) -> Prediction:
-    """Predicted work of `averages` for its channels and the choices made for them; fitted to 30 varied runs (docs/averages.md).
-
-    `angles`: a fixed number of angles; None: as many as the tolerance takes.  `integrated`: the first levels suffice for most.
-    """
+def predict(channels: Sequence[Channel], choices, aim: Aim) -> Prediction:
+    """Predicted work of `averages` for its channels and choices; fitted to 30 varied runs (docs/averages.md)."""
+    tolerance, polarized, integrated, _, angles, rays = aim
     count = angles or predicted_angles([f for c in channels for f in features_of(c)], tolerance)
     per_angle = MUELLER if polarized else INTENSITY
     computed = (2 if angles else 2.3) * count  # an angle between neighbours is computed for each that is kept

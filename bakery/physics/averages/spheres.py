@@ -113,6 +113,31 @@ class Rays:
         return {"rainbow": self.rainbow, "axis": self.axis, "edge": self.edge}
 
 
+SERIES = Rays("mie")
+
+
+class Aim(NamedTuple):
+    """How good averages are to be, and of what.
+
+    Attributes
+    ----------
+    tolerance : largest relative error of any mean cross section and of the phase function at any angle
+    polarized : also S12, S33, S34
+    integrated : the tolerance holds for the integral of the phase function's error over the sphere (twice the share of light that
+        goes elsewhere), not for its relative error at every angle
+    radii, angles : fixed numbers of sizes and of angles, whatever error they leave: it is measured all the same; None: as many as
+        the tolerance takes
+    rays : whether and how rays stand for the series of large spheres
+    """
+
+    tolerance: float
+    polarized: bool = False
+    integrated: bool = False
+    radii: int | None = None
+    angles: int | None = None
+    rays: Rays = SERIES
+
+
 def channels_of(components: Sequence[Component], wavelength, host, tolerance: float, radii: int | None = None,
                 coarse: bool = False) -> list[Channel]:
     """Every component at every wavelength, component by component; `radii` (its `count`) and `coarse` as in `Nodes`."""

@@ -78,16 +78,13 @@ def transport_tables(medium: Medium, albedo, depth, nodes=None) -> dict[str, tab
             "flux": _table(z, ratio, forward[1])}
 
 
-def errors(tables, albedo, theta, phase, planes, edges, count, seed=0, stream=0):
+def errors(tables, counting):
     """Root mean square errors of tables against photons (`photons.rms`).
 
     Parameters
     ----------
     tables : measure -> Table, measures as in `kinds.MEASURES`
-    albedo, theta, phase : of the medium
-    planes, edges : depths of the planes and edges of the rings, mfp
-    count : photons; followed twice where both forward and all light are asked for
-    seed, stream : of the photons
+    counting : `photons.Counting`, of the medium, in planes and rings within the tables
 
     Returns
     -------
@@ -97,9 +94,10 @@ def errors(tables, albedo, theta, phase, planes, edges, count, seed=0, stream=0)
     for back in (False, True):
         names = [name for name in tables if (name == "fluence") == back]
         if names:
-            counted = photons.count(albedo, theta, phase, planes, edges, count, seed=seed, stream=stream, back=back)
+            counted = counting.counted(back)
             for name in names:
-                result[name] = photons.rms(tables[name].rings(planes, edges), counted, "flux" if name == "flux" else "fluence")
+                rings = tables[name].rings(counted.depth, counted.edges)
+                result[name] = photons.rms(rings, counted, "flux" if name == "flux" else "fluence")
     return result
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from bakery.physics.beam import build
 from bakery.physics.beam.kinds import MEASURES
+from bakery.physics.beam.photons import Counting
 from bakery.physics.beam.predicted import MORE, MOST, first_photons
 
 _FARTHEST = 5.0  # mfp, the last plane and ring in which photons are counted
@@ -61,17 +62,13 @@ def tabulated(albedo, theta, phase, nodes, photons, tolerance, seed, stream) -> 
     values = {name: table.value for name, table in tables.items()} | {"small_angle": small.value}
     if albedo == 0:
         return Tabulated(values, model, medium.planar.B, dict.fromkeys(MEASURES, (0.0, 0.0)), photons or 0)
-    planes, edges = counted_at(nodes[0][-1])
-
-    def errors(names, count):
-        return build.errors({name: tables[name] for name in names}, albedo, theta, phase, planes, edges, count, seed, stream)
-
-    count = photons or first_photons(tolerance)
-    measured = errors(["fluence"], count)
-    while not photons and count < MOST:
+    counting = Counting(albedo, theta, phase, *counted_at(nodes[0][-1]), seed=seed, stream=stream)
+    counting.follow(photons or first_photons(tolerance))
+    measured = build.errors(tables, counting)
+    while not photons and counting.photons < MOST:
         error, noise = measured["fluence"]
         if error + noise <= tolerance or noise < _QUIET * error:
             break
-        count = min(MORE * count, MOST)
-        measured = errors(["fluence"], count)
-    return Tabulated(values, model, medium.planar.B, measured | errors(["forward", "flux"], count), count)
+        counting.follow(min(MORE * counting.photons, MOST))
+        measured = build.errors(tables, counting)
+    return Tabulated(values, model, medium.planar.B, measured, counting.photons)

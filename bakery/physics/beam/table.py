@@ -134,7 +134,7 @@ def _at(x, y, i_last, j_last, log_value):
                  _four(log_value[i + 3, j], log_value[i + 3, j + 1], log_value[i + 3, j + 2], log_value[i + 3, j + 3], f), x - i)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _power(logarithm):
     return math.exp(logarithm) if logarithm > _NEVER else 0.0
 

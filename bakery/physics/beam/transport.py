@@ -82,16 +82,20 @@ def point(albedo, p, width=1.0) -> Point:
     kernel = 1 / (k * k + diffusion**2) - 1 / (k * k + farther**2)
     near = 1 / (k * k + 1)
     r = 1 / k[::-1]
+    # of order 0 the ends, of which the transform is known, apart
+    source = fluence[0, -1] / near[-1], flux[0, -1] / near[-1]
+    diffuse = (fluence[0, 0] - source[0] * near[0]) / kernel[0]
+    rows = np.stack([fluence, flux])
+    rows[0, 0] -= source[0] * near + diffuse * kernel
+    rows[1, 0] -= source[1] * near
     out = np.empty((2, L + 1, len(k)))
-    for which, rows in enumerate((fluence, flux)):
-        source = rows[0, -1] / near[-1]
-        diffuse = (rows[0, 0] - source * near[0]) / kernel[0] if which == 0 else 0.0
-        for order, row in enumerate(rows):
-            smooth = row if order else row - source * near - diffuse * kernel
-            bias = 0.5 if order > 1 or (order == 0 and which == 0) else 0.0  # both ends then fall off, to 3e-3 at least
-            transformed = fft.fht(k**1.5 * smooth, step, order + 0.5, 0.0, bias)
-            out[which, order] = transformed * math.sqrt(math.pi / 2) / np.sqrt(r) / (2 * math.pi**2)
-        out[which, 0] += (source * np.exp(-r) + diffuse * (np.exp(-diffusion * r) - np.exp(-farther * r))) / (4 * math.pi)
+    for order in range(L + 1):
+        for which in ([0], [1]) if order == 0 else ([0, 1],):
+            bias = 0.5 if order > 1 or (order == 0 and which == [0]) else 0.0  # both ends then fall off, to 3e-3 at least
+            out[which, order] = fft.fht(k**1.5 * rows[which, order], step, order + 0.5, 0.0, bias)
+    out *= math.sqrt(math.pi / 2) / np.sqrt(r) / (2 * math.pi**2)
+    out[0, 0] += (source[0] * np.exp(-r) + diffuse * (np.exp(-diffusion * r) - np.exp(-farther * r))) / (4 * math.pi)
+    out[1, 0] += source[1] * np.exp(-r) / (4 * math.pi)
     # the ends of the transform: r times the light is constant at the source, and falls exponentially far away
     first = np.searchsorted(r, 300 / high)
     total = np.abs(out[0, 0])
@@ -228,7 +232,7 @@ def _polar(legendre, theta):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _cubic(position, last):
     """First of four neighbours and their weights (Lagrange)."""
     position = min(max(position, 0.0), last)

@@ -14,9 +14,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bakery.physics.averages import Component, Rays, averages, expected
+from bakery.physics.averages import Aim, Component, Rays, averages, expected
+from bakery.physics.averages.choice import at_once
+from bakery.physics.averages.spheres import SERIES
 from bakery.physics.medium import phase
 from bakery.physics.sizes.distributions import Part, Population
+from bakery.physics.tasks import in_turn
 
 MOST = 64  # classes of all components together
 RATIO = 1.25  # of the edges of a class
@@ -133,9 +136,9 @@ def spheres(components: Sequence[Component], by_component: Sequence[Classes]) ->
 
 
 def optics(components: Sequence[Component], by_component: Sequence[Classes], wavelength, host, tolerance: float,
-           map: Callable = lambda function, tasks: [function(*task) for task in tasks],
-           report: Callable[[float, float | None], None] = lambda seconds, error: None, *, rays: Rays | None = None,
-           remember: Callable | None = None) -> tuple[np.ndarray, list[Optics]]:
+           map: Callable = in_turn,
+           report: Callable[[float, float | None], None] = lambda seconds, error: None, *, rays: Rays = SERIES,
+           remember: Callable = at_once) -> tuple[np.ndarray, list[Optics]]:
     """Averages over the particles of each class.
 
     Parameters
@@ -150,9 +153,8 @@ def optics(components: Sequence[Component], by_component: Sequence[Classes], wav
     theta : (A,) rad
     optics : one for each component
     """
-    options = {key: value for key, value in (("rays", rays), ("remember", remember)) if value is not None}
-    theta, averaged = averages(spheres(components, by_component), wavelength, host, tolerance, map=map, report=report,
-                               integrated=True, **options)
+    theta, averaged = averages(spheres(components, by_component), wavelength, host, Aim(tolerance, integrated=True, rays=rays),
+                               map, report, remember=remember)
     out, start = [], 0
     for classes_of in by_component:
         of = averaged[start:start + len(classes_of.radius)]
@@ -167,8 +169,8 @@ def optics(components: Sequence[Component], by_component: Sequence[Classes], wav
     return theta, out
 
 
-def predicted(components, by_component, wavelength, host, tolerance, *, rays: Rays | None = None,
-              remember: Callable | None = None):
+def predicted(components, by_component, wavelength, host, tolerance, *, rays: Rays = SERIES,
+              remember: Callable = at_once):
     """What `optics` will take (`bakery.physics.averages.predicted.Prediction`)."""
-    options = {key: value for key, value in (("rays", rays), ("remember", remember)) if value is not None}
-    return expected(spheres(components, by_component), wavelength, host, tolerance, integrated=True, **options)[0]
+    return expected(spheres(components, by_component), wavelength, host, Aim(tolerance, integrated=True, rays=rays),
+                    remember=remember)[0]

@@ -35,14 +35,14 @@ def counts(mean):
     return np.minimum(np.array([*total[:-1], 1.0]), 1.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def cell_hash(key, i, j, k):
     """Hash (uint64) of cell (i, j, k), int64 each, in the lattice of a key, uint64."""
     h = hashed(key + np.uint64(i) * _X + np.uint64(j) * _Y)
     return hashed((h ^ np.uint64(k)) + _GOLDEN)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def cell_count(h, cumulated):
     """Number of particles in the cell with hash h; `cumulated` from `counts`."""
     u = ((h >> np.uint64(11)) + 0.5) * 2.0**-53
@@ -52,7 +52,7 @@ def cell_count(h, cumulated):
     return n
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def cell_particle(h, n):
     """Particle n of the cell with hash h: place in the cell (0 to 1, three), and two more uniform numbers in (0, 1)."""
     a = hashed(h + np.uint64(2 * n + 1) * _GOLDEN)

@@ -177,21 +177,21 @@ def _lattice(extent, number, reach, per_cell):
     return counts.astype(np.int64)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def cell_index(i, j, k, n1, n2):
     """Where cell (i, j, k) of a level with (., n1, n2) cells stands in memory: blocks of BLOCK^3 cells lie together."""
     s0, s1, s2 = block_steps(n1, n2)
     return along_axis(i, s0, 2 * _BITS) + along_axis(j, s1, _BITS) + along_axis(k, s2, 0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def block_steps(n1, n2):
     """How far blocks that follow each other along each axis are apart in memory, in a level of (., n1, n2) cells."""
     b1, b2 = (n1 + BLOCK - 1) >> _BITS, (n2 + BLOCK - 1) >> _BITS
     return b1 * b2 * BLOCK**3, b2 * BLOCK**3, BLOCK**3
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def along_axis(i, step, bits):
     """What the number i >= 0 of a cell along an axis adds to `cell_index`; bits: 4, 2 and 0 for the three axes."""
     return (i >> _BITS) * step + ((i & (BLOCK - 1)) << bits)

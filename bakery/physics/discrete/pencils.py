@@ -26,19 +26,29 @@ NO_DISC = -1
 _PRIME = np.uint64(0xD1B54A32D192ED03)
 
 
-class _Pencil(NamedTuple):
-    """Origin (m) and direction, where feet of perpendiculars begin to count (m), place of a particle that is left out."""
+class Pencil(NamedTuple):
+    """A pencil of light.
 
-    ox: float
-    oy: float
-    oz: float
-    dx: float
-    dy: float
-    dz: float
+    Attributes
+    ----------
+    origin, direction : (3) m, and of length 1
+    begin, end : m, distances between which (begin excluded) feet of perpendiculars count; end may be inf
+    left_out : (3) m, place of a particle that is left out, as `first_disc` gave it; nan: none
+    """
+
+    origin: tuple
+    direction: tuple
     begin: float
-    sx: float
-    sy: float
-    sz: float
+    end: float
+    left_out: tuple
+
+
+class Particles(NamedTuple):
+    """Room for particles: position (n, 3) m, class (n,), identity (n,) uint64, of each particle the same however it moves."""
+
+    position: np.ndarray
+    kind: np.ndarray
+    identity: np.ndarray
 
 
 class _Level(NamedTuple):
@@ -96,26 +106,23 @@ class _Hit(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def first_disc(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, scratch):
+def first_disc(discs, pencil, scratch):
     """The first particle whose disc, the largest of all wavelengths, stops a pencil.
 
     Parameters
     ----------
     discs : `Discs`
-    ox, oy, oz, dx, dy, dz : origin (m) and unit direction
-    begin, end : m, distances between which (begin excluded) feet of perpendiculars count; end may be inf
-    sx, sy, sz : place of a particle that is left out, as this function gave it; nan: none
+    pencil : `Pencil`
     scratch : from `mesh_scratch`
 
     Returns
     -------
     class : int, or NO_DISC
-    distance : m, of the foot; `end` where there is none
+    distance : m, of the foot; the pencil's end where there is none
     square : m^2, squared distance of the centre from the pencil
     x, y, z : m, centre
     """
-    pencil, hit = _Pencil(ox, oy, oz, dx, dy, dz, begin, sx, sy, sz), _Hit(NO_DISC, end, 0.0, 0.0, 0.0, 0.0)
-    none = np.empty(0, np.uint8)
+    hit, none = _Hit(NO_DISC, pencil.end, 0.0, 0.0, 0.0, 0.0), np.empty(0, np.uint8)
     for level in range(len(discs.reach)):
         _, nearer = _search(discs, level, pencil, hit.distance, none, True, scratch)
         if nearer.kind != NO_DISC:
@@ -124,7 +131,7 @@ def first_disc(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, scratch):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def open_wavelengths(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open, scratch):
+def open_wavelengths(discs, pencil, open, scratch):
     """At how many wavelengths a pencil gets through; arguments as in `first_disc`.
 
     open : (L,) uint8, 1 where the pencil is still open; becomes 0 at each wavelength at which a disc stops it
@@ -132,11 +139,10 @@ def open_wavelengths(discs, ox, oy, oz, dx, dy, dz, begin, end, sx, sy, sz, open
     still = 0
     for w in range(len(open)):
         still += open[w]
-    pencil = _Pencil(ox, oy, oz, dx, dy, dz, begin, sx, sy, sz)
     for level in range(len(discs.reach)):
         if still == 0:
             return 0
-        still, _ = _search(discs, level, pencil, end, open, False, scratch)
+        still, _ = _search(discs, level, pencil, pencil.end, open, False, scratch)
     return still
 
 
@@ -186,10 +192,10 @@ def _level(discs, number):
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _near_box(region, pencil, reach, end):
     """The part of a pencil in the box with a margin, in which discs reach out of it."""
-    low, high = region.lo, region.hi
-    t0, t1 = _clip(pencil.ox, pencil.dx, low[0] - reach, high[0] + reach, pencil.begin, end)
-    t0, t1 = _clip(pencil.oy, pencil.dy, low[1] - reach, high[1] + reach, t0, t1)
-    return _clip(pencil.oz, pencil.dz, low[2] - reach, high[2] + reach, t0, t1)
+    low, high, o, d = region.lo, region.hi, pencil.origin, pencil.direction
+    t0, t1 = _clip(o[0], d[0], low[0] - reach, high[0] + reach, pencil.begin, end)
+    t0, t1 = _clip(o[1], d[1], low[1] - reach, high[1] + reach, t0, t1)
+    return _clip(o[2], d[2], low[2] - reach, high[2] + reach, t0, t1)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -205,15 +211,16 @@ def _from_main(main, x, y, z):
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _course(discs, level, pencil, begin, end):
     """The way of a pencil through the lattice of a level."""
-    ax, ay, az = abs(pencil.dx), abs(pencil.dy), abs(pencil.dz)
+    (ox, oy, oz), (dx, dy, dz) = pencil.origin, pencil.direction
+    ax, ay, az = abs(dx), abs(dy), abs(dz)
     main = 0
     if ay > ax and ay >= az:
         main = 1
     elif az > ax and az > ay:
         main = 2
     low, high, shift, step = discs.region.lo, discs.region.hi, discs.shift[level.number], discs.step[level.number]
-    oa, ob, oc = _from_main(main, pencil.ox, pencil.oy, pencil.oz)
-    d = _from_main(main, pencil.dx, pencil.dy, pencil.dz)
+    oa, ob, oc = _from_main(main, ox, oy, oz)
+    d = _from_main(main, dx, dy, dz)
     ha, hb, hc = _from_main(main, step[0], step[1], step[2])
     la, lb, lc = _from_main(main, low[0], low[1], low[2])
     wa, wb, wc = _from_main(main, high[0] - low[0], high[1] - low[1], high[2] - low[2])
@@ -326,17 +333,18 @@ def _exists(region, level, x, y, z, share, scratch):
 def _through_cell(discs, level, cell, pencil, hit, still, open, nearest, scratch):
     """As `_search`, of the particles of a cell."""
     farthest = level.reach * level.reach * (1 + 1e-12)
+    (ox, oy, oz), (dx, dy, dz), (sx, sy, sz) = pencil.origin, pencil.direction, pencil.left_out
     for p in range(cell.first, cell.after):
         x, y, z, chosen, share = _particle(discs, level, cell, p)
-        gx, gy, gz = x - pencil.ox, y - pencil.oy, z - pencil.oz
-        t = gx * pencil.dx + gy * pencil.dy + gz * pencil.dz
-        gx, gy, gz = gx - t * pencil.dx, gy - t * pencil.dy, gz - t * pencil.dz
+        gx, gy, gz = x - ox, y - oy, z - oz
+        t = gx * dx + gy * dy + gz * dz
+        gx, gy, gz = gx - t * dx, gy - t * dy, gz - t * dz
         d2 = gx * gx + gy * gy + gz * gz
         # most are farther than any disc of the level reaches
         if d2 >= farthest or not pencil.begin < t < hit.distance:
             continue
         kind = _class(discs, level, p, chosen)
-        if d2 >= discs.largest[kind] or (x == pencil.sx and y == pencil.sy and z == pencil.sz):
+        if d2 >= discs.largest[kind] or (x == sx and y == sy and z == sz):
             continue
         if not _exists(discs.region, level, x, y, z, share, scratch):
             continue
@@ -364,29 +372,27 @@ def disc_cells(discs, level):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def discs_of_cell(discs, level, i, j, k, first, position, kind, identity, filled, scratch):
-    """Particles of cell (i, j, k) of a level from number `first` on, written from `filled` on.
-
-    position : (n, 3) m;  kind : (n,) class;  identity : (n,) uint64, of each particle the same however it moves
+def discs_of_cell(discs, level, cell, first, particles, filled, scratch):
+    """Particles of a cell (i, j, k) of a level from number `first` on, written to `Particles` from `filled` on.
 
     Returns how far these are filled, and the number of the particle to go on with, or -1 where the cell is done.
     """
-    discs, scratch = lent(discs), lent(scratch)
-    of = _level(discs, level)
+    discs, scratch, (position, kind, identity) = lent(discs), lent(scratch), lent(particles)
+    of, (i, j, k) = _level(discs, level), cell
     if of.stored:
-        cell = _repeated(discs, level, i, j, k)
+        inside = _repeated(discs, level, i, j, k)
     else:
         shift, low, h = discs.shift[level], discs.region.lo, cell_hash(discs.key[level], i, j, k)
-        cell = _Cell(i, j, k, h, low[0] + shift[0], low[1] + shift[1], low[2] + shift[2], np.int64(0),
-                     cell_count(h, discs.counts[level]))
-    p = cell.first + first
-    while p < cell.after:
+        inside = _Cell(i, j, k, h, low[0] + shift[0], low[1] + shift[1], low[2] + shift[2], np.int64(0),
+                       cell_count(h, discs.counts[level]))
+    p = inside.first + first
+    while p < inside.after:
         if filled == len(kind):
-            return filled, p - cell.first
-        x, y, z, chosen, share = _particle(discs, of, cell, p)
+            return filled, p - inside.first
+        x, y, z, chosen, share = _particle(discs, of, inside, p)
         if _exists(discs.region, of, x, y, z, share, scratch):
             position[filled, 0], position[filled, 1], position[filled, 2], kind[filled] = x, y, z, _class(discs, of, p, chosen)
-            identity[filled] = hashed(cell.hash + np.uint64(p + 1) * _PRIME)
+            identity[filled] = hashed(inside.hash + np.uint64(p + 1) * _PRIME)
             filled += 1
         p += 1
     return filled, -1

@@ -19,6 +19,7 @@ import numpy as np
 
 from bakery import rng
 from bakery.physics.discrete._places import sorted_by_cell
+from bakery.physics.tasks import in_turn
 
 BLOCK = 1 << 18  # candidates in a block: 3 MB of places
 _TOGETHER = 32  # blocks whose results are held at once
@@ -102,7 +103,7 @@ def numbers(seed: int, share, expected: float, count: int | None = None):
     return random.multinomial(total, share / math.fsum(share))
 
 
-def realised(region: Region, number, seed: int, map: Callable = lambda function, tasks: [function(*task) for task in tasks],
+def realised(region: Region, number, seed: int, map: Callable = in_turn,
              report: Callable[[float], None] = lambda share: None):
     """Places of so many particles of each class.
 

@@ -84,7 +84,7 @@ def relative_density(region, x, y, z, scratch):
     return value if value != _EDGE else _inside(region, x, y, z, scratch)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _trilinear(values, u, v, w):
     nx, ny, nz = values.shape
     u, v, w = min(max(u, 0.0), nx - 1.0), min(max(v, 0.0), ny - 1.0), min(max(w, 0.0), nz - 1.0)

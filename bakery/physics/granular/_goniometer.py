@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.physics.grains.bvh import mesh_scratch, nearest_triangle, triangle_normal
-from bakery.physics.grains.sampling import AHEAD, FAINT, next_uniform, surface_frame, uniforms_of_meeting
-from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, at_surface, fresnel_conductor
-from bakery.physics.granular._packed import FAR, Draws, Kind
+from bakery.physics.grains.sampling import AHEAD, FAINT, next_uniform
+from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, fresnel_conductor
+from bakery.physics.granular._packed import FAR, Draws, Kind, leave, turned
 from bakery.physics.granular.flights import flight_in_half_space
 from bakery.physics.lent import lent
 from bakery.physics.packing.instances import kind, rotation, rotation_matrix, uniforms
@@ -75,31 +75,16 @@ class Path(NamedTuple):
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _turned(grain, channels, dx, dy, dz, nx, ny, nz, draws, carried):
+def _turned(grain, channels, d, n, draws, carried):
     """Direction after a meeting with the surface, its part along the outward normal, share of all light that is left."""
-    sx, sy, sz, tx, ty, tz = surface_frame(nx, ny, nz)
-    x, y, z = -(dx * sx + dy * sy + dz * sz), -(dx * tx + dy * ty + dz * tz), -(dx * nx + dy * ny + dz * nz)
-    u, v, w = uniforms_of_meeting(grain.matter, grain.roughness, draws.stream, draws.pool)
-    x, y, z, share, cosine = at_surface(grain.matter, grain.index, grain.roughness, x, y, z, u, v, w)
+    dx, dy, dz, z, share, cosine = turned(grain, d, n, draws)
     if grain.matter == DIFFUSE:
         for c in range(len(carried)):
             carried[c] *= channels[0, c]
     elif grain.matter == CONDUCTOR:
         for c in range(len(carried)):
             carried[c] *= fresnel_conductor(cosine, channels[0, c], channels[1, c])
-    dx, dy, dz = x * sx + y * tx + z * nx, x * sy + y * ty + z * ny, x * sz + y * tz + z * nz
-    over = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
-    return dx * over, dy * over, dz * over, z, share
-
-
-@njit(nogil=True, error_model="numpy", forceinline=True)
-def _leave(ray, ox, oy, oz, dx, dy, dz):
-    """Write where a ray from inside of the unit sphere leaves it."""
-    along = ox * dx + oy * dy + oz * dz
-    t = math.sqrt(along * along + max(1.0 - (ox * ox + oy * oy + oz * oz), 0.0)) - along
-    ox, oy, oz = ox + t * dx, oy + t * dy, oz + t * dz
-    over = 1.0 / math.sqrt(ox * ox + oy * oy + oz * oz)
-    ray[0], ray[1], ray[2], ray[3], ray[4], ray[5] = ox * over, oy * over, oz * over, dx, dy, dz
+    return dx, dy, dz, z, share
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -113,7 +98,7 @@ def _ball(grain, channels, ray, depth, draws, carried):
     t = 0.0
     if radius < 1.0:
         if beside <= 0.0:
-            _leave(ray, px, py, pz, dx, dy, dz)
+            leave(ray, px, py, pz, dx, dy, dz)
             return MISSED, 1.0, 0.0
         t = along - math.sqrt(beside)
     nx, ny, nz = (ox + t * dx) / radius, (oy + t * dy) / radius, (oz + t * dz) / radius
@@ -122,7 +107,7 @@ def _ball(grain, channels, ray, depth, draws, carried):
         if count == depth:
             return CUT, 0.0, path
         count += 1
-        dx, dy, dz, z, share = _turned(grain, channels, dx, dy, dz, nx, ny, nz, draws, carried)
+        dx, dy, dz, z, share = _turned(grain, channels, (dx, dy, dz), (nx, ny, nz), draws, carried)
         factor *= share
         if z > 0.0:
             break
@@ -131,7 +116,7 @@ def _ball(grain, channels, ray, depth, draws, carried):
         nx, ny, nz = nx + t * dx, ny + t * dy, nz + t * dz
         over = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
         nx, ny, nz = nx * over, ny * over, nz * over
-    _leave(ray, radius * nx, radius * ny, radius * nz, dx, dy, dz)
+    leave(ray, radius * nx, radius * ny, radius * nz, dx, dy, dz)
     return LEFT, factor, path
 
 
@@ -150,7 +135,7 @@ def _mesh(tree, grain, channels, ray, depth, draws, carried, scratch):
             if count == 0:  # the chord: from its middle, where rounding is least
                 t = -(ox * dx + oy * dy + oz * dz)
                 ox, oy, oz = ox + t * dx, oy + t * dy, oz + t * dz
-            _leave(ray, ox, oy, oz, dx, dy, dz)
+            leave(ray, ox, oy, oz, dx, dy, dz)
             return (LEFT if count else MISSED), factor, path
         if within:
             path += t
@@ -162,7 +147,7 @@ def _mesh(tree, grain, channels, ray, depth, draws, carried, scratch):
         if count == depth:
             return CUT, 0.0, path
         count += 1
-        dx, dy, dz, z, share = _turned(grain, channels, dx, dy, dz, nx, ny, nz, draws, carried)
+        dx, dy, dz, z, share = _turned(grain, channels, (dx, dy, dz), (nx, ny, nz), draws, carried)
         factor *= share
         within = z < 0.0
     return LEFT, 0.0, path
@@ -184,9 +169,9 @@ def _meet(path, radius, grains, matter, depth, draws, scratch):
         turn = rotation_matrix(*rotation(b, c, e))
         low, high = offset[which, 0], offset[which + 1, 0]
         tree = grains.nodes[low:high], grains.children[low:high], grains.blocks[offset[which, 1] : offset[which + 1, 1]]
-        _rotated(ray, turn[0], turn[3], turn[6], turn[1], turn[4], turn[7], turn[2], turn[5], turn[8])
+        _rotated(ray, (turn[0], turn[3], turn[6], turn[1], turn[4], turn[7], turn[2], turn[5], turn[8]))
         state, factor, inside = _mesh(tree, grain, matter.channels[which], ray, depth, draws, path.carried, scratch)
-        _rotated(ray, *turn)
+        _rotated(ray, turn)
     if grain.matter == DIELECTRIC:
         for k in range(len(path.optical)):
             path.optical[k] += matter.mu[which, k] * radius * inside
@@ -194,8 +179,9 @@ def _meet(path, radius, grains, matter, depth, draws, scratch):
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _rotated(ray, xx, xy, xz, yx, yy, yz, zx, zy, zz):
+def _rotated(ray, matrix):
     """Place and direction by the rows of a rotation, kept at length 1."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = matrix
     for k in (0, 3):
         x, y, z = ray[k], ray[k + 1], ray[k + 2]
         x, y, z = xx * x + xy * y + xz * z, yx * x + yy * y + yz * z, zx * x + zy * y + zz * z
@@ -219,18 +205,21 @@ def counted(tile, grains, matter, key, replicate, first, count, surface, rules):
     scratch, widest = mesh_scratch(), np.max(tile.radii)
     for walk in range(count):
         draws.stream[2], draws.stream[4] = np.uint64(first + walk), np.uint64(0)
-        _walk(tile, grains, matter, path, draws, scratch, widest, surface, rules, out)
+        _walk(tile, grains, matter, path, draws, scratch, (surface[0], surface[1], widest), rules, out)
     return np.concatenate((out.cells.ravel(), out.entered.ravel(), out.walks, out.inside.ravel(), out.sums))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _walk(tile, grains, matter, path, draws, scratch, widest, surface, rules, out):
-    """One walk, from above the grains until it is out or at its end."""
+def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
+    """One walk, from above the grains until it is out or at its end.
+
+    levels : the lowest and the highest at which the tile may be cut, and how far the largest sphere reaches beyond its centre
+    """
     tile, grains, matter, path, draws = lent(tile), lent(grains), lent(matter), lent(path), lent(draws)
     scratch, rules, out = lent(scratch), lent(rules), lent(out)
-    cell, m, start, image, owner = tile.grid
-    bin0, mu0, ex, ey, top = _begin(path, cell, widest, surface, rules.bins, draws)
-    base, above = path.left_behind[3], top + widest
+    cell = tile.grid[0]
+    bin0, mu0, ex, ey, top = _begin(path, cell, levels, rules.bins, draws)
+    base, above = path.left_behind[3], top + levels[2]
     order, hits, factor = 0, 0, 1.0
     out.walks[bin0] += 1.0
     out.sums[WALKS] += 1.0
@@ -240,8 +229,7 @@ def _walk(tile, grains, matter, path, draws, scratch, widest, surface, rules, ou
         rises = path.d[2] > 0.0
         if rises:
             limit = max((above - shift - path.o[2]) / path.d[2], 0.0)
-        z = flight_in_half_space(path.o, path.d, path.left_behind, cell, m, start, image, owner, limit, path.sphere, path.to,
-                                 base, top)
+        z = flight_in_half_space(path.o, path.d, path.left_behind, tile.grid, limit, path.sphere, path.to, base, top)
         if z >= limit:
             if rises:
                 _count_out(path, order, hits, factor, mu0, -(ex * path.d[0] + ey * path.d[1] - mu0 * path.d[2]), bin0, rules, out)
@@ -279,7 +267,7 @@ def _walk(tile, grains, matter, path, draws, scratch, widest, surface, rules, ou
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _begin(path, cell, widest, surface, bins, draws):
+def _begin(path, cell, levels, bins, draws):
     """Light above the grains: bin and cosine of its incidence, horizontal part of its direction, the plane that cuts the tile."""
     least = math.sqrt(STEEPEST)
     share = next_uniform(draws.stream, draws.pool)
@@ -288,9 +276,9 @@ def _begin(path, cell, widest, surface, bins, draws):
     across = math.sqrt(max(1.0 - mu0 * mu0, 0.0))
     ex, ey = across * math.cos(azimuth), across * math.sin(azimuth)
     path.d[0], path.d[1], path.d[2] = ex, ey, -mu0
-    top = surface[0] + (surface[1] - surface[0]) * next_uniform(draws.stream, draws.pool)
+    top = levels[0] + (levels[1] - levels[0]) * next_uniform(draws.stream, draws.pool)
     path.o[0], path.o[1] = cell[0] * next_uniform(draws.stream, draws.pool), cell[1] * next_uniform(draws.stream, draws.pool)
-    path.o[2], path.left_behind[0] = top + widest, -1
+    path.o[2], path.left_behind[0] = top + levels[2], -1
     for k in range(1, 4):
         path.left_behind[k] = int((2.0 * next_uniform(draws.stream, draws.pool) - 1.0) * FAR)
     path.carried[:] = 1.0

@@ -27,8 +27,8 @@ SUMS = 19
 
 
 class Tile(NamedTuple):
-    """A periodic tile of spheres: centers (N, 3), radii (N,), cumulated shares of the surface (N,), the first five arguments of
-    `flight_to_sphere` that are not of a ray, longest flight between two spheres."""
+    """A periodic tile of spheres: centers (N, 3), radii (N,), cumulated shares of the surface (N,), the grid of
+    `flight_to_sphere`, longest flight between two spheres."""
 
     centers: np.ndarray
     radii: np.ndarray
@@ -83,17 +83,18 @@ class Walk(NamedTuple):
     position: np.ndarray
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _turned(grain, dx, dy, dz, nx, ny, nz, draws):
-    """Direction after a meeting with the surface, its part along the outward normal, and the share of the light that leaves."""
-    draws = lent(draws)
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def turned(grain, d, n, draws):
+    """Direction after a meeting with the surface, its part along the outward normal n, the share of the light that leaves, and
+    the cosine at the facet."""
+    (dx, dy, dz), (nx, ny, nz) = d, n
     sx, sy, sz, tx, ty, tz = surface_frame(nx, ny, nz)
     x, y, z = -(dx * sx + dy * sy + dz * sz), -(dx * tx + dy * ty + dz * tz), -(dx * nx + dy * ny + dz * nz)
     u, v, w = uniforms_of_meeting(grain.matter, grain.roughness, draws.stream, draws.pool)
-    x, y, z, share, _ = at_surface(grain.matter, grain.index, grain.roughness, x, y, z, u, v, w)
+    x, y, z, share, cosine = at_surface(grain.matter, grain.index, grain.roughness, x, y, z, u, v, w)
     dx, dy, dz = x * sx + y * tx + z * nx, x * sy + y * ty + z * ny, x * sz + y * tz + z * nz
     over = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)  # keeps rounding from growing over many reflections
-    return dx * over, dy * over, dz * over, z, share
+    return dx * over, dy * over, dz * over, z, share, cosine
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -109,7 +110,7 @@ def ball(grain, ray, depth, draws):
     elif inside > 0.0:
         t = along - math.sqrt(inside)
     else:
-        _leave(ray, px, py, pz, dx, dy, dz)
+        leave(ray, px, py, pz, dx, dy, dz)
         return MISSED, 0
     nx, ny, nz = (ox + t * dx) / radius, (oy + t * dy) / radius, (oz + t * dz) / radius
     count = 0
@@ -117,7 +118,7 @@ def ball(grain, ray, depth, draws):
         if count == depth:
             return CUT, count
         count += 1
-        dx, dy, dz, z, share = _turned(grain, dx, dy, dz, nx, ny, nz, draws)
+        dx, dy, dz, z, share, _ = turned(grain, (dx, dy, dz), (nx, ny, nz), draws)
         if share < 1.0 and next_uniform(draws.stream, draws.pool) >= share:
             return LOST, count
         if z > 0.0:
@@ -126,12 +127,12 @@ def ball(grain, ray, depth, draws):
         nx, ny, nz = nx + t * dx, ny + t * dy, nz + t * dz
         over = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
         nx, ny, nz = nx * over, ny * over, nz * over
-    _leave(ray, radius * nx, radius * ny, radius * nz, dx, dy, dz)
+    leave(ray, radius * nx, radius * ny, radius * nz, dx, dy, dz)
     return LEFT, count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _leave(ray, ox, oy, oz, dx, dy, dz):
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def leave(ray, ox, oy, oz, dx, dy, dz):
     """Write where a ray from inside of the unit sphere leaves it."""
     along = ox * dx + oy * dy + oz * dz
     t = math.sqrt(along * along + max(1.0 - (ox * ox + oy * oy + oz * oz), 0.0)) - along
@@ -155,7 +156,7 @@ def mesh(tree, grain, ray, depth, draws, scratch):
             if count == 0:  # the chord: from its middle, where rounding is least
                 t = -(ox * dx + oy * dy + oz * dz)
                 ox, oy, oz = ox + t * dx, oy + t * dy, oz + t * dz
-            _leave(ray, ox, oy, oz, dx, dy, dz)
+            leave(ray, ox, oy, oz, dx, dy, dz)
             return (LEFT if count else MISSED), count
         ox, oy, oz = ox + t * dx, oy + t * dy, oz + t * dz
         nx, ny, nz = triangle_normal(blocks, triangle)
@@ -165,7 +166,7 @@ def mesh(tree, grain, ray, depth, draws, scratch):
         if count == depth:
             return CUT, count
         count += 1
-        dx, dy, dz, z, share = _turned(grain, dx, dy, dz, nx, ny, nz, draws)
+        dx, dy, dz, z, share, _ = turned(grain, (dx, dy, dz), (nx, ny, nz), draws)
         if share < 1.0 and next_uniform(draws.stream, draws.pool) >= share:
             return LOST, count
         within = z < 0.0
@@ -350,13 +351,12 @@ def _pass(walk, radius):
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _next_sphere(tile, walk, radius):
     """Flight from a sphere to the next one, which is entered; the limit where none comes."""
-    cell, m, start, image, owner = tile.grid
     for k in range(4):
         walk.left_behind[k] = walk.sphere[k]
     for k in range(3):
         walk.d[k] = walk.ray[3 + k]
         walk.o[k] = tile.centers[walk.left_behind[0], k] + radius * walk.ray[k]
-    z = flight_to_sphere(walk.o, walk.d, walk.left_behind, cell, m, start, image, owner, tile.limit, walk.sphere, walk.to)
+    z = flight_to_sphere(walk.o, walk.d, walk.left_behind, tile.grid, tile.limit, walk.sphere, walk.to)
     if z >= tile.limit:
         return z
     length2 = 0.0

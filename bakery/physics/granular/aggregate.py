@@ -166,6 +166,7 @@ def first_sphere(aggregate, p, d, begin, end, left_behind, sphere, scratch):
     just left.  sphere (4,) becomes the sphere.
     """
     low, edge, voxels, cell = aggregate.low, aggregate.edge, aggregate.voxels, aggregate.cell
+    grid = cell, aggregate.m, aggregate.start, aggregate.image, aggregate.owner
     _, o, last, to = scratch
     t, stop = begin, end
     for axis in range(3):
@@ -194,8 +195,7 @@ def first_sphere(aggregate, p, d, begin, end, left_behind, sphere, scratch):
                     last[1 + axis] = math.floor((p[axis] + t * d[axis]) / cell[axis])
             for axis in range(3):
                 o[axis] = p[axis] + t * d[axis] - last[1 + axis] * cell[axis]
-            flight = flight_to_sphere(o, d, last, cell, aggregate.m, aggregate.start, aggregate.image, aggregate.owner,
-                                   leave - t, sphere, to)
+            flight = flight_to_sphere(o, d, last, grid, leave - t, sphere, to)
             if flight >= leave - t:
                 break
             if exists(aggregate, sphere, scratch):

@@ -82,7 +82,7 @@ def _to_triangle(blocks, at, x, y, z):
     return min(_square(p, u, v, s, 0.0), _square(p, u, v, 0.0, t), _square(p, u, v, 1.0 - w, w))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _square(p, u, v, s, t):
     """Squared length of p - s u - t v."""
     (x, y, z), (ux, uy, uz), (vx, vy, vz) = p, u, v

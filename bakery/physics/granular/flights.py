@@ -14,24 +14,32 @@ import numpy as np
 from bakery.system.compiled import njit
 
 
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _walls(cell, edge, o, d):
+    """Distance to the first wall between cells along an axis, and from one to the next; inf where nothing moves along it."""
+    return (((cell + (d > 0)) * edge - o) / d, edge / abs(d)) if d != 0 else (np.inf, np.inf)
+
+
 # inlined, so that arrays are not counted in and out at each call: a fifth of the time of a walk among balls
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def flight_to_sphere(o, d, remaining, cell, m, start, image, owner, limit, cells, to):
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def flight_to_sphere(o, d, remaining, grid, limit, cells, to):
     """Distance along unit d (3,) from o (3,), outside of all spheres, to the first sphere; `limit` where none comes before it.
 
     o : in the frame of the copy left[1:];  remaining : (4,) sphere that the ray has just left, or -1, and the tile's copy
+    grid : edges (3,) of the tile, its cells along them (3,), and what `tile_grid` gives of these
     cells : (4,) becomes the sphere and its copy;  to : (3,) becomes the vector from o to its centre
     """
     # no plane: what is asked of one goes while this is compiled
-    return flight_in_half_space(o, d, remaining, cell, m, start, image, owner, limit, cells, to, 0, np.inf)
+    return flight_in_half_space(o, d, remaining, grid, limit, cells, to, 0, np.inf)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def flight_in_half_space(o, d, remaining, cell, m, start, image, owner, limit, cells, to, base, top):
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def flight_in_half_space(o, d, remaining, grid, limit, cells, to, base, top):
     """`flight_to_sphere` among those spheres alone whose centres lie below a plane across the tile's third axis.
 
     base, top : number of a copy along that axis, and the plane in its frame; inf: there is none
     """
+    cell, m, start, image, owner = grid
     h0, h1, h2 = cell[0] / m[0], cell[1] / m[1], cell[2] / m[2]
     skip, far_i, far_j, far_k = remaining[0], remaining[1], remaining[2], remaining[3]
     i, j, k = math.floor(o[0] / cell[0]), math.floor(o[1] / cell[1]), math.floor(o[2] / cell[2])
@@ -40,13 +48,7 @@ def flight_in_half_space(o, d, remaining, cell, m, start, image, owner, limit, c
     dx, dy, dz = d[0], d[1], d[2]
     a, b, c = min(int(ox / h0), m[0] - 1), min(int(oy / h1), m[1] - 1), min(int(oz / h2), m[2] - 1)
     u, v, w = 1 if dx > 0 else -1, 1 if dy > 0 else -1, 1 if dz > 0 else -1
-    # a direction along which nothing moves: its wall is never reached
-    wall_x = ((a + (dx > 0)) * h0 - ox) / dx if dx != 0 else np.inf
-    wall_y = ((b + (dy > 0)) * h1 - oy) / dy if dy != 0 else np.inf
-    wall_z = ((c + (dz > 0)) * h2 - oz) / dz if dz != 0 else np.inf
-    every_x = h0 / abs(dx) if dx != 0 else np.inf
-    every_y = h1 / abs(dy) if dy != 0 else np.inf
-    every_z = h2 / abs(dz) if dz != 0 else np.inf
+    (wall_x, every_x), (wall_y, every_y), (wall_z, every_z) = _walls(a, h0, ox, dx), _walls(b, h1, oy, dy), _walls(c, h2, oz, dz)
     best = limit
     while True:
         bin_index, highest = (a * m[1] + b) * m[2] + c, top - (k - base) * cell[2]

@@ -60,7 +60,7 @@ class Goniometer:
 
     Attributes
     ----------
-    centers, radii, cell, grains, weights, seed, depth : as of `packed.walk`
+    centers, radii, cell : the tile of `packed.walk`;  grains, weights, seed, depth : as of that
     mu : (T, C) absorption coefficient of the interiors, in 1/unit of the tile's lengths
     channels : (T, 2, C) of the surfaces, as `surface.Surface` has them; C columns each
     g : mean cosine of a hit, from which follows when light has forgotten where it came from

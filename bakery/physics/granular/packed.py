@@ -25,6 +25,7 @@ from bakery.physics.packing.cells import counts, tile_grid
 from bakery.physics.packing.instances import cumulated_shares
 from bakery.physics.packing.structure import fraction, smallest_gap
 from bakery.physics.packing.theory import mean_chord
+from bakery.physics.tasks import in_turn
 
 REPLICATES = 32
 HITS_MAX = 1 << 27
@@ -114,13 +115,13 @@ class Walks(WithErrors):
     errors: dict[str, float | np.ndarray] = field(repr=False)
 
 
-def walk(centers, radii, cell, grains, weights=None, *, seed, tolerance, hits=None, depth=EVENTS_MAX, map: Callable | None = None,
+def walk(tile, grains, weights=None, *, seed, tolerance, hits=None, depth=EVENTS_MAX, map: Callable | None = None,
          report: Callable[[float, float], None] | None = None) -> Walks:
     """Random walks of light through the grains of a tile, repeated without end in all directions.
 
     Parameters
     ----------
-    centers, radii, cell : (N, 3), (N,), (3,) spheres that do not overlap, in a periodic cuboid; from `packing.pack`
+    tile : centers (N, 3), radii (N,), cell (3,): spheres that do not overlap, in a periodic cuboid; from `packing.pack`
     grains : (T) types of grain, each with `mesh` (None: an exact ball) and `surface`; their unit sphere is the tile's sphere
     weights : (T,) share of each type in the number; equal ones if not given
     seed : whole number >= 0; the same one gives the same bytes, on any number of threads.  Grains are those of `instances(seed)`
@@ -145,12 +146,12 @@ def walk(centers, radii, cell, grains, weights=None, *, seed, tolerance, hits=No
     >>> from bakery.physics.grains.surface import dielectric
     >>> from bakery.physics.packing import pack
     >>> tile = pack(0.3, np.ones(100), seed=1, schedule="draft")
-    >>> walks = walk(tile.centers, tile.radii, tile.cell, [Grain(dielectric(1.5))], seed=1, tolerance=0.05)
+    >>> walks = walk((tile.centers, tile.radii, tile.cell), [Grain(dielectric(1.5))], seed=1, tolerance=0.05)
     >>> bool(walks.mean_square_displacement_error < 0.1 * walks.mean_square_displacement)  # the tolerance is that of the root
     True
     """
-    scene = _checked(centers, radii, cell, grains, weights, seed, tolerance, depth)
-    map = map or _in_turn
+    scene = _checked(tile, grains, weights, seed, tolerance, depth)
+    map = map or in_turn
     most = HITS_MAX if hits is None else max(int(hits), 1)
     warm = _WARM if any(g.surface.roughness > 0 for g in scene.grains) else 0
     endless = _endless(scene)
@@ -184,10 +185,6 @@ def run(scene, replicate, first, count, length, warm):
 def _windows(length):
     """Windows n of walks of so many hits: powers of two up to a quarter of them."""
     return 1 << np.arange(int(math.log2(length)) - 1)
-
-
-def _in_turn(function, tasks):
-    return [function(*task) for task in tasks]
 
 
 # ---- figures
@@ -349,8 +346,8 @@ class _Scene:
         self.__init__(*state)
 
 
-def _checked(centers, radii, cell, grains, weights, seed, tolerance, depth):
-    centers, radii, cell, grains, shares = checked_tile(centers, radii, cell, grains, weights, seed)
+def _checked(tile, grains, weights, seed, tolerance, depth):
+    centers, radii, cell, grains, shares = checked_tile(*tile, grains, weights, seed)
     if not 1e-4 <= tolerance <= 1:
         raise ValueError(f"tolerance {tolerance:g}: 1e-4 to 1 are possible")
     if depth < 1:

@@ -15,6 +15,7 @@ from bakery.physics.granular._goniometer import HITS, STEEPEST, WALKS
 from bakery.physics.granular.goniometer import BINS, CELLS, REPLICATES, Goniometer, together
 from bakery.physics.surfaces.corrected import LEVELS, Factors, Fit, factors_of, merged
 from bakery.physics.surfaces.solution import Solution
+from bakery.physics.tasks import in_turn
 
 LEAST = math.sqrt(STEEPEST)
 SHOWN = LEVELS[1][-1]  # cells whose errors are told
@@ -88,7 +89,7 @@ def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: f
     -----
     The same bytes for any number of workers: what is walked follows from counts alone.
     """
-    map, most = map or _in_turn, HITS_MAX if hits is None else hits
+    map, most = map or in_turn, HITS_MAX if hits is None else hits
     fits = [Fit(solution, CELLS, BINS, LEAST) for solution in solutions]
     done, new, sums = [0, 0], list(_FIRST), [0.0, 0.0]
     while True:
@@ -110,10 +111,6 @@ def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: f
         if error <= tolerance or not any(new):
             shares = (total[2:] / max(total[WALKS], 1.0)).tolist()
             return Measured(channels, int(total[HITS]), int(total[WALKS]), *shares, error <= tolerance)
-
-
-def _in_turn(function, tasks):
-    return [function(*task) for task in tasks]
 
 
 def _more(variance, done, dear, tolerance: float, hits: float) -> list[int]:

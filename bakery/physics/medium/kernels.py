@@ -32,7 +32,7 @@ def phase_layout(theta, f):
     return 2 * np.sin(theta / 2) ** 2, phase.steps(theta), f, phase.cumulative(theta, f)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def phase_value(v_nodes, steps, f, v):
     """Phase function (1/sr) at v = 1 - cos theta, 0 to 2; arrays of `phase_layout`."""
     i = min(max(np.searchsorted(v_nodes, v, side="right") - 1, 0), len(steps) - 1)
@@ -40,7 +40,7 @@ def phase_value(v_nodes, steps, f, v):
     return f[i] + share * (f[i + 1] - f[i])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def phase_sample(v_nodes, steps, f, cdf, xi):
     """v = 1 - cos theta of a scattering angle distributed as the table, from a uniform number xi in [0, 1)."""
     # the cumulative distribution is a quadratic in v between the nodes
@@ -51,7 +51,7 @@ def phase_sample(v_nodes, steps, f, cdf, xi):
     return v_nodes[i] + (min(max(2 * c / root, 0.0), steps[i]) if root > 0 else 0.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def turned_direction(ux, uy, uz, v, turn):
     """Unit direction u after a turn by an angle of 1 - cos = v, at azimuth `turn` (rad) about the old direction."""
     sine = math.sqrt(max(v * (2 - v), 0.0))

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 
 X_MIN, X_MAX = 1e-12, 2e6
 M_MIN, M_MAX = 1e-4, 1e4
+MANY_ANGLES, SMALLEST = 400, 50.0  # from which number of angles and size on amplitudes come from a transform: else it is slower
 PHASE_MAX = 2e9  # |m| x: one step of a recurrence each, 5 ns
 
 
@@ -91,33 +93,63 @@ def amplitudes(m, x, theta):
     >>> bool(S1[0] == S2[0]), bool(abs(S1[1] + S2[1]) < 1e-14)
     (True, True)
     """
-    from bakery.physics.mie import kernels
-
     shape, m, x = checked(m, x)
     theta, angles = _checked_angles(theta)
     s1, s2 = np.empty((2, x.size, angles.size), dtype=np.complex128)
     jobs = []
     for index, places in by_index(m, x):
-        size = x[places]
-        work = np.cumsum(size + 10.0) * max(angles.size, 1)
-        parts = parts_of_work(work[-1] * 2e-10)
-        if places.size >= 4 * parts:  # radii among the threads; else angles
-            pieces = np.split(places, np.searchsorted(work, work[-1] * np.arange(1, parts) / parts))
-            jobs += [(index, piece, slice(None)) for piece in pieces if piece.size]
-        else:
-            edges = np.linspace(0, angles.size, parts + 1).astype(int)
-            jobs += [(index, places, slice(a, b)) for a, b in zip(edges[:-1], edges[1:]) if b > a]
+        small = places.size
+        if angles.size >= MANY_ANGLES:
+            small = np.searchsorted(x[places], SMALLEST)
+            jobs += _by_transform(index, x, angles, places[small:], s1, s2)
+        jobs += _by_recurrence(index, x, angles, places[:small], s1, s2)
+    in_threads(lambda job: job(), jobs)
+    return s1.reshape(shape + theta.shape)[()], s2.reshape(shape + theta.shape)[()]
 
-    def run(job):
-        index, places, part = job
+
+def _by_recurrence(index, x, angles, places, s1, s2):
+    """Jobs that fill s1, s2 at some spheres by a recurrence an angle."""
+    from bakery.physics.mie import kernels
+
+    def run(places, part):
         piece = np.empty((min(places.size, kernels.LANES), angles[part].size, 4))
         for block in np.split(places, range(kernels.LANES, places.size, kernels.LANES)):  # few at a time: stays in the cache
             kernels.amplitude_block(index, x[block], angles[part], piece[:block.size])
             pair = piece[:block.size].view(np.complex128)
             s1[block, part], s2[block, part] = pair[..., 0], pair[..., 1]
 
-    in_threads(run, jobs)
-    return s1.reshape(shape + theta.shape)[()], s2.reshape(shape + theta.shape)[()]
+    if not places.size:
+        return []
+    work = np.cumsum(x[places] + 10.0) * max(angles.size, 1)
+    parts = parts_of_work(work[-1] * 2e-10)
+    if places.size >= 4 * parts:  # radii among the threads; else angles
+        pieces = np.split(places, np.searchsorted(work, work[-1] * np.arange(1, parts) / parts))
+        return [partial(run, piece, slice(None)) for piece in pieces if piece.size]
+    edges = np.linspace(0, angles.size, parts + 1).astype(int)
+    return [partial(run, places, slice(a, b)) for a, b in zip(edges[:-1], edges[1:]) if b > a]
+
+
+def _by_transform(index, x, angles, places, s1, s2):
+    """Jobs that do so by `fourier`."""
+    from bakery.physics.mie import fourier
+
+    def run(blocks):
+        for grid, block in blocks:
+            if np.all(np.diff(block) == 1):
+                rows = slice(block[0], block[-1] + 1)
+                fourier.amplitudes_of_block(index, x[block], angles, grid, s1[rows], s2[rows])
+            else:
+                pair = np.empty((2, block.size, angles.size), dtype=np.complex128)
+                fourier.amplitudes_of_block(index, x[block], angles, grid, *pair)
+                s1[block], s2[block] = pair
+
+    if not places.size:
+        return []
+    blocks = fourier.blocks(x, places)
+    work = np.cumsum([x[block].sum() + 0.4 * angles.size * block.size for _, block in blocks])
+    parts = parts_of_work(work[-1] * 7e-8 / 10)  # memory of a new thread costs some ms: not for less than ten
+    cuts = [0, *np.searchsorted(work, work[-1] * np.arange(1, parts) / parts), len(blocks)]
+    return [partial(run, blocks[a:b]) for a, b in zip(cuts[:-1], cuts[1:]) if b > a]
 
 
 def coated_efficiencies(core, shell, x, y):

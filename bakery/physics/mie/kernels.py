@@ -81,7 +81,7 @@ class _Series:
 
     def write(self, top, count, low):
         """The ratios of the Bessel functions, downward, then coefficients and sums."""
-        builder = self.builder
+        builder, self.below = self.builder, low
         above = builder.add(count, integer(1))
         with cgutils.for_range(builder, builder.sub(top, above)) as loop:
             self.descend(builder.sub(top, loop.index))
@@ -96,8 +96,13 @@ class _Series:
         with cgutils.for_range(builder, builder.sub(builder.add(above, integer(1)), low)) as loop:
             self.ratio_of_psi(builder.sub(above, loop.index))
         self.begin()
-        with cgutils.for_range(builder, count) as loop:
-            self.ascend(loop.index)
+        # orders below all sizes: psi goes upward and no series has ended
+        inner = builder.sub(self.below, integer(1))
+        inner = builder.select(builder.icmp_signed("<", inner, count), inner, count)
+        with cgutils.for_range(builder, inner) as loop:
+            self.ascend(loop.index, True)
+        with cgutils.for_range(builder, builder.sub(count, inner)) as loop:
+            self.ascend(builder.add(inner, loop.index), False)
         up = self.up
         for row, value in ((SCA, up.sca), (ABS, up.ab), (CROSS, up.cross), (BACK_R, up.pr), (BACK_I, up.pi)):
             self.lanes[row] = value
@@ -120,11 +125,12 @@ class _Series:
         if self.absorbing:
             ti = k.times_plus(self.wi, k * self.wi_low) - state.i
             size = tr * tr + ti * ti
-            scale = size.where(">", (size, _TINY), _TINY).inverse()
+            # the comparison beside the quotient: either is on the path from one order to the next
+            scale = size.inverse().where(">", (size, _TINY), 1.0 / _TINY)
             state.r = (tr * scale).where("<=", (order, self.start), state.r)
             state.i = (-(ti * scale)).where("<=", (order, self.start), state.i)
         else:
-            state.r = tr.where("!=", (tr, 0.0), _POLE).inverse().where("<=", (order, self.start), state.r)
+            state.r = tr.inverse().where("!=", (tr, 0.0), 1.0 / _POLE).where("<=", (order, self.start), state.r)
 
     def descend_near(self, n):
         """The difference D_n of R_n(x) and R_n(mx), and R_n(x), from those of n + 1."""
@@ -170,36 +176,50 @@ class _Series:
         self.sign = Registers(self.builder, k=x.fill(-1.0))
         self.index = [lanes[row] for row in range(M_R, MV_I + 1)]
 
-    def ascend(self, i):
-        """a_n and b_n of n = i + 1, which take the place of the ratios in row n-1, and what they add to the sums."""
-        up, rows = self.up, self.rows
-        order = self.x.fill(self.real(self.builder.add(i, integer(1))))
-        k, after = order * 2.0 + 1.0, order + 1.0
+    def ascend(self, i, inner):
+        """a_n and b_n of n = i + 1, which take the place of the ratios in row n-1, and what they add to the sums.
+
+        `inner`: n + 1 is at most the smallest of the sizes.
+        """
+        up, rows, builder = self.up, self.rows, self.builder
+        number = self.real(builder.add(i, integer(1)))
+        order = self.x.fill(number)
+        k, after, weight, mixed = (self.x.fill(value) for value in self.weights(number))
         f = k.times_plus(self.xi, k * self.xi_low)
         p1, c1 = up.p1, up.c1
-        p2 = f.times_plus(p1, -up.p0).where("<=", (after, self.x), rows[self.four(self.builder.add(i, integer(1)), 2)] * p1)
+        p2 = f.times_plus(p1, -up.p0)
+        if not inner:
+            p2 = p2.where("<=", (after, self.x), rows[self.four(builder.add(i, integer(1)), 2)] * p1)
         c2 = f.times_plus(c1, -up.c0)
         rr = rows[self.four(i, 0)]
         ri = rows[self.four(i, 1)] if self.absorbing else None
         of_a, of_b = self.fractions(i, after * self.xi, rr, ri, (p1, p2, c1, c2))
-        a2, lost_a, ar, ai = self.coefficient(order, *of_a[:-1], of_a[-1].inverse())
-        b2, lost_b, br, bi = self.coefficient(order, *of_b[:-1], of_b[-1].inverse())
+        live = None if inner else ("<=", (order, self.last), 0.0)
+        a2, lost_a, ar, ai = self.coefficient(live, *of_a[:-1], of_a[-1].inverse())
+        b2, lost_b, br, bi = self.coefficient(live, *of_b[:-1], of_b[-1].inverse())
         if self.absorbing:
             up.ab = k.times_plus(lost_a + lost_b, up.ab)
         for part, value in enumerate((ar, ai, br, bi)):
             rows[self.four(i, part)] = value
         up.sca = k.times_plus(a2 + b2, up.sca)
         # (n-1)(n+1)/n Re(a_{n-1} a_n* + ..) and (2n+1)/(n(n+1)) Re(a_n b_n*); 1/(n(n+1)) = 1/n - 1/(n+1)
-        inverse = (order * after).inverse()
         before = ar.times_plus(up.ar, ai * up.ai) + br.times_plus(up.br, bi * up.bi)
         same = ar.times_plus(br, ai * bi)
-        weight = (order - 1.0) * (after * after) * inverse
-        up.cross = (k * inverse).times_plus(same, weight.times_plus(before, up.cross))
+        up.cross = mixed.times_plus(same, weight.times_plus(before, up.cross))
         s = self.sign.k * k
         self.sign.k = -self.sign.k
         up.pr, up.pi = s.times_plus(ar - br, up.pr), s.times_plus(ai - bi, up.pi)
         up.ar, up.ai, up.br, up.bi = ar, ai, br, bi
         up.p0, up.p1, up.c0, up.c1 = p1, p2, c1, c2
+
+    def weights(self, number):
+        """2n + 1, n + 1, (n-1)(n+1)/n and (2n+1)/(n(n+1)): once for all radii, which spares the units of vectors."""
+        builder, one = self.builder, ir.Constant(ir.DoubleType(), 1.0)
+        k = builder.fadd(builder.fmul(number, ir.Constant(ir.DoubleType(), 2.0)), one)
+        after = builder.fadd(number, one)
+        inverse = builder.fdiv(one, builder.fmul(number, after))
+        weight = builder.fmul(builder.fmul(builder.fsub(number, one), builder.fmul(after, after)), inverse)
+        return k, after, weight, builder.fmul(k, inverse)
 
     def fractions(self, i, h, rr, ri, waves):
         """`fraction` of a_n and of b_n."""
@@ -232,14 +252,16 @@ class _Series:
         tr, ti = nr + di, ni - dr
         return nr, ni, dr, di, si, tr.times_plus(tr, ti * ti)
 
-    def coefficient(self, order, nr, ni, dr, di, si, scale):
-        """|a|^2, Re a - |a|^2, Re a, Im a."""
-        live = ("<=", (order, self.last), 0.0)
+    def coefficient(self, live, nr, ni, dr, di, si, scale):
+        """|a|^2, Re a - |a|^2, Re a, Im a; 0 where it is not `live`, if that is a condition."""
+        def kept(value):
+            return value.where(*live) if live else value
+
         if not self.absorbing:
-            square = (nr * nr * scale).where(*live)
-            return square, None, square, (nr * dr * scale).where(*live)
-        square, absorbed = (nr.times_plus(nr, ni * ni) * scale).where(*live), (si * scale).where(*live)
-        return square, absorbed, square + absorbed, (nr.times_plus(dr, ni * di) * scale).where(*live)
+            square = kept(nr * nr * scale)
+            return square, None, square, kept(nr * dr * scale)
+        square, absorbed = kept(nr.times_plus(nr, ni * ni) * scale), kept(si * scale)
+        return square, absorbed, square + absorbed, kept(nr.times_plus(dr, ni * di) * scale)
 
 
 _series_real, _series_absorbing = _coefficient_code(LANES, False), _coefficient_code(LANES, True)
@@ -380,6 +402,15 @@ def efficiency_block(m, x, q_ext, q_sca, q_abs, q_back, g):
 def cross_section_block(m, x, q_ext, q_sca, q_abs, g):
     """Efficiencies of the spheres x (R,) and their asymmetry; fills four (R,) arrays.  Fastest when x is sorted."""
     efficiency_block(m, x, q_ext, q_sca, q_abs, np.empty(x.shape[0]), g)
+
+
+@njit(**STRICT)
+def coefficients(m, x, work):
+    """`work` of `wave_coefficients`, (rows, 4, LANES) for up to LANES spheres x (R,), (rows, 4, 1) for a single sphere."""
+    xs, lane = np.empty(work.shape[2]), np.empty((27, work.shape[2]))
+    for j in range(xs.shape[0]):
+        xs[j] = x[min(j, x.shape[0] - 1)]
+    wave_coefficients(m, xs, lane, work)
 
 
 # Rows of an angle tile: v, the recurrences, the four sums.

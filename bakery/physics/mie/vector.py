@@ -61,6 +61,11 @@ class Wide:
     def inverse(self):
         return Wide(self.builder, self.builder.fdiv(self.like(1.0), self.value))
 
+    def sqrt(self):
+        kind = self.value.type
+        root = cgutils.get_or_insert_function(self.builder.module, ir.FunctionType(kind, [kind]), f"llvm.sqrt.v{kind.count}f64")
+        return Wide(self.builder, self.builder.call(root, [self.value]))
+
     def times_plus(self, factor, term):
         """self * factor + term, rounded once."""
         kind = self.value.type

@@ -18,12 +18,12 @@ _HUGE = 1e150
 _TOGETHER = 4  # transforms whose sums over m are made at a time
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def packed(j, l, m):
     return j * (j + 1) * (j + 2) // 6 + l * (l + 1) // 2 + m
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def coupling(l, M):
     """Square of the coupling of l - 1 and l by the cosine: (l^2 - M^2) / (4 l^2 - 1)."""
     return (l * l - M * M) / (4.0 * l * l - 1.0)

@@ -52,7 +52,7 @@ def quarter_turns(order):
     return d
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _add(factors, rows, first, count, out):
     """out += sum over n < count of factors[n] rows[first + 2 n]: four at a time, as loads and stores cost more than sums."""
     whole = count - count % 4

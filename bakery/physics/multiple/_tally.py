@@ -83,7 +83,7 @@ def fold(sums, first, last, turns, out):
                     out[j, a, c] += total * turns[m, c]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _add(px, py, pz, ux, uy, uz, weight, spread, boxes):
     """Add light that arrives at p along u; spread : boxes an arsinh of distance."""
     edges, k0, sums, marginal = boxes.edges, boxes.k0, boxes.sums, boxes.marginal

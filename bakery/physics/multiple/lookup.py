@@ -98,7 +98,7 @@ def _upsampled(functions):
 # ---- segments of any length
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def piece(turn, t):
     """Longest piece of t = arsinh(distance along a line / distance from the source) for one Gauss rule.
 
@@ -145,7 +145,7 @@ def add_segment_look_up(of_points, of_tiles, points, segments, length, rho, z, x
         _add_integral(of_points, points, start, length, rho, z, x, y, along, weight)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _touches(rho, z, length):
     """Whether a position lies within END of an end of a segment, or within BESIDE of the segment."""
     away = min(abs(z), abs(z - length))

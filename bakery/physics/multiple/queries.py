@@ -84,7 +84,7 @@ def _arrays(vectors, scalars):
             [np.array(np.broadcast_to(s, shape), order="C").reshape(-1) for s in scalars], np.empty(shape))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 

@@ -17,7 +17,7 @@ _DEEP, _REST = 13.0, 3.0  # transport mean free paths from a face: where spheres
 _TRIES = 32  # of facets, until one sends light to where it can be seen
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _mirrored(mu, index):
     """Unpolarised share that a plane reflects, and the cosine behind it; index of what is behind over that of what is before."""
     square = (index - 1.0) * (index + 1.0) + mu * mu
@@ -116,6 +116,14 @@ def _tally(radius2, cosine, weight, edges, light, square, beyond):
     square[out] += weight * radius2
 
 
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _off_base(stream):
+    """A direction upwards, as a matt base sends light on."""
+    up, turn = math.sqrt(stream.random()), 2.0 * math.pi * stream.random()
+    across = math.sqrt(1.0 - up * up)
+    return across * math.cos(turn), across * math.sin(turn), -up
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def follow(stream, walks, layer, table, edges, light, square, beyond):
     """Walks of a block, `CLASSES` times `walks`, added to sums.
@@ -126,15 +134,12 @@ def follow(stream, walks, layer, table, edges, light, square, beyond):
     walks : of each class of incidence
     layer : sigma_t, albedo, thickness, index, alpha, albedo of the base, below 0 for air; transport mean free path, decay of
         diffuse light
-    table : of `phase_layout`
-    edges : (B + 1,) distances, in the unit of 1/sigma_t, ascending from 0
+    table : of `phase_layout`;  edges : (B + 1,) distances, in the unit of 1/sigma_t, ascending from 0
     light : (C, C, B) weight by class of incidence and of exitance, and distance
     square : (C, C) weight times squared distance
     beyond : (C,) weight of walks that came out beyond the last edge, or went as deep
     """
-    sigma_t, albedo, thickness, index, alpha, base, transport, decay = layer
-    v_nodes, steps, f, cdf = table
-    last = len(edges) - 1
+    (sigma_t, albedo, thickness, index, alpha, base, transport, decay), (v_nodes, steps, f, cdf) = layer, table
     for n in range(CLASSES * walks):
         into = n % CLASSES
         sine = math.sqrt((into + stream.random()) / CLASSES)
@@ -146,7 +151,7 @@ def follow(stream, walks, layer, table, edges, light, square, beyond):
             clearance = min(pz, thickness - pz)
             if clearance > _DEEP * transport:
                 weight, px, py, pz, ux, uy, uz = _leapt(stream, weight, px, py, pz, clearance - _REST * transport, decay)
-                if pz > edges[last]:
+                if pz > edges[-1]:
                     beyond[into] += weight
                     break
                 weight = _roulette(stream, weight)
@@ -167,9 +172,7 @@ def follow(stream, walks, layer, table, edges, light, square, beyond):
                 break
             px, py = px + wall * ux, py + wall * uy
             if uz > 0.0 and base >= 0.0:
-                up, turn = math.sqrt(stream.random()), 2.0 * math.pi * stream.random()
-                across = math.sqrt(1.0 - up * up)
-                ux, uy, uz, pz = across * math.cos(turn), across * math.sin(turn), -up, thickness
+                (ux, uy, uz), pz = _off_base(stream), thickness
                 weight = _roulette(stream, weight * base)
                 if weight == 0.0:
                     break

@@ -11,7 +11,7 @@ import math
 from bakery.system.compiled import njit
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _fresnel(mu, within, index):
     """Unpolarised share that a smooth boundary reflects; cosines outside and inside."""
     if index == 1.0 or mu + within <= 0.0:
@@ -20,7 +20,7 @@ def _fresnel(mu, within, index):
     return 0.5 * (across * across + along * along)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _coordinate(within, mu, index, nodes):
     """Node below a direction, and its share of the way to the next one."""
     s = mu if index > 1.0 else math.sqrt(within)
@@ -29,7 +29,7 @@ def _coordinate(within, mu, index, nodes):
     return i, x - i
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _between(grid, wave, at, at0, at_phi):
     """Value of a grid (L, K, K, P) between its nodes."""
     (i, x), (j, y), (k, z) = at, at0, at_phi
@@ -43,7 +43,7 @@ def _between(grid, wave, at, at0, at_phi):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _phase(table, wave, s):
     """4 pi times the phase function, linear in s = sin^2(theta / 2)."""
     last = len(table.s) - 1
@@ -59,7 +59,7 @@ def _phase(table, wave, s):
     return table.phase[wave, low] + share * (table.phase[wave, low + 1] - table.phase[wave, low])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _facets(mu, mu0, cos_phi, index, roughness):
     """R of light that facets reflect once (GGX, Smith's shadowing), as `rough.reflected`."""
     doubled = mu * mu0 - math.sqrt((1.0 - mu * mu) * (1.0 - mu0 * mu0)) * cos_phi
@@ -130,7 +130,7 @@ def surface_transmittance(table, wave, mu, mu0, cos_phi):
     return through * (smooth * stopped * stopped0 / (inner + inner0) + once * direct)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _azimuth(cos_phi, nodes):
     """Node below an azimuth, and its share of the way to the next one.
 

@@ -9,7 +9,7 @@ from bakery.grammar.fields import AUTO, number, whole
 from bakery.grammar.section import Section
 from bakery.grammar.text import Mapping
 from bakery.grammar.units import FRACTION
-from bakery.stages.declaration import RecipeSection
+from bakery.stages.declaration import RecipeSection, own_tolerance
 
 if TYPE_CHECKING:
     from bakery.recipe.checker import Checker
@@ -34,8 +34,4 @@ def check(checker: "Checker", section: Mapping) -> None:
     checker.needs_scattering(section)
 
 
-def _completed(beam: Beam, recipe) -> Beam:
-    return beam.model_copy(update={"tolerance": beam.tolerance or max(recipe.tolerance, REACHED)})
-
-
-BEAM = RecipeSection("beam", Beam, "Kernels of narrow beams: how light spreads.", check, completed=_completed)
+BEAM = RecipeSection("beam", Beam, "Kernels of narrow beams: how light spreads.", check, completed=own_tolerance(REACHED))

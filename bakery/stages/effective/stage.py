@@ -16,6 +16,7 @@ from bakery.stages.grains.outputs import BY_RADIUS, LOSSLESS
 from bakery.stages.grains.stage import inputs as inputs_of_grains
 from bakery.stages.measures import integrated_difference
 from bakery.stages.medium import stage as medium
+from bakery.stages.packing.view import nearest_denser
 from bakery.store.tree import Dataset, Group
 
 _LOADING = 0.2
@@ -92,22 +93,11 @@ def inputs(recipe, upstream) -> dict:
         "lossless": [{figure: rows(name, figure, True) for figure in figures} for name in names],
         "radius": np.asarray(group["radius"].data, float), "share": np.asarray(group["radius_share"].data, float),
         "theta": np.asarray(group["theta"].data, float), "fraction": fraction, "mean_radius": arguments["radius"],
-        "tile": tile_of(packing, fraction), "components": arguments["components"], "depth": arguments["depth"],
+        "tile": nearest_denser(packing, fraction), "components": arguments["components"], "depth": arguments["depth"],
         "meshes": [(group[f"{name}/vertices"].data, group[f"{name}/faces"].data) for name in names],
         "wavelength": np.asarray(recipe.wavelength, float),
         "choice": None if recipe.effective_medium.sigma_t == "auto" else recipe.effective_medium.sigma_t,
         "walks": recipe.effective_medium.walks}
-
-
-def tile_of(packing: Group, fraction: float):
-    """Centres, radii and cell in mean radii of the nearest denser tile, widened; the densest where none is as dense."""
-    from bakery.stages.packing.view import nearest_denser, tiles
-
-    try:
-        return nearest_denser(packing, fraction)[:3]
-    except ValueError:
-        tile = max(tiles(packing).values(), key=lambda tile: float(tile["fraction"].data[0]))
-        return tile["centers"].data, tile["radii"].data, tile["cell"].data
 
 
 # ---- work
@@ -199,7 +189,7 @@ def _walked(inputs, at, context):
         index = None if component["index"] is None else component["index"].real[at]
         grains.append(packed.Grain(surface.lossless(component["type"], index, component["roughness"]),
                                  None if component["shape"]["type"] == "sphere" else bvh.Mesh(vertices, faces)))
-    return packed.walk(*inputs["tile"], grains, inputs["weights"], seed=context.seed, hits=inputs["walks"], depth=inputs["depth"],
+    return packed.walk(inputs["tile"], grains, inputs["weights"], seed=context.seed, hits=inputs["walks"], depth=inputs["depth"],
                        tolerance=max(0.5 * context.tolerance, 1e-4), map=context.map,
                        report=lambda share, error: context.report(share, error, "random walk through the grains"))
 

@@ -11,7 +11,7 @@ from bakery.grammar.text import Mapping
 from bakery.grammar.units import FRACTION
 from bakery.physics.multiple.budget import REACHED
 from bakery.physics.multiple.kinds import KINDS
-from bakery.stages.declaration import RecipeSection
+from bakery.stages.declaration import RecipeSection, own_tolerance
 
 if TYPE_CHECKING:
     from bakery.recipe.checker import Checker
@@ -47,9 +47,5 @@ def check(checker: "Checker", section: Mapping) -> None:
         checker.report(section["photons"], "found a number of photons beside method: solver", "expected method: photons or auto")
 
 
-def _completed(multiple: MultipleScattering, recipe) -> MultipleScattering:
-    return multiple.model_copy(update={"tolerance": multiple.tolerance or max(recipe.tolerance, REACHED)})
-
-
 MULTIPLE = RecipeSection("multiple_scattering", MultipleScattering, "Tables of the light that is scattered three times and more.",
-                         check, completed=_completed)
+                         check, completed=own_tolerance(REACHED))

@@ -248,7 +248,7 @@ def cost(recipe) -> Cost:
     beyond = max(g - 0.5, 0.0)
     seconds = number * (_FEW + _MORE * beyond + _MANY * beyond**5)
     return Cost(seconds, 1.5e8 + 3e9 * beyond**2, number * (1.5e4 + 3.3e5 * beyond), f"{number} tables", 1.0,
-                kernels=_KERNELS, kind="solver", most=min(len(recipe.wavelength), _TOGETHER))
+                kernels=_KERNELS, kind="solver", most=min(len(recipe.wavelength), _TOGETHER), blocks=len(recipe.wavelength))
 
 
 def _width(recipe) -> float:

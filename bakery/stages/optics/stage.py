@@ -78,6 +78,14 @@ def share(components: int) -> float:
     return 1.0 if components == 1 else 1 / (1 + WEIGHTS)
 
 
+def _asked(inputs, tolerance: float):
+    """Components, wavelengths, host and aim, as `averages` takes them."""
+    from bakery.physics.averages import Aim
+
+    goal = {name: inputs[name] for name in Aim._fields if name != "tolerance"}
+    return inputs["components"], inputs["wavelength"], inputs["host"], Aim(share(len(inputs["components"])) * tolerance, **goal)
+
+
 def predicted(recipe):
     """The work that the averages of a recipe are expected to take."""
     return _expected(recipe)[0]
@@ -91,7 +99,7 @@ def _expected(recipe):
         if known is recipe:
             return expectation
     arguments = inputs(recipe, {})
-    expectation = expected(**arguments, tolerance=share(len(arguments["components"])) * recipe.tolerance, remember=remember)
+    expectation = expected(*_asked(arguments, recipe.tolerance), remember=remember)
     _LAST.append((recipe, expectation))
     return expectation
 
@@ -164,13 +172,13 @@ def _share(x: float) -> float:
 def compute(inputs: dict, context) -> Result:
     from bakery.physics.averages import averages, expected
 
-    aim = share(len(inputs["components"])) * context.tolerance
-    whole = expected(**inputs, tolerance=aim, remember=remember)[0].seconds
+    asked = _asked(inputs, context.tolerance)
+    whole = expected(*asked, remember=remember)[0].seconds
 
     def report(seconds, error):
         context.report(_share(seconds / max(whole, 1e-9)), error)
 
-    theta, by_component = averages(**inputs, tolerance=aim, map=context.map, report=report, remember=remember)
+    theta, by_component = averages(*asked, map=context.map, report=report, remember=remember)
     members: dict[str, Dataset | Group] = dict(datasets(OUTPUTS, {"theta": theta}))
     notes, missed, reached = [], [], 0.0
     for component, average in zip(inputs["components"], by_component):

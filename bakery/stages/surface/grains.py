@@ -8,8 +8,8 @@ import numpy as np
 
 from bakery.errors import StageError
 from bakery.stages.declaration import Cost, Output, Result, Stage, datasets, later
-from bakery.stages.effective.stage import tile_of
 from bakery.stages.grains.stage import inputs as inputs_of_grains
+from bakery.stages.packing.view import nearest_denser
 from bakery.stages.surface import stage as surface
 from bakery.stages.surface.section import SURFACE, among_grains
 from bakery.stages.surface.view import QUERIES
@@ -49,7 +49,7 @@ def inputs(recipe, upstream) -> dict:
     names = [grain.name for grain in recipe.grains.components]
     return values | {
         "counted": True, "components": arguments["components"], "radius": arguments["radius"], "depth": arguments["depth"],
-        "tile": tile_of(upstream["packing"], float(recipe.packing.fraction[0])),
+        "tile": nearest_denser(upstream["packing"], float(recipe.packing.fraction[0])),
         "weights": [float(group[f"{name}/weight"].data[0]) for name in names],
         "meshes": [(group[f"{name}/vertices"].data, group[f"{name}/faces"].data) for name in names],
         "g": np.asarray(medium["g"].data, float), "decay": np.asarray(medium["sigma_tr_improved"].data, float)}

@@ -9,7 +9,7 @@ from bakery.grammar.fields import number, numbers, word
 from bakery.grammar.section import Section
 from bakery.grammar.text import Mapping
 from bakery.grammar.units import FRACTION, LENGTH
-from bakery.stages.declaration import RecipeSection
+from bakery.stages.declaration import RecipeSection, own_tolerance
 
 if TYPE_CHECKING:
     from bakery.recipe.checker import Checker
@@ -84,8 +84,5 @@ def among_grains(recipe) -> bool:
             and surface.boundary == "none")
 
 
-def _completed(surface: Surface, recipe) -> Surface:
-    return surface.model_copy(update={"tolerance": surface.tolerance or max(recipe.tolerance, REACHED)})
-
-
-SURFACE = RecipeSection("surface", Surface, "Reflectance of a plane layer of the medium.", check, completed=_completed)
+SURFACE = RecipeSection("surface", Surface, "Reflectance of a plane layer of the medium.", check,
+                        completed=own_tolerance(REACHED))

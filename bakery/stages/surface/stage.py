@@ -192,7 +192,7 @@ def cost(recipe) -> Cost:
     # walks that tell the spread: 0.01 s, 0.7 s where next to nothing is absorbed
     seconds = (_seconds(recipe) + 0.3) * count * layers + (4.0 if rough else 0.0)
     return Cost(seconds, 1.5e8, 2.5e5 * count * layers, f"{count} wavelengths, {layers} layers", 0.5,
-                kernels=("multiple.legendre", "surfaces._spread"), most=min(count * layers, _TOGETHER))
+                kernels=("multiple.legendre", "surfaces._spread"), most=min(count * layers, _TOGETHER), blocks=count * layers)
 
 
 def measures(group: Group, reference: Group) -> Mapping[str, float]:

@@ -9,8 +9,8 @@ from typing import Any
 from renderers.scene.declaration import SceneMethod
 
 # kinds of passes: paths from the eye, beams that lines of sight gather, dipoles of their ends, beams that are joined where they
-# pass close by; of a method of several kinds the first are `FEW`, paths of few events
-FEW, GATHERED, DIFFUSED, JOINED = "few", "beams", "dipoles", "joined"
+# pass close by, chains among beams and lines of sight; of a method of several kinds the first are `FEW`, paths of few events
+FEW, GATHERED, DIFFUSED, JOINED, MUTATED = "few", "beams", "dipoles", "joined", "mutations"
 
 # Beams of a pass to a square transport mean free path of the boundary, below which a method by beams is refused: hardly a line
 # of sight has a beam near it in a thousand passes, so pictures are dark with a few fireflies, and their noise is not known.
@@ -66,6 +66,11 @@ class BodyMethod(SceneMethod):
     def joined(self) -> bool:
         """Whether beams are joined with lines of sight where they pass close by."""
         return JOINED in self.parts
+
+    @property
+    def mutated(self) -> bool:
+        """Whether chains go among beams and lines of sight."""
+        return MUTATED in self.parts
 
     @property
     def diffused(self) -> bool:

@@ -11,10 +11,10 @@ import numpy as np
 from bakery import kernels
 from bakery.grammar import fields
 from renderers import colour
-from renderers.materials.bodies import beams, chains, dipole, light, refraction, shells, smooth, thin, transport
+from renderers.materials.bodies import beams, chains, dipole, light, mutations, refraction, shells, smooth, thin, transport
 from renderers.materials.bodies.bias import CLOSER, SHARPER
 from renderers.materials.bodies.bodies import Body, has_tables, holds, laid_out, medium_of, solid_shape, untabled
-from renderers.materials.bodies.declaration import DIFFUSED, FEW, GATHERED, JOINED
+from renderers.materials.bodies.declaration import DIFFUSED, FEW, GATHERED, JOINED, MUTATED
 from renderers.materials.bodies.declared import methods
 from renderers.materials.bodies.paths import UNLIMITED
 from renderers.materials.bodies.thin import WALKS
@@ -60,7 +60,7 @@ def prepare(job, world, seed) -> Method:
         measurable = declared.measured is not None and missing is not None
         bias = declared.measured(estimate.means.values(), estimate.rgb, missing) if measurable else None
         unlit = {} if np.any(estimate.rgb) else dict.fromkeys(_NOISES) | {"reasons": [_UNLIT]}
-        chained = _of_chains(kinds[0].render.figures()) if declared.metropolis else {}
+        chained = _of_chains(kinds[-1].render.figures()) if declared.metropolis or declared.mutated else {}
         return {"bias": bias, "left_out": sentences} | chained | unlit
 
     return Method(name, kinds, [*reasons, *sentences], after, features=lambda: features_of(setup, seed))
@@ -167,7 +167,8 @@ def parts(setup, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS)
         # they bring lights without extent, too
         setup = setup._replace(bent=[[] for _ in setup.bodies])
     kinds = _Passes(setup, method, boundary, seed, _Counts(places, walks, picks))
-    passes_of = {FEW: kinds.by_paths, GATHERED: kinds.gathered, DIFFUSED: kinds.diffused, JOINED: kinds.joined}
+    passes_of = {FEW: kinds.by_paths, GATHERED: kinds.gathered, DIFFUSED: kinds.diffused, JOINED: kinds.joined,
+                 MUTATED: kinds.mutations}
     return tuple(Part(kind, passes_of[kind]) for kind in method.parts) or (Part(name, kinds.by_paths),)
 
 
@@ -237,6 +238,13 @@ class _Passes:
             layers |= {CLOSER: half - later}
         layers[""], layers["orders"] = layers[""] + later, layers["orders"] + later
         return layers
+
+    @cached_property
+    def mutations(self):
+        """`mutations.Mutations`: light of beams by the tables, as chains find it."""
+        beyond = [_beyond(body, self._mirrored) for body in self._setup.bodies]
+        asked = mutations.Settings(self._negative, self._second, self._most, beyond, self._counts.places, self._counts.walks)
+        return mutations.Mutations(self._setup, lambda: self._entries, asked, self._seed)
 
     def joined(self, number):
         """Light of beams that lines of sight cross."""

@@ -140,9 +140,12 @@ def from_eye(transport, most, gather, number, seed, by_paths=True, chosen=None) 
     return sums
 
 
-def begin(transport, pixel, number, seed) -> Paths:
-    """The camera's path through each pixel (n,), ascending without gaps, of a pass."""
-    key, first = stream_key(seed, "render.translucent", number), int(pixel[0]) if len(pixel) else 0
+def begin(transport, pixel, number, seed, first=None) -> Paths:
+    """The camera's paths through pixels (n,) of a pass, from path `first` on; if that is None a path a pixel, ascending without
+    gaps."""
+    key = stream_key(seed, "render.translucent", number)
+    if first is None:
+        first = int(pixel[0]) if len(pixel) else 0
     states, origin, direction = of_camera(transport.world, transport.world.size[1], key, first, pixel)
     paths = Paths.begun(origin, direction, np.ones((len(pixel), len(transport.colours.to_waves))), states, pixel)
     paths.seen[:] = True
@@ -400,16 +403,13 @@ def _share(rival, density):
 
 def _gathered(transport, paths, number, sums, gather):
     """Adds what beams bring to lines of sight that come from a surface."""
-    rows = np.flatnonzero((paths.events == 0) & (paths.throughput > 0).any(axis=1))
     body, beams = transport.bodies[number], gather.beams[number]
-    numbers, chance = np.empty((paths.count, 1)), np.minimum(paths.throughput.max(axis=1) / _WEAK, 1.0)
-    wavefront.draw(paths.states, numbers)
-    rows = rows[numbers[rows, 0] < chance[rows]]
+    rows, lines = sights(paths)
     if not len(rows):
         return
-    rows = rows[by_place(paths.origin[rows], body.vertices)]
-    lines, around, sigma = paths.of(rows), np.empty(len(rows) + 1, np.int64), body.medium.sigma_t
-    lines.throughput[:] /= chance[rows, None]
+    order = by_place(lines.origin, body.vertices)
+    rows, lines = rows[order], lines.of(order)
+    around, sigma = np.empty(len(rows) + 1, np.int64), body.medium.sigma_t
     groups = _choice.grouped(lines.origin, lines.direction, lines.far, float(sigma.min()), around)
     picks = np.where(lines.seen & (gather.shares[lines.pixel] == number), gather.fewer[number], gather.picks)
     normals = facing(transport, lines) if np.isfinite(gather.beyond[number]).any() else np.empty((0, 3))
@@ -427,6 +427,17 @@ def _gathered(transport, paths, number, sums, gather):
     sums.add_gathered(lines, later)
     sums.add(lines, second, 2)
     sums.add(lines, beyond, 3)
+
+
+def sights(paths):
+    """Lines of sight of paths that come from a surface, of little weight only some: their numbers (m,) and themselves."""
+    rows = np.flatnonzero((paths.events == 0) & (paths.throughput > 0).any(axis=1))
+    numbers, chance = np.empty((paths.count, 1)), np.minimum(paths.throughput.max(axis=1) / _WEAK, 1.0)
+    wavefront.draw(paths.states, numbers)
+    rows = rows[numbers[rows, 0] < chance[rows]]
+    lines = paths.of(rows)
+    lines.throughput[:] /= chance[rows, None]
+    return rows, lines
 
 
 def by_place(points, vertices):

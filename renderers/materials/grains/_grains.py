@@ -112,7 +112,7 @@ def _in_sphere(grains, sphere, centre, point, ray, at, normal, scratch):
 
 
 # inlined, as the one below: paths among balls take 5 % less time
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def on_grain(grains, sphere, centre, offset, d, span, at, normal, scratch):
     """Distance along unit d (3,) to the surface of the grain of a sphere whose centre is `offset` away; inf where it is not met.
 
@@ -127,7 +127,7 @@ def on_grain(grains, sphere, centre, offset, d, span, at, normal, scratch):
     return max(t, begin)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def far_side(x, y, z, d, radius):
     """Distance along unit d (3,) to where a ray leaves a sphere whose centre is (x, y, z) away."""
     along = x * d[0] + y * d[1] + z * d[2]

@@ -119,14 +119,14 @@ def chance_at(aggregate, chance, p):
     return chance[a, b, c]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def ray_of(walk, unit, i, p, d):
     """Makes p (3,), in units, and d (3,) origin and direction of path i."""
     for k in range(3):
         p[k], d[k] = walk.origin[i, k] / unit, walk.direction[i, k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def keep_ray(walk, unit, i, p, d):
     """Makes p (3,), in units, and d (3,) those of path i."""
     for k in range(3):

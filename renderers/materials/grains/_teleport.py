@@ -53,6 +53,7 @@ def chords(aggregate, area, limit, states, chord, begin, end):
     area : (N,) cumulated shares in cross section;  states : (n,) random streams
     """
     aggregate = lent(aggregate)
+    grid = aggregate.cell, aggregate.m, aggregate.start, aggregate.image, aggregate.owner
     o, d, to = np.empty(3), np.empty(3), np.empty(3)
     behind, sphere = np.zeros(4, np.int64), np.empty(4, np.int64)
     for i in range(begin, end):
@@ -66,8 +67,7 @@ def chords(aggregate, area, limit, states, chord, begin, end):
         o[0] = aggregate.centers[behind[0], 0] + radius * nx
         o[1] = aggregate.centers[behind[0], 1] + radius * ny
         o[2] = aggregate.centers[behind[0], 2] + radius * nz
-        chord[i] = flight_to_sphere(o, d, behind, aggregate.cell, aggregate.m, aggregate.start, aggregate.image, aggregate.owner,
-                                    limit, sphere, to)
+        chord[i] = flight_to_sphere(o, d, behind, grid, limit, sphere, to)
 
 
 class Contact(NamedTuple):
@@ -153,7 +153,7 @@ def _flown(flights, fresh, states, i):
     return flights.void[k] * uniform(states, i)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _start(sphere, triangle, centre, unit, i, contact):
     """Makes the contact that with which path i starts."""
     for k in range(3):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from renderers.mitsuba import variants
 from renderers.pictures.denoise import Features
 from renderers.transport import features, regions
 from renderers.transport.scattering import scatterer
@@ -31,7 +32,9 @@ def first_hits(world, scene, assets, meshes, seed) -> Features:
     of it where they are four times as wide.
     """
     media = [regions.Medium(regions.Mesh(*mesh), _scatterer(asset)) for asset, mesh in zip(assets, meshes)]
-    around = features.first_hits(world, media, scene.colours, seed)
+    # a graphics card traces rays through one scene at a time, and each mesh is one (`regions.boundary`): there what stands behind
+    # the medium is seen in its place
+    around = features.first_hits(world, [] if variants.on_gpu(world.variant) else media, scene.colours, seed)
     bodies = [(scene.interactor(body, scene.technique).entry, filled.radius) for body, filled in enumerate(scene.bodies)]
     return of_grains(world, bodies, albedos(media, scene.colours), around)
 

@@ -211,11 +211,8 @@ def _tile(asset):
     """Centres, radii and cell: the least dense tile that is as dense as the medium, widened until it is just that."""
     packing, wished = asset.packing, float(asset.medium.fraction[0])
     tiles = [packing] if "centers" in packing else [tile for tile in packing.values() if "centers" in tile]
-    fractions = np.array([float(tile.fraction[0]) for tile in tiles])
-    dense = fractions >= wished * (1 - 1e-9)
-    tile = tiles[np.argmin(np.where(dense, fractions, np.inf)) if dense.any() else np.argmax(fractions)]
-    wider = max(float(tile.fraction[0]) / wished, 1.0) ** (1 / 3)
-    return np.asarray(tile.centers) * wider, np.asarray(tile.radii), np.asarray(tile.cell) * wider
+    index, wider = kernels.nearest_denser([float(tile.fraction[0]) for tile in tiles], wished)
+    return np.asarray(tiles[index].centers) * wider, np.asarray(tiles[index].radii), np.asarray(tiles[index].cell) * wider
 
 
 def occupied_by(world, aggregate, unit, others=()):

@@ -331,6 +331,7 @@ def turned(scene, path, meeting, records=None):
     factor = scene.reflectance(dr.select(dr.all(dr.isfinite(factor)), factor, 0))
     path.throughput = [weight * share * f for weight, share, f in
                        zip(path.throughput, scene.shares(meeting, sample.wo), factor)]
+    path.squared_index *= loop.squared_index(sample)
     path.origin, path.direction = scene.beside(meeting, sample.wo), surface.to_world(sample.wo)
     path.drawn, path.inside = mi.Point3f(path.origin), scene.around(path, meeting, sample.wo)
     path.single, path.density = ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Smooth), sample.pdf

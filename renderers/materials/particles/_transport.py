@@ -13,6 +13,7 @@ import numpy as np
 
 from bakery.kernels import (
     NO_DISC,
+    Pencil,
     first_disc,
     lent,
     mesh_scratch,
@@ -48,7 +49,7 @@ class Guide(NamedTuple):
     used: np.ndarray
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def ray_of(origin, direction, i):
     """Ray i, origin and direction, as six numbers."""
     return (origin[i, 0], origin[i, 1], origin[i, 2],
@@ -81,8 +82,8 @@ def _particle(medium, paths, end, distance, point, i, scratch):
     begin, square, weight, left_out = 0.0, medium.discs.square, paths.throughput, paths.left_out
     ox, oy, oz, dx, dy, dz = ray_of(paths.origin, paths.direction, i)
     while begin < end:
-        kind, t, d2, x, y, z = first_disc(medium.discs, ox, oy, oz, dx, dy, dz, begin, end, left_out[i, 0], left_out[i, 1],
-                                          left_out[i, 2], scratch)
+        pencil = Pencil((ox, oy, oz), (dx, dy, dz), begin, end, (left_out[i, 0], left_out[i, 1], left_out[i, 2]))
+        kind, t, d2, x, y, z = first_disc(medium.discs, pencil, scratch)
         if kind == NO_DISC:
             break
         total, stopped = 0.0, 0.0
@@ -158,12 +159,11 @@ def transmit(medium, ray, far, discrete, left_out, states, i, passed, scratch):
     """
     sigma, region = medium.sigma_t, medium.discs.region
     ox, oy, oz, dx, dy, dz = ray
-    sx, sy, sz = left_out
     open, mesh_room = scratch
-    share = medium.others if sx == sx else 1.0
+    share = medium.others if left_out[0] == left_out[0] else 1.0
     open[:] = 1
     if discrete > 0:
-        open_wavelengths(medium.discs, ox, oy, oz, dx, dy, dz, 0.0, min(far, discrete), sx, sy, sz, open, mesh_room)
+        open_wavelengths(medium.discs, Pencil((ox, oy, oz), (dx, dy, dz), 0.0, min(far, discrete), left_out), open, mesh_room)
     for w in range(len(passed)):
         passed[w] = open[w]
     absorbed(medium, ray, far, passed)
@@ -247,7 +247,7 @@ def scatter(medium, kind, paths, guide, begin, end):
         direction[i, 0], direction[i, 1], direction[i, 2] = x, y, z
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _turn(x, y, z, ux, uy, uz):
     """1 - cos between two unit directions, with the digits of small angles."""
     return min(0.5 * ((x - ux) ** 2 + (y - uy) ** 2 + (z - uz) ** 2), 2.0)

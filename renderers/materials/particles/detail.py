@@ -142,17 +142,27 @@ def _along(world, medium, origin, direction, middle, thick, behind, solid, state
     mean, variance = np.empty(len(point)), np.empty(len(point))
     background = behind * np.exp(-(medium.sigma_t @ share) * column[:, -1])
     area = (middle**2 * solid[:, None]).reshape(-1)
-    run(_moments, len(point), medium, share, v, light, passed, arrives, np.repeat(background, depths), area, mean, variance)
+    run(_moments, len(point), medium, share, _At(v, light, passed, arrives, np.repeat(background, depths), area), mean, variance)
     weight = rho * thick
     return (mean.reshape(n, -1) * weight).sum(axis=1) + background, variance.reshape(n, -1) * weight
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _moments(medium, share, v, light, passed, arrives, behind, area, mean, variance, begin, end):
-    """Mean and variance of luminance a metre of depth at full density, from all classes of particles.
+class _At(NamedTuple):
+    """Depths of pixels: coordinate v (n,) of the angle between light and ray, light (n, L) from the lamp, shares of it (n, L)
+    that pass towards the eye and arrive from the lamp, luminance (n,) from behind the medium, m^2 (n,) that a pixel sees."""
 
-    area : (n,) m^2, what a pixel sees at the depth;  behind : (n,) luminance that arrives from behind the medium
-    """
+    v: np.ndarray
+    light: np.ndarray
+    passed: np.ndarray
+    arrives: np.ndarray
+    behind: np.ndarray
+    area: np.ndarray
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _moments(medium, share, at, mean, variance, begin, end):
+    """Mean and variance of luminance a metre of depth at full density, from all classes of particles."""
+    v, light, passed, arrives, behind, area = at
     classes, waves = medium.discs.square.shape
     for i in range(begin, end):
         mean[i], variance[i] = 0.0, 0.0

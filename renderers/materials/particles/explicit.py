@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from bakery.kernels import first_disc, fresnel, lent, mesh_scratch
+from bakery.kernels import Pencil, first_disc, fresnel, lent, mesh_scratch
 from bakery.system.compiled import njit
 from renderers.threads import run
 from renderers.transport import wavefront
@@ -52,9 +52,10 @@ def _meet(discs, paths, far, kind, distance, point, begin, end):
     origin, direction = paths.origin, paths.direction
     for i in range(begin, end):
         # a sphere that the ray has just left lies behind it: the foot of its centre counts no more
+        pencil = Pencil((origin[i, 0], origin[i, 1], origin[i, 2]), (direction[i, 0], direction[i, 1], direction[i, 2]), 0.0,
+                        far[i], (np.nan, np.nan, np.nan))
         kind[i], distance[i], _, point[i, 0], point[i, 1], point[i, 2] = first_disc(
-            discs, origin[i, 0], origin[i, 1], origin[i, 2], direction[i, 0], direction[i, 1], direction[i, 2], 0.0, far[i],
-            np.nan, np.nan, np.nan, scratch)
+            discs, pencil, scratch)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -15,6 +15,8 @@ import numpy as np
 
 from bakery.kernels import (
     NO_DISC,
+    Particles,
+    Pencil,
     disc_cells,
     discs_of_cell,
     first_disc,
@@ -76,7 +78,8 @@ def _transmittance(medium, cylinder, ray, far, passed, mesh_room):
     passed[:] = 0.0
     t = 0.0
     while True:
-        kind, t, _, _, _, _ = first_disc(medium.discs, ox, oy, oz, dx, dy, dz, t, far, np.nan, np.nan, np.nan, mesh_room)
+        pencil = Pencil((ox, oy, oz), (dx, dy, dz), t, far, (np.nan, np.nan, np.nan))
+        kind, t, _, _, _, _ = first_disc(medium.discs, pencil, mesh_room)
         if kind == NO_DISC:
             break
         for w in range(len(passed)):
@@ -112,6 +115,7 @@ def _in_sphere(medium, radius, centre, kinds, scratch):
     discs, n = medium.discs, 0
     x, y, z = centre
     points, kind, identity, mesh_room = scratch
+    particles = Particles(points, kind, identity)
     for level in range(len(discs.reach)):
         bounds, low, high = disc_cells(discs, level), np.empty(3, np.int64), np.empty(3, np.int64)
         for axis, at in enumerate((x, y, z)):
@@ -123,8 +127,7 @@ def _in_sphere(medium, radius, centre, kinds, scratch):
                 for k in range(low[2], high[2] + 1):
                     next_place = np.int64(0)  # of this type from the start: numba would compile the callee for literals too
                     while next_place >= 0:
-                        filled, next_place = discs_of_cell(discs, level, i, j, k, next_place, points, kind, identity,
-                                                           np.int64(0), mesh_room)
+                        filled, next_place = discs_of_cell(discs, level, (i, j, k), next_place, particles, np.int64(0), mesh_room)
                         for p in range(filled):
                             u, v, w = points[p, 0] - x, points[p, 1] - y, points[p, 2] - z
                             if u * u + v * v + w * w < radius * radius and n < len(kinds):

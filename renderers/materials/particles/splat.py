@@ -13,7 +13,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bakery.kernels import BOX, disc_cells, discs_of_cell, hashed, mesh_scratch, open_wavelengths, stream_key, turned_direction
+from bakery.kernels import (
+    BOX,
+    Particles,
+    Pencil,
+    disc_cells,
+    discs_of_cell,
+    hashed,
+    mesh_scratch,
+    open_wavelengths,
+    stream_key,
+    turned_direction,
+)
 from bakery.system.compiled import njit
 from renderers.materials.particles import _transport, shadow
 from renderers.materials.particles._transport import Events
@@ -186,7 +197,8 @@ def _blocks_in_view(discs, level, bounds, edge, origin, sides, farthest, share):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _gather(discs, level, blocks, edge, state, bounds, points, kind, identity):
     """Fills place, kind and identity with the particles of blocks from `state` on, which is moved on; how many they are."""
-    scratch, filled = mesh_scratch(), np.int64(0)  # a literal 0 would be compiled for as well
+    particles, scratch = Particles(points, kind, identity), mesh_scratch()
+    filled = np.int64(0)  # a literal 0 would be compiled for as well
     while state[0] < len(blocks):
         cell = state[1]
         i = blocks[state[0], 0] + cell // (edge * edge)
@@ -194,7 +206,7 @@ def _gather(discs, level, blocks, edge, state, bounds, points, kind, identity):
         k = blocks[state[0], 2] + cell % edge
         remaining = -1
         if i <= bounds[3] and j <= bounds[4] and k <= bounds[5]:
-            filled, remaining = discs_of_cell(discs, level, i, j, k, state[2], points, kind, identity, filled, scratch)
+            filled, remaining = discs_of_cell(discs, level, (i, j, k), state[2], particles, filled, scratch)
         if remaining >= 0:
             state[2] = remaining
             return filled
@@ -274,7 +286,7 @@ def _sum(added, pixel, index, picture, by_light):
                 by_light[index[i], pixel[i], c] += added[i, c]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _cone(medium, kind, x, y, z):
     """Distance of a particle from the camera, and 1 - cos of the cone that its largest disc covers."""
     distance = math.sqrt(x * x + y * y + z * z)
@@ -355,8 +367,8 @@ def _visible(medium, origin, pencils, points, chance, seen, begin, end):
             continue
         for w in range(len(open)):
             open[w] = weight[i, w] > 0
-        seen[i] = open_wavelengths(medium.discs, origin[0], origin[1], origin[2], direction[i, 0], direction[i, 1],
-                                   direction[i, 2], 0.0, far[i], points[i, 0], points[i, 1], points[i, 2], open, scratch) > 0
+        pencil = Pencil(ray[:3], ray[3:], 0.0, far[i], (points[i, 0], points[i, 1], points[i, 2]))
+        seen[i] = open_wavelengths(medium.discs, pencil, open, scratch) > 0
         for w in range(len(open)):
             if not open[w]:
                 weight[i, w] = 0.0

@@ -80,7 +80,7 @@ def test_light_counted_among_grains_is_looked_up():
     rng = np.random.default_rng(7)
     back = 1 + 2 * np.exp(-np.arange(48) / 3.0)[:, None, None] * np.ones((48, 8, 8))
     factors = Factors((back, *(1 + 0.1 * rng.random((2, 12, 8, 8)))), np.linspace(1.1, 0.9, 36).reshape(3, 12), 0.01)
-    counted = [Corrected(solution, factors) for solution in solutions("tinted")]
+    counted = [Corrected(solution, factors) for solution in solutions("tinted")[:1]]
     looked_up, errors = table.surface_table(counted)
     assert errors.mean_square < 0.01
     mu, mu0 = rng.uniform(0.05, 1, (2, 300))

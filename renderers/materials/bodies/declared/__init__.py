@@ -18,6 +18,7 @@ METHODS = (
     "renderers.materials.bodies.declared.dipole:METHOD",
     "renderers.materials.bodies.declared.surface:METHOD",
     "renderers.materials.bodies.declared.metropolis:METHOD",
+    "renderers.materials.bodies.declared.metropolis_tables:METHOD",
 )
 
 

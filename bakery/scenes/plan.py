@@ -123,5 +123,5 @@ def _file(bake: Bake, cache: Cache, progress: Progress) -> Path:
         return bake.asset
     plan, kept = bake.plan, bake.planned.kept
     if plan.output.name != kept.name:  # one that the scene names, which only a render writes
-        plan = bake_of(plan.recipe.path, bake.planned.asked, kept, True, cache, progress)
+        plan = bake_of(bake.planned.asked, kept, True, cache, progress)
     return execute(plan, cache=cache, progress=progress).output

@@ -1,0 +1,141 @@
+"""What this machine allows: python -m benchmarks.limits
+
+Rates of one core in processor time, the best of many tries: what bounds a kernel is the largest of its counted operations over
+the rate of each kind (docs/measurements/limits.md).
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from bakery.physics.mie.vector import Memory, Wide
+from bakery.system.compiled import njit
+from benchmarks.sizes import sized
+
+LANES = 8  # doubles of the widest vectors
+
+
+def _repeated(operation, chains):
+    """A loop whose every step does `operation(value, factor)` to each of `chains` independent vectors."""
+
+    @intrinsic
+    def loop(typingctx, numbers, count):
+        def codegen(context, builder, signature, args):
+            rows = Memory(context, builder, signature.args[0], args[0], LANES)
+            slots = [cgutils.alloca_once_value(builder, rows[1].value) for _ in range(chains)]
+            factor = rows[0]
+            with cgutils.for_range(builder, args[1]):
+                for slot in slots:
+                    builder.store(operation(Wide(builder, builder.load(slot)), factor).value, slot)
+            total = Wide(builder, builder.load(slots[0]))
+            for slot in slots[1:]:
+                total = total + Wide(builder, builder.load(slot))
+            rows[1] = total
+            return context.get_dummy_value()
+
+        return types.void(numbers, types.intp), codegen
+
+    return loop
+
+
+_products, _quotients = _repeated(lambda value, factor: value.times_plus(factor, factor), 16), _repeated(
+    lambda value, factor: Wide(value.builder, value.builder.fdiv(factor.value, value.value)), 8)
+
+
+@njit(nogil=True)
+def multiply_add(numbers, count):
+    """16 chains of fused multiply-adds, `count` steps."""
+    _products(numbers, count)
+
+
+@njit(nogil=True)
+def divide(numbers, count):
+    """8 chains of quotients, `count` steps."""
+    _quotients(numbers, count)
+
+
+@njit(nogil=True)
+def add_to(target, source):
+    """One array added to another: two are read and one is written."""
+    for i in range(target.size):
+        target[i] += source[i]
+
+
+def best(job, rounds=sized(30, 2)):
+    """Least processor seconds of one call."""
+    job()
+    seconds = []
+    for _ in range(rounds):
+        start = time.process_time()
+        job()
+        seconds.append(time.process_time() - start)
+    return min(seconds)
+
+
+def machine():
+    """Rates of one core: {kind: per second}."""
+    numbers, count = np.full(2 * LANES, 0.9), sized(400_000, 1000)
+    rates = {"multiply-adds": 16 * LANES * count / best(lambda: multiply_add(numbers, count))}
+    numbers[:] = 0.9
+    rates["quotients"] = 8 * LANES * (count // 8) / best(lambda: divide(numbers, count // 8))
+    for name, size in (("bytes of the second cache", 20_000), ("bytes of memory", 8_000_000)):
+        target, source = np.ones((2, sized(size, 1000)))
+        times = max(1, sized(4_000_000, 1000) // size)
+
+        def often(target=target, source=source, times=times):
+            for _ in range(times):
+                add_to(target, source)
+
+        rates[name] = 3 * 8 * target.size * times / best(often, sized(10, 2))
+    return rates
+
+
+def mie(rates):
+    """Kernels of Mie on one core: (name, operations, seconds of the bound, measured seconds)."""
+    from scipy.fft import dct
+
+    from bakery.physics.mie import fourier, kernels, legendre
+
+    product, quotient, byte = (1.0 / rates[kind] for kind in ("multiply-adds", "quotients", "bytes of memory"))
+    x = np.linspace(0.1, 1000.0, sized(10_000, 32))
+    orders, out = sum(kernels.terms(size) for size in x), np.empty((5, x.size))
+    yield ("efficiencies, 10,000 sizes, m = 1.33", "an order: 35 products, 2 quotients; an order of mx: 4 and 1",
+           orders * (35 * product + 2 * quotient + 1.33 * (4 * product + quotient)),
+           best(lambda: kernels.efficiency_block(1.33 + 0j, x, *out)))
+    size, theta = sized(20_000.0, 200.0), np.linspace(0.0, np.pi, sized(1801, 20))
+    last, pairs = kernels.terms(size), np.empty((1, theta.size, 4))
+    yield (f"recurrence of angles, x = {size:,.0f}", "an order and angle: 9 products", 9 * last * theta.size * product,
+           best(lambda: kernels.amplitude_block(1.33 + 0j, np.array([size]), theta, pairs), sized(10, 1)))
+    size = sized(200_000.0, 300.0)
+    last = kernels.terms(size)
+    grid = fourier.blocks(np.array([size]), np.array([0]))[0][0]
+    _, (_, h, tree, values) = fourier._memory(last, 1, grid)
+    h[:], tree[:], values[:] = 0.0, 0.0, 0.0
+    table, tables, only = legendre.ratios(2 * h.shape[3] + 4 * legendre.LEAF), legendre.box_tables(), np.array([last])
+    yield (f"transform, boxes nearby, x = {size:,.0f}", "an order: 88 targets of 5 products", 440 * last * product,
+           best(lambda: [legendre._near(h, parity, table, only) for parity in range(2)], sized(10, 1)))
+    yield ("transform, boxes and their tree", "an order: 1080 products", 1080 * last * product,
+           best(lambda: legendre.legendre_to_fourier(h, only, table, tables, tree), sized(10, 1)))
+    flops = 4 * 2.5 * grid * np.log2(grid)
+    yield ("transform, cosines (SciPy)", "four series, 2.5 n log2 n sums and products; memory read and written four times",
+           max(0.5 * flops * product, 8 * values.nbytes * byte),
+           best(lambda: dct(values, type=3, axis=0, overwrite_x=True), sized(10, 1)))
+
+
+def main():
+    print("| one core, a second | 1e9 |\n|---|---|")
+    rates = machine()
+    for kind, rate in rates.items():
+        print(f"| {kind} | {rate / 1e9:.2f} |", flush=True)
+    print("\n| kernel | operations | bound, ms | measured, ms | reached |\n|---|---|---|---|---|")
+    for name, operations, bound, seconds in mie(rates):
+        print(f"| {name} | {operations} | {bound * 1e3:.2f} | {seconds * 1e3:.2f} | {bound / seconds:.2f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

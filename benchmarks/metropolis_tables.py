@@ -1,0 +1,80 @@
+"""Chains with tables: mutations a second, and noise in light of three and more events beside other methods.
+
+    python -m benchmarks.metropolis_tables [--small] [--scenes wax wax_glass bumpy_ball] [--size 48] [--seconds 6]
+
+Scenes: a ball of published wax (Wang, Ge and Holzschuch 2018) of 8 mean free paths in radius under a panel, matched or of glass,
+and shipped ones.  A row a method, which take turns, for so many processor seconds each: light of three and more events over that
+of the first, with its standard error; paths or mutations a second of two cores, of the kind of passes alone; processor seconds to
+a noise of 1 % of a pixel, root mean square, over the picture's mean, in all light and in that of three and more events; and the
+error in the latter over `metropolis` at equal time.  --small: 16 pixels wide, a second.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from benchmarks.figures_translucent import stand
+from benchmarks.sizes import sized
+from benchmarks.transport import WAX
+from renderers.mitsuba import variants
+
+METHODS = "metropolis", "vrl+tables", "metropolis+tables", "metropolis+tables, none"
+BALLS = {"wax": 1.0, "wax_glass": 1.4}  # refractive indices
+RADIUS = 8  # mean free paths
+ROUNDS, CORES = 2, 2
+
+
+def setup(scene, size):
+    """How light goes."""
+    if scene not in BALLS:
+        return stand.shipped(scene, size)
+    albedo, free_path, g = WAX
+    how = stand.ball(stand.medium(albedo, g), BALLS[scene], size, stand.PANEL)
+    return stand.thicker(how, RADIUS * free_path[1] / np.array(free_path))
+
+
+def a_second(run):
+    """Paths or mutations of two cores; None where beams are gathered."""
+    (*others, last) = run.parts
+    if hasattr(last.render, "count"):
+        count = last.render.count * last.count / (last.count + 1)  # less the pass that compiles
+    elif others:
+        return None
+    else:
+        group = last.render.group
+        count = last.count * (group.candidates + group.chains * group.steps)
+    return CORES * count / last.seconds
+
+
+def rows(scene, size, seconds):
+    """Measures a scene and prints its rows."""
+    how = setup(scene, size)
+    runs = {method: stand.Run(how, method) for method in METHODS}
+    stand.together(runs, dict.fromkeys(runs, seconds), ROUNDS)
+    later = {method: run.found(stand.LATER) for method, run in runs.items()}
+    first = later[METHODS[0]]
+    for method, run in runs.items():
+        ratio = (1.0, first.error / first.total) if method == METHODS[0] else stand.ratio(later[method], first)
+        speed = a_second(run)
+        times = [stand.of_seconds(light.seconds) for light in (run.found(), later[method])]
+        print(f"| {scene} | `{method}` | {stand.over(*ratio)} | {f'{speed:.2g}' if speed else ''} | {times[0]} | {times[1]} | "
+              f"{np.sqrt(later[method].seconds / first.seconds):.2g} |", flush=True)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", nargs="+", default=sized(["wax", "wax_glass", "bumpy_ball"], ["bumpy_ball"]))
+    parser.add_argument("--size", type=int, default=sized(48, 16), help="pixels a side, a multiple of 8")
+    parser.add_argument("--seconds", type=float, default=sized(6.0, 1.0))
+    args = parser.parse_args()
+    print(variants.activate("rgb"))
+    print("| scene | method | three and more events over `metropolis` | a second of two cores | noise 1 % after, s | of three "
+          "and more events | error over `metropolis`, equal time |\n|" + "---|" * 7, flush=True)
+    for scene in args.scenes:
+        rows(scene, args.size, args.seconds)
+
+
+if __name__ == "__main__":
+    main()

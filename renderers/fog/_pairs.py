@@ -1,0 +1,83 @@
+"""The filter's sums by their definition, pair by pair; slow.  What the sums are: `_filter`."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.system.compiled import njit
+from renderers.fog._filter import FAR, MET, NEAR, REST, SHARE, _place
+from renderers.fog._lanes import LANES
+
+
+class Table(NamedTuple):
+    """Kernels of pairs of pixels.
+
+    kernels : `_filter.Kernels`
+    offset : (R, R) number of the mean over pixels at |dy|, |dx|, or -1: the kernel at the pixel's centre
+    """
+
+    kernels: tuple
+    offset: np.ndarray
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _shares(pixels, y, x, distance, along, o, kernels, out):
+    """Shares (LANES,) of a pixel's light in another one: at offset number o by the mean over the pixel, or else at its centre."""
+    shape, means = kernels.shape, kernels.means
+    last_t, last_u = means.shape[1] - 1.001, means.shape[2] - 1.001
+    v = pixels.lever[y, x] if o >= 0 else pixels.lever[y, x] + along
+    if o < 0 and v > last_u:
+        out[:] = 0
+        return
+    v = _place(v, last_u)
+    j = int(v)
+    g = v - j
+    factor = pixels.u[y, x] if o >= 0 else pixels.u[y, x] / distance
+    for c in range(LANES):
+        t = _place(pixels.column[y, x] + kernels.depth_of[c], last_t)
+        i = int(t)
+        f = t - i
+        if o >= 0:
+            out[c] = factor * ((1 - f) * ((1 - g) * means[c, i, j, o] + g * means[c, i, j + 1, o])
+                               + f * ((1 - g) * means[c, i + 1, j, o] + g * means[c, i + 1, j + 1, o]))
+        else:
+            out[c] = factor * ((1 - f) * ((1 - g) * shape[c, i, j] + g * shape[c, i, j + 1])
+                               + f * ((1 - g) * shape[c, i + 1, j] + g * shape[c, i + 1, j + 1]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def every_pair(chosen, reach, pixels, table, remainder, out):
+    """The sums of chosen pixels (flat indices) over every pixel at most `reach` away along either axis; out (N, SUMS, LANES).
+
+    remainder : whether `REST` is wanted
+    """
+    z, light, offset = pixels.distance, pixels.light, table.offset
+    height, width = z.shape
+    near = len(offset)
+    share = np.empty(LANES)
+    for n in range(len(chosen)):
+        y, x = chosen[n] // width, chosen[n] % width
+        this, sums = z[y, x], out[n]
+        for yy in range(max(y - reach, 0), min(y + reach + 1, height)):
+            for xx in range(max(x - reach, 0), min(x + reach + 1, width)):
+                dy, dx = abs(yy - y), abs(xx - x)
+                o = offset[dy, dx] if dy < near and dx < near else -1
+                distance = math.sqrt(float(dy * dy + dx * dx))
+                along = math.log(distance) / table.kernels.step if o < 0 else 0.0
+                if z[yy, xx] < this:
+                    _shares(pixels, yy, xx, distance, along, o, table.kernels, share)
+                    for c in range(LANES):
+                        sums[NEAR, c] += share[c] * light[yy, xx, 2 * LANES + c]
+                        sums[SHARE, c] += share[c] * light[yy, xx, 3 * LANES + c]
+                    if remainder:
+                        _shares(pixels, y, x, distance, along, o, table.kernels, share)
+                        for c in range(LANES):
+                            sums[REST, c] += share[c]
+                else:
+                    _shares(pixels, y, x, distance, along, o, table.kernels, share)
+                    for c in range(LANES):
+                        sums[FAR, c] += share[c] * light[yy, xx, c]
+                        sums[MET, c] += share[c]
