@@ -52,7 +52,7 @@ def product(left, right):
     """left (N, K) times right (K, D); a row of it does not depend on the other rows."""
     N, K = left.shape
     D = right.shape[1]
-    out, rest = np.zeros((N, D)), np.zeros((4, D))
+    out, spare = np.zeros((N, D)), np.zeros((4, D))
     factors = np.zeros((4, K))
     for n in range(0, N, 4):
         rows = min(4, N - n)
@@ -61,6 +61,6 @@ def product(left, right):
         if rows == 4:
             add_four(factors, right, 0, 1, K, out[n:n + 4])
         else:
-            add_four(factors, right, 0, 1, K, rest)
-            out[n:] = rest[:rows]
+            add_four(factors, right, 0, 1, K, spare)
+            out[n:] = spare[:rows]
     return out

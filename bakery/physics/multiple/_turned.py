@@ -61,8 +61,8 @@ def _code(context, builder, signature, args):
     real = builder.fsub(builder.fmul(a, c), builder.fmul(b, s))
     imaginary = builder.fadd(builder.fmul(a, s), builder.fmul(b, c))
     for value, part in ((real, k), (imaginary, builder.add(k, count))):
-        place = builder.add(to, part)
-        _store(builder, sums, place, builder.fadd(_load(builder, sums, place, _WIDE), builder.fpext(value, _WIDE)))
+        at_sum = builder.add(to, part)
+        _store(builder, sums, at_sum, builder.fadd(_load(builder, sums, at_sum, _WIDE), builder.fpext(value, _WIDE)))
     k.add_incoming(step(0), before)
     k.add_incoming(builder.add(k, step(LANES)), body)
     builder.branch(head)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
 from dataclasses import dataclass
 
 import numpy as np
@@ -148,8 +147,8 @@ def propagator(albedo, p, *, first=3, last=None, uncounted=None, threads=1, step
         _kernels.columns(j, k, c, uncounted, solver.pivots, (first - 3, last is None), (r[:reach], hankel), k0, out)
         return out
 
-    with ThreadPoolExecutor(threads) if threads > 1 else nullcontext() as pool:
-        each = map if pool is None else pool.map
+    with ThreadPoolExecutor(threads) as pool:  # starts none until it is given something to do
+        each = pool.map if threads > 1 else map
         list(each(solver.prepare, range(order + 1)))
         light = column(0, len(r))[0]
         reached = light > _FLOOR * light.max()

@@ -20,11 +20,11 @@ _BITS, _INT, _LONG = ir.IntType(LANES), ir.IntType(32), ir.IntType(64)
 
 @intrinsic
 def scratch(typingctx):
-    """Room for what `approach` writes, on the stack of the function that calls."""
+    """Memory for what `approach` writes, on the stack of the function that calls."""
 
     def code(context, builder, signature, args):
-        room = cgutils.alloca_once(builder, ir.DoubleType(), context.get_constant(types.intp, 4 * LANES))
-        return room
+        stack = cgutils.alloca_once(builder, ir.DoubleType(), context.get_constant(types.intp, 4 * LANES))
+        return stack
 
     return types.CPointer(types.float64)(), code
 
@@ -40,7 +40,7 @@ def lowest(typingctx, bits):
 
 
 @intrinsic
-def approach(typingctx, sphere, near, first, shift, centre, own, now, soon, out):
+def approach(typingctx, sphere, near, first, shift, centre, moving, now, soon, out):
     """Which of the eight neighbours near[first] .. near[first + 7] may touch: a bit each.
 
     The squared gap is c + 2 b tau + a tau^2; none before `until` where c > 0 and c + until (2 b + until min(a, 0)) >= 0.
@@ -49,10 +49,10 @@ def approach(typingctx, sphere, near, first, shift, centre, own, now, soon, out)
     ----------
     sphere, near, shift : of `State`
     centre : code of the image without shift
-    own : x, y, z now, velocity, radius of the sphere
+    moving : x, y, z now, velocity, radius of the sphere
     now : scale, rate, time
     soon : time from now after which nothing matters; the neighbour's own next event, where that is earlier
-    out : room for a, b, c and the time until a neighbour's next event, LANES of each
+    out : memory for a, b, c and the time until a neighbour's next event, LANES of each
     """
     signature = types.int64(sphere, near, types.int64, shift, types.int64, types.UniTuple(types.float64, 7),
                             types.UniTuple(types.float64, 3), types.float64, out)
@@ -60,9 +60,9 @@ def approach(typingctx, sphere, near, first, shift, centre, own, now, soon, out)
 
 
 def _code(context, builder, signature, args):
-    sphere, near, first, shift, centre, own, now, soon, out = args
+    sphere, near, first, shift, centre, moving, now, soon, out = args
     sphere, near, shift = (context.make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 1, 3))
-    x, y, z, vx, vy, vz, radius = (_splat(builder, builder.extract_value(own, n)) for n in range(7))
+    x, y, z, vx, vy, vz, radius = (_splat(builder, builder.extract_value(moving, n)) for n in range(7))
     scale, rate, t = (_splat(builder, builder.extract_value(now, n)) for n in range(3))
     entries = [builder.load(builder.gep(near, [builder.add(first, _LONG(n))])) for n in range(LANES)]
     px, py, pz, ux, uy, uz, r, due = _columns(builder, sphere, entries)
@@ -87,8 +87,8 @@ def _code(context, builder, signature, args):
     least = builder.select(builder.fcmp_ordered("<", a, zero), a, zero)
     bound = add(c, mul(until, add(mul(ir.Constant(_VECTOR, [2.0] * LANES), b), mul(until, least))))
     apart = builder.and_(builder.fcmp_ordered(">", c, zero), builder.fcmp_ordered(">=", bound, zero))
-    for value, place in ((a, A), (b, B), (c, C), (due, DUE)):
-        builder.store(value, builder.bitcast(builder.gep(out, [_LONG(place)]), _VECTOR.as_pointer())).align = 8
+    for value, start in ((a, A), (b, B), (c, C), (due, DUE)):
+        builder.store(value, builder.bitcast(builder.gep(out, [_LONG(start)]), _VECTOR.as_pointer())).align = 8
     return builder.zext(builder.not_(builder.bitcast(apart, _BITS)), _LONG)
 
 

@@ -308,13 +308,13 @@ def predict(st, i, t):
         soon = st.sphere[i, DUE] - t
         choice = agreed
 
-    own, now = (x, y, z, vx, vy, vz, radius), (scale, rate, t)
-    room = scratch()
-    gap = carray(room, 4 * LANES)
+    moving, now = (x, y, z, vx, vy, vz, radius), (scale, rate, t)
+    gaps = scratch()
+    gap = carray(gaps, 4 * LANES)
     last = st.index[i, LAST]
     # lists take whole cache lines: what stands behind the last one is some sphere's number, or was
     for first in range(st.index[i, FIRST], last, LANES):
-        bits = approach(st.sphere, st.near, first, st.shift, CENTRE, own, now, soon, room)
+        bits = approach(st.sphere, st.near, first, st.shift, CENTRE, moving, now, soon, gaps)
         bits &= (1 << min(last - first, LANES)) - 1
         while bits != 0:
             k = lowest(bits)
