@@ -418,7 +418,8 @@ def test_noise_beyond_the_mean_is_said_in_plain_numbers():
     from renderers.fog import describe
 
     report = {"files": ["a.png", "a.exr"], "size": [4, 3], "noise": 1.04, "share_scattered": 0.5, "share_sun": 0.0,
-              "filter": {"points": "draft", "error": 0.0054}, "without_surface": 0, "optical_depth": {"median": [1.0, 1.0, 1.0]}, "seconds": {"total": 1.0},
+              "filter": {"points": "draft", "error": 0.0054},
+              "without_surface": 0, "optical_depth": {"median": [1.0, 1.0, 1.0]}, "seconds": {"total": 1.0},
               "picture": {"from": "mitsuba", "scene": "a.xml", "samples": 4, "noise": 1.3, "variant": "llvm", "reason": "fast"}}
     said = " ".join(describe(report))
     assert "filter: draft, within 0.54 %" in said and "noise 104 %" in said and "noise 130 %" in said and "e+" not in said
