@@ -99,9 +99,9 @@ def _seen(p, pool, finer, progress):
     return p.finished(sums.reshape(*p.z.shape, *sums.shape[1:]))
 
 
-def _in_parts(pool, function, count, some, *arguments):
+def _in_parts(pool, function, count, size, *arguments):
     """function(low, high, *arguments) for ranges up to a count."""
-    for task in [pool.submit(function, low, min(low + some, count), *arguments) for low in range(0, count, some)]:
+    for task in [pool.submit(function, low, min(low + size, count), *arguments) for low in range(0, count, size)]:
         task.result()
 
 
