@@ -144,8 +144,8 @@ def nearest_rows(low, high, pixels, kernels, nearest, out):
                     continue
                 source = (yy * width + xx) * _blocks.LIGHT
                 if z[yy, xx] < distance:
-                    other = ((yy - top) * width + xx) * len(weight) + o
-                    add_light(out, at + NEAR * LANES, profile, other, none, all_of, light, source + 2 * LANES)
+                    neighbour = ((yy - top) * width + xx) * len(weight) + o
+                    add_light(out, at + NEAR * LANES, profile, neighbour, none, all_of, light, source + 2 * LANES)
                     add_share(out, at + REST * LANES, profile, beam + o, none, all_of)
                 else:
                     add_light(out, at + FAR * LANES, profile, beam + o, none, all_of, light, source)

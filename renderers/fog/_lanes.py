@@ -35,8 +35,8 @@ def _add_light(context, builder, signature, args):
     sums, at, profile, node, fraction, weight, light, source = args
     share = _share(context, builder, signature, profile, node, fraction, weight)
     for n in (0, LANES):
-        place = _pointer(context, builder, signature.args[6], light, builder.add(source, source.type(n)), _DOUBLES)
-        brought = _fma(builder, share, builder.load(place, align=8))
+        pointer = _pointer(context, builder, signature.args[6], light, builder.add(source, source.type(n)), _DOUBLES)
+        brought = _fma(builder, share, builder.load(pointer, align=8))
         _add(context, builder, signature.args[0], sums, builder.add(at, at.type(n)), brought)
     return context.get_dummy_value()
 
@@ -52,15 +52,15 @@ def _share(context, builder, signature, profile, node, fraction, weight):
     """weight * (profile[node] + fraction * (profile[node + 1] - profile[node])), in double precision."""
     first = builder.mul(node, node.type(LANES))
     kind = signature.args[2]
-    places = (_pointer(context, builder, kind, profile, builder.add(first, first.type(n)), _FLOATS) for n in (0, LANES))
-    below, above = (builder.load(place, align=4) for place in places)
+    pointers = (_pointer(context, builder, kind, profile, builder.add(first, first.type(n)), _FLOATS) for n in (0, LANES))
+    below, above = (builder.load(pointer, align=4) for pointer in pointers)
     mixed = _fma(builder, _fill(builder, fraction), builder.fsub(above, below))(below)
     return builder.fpext(builder.fmul(_fill(builder, weight), mixed), _DOUBLES)
 
 
 def _add(context, builder, kind, sums, at, added):
-    place = _pointer(context, builder, kind, sums, at, _DOUBLES)
-    builder.store(added(builder.load(place, align=8)), place, align=8)
+    pointer = _pointer(context, builder, kind, sums, at, _DOUBLES)
+    builder.store(added(builder.load(pointer, align=8)), pointer, align=8)
 
 
 def _pointer(context, builder, kind, array, index, vector):

@@ -92,8 +92,8 @@ class Prepared:
     def targets(self):
         """The pixels as places where sums are wanted."""
         y, x = np.indices(self.z.shape) + 0.5
-        each = (a.reshape(-1) for a in (y, x, self.z, self.pixels.column, self.pixels.lever))
-        return _blocks.Targets(self.mask, np.arange(self.z.size + 1), *each)
+        arrays = (a.reshape(-1) for a in (y, x, self.z, self.pixels.column, self.pixels.lever))
+        return _blocks.Targets(self.mask, np.arange(self.z.size + 1), *arrays)
 
     def finished(self, sums, chosen=None):
         """The picture from the sums (..., SUMS, LANES)."""

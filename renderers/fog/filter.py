@@ -91,17 +91,17 @@ def _seen(p, pool, finer, progress):
     for number in range(len(pyramid), 0, -1):
         level = _level(p, pool, pyramid[number - 1], number)
         targets, sums = _refined(p, pool, pyramid, max(number - finer, 0), targets, sums)
-        _each(pool, _filter.level_targets, len(targets.y), _TARGETS, targets, p.kernels, level, p.band, sums)
+        _in_parts(pool, _filter.level_targets, len(targets.y), _TARGETS, targets, p.kernels, level, p.band, sums)
         if progress:
             progress(1 - number / (len(pyramid) + 1))
     targets, sums = _refined(p, pool, pyramid, 0, targets, sums)
-    _each(pool, _filter.nearest_rows, len(p.z), _ROWS, p.pixels, p.kernels, p.nearest(), sums)
+    _in_parts(pool, _filter.nearest_rows, len(p.z), _ROWS, p.pixels, p.kernels, p.nearest(), sums)
     return p.finished(sums.reshape(*p.z.shape, *sums.shape[1:]))
 
 
-def _each(pool, function, count, some, *arguments):
+def _in_parts(pool, function, count, size, *arguments):
     """function(low, high, *arguments) for ranges up to a count."""
-    for task in [pool.submit(function, low, min(low + some, count), *arguments) for low in range(0, count, some)]:
+    for task in [pool.submit(function, low, min(low + size, count), *arguments) for low in range(0, count, size)]:
         task.result()
 
 
@@ -114,9 +114,9 @@ def _pyramid(p, pool):
         start = _blocks.starts(mask)
         blocks = _blocks.Blocks(mask, start, np.empty((start[-1], _blocks.ENTRY)))
         if pyramid:
-            _each(pool, _blocks.merge_rows, len(mask), _ROWS, pyramid[-1], blocks)
+            _in_parts(pool, _blocks.merge_rows, len(mask), _ROWS, pyramid[-1], blocks)
         else:
-            _each(pool, _blocks.first_rows, len(mask), _ROWS, p.pixels, p.mask, blocks)
+            _in_parts(pool, _blocks.first_rows, len(mask), _ROWS, p.pixels, p.mask, blocks)
         pyramid.append(blocks)
     return pyramid
 
@@ -126,7 +126,7 @@ def _level(p, pool, blocks, number):
     side = 2.0**number
     shift = (math.log(INNER / 2) + math.log(side)) / kernels.STEP
     profiles = np.empty((len(blocks.entries) + 1, _filter.NODES, LANES), np.float32)
-    _each(pool, _filter.profiles, len(blocks.entries), _TARGETS, p.kernels, blocks.entries, shift, side, profiles)
+    _in_parts(pool, _filter.profiles, len(blocks.entries), _TARGETS, p.kernels, blocks.entries, shift, side, profiles)
     return _filter.Level(side, shift, blocks, profiles)
 
 
@@ -139,12 +139,12 @@ def _refined(p, pool, pyramid, number, targets, sums):
         mask = _blocks.corner_mask(blocks.mask)
         start = _blocks.starts(mask)
         finer = _blocks.Targets(mask, start, *(np.empty(start[-1]) for _ in range(5)))
-        _each(pool, _blocks.corner_rows, len(mask), _ROWS, blocks, 2.0**number, finer)
+        _in_parts(pool, _blocks.corner_rows, len(mask), _ROWS, blocks, 2.0**number, finer)
     else:
         finer = p.targets()
     total = np.zeros((len(finer.y), _filter.SUMS, LANES))
     if targets is not None:
-        _each(pool, _filter.between_points, len(finer.mask), _ROWS, 0.0 if number else 0.5, finer, targets, sums, total)
+        _in_parts(pool, _filter.between_points, len(finer.mask), _ROWS, 0.0 if number else 0.5, finer, targets, sums, total)
     return finer, total
 
 

@@ -27,15 +27,15 @@ _ROWS = 6  # of four numbers in an entry: see `_rows`
 _BINS = 256
 
 
-def fogged(image, distance, angle, column, lever, medium, *, outside="edge", energy="kept", cut_off=None, backend="cuda"):
-    """As `filter.fogged`; an image of up to LANES channels, in single precision."""
-    card = _filter_of(medium, np.shape(image)[2], backend, outside, energy, cut_off)
+def fogged(image, distance, angle, column, lever, medium, *, backend="cuda", **options):
+    """As `filter.fogged`, of whose options it takes outside, energy and cut_off; an image of up to LANES channels."""
+    card = _filter_of(medium, np.shape(image)[2], backend, **options)
     return card.fogged(image, distance, angle, column, lever).numpy().astype(float)
 
 
 @lru_cache(maxsize=4)
-def _filter_of(medium, channels, backend, outside, energy, cut_off):
-    return Filter(medium, channels, backend=backend, outside=outside, energy=energy, cut_off=cut_off)
+def _filter_of(medium, channels, backend, **options):
+    return Filter(medium, channels, backend=backend, **options)
 
 
 class Filter:
@@ -81,8 +81,8 @@ class Filter:
             row = dr.gather(types.Four, blocks.rows, dr.arange(types.UInt, blocks.count) * _ROWS + 1)
             blocks.profiles = self._profiles(row[1], row[2], shift, side)
             beam = self._profiles(pixels.column, pixels.lever, shift, side)
-            found = _level_sums(types, pixels.y, pixels.x, pixels.z, blocks, beam, self._band, self._band_steps, float(side))
-            sums = [total + part for total, part in zip(sums, found)]
+            brought = _level_sums(types, pixels.y, pixels.x, pixels.z, blocks, beam, self._band, self._band_steps, float(side))
+            sums = [total + part for total, part in zip(sums, brought)]
             dr.eval(sums)
         return self._finished(pixels, sums, height, width)
 
@@ -105,7 +105,7 @@ class Filter:
             col[c] = dr.gather(types.Float, image, index * self._channels + c)
             share[c] = _scattered(column * float(self._sigma_s[c]))
             power[c] = share[c] * self._ratios.at(dr.log(dr.maximum(column * float(self._sigma_t[c]), 1e-37)), c)
-        glow, weight = (sum(one[c] for c in range(self._channels)) for one in (dr.abs(col), share))
+        glow, weight = (sum(values[c] for c in range(self._channels)) for values in (dr.abs(col), share))
         glow += dr.maximum(DARK * dr.max(glow), 1e-30)
         kernel = weight / self._channels, column_at, lever_at, 0
         rows = _rows(types, (y, x, 1, glow), kernel, (1, 1, 0, 0), col, power * col, share)
@@ -143,9 +143,9 @@ class Filter:
         column, lever, u = (dr.gather(types.Float, a, e) for a in (pixels.column, pixels.lever, pixels.u))
         shares = self._means.at(column, self._depth_of, lever, o, 1.001)
         shares = _stored(types, u * dr.gather(types.Float, self._weights, o) * shares)
-        found = _nearest_sums(types, pixels.z, pixels.rows, shares, self._offsets, self._taps, height, width)
-        dr.eval(found)
-        return found
+        brought = _nearest_sums(types, pixels.z, pixels.rows, shares, self._offsets, self._taps, height, width)
+        dr.eval(brought)
+        return brought
 
     def _finished(self, pixels, sums, height, width):
         """See `Prepared.finished`."""
@@ -199,8 +199,8 @@ class _Table:
             i = types.UInt(t)
             f = t - types.Float(i)
             at = ((i + k * rows) * columns + j) * step + n
-            a, b, c, d = (dr.gather(types.Float, self._values, at + more)
-                          for more in (0, step, columns * step, columns * step + step))
+            a, b, c, d = (dr.gather(types.Float, self._values, at + further)
+                          for further in (0, step, columns * step, columns * step + step))
             out[k] = (1 - f) * ((1 - g) * a + g * b) + f * ((1 - g) * c + g * d)
         return out
 
@@ -215,9 +215,9 @@ class _Ratios:
 
     def at(self, log_tau, channel):
         step = (self._nodes[-1] - self._nodes[0]) / (self._count - 1)
-        place = dr.clip((log_tau - float(self._nodes[0])) / step, 0, self._count - 1.001)
-        i = self._types.UInt(place)
-        f = place - self._types.Float(i)
+        position = dr.clip((log_tau - float(self._nodes[0])) / step, 0, self._count - 1.001)
+        i = self._types.UInt(position)
+        f = position - self._types.Float(i)
         low, high = (dr.gather(self._types.Float, self._values, i + channel * self._count + n) for n in (0, 1))
         return low + f * (high - low)
 
@@ -265,12 +265,12 @@ def _merged(types, below):
     count = int(end[-1])
     # which block and class each entry is of
     lane = dr.arange(types.UInt, height * width * CLASSES)
-    own, bit = lane // CLASSES, types.UInt(1) << (lane % CLASSES)
-    bits = dr.gather(types.UInt, mask, own)
-    index = dr.gather(types.UInt, start, own) + dr.popcnt(bits & (bit - 1))
+    block_of, bit = lane // CLASSES, types.UInt(1) << (lane % CLASSES)
+    bits = dr.gather(types.UInt, mask, block_of)
+    index = dr.gather(types.UInt, start, block_of) + dr.popcnt(bits & (bit - 1))
     block, kind = dr.empty(types.UInt, count), dr.empty(types.UInt, count)
     active = (bits & bit) != 0
-    dr.scatter(block, own, index, active)
+    dr.scatter(block, block_of, index, active)
     dr.scatter(kind, bit, index, active)
     parts = []
     for _, active, index in _children(types, block, width, below):
@@ -331,31 +331,31 @@ def _nearest_sums(types, z, rows, shares, offsets, taps, height, width):
     """NEAR, SHARE, FAR, MET, REST of every pixel from those at the taps."""
     index = dr.arange(types.UInt, height * width)
     y, x = types.Int(index // width), types.Int(index % width)
-    near, share, far, met, rest = types.Four(0), types.Four(0), types.Four(0), types.Four(0), types.Four(0)
+    near, share, far, weights, nearer_weights = types.Four(0), types.Four(0), types.Four(0), types.Four(0), types.Four(0)
     n, count = types.UInt(0), dr.width(taps) // 3
     while n < count:
         yy, xx = y + dr.gather(types.Int, taps, 3 * n), x + dr.gather(types.Int, taps, 3 * n + 1)
         o = types.UInt(dr.gather(types.Int, taps, 3 * n + 2))
         if (yy >= 0) & (yy < height) & (xx >= 0) & (xx < width):
-            other = types.UInt(yy * width + xx)
-            own = dr.gather(types.Four, shares, index * offsets + o)
-            if dr.gather(types.Double, z, other) < z:
-                sent = dr.gather(types.Four, shares, other * offsets + o)
-                near += sent * dr.gather(types.Four, rows, other * _ROWS + 4)
-                share += sent * dr.gather(types.Four, rows, other * _ROWS + 5)
-                rest += own
+            neighbour = types.UInt(yy * width + xx)
+            by_beam = dr.gather(types.Four, shares, index * offsets + o)
+            if dr.gather(types.Double, z, neighbour) < z:
+                sent = dr.gather(types.Four, shares, neighbour * offsets + o)
+                near += sent * dr.gather(types.Four, rows, neighbour * _ROWS + 4)
+                share += sent * dr.gather(types.Four, rows, neighbour * _ROWS + 5)
+                nearer_weights += by_beam
             else:
-                far += own * dr.gather(types.Four, rows, other * _ROWS + 3)
-                met += own
+                far += by_beam * dr.gather(types.Four, rows, neighbour * _ROWS + 3)
+                weights += by_beam
         n += 1
-    return [near, share, far, met, rest]
+    return [near, share, far, weights, nearer_weights]
 
 
 @dr.syntax
 def _level_sums(types, y, x, z, blocks, beam, band, steps, side):
     """The same of a level, see `_filter.level_targets`."""
     pixel = dr.arange(types.UInt, dr.width(z))
-    near, share, far, met, rest = types.Four(0), types.Four(0), types.Four(0), types.Four(0), types.Four(0)
+    near, share, far, weights, nearer_weights = types.Four(0), types.Four(0), types.Four(0), types.Four(0), types.Four(0)
     around = 2 * INNER + 0.71
     v, h = y / side, x / side
     by = types.Int(dr.maximum(dr.floor(v - around), 0))
@@ -365,10 +365,10 @@ def _level_sums(types, y, x, z, blocks, beam, band, steps, side):
         reach = dr.sqrt(dr.maximum(across, 0))
         first = types.Int(dr.maximum(dr.ceil(h - reach - 0.5), 0))
         last = dr.minimum(types.Int(dr.floor(h + reach - 0.5)) + 1, blocks.width)
-        here = (across > 0) & (first < last)
+        crossed = (across > 0) & (first < last)
         row = by * blocks.width
-        e = dr.gather(types.UInt, blocks.start, types.UInt(row + first), here)
-        end = dr.gather(types.UInt, blocks.start, types.UInt(row + last), here)
+        e = dr.gather(types.UInt, blocks.start, types.UInt(row + first), crossed)
+        end = dr.gather(types.UInt, blocks.start, types.UInt(row + last), crossed)
         while e < end:
             centre = dr.gather(types.Four, blocks.rows, e * _ROWS)
             w, n, g = _looked(types, band, steps, side, dr.square(centre[0] - y) + dr.square(centre[1] - x))
@@ -382,27 +382,27 @@ def _level_sums(types, y, x, z, blocks, beam, band, steps, side):
                     between = centre[2] - ends[0] - ends[1]
                     t = types.Float((z - nearest) / (farthest - nearest))
                     nearer = (ends[0] + dr.select(between < 0.5, 0, between * dr.power(t, ends[2]))) / centre[2]
-                own = w * _mixed(types, beam, pixel * _NODES + n, g)
-                rest += nearer * centre[2] * own
+                by_beam = w * _mixed(types, beam, pixel * _NODES + n, g)
+                nearer_weights += nearer * centre[2] * by_beam
                 if nearer > 0:
                     sent = w * nearer * _mixed(types, blocks.profiles, e * _NODES + n, g)
                     near += sent * dr.gather(types.Four, blocks.rows, e * _ROWS + 4)
                     share += sent * dr.gather(types.Four, blocks.rows, e * _ROWS + 5)
                 if nearer < 1:
-                    far += (1 - nearer) * own * dr.gather(types.Four, blocks.rows, e * _ROWS + 3)
-                    met += (1 - nearer) * centre[2] * own
+                    far += (1 - nearer) * by_beam * dr.gather(types.Four, blocks.rows, e * _ROWS + 3)
+                    weights += (1 - nearer) * centre[2] * by_beam
             e += 1
         by += 1
-    return [near, share, far, met, rest]
+    return [near, share, far, weights, nearer_weights]
 
 
 def _looked(types, band, steps, side, square):
     """Weight of the band over the distance (0 outside of it), node and fraction of a profile."""
-    place = square * (steps * (1 - 1e-6) / (2 * INNER * side) ** 2)
+    position = square * (steps * (1 - 1e-6) / (2 * INNER * side) ** 2)
     inside = (square > (INNER / 2 * side) ** 2) & (square < (2 * INNER * side) ** 2)
-    i = types.UInt(dr.select(inside, dr.minimum(place, steps - 1), 0))
+    i = types.UInt(dr.select(inside, dr.minimum(position, steps - 1), 0))
     row = dr.gather(types.Four, band, i, inside)
-    s = place - types.Float(i)
+    s = position - types.Float(i)
     g = row[2] + s * row[3]
     n = types.UInt(dr.select(inside, g, 0))
     return dr.select(inside, row[0] + s * row[1], 0), n, g - types.Float(n)
