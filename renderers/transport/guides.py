@@ -18,8 +18,9 @@ from renderers.transport.distances import Distances
 import mitsuba as mi  # isort: skip
 
 # Of the box around all bodies, about; bins of directions, of equal solid angles, 0.1 sr; ways of a voxel and bin.  A glass of
-# milk under a wide window, variance of all light: 0.043 by 2048 voxels and 2 ways, 0.035 by 8, as by 1024 voxels and 16
-_VOXELS, _COSINES, _ANGLES, _WAYS = 1024, 8, 16, 16
+# milk under a wide window, variance of all light: 0.043 by 2048 voxels and 2 ways, 0.035 by 8; variance times time 0.141 by 512
+# voxels and 8 ways, 1.3 s of a core before the render, and 0.143 by 1024 and 16, 4 s
+_VOXELS, _COSINES, _ANGLES, _WAYS = 512, 8, 16, 8
 _BINS = _COSINES * _ANGLES
 # light is taken to fall off over no less than this share of a voxel: what is deep in thick bodies has to have directions, too
 _SHARE = 0.5
@@ -72,12 +73,12 @@ class Guides:
         hit = scene.scene.ray_intersect_preliminary(ray, coherent=False)
         active = manifold.begins_within(ray, hit) & scene.boundaries.is_body(hit.shape)
         medium = scene.boundaries.medium(hit.shape)
-        way = specular.followed(scene, point, direction, mi.UInt32(1) << medium, random, active)
+        chain = specular.followed(scene, point, direction, mi.UInt32(1) << medium, random, active)
         sigma = dr.minimum(dr.gather(mi.Float, self._sigma, medium, active), 1 / (_SHARE * self._edge))
-        seen = scene.seen(way.weight, way.radiance, active)
-        light, passed = sum(seen[1:], seen[0]), dr.exp(-sigma * way.within)
+        seen = scene.seen(chain.weight, chain.radiance, active)
+        light, passed = sum(seen[1:], seen[0]), dr.exp(-sigma * chain.within)
         light = dr.select((light > 0) & dr.isfinite(light), light, 0)
-        light, passed, these = (np.array(values) for values in (light, dr.select(active, passed, 0), counts(way.emitter)))
+        light, passed, these = (np.array(values) for values in (light, dr.select(active, passed, 0), counts(chain.emitter)))
         light, passed = light.astype(float), passed.astype(float)
         mean, square, of_all = (passed * light * these).sum(), (passed * light**2 * these).sum(), (passed * light**2).sum()
         self.share, self.contrast = square / max(of_all, 1e-30), square * passed.sum() / max(mean**2, 1e-30)

@@ -98,9 +98,9 @@ class Wide:
     def meets(self, path, emitter, light):
         """Light that paths meet, less what light samples bring of it."""
         chance = path.chance
-        lit = emitter != None  # noqa: E711, compares every lane
-        share = dr.select(lit & self._counts(emitter), chance.share, 1)
-        chance.share = dr.select(lit, 1, chance.share)  # the first light ends the ways of light samples
+        shines = emitter != None  # noqa: E711, compares every lane
+        share = dr.select(shines & self._counts(emitter), chance.share, 1)
+        chance.share = dr.select(shines, 1, chance.share)  # the first light ends the ways of light samples
         return [value * share for value in light]
 
     def _density(self, medium, point, direction, active):
@@ -117,12 +117,12 @@ class Wide:
         guided = self._density(looking.medium, looking.event, direction, every)
         low, high = mi.sample_tea_32(dr.reinterpret_array(mi.UInt32, looking.u), dr.reinterpret_array(mi.UInt32, looking.v))
         random = mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))
-        way = specular.followed(scene, looking.event, direction, looking.inside, random, dr.full(mi.Bool, True, count))
+        chain = specular.followed(scene, looking.event, direction, looking.inside, random, dr.full(mi.Bool, True, count))
         weights = media.product(looking.throughput, scene.media.albedo(looking.medium))
         phase = scene.media.phase(looking.medium, 0.5 * dr.squared_norm(direction - looking.before))
-        passed = [dr.exp(-sigma * way.within) for sigma in scene.media.sigma_t(looking.medium)]
-        least = dr.exp(-dr.gather(mi.Float, self._sigma, looking.medium) * way.within)
+        passed = [dr.exp(-sigma * chain.within) for sigma in scene.media.sigma_t(looking.medium)]
+        least = dr.exp(-dr.gather(mi.Float, self._sigma, looking.medium) * chain.within)
         scale = dr.rcp(media.mean(weights, phase) * least + guided)
-        throughput = [w * p * t * s * scale for w, p, t, s in zip(weights, phase, passed, way.weight)]
-        active = (guided > 0) & self._counts(way.emitter)
-        yield looking.number, looking.order, way.emitter, scene.seen(throughput, way.radiance, active)
+        throughput = [w * p * t * s * scale for w, p, t, s in zip(weights, phase, passed, chain.weight)]
+        active = (guided > 0) & self._counts(chain.emitter)
+        yield looking.number, looking.order, chain.emitter, scene.seen(throughput, chain.radiance, active)
