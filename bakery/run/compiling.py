@@ -27,8 +27,8 @@ SECONDS = {
     "grains.grid": 1.5, "grains.points": 0.34, "grains.scatterometer": 0.41, "shapes.simplify": 3.4, "grains.sphere": 2.6,
     "grains.surface": 0.47,
     "mie.coated": 3.7, "mie.kernels": 3.5,
-    "multiple._kernels": 2.1, "multiple._plane": 2.1, "multiple._tally": 5.6, "multiple.basis": 0.42, "multiple.locate": 0.26,
-    "multiple.legendre": 0.39, "multiple.lookup": 0.19, "multiple.sums": 0.77, "multiple.point": 0.82,
+    "multiple._kernels": 2.6, "multiple._plane": 3.8, "multiple._products": 4.3, "multiple._tally": 5.6, "multiple.basis": 0.42,
+    "multiple.locate": 0.37, "multiple.legendre": 0.39, "multiple.lookup": 0.23, "multiple.sums": 0.83, "multiple.point": 1.0,
     "packing.cells": 1.0, "packing._chords": 0.99, "packing._kernels": 4.2, "packing.instances": 0.16,
     "surfaces._spread": 1.1,
 }
