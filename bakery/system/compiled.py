@@ -56,23 +56,14 @@ class Kernel(CPUDispatcher):
         with global_compiler_lock, turn, _no_collector(), _depth():
             entry = self._link(arguments) if called else None
             if entry is None:
-                entry = self._with_machine_code(sig, arguments)
+                self.overloads.pop(arguments, None)
+                entry = super().compile(sig)
+                linked.give_environments(self.overloads[arguments])
             return entry
-
-    def _with_machine_code(self, sig, arguments):
-        """What Python calls this one by; made of what there is for linking, where there is."""
-        result = self.overloads.pop(arguments, None)
-        self._compiler.kept = lambda arguments: result or self._linked_cache() and self._linked_cache().load(arguments)
-        entry = super().compile(sig)
-        linked.give_environments(self.overloads[arguments])
-        return entry
-
-    def _linked_cache(self):
-        return linked.Cache(self) if self._cache.cache_path is not None else None
 
     def _link(self, arguments):
         """What other kernels call this one by for arguments of these types; None where it has to have machine code."""
-        cache = self._linked_cache()
+        cache = linked.Cache(self) if self._cache.cache_path is not None else None
         result = cache and (self._cache.load_overload(arguments, self.targetctx) or cache.load(arguments))
         if result is None:
             details = {"dispatcher": self, "args": arguments, "return_type": None, "linking": True}

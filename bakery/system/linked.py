@@ -12,7 +12,6 @@ from pathlib import Path
 
 import llvmlite.binding as llvm
 from numba.core import codegen, compiler, dispatcher, environment
-from numba.core.runtime import rtsys
 
 _UNRESOLVED = codegen.RuntimeLinker.PREFIX  # of a function that calls itself: an address, known when it has machine code
 _ENVIRONMENT = "_ZN08NumbaEnv"  # of a function's constants: an address as well
@@ -73,13 +72,7 @@ class _ForLinking(compiler.Compiler):
 class FunctionCompiler(dispatcher._FunctionCompiler):
     """numba's, of a kernel."""
 
-    def kept(self, args):
-        """What there is for linking for arguments of these types, or None; kernels say it, see `compiled`."""
-
     def _compile_core(self, args, return_type):
-        result = self.kept(args)
-        if result is not None:
-            return _with_machine_code(result, self._flags().release_gil)
         return self._compiled(args, return_type, self.pipeline_class)
 
     def for_linking(self, args):
@@ -94,31 +87,11 @@ class FunctionCompiler(dispatcher._FunctionCompiler):
         library.finalize()
         return None if library.needs_address() else result._replace(entry_point=_Name(self.py_func))
 
-    def _flags(self):
+    def _compiled(self, args, return_type, pipeline, library=None):
         flags = _Flags()
         self.targetdescr.options.parse_as_flags(flags, self.targetoptions)
-        return flags
-
-    def _compiled(self, args, return_type, pipeline, library=None):
         return compiler.compile_extra(self.targetdescr.typing_context, self.targetdescr.target_context, self.py_func, args,
-                                      return_type, self._flags(), self.locals, library, pipeline)
-
-
-def _with_machine_code(result, release_gil: bool):
-    """A result for linking, with machine code and a function for Python to call: half of what compiling from source takes."""
-    context = result.target_context
-    library = context.codegen().create_library(result.library.name)
-    library.enable_object_caching()
-    # the function for Python has constants of its own: those of the kernel stay what they are in all that it is linked into
-    fndesc = copy.copy(result.fndesc)
-    fndesc.env_name = f"{result.fndesc.env_name}.python"
-    constants = environment.Environment.from_fndesc(fndesc)
-    context.create_cpython_wrapper(library, fndesc, constants, None, release_gil)
-    library.add_linking_library(rtsys.library)
-    library.add_linking_library(result.library)
-    entry = context.get_executable(library, fndesc, constants)
-    context.insert_user_function(entry, fndesc, [library])
-    return result._replace(entry_point=entry, fndesc=fndesc, environment=constants, library=library)
+                                      return_type, flags, self.locals, library, pipeline)
 
 
 class _Name:

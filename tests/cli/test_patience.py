@@ -26,5 +26,5 @@ def test_a_bake_says_what_it_does_besides_the_stages(tmp_path, monkeypatch, caps
         "bakery: 1\nname: milk\nwavelengths: [0.55]\ntolerance: 10%\nmedium: {albedo: 0.9, mean_free_path: 1 mm, "
         "phase: {type: hg, g: 0.5}}\n")
     assert status_of(["milk.yaml"]) == 0
-    assert told == ["planning milk.yaml", "reading milk.h5", "starting workers", "reading medium from the cache",
-                    "writing medium to the cache", "writing milk.h5"]
+    assert told == ["reading milk.yaml", "planning milk.yaml", "reading milk.h5", "starting workers",
+                    "reading medium from the cache", "writing medium to the cache", "writing milk.h5"]

@@ -214,7 +214,7 @@ def test_pictures_are_not_written_over_what_a_scene_reads(call, place):
                                 ("s.yaml", "linked.png", "under the name"), ("s.yaml", "notes.exr", "not a PNG picture"),
                                 ("w.yaml", "deep/bark.png", "bark.exr: is read by this very call"),
                                 ("wood.xml", "deep/bark.exr", "bark.exr: is read by this very call"),
-                                ("clear.exr", "new.png", "which is a picture; a scene"),
+                                ("clear.exr", "new.png", "which is a picture; expected a scene"),
                                 ("fog.h5", "notes.png", "not a PNG picture")):
         status, out, err = call("render", place / scene, "-o", place / output)
         assert status == 2 and said in err and not out, err
@@ -242,7 +242,7 @@ def test_a_mitsuba_scene_without_light_or_integrator(call, place):
     assert json.loads(out)["reasons"][-1] == "no light is in the picture, and it stays black"
     (place / "dark.xml").write_text(XML.replace('<integrator type="path"/>', ""))
     status, _, err = call("render", place / "dark.xml", "-o", place / "dark.png")
-    assert status == 2 and "dark.xml: the scene has no integrator; <integrator" in err
+    assert status == 2 and "dark.xml: the scene has no integrator; expected <integrator" in err
 
 
 def test_a_recipe_in_place_of_the_asset(call, assets, place, monkeypatch):

@@ -12,7 +12,7 @@ from bakery.errors import RecipeError
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from renderers import scene
-from renderers.materials.bodies.declaration import DIFFUSED, FEW, GATHERED, JOINED
+from renderers.materials.bodies.declaration import DIFFUSED, FEW, GATHERED, JOINED, MUTATED
 from renderers.materials.particles import scene as rules
 from renderers.scene import budget, entries
 from tests.cli.test_render_discrete import RECIPE, SCENE, XML
@@ -138,4 +138,5 @@ def test_docs_name_every_method():
         for name, method in entries.declared(kind).items():
             assert name == "toy" or f"| `{name}` " in rows and f"`{name}`" in scenes, name
             assert set(method.candidates) <= entries.declared(kind).keys()
-            assert set(getattr(method, "parts", ())) <= {FEW, GATHERED, DIFFUSED, JOINED}  # kinds of passes that there are
+            kinds_of_passes = {FEW, GATHERED, DIFFUSED, JOINED, MUTATED}
+            assert set(getattr(method, "parts", ())) <= kinds_of_passes

@@ -16,6 +16,7 @@ from renderers import colour
 from renderers.materials.bodies import methods
 from renderers.materials.bodies.bodies import untabled
 from renderers.mitsuba import variants
+from renderers.mitsuba.recording import undisturbed
 from renderers.mitsuba.world import World
 from renderers.transport import boundaries, loop
 from renderers.transport.media import Media, scattered
@@ -96,8 +97,8 @@ def test_passes_depend_on_their_number_and_the_seed_alone(matched):
 
 def test_one_kernel_serves_all_passes_and_seeds(matched):
     gc.collect()  # scenes of other tests, without which kernels are others
-    passes(matched, [0])
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+    with undisturbed(), dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        passes(matched, [0])
         dr.kernel_history_clear()
         passes(matched, [1, 2], seed=3)
         kernels = [one for one in dr.kernel_history() if one["type"] == dr.KernelType.JIT]

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from numba import njit as njit_of_numba
 
 from bakery.system import linked
 from bakery.system.compiled import njit
-from tests.conftest import ROOT
 
 TABLE = np.array([2.0, 3.0, 5.0])
 
@@ -74,46 +69,6 @@ def half(i):
     return entry(i) / 2
 
 
-KEPT = """
-from typing import NamedTuple
-
-from bakery.system.compiled import njit
-
-
-class Both(NamedTuple):
-    twice: float
-    half: float
-
-
-@njit(cache=True)
-def both(x):
-    if x < 0:
-        raise ValueError("below")
-    return Both(2 * x, x / 2)
-
-
-@njit(cache=True)
-def total(x):
-    return both(x).twice + both(x).half
-"""
-USE = """
-from bakery.system import linked, sources
-sources.PACKAGES = (*sources.PACKAGES, "toy")
-from toy.kept import both, total
-
-
-def compile_nothing(*arguments):
-    raise AssertionError("compiled from source")
-
-
-def below():
-    try:
-        both(-1.0)
-    except ValueError as error:
-        return str(error)
-"""
-
-
 def is_linked(kernel) -> list[bool]:
     return [linked.only(result) for result in kernel.overloads.values()]
 
@@ -161,21 +116,3 @@ def test_flags_are_those_of_numba():
     assert ours.copy() == ours
     theirs.no_compile = True
     assert theirs == ours
-
-
-@pytest.mark.slow
-def test_machine_code_is_made_of_what_another_process_kept_for_linking(tmp_path):
-    (tmp_path / "toy").mkdir()
-    (tmp_path / "toy" / "__init__.py").touch()
-    (tmp_path / "toy" / "kept.py").write_text(KEPT)
-
-    def run(line):
-        environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
-        environment.pop("NUMBA_CACHE_DIR", None)
-        return subprocess.run([sys.executable, "-c", USE + line], env=environment, capture_output=True, text=True,
-                              check=True).stdout.strip()
-
-    assert run("print(total(2.0))") == "5.0"
-    assert run("linked.compiler.compile_extra = compile_nothing\nprint(*both(2.0), below())") == "4.0 1.0 below"
-    # and from there it is linked
-    assert run("from bakery.system.compiled import njit\nprint(njit(lambda x: both(x).half)(4.0), *both(4.0))") == "2.0 8.0 2.0"
