@@ -134,7 +134,7 @@ _sum, _numbers, _places, _shares = (_on_stack(*of) for of in (
 
 
 # inlined by numba itself: what is on the stack is the caller's
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", inline="always")
 def no_look_ups():
     """A sum of nothing, on the stack of the function that calls: up to `GROUP` look-ups still to be made, and the others' sum."""
     out = carray(_sum(), _COUNT + 1)
