@@ -172,6 +172,20 @@ def _pixel(pixels, y, x, entry):
         entry[FIRST + c] = pixels.light[y, x, c]
 
 
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _clear_block(out, block):
+    """Entries of a block of out (Blocks), emptied."""
+    for n in range(out.start[block], out.start[block + 1]):
+        _cleared(out.entries[n])
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _finish_block(out, block):
+    """Entries of a block of out (Blocks), from sums to means."""
+    for n in range(out.start[block], out.start[block + 1]):
+        _finish(out.entries[n])
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def first_rows(low, high, pixels, mask, out):
     """Entries of blocks of two by two pixels, rows low to high, into out (Blocks); mask is of the pixels."""
@@ -179,15 +193,14 @@ def first_rows(low, high, pixels, mask, out):
     entry = np.zeros(ENTRY)
     for y in range(low, high):
         for x in range(out.mask.shape[1]):
-            bits, at = out.mask[y, x], out.start[y * out.mask.shape[1] + x]
-            for n in range(at, out.start[y * out.mask.shape[1] + x + 1]):
-                _cleared(out.entries[n])
+            block, bits = y * out.mask.shape[1] + x, out.mask[y, x]
+            at = out.start[block]
+            _clear_block(out, block)
             for yy in range(2 * y, min(2 * y + 2, height)):
                 for xx in range(2 * x, min(2 * x + 2, width)):
                     _pixel(pixels, yy, xx, entry)
                     _add(entry, out.entries[at + number_of(bits & (mask[yy, xx] - 1))])
-            for n in range(at, out.start[y * out.mask.shape[1] + x + 1]):
-                _finish(out.entries[n])
+            _finish_block(out, block)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -196,9 +209,9 @@ def merge_rows(low, high, below, out):
     height, width = below.mask.shape
     for y in range(low, high):
         for x in range(out.mask.shape[1]):
-            bits, at = out.mask[y, x], out.start[y * out.mask.shape[1] + x]
-            for n in range(at, out.start[y * out.mask.shape[1] + x + 1]):
-                _cleared(out.entries[n])
+            block, bits = y * out.mask.shape[1] + x, out.mask[y, x]
+            at = out.start[block]
+            _clear_block(out, block)
             for yy in range(2 * y, min(2 * y + 2, height)):
                 for xx in range(2 * x, min(2 * x + 2, width)):
                     n, part = below.start[yy * width + xx], below.mask[yy, xx]
@@ -206,8 +219,7 @@ def merge_rows(low, high, below, out):
                         _add(below.entries[n], out.entries[at + number_of(bits & ((part & -part) - 1))])
                         part &= part - 1
                         n += 1
-            for n in range(at, out.start[y * out.mask.shape[1] + x + 1]):
-                _finish(out.entries[n])
+            _finish_block(out, block)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -359,12 +359,15 @@ def test_cut_off(fog):
     image = np.zeros((60, 60, 3))
     image[30, 30] = 1
     u, column = 0.05, 10.0
-    found = screen.fogged(image, 10.0, u, column, 10.0, fog, cut_off=1.0)
+    found, exact = (screen.fogged(image, 10.0, u, column, 10.0, fog, cut_off=1.0, points=points)
+                    for points in ("final", "every pixel"))
     length = [float(np.interp(np.log(column * s), np.log(fog.depth), w)) for s, w in zip(fog.sigma_t, fog.width)]
     r = np.hypot(*np.mgrid[-30:30, -30:30]) * u
     for c in range(3):
+        beyond, within = r > 1.2 * length[c], (r > 0) & (r < 0.8 * length[c])
+        assert exact[beyond, c].max() < 1e-6 < 1e-4 < exact[within, c].min()
         # linear between points that are two pixels apart: 1.5e-6 gets past the edge
-        assert found[r > 1.2 * length[c], c].max() < 3e-6 < 1e-4 < found[(r > 0) & (r < 0.8 * length[c]), c].min()
+        assert found[beyond, c].max() < 3e-6 < 1e-4 < found[within, c].min()
 
 
 @pytest.mark.slow

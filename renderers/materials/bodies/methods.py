@@ -324,9 +324,9 @@ def _reasons(assets, bodies, method, looped):
         notes.append("light that scatters in a body is blurred: that of lamps and one event over 1 % of the body's size, that of "
                     "more over 0.2 mean free paths to both sides, less in each pass; by mirrors and glass it comes by chance")
     elif turned and looped:
-        notes.append("light of lamps and suns that bodies of smooth glass see as small is looked for from where it scatters, by "
-                     "refraction at the boundary and at panes of smooth glass; that of wide ones, and what mirrors and rough "
-                     "glass turn, comes by chance")
+        notes.append("light of lamps, suns and skies is looked for from where it scatters in bodies of smooth glass, by "
+                     "refraction at the boundary and at panes, that of wide ones, where it gains, by mirrors too; what rough "
+                     "glass turns comes by chance")
     elif turned:
         notes.append("light that scatters once reaches the eye through refracting boundaries by chance; that of lights without "
                     "extent is looked for from where it scatters, straight through one smooth boundary; what smooth boundaries "
