@@ -13,6 +13,7 @@ from renderers.mitsuba.recording import undisturbed
 from renderers.pictures.engine import Part
 from renderers.transport import loop
 from renderers.transport.scene import Scene
+from renderers.transport.state import Numbers
 from renderers.transport.wavefront import ORDERS
 
 LAYERS = ("order0", "order1", "order2", "orders")
@@ -75,7 +76,7 @@ def recorded(view, turn):
     Dr.Jit's work to trace what all shapes do was two thirds of the time of passes among some hundred of them.
     """
     def summed(numbers, variables, size, by_light):
-        return loop.summed(view, loop.Numbers.from_list(numbers), size, by_light, turn)
+        return loop.summed(view, Numbers.from_list(numbers), size, by_light, turn)
 
     # a recording sees the surfaces and lights of all scenes that there are only if this one has some
     replayed = view.scene.shapes() and view.scene.emitters()

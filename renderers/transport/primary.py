@@ -166,7 +166,7 @@ def light(scene, source):
     lanes = -(-source.count // _TOGETHER)
     step, count = dr.opaque(mi.UInt32, lanes), dr.opaque(mi.UInt32, source.count)
     brought = [dr.zeros(mi.Float, source.count) for _ in range(3 * ORDERS)]
-    turn = loop.Turn(lambda scene, path: path, loop.wandered, loop.next_event, loop.turned)
+    turn = loop.THROUGH_MEDIA
     records, counts = scene.lamps.records(lanes, _TOGETHER) if scene.lamps else (None, None)
 
     def camera(number, counts):

@@ -40,7 +40,7 @@ class Samples:
         self._scene, self.small, self.wide = scene, small, wide
 
     def none(self, width):
-        """What paths that have not scattered keep for each: fields of a `loop.Path`."""
+        """What paths that have not scattered keep for each: fields of a `state.Path`."""
         return {"departure": self.small and self.small.none(width), "chance": self.wide and self.wide.none(width)}
 
     def records(self, lanes, paths):

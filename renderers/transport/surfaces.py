@@ -8,7 +8,7 @@ from functools import cache
 import drjit as dr
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
-from renderers.transport import loop, passes
+from renderers.transport import loop, passes, state
 from renderers.transport.scene import View
 
 import mitsuba as mi  # isort: skip
@@ -67,7 +67,7 @@ def turned(scene, path, meeting, records=None):
     return loop.roulette(path, path.bounces > _FAR, mi.Float(1), path.random.next_float32())
 
 
-TURN = loop.Turn(lambda scene, path: path, advance, next_event, turned)
+TURN = state.Turn(lambda scene, path: path, advance, next_event, turned)
 
 
 def part(name, world, colours, seed):

@@ -17,7 +17,7 @@ import numpy as np
 from bakery.kernels import CONDUCTOR, DIELECTRIC, DIFFUSE
 from renderers.materials.grains.listed import exemplar_mesh, listed
 from renderers.materials.grains.paths import Explicit
-from renderers.transport import loop, passes
+from renderers.transport import loop, passes, state
 from renderers.transport.scene import View
 
 import mitsuba as mi  # isort: skip
@@ -35,8 +35,8 @@ _SAMPLES, _PATHS = 64, 1 << 19  # a pixel and pass, at most, where a pixel has s
 
 
 @dataclass
-class Path(loop.Path):
-    """As `loop.Path`, with `inside` the number, from 1, of the grain around;  grain : of that which each is on;  0: none."""
+class Path(state.Path):
+    """As `state.Path`, with `inside` the number, from 1, of the grain around;  grain : of that which each is on;  0: none."""
 
     grain: mi.UInt32 = None
 
@@ -59,7 +59,7 @@ class Packed(NamedTuple):
 class Meeting:
     """Of paths with surfaces.
 
-    meets, misses, surface : as in `loop.Event`
+    meets, misses, surface : as in `state.Event`
     number, kind : of the grain, and its type, from 1; 0 of what is none
     sample, factor : next direction by the BSDF, and its weight
     """
@@ -342,7 +342,7 @@ def turned(scene, path, meeting, records=None):
     return path
 
 
-TURN = loop.Turn(begin, advance, next_event, turned)
+TURN = state.Turn(begin, advance, next_event, turned)
 
 
 def part(name, world, bodies, colours, seed):
