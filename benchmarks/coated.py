@@ -19,7 +19,7 @@ import numpy as np  # noqa: E402
 from scipy import special  # noqa: E402
 
 from bakery.physics.mie import coated_amplitudes, coated_efficiencies, efficiencies  # noqa: E402
-from bakery.physics.mie.kernels import terms  # noqa: E402
+from bakery.physics.mie.coefficients import terms  # noqa: E402
 from benchmarks.sizes import sized  # noqa: E402
 
 

@@ -15,7 +15,7 @@ import numpy as np  # noqa: E402
 from peers import interleaved  # noqa: E402
 
 from bakery import goa  # noqa: E402
-from bakery.physics.mie import kernels as mie  # noqa: E402
+from bakery.physics.mie import angular as mie  # noqa: E402
 from benchmarks.sizes import sized  # noqa: E402
 
 THETA = np.deg2rad(np.arange(0.25, 180, 0.5))

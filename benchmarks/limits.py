@@ -99,20 +99,20 @@ def mie(rates):
     """Kernels of Mie on one core: (name, operations, seconds of the bound, measured seconds)."""
     from scipy.fft import dct
 
-    from bakery.physics.mie import fourier, kernels, legendre
+    from bakery.physics.mie import angular, coefficients, fourier, legendre
 
     product, quotient, byte = (1.0 / rates[kind] for kind in ("multiply-adds", "quotients", "bytes of memory"))
     x = np.linspace(0.1, 1000.0, sized(10_000, 32))
-    orders, out = sum(kernels.terms(size) for size in x), np.empty((5, x.size))
+    orders, out = sum(coefficients.terms(size) for size in x), np.empty((5, x.size))
     yield ("efficiencies, 10,000 sizes, m = 1.33", "an order: 35 products, 2 quotients; an order of mx: 4 and 1",
            orders * (35 * product + 2 * quotient + 1.33 * (4 * product + quotient)),
-           best(lambda: kernels.efficiency_block(1.33 + 0j, x, *out)))
+           best(lambda: coefficients.efficiency_block(1.33 + 0j, x, *out)))
     size, theta = sized(20_000.0, 200.0), np.linspace(0.0, np.pi, sized(1801, 20))
-    last, pairs = kernels.terms(size), np.empty((1, theta.size, 4))
+    last, pairs = coefficients.terms(size), np.empty((1, theta.size, 4))
     yield (f"recurrence of angles, x = {size:,.0f}", "an order and angle: 9 products", 9 * last * theta.size * product,
-           best(lambda: kernels.amplitude_block(1.33 + 0j, np.array([size]), theta, pairs), sized(10, 1)))
+           best(lambda: angular.amplitude_block(1.33 + 0j, np.array([size]), theta, pairs), sized(10, 1)))
     size = sized(200_000.0, 300.0)
-    last = kernels.terms(size)
+    last = coefficients.terms(size)
     grid = fourier.blocks(np.array([size]), np.array([0]))[0][0]
     _, (_, h, tree, values) = fourier._memory(last, 1, grid)
     h[:], tree[:], values[:] = 0.0, 0.0, 0.0

@@ -39,7 +39,7 @@ def recorded() -> dict[str, list]:
 
 
 def of(group: str, modules: Iterable[str] | None = None) -> list:
-    """Kernels of a group; of some modules of `bakery.physics` (`mie.kernels`) alone, where a stage says which it runs."""
+    """Kernels of a group; of some modules of `bakery.physics` (`mie.angular`) alone, where a stage says which it runs."""
     kernels = recorded().get(group, [])
     if modules is None:
         return kernels

@@ -222,7 +222,7 @@ class Cost:
     basis: str
     startup: float = 0.0  # seconds before the first block, whatever the number of cores: loading libraries and kernels
     remarks: tuple[str, ...] = ()  # choices that a user may want to know of before the work
-    kernels: tuple[str, ...] = ()  # modules whose compiled kernels run, below `bakery`: mie.kernels
+    kernels: tuple[str, ...] = ()  # modules whose compiled kernels run, below `bakery`: mie.angular
     kind: str = ""  # of work: measured speeds of one kind say nothing of another
     most: float = math.inf  # cores that the work can use
     blocks: int = 0  # equal ones that the work consists of, `most` of which run at a time; 0: it divides into any number

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bakery import goa
-from bakery.physics.mie import kernels as mie
+from bakery.physics.mie import angular as mie
 
 from . import measures as of
 from . import printed

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from bakery import goa
-from bakery.physics.mie import kernels as mie
+from bakery.physics.mie import angular as mie
 from benchmarks.sizes import sized
 
 from . import printed

@@ -8,7 +8,7 @@ import numpy as np
 
 from bakery import goa
 from bakery.physics.mie import amplitudes as mie_amplitudes
-from bakery.physics.mie import kernels as mie
+from bakery.physics.mie import angular as mie
 from benchmarks.sizes import sized
 
 from . import measures as of

@@ -29,7 +29,7 @@ CASES = [
 
 
 def _waves(z, count):
-    """psi_n and chi_n of n = 0 .. count, with the signs of `bakery.physics.mie.kernels`."""
+    """psi_n and chi_n of n = 0 .. count, with the signs of `bakery.physics.mie.series`."""
     psi, chi = [mp.sin(z), mp.sin(z) / z - mp.cos(z)], [mp.cos(z), mp.cos(z) / z + mp.sin(z)]
     for n in range(1, count):
         for f in (psi, chi):

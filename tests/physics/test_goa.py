@@ -10,7 +10,7 @@ import pytest
 
 from bakery import goa, mie
 from bakery.physics.goa import _asymptotic, _edge, _rays, _solve, _special, _surface
-from bakery.physics.mie import kernels as mie_kernels
+from bakery.physics.mie import angular, coefficients
 
 THETA = np.deg2rad(np.arange(0.25, 180, 0.5))
 SOLID = np.sin(THETA)
@@ -23,7 +23,7 @@ def intensity(s1, s2):
 
 def of_mie(m, x, weight, theta=THETA):
     out = np.empty(theta.size)
-    mie_kernels.intensity_block(complex(m), np.asarray(x, float), np.asarray(weight, float), theta, out)
+    angular.intensity_block(complex(m), np.asarray(x, float), np.asarray(weight, float), theta, out)
     return out
 
 
@@ -225,9 +225,9 @@ def whole_sum(m, x, edge, theta):
 
     c, root = np.cbrt(x), np.sqrt(x)
     centre, width = (x - 3 * c, 2 * c) if edge == "wide" else (x - 0.5 * c, c)
-    last = mie_kernels.terms(x)
+    last = coefficients.terms(x)
     work, lane = np.empty((last + 2, 4, 1)), np.empty((27, 1))
-    mie_kernels.wave_coefficients(complex(m), np.array([x]), lane, work)
+    coefficients.wave_coefficients(complex(m), np.array([x]), lane, work)
     out = np.zeros((2, theta.size), complex)
     mu, pi, before = np.cos(theta), np.ones(theta.size), np.zeros(theta.size)
     for n in range(1, last + 1):
@@ -371,8 +371,8 @@ def test_coefficients_that_start_at_the_window(m):
     tried = 0
     for x in (450.0, 777.7, 2000.0, 12345.0, 3e5):
         with_waves = np.array([x])
-        work, lane = np.empty((mie_kernels.terms(x) + 2, 4, 1)), np.empty((27, 1))
-        mie_kernels.wave_coefficients(complex(m), with_waves, lane, work)
+        work, lane = np.empty((coefficients.terms(x) + 2, 4, 1)), np.empty((27, 1))
+        coefficients.wave_coefficients(complex(m), with_waves, lane, work)
         for edge in ("narrow", "wide"):
             spans = np.empty((2, 2), np.int64)
             for low, high in spans[:_edge._spans(x, _edge.scales_of(complex(m), with_waves, edge)[0], spans)]:
@@ -391,8 +391,8 @@ def test_resonances_inside_the_window():
         low, high = int(x), int(x + 3 * np.cbrt(x))
         found, table = np.empty((high - low, 4)), np.empty((4, high - low + 1))
         _asymptotic.stretch(1.5 + 0j, x, low, high, table, found)
-        work, lane = np.empty((mie_kernels.terms(x) + 2, 4, 1)), np.empty((27, 1))
-        mie_kernels.wave_coefficients(1.5 + 0j, np.array([x]), lane, work)
+        work, lane = np.empty((coefficients.terms(x) + 2, 4, 1)), np.empty((27, 1))
+        coefficients.wave_coefficients(1.5 + 0j, np.array([x]), lane, work)
         exact = work[low - 1 : high - 1, :, 0]
         assert abs(found - exact).max() < 1e-8
         beyond = exact[int(2 * np.cbrt(x)) :]

@@ -239,7 +239,8 @@ def test_result_does_not_depend_on_company():
 
 @pytest.mark.slow
 def test_block_kernels_against_their_literal_twins():
-    from bakery.physics.mie.kernels import cross_section_block, intensity_block, mueller_block
+    from bakery.physics.mie.angular import intensity_block, mueller_block
+    from bakery.physics.mie.coefficients import cross_section_block
 
     rng = np.random.default_rng(6)
     x = 10 ** rng.uniform(-2, 2.5, 37)

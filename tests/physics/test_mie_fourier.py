@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bakery.physics.mie import MANY_ANGLES, SMALLEST, amplitudes, kernels
+from bakery.physics.mie import MANY_ANGLES, SMALLEST, amplitudes, coefficients
 from bakery.physics.mie.legendre import APART, LEAF, NODES, box_tables, legendre_to_fourier, levels, ratios
 
 LONG = np.longdouble
@@ -15,9 +15,9 @@ ANGLES = np.sort(np.append(np.linspace(0, np.pi, 401), 10 ** np.random.default_r
 
 def long_sums(m, x, theta):
     """S1, S2 by the difference form of the recurrences with 64 bits of mantissa, from the kernel's a_n, b_n."""
-    last = kernels.terms(x)
+    last = coefficients.terms(x)
     work = np.empty((last + 2, 4, 1))
-    kernels.coefficients(complex(m), np.array([x]), work)
+    coefficients.coefficients(complex(m), np.array([x]), work)
     a_r, a_i, b_r, b_i = work[:last, :, 0].T.astype(LONG)
     front = theta <= np.pi / 2
     half = np.sin(np.where(front, theta.astype(LONG), PI - theta.astype(LONG)) / 2)

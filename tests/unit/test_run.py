@@ -299,14 +299,14 @@ def test_compiling_is_timed_and_told_while_it_lasts():
 
 def test_a_machine_compiles_a_kernel_once(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    seconds = compiling.expected(("mie.kernels", "packing._chords"))
-    assert seconds == compiling.SECONDS["mie.kernels"] + compiling.SECONDS["packing._chords"]
+    seconds = compiling.expected(("mie.angular", "packing._chords"))
+    assert seconds == compiling.SECONDS["mie.angular"] + compiling.SECONDS["packing._chords"]
     kept = tmp_path / "mie_0123"
     kept.mkdir()
-    (kept / "kernels.f-1.py311.nbi").write_text(f"0.68 {sources.stamp(Path(mie.__file__).with_name('kernels.py'))}")
-    assert compiling.expected(("mie.kernels", "packing._chords")) == compiling.SECONDS["packing._chords"]
-    (kept / "kernels.f-1.py311.nbi").write_text("0.68 of other sources")
-    assert compiling.expected(("mie.kernels", "packing._chords")) == seconds
+    (kept / "angular.f-1.py311.nbi").write_text(f"0.68 {sources.stamp(Path(mie.__file__).with_name('angular.py'))}")
+    assert compiling.expected(("mie.angular", "packing._chords")) == compiling.SECONDS["packing._chords"]
+    (kept / "angular.f-1.py311.nbi").write_text("0.68 of other sources")
+    assert compiling.expected(("mie.angular", "packing._chords")) == seconds
 
 
 @pytest.mark.parametrize("name", ["fog", "salt", "glass_beads", "wax", "emitter", "motes"])

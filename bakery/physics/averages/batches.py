@@ -42,7 +42,7 @@ def angular_block(sphere, x, weight, theta, polarized, rays=None):
         return np.ascontiguousarray(sums[0].T[:4 if polarized else 1])
     m, out = sphere, np.zeros((4 if polarized else 1, len(theta)))
     if rays is None:
-        from bakery.physics.mie.kernels import intensity_block, mueller_block
+        from bakery.physics.mie.angular import intensity_block, mueller_block
 
         orders, options = (), {}
     else:

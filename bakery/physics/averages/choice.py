@@ -124,7 +124,7 @@ def _samples(channel: Channel, count: int):
 def _measured(m, x, weight, features, lowest, allowed, rays) -> Choice:
     """The choice by comparison with series; kept, because plan and bake ask for the same."""
     from bakery.physics.goa import intensity_block as by_rays
-    from bakery.physics.mie.kernels import intensity_block as by_series
+    from bakery.physics.mie.angular import intensity_block as by_series
 
     x, weight = np.array(x), np.array(weight)
     large = np.flatnonzero(x >= lowest)

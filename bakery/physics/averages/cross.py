@@ -45,7 +45,7 @@ def cross_block(sphere, x):
 
         coated_efficiency_block(sphere.core, sphere.shell, sphere.inner(x), x, out[3], out[0], out[1], np.empty(len(x)), out[2])
     else:
-        from bakery.physics.mie.kernels import cross_section_block
+        from bakery.physics.mie.coefficients import cross_section_block
 
         cross_section_block(complex(sphere), x, out[3], out[0], out[1], out[2])
     return out

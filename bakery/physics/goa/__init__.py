@@ -83,14 +83,14 @@ def amplitudes(m, x, theta, orders=3, *, rainbow=True, axis=True, edge="narrow")
 def intensity_block(m, x, weight, theta, out, orders=3, *, rainbow=True, axis=True, edge="narrow"):
     """out (A,) = sum over the spheres x (R,) of weight (|S1|^2 + |S2|^2)/2 at theta (A,) rad, summed in the order of x.
 
-    As `bakery.mie.kernels.intensity_block`: arguments are not checked, one thread, releases the lock.  Options as
+    As `bakery.mie.angular.intensity_block`: arguments are not checked, one thread, releases the lock.  Options as
     `amplitudes`.  The rays are traced once for all sizes.
     """
     out[:] = _sums(m, x, weight, theta, orders, rainbow, axis, edge)[0]
 
 
 def mueller_block(m, x, weight, theta, out, orders=3, *, rainbow=True, axis=True, edge="narrow"):
-    """out (4, A) = weighted sums of S11, S12, S33, S34 over the spheres x (R,), as `bakery.mie.kernels.mueller_block`."""
+    """out (4, A) = weighted sums of S11, S12, S33, S34 over the spheres x (R,), as `bakery.mie.angular.mueller_block`."""
     out[:] = _sums(m, x, weight, theta, orders, rainbow, axis, edge)
 
 

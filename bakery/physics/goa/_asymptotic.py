@@ -1,6 +1,6 @@
 """Coefficients a_n, b_n of a stretch of orders alone: recurrences that start there, from asymptotic forms, instead of at n = 1.
 
-The notation of `bakery.mie.kernels`: psi, chi the Riccati-Bessel functions of x, R_n = psi_n/psi_{n-1}(m x).  Start values are
+The notation of `bakery.mie.series`: psi, chi the Riccati-Bessel functions of x, R_n = psi_n/psi_{n-1}(m x).  Start values are
 
 - psi_n, chi_n(x): Debye's expansion to the fifth order (DLMF 10.19.6) at an order at least KEEP x^(1/3) below x, then upward.
   Beyond n = x errors of psi grow like chi/psi, while psi/chi, which a_n follows, falls: 1e-8 stays below 1e-7 of a_n's scale;
@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from bakery.physics.goa._special import STRICT
-from bakery.physics.mie.kernels import NEAR, asymptotic_ratio
+from bakery.physics.mie.coefficients import NEAR, asymptotic_ratio
 from bakery.system.compiled import njit
 
 KEEP = 10.0  # distance from a turning point, in units of its x^(1/3): the sixth term of Debye's series is 3e-8 there

@@ -1,6 +1,6 @@
 """The edge sum: partial waves near n = x exactly, those far below by their sum in closed form.
 
-The rays have the share 1 - W(n + 1/2) of each partial wave, so with c_n = 2n + 1 and p_n, q_n, e_n, f_n of `bakery.mie.kernels`
+The rays have the share 1 - W(n + 1/2) of each partial wave, so with c_n = 2n + 1 and p_n, q_n, e_n, f_n of `bakery.mie.angular`
 
     S1 + S2 = sum c_n [W_n (a_n + b_n) + (1 - W_n)] p_n + 2 rays,      S1 - S2 = sum c_n W_n (a_n - b_n) q_n.
 
@@ -19,7 +19,8 @@ import numpy as np
 
 from bakery.physics.goa._asymptotic import reach, stretch
 from bakery.physics.goa._special import BESSEL_END, STRICT, bessel_far, bessel_near, share, sincos
-from bakery.physics.mie.kernels import ANGLES, DIF_R, LANES, SUM_R, E, F, P, Q, V, reset, sweep, terms, wave_coefficients
+from bakery.physics.mie.angular import ANGLES, DIF_R, SUM_R, E, F, P, Q, V, reset, sweep
+from bakery.physics.mie.coefficients import LANES, terms, wave_coefficients
 from bakery.system.compiled import njit
 
 NEAR_START = 400  # below, a recurrence from n = 1 is as cheap as Bessel functions

@@ -109,12 +109,12 @@ def amplitudes(m, x, theta):
 
 def _by_recurrence(index, x, angles, places, s1, s2):
     """Jobs that fill s1, s2 at some spheres by a recurrence an angle."""
-    from bakery.physics.mie import kernels
+    from bakery.physics.mie import angular, coefficients
 
     def run(places, part):
-        piece = np.empty((min(places.size, kernels.LANES), angles[part].size, 4))
-        for block in np.split(places, range(kernels.LANES, places.size, kernels.LANES)):  # few at a time: stays in the cache
-            kernels.amplitude_block(index, x[block], angles[part], piece[:block.size])
+        piece = np.empty((min(places.size, coefficients.LANES), angles[part].size, 4))
+        for block in np.split(places, range(coefficients.LANES, places.size, coefficients.LANES)):  # stays in the cache
+            angular.amplitude_block(index, x[block], angles[part], piece[:block.size])
             pair = piece[:block.size].view(np.complex128)
             s1[block, part], s2[block, part] = pair[..., 0], pair[..., 1]
 
@@ -246,7 +246,7 @@ def _checked_layers(core, shell, x, y):
 
 def _all_efficiencies(m, x):
     """q_ext, q_sca, q_abs, q_back, g of the broadcast shape."""
-    from bakery.physics.mie import kernels
+    from bakery.physics.mie import coefficients
 
     shape, m, x = checked(m, x)
     out = np.empty((5, x.size))
@@ -254,13 +254,13 @@ def _all_efficiencies(m, x):
     for index, places in by_index(m, x):
         work = np.cumsum(x[places] + 10.0)
         parts = min(parts_of_work(work[-1] * 2e-9), places.size)
-        cuts = np.searchsorted(work, work[-1] * np.arange(1, parts) / parts) // kernels.LANES * kernels.LANES
+        cuts = np.searchsorted(work, work[-1] * np.arange(1, parts) / parts) // coefficients.LANES * coefficients.LANES
         jobs += [(index, piece) for piece in np.split(places, cuts) if piece.size]
 
     def run(job):
         index, places = job
         piece = np.empty((5, places.size))
-        kernels.efficiency_block(index, x[places], *piece)
+        coefficients.efficiency_block(index, x[places], *piece)
         out[:, places] = piece
 
     in_threads(run, jobs)

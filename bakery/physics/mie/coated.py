@@ -24,25 +24,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bakery.physics.mie.kernels import (
-    ABS,
-    BACK_I,
-    BACK_R,
-    BLOCK,
-    CROSS,
-    SCA,
-    STRICT,
-    angular_coefficients,
-    asymptotic_ratio,
-    gather,
-    order_table,
-    reciprocal,
-    reset,
-    sweep,
-    terms,
-    tiles_of,
-    wave_coefficients,
-)
+from bakery.physics.mie.angular import BLOCK, angular_coefficients, gather, order_table, reset, sweep, tiles_of
+from bakery.physics.mie.coefficients import STRICT, asymptotic_ratio, reciprocal, terms, wave_coefficients
+from bakery.physics.mie.series import ABS, BACK_I, BACK_R, CROSS, SCA
 from bakery.physics.mie.vector import fma
 from bakery.system.compiled import njit
 
@@ -154,7 +138,7 @@ def _coefficient(a, p1, p2, c1, c2):
 
 @njit(**STRICT)
 def coated_coefficients(core, shell, x, y, lane, work):
-    """a_n, b_n of one sphere and their sums, laid out as by `kernels.wave_coefficients` of one lane.
+    """a_n, b_n of one sphere and their sums, laid out as by `coefficients.wave_coefficients` of one lane.
 
     core, shell: indices relative to the host; x, y: size parameters of core and whole, 0 <= x <= y.
     """

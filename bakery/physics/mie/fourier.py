@@ -13,7 +13,7 @@ SIAM J. Sci. Comput. 41, C479 (2019)).
 The error is the same at all angles: ERROR of the root mean square of S over theta, most of which is the forward peak.  Where that
 is more than WORST of |S|, and more than recurrences lose, the angle is summed by them.  At 0 and pi the sums need neither.
 
-Rounding.  As in `kernels`; the transform in the middle is SciPy's.  Grids depend on the sphere alone, so that neither other
+Rounding.  As in `series`; the transform in the middle is SciPy's.  Grids depend on the sphere alone, so that neither other
 spheres nor other angles change a result.
 """
 
@@ -28,7 +28,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from bakery.physics.mie import kernels
+from bakery.physics.mie import angular, coefficients
 from bakery.physics.mie.legendre import (
     APART,
     LEAF,
@@ -257,8 +257,8 @@ def _spectrum(m, x, ratio, tables, polynomial, memory):
     tree[:] = 0.0
     last = np.empty(x.shape[0], np.int64)
     for q in range(x.shape[0]):
-        last[q] = kernels.terms(x[q])
-    kernels.coefficients(m, x, work)
+        last[q] = coefficients.terms(x[q])
+    coefficients.coefficients(m, x, work)
     ends = np.empty((x.shape[0], 2, 2))
     for q in range(x.shape[0]):
         _ends(work, q, last[q], ends[q])
@@ -330,11 +330,11 @@ def _grids():
 
 def blocks(x, places):
     """Spheres that share a grid, at most LANES together: (grid, places), of places in ascending order of x."""
-    terms = np.ceil(x[places] + 7.5 * np.cbrt(x[places])) + 4.0  # two to spare: this may round otherwise than `kernels.terms`
+    terms = np.ceil(x[places] + 7.5 * np.cbrt(x[places])) + 4.0  # two to spare: this may round otherwise than `terms`
     which = np.searchsorted(_grids(), FINENESS * terms)
     result = []
     for group in np.split(np.arange(places.size), np.flatnonzero(np.diff(which)) + 1):
-        width = kernels.LANES if terms[group[-1]] <= kernels.WIDE else 1
+        width = coefficients.LANES if terms[group[-1]] <= coefficients.WIDE else 1
         result += [(int(_grids()[which[part[0]]]), places[part]) for part in np.split(group, range(width, group.size, width))]
     return result
 
@@ -346,7 +346,7 @@ KEPT = 48_000_000
 def _memory(last, radii, grid):
     """Of `_spectrum`: the whole and its parts; 200 bytes an order and sphere."""
     size = _size(last)
-    shapes = ((last + 2, 4, kernels.LANES if radii > 1 else 1), (radii, 4, 2, size), (2, radii, levels(size)[-1], 8, NODES),
+    shapes = ((last + 2, 4, coefficients.LANES if radii > 1 else 1), (radii, 4, 2, size), (2, radii, levels(size)[-1], 8, NODES),
               (grid, 4 * radii))
     ends = np.cumsum([math.prod(shape) for shape in shapes])
     try:
@@ -363,8 +363,8 @@ def amplitudes_of_block(m, x, theta, grid, s1, s2):
     from scipy.fft import dct
 
     window, damping = window_tables()
-    whole, memory = _memory(kernels.terms(x[-1]), x.size, grid)
-    bounds = _spectrum(m, x, _ratios(kernels.terms(x[-1])), box_tables(), damping, memory)
+    whole, memory = _memory(coefficients.terms(x[-1]), x.size, grid)
+    bounds = _spectrum(m, x, _ratios(coefficients.terms(x[-1])), box_tables(), damping, memory)
     values = dct(memory[-1], type=3, axis=0, overwrite_x=True)
     parts = s1.view(np.float64).reshape(*s1.shape, 2), s2.view(np.float64).reshape(*s2.shape, 2)
     doubtful = _evaluate((values, *bounds), theta, window, *parts)
@@ -375,6 +375,6 @@ def amplitudes_of_block(m, x, theta, grid, s1, s2):
             again = np.flatnonzero(doubtful[q])
             if again.size:
                 exact = np.empty((1, again.size, 4))
-                kernels.amplitude_block(m, x[q:q + 1], theta[again], exact)
+                angular.amplitude_block(m, x[q:q + 1], theta[again], exact)
                 pair = exact.view(np.complex128)
                 s1[q, again], s2[q, again] = pair[0, :, 0], pair[0, :, 1]

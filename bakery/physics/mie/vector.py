@@ -4,8 +4,6 @@ numba leaves the choice of vector instructions to the compiler, which gives up o
 they are distinct).  Inside an `@intrinsic`, a formula over `Wide` values becomes exactly one instruction an operator, for any
 number of lanes, and the fused multiply-add is the correctly rounded one on every machine: hardware where there is one, the
 C library elsewhere.  So the bits do not depend on the kind of processor.
-
-numba's disk cache does not see changes of this file: clear it, or touch the kernels, after an edit.
 """
 
 from __future__ import annotations

@@ -159,7 +159,8 @@ def cost(recipe) -> Cost:
     of_classes = sum(len(bins.radius) for bins in settings["classes"])
     tables = 4.0 * expectation.angles * of_classes * len(settings["wavelength"])
     placing = (_PLACING if settings["region"].whole else _REJECTING) * stored
-    kernels = ("discrete._places", "mie.kernels") + ("grains.bvh", "discrete.region") * (not settings["region"].whole)
+    in_region = ("grains.bvh", "discrete.region") * (not settings["region"].whole)
+    kernels = ("discrete._places", "mie.coefficients", "mie.angular", *in_region)
     return Cost(_SLOWER * expectation.seconds + placing, expectation.memory + tables * 4 + (_STORING + _WRITING) * stored + 1e8,
                 _FILE * stored + tables, f"{number:.3g} particles {settings['method']}, {of_classes} classes of radii, about "
                 f"{expectation.angles} angles" + f"; {_STORING:g} bytes a particle while they are drawn, {_STORING + _WRITING:g} "

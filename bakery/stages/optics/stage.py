@@ -17,7 +17,7 @@ from bakery.stages.optics.quantities import QUERIES
 from bakery.stages.optics.section import PARTICLES, PHASE
 from bakery.store.tree import Dataset, Group, read_text, text
 
-_KERNELS = ("mie.kernels",)
+_KERNELS = ("mie.coefficients", "mie.angular")
 _OF_SHELLS = ("mie.coated",)
 _OF_RAYS = tuple(f"goa._{name}" for name in ("asymptotic", "edge", "field", "rays", "solve", "special", "surface"))
 # the rates are those of an AMD EPYC (Zen 5), of which an Intel Xeon with AVX-512 has less than half: a machine in between
