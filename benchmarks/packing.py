@@ -17,7 +17,7 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 import numpy as np  # noqa: E402
 from peers import optional  # noqa: E402
 
-from bakery.physics.packing import SCHEDULES, _kernels, dynamics, pack, predicted, structure  # noqa: E402
+from bakery.physics.packing import SCHEDULES, _events, dynamics, pack, predicted, structure  # noqa: E402
 from bakery.physics.packing.ceiling import limit  # noqa: E402
 from bakery.physics.packing.radii import lognormal, species  # noqa: E402
 from benchmarks.sizes import sized  # noqa: E402
@@ -75,14 +75,14 @@ def rate(fractions=(0.5, 0.6), counts=sized((100, 1000, 10_000, 100_000), (100,)
             spheres.place(0.28)
             spheres.grow(fraction, 0.5, 1e9)
             spheres.rest(2)
-            spheres.clock[_kernels.RATE] = 0.0
-            _kernels.predict_all(spheres.state)
+            spheres.clock[_events.RATE] = 0.0
+            _events.predict_all(spheres.state)
             boxes.append((spheres, []))
         for _ in range(pieces):
             for spheres, seconds in boxes:
                 before = spheres.collisions
                 start = time.perf_counter()
-                _kernels.run(spheres.state, np.inf, 1 << 60, events)
+                _events.run(spheres.state, np.inf, 1 << 60, events)
                 spent = time.perf_counter() - start
                 seconds.append((spent / (spheres.collisions - before), spent / events))
         for spheres, seconds in boxes:

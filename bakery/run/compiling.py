@@ -29,7 +29,8 @@ SECONDS = {
     "mie.angular": 1.4, "mie.coated": 3.7, "mie.coefficients": 2.1,
     "multiple._kernels": 2.6, "multiple._plane": 3.8, "multiple._products": 4.3, "multiple._tally": 5.6, "multiple.basis": 0.42,
     "multiple.locate": 0.37, "multiple.legendre": 0.39, "multiple.lookup": 0.23, "multiple.sums": 0.83, "multiple.point": 1.0,
-    "packing.cells": 1.0, "packing._chords": 0.99, "packing._kernels": 4.2, "packing.instances": 0.16,
+    "packing.cells": 1.0, "packing._chords": 0.99, "packing._events": 2.1, "packing._lists": 1.5, "packing._queue": 0.5,
+    "packing.instances": 0.16,
     "surfaces._spread": 1.1,
 }
 

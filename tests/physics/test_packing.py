@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from bakery.physics import packing
-from bakery.physics.packing import _kernels, ceiling, dynamics, pack, predicted, structure
+from bakery.physics.packing import _events, ceiling, dynamics, pack, predicted, structure
 from bakery.physics.packing.radii import lognormal, species
 
 IMAGES = np.array(list(itertools.product((-1, 0, 1), repeat=3)))
@@ -135,15 +135,15 @@ def test_it_moves_as_a_literal_simulation_does(radii, cell, rate, start):
     spheres._prepare((0.45 / spheres.volume) ** (1 / 3))
     order = spheres.order
     spheres.clock[:] = 0.0
-    spheres.clock[_kernels.SCALE], spheres.clock[_kernels.RATE] = scale, rate
-    _kernels.predict_all(spheres.state)
+    spheres.clock[_events.SCALE], spheres.clock[_events.RATE] = scale, rate
+    _events.predict_all(spheres.state)
     for end in (0.5, 1.0, 2.0):
         theirs = literal(x, v, radius, spheres.cell, scale, rate, end)
         if theirs[2] >= 2 * len(radii):
             break
     assert theirs[2] >= len(radii) // 2  # something happened
-    assert _kernels.run(spheres.state, end, 10**6, 10**6) == _kernels.STOPPED
-    assert spheres.tally[_kernels.COLLISIONS] == theirs[2]
+    assert _events.run(spheres.state, end, 10**6, 10**6) == _events.STOPPED
+    assert spheres.tally[_events.COLLISIONS] == theirs[2]
     spheres.settle()
     away = spheres.sphere[:, :3] - theirs[0][order]
     away -= spheres.cell * np.round(away / spheres.cell)
@@ -158,11 +158,11 @@ def test_many_collisions_without_drift():
     spheres._prepare(spheres.scale)
     before = np.sum(spheres.sphere[:, 3:6] ** 2)
     spheres.clock[:] = 0.0
-    spheres.clock[_kernels.SCALE] = spheres.scale
-    _kernels.predict_all(spheres.state)
+    spheres.clock[_events.SCALE] = spheres.scale
+    _events.predict_all(spheres.state)
     done = spheres.collisions
-    assert _kernels.run(spheres.state, np.inf, done + 300_000, 10**9) == _kernels.WINDOW  # the clock never set back
-    assert abs(spheres.clock[_kernels.NEAREST]) < 1e-12 and spheres.clock[_kernels.FARTHEST] < 1e-12
+    assert _events.run(spheres.state, np.inf, done + 300_000, 10**9) == _events.WINDOW  # the clock never set back
+    assert abs(spheres.clock[_events.NEAREST]) < 1e-12 and spheres.clock[_events.FARTHEST] < 1e-12
     assert spheres.settle() == pytest.approx(before, rel=1e-10)
     assert structure.smallest_gap(spheres.sphere[:, :3], spheres.sphere[:, 6] * spheres.scale, spheres.cell) > -1e-12
 

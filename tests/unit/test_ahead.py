@@ -50,10 +50,10 @@ def test_named_tuples_have_the_fields_of_their_class():
 
 
 def test_the_kernels_of_a_stage_are_those_of_its_modules():
-    tiles = ahead.of("stage packing", ("packing._kernels",))
-    assert tiles and {name.split(":")[0] for name, _ in tiles} == {"bakery.physics.packing._kernels"}
+    tiles = ahead.of("stage packing", ("packing._events",))
+    assert tiles and {name.split(":")[0] for name, _ in tiles} == {"bakery.physics.packing._events"}
     assert len(ahead.of("stage packing")) > len(tiles)
-    assert ahead.of("stage none", ("packing._kernels",)) == []
+    assert ahead.of("stage none", ("packing._events",)) == []
 
 
 def test_what_is_met_last_is_compiled_first():

@@ -9,8 +9,7 @@ import time
 
 import numpy as np
 
-from bakery.physics.packing import _kernels as kernels
-from bakery.physics.packing._kernels import State
+from bakery.physics.packing import _events, _lists
 
 WINDOW = 20  # collisions a sphere between two settings of the clock and of the temperature
 NEIGHBOURS = 12.0  # target length of a list of equal spheres
@@ -65,14 +64,14 @@ class Spheres:
         bubble = _lines(count, 8)
         bubble[:, 3] = b
         index = bubble.view(np.int64)
-        index[:, kernels.ROOM] = np.cumsum(capacity)
-        index[:, kernels.FIRST] = index[:, kernels.LAST] = index[:, kernels.ROOM] - capacity
-        index[:, kernels.PARTNER] = kernels.NONE
+        index[:, _lists.ROOM] = np.cumsum(capacity)
+        index[:, _lists.FIRST] = index[:, _lists.LAST] = index[:, _lists.ROOM] - capacity
+        index[:, _lists.PARTNER] = _events.NONE
         leaves = 1
         while 4 * leaves < count:
             leaves *= 4
         near = _lines(int(capacity.sum()) // 16, 8).view(np.uint32).reshape(-1)
-        return State(
+        return _lists.State(
             sphere, bubble, index, _lines((4 * leaves - 1) // 3, 8), near, shift, cell, level.astype(np.int32), reach, cells,
             offset[:-1].copy(), np.full(offset[-1], -1, np.int32), np.full(count, -1, np.int32), self.clock, self.tally)
 
@@ -85,7 +84,7 @@ class Spheres:
             standing, limit = 0, 2000 * self.count + 100_000
             while standing < self.count and limit > 0:
                 uniform = self.rng.random((min(limit, 65536), 3))
-                standing, used = kernels.insert(state, standing, uniform)
+                standing, used = _lists.insert(state, standing, uniform)
                 limit -= used
                 trials += used
                 self.tell(self)
@@ -107,12 +106,12 @@ class Spheres:
 
     @property
     def collisions(self):
-        return int(self.tally[kernels.COLLISIONS])
+        return int(self.tally[_events.COLLISIONS])
 
     @property
     def fraction(self):
         """Of now, in the midst of growth too."""
-        return float(self.volume * (self.scale + self.clock[kernels.RATE] * self.clock[kernels.TIME]) ** 3)
+        return float(self.volume * (self.scale + self.clock[_events.RATE] * self.clock[_events.TIME]) ** 3)
 
     # -- motion -------------------------------------------------------------------------------------------------------------
 
@@ -131,7 +130,7 @@ class Spheres:
         self.order = self.order[permutation]
         while True:
             self.state = self._state(self.sphere, self._bubbles(end))
-            if kernels.relist_all(self.state):
+            if _lists.relist_all(self.state):
                 return
             self.room *= 1.5
 
@@ -144,11 +143,11 @@ class Spheres:
     def _window(self, end, rate, collisions):
         """Run until the scale `end` or so many collisions; whether the end was reached."""
         clock, tally = self.clock, self.tally
-        clock[kernels.TIME], clock[kernels.SCALE], clock[kernels.RATE], clock[kernels.VIRIAL] = 0.0, self.scale, rate, 0.0
-        kernels.predict_all(self.state)
+        clock[_events.TIME], clock[_events.SCALE], clock[_events.RATE], clock[_events.VIRIAL] = 0.0, self.scale, rate, 0.0
+        _events.predict_all(self.state)
         goal, elapsed = self.collisions + collisions, 0.0
         while True:
-            stop = (end - clock[kernels.SCALE]) / rate if rate > 0 else np.inf
+            stop = (end - clock[_events.SCALE]) / rate if rate > 0 else np.inf
             events, most = self.pulse, goal
             if self.budget is not None:
                 events, most = min(events, self.budget[0] - int(tally.sum())), min(goal, self.budget[1])
@@ -156,30 +155,30 @@ class Spheres:
                     self.settle()
                     raise OutOfBudget
             started = time.perf_counter()
-            why = kernels.run(self.state, stop, most, events)
-            if events == self.pulse and why == kernels.PAUSED:  # no value depends on this clock, only the length of a piece
+            why = _events.run(self.state, stop, most, events)
+            if events == self.pulse and why == _events.PAUSED:  # no value depends on this clock, only the length of a piece
                 spent = max(time.perf_counter() - started, 1e-6)
                 self.pulse = int(min(max(events * PULSE / spent, 0.5 * events, 1000), 2.0 * events, 1e6))
             self.tell(self)
-            if why == kernels.FULL:
-                elapsed += clock[kernels.TIME]
+            if why == _events.FULL:
+                elapsed += clock[_events.TIME]
                 self.settle()
                 self.room *= 1.5
                 self._prepare(end)
-                kernels.predict_all(self.state)
-            elif why != kernels.PAUSED and (why == kernels.STOPPED or self.collisions >= goal):
+                _events.predict_all(self.state)
+            elif why != _events.PAUSED and (why == _events.STOPPED or self.collisions >= goal):
                 break
-        elapsed += clock[kernels.TIME]
+        elapsed += clock[_events.TIME]
         temperature = self._advance()
         mean = (temperature - 1.0) / np.log(temperature) if abs(temperature - 1.0) > 1e-6 else 1.0
         if elapsed > 0:
-            self.pressure = 1.0 + clock[kernels.VIRIAL] / (3.0 * self.count * mean * elapsed)
-        return why == kernels.STOPPED
+            self.pressure = 1.0 + clock[_events.VIRIAL] / (3.0 * self.count * mean * elapsed)
+        return why == _events.STOPPED
 
     def settle(self):
         """All spheres to the present time, velocities as they are."""
-        twice = kernels.advance(self.state)
-        self.scale = float(self.clock[kernels.SCALE])
+        twice = _events.advance(self.state)
+        self.scale = float(self.clock[_events.SCALE])
         return twice
 
     def grow(self, fraction, rate, jammed):
