@@ -118,6 +118,8 @@ def _kernel(dispatcher):
     if type(dispatcher) is CPUDispatcher:
         dispatcher.__class__ = Kernel
         dispatcher._compiler.__class__ = linked.FunctionCompiler
+        if hasattr(dispatcher._cache, "_cache_file"):
+            dispatcher._cache._cache_file.__class__ = _Index
     return dispatcher
 
 
@@ -148,6 +150,16 @@ def _waiting(dispatcher):
     """While another process compiles: who counts the time of compiling counts this as well."""
     with event.trigger_event("numba:compile", data={"dispatcher": dispatcher, "args": (), "return_type": None, "waiting": True}):
         yield
+
+
+class _Index(caching.IndexDataCacheFile):
+    """Which kernels numba keeps of a function."""
+
+    def _load_index(self):
+        try:
+            return super()._load_index()
+        except (AttributeError, ImportError):
+            return {}  # kept by other sources: a record that it names has moved since, or is gone
 
 
 class _BySources:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import re
 import subprocess
 import sys
@@ -71,6 +72,17 @@ def test_every_kernel_is_kept_by_its_sources():
 
     for dispatcher in (kernels.phase_value, wavefront.to_rgb):
         assert isinstance(dispatcher._cache._impl.locator, compiled._BySources)
+
+
+def test_a_record_that_has_moved_since_is_no_error(tmp_path):
+    index = compiled._Index(str(tmp_path), "toy", "stamp")
+    index._save_index({"types": sources.Path})
+    kept = (tmp_path / "toy.nbi").read_bytes()
+    for module, name in ((b"nowhere", b"Path"), (b"pathlib", b"Gone")):
+        (tmp_path / "toy.nbi").write_bytes(pickle.dumps(index._version) + b"c" + module + b"\n" + name + b"\n.")
+        assert index._load_index() == {}
+    (tmp_path / "toy.nbi").write_bytes(kept)
+    assert index._load_index() == {"types": sources.Path}
 
 
 def test_sources_are_the_file_and_what_it_imports():
