@@ -75,7 +75,7 @@ def medium(albedo, g):
 
 
 def shipped(name, size, changes=()):
-    """Light in a shipped scene, `transport.Transport`, after changes (pattern, what takes its place) of its XML."""
+    """Light in a shipped scene, `setup.Transport`, after changes (pattern, what takes its place) of its XML."""
     job = Render(scenes.load(SCENES / f"{name}.yaml", {"method": "vrl+tables"}), folder() / f"{name}.png", overwrite=True)
     values, text = job.scene.values, (SCENES / f"{name}.xml").read_text(encoding="utf-8")
     for pattern, other in [(r'"filename" value="', f'"filename" value="{SCENES}/'), *changes]:

@@ -12,7 +12,7 @@ from bakery.kernels import stream_key
 from renderers.materials.bodies import _beams, beams, methods
 from renderers.materials.bodies._cells import cells_of
 from renderers.materials.bodies.paths import Paths
-from renderers.materials.bodies.transport import _share
+from renderers.materials.bodies.surfaces import _share
 from renderers.transport import wavefront
 from renderers.transport.scattering import scatterer
 from tests.odds import ODDS

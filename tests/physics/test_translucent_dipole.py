@@ -59,10 +59,11 @@ def test_a_ball_is_too_bright_by_what_is_known():
     """Against paths, of light scattered twice and more, in light from everywhere: the dipole of light that comes in counts single
     scattering too, and is too bright near where that is.  Fixed seed; 5 standard errors: a false alarm in 6e-7."""
     from bakery import kernels
-    from renderers.materials.bodies import methods, transport
+    from renderers.materials.bodies import methods, setup
     from renderers.materials.bodies.bodies import laid_out
     from renderers.mitsuba import variants
     from renderers.mitsuba.world import World
+    from renderers.transport.paths import Colours
     from tests.conftest import ROOT
 
     variants.activate("rgb", None)
@@ -77,7 +78,7 @@ def test_a_ball_is_too_bright_by_what_is_known():
     medium = scatterer([200.0], [0.9], np.array([0, np.pi]), np.full((1, 2), 1 / (4 * np.pi)))
     ball = Body("ball", *kernels.solid(shape.vertices, shape.faces), 1.0, True, medium, [], False, shells.none(1))
     bodies, geometry = laid_out(world, [ball], None)
-    how = transport.Transport(world, bodies, geometry, transport.Colours(np.ones((3, 1)), np.full((1, 3), 1 / 3)), [[]])
+    how = setup.Transport(world, bodies, geometry, Colours(np.ones((3, 1)), np.full((1, 3), 1 / 3)), [[]])
     (paths,) = methods.parts(how, "paths", "negative", 0)
     _, dipoles = methods.parts(how, "dipole", "negative", 0, places=16384, walks=32768)
     true = [sum(made[name].mean() for name in ("order2", "orders")) for made in map(paths.render, range(16))]

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from bakery import kernels
-from renderers.materials.bodies import refraction, shells, transport
+from renderers.materials.bodies import refraction, setup, shells, surfaces, transport
 from renderers.materials.bodies.bodies import Body, laid_out
 from renderers.materials.bodies.paths import Paths
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
 from renderers.transport import wavefront
+from renderers.transport.paths import Colours
 from renderers.transport.scattering import scatterer
 from tests.conftest import ROOT
 
@@ -34,8 +35,8 @@ def lit(shape):
     medium = scatterer([SIGMA], [0.9], np.array([0, np.pi]), np.full((1, 2), 1 / (4 * np.pi)))
     bodies, geometry = laid_out(world, [Body("ball", *kernels.solid(found.vertices, found.faces), found.index, found.smooth,
                                              medium, [], False, shells.none(1))], None)
-    colours = transport.Colours(np.ones((3, 1)), np.full((1, 3), 1 / 3))
-    return transport.Transport(world, bodies, geometry, colours, [refraction.bent(world, bodies[0], [found])])
+    colours = Colours(np.ones((3, 1)), np.full((1, 3), 1 / 3))
+    return setup.Transport(world, bodies, geometry, colours, [refraction.bent(world, bodies[0], [found])])
 
 
 def from_inside(how, count):
@@ -45,7 +46,7 @@ def from_inside(how, count):
     points, states = low + (high - low) * np.random.default_rng(1).random((count, 3)), np.empty(count, np.uint64)
     wavefront.begin_streams(kernels.stream_key(0, "render.translucent", 0), 0, states)
     paths = Paths.begun(points, np.tile([0.0, 0, 1], (count, 1)), np.ones((count, 1)), states, np.arange(count))
-    paths = paths.of(transport.located(how.geometry, paths) == 0)
+    paths = paths.of(surfaces.located(how.geometry, paths) == 0)
     place, _, within, share = refraction.joined(how, 0, bent, paths)
     sample = how.world.from_light(bent.number, place)
     away = sample.direction.astype(float)
@@ -72,7 +73,7 @@ def from_outside(how, count):
     way = -away / INDEX + (cosine / INDEX - beyond)[:, None] * normal
     reflected = np.array([kernels.fresnel(max(one, 0.0), INDEX)[0] for one in cosine])
     paths = Paths.begun(points + how.off * way, way, np.ones((count, 1)), np.zeros(count, np.uint64), np.arange(count))
-    far = np.where(transport.located(how.geometry, paths) == 0, paths.far, 0.0)
+    far = np.where(surfaces.located(how.geometry, paths) == 0, paths.far, 0.0)
     values = np.where(seen, (1 - reflected) * cosine * sample.radiance[:, 0] * -np.expm1(-SIGMA * far) / SIGMA, 0) * area.sum()
     return values.mean(), values.std() / np.sqrt(count)
 

@@ -15,7 +15,7 @@ from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from renderers.materials.bodies import _shells, methods, shells
 from renderers.materials.bodies.bodies import Body, laid_out
-from renderers.materials.bodies.transport import Transport
+from renderers.materials.bodies.setup import Transport
 from renderers.mitsuba.world import World
 from renderers.transport.paths import Colours
 from renderers.transport.scattering import scatterer

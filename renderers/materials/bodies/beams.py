@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from renderers.materials.bodies import _beams, light, transport
+from renderers.materials.bodies import _beams, light, surfaces
 from renderers.materials.bodies._beams import Lit, Spread
 from renderers.materials.bodies._cells import Cells, cells_of
 from renderers.threads import run
@@ -51,7 +51,7 @@ def entering(setup, number, entries, places, pass_number, seed) -> tuple[Lit, Li
     """Beams of light samples that come in through the boundary of body `number` in a pass, and those that their first events
     begin; none where the boundary does not turn light.
 
-    setup : `transport.Transport`;  entries : `light.Entries`;  places : that are drawn on the boundary
+    setup : `setup.Transport`;  entries : `light.Entries`;  places : that are drawn on the boundary
     """
     body, waves = setup.bodies[number], len(setup.colours.to_waves)
     if body.matched:
@@ -63,7 +63,7 @@ def entering(setup, number, entries, places, pass_number, seed) -> tuple[Lit, Li
     bright = np.flatnonzero((power > 0).any(axis=1))
     towards = sample.direction[bright].astype(float)
     goes, paths, power = light.refracted(setup, body, point[bright], towards, power[bright], states[bright])
-    inside = transport.located(setup.geometry, paths) == number
+    inside = surfaces.located(setup.geometry, paths) == number
     bright, paths = bright[goes[inside]], paths.of(inside)
     paths.throughput[:] = power[inside]
     first = direct(setup, number, paths, normal[bright], np.where(sample.delta, np.inf, sample.density)[bright])
@@ -80,7 +80,7 @@ def direct(setup, number, paths, normal, density) -> Lit:
 def of_events(setup, number, paths) -> Lit:
     """Beams that begin at the next events of paths in body `number`."""
     turned = light.turned(setup, number, paths)[0]
-    transport.located(setup.geometry, turned)
+    surfaces.located(setup.geometry, turned)
     return begun(turned.origin, turned.direction, turned.far, turned.throughput, np.ones(turned.count, np.int64))
 
 
@@ -103,7 +103,7 @@ def of(origin, direction, normal, length, power, density, before) -> Lit:
 
 
 class Joins(NamedTuple):
-    """How lines of sight gather beams that pass close by (as `transport.Gather`).
+    """How lines of sight gather beams that pass close by (as `gather.Gather`).
 
     sets : of tuples of lit (`Lit`), cells (`Cells`) and `_beams.Spread`, each of every body
     every : whether flights after events gather, too; of `sets` then no beam begins at an event
@@ -117,7 +117,7 @@ class Joins(NamedTuple):
         lines = paths.of(((paths.events == 0) | self.every) & (paths.throughput > 0).any(axis=1))
         if not lines.count:
             return
-        brought, facing = np.zeros((3, *lines.throughput.shape)), transport.facing(setup, lines)
+        brought, facing = np.zeros((3, *lines.throughput.shape)), surfaces.facing(setup, lines)
         for its in self.sets:
             run(_beams.join, lines.count, setup.bodies[number].medium, *(part[number] for part in its), lines, facing, brought,
                 block=64)

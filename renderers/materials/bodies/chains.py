@@ -14,9 +14,9 @@ from __future__ import annotations
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.materials.bodies import _geometry, _walk, beams, light, transport
+from renderers.materials.bodies import _geometry, _walk, beams, light, surfaces, transport
 from renderers.materials.bodies.paths import Paths
-from renderers.materials.bodies.transport import Sums
+from renderers.materials.bodies.setup import Sums
 from renderers.threads import run
 from renderers.transport import wavefront
 from renderers.transport.paths import joined
@@ -29,9 +29,9 @@ _SHARPER = 0.5  # width over which beams are spread a second time, over the firs
 
 
 class Gathering:
-    """Lines of sight gather beams of a pass, once spread as wide as they are and once half as wide (as `transport.Gather`).
+    """Lines of sight gather beams of a pass, once spread as wide as they are and once half as wide (as `gather.Gather`).
 
-    wide, sharp : `transport.Sums` of what they bring
+    wide, sharp : `setup.Sums` of what they bring
     """
 
     def __init__(self, setup, beams_of_bodies, width, width_of_events, pixels, every):
@@ -49,7 +49,7 @@ class Gathering:
 def gathering(setup, entries, number, seed, every, events) -> Gathering:
     """What gathers the beams of a pass.
 
-    setup : `transport.Transport`;  entries : `light.Entries` of each body
+    setup : `setup.Transport`;  entries : `light.Entries` of each body
     every : whether all flights gather them; else those that come from surfaces alone
     events : whether beams count that begin at the first events of these
     number, seed : of the pass: its random numbers
@@ -90,12 +90,12 @@ def _arriving(setup, entries, number, seed):
     parts += [_from_inside(setup, source, number, seed) for source in setup.enclosed]
     behind = []
     for paths, power in parts:
-        before = transport.located(setup.geometry, paths)
+        before = surfaces.located(setup.geometry, paths)
         owner = np.where(paths.triangle >= 0, setup.geometry.owner[paths.triangle], -1)
         paths.seen[:], paths.pixel[:] = True, np.arange(paths.count)
-        beyond = transport.shaded(setup, paths, Sums(0, by_paths=False), power=True)
+        beyond = surfaces.shaded(setup, paths, Sums(0, by_paths=False), power=True)
         beyond = beyond.of(beyond.single)  # from rough surfaces a light sample finds the light
-        within, rays = transport.located(setup.geometry, beyond), beyond.pixel
+        within, rays = surfaces.located(setup.geometry, beyond), beyond.pixel
         refracted.append((within >= 0) & (within == owner[rays]) & (before[rays] != within))
         beyond.pixel[:] += offset
         offset += len(power)
@@ -136,13 +136,13 @@ def _from_inside(setup, source, pass_number, seed):
         paths, turns = _ahead(setup, paths)
         # what leaves no body meets no smooth surface of one first
         arrived.append(paths.of(turns))
-        paths = transport.crossed(setup, paths.of(~turns))
+        paths = surfaces.crossed(setup, paths.of(~turns))
     return _scaled(joined(arrived))
 
 
 def _ahead(setup, paths):
     """Paths in bodies that have a surface ahead, with what the medium leaves of them there, and whether (n,) it turns light."""
-    within = transport.located(setup.geometry, paths)
+    within = surfaces.located(setup.geometry, paths)
     goes = np.flatnonzero((within >= 0) & np.isfinite(paths.far))
     paths, within = paths.of(goes), within[goes]
     for number in np.unique(within):
@@ -150,7 +150,7 @@ def _ahead(setup, paths):
         its = paths.of(rows)
         run(_walk.straight, len(rows), setup.bodies[number].medium, its)
         paths.throughput[rows] = its.throughput
-    return paths, ~transport.blind(setup, paths)
+    return paths, ~surfaces.blind(setup, paths)
 
 
 def _scaled(paths):
@@ -179,7 +179,7 @@ class _Collected:
             return
         setup, (direct, events) = self._setup, self._parts[number]
         paths.throughput[:] *= power[:, None]
-        direct.append(beams.direct(setup, number, paths, transport.facing(setup, paths), np.full(paths.count, np.inf)))
+        direct.append(beams.direct(setup, number, paths, surfaces.facing(setup, paths), np.full(paths.count, np.inf)))
         if self._events:
             wavefront.skip(paths.states, 1 << 42)
             events.append(beams.of_events(setup, number, paths))
@@ -193,7 +193,7 @@ class _Collected:
 def _follow(setup, paths, power, joined_directly, collected):
     """Adds the beams of paths, but for those whose events are joined with the light itself, up to their end."""
     while paths.count:
-        within = transport.located(setup.geometry, paths)
+        within = surfaces.located(setup.geometry, paths)
         for number in np.unique(within[within >= 0]):
             its = paths.of((within == number) & ~joined_directly)
             collected.add(number, its, power[its.pixel])
@@ -204,10 +204,10 @@ def _follow(setup, paths, power, joined_directly, collected):
 def _onward(setup, paths, within):
     """Parts of paths beyond the next surface: those that were outside of bodies; and in them, across boundaries to which light is
     blind, and turned."""
-    outside = transport.at_surfaces(setup, paths.of(within == _geometry.OUTSIDE), Sums(0, by_paths=False), power=True)
+    outside = surfaces.at_surfaces(setup, paths.of(within == _geometry.OUTSIDE), Sums(0, by_paths=False), power=True)
     paths, turns = _ahead(setup, paths.of(within >= 0))
-    turned = transport.shaded(setup, paths.of(turns), Sums(0, by_paths=False), power=True)
-    return outside, transport.crossed(setup, paths.of(~turns)), turned
+    turned = surfaces.shaded(setup, paths.of(turns), Sums(0, by_paths=False), power=True)
+    return outside, surfaces.crossed(setup, paths.of(~turns)), turned
 
 
 # ---- what no method brings
@@ -222,7 +222,7 @@ def caustics(setup, entries, seed) -> np.ndarray:
     paths, power, _ = _arriving(setup, entries, 0, seed)
     mean = np.zeros(3)
     while paths.count:
-        outside, crossed, turned = _onward(setup, paths, transport.located(setup.geometry, paths))
+        outside, crossed, turned = _onward(setup, paths, surfaces.located(setup.geometry, paths))
         paths = joined([outside, turned])
         spread = paths.of(~paths.single)
         mean += _seen(setup.world, spread.origin) @ (spread.throughput * power[spread.pixel, None]) @ setup.colours.to_rgb.T

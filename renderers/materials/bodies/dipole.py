@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from bakery import kernels
-from renderers.materials.bodies import _dipole, _geometry, smooth, transport
-from renderers.materials.bodies.transport import Sums
+from renderers.materials.bodies import _dipole, _geometry, gather, smooth, surfaces, transport
+from renderers.materials.bodies.setup import Sums
 from renderers.threads import run
 from renderers.transport.paths import joined
 
@@ -45,24 +45,24 @@ def dipole_of(body) -> _dipole.Dipole:
 def seen(setup, beams, picks, number, seed) -> np.ndarray:
     """Light (pixels, 3), linear sRGB, that dipoles send to the eye in a pass.
 
-    setup : `transport.Transport`
+    setup : `setup.Transport`
     beams : of each body, `_gather.Beams` that begin where light comes in;  picks : of them, drawn for a line of sight
     number, seed : of the pass
     """
     dipoles = [dipole_of(body) for body in setup.bodies]
-    normals = [transport.facing(setup, its) for its in beams]
+    normals = [surfaces.facing(setup, its) for its in beams]
     pixels = setup.world.size[0] * setup.world.size[1]
     sums = Sums(pixels, by_paths=False)
     paths = transport.begin(setup, np.arange(pixels), number, seed)
     while paths.count:
-        body = transport.located(setup.geometry, paths)
-        parts = [transport.at_surfaces(setup, paths.of(body == _geometry.OUTSIDE), sums)]
+        body = surfaces.located(setup.geometry, paths)
+        parts = [surfaces.at_surfaces(setup, paths.of(body == _geometry.OUTSIDE), sums)]
         for at in np.unique(body[body != _geometry.OUTSIDE]):
             lines = paths.of(body == at)
             _gathered(setup, lines, at, dipoles[at], beams[at], normals[at], picks, sums)
             # what is not scattered goes on beyond the body; the dipole knows of light that is turned back in it
             done = joined(transport.inside(setup, lines, at, 0, sums, None))
-            parts.append(done.of(transport.located(setup.geometry, done) != at))
+            parts.append(done.of(surfaces.located(setup.geometry, done) != at))
         paths = joined(parts)
     return sums.gathered
 
@@ -71,9 +71,9 @@ def _gathered(setup, paths, number, dipole, beams, normal, picks, sums):
     """Adds what leaves a body where paths come in."""
     if not len(beams.length):
         return
-    order = transport.by_place(paths.origin, setup.bodies[number].vertices)
+    order = gather.by_place(paths.origin, setup.bodies[number].vertices)
     lines = paths.of(order)
     brought, groups = np.empty(lines.throughput.shape), -(-lines.count // _dipole.TOGETHER)
-    run(_dipole.gather, groups, dipole, beams, normal, picks, lines, transport.facing(setup, lines), brought, block=16)
+    run(_dipole.gather, groups, dipole, beams, normal, picks, lines, surfaces.facing(setup, lines), brought, block=16)
     paths.states[order] = lines.states
     sums.add_gathered(lines, brought * lines.throughput @ setup.colours.to_rgb.T)

@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.materials.bodies import _geometry, _light, _walk, shells, transport
+from renderers.materials.bodies import _geometry, _light, _walk, gather, shells, surfaces, transport
 from renderers.materials.bodies._gather import Beams
 from renderers.materials.bodies.paths import UNLIMITED, Paths
-from renderers.materials.bodies.transport import Sums
+from renderers.materials.bodies.setup import Sums
 from renderers.threads import run
 from renderers.transport import steps, wavefront
 from renderers.transport.paths import joined
@@ -49,7 +49,7 @@ def entries_of(setup, number, places, seed) -> Entries:
     area = areas(body)
     entries = even = Entries(np.cumsum(area) / area.sum(), np.full(len(area), 1 / area.sum()))
     groups = np.empty(len(area), np.int64)
-    order = transport.by_place(body.vertices[body.faces].mean(axis=1), body.vertices)
+    order = gather.by_place(body.vertices[body.faces].mean(axis=1), body.vertices)
     groups[order] = np.minimum(np.cumsum(area[order]) / area.sum() * _GROUPS, _GROUPS - 1).astype(np.int64)
     whole = np.maximum(np.bincount(groups, area, _GROUPS), 1e-300)
     for number_of_round in range(_ROUNDS):
@@ -67,7 +67,7 @@ def entries_of(setup, number, places, seed) -> Entries:
 def beams(setup, entries, places, walks, boundary, by_events, number, seed) -> list[Beams]:
     """Beams in each body in a pass.
 
-    setup : `transport.Transport`
+    setup : `setup.Transport`
     entries : `Entries` of each body;  places : of each boundary that are drawn, two beams each
     walks : of the light, from some of those beams
     boundary : whether light that leaves is taken away (negative beams)
@@ -77,7 +77,7 @@ def beams(setup, entries, places, walks, boundary, by_events, number, seed) -> l
     collected, parts, powers = [_Made(not body.convex) for body in setup.bodies], [], []
     for body, its in enumerate(entries):
         _, paths, power = _entered(setup, body, its, places, number, seed)
-        inside = transport.located(setup.geometry, paths) == body
+        inside = surfaces.located(setup.geometry, paths) == body
         parts.append(paths.of(inside))
         powers.append(power[inside])
     for paths, power in _emitted(setup, places, number, seed):
@@ -110,7 +110,7 @@ class _Made:
                 np.zeros(0, bool))
         collected = [np.concatenate(arrays) for arrays in zip(none, *self._parts, strict=True)]
         # neighbours one after another, as `_choice` wants them
-        order = transport.by_place(collected[0], collected[0]) if len(collected[0]) else np.zeros(0, np.int64)
+        order = gather.by_place(collected[0], collected[0]) if len(collected[0]) else np.zeros(0, np.int64)
         return Beams(*(np.ascontiguousarray(values[order]) for values in collected))
 
 
@@ -132,8 +132,8 @@ def _entered(setup, number, entries, places, pass_number, seed):
     seen = Sums(places)
     while looking.count:
         # what has been in a body comes by walks
-        outside = transport.located(setup.geometry, looking) == _geometry.OUTSIDE
-        looking = transport.at_surfaces(setup, looking.of(outside), seen)
+        outside = surfaces.located(setup.geometry, looking) == _geometry.OUTSIDE
+        looking = surfaces.at_surfaces(setup, looking.of(outside), seen)
     from_paths = seen.by_order.sum(axis=0) @ setup.colours.to_waves.T * np.pi
     towards, power = np.concatenate([sample.direction.astype(float), direction]), np.concatenate([from_lamps, from_paths])
     bright = np.flatnonzero((power > 0).any(axis=1))
@@ -214,7 +214,7 @@ def _emitted(setup, rays, number, seed) -> list[tuple[Paths, np.ndarray]]:
     boxes = [np.array([body.vertices.min(axis=0), body.vertices.max(axis=0)]) for body in setup.bodies]
     for lamp in setup.world.lights_in(boxes):
         paths, power = sent(setup, lamp, rays, key, lamp * rays)
-        inside = transport.located(setup.geometry, paths) != _geometry.OUTSIDE
+        inside = surfaces.located(setup.geometry, paths) != _geometry.OUTSIDE
         beams.append((paths.of(inside), power[inside]))
     return beams
 
@@ -253,7 +253,7 @@ def _walk_on(setup, paths, scale, collected, by_events):
     fresh = np.ones(paths.count, bool)
     while paths.count:
         within = _begun(setup, paths, fresh, scale, collected)
-        parts = [transport.at_surfaces(setup, paths.of(within == _geometry.OUTSIDE), Sums(0, by_paths=False), power=True)]
+        parts = [surfaces.at_surfaces(setup, paths.of(within == _geometry.OUTSIDE), Sums(0, by_paths=False), power=True)]
         kept = [np.ones(parts[0].count, bool)]
         for body in np.unique(within[within >= 0]):
             its = paths.of(within == body)
@@ -266,7 +266,7 @@ def _walk_on(setup, paths, scale, collected, by_events):
 
 def _begun(setup, paths, fresh, scale, collected):
     """Adds beams of paths where they are in bodies and begin one, `fresh` (n,) bool; the bodies (n,)."""
-    within = transport.located(setup.geometry, paths)
+    within = surfaces.located(setup.geometry, paths)
     for body in np.unique(within[within >= 0]):
         begins = paths.of(fresh & (within == body))
         collected[body].add(begins.origin, begins.direction, begins.far, scale * begins.throughput, begins.order,
@@ -289,14 +289,14 @@ def _walked(setup, number, paths, scale, collected):
     beyond.origin[:] += setup.off * beyond.direction
     meets = paths.of(ends.status == _light.SURFACE)
     return [(paths.of(ends.status == _light.MORE), True), (beyond, False),
-            (transport.shaded(setup, meets, Sums(0, by_paths=False), power=True), False)]
+            (surfaces.shaded(setup, meets, Sums(0, by_paths=False), power=True), False)]
 
 
 def _ways(setup, number, paths):
     """The same, up to the next event or surface."""
     scattered, meets = turned(setup, number, paths)
-    surfaces = transport.at_surfaces(setup, paths.of(meets), Sums(0, by_paths=False), power=True, traced=False)
-    return [(scattered, False), (surfaces, False)]
+    onward = surfaces.at_surfaces(setup, paths.of(meets), Sums(0, by_paths=False), power=True, traced=False)
+    return [(scattered, False), (onward, False)]
 
 
 def turned(setup, number, paths):

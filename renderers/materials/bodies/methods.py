@@ -16,9 +16,10 @@ from renderers.materials.bodies.bias import CLOSER, SHARPER
 from renderers.materials.bodies.bodies import Body, has_tables, holds, laid_out, medium_of, solid_shape, untabled
 from renderers.materials.bodies.declaration import DIFFUSED, FEW, GATHERED, JOINED, MUTATED
 from renderers.materials.bodies.declared import methods
+from renderers.materials.bodies.gather import Gather
 from renderers.materials.bodies.paths import UNLIMITED
+from renderers.materials.bodies.setup import Transport
 from renderers.materials.bodies.thin import WALKS
-from renderers.materials.bodies.transport import Gather, Transport
 from renderers.pictures.engine import Part
 from renderers.pictures.passes import Method
 from renderers.scene.budget import percent
@@ -150,7 +151,7 @@ def _too_wide(name, vertices, faces, reduced, method):
 def parts(setup, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS):
     """The parts of a method, as `renderers.pictures.progressive` takes them.
 
-    setup : `transport.Transport`;  name, boundary : method and boundary as a scene names them
+    setup : `setup.Transport`;  name, boundary : method and boundary as a scene names them
     places, walks : places where light comes in, and walks
     picks : beams that are drawn for a place of a body: by all lines of sight together that share their light, `_LEAST` by each;
         with tables `_ALONE` by those that do not

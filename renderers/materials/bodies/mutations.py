@@ -21,10 +21,10 @@ import numpy as np
 
 from bakery.kernels import stream_key
 from renderers.colour import LUMINANCE
-from renderers.materials.bodies import _mutations, light, smooth, transport
+from renderers.materials.bodies import _mutations, gather, light, smooth, surfaces, transport
 from renderers.materials.bodies._mutations import NUMBERS, Chains, Edge, Plan, Sights
 from renderers.materials.bodies.bias import CLOSER
-from renderers.materials.bodies.transport import Sums
+from renderers.materials.bodies.setup import Sums
 from renderers.threads import run
 from renderers.transport import wavefront
 from renderers.transport.metropolis import Figures
@@ -71,7 +71,7 @@ class Mutations:
         """
         Parameters
         ----------
-        setup : `transport.Transport`;  settings : `Settings`;  seed : of the random numbers of all passes
+        setup : `setup.Transport`;  settings : `Settings`;  seed : of the random numbers of all passes
         entries : function that gives `light.Entries` of each body, of which the first pass asks
         """
         self._setup, self._entries, self._settings, self._seed = setup, entries, settings, seed
@@ -154,10 +154,10 @@ class Mutations:
 
     def _sights(self, body, lines):
         """`Sights` of paths in a body: those that the camera sees as they come first, then others."""
-        order = transport.by_place(lines.origin, self._setup.bodies[body].vertices)
+        order = gather.by_place(lines.origin, self._setup.bodies[body].vertices)
         lines = lines.of(order[np.argsort((lines.order + ~lines.seen)[order] > 0, kind="stable")])
         mirrored = np.isfinite(self._settings.beyond[body]).any()
-        facing = transport.facing(self._setup, lines) if mirrored else np.empty((0, 3))
+        facing = surfaces.facing(self._setup, lines) if mirrored else np.empty((0, 3))
         weight = lines.throughput / self._samples
         return Sights(lines.origin, lines.direction, lines.far, facing, weight, lines.pixel, lines.order)
 
@@ -168,13 +168,13 @@ class Mutations:
 
 
 class _Collected:
-    """Lines of sight, as a pass comes to them (called as `transport.Gather`); parts : of each body."""
+    """Lines of sight, as a pass comes to them (called as `gather.Gather`); parts : of each body."""
 
     def __init__(self):
         self.parts = {}
 
     def __call__(self, setup, paths, number, sums):
-        self.parts.setdefault(number, []).append(transport.sights(paths)[1])
+        self.parts.setdefault(number, []).append(gather.sights(paths)[1])
 
 
 class _Group:

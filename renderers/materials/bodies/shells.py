@@ -54,7 +54,7 @@ def _stored(arrays, reach):
 
 
 def laid(transport):
-    """A `transport.Transport` whose bodies have shells as large as there is room.
+    """A `setup.Transport` whose bodies have shells as large as there is room.
 
     Not bodies at whose events lights without extent are sampled: last events inside of a sphere take no light samples, and paths
     do not find such lights by chance.

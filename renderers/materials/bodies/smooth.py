@@ -13,8 +13,8 @@ import numpy as np
 from bakery.kernels import lent
 from bakery.system.compiled import njit
 from renderers.materials.bodies import _geometry
+from renderers.materials.bodies.surfaces import located
 from renderers.materials.bodies.thin import chord
-from renderers.materials.bodies.transport import located
 from renderers.mitsuba.shading import LOBE
 from renderers.threads import run
 from renderers.transport.scattering import mean_cosines
