@@ -226,7 +226,8 @@ def _blocks(batch, places, level, polarized, rays):
     """(where in the places it begins, (channel, x, weight, indices of angles, method, seconds)) of blocks of bounded size."""
     radius, weight = batch.nodes.fixed() if level is None else batch.nodes.fresh(level)
     # S is summed, the phase function is S / (k^2 C_sca): k^2 stays out until the end
-    x, weight = np.array([channel.k for channel in batch.channels])[:, None] * radius, weight.copy()  # kernels take no read-only array
+    x = np.array([channel.k for channel in batch.channels])[:, None] * radius
+    weight = weight.copy()  # numba would compile the kernels anew for a read-only array
     bounds = np.searchsorted(places, np.arange(len(batch.channels) + 1) * len(batch.theta))
     small = _in_one(batch, x, np.diff(bounds), polarized)
     for i, channel in enumerate(batch.channels):
