@@ -19,6 +19,7 @@ from bakery.physics.surfaces.layer import Layer, between, homogeneous
 from bakery.physics.surfaces.nodes import Nodes, coordinate, interpolation, nodes
 from bakery.physics.surfaces.orders import phase_matrices
 from bakery.physics.surfaces.slab import Slab
+from bakery.physics.surfaces.stack import Stacked, stacked
 
 _LEAST_NODES, _SPARE_NODES = 24, 8
 _NEGLIGIBLE = 1e-3  # of the tolerance: a Fourier order below that twice in a row ends their sum
@@ -99,15 +100,17 @@ class Solution:
         return result
 
 
-def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution | Covered:
+def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution | Covered | Stacked:
     """The slab with a given number of Legendre moments.
 
     Parameters
     ----------
-    moments : at least count + 1 Legendre moments of the phase function
+    moments : at least count + 1 Legendre moments of the phase function; a list of them where other layers are under it
     count : that are carried
     tolerance : relative; Fourier orders that matter less are left out
     """
+    if slab.under is not None:
+        return stacked(slab, moments, count, tolerance)
     if slab.roughness and slab.index != 1:
         return covered(slab, moments, count, tolerance)
     without = cut(moments, slab.albedo, count)
