@@ -229,19 +229,25 @@ class _Run:
 def missing(trial: Trial, others: Mapping[str, Trial], exact: Container[str]) -> float:
     """Light, over its own, that a pilot lacks by three standard errors of what one of some others has found: of all light where
     that is without an error; of a lamp, and of what has scattered, only what is found less than half of, as others may be off.
+    Lamps are compared where both have layers of them.
 
     others : by the names of their methods;  exact : names of those without an error
     """
     lacks = [0.0]
     for name, reference in others.items():
         scattered = [layer for layer in ORDERS[2:] if layer in reference.light]
+        lamps = list(filter(_of_lamp, reference.light)) if any(map(_of_lamp, trial.light)) else []
         whole = [[""]] if name in exact else []
         for layers, share in [*((each, 1.0) for each in whole),
-                              *(([layer], 0.5) for layer in reference.light if layer.startswith(LAMP)), (scattered, 0.5)]:
+                              *(([layer], 0.5) for layer in lamps), (scattered, 0.5)]:
             (mean, error), (reference_mean, reference_error) = _mean(trial, layers), _mean(reference, layers)
             if share * reference_mean - mean > 3 * math.hypot(error, reference_error):
                 lacks.append((reference_mean - mean) / max(trial.level, _BLACK * reference.level))
     return max(lacks)
+
+
+def _of_lamp(layer):
+    return layer.startswith(LAMP)
 
 
 def _mean(trial, layers):

@@ -6,6 +6,7 @@ from renderers.materials.bodies.declaration import BodyMethod
 from renderers.materials.bodies.declared import vrl_tables
 
 METHOD = BodyMethod(
-    name="auto", words="the cheapest of paths, vrl+tables, shells and vrl that keeps the tolerance, by pilots; else paths",
-    keeps=True, keys=("boundary.tables",), candidates=("paths", "vrl+tables", "shells", "vrl"), points=(),
+    name="auto", words="the cheapest of paths, a baked surface, vrl+tables, shells and vrl that keeps the tolerance, by pilots; "
+                       "else paths",
+    keeps=True, keys=("boundary.tables", "layer"), candidates=("paths", "vrl+tables", "shells", "vrl"), points=(),
     error=vrl_tables.METHOD.error, brings="as the method that it takes")
