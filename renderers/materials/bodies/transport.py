@@ -48,7 +48,8 @@ def begin(transport, pixel, number, seed, first=None) -> Paths:
     key = stream_key(seed, "render.translucent", number)
     if first is None:
         first = int(pixel[0]) if len(pixel) else 0
-    states, origin, direction = of_camera(transport.world, transport.world.size[1], key, first, pixel)
+    world, width = transport.world, transport.world.size[1]
+    states, origin, direction = of_camera(world.camera_rays, key, first, np.stack([pixel // width, pixel % width], axis=1))
     paths = Paths.begun(origin, direction, np.ones((len(pixel), len(transport.colours.to_waves))), states, pixel)
     paths.seen[:] = True
     return paths
