@@ -46,6 +46,13 @@ class Camera:
         points = self.points(height, width)
         return points / length(points)[..., None]
 
+    def rays_at(self, offset, corner):
+        """Rays through pixels whose upper left corners are (n, 2) x and y, at an offset (n, 2) in each: origins (n, 3) m, and
+        directions (n, 3)."""
+        x, y = (corner + offset).T
+        points = self.corner + x[:, None] * self.right + y[:, None] * self.down
+        return np.tile(self.origin, (len(points), 1)), points / length(points)[:, None]
+
     def angle(self, height, width):
         """Side of a pixel as seen from the camera, (H, W) rad: the root of its solid angle.
 

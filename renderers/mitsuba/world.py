@@ -182,9 +182,7 @@ class World:
 
     def camera_rays(self, random, pixel):
         """Rays through `pixel` (n, 2), row and column, at `random` (n, 2) places in it: origin (n, 3) m and direction (n, 3)."""
-        position = np.asarray(pixel) + np.asarray(random, float)
-        points = self.camera.corner + position[:, 1:] * self.camera.right + position[:, :1] * self.camera.down
-        return np.full(points.shape, self.camera.origin), points / length(points)[:, None]
+        return self.camera.rays_at(np.asarray(random, float)[:, ::-1], np.asarray(pixel)[:, ::-1])
 
     def trace(self, origin, direction, longest):
         """Distances to the first surface, (n,) m; inf where there is none within `longest` (n,) or (), m."""

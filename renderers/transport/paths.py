@@ -93,13 +93,16 @@ def joined(parts):
     return filled[0] if len(filled) == 1 else type(filled[0])(*map(np.concatenate, zip(*filled)))
 
 
-def of_camera(world, width, key, first, pixel):
-    """Random streams (n,), origins and directions (n, 3) of camera paths `first`, first + 1, ... through pixels (n,) of a picture
-    so wide; key uint64, of `bakery.kernels.stream_key`."""
+def of_camera(rays, key, first, pixel):
+    """Random streams (n,), origins (n, 3) m and directions (n, 3) of the camera's paths, at any places in their pixels.
+
+    rays : of offsets (n, 2) in pixels (n, 2), as `Camera.rays_at` or `World.camera_rays`, which takes rows and columns
+    key : uint64, of `bakery.kernels.stream_key`;  first : number of the first path
+    """
     states, offset = np.empty(len(pixel), np.uint64), np.empty((len(pixel), 2))
     wavefront.begin_streams(key, first, states)
     wavefront.draw(states, offset)
-    return states, *world.camera_rays(offset, np.stack([pixel // width, pixel % width], axis=1))
+    return states, *rays(offset, pixel)
 
 
 def follow(total, together, begin, step):

@@ -16,6 +16,9 @@ from bakery.kernels import lent, phase_layout, phase_sample, phase_value, turned
 from bakery.system.compiled import njit
 from renderers.transport.wavefront import to_rgb, uniform
 
+DIFFUSE = -1  # in place of the component that scatters: a point whose fluence counts, the same in all directions
+UNIFORM = 1 / (4 * math.pi)  # 1/sr
+
 
 class Scatterer(NamedTuple):
     """A homogeneous medium.
@@ -30,6 +33,22 @@ class Scatterer(NamedTuple):
     steps: np.ndarray
     phase: np.ndarray
     cdf: np.ndarray
+
+
+class Points(NamedTuple):
+    """Where n paths are turned.
+
+    kind : (n,) component of the medium that scatters, or DIFFUSE
+    chance : (n,) of a light sample there
+    """
+
+    kind: np.ndarray
+    chance: np.ndarray
+
+
+def of_one_component(n) -> Points:
+    """Points in a medium of one component, at each of which light is sampled."""
+    return Points(np.zeros(n, np.int64), np.ones(n))
 
 
 def scatterer(sigma_t, albedo, theta, phase) -> Scatterer:
@@ -146,12 +165,27 @@ def turn(medium, paths, begin, end):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def next_event(medium, colours, paths, sample, passed, added, begin, end):
+def _towards(medium, kind, throughput, i, v, values):
+    """Density (1/sr) of directions at an angle of 1 - cos = v; values (L,) become what the throughputs take towards it."""
+    if kind == DIFFUSE:
+        for w in range(len(values)):
+            values[w] = UNIFORM
+        return UNIFORM
+    first = kind * len(values)
+    mean = mean_phase(medium, first, throughput, i, v, values)
+    for w in range(len(values)):
+        values[w] *= medium.albedo[first + w]
+    return mean
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def next_event(medium, colours, paths, points, sample, passed, added, begin, end):
     """What light samples send by way of scatterings: added (n, 3), linear sRGB.
 
+    points : `Points`
     sample : `renderers.mitsuba.shading.LightSample`;  passed : (n, L), what gets through of its light
     """
-    medium, colours, paths, sample = lent(medium), lent(colours), lent(paths), lent(sample)
+    medium, colours, paths, points, sample = lent(medium), lent(colours), lent(paths), lent(points), lent(sample)
     values, radiance = np.empty(paths.throughput.shape[1]), sample.radiance
     for i in range(begin, end):
         added[i] = 0.0
@@ -160,8 +194,9 @@ def next_event(medium, colours, paths, sample, passed, added, begin, end):
         square = 0.0
         for k in range(3):
             square += (paths.direction[i, k] - sample.direction[i, k]) ** 2
-        mean = mean_phase(medium, 0, paths.throughput, i, min(0.5 * square, 2.0), values)
-        balance = 1.0 if sample.delta[i] else sample.density[i] / (sample.density[i] + mean)
+        chance = points.chance[i]
+        density = _towards(medium, points.kind[i], paths.throughput, i, min(0.5 * square, 2.0), values) / chance
+        balance = 1.0 if sample.delta[i] else sample.density[i] / (sample.density[i] + density)
         for w in range(len(values)):
-            values[w] *= paths.throughput[i, w] * medium.albedo[w] * balance * passed[i, w]
+            values[w] *= paths.throughput[i, w] * passed[i, w] * balance / chance
         to_rgb(colours, values, radiance[i], added[i])

@@ -1,4 +1,4 @@
-"""Steps that all wavefronts share: the paths of the camera, what they meet at surfaces of the scene, roulette, sums of light.
+"""Steps that all wavefronts share: what paths meet at surfaces of the scene, roulette, sums of light.
 
 Paths are any record with the fields that `renderers.transport.paths.Paths` and others have in common: origin, direction,
 throughput, states, pixel, order, bounces, density, single.
@@ -26,22 +26,6 @@ class Sums:
     def add(self, paths, light, added):
         """What paths bring, added (n, 3), from lights (n,)."""
         wavefront.accumulate(added, paths.order, light, paths.pixel, self.by_order, self.by_light)
-
-
-def begun(key, first, camera, corners):
-    """Random streams (n,), origins (n, 3) m and directions (n, 3) of the camera's paths, at any places in their pixels.
-
-    key : of `bakery.kernels.stream_key`;  first : number of the first path
-    corners : (n, 2) x and y of the pixels' upper left corners, in pixels of the camera's film
-    """
-    n = len(corners)
-    states, offset = np.empty(n, np.uint64), np.empty((n, 2))
-    wavefront.begin_streams(key, first, states)
-    wavefront.draw(states, offset)
-    x, y = (corners + offset).T
-    direction = camera.corner + x[:, None] * camera.right + y[:, None] * camera.down
-    direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
-    return states, np.tile(camera.origin, (n, 1)), direction
 
 
 def met(world, paths, *drawn, columns=6):

@@ -97,7 +97,8 @@ def one_pass(scene, size, number, seed, samples=1) -> Sums:
 
     def begin(first, last):
         pixel = np.arange(first, last) % (height * width)
-        states, origin, direction = of_camera(scene.world, width, key, first, pixel)
+        rows = np.stack([pixel // width, pixel % width], axis=1)
+        states, origin, direction = of_camera(scene.world.camera_rays, key, first, rows)
         return Paths.begun(np.array(origin, float), np.array(direction, float), len(scene.colours.to_waves), states, pixel)
 
     follow(total, ALL, begin, lambda paths: step(scene, paths, sums))

@@ -16,7 +16,7 @@ from renderers.materials.bodies.surfaces import at_surfaces, located, splits
 from renderers.threads import run
 from renderers.transport import steps, wavefront
 from renderers.transport.paths import follow, joined, of_camera
-from renderers.transport.scattering import next_event, turn
+from renderers.transport.scattering import next_event, of_one_component, turn
 
 _ALL = 1 << 17  # paths that go on together; more take more memory, and fewer more calls
 
@@ -48,7 +48,8 @@ def begin(transport, pixel, number, seed, first=None) -> Paths:
     key = stream_key(seed, "render.translucent", number)
     if first is None:
         first = int(pixel[0]) if len(pixel) else 0
-    states, origin, direction = of_camera(transport.world, transport.world.size[1], key, first, pixel)
+    world, width = transport.world, transport.world.size[1]
+    states, origin, direction = of_camera(world.camera_rays, key, first, np.stack([pixel // width, pixel % width], axis=1))
     paths = Paths.begun(origin, direction, np.ones((len(pixel), len(transport.colours.to_waves))), states, pixel)
     paths.seen[:] = True
     return paths
@@ -133,7 +134,8 @@ def _add_light(transport, medium, paths, sums):
     sample = transport.world.lights(paths.origin, numbers, hidden=False)
     towards, bright = sample.direction.astype(float), (sample.radiance > 0).any(axis=1)
     passed = transmittance(transport, paths.origin, towards, sample.distance, bright)
-    run(next_event, paths.count, medium, transport.colours, paths, sample._replace(direction=towards), passed, added)
+    sample, points = sample._replace(direction=towards), of_one_component(paths.count)
+    run(next_event, paths.count, medium, transport.colours, paths, points, sample, passed, added)
     sums.add(paths, added)
 
 
@@ -166,5 +168,6 @@ def _add_refracted_light(transport, number, bent, paths, sums):
     sample = sample._replace(direction=ways.towards[with_light], radiance=radiance.astype(np.float32),
                              delta=np.ones(len(with_light), bool))
     added = np.empty((len(with_light), 3))
-    run(next_event, len(with_light), medium, transport.colours, reached, sample, passed, added)
+    points = of_one_component(len(with_light))
+    run(next_event, len(with_light), medium, transport.colours, reached, points, sample, passed, added)
     sums.add(reached, added)

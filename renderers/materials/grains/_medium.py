@@ -35,11 +35,8 @@ from renderers.materials.grains._paths import (
     ray_of,
 )
 from renderers.materials.grains._varied import collision, grain_at, thinned
-from renderers.transport.scattering import flight, flown, mean_phase, scattered
-from renderers.transport.wavefront import ORDERS, roulette, to_rgb, uniform
-
-DIFFUSE = -1  # in place of the component that scatters: a point whose fluence counts, the same in all directions
-_UNIFORM = 1 / (4 * math.pi)  # 1/sr
+from renderers.transport.scattering import DIFFUSE, UNIFORM, flight, flown, scattered
+from renderers.transport.wavefront import ORDERS, roulette, uniform
 
 
 class Medium(NamedTuple):
@@ -91,7 +88,7 @@ def _turned(medium, kind, d, throughput, states, i, values):
     """Turns d (3,) where a path stands at a `kind` of point, and changes the throughputs; the density (1/sr) of d."""
     if kind == DIFFUSE:
         _any_direction(d, states, i)
-        return _UNIFORM
+        return UNIFORM
     d[0], d[1], d[2], density = scattered(medium, kind * len(values), d[0], d[1], d[2], throughput, states, i, values)
     return density
 
@@ -250,42 +247,14 @@ def _transmittance(content, ray, far, passed, states, i, scratch):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _towards(medium, kind, throughput, i, v, values):
-    """Density (1/sr) with which `_turned` draws a direction; values (L,) become what the throughputs take towards it."""
-    if kind == DIFFUSE:
-        for w in range(len(values)):
-            values[w] = _UNIFORM
-        return _UNIFORM
-    first = kind * len(values)
-    mean = mean_phase(medium, first, throughput, i, v, values)
-    for w in range(len(values)):
-        values[w] *= medium.albedo[first + w]
-    return mean
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def next_event(content, colours, walk, event, sample, added, begin, end):
-    """What light samples send by way of scatterings: added (n, 3) linear sRGB; sample : `LightSample`."""
-    content, walk, event, sample = lent(content), lent(walk), lent(event), lent(sample)
-    (medium, varied, _), radiance = content, sample.radiance
-    memory, p, d, q = aggregate_scratch(), np.empty(3), np.empty(3), np.empty(3)
-    waves = walk.throughput.shape[1]
-    values, passed, sigma = np.empty(waves), np.empty(waves), np.empty(varied.hits.shape)
+def chances(medium, event, origin, chance, begin, end):
+    """Chances (n,) of light samples at events at origins (n, 3) m."""
+    medium, event = lent(medium), lent(event)
+    p = np.empty(3)
     for i in range(begin, end):
-        added[i] = 0.0
-        if not (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
-            continue
-        square = 0.0
         for k in range(3):
-            p[k], d[k] = walk.origin[i, k] / medium.unit, sample.direction[i, k]
-            square += (d[k] - walk.direction[i, k]) ** 2
-        chance = _chance(medium, event.kind[i], p)
-        ahead = _towards(medium, event.kind[i], walk.throughput, i, min(0.5 * square, 2.0), values)
-        balance = 1.0 if sample.delta[i] else sample.density[i] / (sample.density[i] + ahead / chance)
-        _transmittance(content, (p, d), sample.distance[i] / medium.unit, passed, walk.states, i, (q, sigma, memory))
-        for w in range(waves):
-            values[w] *= walk.throughput[i, w] * passed[w] * balance / chance
-        to_rgb(colours, values, radiance[i], added[i])
+            p[k] = origin[i, k] / medium.unit
+        chance[i] = _chance(medium, event.kind[i], p)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -9,6 +9,7 @@ from renderers.materials.grains import _medium
 from renderers.materials.grains._paths import Event, Walk
 from renderers.materials.grains.paths import Seldom, streams_of
 from renderers.threads import run
+from renderers.transport.scattering import Points, next_event
 
 
 class Continuous:
@@ -46,14 +47,19 @@ class Continuous:
         return _medium.Content(self.medium, self.varied, self.diffuse)
 
     def advance(self, paths):
-        """As `paths.Explicit.advance`; the kinds of events are components that scatter, or `_medium.DIFFUSE`."""
+        """As `paths.Explicit.advance`; the kinds of events are components that scatter, or `scattering.DIFFUSE`."""
         event = Event.empty(paths.count)
         run(_medium.advance, paths.count, self.content, self.occupied, Walk.of(paths), paths.technique, event)
         return event
 
     def next_event(self, paths, event, sample, added):
         """What light samples send by way of scatterings, added (n, 3)."""
-        run(_medium.next_event, paths.count, self.content, self.colours, Walk.of(paths), event, sample, added)
+        n, walk = paths.count, Walk.of(paths)
+        chance, passed, towards = np.empty(n), np.empty(paths.throughput.shape), sample.direction
+        far = np.where((sample.radiance > 0).any(axis=1), sample.distance, 0.0)  # no random numbers for what brings no light
+        run(_medium.chances, n, self.medium, event, paths.origin, chance)
+        run(_medium.transmit, n, self.content, paths.states, paths.origin, towards, far, passed)
+        run(next_event, n, self.medium, self.colours, walk, Points(event.kind, chance), sample, passed, added)
 
     def scatter(self, paths, event):
         """Turns paths at scatterings; event.alive becomes whether they go on."""

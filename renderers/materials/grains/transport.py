@@ -22,7 +22,7 @@ from renderers.materials.grains._grains import UNKNOWN
 from renderers.materials.grains._paths import GRAINS, MEDIUM
 from renderers.materials.grains.paths import NEVER, Colours, Explicit, Paths
 from renderers.transport import steps, wavefront
-from renderers.transport.paths import joined
+from renderers.transport.paths import joined, of_camera
 
 _ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 _MANY, _SHARE = 4096, 1 / 16  # where fewer paths than that, and than that share of them, are left, lights are sampled less often
@@ -133,7 +133,7 @@ def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=No
 
 def _begin(transport, camera, corners, pixel, number, seed, first):
     key = stream_key(seed, "render.grains", number)
-    states, origin, direction = steps.begun(key, first, camera, corners[pixel % len(corners)])
+    states, origin, direction = of_camera(camera.rays_at, key, first, corners[pixel % len(corners)])
     return Paths.begun(origin, direction, len(transport.colours.to_waves), states, pixel, transport.technique)
 
 

@@ -14,7 +14,7 @@ from renderers.mitsuba.shading import FAR
 from renderers.threads import run
 from renderers.transport import wavefront
 from renderers.transport.paths import ENDED, EVENT, REACHED
-from renderers.transport.scattering import Scatterer, flight, flown, mean_cosines, next_event, turn
+from renderers.transport.scattering import Scatterer, flight, flown, mean_cosines, next_event, of_one_component, turn
 from renderers.transport.wavefront import uniform
 
 _EVERYWHERE = kernels.region_box(np.zeros(3), np.ones(3))  # in place of a grid; nobody reads it
@@ -68,7 +68,8 @@ class Medium:
         run(transmit, len(share), self.scatterer, self._density, self._most, ways, share)
 
     def next_event(self, paths, event, sample, passed, clear, added):
-        run(next_event, paths.count, self.scatterer, self.colours, paths, sample, passed, added)
+        points = of_one_component(paths.count)
+        run(next_event, paths.count, self.scatterer, self.colours, paths, points, sample, passed, added)
 
     def scatter(self, paths, event):
         run(turn, paths.count, self.scatterer, paths)

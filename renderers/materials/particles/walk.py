@@ -19,6 +19,7 @@ from renderers.materials.particles._transport import Events, Guide
 from renderers.mitsuba.world import FAR
 from renderers.threads import run
 from renderers.transport import steps, wavefront
+from renderers.transport.paths import of_camera
 
 # ways on from the first particle, which takes as long to find as the next one: some four take least time to an error; passes of
 # the first picture take one each, as that comes sooner
@@ -162,7 +163,7 @@ def one_pass(world, method, camera, height, width, number, seed, *, discrete, li
 
 def _begin(medium, camera, width, pixel, number, seed, discrete):
     n, waves, corners = len(pixel), len(medium.sigma_t), np.stack([pixel % width, pixel // width], axis=1)
-    states, origin, direction = steps.begun(stream_key(seed, "render.walk", number), int(pixel[0]), camera, corners)
+    states, origin, direction = of_camera(camera.rays_at, stream_key(seed, "render.walk", number), int(pixel[0]), corners)
     return Paths(origin, direction, np.ones((n, waves)), states, pixel, np.full((n, 3), np.nan),
                  np.zeros(n), np.ones(n, bool), np.zeros(n, np.int64), np.zeros(n, np.int64), discrete.reshape(-1)[pixel],
                  np.zeros(n, bool), np.full(n, 1 if number < _BEGINNING else _SPLIT))
