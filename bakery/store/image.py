@@ -23,7 +23,7 @@ _KNOWN = 256  # samples whose answer is remembered: a stage goes into the cache,
 _pays: dict[tuple[bytes, int], bool] = {}
 
 
-def image(root: Group) -> bytearray:
+def image(root: Group) -> bytes:
     """The bytes of the asset file, user block included, of a tree that `hashes.seal` has put in order.
 
     Raises
@@ -35,9 +35,9 @@ def image(root: Group) -> bytearray:
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", libver="v110", userblock_size=USER_BLOCK, track_order=True) as file:
         _fill(file, root, "", 1)
-    data = bytearray(buffer.getbuffer())
-    data[:USER_BLOCK] = user_block(memoryview(data)[USER_BLOCK:])
-    return data
+    with buffer.getbuffer() as data:
+        data[:USER_BLOCK] = user_block(data[USER_BLOCK:])
+    return buffer.getvalue()  # no copy, as long as the buffer lives no longer
 
 
 def _fill(target, group: Group, path: str, depth: int) -> None:
