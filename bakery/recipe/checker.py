@@ -7,11 +7,12 @@ keys are wrong.  A key that is missing or malformed is passed over here: the sch
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from bakery.errors import Problem
+from bakery.errors import Problem, RecipeError
 from bakery.grammar import bins, index_files, tables
 from bakery.grammar.fields import SUM_OF_SHARES, nearest
 from bakery.grammar.files import DataFile, Folder, materials
@@ -45,6 +46,7 @@ class Checker:
     found: dict = field(default_factory=dict)
     meshes: dict[str, tuple[bytes, str]] = field(default_factory=dict)
     wavelength: tuple[float, ...] | None = None
+    read: Callable | None = None  # (path) -> the checked recipe of a file
 
     def run(self) -> None:
         self._wavelengths()
@@ -312,6 +314,16 @@ class Checker:
     def bins(self, node: Node | None) -> bins.Bins | None:
         """The bins of the CSV file that a key names."""
         return self._file(node, bins.read)
+
+    def recipe(self, node: Node):
+        """The checked recipe that a key names, and its file; None in its place where it is wrong.  Raises `Wrong`."""
+        name = self.values[node.place.key]
+        _, file = self.folder.read(node.place.key, name, noun="recipe")
+        try:
+            return self.read(file.path), file
+        except RecipeError as error:
+            self.problems += error.problems
+            return None, file
 
     def _file(self, node: Node | None, read):
         """What `read(data, label, key)` makes of the file that a key names."""
