@@ -92,8 +92,8 @@ def surface_table(solutions: Sequence, tolerance: float = TOLERANCE) -> tuple[Su
 
     Parameters
     ----------
-    solutions : `solution.Solution`, `covered.Covered`, `stack.Stacked` or `corrected.Corrected` of each of L wavelengths, of the same layer, base
-        or none, and boundary
+    solutions : `solution.Solution`, `covered.Covered`, `stack.Stacked` or `corrected.Corrected` of each of L wavelengths, of the
+        same layer, base or none, and boundary
     tolerance : largest relative error, which the finest grid may miss: the errors say so
     """
     probes = probed(solutions)
@@ -182,9 +182,10 @@ def _of_stacks(solutions, nodes: int, azimuths: int) -> SurfaceTable:
     at = np.broadcast_arrays(mu[:, None, None], mu[:, None], angles(azimuths))
     inner, inner0 = (fresnel.inside(cosine, table.index) for cosine in at[:2])
     turned = single.turned(inner, inner0, at[2], -1)
-    grid = [solution.inside(*at) * (inner + inner0) - once * 4 * math.pi * phase_at(solution.slab.theta, solution.slab.phase, turned)
-            for solution, once in zip(solutions, table.once, strict=True)]
-    return table._replace(reflected=np.ascontiguousarray(np.stack(grid), np.float32))
+    grid = np.stack([solution.inside(*at) * (inner + inner0) for solution in solutions])
+    for row, once, slab in zip(grid, table.once, (solution.slab for solution in solutions), strict=True):
+        row -= once * 4 * math.pi * phase_at(slab.theta, slab.phase, turned)
+    return table._replace(reflected=np.ascontiguousarray(grid, np.float32))
 
 
 def _grid(solution, orders, nodes: int, azimuths: int):

@@ -32,9 +32,9 @@ OUTPUTS = (
            optional=True, within=(0, 1)),
     Output("under_theta", "(Q,)", "rad", "angles of their phase functions, 0: forward", optional=True, within=(0, math.pi)),
     Output("under_phase", "(L, J, Q)", "1/sr", "their phase functions, linear in the cosine in between", optional=True),
-    Output("under_reflected", "(L, O, G)", "1", "Fourier orders of what lies under all of them and is counted among grains, times "
-           "the sum of both cosines and, of odd orders, over both sines: at Gauss nodes of the root of the cosine, row by row of "
-           "an upper triangle", optional=True, within=ANY),
+    Output("under_reflected", "(L, O, G)", "1", "Fourier orders of what lies under all of them and is counted among grains, "
+           "times the sum of both cosines and, of odd orders, over both sines: at Gauss nodes of the root of the cosine, row by "
+           "row of an upper triangle", optional=True, within=ANY),
     Output("mirrored", "(L, T, N)", "1", "share of the light from each direction that boundaries between layers mirror",
            optional=True, within=(0, 1)),
 )
@@ -76,7 +76,7 @@ def _of_asset(checker: Checker, node, layer: int) -> None:
         raise Wrong(f"found a file that is no whole asset ({fault})", "expected what `bake` wrote") from None
     groups = [root.members.get(part) for part in ("medium", "surface")]
     if not all(isinstance(group, Group) for group in groups):
-        raise Wrong(f"found {show(name)}, which has no stage surface", "expected an asset that was baked with the section surface")
+        raise Wrong(f"found {show(name)}, which has no stage surface", "expected an asset baked with the section surface")
     rows = _picked(root["wavelength"].data, checker.wavelength, name)
     layers = of_tree(root, layer, name)
     checker.found[key] = tuple(layers[row] for row in rows)
@@ -231,7 +231,7 @@ def _resampled(part, theta):
 
 
 def rebuilt(group: Group, k: int):
-    """What lies under a layer at wavelength number k, from the arrays: a `Slab` or a `Reflector`; None where nothing is stored."""
+    """What lies under a layer at wavelength number k, from the arrays: a `Slab` or a `Reflector`; None if nothing is stored."""
     from bakery.physics.surfaces.slab import Reflector, Slab
     from bakery.stages.surface.view import unpacked
 
@@ -243,9 +243,9 @@ def rebuilt(group: Group, k: int):
         return bottom
     theta, index = np.asarray(group["under_theta"].data, float), group["under_index"].data
     for j in range(len(index))[::-1]:
-        depth = float(group["under_depth"].data[k, j])
-        bottom = Slab(theta, np.asarray(group["under_phase"].data[k, j], float), float(group["under_albedo"].data[k, j]),
-                      math.inf if depth == INFINITE_DEPTH else depth, float(index[j]), base if bottom is None else None, 0.0, bottom)
+        depth, albedo, last = float(group["under_depth"].data[k, j]), float(group["under_albedo"].data[k, j]), bottom is None
+        bottom = Slab(theta, np.asarray(group["under_phase"].data[k, j], float), albedo,
+                      math.inf if depth == INFINITE_DEPTH else depth, float(index[j]), base if last else None, 0.0, bottom)
     return bottom
 
 
