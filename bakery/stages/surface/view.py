@@ -11,6 +11,8 @@ from bakery.errors import UsageError
 from bakery.grammar.units import ANGLE, LENGTH
 from bakery.stages.declaration import Answer, Query, Remark
 from bakery.stages.members import Members, MissingStage
+from bakery.stages.surface import under
+from bakery.stages.surface.triangles import unpacked
 from bakery.store.tree import Group
 
 _TOLD = {"reflected": Remark("pi times the BRDF: 1 for a white Lambertian surface; without light that a smooth boundary mirrors"),
@@ -148,22 +150,6 @@ def _cosine(theta) -> np.ndarray:
     return np.cos(theta)
 
 
-def packed(orders, most: int) -> np.ndarray:
-    """(most, P) upper triangles of symmetric matrices (M, N, N), in double precision; orders behind M are 0."""
-    row, column = np.triu_indices(orders.shape[1])
-    result = np.zeros((most, len(row)))
-    result[:len(orders)] = orders[:, row, column]
-    return result
-
-
-def unpacked(triangles, count: int) -> np.ndarray:
-    """(M, N, N) from upper triangles (M, P)."""
-    row, column = np.triu_indices(count)
-    result = np.empty((len(triangles), count, count))
-    result[:, row, column] = result[:, column, row] = triangles
-    return result
-
-
 def _nodes(group: Group):
     """The solver's directions: a function of their number and of the index."""
     from bakery.physics.surfaces.nodes import nodes
@@ -194,7 +180,6 @@ def solutions_of(group: Group, medium: Group) -> list[list]:
     from bakery.physics.surfaces.cut import without_peak
     from bakery.physics.surfaces.slab import Slab
     from bakery.physics.surfaces.solution import Solution
-    from bakery.stages.surface import under
 
     sigma_t, sigma_s, theta, phase = (np.asarray(medium[name].data, float) for name in ("sigma_t", "sigma_s", "theta", "phase"))
     if "forward_delta" in medium.members:
