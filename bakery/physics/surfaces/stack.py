@@ -146,14 +146,22 @@ class Stacked:
         if not (((mu > 0) & (mu <= 1)).all() and ((mu0 > 0) & (mu0 <= 1)).all()):
             raise ValueError("cosines of directions lie above 0 and do not exceed 1")
         n = self.nodes.index
-        through = (1 - fresnel.reflected(mu, n)) * (1 - fresnel.reflected(mu0, n)) / n**2
+        return (1 - fresnel.reflected(mu, n)) * (1 - fresnel.reflected(mu0, n)) / n**2 * self.inside(mu, mu0, phi)
+
+    def inside(self, mu, mu0, phi):
+        """The same inside of the uppermost boundary, at directions that are those in air; arrays of one shape."""
+        n = self.nodes.index
         (out, row), (into, column) = (np.unique(cosine, return_inverse=True) for cosine in (mu, mu0))
         out, into = (interpolation(self.nodes.at, coordinate(cosine, n)) for cosine in (out, into))
         smooth, sines = np.zeros(mu.shape), np.sqrt((1 - mu * mu) * (1 - mu0 * mu0)) / n**2
         for m, order in enumerate(self.reflected):
             term = np.einsum("...i,...i->...", (out @ order)[row.reshape(mu.shape)], into[column.reshape(mu.shape)])
             smooth += (2.0 if m else 1.0) * term * np.cos(m * phi) * (sines if m % 2 else 1.0)
-        return through * (smooth / (fresnel.inside(mu, n) + fresnel.inside(mu0, n)) + self.known(mu, mu0, phi))
+        return smooth / (fresnel.inside(mu, n) + fresnel.inside(mu0, n)) + self.known(mu, mu0, phi)
+
+    def transmission(self, mu, mu0, phi):
+        """0: what is under a stack is infinite, or sends back."""
+        return np.zeros(np.broadcast_shapes(*map(np.shape, (mu, mu0, phi))))
 
     def known(self, mu, mu0, phi):
         """What is exact at every angle, inside of the uppermost boundary."""
