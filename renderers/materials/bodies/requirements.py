@@ -11,7 +11,7 @@ from bakery import kernels
 from renderers.materials.bodies import far, thin
 from renderers.materials.bodies.bodies import refusal
 from renderers.materials.bodies.declared import methods
-from renderers.materials.bodies.scene import index_fault
+from renderers.materials.bodies.indices import index_fault
 from renderers.scene.budget import DEFAULT, ROOM, as_much, percent
 from renderers.scene.requirements import Knob, Need
 
