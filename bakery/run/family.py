@@ -45,6 +45,7 @@ from bakery.store.read import read
 from bakery.store.tree import Dataset, Group, text
 from bakery.store.write import check_target, place
 from bakery.system import resources
+from bakery.system.memory import give_back
 
 _READ_AGAIN = object()  # stands for a medium that lies in the file of its member
 SAID = 8  # failed points, and others, that are named one by one
@@ -227,6 +228,7 @@ def _write(path: Path, tree: list[Group], progress: Progress) -> bool:
         touch(path)
         return False
     with progress.during(f"writing {path.name}"):
+        give_back()  # the next lines take the file and its tables, twice
         data = [image(root)]
         del root
         place(path, data.pop(), check=lambda root: departures(root) or physics(root))
