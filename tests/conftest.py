@@ -163,8 +163,9 @@ def pytest_sessionstart(session):
     """Workers of pytest-xdist import test files in turns, each from another one on.
 
     What pytest makes of a file it keeps on disk, and it takes 10 s for all of them: two workers that begin with the same file do
-    it twice.
+    it twice.  Nothing of it is garbage.
     """
+    gc.disable()
     worker = getattr(session.config, "workerinput", None)
     if worker is None:
         return
@@ -182,6 +183,7 @@ def pytest_collection_finish(session):
     """
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(autouse=True, scope="session")
