@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,7 +25,7 @@ REGIONS, STOP = (8, 8), Stop(noise=0.01)
 
 def world(height=128, width=128):
     camera = Camera.looking((0, 0, 0), (1, 0, 0), (0, 0, 1), 1.0, height, width)
-    return SimpleNamespace(size=(height, width), camera=camera, dark=False, variant="llvm_ad_rgb")
+    return SimpleNamespace(size=(height, width), camera=camera, dark=False, variant="llvm_ad_rgb", as_it_is=nullcontext)
 
 
 def passes(own=0.0, shared=0.0, tilt=0.0, order="order1"):
