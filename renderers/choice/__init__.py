@@ -151,16 +151,16 @@ def chosen(opened, world, quality: str | None = None, picture: Path | None = Non
         return None
     lacks |= {candidate.name: reason for candidate in offered if (reason := candidate.lacks(opened.assets, world))}
     offered = tuple(candidate for candidate in offered if candidate.name not in lacks) or offered
-    stop = stop_of(opened.scene, quality)
+    stop, tolerance = stop_of(opened.scene, quality), opened.scene.values.tolerance or budget.DEFAULT
     key = remembered.key_of(_VERSION, bakery.__version__, fingerprint(*made_of(opened.scene)), list(world.size),
                             [candidate.name for candidate in offered], [asset.content_hash for asset in opened.assets],
                             dataclasses.astuple(stop))
     kept = _choice_of(remembered.get("choice", key), offered)
     earlier = _of_picture(picture, offered) if picture is not None else None
     if earlier is not None and (kept is None or kept.method != earlier):
-        return _taken(offered, earlier, "the picture that is continued used it")
+        return _taken(offered, earlier, "the picture that is continued used it", tolerance)
     if alone := _without_pilots(world, offered, stop):
-        return _taken(offered, offered[0].name, alone)
+        return _taken(offered, offered[0].name, alone, tolerance)
     if kept:
         return kept._replace(sentence=f"{kept.sentence} (of an earlier render)")
     possible, seen = _unseen(opened, offered, world)
@@ -196,6 +196,8 @@ def _without_pilots(world, offered, stop) -> str:
     pixels = world.size[0] * world.size[1]
     if world.dark:
         return "nothing shines"
+    if len(offered) == 1:
+        return "there is no other candidate"
     if pixels < _LEAST_PIXELS or stop.samples is not None and stop.samples * pixels < _LEAST_SAMPLES:
         return "pilots of other methods would take longer than so small a picture"
     shortest = min((candidate.pilot for candidate in offered[1:]), default=math.inf)
@@ -204,10 +206,16 @@ def _without_pilots(world, offered, stop) -> str:
     return ""
 
 
-def _taken(offered, name, why) -> Choice:
+def _taken(offered, name, why, tolerance) -> Choice:
     candidate = next(candidate for candidate in offered if candidate.name == name)
-    row = {"method": name, "seconds": None, "bias": None, "error": None, "chosen": True, "why": _UNTRIED}
+    row = {"method": name, "seconds": None, "bias": None, "error": None, "chosen": True, "why": _untried(candidate, tolerance)}
     return Choice(name, list(candidate.methods), [row], None, f"{_said(offered, name)}: {why}")
+
+
+def _untried(candidate, tolerance) -> str:
+    if not candidate.surfaces:
+        return _UNTRIED
+    return f"{_UNTRIED}; by how far light spreads an error of {percent(candidate.stated(tolerance))} is expected"
 
 
 def _said(offered, name) -> str:
@@ -342,7 +350,7 @@ class _Pilots:
         best, allowed = (next(iter(self._offered)), math.inf), {}
         for name, candidate in self._offered.items():
             if name not in self._trials:
-                table.append(self._row(name, None, None, self._why.get(name, self._untried(candidate))))
+                table.append(self._row(name, None, None, self._why.get(name, _untried(candidate, self._tolerance))))
                 continue
             cost = self._seconds(self._trials[name], missing[name])
             fits, bias, why, allowed[name] = self._fits(name, exact)
@@ -355,11 +363,6 @@ class _Pilots:
         if self._trials:
             by = f"by pilots: seconds of a processor to a noise of {percent(self._noise)}"
         return Choice(best[0], list(self._offered[best[0]].methods), table, allowed.get(best[0]), by)
-
-    def _untried(self, candidate):
-        if not candidate.surfaces:
-            return _UNTRIED
-        return f"{_UNTRIED}; by how far light spreads an error of {percent(candidate.stated(self._tolerance))} is expected"
 
     def _margin(self, name, rival) -> float:
         """By how much a candidate has to be cheaper than one before it."""

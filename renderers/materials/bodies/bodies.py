@@ -12,7 +12,7 @@ from bakery.errors import UsageError
 from renderers.materials.bodies import _geometry
 from renderers.materials.bodies._geometry import Geometry
 from renderers.materials.bodies._shells import Shells
-from renderers.materials.bodies.indices import index_fault
+from renderers.mitsuba.shapes import index_fault
 from renderers.threads import run
 from renderers.transport import solids
 from renderers.transport.scattering import Scatterer, scatterer

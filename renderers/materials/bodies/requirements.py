@@ -11,7 +11,7 @@ from bakery import kernels
 from renderers.materials.bodies import far, thin
 from renderers.materials.bodies.bodies import refusal
 from renderers.materials.bodies.declared import methods
-from renderers.materials.bodies.indices import index_fault
+from renderers.mitsuba.shapes import index_fault
 from renderers.scene.budget import DEFAULT, ROOM, as_much, percent
 from renderers.scene.requirements import Knob, Need
 
@@ -51,18 +51,16 @@ def surface(about) -> list[Need]:
     """The surface of a recipe that has one, where `auto` may take it for its bodies: by diffusion, before anything is baked."""
     if getattr(about.recipe, "surface", None) is None or about.dark or about.world.camera is None:
         return []
+    shapes, listed = about.world.shapes(), about.scene.values.materials
+    if not {listed[number].where.shape for number in about.bodies} <= {shape.name for shape in shapes}:
+        return []  # the renderer tells which there are
+    if any(refusal(shapes, listed[number].where.shape, listed[number].index) for number in about.bodies):
+        return [Need("surface", True, "nothing can fill the shape")]
     medium = {name: getattr(about.medium, name) for name in ("sigma_t", "albedo", "g")}
     unbaked, allowed = SimpleNamespace(medium=medium, surface={}), ROOM * (about.scene.values.tolerance or DEFAULT)
-    named = {about.scene.values.materials[number].where.shape for number in about.bodies}
-    present = {shape.name: shape for shape in about.world.shapes()}
-    if named <= set(present):  # of others the renderer tells
-        for number in about.bodies:
-            entry = about.scene.values.materials[number]
-            empty = bool(refusal(list(present.values()), entry.where.shape, entry.index))
-            expected = far.deviation(about.scene, number, unbaked, about.world)
-            if empty or expected <= _UNSURE * allowed:
-                return [Need("surface", True, f"an error of {_percent(expected)} is expected where light leaves as by a layer")]
-    return []
+    least = min(far.deviation(about.scene, number, unbaked, about.world) for number in about.bodies)
+    reason = f"an error of {_percent(least)} is expected where light leaves as by a layer"
+    return [Need("surface", True, reason)] if least <= _UNSURE * allowed else []
 
 
 def _percent(share) -> str:
