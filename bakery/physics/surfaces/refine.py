@@ -11,7 +11,9 @@ from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.solution import Covered, Solution, Stacked, solve
 from bakery.physics.surfaces.stack import layers
 
-FEWEST, MOST = 16, 256  # Legendre moments
+FEWEST, MOST = 16, 640  # Legendre moments
+_MOST_NODES = 256  # moments, where there are as many nodes
+_UNSTEADY = 2.0  # errors over changes, where nodes are fewer than moments: both change from step to step
 _FLOOR = 1e-3  # of the median: below, errors count as if relative to that (values at grazing angles are a thousand times larger)
 _COSINES = np.array([math.cos(math.radians(89.9)), 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0])
 _AZIMUTHS = np.linspace(0, math.pi, 5)
@@ -22,13 +24,15 @@ def refined(slab: Slab, tolerance: float, most: int = MOST) -> tuple[Solution | 
 
     The change is above the tolerance where `most` moments do not reach it.
     """
+    if slab.roughness > 0 or slab.depth < math.inf and slab.base is None and slab.under is None:
+        most = min(most, _MOST_NODES)
     wanted = moments_of(slab, most)
     count, before, error = FEWEST, None, math.inf
     while True:
         solution = solve(slab, wanted, count, tolerance)
         values = _values(solution)
         if before is not None:
-            error = max(map(_change, values, before))
+            error = max(map(_change, values, before)) * (_UNSTEADY if solution.nodes.leaving < count else 1)
         if error <= tolerance or 3 * count // 2 > most:
             return solution, error
         before, count = values, 3 * count // 2

@@ -21,11 +21,11 @@ from bakery.physics.medium.phase import phase_at
 from bakery.physics.surfaces import fresnel, single
 from bakery.physics.surfaces.cut import Cut, cut
 from bakery.physics.surfaces.layer import homogeneous
-from bakery.physics.surfaces.nodes import Nodes, coordinate, grazing, interpolation
-from bakery.physics.surfaces.orders import phase_matrices
+from bakery.physics.surfaces.nodes import SPARE, Nodes, coordinate, enough, grazing, interpolation
+from bakery.physics.surfaces.orders import phase_matrices, unresolved
 from bakery.physics.surfaces.slab import Reflector, Slab
 
-_LEAST_NODES, _SPARE_NODES, _FEWEST = 24, 8, 8
+_LEAST_NODES, _FEWEST = 24, 8
 _NEGLIGIBLE = 1e-3  # of the tolerance: a Fourier order below that twice in a row ends their sum
 
 
@@ -211,13 +211,15 @@ def stacked(slab: Slab, moments: Sequence, count: int, tolerance: float = 1e-6) 
     """
     parts, bottom = layers(slab)
     cuts = tuple(cut(row, part.albedo, count) for row, part in zip(moments, parts, strict=True))
-    nodes = directions(max(_LEAST_NODES, count + _SPARE_NODES), [part.index for part in parts])
+    nodes = directions(enough(count, _LEAST_NODES), [part.index for part in parts])
     top, known = nodes.top, _Known(nodes, parts, cuts)
     keep = slice(top.leaving)
     mu, flux, through = top.mu[keep], np.sqrt(top.flux[keep]), 1 - top.reflected[keep]
+    missed = _missed(nodes, parts, cuts) if top.leaving < count + SPARE else [np.zeros(len(nodes.mu(part.index))) for part in parts]
     sums, sines, orders, small = mu[:, None] + mu, np.sqrt((1 - mu) * (1 + mu)), [], 0
     for order in range(count):
-        phases = [phase_matrices(without.moments, nodes.mu(part.index), order) for part, without in zip(parts, cuts)]
+        phases = [[side + np.diag(peak) for side in phase_matrices(without.moments, nodes.mu(part.index), order)]
+                  for part, without, peak in zip(parts, cuts, missed, strict=True)]
         mirrored, scattered = _below(nodes, parts, cuts, bottom, phases, order)
         upward = _escaping(mirrored, scattered, top.reflected)[keep, keep]
         if order == 0:
@@ -230,6 +232,12 @@ def stacked(slab: Slab, moments: Sequence, count: int, tolerance: float = 1e-6) 
         if small == 2:
             break
     return Stacked(slab, top, cuts, np.stack(orders), albedo, again)
+
+
+def _missed(nodes: Directions, parts, cuts) -> list:
+    """Of each layer, what its nodes miss of a forward peak (`orders.unresolved`)."""
+    return [unresolved(without.moments, nodes.mu(part.index), nodes.flux(part.index))
+            for part, without in zip(parts, cuts, strict=True)]
 
 
 def _below(nodes: Directions, parts, cuts, bottom, phases, order: int):

@@ -192,7 +192,7 @@ def check(group: Group) -> Iterable[str]:
 def _seconds(recipe) -> float:
     """Of one layer at one wavelength: measured with Henyey-Greenstein functions."""
     if recipe.medium is None or recipe.medium.phase is None:
-        return 1.0  # 0.2 with pigment, 8 with droplets of fog at 5 %
+        return 1.0  # 0.2 with pigment, 10 with droplets of fog at 1 %
     g = phase_keys(recipe.medium.phase)["g"]
     steepest = min(float(np.abs(g).max()), 0.97) if g is not None else 0.5
     # moments that are larger than the tolerance
@@ -222,7 +222,7 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
 
 STAGE = Stage(
     name="surface",
-    version=2,
+    version=3,
     title="reflectance of a plane layer",
     reads=("wavelengths", "seed", "surface"),
     needs=("medium",),
