@@ -21,6 +21,7 @@ from renderers.mitsuba import variants
 from renderers.transport import flights, media
 from renderers.transport.lamps import Departure
 from renderers.transport.records import Counts
+from renderers.transport.rough import Entry
 from renderers.transport.samples import Before
 from renderers.transport.strata import Strata
 from renderers.transport.wavefront import ORDERS
@@ -54,7 +55,7 @@ class Path:
     drawn, density : where the direction was drawn, and its density (1/sr);  single : no light sample could have found it
     choice : uniform number, of what the first smooth boundary does
     departure, chance : since the last scattering, where small lamps are sampled through smooth boundaries, and where wide ones
-        are; else None
+        are; entry : the same, where lamps are sampled through rough ones; else None
     counts : of records of the lane, where either is
     """
 
@@ -75,6 +76,7 @@ class Path:
     choice: mi.Float
     departure: Departure | None
     chance: Chance | None
+    entry: Entry | None
     counts: Counts | None
 
 
@@ -223,7 +225,10 @@ def brought(scene, turn, path, event, records=None):
     light, emitter = _emitted(scene, path, event)
     if scene.lamps:
         light = scene.lamps.meets(path, event, emitter, light, records)
-    return [(light, emitter), turn.next_event(scene, path, event)]
+    sampled, lamp = turn.next_event(scene, path, event)
+    if scene.lamps:
+        sampled = scene.lamps.sampled(path, event, sampled)
+    return [(light, emitter), (sampled, lamp)]
 
 
 def first_media(scene, key, pixels):
@@ -254,7 +259,7 @@ def camera_paths(scene, pixel, drawn, random, alive, number):
     origin, direction = scene.camera_ray(pixel, offset)
     width = dr.width(pixel)
     zero = dr.zeros(mi.UInt32, width)
-    since = scene.lamps.none(width) if scene.lamps else {"departure": None, "chance": None}
+    since = scene.lamps.none(width) if scene.lamps else {"departure": None, "chance": None, "entry": None}
     return Path(random=random, pixel=pixel, number=number, alive=alive, origin=origin, direction=direction,
                 throughput=[dr.full(mi.Float, 1, width) for _ in range(scene.waves)], squared_index=dr.full(mi.Float, 1, width),
                 inside=scene.around_camera + zero, order=mi.UInt32(zero), bounces=mi.UInt32(zero), drawn=mi.Point3f(origin),
