@@ -19,7 +19,7 @@ import mitsuba as mi  # isort: skip
 # Of the box around all bodies, about; bins of directions, of equal solid angles, 0.1 sr; ways of a voxel and bin.  A glass of
 # milk under a wide window, variance of all light: 0.043 by 2048 voxels and 2 ways, 0.035 by 8; variance times time 0.141 by 512
 # voxels and 8 ways, 1.3 s of a core before the render, and 0.143 by 1024 and 16, 4 s
-_VOXELS, BINS, _WAYS = 512, (8, 16), 8
+_VOXELS, BINS, WAYS = 512, (8, 16), 8
 # light is taken to fall off over no less than this share of a voxel: what is deep in thick bodies has to have directions, too
 _SHARE = 0.5
 _BRIGHT = 0.75  # voxels with more light than this share of all look for it each time that the boundary is near
@@ -33,7 +33,7 @@ class Guides:
     contrast : of this light: its mean square over the square of its mean, where ways come out of bodies
     """
 
-    def __init__(self, scene, manifold, sigma, follow, bins=BINS, blur=0.0):
+    def __init__(self, scene, manifold, sigma, follow, bins=BINS, ways=WAYS, blur=0.0):
         """
         Parameters
         ----------
@@ -41,9 +41,10 @@ class Guides:
         sigma : of each medium, the least extinction if its boundary is one of `manifold`, else 0
         follow : function of points in bodies, directions, media, a PCG32 and which are active -> light of each wavelength that
             comes that way, how far it is in the body, and whether it is looked for
-        bins : of the cosine and of the angle;  blur : share that each voxel and bin gives to neighbours on either side
+        bins : of the cosine and of the angle;  ways : of a voxel and bin
+        blur : share of the light of voxels and bins that neighbours get, on each side along each axis
         """
-        self._bins, self._count = bins, bins[0] * bins[1]
+        self._bins, self._count, self._ways = bins, bins[0] * bins[1], ways
         low, high = manifold.box
         edge = float((np.prod(high - low) / _VOXELS) ** (1 / 3))
         shape = np.maximum(np.ceil((high - low) / edge), 1).astype(int)
@@ -64,9 +65,9 @@ class Guides:
 
     def _measured(self, scene, manifold, voxels, follow):
         """Light (voxels, bins) that comes to points of voxels in bodies."""
-        index = dr.arange(mi.UInt32, voxels * self._count * _WAYS)
-        random = mi.PCG32(voxels * self._count * _WAYS, initstate=_SEED)
-        row = index // _WAYS
+        index = dr.arange(mi.UInt32, voxels * self._count * self._ways)
+        random = mi.PCG32(voxels * self._count * self._ways, initstate=_SEED)
+        row = index // self._ways
         cell, number = row // self._count, row % self._count
         corner = self._corner(cell)
         point = self._low + self._edge * (corner + mi.Point3f(*(random.next_float32() for _ in range(3))))
@@ -83,7 +84,7 @@ class Guides:
         light, passed = light.astype(float), passed.astype(float)
         mean, square, of_all = (passed * light * these).sum(), (passed * light**2 * these).sum(), (passed * light**2).sum()
         self.share, self.contrast = square / max(of_all, 1e-30), square * passed.sum() / max(mean**2, 1e-30)
-        return (passed * light * these).reshape(voxels, self._count, _WAYS).sum(axis=2)
+        return (passed * light * these).reshape(voxels, self._count, self._ways).sum(axis=2)
 
     def _corner(self, cell):
         row = cell // self._shape.z

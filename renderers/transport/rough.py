@@ -23,7 +23,7 @@ import mitsuba as mi  # isort: skip
 
 SPACE = 3.0, 8  # records of a lane, for each path, and at least
 BINS = 16, 32  # of directions, 0.025 sr: a lamp is seen through roughness of 0.1 under some 0.01 sr
-_BLUR = 0.1
+WAYS, BLUR = 4, 0.1
 
 
 @dataclass
@@ -89,7 +89,7 @@ class Rough:
         """
         self._scene, self._sigma = scene, mi.Float(sigma)
         self._surfaces = numbered(scene.scene, surfaces, [1] * len(surfaces))
-        self.guides = Guides(scene, manifold, sigma, self._ways_of, BINS, _BLUR)
+        self.guides = Guides(scene, manifold, sigma, self._ways_of, BINS, WAYS, BLUR)
 
     @staticmethod
     def none(width):
