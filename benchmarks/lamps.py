@@ -1,12 +1,13 @@
-"""Light samples of lamps through smooth boundaries: `paths` with and without them, and Mitsuba's volume integrators.
+"""Light samples of lamps through boundaries of bodies: `paths` with and without them, and Mitsuba's volume integrators.
 
     python benchmarks/lamps.py [--small] [--width 128] [--rounds 24] [--scenes NAME ...]
 
-Shipped scenes with media of published wax and skin and of dilute milk (in a tumbler), and a ball of glass (index 1.4, radius 5)
-under a sphere of radius 0.6, with and without a pane between them, or under a panel.  Engines render in turns: 16 samples a pixel
-and round; Mitsuba's roulette begins at depth 1000.  A row a scene and order of scattering: variance of a pixel (mean square over
-colours and picture), processor time, and their product, with light samples over without; the difference of both means in standard
-errors; of the whole picture also the product over that of the better of `volpath` and `volpathmis`, and the difference from it.
+Shipped scenes with media of published wax and skin and of dilute milk (in a tumbler), and a ball of glass (index 1.4, radius
+5) under a sphere of radius 0.6, with and without a pane between them, or under a panel; such balls of rough glass.  Engines
+render in turns: 16 samples a pixel and round; Mitsuba's roulette begins at depth 1000.  A row a scene and order of
+scattering: variance of a pixel (mean square over colours and picture), processor time, and their product, with light samples
+over without; the difference of both means in standard errors; of the whole picture also the product over that of the better of
+`volpath` and `volpathmis`, and the difference from it.
 What no body scatters (`order0`: edges and reflections of lamps, caustics) has the same variance in both, so that of the whole
 picture falls less.  Samples in strata and reflections that are drawn more often (`strata`, `splitting` in `renderers/transport/`)
 are in both.  Rare bright pixels, where lamps are met by chance, make variances without light samples uncertain: too low where
@@ -32,7 +33,7 @@ from bakery.physics.medium import phase
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from benchmarks.sizes import sized
-from benchmarks.transport import GLASS, LATE, SHIPPED, SKIN, WAX, Body, medium
+from benchmarks.transport import FROST, GLASS, LATE, SHIPPED, SKIN, WAX, Body, medium
 from renderers.materials.bodies import methods
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
@@ -54,12 +55,19 @@ MILK = (0.999, 0.999, 0.999), (0.84, 0.75, 0.68), 0.7  # diluted, recipes/milk_d
 PANE = """<shape type="cube"><transform name="to_world"><scale x="9" y="9" z="0.25"/><translate z="6.3"/></transform>
 <bsdf type="dielectric"><float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/></bsdf></shape>"""
 GREY = (0.95, 0.9, 0.8), (1.0, 1.2, 1.5), 0.0
+ROUGH = {f"rough {alpha}": FROST.replace('"0.2"', f'"{alpha}"') for alpha in (0.05, 0.1, 0.3)}
 # XML, or the name of a file;  shape;  medium, free paths in mm
 SCENES = {
     "small sphere": (BALL.replace("LAMP", SPHERE), "ball", Body(*GREY, GLASS)),
     "behind a pane": (BALL.replace("LAMP", SPHERE + PANE), "ball", Body(*GREY, GLASS)),
     "panel": (BALL.replace("LAMP", PANEL.replace("SIZE", "5")), "ball", Body(*GREY, GLASS)),
     "wide panel": (BALL.replace("LAMP", PANEL.replace("SIZE", "30")), "ball", Body(*GREY, GLASS)),
+    **{name: (BALL.replace(GLASS, bsdf).replace("LAMP", SPHERE), "ball", Body(*GREY, bsdf)) for name, bsdf in ROUGH.items()},
+    "rough wax": (BALL.replace(GLASS, ROUGH["rough 0.1"]).replace("LAMP", SPHERE), "ball", Body(*WAX, ROUGH["rough 0.1"])),
+    "rough, panel": (BALL.replace(GLASS, ROUGH["rough 0.1"]).replace("LAMP", PANEL.replace("SIZE", "5")), "ball",
+                     Body(*GREY, ROUGH["rough 0.1"])),
+    "rough, wide panel": (BALL.replace(GLASS, ROUGH["rough 0.1"]).replace("LAMP", PANEL.replace("SIZE", "30")), "ball",
+                          Body(*GREY, ROUGH["rough 0.1"])),
     "candle": ("candle.xml", "candle", Body(*WAX, GLASS)),
     "candle_ball": ("candle_ball.xml", "candle", Body(*WAX, GLASS)),
     "bumpy_ball": ("bumpy_ball.xml", "ball", Body((0.95, 0.9, 0.7), (4.0, 4.0, 4.0), 0.5, GLASS)),

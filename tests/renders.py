@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 
 import numpy as np
@@ -38,6 +39,23 @@ def refused(call, place, said, *settings, source="s.yaml"):
     status, out, err = call("render", place / source, "-o", place / "x.png",
                             *(part for setting in settings for part in ("--set", setting)))
     assert status and not out and said in err and "Traceback" not in err and not (place / "x.png").exists(), err
+
+
+def undisturbed_by_scenes(kernels, *arguments):
+    """What `kernels` gives, hashes of kernels of wavefronts that are to have the same ones.
+
+    Dr.Jit's kernels hold the surfaces of all scenes of a process, and a scene of another test may go at any moment: where hashes
+    differ, all is done again, three times at most.  Kernels that depend on the wavefront differ each time.
+    """
+    from renderers.mitsuba.recording import undisturbed
+
+    for _ in range(3):
+        gc.collect()
+        with undisturbed():
+            first, *others = hashes = kernels(*arguments)
+        if all(other == first for other in others):
+            break
+    return hashes
 
 
 def hazy(call, milk, monkeypatch, render, **state):

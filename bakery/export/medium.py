@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bakery.errors import AssetError
+from bakery.stages.optics.elements import ELEMENTS
 from bakery.store.tree import Dataset, Group
 
 
@@ -30,6 +31,8 @@ class Scattering:
     delta : (L,) 1, forward delta, the share of the asset's scattered light that was taken out; exact
     peak : (L,) 1, share of what is then scattered that was taken out by `without_peak`, an approximation
     within : rad, largest deflection in that peak
+    matrix : (L, 3, A) 1/sr, elements s12, s33, s34 of the scattering matrix in the scale of phase, as docs/conventions.md says;
+        None where the asset lacks them, or its medium had a delta
     """
 
     sigma_t: np.ndarray
@@ -39,6 +42,7 @@ class Scattering:
     delta: np.ndarray
     peak: np.ndarray
     within: float = 0.0
+    matrix: np.ndarray | None = None
 
     @property
     def albedo(self) -> np.ndarray:
@@ -56,10 +60,17 @@ def scattering_of(medium: Group) -> Scattering:
     sigma_t, sigma_s, theta, phase = (medium[name].data for name in ("sigma_t", "sigma_s", "theta", "phase"))
     share = medium.members.get("forward_delta")
     if not isinstance(share, Dataset) or share.data.shape != sigma_t.shape or not share.data.any():
-        return Scattering(sigma_t, sigma_s, theta, phase, np.zeros_like(sigma_t), np.zeros_like(sigma_t))
+        return Scattering(sigma_t, sigma_s, theta, phase, np.zeros_like(sigma_t), np.zeros_like(sigma_t), matrix=_matrix(medium))
     delta = np.clip(share.data, 0.0, 1.0)
     sigma_t, sigma_s, phase = without_delta(sigma_t, sigma_s, theta, phase, delta)
     return Scattering(sigma_t, sigma_s, theta, phase, delta, np.zeros_like(sigma_t))
+
+
+def _matrix(medium: Group) -> np.ndarray | None:
+    """Elements s12, s33, s34 of a group `medium`, where it has all of them."""
+    if not all(isinstance(medium.members.get(name), Dataset) for name in ELEMENTS):
+        return None
+    return np.stack([medium[name].data for name in ELEMENTS], axis=1)
 
 
 def without_peak(medium: Scattering, end: int) -> Scattering:
@@ -81,4 +92,4 @@ def without_peak(medium: Scattering, end: int) -> Scattering:
     smooth[:, :end] = np.minimum(smooth[:, :end], smooth[:, end:end + 1])
     peak = np.clip(1 - phase_integral(medium.theta, smooth), 0.0, 1.0)
     return replace(medium, sigma_t=medium.sigma_t - peak * medium.sigma_s, sigma_s=(1 - peak) * medium.sigma_s,
-                   phase=normalised(medium.theta, smooth)[0], peak=peak, within=float(medium.theta[end]))
+                   phase=normalised(medium.theta, smooth)[0], peak=peak, within=float(medium.theta[end]), matrix=None)

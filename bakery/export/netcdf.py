@@ -10,9 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.export.medium import Scattering
+from bakery.export.named import Named
 
 LARGEST = 1 << 31  # bytes of a variable, in this format
 _LENGTH_OF_TEXT = "length_of_{}"
+EXPANDED = {"alpha1": "4 pi s11", "alpha2": "4 pi s22", "alpha3": "4 pi s33", "alpha4": "4 pi s44", "beta1": "4 pi s12",
+            "beta2": "4 pi s34"}
 
 
 class Variable(NamedTuple):
@@ -52,45 +55,6 @@ def netcdf(variables: Mapping[str, Variable], attributes: Mapping[str, str]) -> 
     return content
 
 
-class Named(NamedTuple):
-    """A medium and what is said of it in a file.
-
-    Attributes
-    ----------
-    wavelength : (L,) um, in vacuum
-    medium : without its forward delta
-    name, content_hash, version : of the asset
-    errors : name of a dataset of the group -> (L,) or (L, A) its stated error
-    tolerance, achieved : of the asset's medium, and what measures them
-    measure : text
-    """
-
-    wavelength: np.ndarray
-    medium: Scattering
-    name: str
-    content_hash: str
-    version: str
-    errors: Mapping[str, np.ndarray]
-    tolerance: float
-    achieved: float
-    measure: str
-
-    @property
-    def attributes(self) -> dict[str, str]:
-        """Of a file."""
-        return {"title": f"{self.name}: optical properties of a scattering medium", "source": f"bakery {self.version}",
-                "asset": self.name, "asset_content_hash": self.content_hash}
-
-    def ascending(self) -> Named:
-        """The same by ascending wavelength, as the formats of others are."""
-        order = np.argsort(self.wavelength)
-        medium = self.medium
-        rows = {name: getattr(medium, name)[order] for name in ("sigma_t", "sigma_s", "phase", "delta", "peak")}
-        ordered = Scattering(theta=medium.theta, within=medium.within, **rows)
-        return self._replace(wavelength=self.wavelength[order], medium=ordered,
-                             errors={name: error[order] for name, error in self.errors.items()})
-
-
 def cf(named: Named, extra: Mapping[str, Variable] | None = None) -> bytes:
     """The medium by the CF conventions; standard names where there are any that do not speak of an atmosphere's aerosol."""
     medium, axes = named.medium, ("wavelength", "scattering_angle")
@@ -122,9 +86,34 @@ def cf(named: Named, extra: Mapping[str, Variable] | None = None) -> bytes:
     if "phase" in named.errors:
         variables["phase_function_error"] = Variable(axes, named.errors["phase"], {
             "long_name": "estimated error of the phase function", "units": "sr-1"})
+    variables |= _matrix(named)
     attributes = {"Conventions": "CF-1.11",
             "comment": f"asset's tolerance {named.tolerance:g}, reached {named.achieved:.3g}: {named.measure}"}
     return netcdf(variables | dict(extra or {}), attributes | named.attributes)
+
+
+def _matrix(named: Named) -> dict[str, Variable]:
+    """Elements of the scattering matrix beside the phase function, and its expansion coefficients; nothing of scalar media."""
+    from bakery.physics.moments import expansion_coefficients, legendre_series
+
+    medium = named.medium
+    if medium.matrix is None:
+        return {}
+    source = "of spheres, Bohren & Huffman 1983, eq. 4.77, time factor exp(-i w t), in the scale of the phase function"
+    variables = {f"scattering_matrix_{name}": Variable(("wavelength", "scattering_angle"), medium.matrix[:, i], {
+        "long_name": f"element {name} of the scattering matrix", "units": "sr-1", "comment": source})
+        for i, name in enumerate(("12", "33", "34"))}
+    series = legendre_series(medium.theta, medium.phase, named.tolerance)
+    last = series.moments.shape[-1] - 1
+    expansion = expansion_coefficients(medium.theta, medium.phase, *np.moveaxis(medium.matrix, 1, 0), last)
+    variables["order"] = Variable(("order",), np.arange(last + 1), {"long_name": "order l of the expansion", "units": "1"})
+    for name, element in EXPANDED.items():
+        variables[f"expansion_{name}"] = Variable(("wavelength", "order"), getattr(expansion, name), {
+            "long_name": f"expansion coefficient {name} in generalised spherical functions, of {element}", "units": "1",
+            "comment": "Hovenier & van der Mee 1983; with the factor 2 l + 1"})
+    variables["expansion_cut"] = Variable(("wavelength",), series.cut, {
+        "long_name": "integral over the sphere of |phase function - its series|", "units": "1"})
+    return variables
 
 
 def _mean_cosine(medium: Scattering) -> np.ndarray:
@@ -144,11 +133,11 @@ def eradiate(named: Named, moments) -> bytes:
     medium = named.medium
     count, angles = len(named.wavelength), len(medium.theta)
     mu, theta = np.cos(medium.theta)[::-1], np.degrees(medium.theta)[::-1]
-    by_angle, none = ("w", "iangle"), {}
+    by_angle, matrix = ("w", "iangle"), _elements(medium)
     variables = {
         "w": Variable(("w",), 1e3 * named.wavelength, {
             "standard_name": "wavelength", "long_name": "wavelength", "units": "nm"}),
-        "phamat": Variable(("phamat",), np.array(["11"]), {
+        "phamat": Variable(("phamat",), np.array(["11", "12", "33", "34"][:len(matrix)]), {
             "standard_name": "component", "long_name": "phase matrix component"}),
         "mu": Variable(by_angle, np.tile(mu, (count, 1)), {
             "standard_name": "cos_scattering_angle", "long_name": "scattering angle cosine", "units": "dimensionless"}),
@@ -158,18 +147,25 @@ def eradiate(named: Named, moments) -> bytes:
             "standard_name": "extinction_coefficient", "long_name": "extinction coefficient", "units": "km^-1"}),
         "ssa": Variable(("w",), medium.albedo, {
             "standard_name": "single_scattering_albedo", "long_name": "single-scattering albedo", "units": "dimensionless"}),
-        "phase": Variable(("phamat", *by_angle), 4 * math.pi * medium.phase[None, :, ::-1], {
+        "phase": Variable(("phamat", *by_angle), 4 * math.pi * matrix[:, :, ::-1], {
             "standard_name": "phase_matrix", "long_name": "phase matrix", "units": "1/sr", "coordinates": "mu theta",
             "comment": "integral normalized to 2"}),
         "nangles": Variable(("w",), np.full(count, angles), {
             "standard_name": "n_angular_samples", "long_name": "number of angular samples"}),
         "nmom": Variable(("w",), np.full(count, moments.shape[1]), {
             "standard_name": "n_legendre_polys", "long_name": "number of Legendre polynomials"}),
-        "pmom": Variable(("w", "imom"), (2 * np.arange(moments.shape[1]) + 1) * moments, none | {
+        "pmom": Variable(("w", "imom"), (2 * np.arange(moments.shape[1]) + 1) * moments, {
             "standard_name": "legendre_polys", "long_name": "Legendre polynomials",
             "comment": "p11 component only; including factor 2l+1"}),
     }
     return netcdf(variables, {"format": "Aer-Core v2", "particle_shape": "spherical"} | named.attributes)
+
+
+def _elements(medium: Scattering) -> np.ndarray:
+    """(1, L, A), the phase function, or (4, L, A) with the elements 12, 33 and 34, as both formats order them."""
+    if medium.matrix is None:
+        return medium.phase[None]
+    return np.concatenate([medium.phase[None], np.moveaxis(medium.matrix, 1, 0)])
 
 
 def libradtran(named: Named, moments, mass: float, radius: float, density: float) -> bytes:
@@ -183,11 +179,18 @@ def libradtran(named: Named, moments, mass: float, radius: float, density: float
     radius : effective, um
     density : of the particles, g/cm^3
     """
+    from bakery.physics.moments import legendre_moments
+
     medium = named.medium
     count = len(named.wavelength)
     over, all_of = ("nlam", "nreff"), ("nlam", "nreff", "nphamat")
-    theta, phase = np.degrees(medium.theta), 4 * math.pi * medium.phase
-    terms = (2 * np.arange(moments.shape[1]) + 1) * moments
+    theta, phase = np.degrees(medium.theta), 4 * math.pi * np.moveaxis(_elements(medium), 0, 1)
+    kinds = phase.shape[1]
+    terms = np.zeros((count, kinds, moments.shape[1]))
+    terms[:, 0] = (2 * np.arange(moments.shape[1]) + 1) * moments
+    if kinds > 1:
+        others = legendre_moments(medium.theta, medium.matrix, moments.shape[1] - 1)
+        terms[:, 1:] = (2 * np.arange(moments.shape[1]) + 1) * others
 
     def column(values) -> np.ndarray:
         return np.broadcast_to(np.asarray(values, float).reshape(-1, 1), (count, 1))
@@ -195,13 +198,14 @@ def libradtran(named: Named, moments, mass: float, radius: float, density: float
     variables = {
         "wavelen": Variable(("nlam",), named.wavelength, {"long_name": "wavelength", "units": "micrometer"}),
         "reff": Variable(("nreff",), np.array([radius]), {"long_name": "effective radius", "units": "micrometer"}),
-        "ntheta": Variable(all_of, np.full((count, 1, 1), theta.size), {
+        "ntheta": Variable(all_of, np.full((count, 1, kinds), theta.size), {
             "long_name": "number of scattering angles", "units": "-"}),
-        "theta": Variable((*all_of, "nthetamax"), np.tile(theta, (count, 1, 1, 1)), {"long_name": "theta", "units": "degrees"}),
-        "phase": Variable((*all_of, "nthetamax"), phase[:, None, None], {"long_name": "phase", "units": "-"}),
-        "nmom": Variable(all_of, np.full((count, 1, 1), terms.shape[1]), {
+        "theta": Variable((*all_of, "nthetamax"), np.tile(theta, (count, 1, kinds, 1)), {
+            "long_name": "theta", "units": "degrees"}),
+        "phase": Variable((*all_of, "nthetamax"), phase[:, None], {"long_name": "phase", "units": "-"}),
+        "nmom": Variable(all_of, np.full((count, 1, kinds), terms.shape[2]), {
             "long_name": "number of Legendre polynomials", "units": "-"}),
-        "pmom": Variable((*all_of, "nmommax"), terms[:, None, None], {
+        "pmom": Variable((*all_of, "nmommax"), terms[:, None], {
             "long_name": "Legendre polynomials", "units": "including factor 2*l+1"}),
         # 1/m in 1/km, of a gram in a m^3
         "ext": Variable(over, column(1e3 * medium.sigma_t / mass), {

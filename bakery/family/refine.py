@@ -6,7 +6,7 @@ Media come from a function of their place, so nothing here knows how they are ba
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -51,6 +51,16 @@ class Refined:
         if any(error is None or not np.isfinite(error).any() for error in several):
             return None
         return sum(float(error[np.isfinite(error)].max()) for error in several) / ROOM
+
+
+class _Media:
+    """The media of points, asked for anew whenever they are gone through."""
+
+    def __init__(self, places: Iterable[tuple[float, ...]], medium: Callable[[tuple[float, ...]], Optics | None]):
+        self._places, self._medium = list(places), medium
+
+    def __iter__(self) -> Iterator[Optics | None]:
+        return map(self._medium, self._places)
 
 
 def given(axes: Sequence[Axis], medium: Callable[[tuple[float, ...]], Optics | None]) -> Refined:
@@ -111,7 +121,7 @@ def refined(axes: Sequence[Axis], medium: Callable[[tuple[float, ...]], Optics |
 
 def _tables(axes, values, medium) -> Tables:
     scaled = [np.array([axis.first.scaled(value) for value in along]) for axis, along in zip(axes, values, strict=True)]
-    return tabulated(scaled, [medium(point) for point in points(values)])
+    return tabulated(scaled, _Media(points(values), medium))
 
 
 def _methods(tables: Tables) -> tuple[str, ...]:

@@ -1,4 +1,6 @@
-"""Optical properties of a medium from NetCDF files: of libRadtran (its `mie` tool and OPAC), of Eradiate, and our own export.
+"""Optical properties of a medium from files: the text of OPAC (`opac_files`), and NetCDF.
+
+NetCDF is that of libRadtran (its `mie` tool and OPAC), of Eradiate, and of our own export.
 
 | | libRadtran | Eradiate, Aer-Core v2 and v1 | `bake export --to netcdf` |
 |---|---|---|---|
@@ -17,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bakery.grammar import netcdf
+from bakery.grammar import netcdf, opac_files
 from bakery.grammar.netcdf import Variable
 from bakery.grammar.text import show
 from bakery.grammar.units import Wrong
@@ -28,6 +30,7 @@ _V1 = ("w", "mu", "sigma_t", "albedo", "phase", "i", "j")
 _OURS = ("wavelength", "scattering_angle", "extinction_coefficient", "single_scattering_albedo", "phase_function")
 _WANTED = frozenset((*_LIBRADTRAN, *_CORE, *_V1, *_OURS, "reff", "hum"))
 RADIUS, HUMIDITY = "effective_radius", "humidity"
+MASS, NUMBER = "mass_concentration", "number_density"
 _LENGTHS = {"micrometer": 1.0, "micrometers": 1.0, "micrometre": 1.0, "micrometres": 1.0, "micron": 1.0, "microns": 1.0,
             "um": 1.0,
             "µm": 1.0, "μm": 1.0, "nm": 1e-3, "nanometer": 1e-3, "nanometers": 1e-3, "nanometre": 1e-3, "nanometres": 1e-3,
@@ -54,11 +57,11 @@ class OpticalProperties(NamedTuple):
     wavelength : (W,) um, ascending
     axis : what the second axis is: `RADIUS`, `HUMIDITY` or ""
     values : (P,) um or 1, ascending; (1,) where there is no such axis
-    extinction : (W, P) m^2/kg if `per_mass`, else 1/m
+    extinction : (W, P) 1/m of `per` = 1, that is m^2/kg of a mass concentration, m^2 of a number density; 1/m where there is none
     albedo : (W, P) 1
     rows : W tuples of P `Row`s
     integral : the integral over cos theta that rows should have
-    per_mass : the extinction is that of a mass concentration of 1 kg/m^3
+    per : `MASS` or `NUMBER`, the key whose amount 1 kg/m^3 or 1 /m^3 the extinction is of; "" where it is the medium's own
     """
 
     wavelength: np.ndarray
@@ -68,11 +71,13 @@ class OpticalProperties(NamedTuple):
     albedo: np.ndarray
     rows: tuple[tuple[Row, ...], ...]
     integral: float
-    per_mass: bool
+    per: str
 
 
 def read(data: bytes) -> OpticalProperties:
-    """The optical properties of a NetCDF file; raises `Wrong`."""
+    """The optical properties of a file; raises `Wrong`."""
+    if opac_files.is_opac(data):
+        return _checked(_opac(data))
     variables = netcdf.read(data, _WANTED)
     for names, reader in ((_LIBRADTRAN, _libradtran), (_CORE, _eradiate), (_V1, _eradiate_v1), (_OURS, _ours)):
         if set(names) <= variables.keys():
@@ -85,6 +90,13 @@ def read(data: bytes) -> OpticalProperties:
     raise Wrong(f"found the variables {', '.join(sorted(variables)) or 'of no kind that is known here'}",
                 f"expected those of libRadtran ({', '.join(_LIBRADTRAN)}, and reff or hum), of Eradiate ({', '.join(_CORE)}), or "
                 f"of `bake export --to netcdf` ({', '.join(_OURS)})")
+
+
+def _opac(data: bytes) -> OpticalProperties:
+    wavelength, area, albedo, theta, phases = opac_files.read(data)
+    rows = tuple((_row(theta, phase),) for phase in phases)
+    return OpticalProperties(wavelength, "", np.zeros(1), area.reshape(-1, 1), albedo.reshape(-1, 1), rows, 1 / (2 * math.pi),
+                             NUMBER)
 
 
 def _scaled(variables: dict[str, Variable], name: str, units: dict[str, float], default: str = "") -> np.ndarray:
@@ -110,7 +122,7 @@ def _libradtran(variables) -> OpticalProperties:
                     f"expected {shape[0]} wavelengths by {shape[1]} values of {axis}, elements, angles")
     rows = tuple(tuple(_row(np.radians(theta[i, j, 0, :_number(count[i, j, 0])]), phase[i, j, 0]) for j in range(shape[1]))
                  for i in range(shape[0]))
-    return OpticalProperties(wavelength, RADIUS if axis == "reff" else HUMIDITY, values, extinction, albedo, rows, 2.0, True)
+    return OpticalProperties(wavelength, RADIUS if axis == "reff" else HUMIDITY, values, extinction, albedo, rows, 2.0, MASS)
 
 
 def _number(value: float) -> int:
@@ -147,7 +159,7 @@ def _ours(variables) -> OpticalProperties:
 
 def _single(wavelength, extinction, albedo, rows, integral: float) -> OpticalProperties:
     """Of a file without a second axis."""
-    return OpticalProperties(wavelength, "", np.zeros(1), extinction.reshape(-1, 1), albedo.reshape(-1, 1), rows, integral, False)
+    return OpticalProperties(wavelength, "", np.zeros(1), extinction.reshape(-1, 1), albedo.reshape(-1, 1), rows, integral, "")
 
 
 def _angle(mu) -> np.ndarray:

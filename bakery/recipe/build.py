@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
 from pydantic import BaseModel
 
 from bakery.errors import Problem, RecipeError
-from bakery.grammar.files import Folder
+from bakery.grammar.files import Folder, source_of
 from bakery.grammar.problems import distinct, no_keys, places, validated
-from bakery.grammar.text import Mapping, Source, Tree
+from bakery.grammar.text import Mapping, Source, Tree, parse, show
+from bakery.grammar.units import Wrong
 from bakery.grammar.values import Values, resolved
 from bakery.recipe import schema
 from bakery.recipe.checker import Checker
@@ -19,8 +21,11 @@ from bakery.recipe.model import Recipe
 MAX_PROBLEMS = 200
 
 
-def check(path: Path, source: Source, tree: Tree, text: str, problems: list[Problem]) -> Recipe:
-    """The recipe of a tree; `text` is its text with overrides applied, `problems` what is known to be wrong."""
+def check(path: Path, source: Source, tree: Tree, text: str, problems: list[Problem], within: tuple[str, ...] = ()) -> Recipe:
+    """The recipe of a tree; `text` is its text with overrides applied, `problems` what is known to be wrong.
+
+    within : real paths of the recipes that name this one
+    """
     problems = tree.problems + problems
     if not isinstance(tree.root, Mapping):
         if tree.root is None or not tree.root.broken:
@@ -28,7 +33,8 @@ def check(path: Path, source: Source, tree: Tree, text: str, problems: list[Prob
         raise RecipeError(problems)
     parsed, values, wrong = validated(schema.recipe_file(), tree.root)
     problems += wrong
-    checker = Checker(tree.root, values, Folder(path.parent), schema.sections())
+    checker = Checker(tree.root, values, Folder(path.parent), schema.sections(),
+                      read=lambda other: _named(other, (*within, os.path.realpath(path))))
     checker.run()
     problems = distinct(problems + checker.problems)
     if problems:
@@ -39,6 +45,17 @@ def check(path: Path, source: Source, tree: Tree, text: str, problems: list[Prob
                                     "correct these first"))
         raise RecipeError(problems)
     return _recipe(path, text, tree.root, parsed, checker)
+
+
+def _named(path: Path, within: tuple[str, ...]) -> Recipe:
+    """The recipe of a file that another one names; `Wrong` where that goes round, or it is many."""
+    if os.path.realpath(path) in within:
+        raise Wrong(f"found {show(path.name)}, which names itself by way of this", "expected another recipe")
+    source = source_of(path)
+    tree = parse(source)
+    if isinstance(tree.root, Mapping) and "sweep" in tree.root:
+        raise Wrong(f"found {show(path.name)}, which sweeps keys", "expected a recipe of one asset")
+    return check(path, source, tree, source.text, [], within)
 
 
 # ---- values

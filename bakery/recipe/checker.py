@@ -7,11 +7,12 @@ keys are wrong.  A key that is missing or malformed is passed over here: the sch
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from bakery.errors import Problem
+from bakery.errors import AssetError, Problem, RecipeError, StoreError
 from bakery.grammar import bins, index_files, tables
 from bakery.grammar.fields import SUM_OF_SHARES, nearest
 from bakery.grammar.files import DataFile, Folder, materials
@@ -23,11 +24,25 @@ from bakery.physics.materials import formulas
 from bakery.physics.materials.mixing import RULES, mixed
 from bakery.recipe import wavelengths
 from bakery.recipe.dispersion import Outside, constants_at
+from bakery.recipe.model import Recipe
 from bakery.recipe.schema import NAMED_WAVELENGTHS
-from bakery.stages.declaration import RecipeSection
+from bakery.stages import all_stages, conform
+from bakery.stages.declaration import RecipeSection, Stage
+from bakery.store.read import parse
+from bakery.store.tree import Group
 
+LARGEST_ASSET = 512 << 20  # bytes of one that a recipe names
 LARGEST_N = 1000.0  # of n and k
 CLEAR = 1e-3  # largest k of a host: above it, cross sections of a sphere in it are not defined by Lorenz-Mie theory
+
+
+@dataclass(frozen=True)
+class Named:
+    """A recipe that another one names: its stages, and its file."""
+
+    recipe: Recipe
+    stages: tuple[Stage, ...]
+    file: DataFile
 
 
 @dataclass
@@ -45,6 +60,7 @@ class Checker:
     found: dict = field(default_factory=dict)
     meshes: dict[str, tuple[bytes, str]] = field(default_factory=dict)
     wavelength: tuple[float, ...] | None = None
+    read: Callable | None = None  # (path) -> the checked recipe of a file
 
     def run(self) -> None:
         self._wavelengths()
@@ -312,6 +328,28 @@ class Checker:
     def bins(self, node: Node | None) -> bins.Bins | None:
         """The bins of the CSV file that a key names."""
         return self._file(node, bins.read)
+
+    def asset(self, node: Node) -> tuple[Group, DataFile]:
+        """The asset that a key names, whole and as its stages declare; raises `Wrong`."""
+        name = self.values[node.place.key]
+        data, file = self.folder.read(node.place.key, name, LARGEST_ASSET, "file")
+        try:
+            root = parse(name, data)
+            conform.check(name, root)
+        except (AssetError, StoreError) as fault:
+            raise Wrong(f"found a file that is no whole asset ({fault})", "expected what `bake` wrote") from None
+        return root, file
+
+    def recipe(self, node: Node) -> Named | None:
+        """The recipe that a key names, checked; None where it is wrong.  Raises `Wrong`."""
+        name = self.values[node.place.key]
+        _, file = self.folder.read(node.place.key, name, noun="recipe")
+        try:
+            recipe = self.read(file.path)
+        except RecipeError as error:
+            self.problems += error.problems
+            return None
+        return Named(recipe, tuple(stage for stage in all_stages() if stage.applies(recipe)), file)
 
     def _file(self, node: Node | None, read):
         """What `read(data, label, key)` makes of the file that a key names."""

@@ -40,11 +40,14 @@ from bakery.run.progress import Progress
 from bakery.stages.conform import FAMILY
 from bakery.store import scratch
 from bakery.store.hashes import HASH, seal
+from bakery.store.image import image
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group, text
-from bakery.store.write import write
+from bakery.store.write import check_target, place
 from bakery.system import resources
+from bakery.system.memory import give_back
 
+_READ_AGAIN = object()  # stands for a medium that lies in the file of its member
 SAID = 8  # failed points, and others, that are named one by one
 
 
@@ -80,14 +83,17 @@ def execute_family(plan: FamilyPlan, *, cache: Cache | None = None, jobs: int | 
         else:
             result = given(sweep.axes, baking.medium)
         members = {point: baking.member(point) for point in points(result.values)}
-    root = _root(plan, result, members, baking)
-    written = _write(plan.output, root, progress)
+    baking.release()
+    method, reached = result.method, result.error
+    tree = [_root(plan, result, members, baking)]
+    del result
+    lines = misses(tree[0])
+    written = _write(plan.output, tree, progress)
     now = _listed(plan)
     _remove({file: digest for file, digest in baking.own.items() if file not in now}, progress)
-    lines = misses(root)
     count = sum(not member.reason for member in members.values())
-    progress.done(FAMILY, f"{count} of {len(members)} points, {result.method} between them"
-                  + (f", error {result.error:.2g} of {sweep.tolerance:.2g}" if result.error is not None and sweep.refine else "")
+    progress.done(FAMILY, f"{count} of {len(members)} points, {method} between them"
+                  + (f", error {reached:.2g} of {sweep.tolerance:.2g}" if reached is not None and sweep.refine else "")
                   + f", {resources.duration(time.monotonic() - started)}")
     steps = tuple(baking.steps[point] for point in members if point in baking.steps)
     written |= any(step["source"] == "written" for step in steps)
@@ -110,7 +116,12 @@ class _Baking:
         self.missed: dict[tuple, list[str]] = {}
 
     def medium(self, point) -> Optics | None:
-        """The medium at a place; None where it cannot be baked."""
+        """The medium at a place; None where it cannot be baked.
+
+        Where nothing is refined each is asked for twice, and read again: 50 of 500 wavelengths are 36 MB.
+        """
+        if self._media.get(point) is _READ_AGAIN:
+            return optics_of(read(self._plan.path_of(point))["medium"])
         if point not in self._media:
             path = self._plan.path_of(point)
             # a middle may be no member in the end: it takes the place of a member, never that of a file of someone else
@@ -119,7 +130,14 @@ class _Baking:
             # how many places a refinement takes is not known before its end
             share = 0.0 if self._plan.recipe.sweep.refine else done / self._plan.points
             self._progress.update(share, self._error, f"{done} places")
-        return self._media[point]
+        optics = self._media[point]
+        if optics is not None and not self._plan.recipe.sweep.refine:
+            self._media[point] = _READ_AGAIN
+        return optics
+
+    def release(self) -> None:
+        """Forget the media: all are in the tables."""
+        self._media.clear()
 
     def told(self, error: float | None) -> None:
         """The error of the interpolation so far."""
@@ -195,8 +213,13 @@ def _first(lines: Sequence[str], head: str) -> list[str]:
     return [f"{head}{line}" for line in lines[:SAID]] + remark
 
 
-def _write(path: Path, root: Group, progress: Progress) -> bool:
-    """Whether the file was written: one that holds the same is touched."""
+def _write(path: Path, tree: list[Group], progress: Progress) -> bool:
+    """Whether the file was written: one that holds the same is touched.
+
+    tree : the root, which is taken out: its tables would take memory beside those that are read back from the disk
+    """
+    check_target(path)
+    root = tree.pop()
     try:
         same = read(path).attributes.get(HASH) == root.attributes[HASH]
     except AssetError:
@@ -205,7 +228,10 @@ def _write(path: Path, root: Group, progress: Progress) -> bool:
         touch(path)
         return False
     with progress.during(f"writing {path.name}"):
-        write(path, root, check=lambda root: departures(root) or physics(root))
+        give_back()  # the next lines take the file and its tables, twice
+        data = [image(root)]
+        del root
+        place(path, data.pop(), check=lambda root: departures(root) or physics(root))
     return True
 
 

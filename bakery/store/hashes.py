@@ -6,7 +6,9 @@ The digest of a group is taken over the digests of its members, so the hash of t
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -16,12 +18,14 @@ from bakery.store.tree import Dataset, Group
 HASH = "content_hash"
 STAGE = "stage"  # a group with this attribute is a stage's
 UNHASHED = ("provenance",)  # members of the root that may differ between two bakes of the same
+_NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
-def content_hash(member: Dataset | Group, without: tuple[str, ...] = ()) -> str:
+def content_hash(member: Dataset | Group, without: tuple[str, ...] = (), known: Mapping[str, str] = _NOTHING) -> str:
     """SHA-256, in hexadecimal, over names, shapes, types, attributes and bytes of all that a member holds.
 
     Attributes called `content_hash` and the direct members named in `without` do not enter; the order of members does not matter.
+    `known` holds hashes of direct members that were computed already.
     """
     digest = hashlib.sha256()
     if isinstance(member, Group):
@@ -29,7 +33,7 @@ def content_hash(member: Dataset | Group, without: tuple[str, ...] = ()) -> str:
         _add_attributes(digest, member.attributes)
         for name in sorted(member.members):
             if name not in without:
-                digest.update(f"member {name} {content_hash(member.members[name])}\n".encode())
+                digest.update(f"member {name} {known.get(name) or content_hash(member.members[name])}\n".encode())
         return digest.hexdigest()
     digest.update(b"dataset\n")
     _add_attributes(digest, {"description": member.description, "units": member.units})
@@ -41,29 +45,32 @@ def content_hash(member: Dataset | Group, without: tuple[str, ...] = ()) -> str:
     return digest.hexdigest()
 
 
-def root_hash(root: Group) -> str:
+def root_hash(root: Group, known: Mapping[str, str] = _NOTHING) -> str:
     """The hash of a whole asset: everything but its provenance."""
-    return content_hash(root, without=UNHASHED)
+    return content_hash(root, UNHASHED, known)
 
 
 def seal(root: Group) -> Group:
     """The same tree as it will be stored: arrays with a shape, little-endian, and every content hash filled in."""
-    members = {}
+    members, stages = {}, {}
     for name, member in root.members.items():
         member = normalised(member, name)
         if isinstance(member, Group) and STAGE in member.attributes:
-            member = replace(member, attributes=member.attributes | {HASH: content_hash(member)})
+            stages[name] = content_hash(member)
+            member = replace(member, attributes=member.attributes | {HASH: stages[name]})
         members[name] = member
     fixed = {"format": FORMAT, "format_version": VERSION}
     root = Group(members, fixed | root.attributes | fixed)
-    return replace(root, attributes=root.attributes | {HASH: root_hash(root)})
+    return replace(root, attributes=root.attributes | {HASH: root_hash(root, stages)})
 
 
 def broken_hashes(root: Group) -> list[str]:
     """What does not agree with its `content_hash`, in words; empty for a sound asset."""
-    broken = [f"{name}: its content does not match its content_hash" for name, member in root.members.items()
-              if isinstance(member, Group) and STAGE in member.attributes and member.attributes.get(HASH) != content_hash(member)]
-    if not broken and root.attributes.get(HASH) != root_hash(root):
+    stages = {name: content_hash(member) for name, member in root.members.items()
+              if isinstance(member, Group) and STAGE in member.attributes}
+    broken = [f"{name}: its content does not match its content_hash" for name, digest in stages.items()
+              if root.members[name].attributes.get(HASH) != digest]
+    if not broken and root.attributes.get(HASH) != root_hash(root, stages):
         broken = ["the root (recipe, wavelength or an attribute) does not match its content_hash"]
     return broken
 

@@ -6,6 +6,7 @@ variable-length strings have none: so every dataset is chunked and every string 
 
 from __future__ import annotations
 
+import hashlib
 import io
 import zlib
 
@@ -18,9 +19,11 @@ CHUNK = 1 << 20  # bytes; a whole number of rows up to this size goes into one c
 _DEFLATE_LEVEL = 4
 # Unpacking costs more time than reading: worth it from a third less on.  Measured on a first MB of each dataset.
 _PAYS = 0.67
+_KNOWN = 256  # samples whose answer is remembered: a stage goes into the cache, and then into its asset
+_pays: dict[tuple[bytes, int], bool] = {}
 
 
-def image(root: Group) -> bytearray:
+def image(root: Group) -> bytes:
     """The bytes of the asset file, user block included, of a tree that `hashes.seal` has put in order.
 
     Raises
@@ -32,9 +35,9 @@ def image(root: Group) -> bytearray:
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", libver="v110", userblock_size=USER_BLOCK, track_order=True) as file:
         _fill(file, root, "", 1)
-    data = bytearray(buffer.getbuffer())
-    data[:USER_BLOCK] = user_block(memoryview(data)[USER_BLOCK:])
-    return data
+    with buffer.getbuffer() as data:
+        data[:USER_BLOCK] = user_block(data[USER_BLOCK:])
+    return buffer.getvalue()  # no copy, as long as the buffer lives no longer
 
 
 def _fill(target, group: Group, path: str, depth: int) -> None:
@@ -89,8 +92,14 @@ def _deflate_pays(data: np.ndarray) -> bool:
     sample = np.ascontiguousarray(data.reshape(-1)[:CHUNK // data.itemsize])
     if sample.nbytes < 512:
         return False
-    shuffled = sample.view(np.uint8).reshape(-1, data.itemsize).T.tobytes()
-    return len(zlib.compress(shuffled, _DEFLATE_LEVEL)) < _PAYS * len(shuffled)
+    sample = sample.view(np.uint8).reshape(-1, data.itemsize)
+    key = hashlib.sha256(sample).digest(), data.itemsize  # 20 times as fast as packing
+    if key not in _pays:
+        shuffled = sample.T.tobytes()
+        if len(_pays) >= _KNOWN:
+            _pays.clear()
+        _pays[key] = len(zlib.compress(shuffled, _DEFLATE_LEVEL)) < _PAYS * len(shuffled)
+    return _pays[key]
 
 
 def _set_attributes(target, attributes: dict[str, Attribute], path: str) -> None:

@@ -46,6 +46,7 @@ def place(path: str | os.PathLike, data: bytes, *, check: Callable[[Group], Iter
     try:
         with _part(target, files) as (fd, part):
             _write_all(files, fd, memoryview(data))
+            del data  # it is read back, which takes as much again
             _check_written(shown, part, check, files)
             files.sync(fd)
             files.replace(part, target)

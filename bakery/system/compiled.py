@@ -46,20 +46,23 @@ class Kernel(CPUDispatcher):
 
     def compile(self, sig):
         """The entry point of a signature: there already, kept on disk, or compiled now."""
-        arguments, called, self._called = _arguments(sig), self._called, False
-        result = self.overloads.get(arguments)
-        # of what is there numba's says so itself, and what is there for linking is what a call from another kernel takes
-        if not self._can_compile or result is not None and (called or not linked.only(result)):
-            return super().compile(sig)
-        # a kernel that calls itself has its turn already
-        turn = turns.of(self.turn, _waiting(self)) if self._cache.cache_path is not None else nullcontext()
-        with global_compiler_lock, turn, _no_collector(), _depth():
-            entry = self._link(arguments) if called else None
-            if entry is None:
-                self.overloads.pop(arguments, None)
-                entry = super().compile(sig)
-                linked.give_environments(self.overloads[arguments])
-            return entry
+        # two threads may call it first: the second finds what the first has compiled.  What is added twice numba calls
+        # ambiguous, and asks for it again by every call: 1 ms where a record of arrays is an argument
+        with global_compiler_lock:
+            arguments, called, self._called = _arguments(sig), self._called, False
+            result = self.overloads.get(arguments)
+            # of what is there numba's says so itself, and what is there for linking is what a call from another kernel takes
+            if not self._can_compile or result is not None and (called or not linked.only(result)):
+                return super().compile(sig)
+            # a kernel that calls itself has its turn already
+            turn = turns.of(self.turn, _waiting(self)) if self._cache.cache_path is not None else nullcontext()
+            with turn, _no_collector(), _depth():
+                entry = self._link(arguments) if called else None
+                if entry is None:
+                    self.overloads.pop(arguments, None)
+                    entry = super().compile(sig)
+                    linked.give_environments(self.overloads[arguments])
+                return entry
 
     def _link(self, arguments):
         """What other kernels call this one by for arguments of these types; None where it has to have machine code."""

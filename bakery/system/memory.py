@@ -32,6 +32,16 @@ def free_memory() -> float | None:
     return address_space
 
 
+def give_back() -> None:
+    """Hand freed memory back to the system, where its C library keeps some (glibc: 30 MB after a bake of 500 wavelengths)."""
+    import ctypes
+
+    try:
+        ctypes.CDLL(None).malloc_trim(0)
+    except (AttributeError, OSError, TypeError):  # another library, or Windows
+        pass
+
+
 def address_space_left() -> float | None:
     """Bytes that a limit of the process leaves; None where there is none."""
     limit = resource.RLIM_INFINITY if resource is None else resource.getrlimit(resource.RLIMIT_AS)[0]

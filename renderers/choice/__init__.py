@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import bakery
 from bakery.errors import AssetError, UsageError
-from renderers.choice import remembered, trial
+from renderers.choice import remembered, surfaces, trial
 from renderers.choice.trial import Trial
 from renderers.mitsuba import bitmaps
 from renderers.pictures.engine import Stop
@@ -29,12 +29,13 @@ from renderers.scene.budget import percent
 from renderers.scene.candidates import Candidate
 
 TEXT = "bakery_method"  # attribute of the pictures
-_VERSION = 1  # of the rules below; another one does not go by what was kept
+_VERSION = 2  # of the rules below; another one does not go by what was kept
 _SHARE = 0.1  # of the render, that pilots of others than the first may take together
 _LONGEST = 1.5  # s of passes of a pilot
 _LONGER = 30.0  # times as long are pilots at most that have to tell an error
 _LEAST_PIXELS, _LEAST_SAMPLES = 128**2, 1 << 21  # of pictures; smaller ones take no longer than pilots
 _CHEAPER = 1.25  # times, that a later candidate has to be: clocks differ
+_UNTRIED = "taken without a pilot"
 _ORDER_SURE = 4.0  # standard errors, of a difference in one of four orders
 
 
@@ -44,6 +45,7 @@ class Choice(NamedTuple):
     Attributes
     ----------
     method : name
+    methods : of each entry
     table : of each candidate a dict: `method`, `seconds` (of processors, to the noise that is asked for), `bias` and `error`
         (over the picture's mean; 0 of one without), `chosen`, `why`; None of what is not known
     approximations : error of the method in this scene with what two standard errors may add; None where the pilots do not tell
@@ -51,6 +53,7 @@ class Choice(NamedTuple):
     """
 
     method: str
+    methods: list[str]
     table: list[dict]
     approximations: float | None
     sentence: str
@@ -71,7 +74,8 @@ class Choice(NamedTuple):
         return [self._of_entry(entry) for entry in listed]
 
     def _of_entry(self, entry):
-        shown = {"pilot": self.table} if candidates.medium_for(entry["kind"]) else {}
+        stands = candidates.medium_for(entry["kind"]) or entries.is_surface(entry["kind"], entry["method"])
+        shown = {"pilot": self.table} if stands else {}
         if entry["bias"] is None:
             why = f"{_figures(self.row)}{self.row['why']}"
             shown |= {"bias": self.approximations, "reasons": [*entry["reasons"], why]}
@@ -102,19 +106,19 @@ def of_scene(scene, quality: str | None = None, variant: str | None = None) -> C
 
     scene : `renderers.scene.Scene` with its assets
     """
-    if not candidates.of(scene):
+    if not (candidates.of(scene) or candidates.surfaces(scene)):
         return None
     from renderers.mitsuba.world import World
 
-    prepare, world = scene.prepare, World.of(scene, variant)
+    world = World.of(scene, variant)
     if world.camera is None:
         raise scene.no_camera()
-    return chosen(prepare, Opened.of(scene), world, quality)
+    return chosen(Opened.of(scene), world, quality)
 
 
 def applied(scene, choice: Choice):
     """The scene as it was chosen."""
-    return candidates.applied(scene, next(candidate for candidate in candidates.of(scene) if candidate.name == choice.method))
+    return candidates.by_methods(scene, choice.methods)
 
 
 def stop_of(scene, quality) -> Stop:
@@ -123,12 +127,15 @@ def stop_of(scene, quality) -> Stop:
     return Stop.of(budget.of(scene), values.measure, time=values.stop.time, samples=values.stop.samples, quality=quality)
 
 
-def chosen(prepare: Callable, opened, world, quality: str | None = None, picture: Path | None = None) -> Choice | None:
+def _prepared(opened, world, seed):
+    return opened.scene.prepare(opened, world, seed)
+
+
+def chosen(opened, world, quality: str | None = None, picture: Path | None = None) -> Choice | None:
     """The choice for a scene; None where its method chooses from none.
 
     Parameters
     ----------
-    prepare : of the renderer, (opened, world, seed) -> `renderers.pictures.passes.Method`
     opened : `Opened`
     world : `renderers.mitsuba.world.World` of the picture
     quality : of the render
@@ -139,25 +146,25 @@ def chosen(prepare: Callable, opened, world, quality: str | None = None, picture
     BakeryError : the scene cannot be rendered by the first candidate
     Interrupted : a pilot was interrupted
     """
-    offered = candidates.of(opened.scene)
+    offered, lacks = surfaces.beside(opened, world, candidates.of(opened.scene))
     if not offered:
         return None
-    lacks = {candidate.name: reason for candidate in offered if (reason := candidate.lacks(opened.assets, world))}
+    lacks |= {candidate.name: reason for candidate in offered if (reason := candidate.lacks(opened.assets, world))}
     offered = tuple(candidate for candidate in offered if candidate.name not in lacks) or offered
-    stop = stop_of(opened.scene, quality)
+    stop, tolerance = stop_of(opened.scene, quality), opened.scene.values.tolerance or budget.DEFAULT
     key = remembered.key_of(_VERSION, bakery.__version__, fingerprint(*made_of(opened.scene)), list(world.size),
                             [candidate.name for candidate in offered], [asset.content_hash for asset in opened.assets],
                             dataclasses.astuple(stop))
     kept = _choice_of(remembered.get("choice", key), offered)
     earlier = _of_picture(picture, offered) if picture is not None else None
     if earlier is not None and (kept is None or kept.method != earlier):
-        return _taken(offered, earlier, "the picture that is continued used it")
+        return _taken(offered, earlier, "the picture that is continued used it", tolerance)
     if alone := _without_pilots(world, offered, stop):
-        return _taken(offered, offered[0].name, alone)
+        return _taken(offered, offered[0].name, alone, tolerance)
     if kept:
         return kept._replace(sentence=f"{kept.sentence} (of an earlier render)")
     possible, seen = _unseen(opened, offered, world)
-    choice = _Pilots(prepare, opened, world, stop, possible, lacks | seen).choice()
+    choice = _Pilots(_prepared, opened, world, stop, possible, lacks | seen).choice()
     choice = choice._replace(sentence=f"{_said(offered, choice.method)}, {choice.sentence}")
     remembered.put("choice", key, choice._asdict())
     return choice
@@ -189,6 +196,8 @@ def _without_pilots(world, offered, stop) -> str:
     pixels = world.size[0] * world.size[1]
     if world.dark:
         return "nothing shines"
+    if len(offered) == 1:
+        return "there is no other candidate"
     if pixels < _LEAST_PIXELS or stop.samples is not None and stop.samples * pixels < _LEAST_SAMPLES:
         return "pilots of other methods would take longer than so small a picture"
     shortest = min((candidate.pilot for candidate in offered[1:]), default=math.inf)
@@ -197,13 +206,20 @@ def _without_pilots(world, offered, stop) -> str:
     return ""
 
 
-def _taken(offered, name, why) -> Choice:
-    row = {"method": name, "seconds": None, "bias": None, "error": None, "chosen": True, "why": "taken without a pilot"}
-    return Choice(name, [row], None, f"{_said(offered, name)}: {why}")
+def _taken(offered, name, why, tolerance) -> Choice:
+    candidate = next(candidate for candidate in offered if candidate.name == name)
+    row = {"method": name, "seconds": None, "bias": None, "error": None, "chosen": True, "why": _untried(candidate, tolerance)}
+    return Choice(name, list(candidate.methods), [row], None, f"{_said(offered, name)}: {why}")
+
+
+def _untried(candidate, tolerance) -> str:
+    if not candidate.surfaces:
+        return _UNTRIED
+    return f"{_UNTRIED}; by how far light spreads an error of {percent(candidate.stated(tolerance))} is expected"
 
 
 def _said(offered, name) -> str:
-    open_to_choice = sum(candidate.eligible for candidate in offered) > 1
+    open_to_choice = sum(candidate.eligible for candidate in offered) > 1 or any(candidate.surfaces for candidate in offered)
     return f"auto is {name} here" if open_to_choice else f"{name}, as asked for"
 
 
@@ -271,7 +287,8 @@ class _Pilots:
 
     def _try(self, name, seconds):
         opened = self._opened._replace(scene=candidates.applied(self._opened.scene, self._offered[name]))
-        self._trials[name] = trial.of(lambda world, seed: self._prepare(opened, world, seed), self._world, seconds)
+        with self._world.as_it_is():
+            self._trials[name] = trial.of(lambda world, seed: self._prepare(opened, world, seed), self._world, seconds)
 
     def _tell_more(self, seconds_left):
         """Longer pilots, in what is left of their time, of a candidate that may be taken by what a pilot tells alone, where that
@@ -307,8 +324,14 @@ class _Pilots:
     def _missing(self) -> dict[str, float]:
         """What each lacks of the light that the others have found."""
         without_error = {name for name in self._trials if self._offered[name].exact}
-        return {name: trial.missing(pilot, {key: self._trials[key] for key in self._trials if key != name}, without_error)
-                for name, pilot in self._trials.items()}
+        return {name: trial.missing(pilot, self._compared(name), without_error) for name, pilot in self._trials.items()}
+
+    def _compared(self, name) -> dict[str, Trial]:
+        """The others, with the layers that say something of one: light that surfaces send on counts as not scattered."""
+        others = {key: pilot for key, pilot in self._trials.items() if key != name}
+        if not self._offered[name].surfaces:
+            return others
+        return {key: pilot._replace(light={"": pilot.light[""]}) for key, pilot in others.items()}
 
     def _exact(self) -> dict[str, Trial]:
         """Those without an error that have found all of the light."""
@@ -327,7 +350,7 @@ class _Pilots:
         best, allowed = (next(iter(self._offered)), math.inf), {}
         for name, candidate in self._offered.items():
             if name not in self._trials:
-                table.append(self._row(name, None, None, self._why.get(name, "taken without a pilot")))
+                table.append(self._row(name, None, None, self._why.get(name, _untried(candidate, self._tolerance))))
                 continue
             cost = self._seconds(self._trials[name], missing[name])
             fits, bias, why, allowed[name] = self._fits(name, exact)
@@ -339,7 +362,7 @@ class _Pilots:
         by = "there is no other candidate"
         if self._trials:
             by = f"by pilots: seconds of a processor to a noise of {percent(self._noise)}"
-        return Choice(best[0], table, allowed.get(best[0]), by)
+        return Choice(best[0], list(self._offered[best[0]].methods), table, allowed.get(best[0]), by)
 
     def _margin(self, name, rival) -> float:
         """By how much a candidate has to be cheaper than one before it."""
@@ -361,8 +384,10 @@ class _Pilots:
         allowed, stated = budget.ROOM * self._tolerance, candidate.stated(self._tolerance)
         if not exact:
             why = "its error is unknown: no exact method has found all of the light"
-            return not candidate.media or stated <= allowed, None, why, None
+            return not (candidate.media or candidate.surfaces) or stated <= allowed, None, why, None
         bias = trial.bias(tried, min(exact.values(), key=self._variance))
+        if candidate.surfaces:
+            return self._as_surfaces(name, bias, stated, allowed)
         if bias.size + bias.error <= allowed:
             return True, bias, f"within the {percent(allowed)} allowed", bias.size + bias.error
         order, (shift, error) = max(bias.by_order.items(), key=lambda item: abs(item[1][0]) - _ORDER_SURE * item[1][1])
@@ -372,3 +397,16 @@ class _Pilots:
                 bias.size + bias.error if candidate.media else None
         states = f"it declares an error of {percent(stated)}; {percent(allowed)} is allowed"
         return stated <= allowed, bias, f"the pilot does not tell more: {self._why.get(name, states)}", None
+
+    def _as_surfaces(self, name, bias, stated, allowed):
+        """The same of a candidate with surfaces: within pixels of the picture, which are narrower than the pilots', its error is
+        known by what is expected."""
+        words = f"by how far light spreads {percent(stated)} is expected"
+        if bias.size + bias.error <= allowed:
+            fits, why = stated <= allowed, f"within the {percent(allowed)} allowed; {words}"
+        elif bias.resolved:
+            fits, why = False, f"off by more than the {percent(allowed)} allowed; {words}"
+        else:
+            fits, told = stated <= allowed, self._why.get(name, words)
+            why = f"the pilot does not tell more: {told}; {percent(allowed)} is allowed"
+        return fits, bias, why, max(bias.size + bias.error, stated) if fits and "within" in why else None

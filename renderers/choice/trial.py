@@ -18,13 +18,15 @@ from bakery.errors import Interrupted
 from renderers import colour
 from renderers.mitsuba import variants
 from renderers.pictures.engine import Passes, Stop
-from renderers.pictures.means import tiled
+from renderers.pictures.means import LEAST, tiled
 
 TINY, SMALL = 24**2, 64**2  # pixels of the two pictures
 ORDERS = ("", "order0", "order1", "order2", "orders")  # layers that are compared; "" is the picture
 LAMP = "light."  # layers of light from each lamp, by this and its name
 _SEED = 0x9170  # of all pilots: no seed of a picture decides how it is made
 _BLACK = 1e-6  # of the light that others have found; less counts as that
+_COMPILES, _LAUNCHES = 1 << 30, 0.05  # a pass that is not counted; s that a pass takes at most without paths
+_PATIENCE = 3.0  # times the seconds of a pilot that two passes may take
 _MANY = 16  # passes of which a bright spot is no chance any more (`renderers.pictures.pace`)
 
 
@@ -149,8 +151,10 @@ def of(prepare: Callable, world, seconds: float | None, samples: int | None = No
     ------
     BakeryError : the scene cannot be rendered so, or the pilot was interrupted
     """
-    small = _Run(prepare, smaller(world, TINY), Stop(time=seconds and 0.3 * seconds, samples=samples), compiles=True)
-    large = _Run(prepare, smaller(world, SMALL), Stop(time=seconds and 0.7 * seconds, samples=samples))
+    tiny, middle = smaller(world, TINY), smaller(world, SMALL)
+    share = _share(prepare(tiny, _SEED).parts, world, seconds)
+    small = _Run(prepare, tiny, Stop(time=seconds and 0.3 * seconds, samples=samples), share)
+    large = _Run(prepare, middle, Stop(time=seconds and 0.7 * seconds, samples=samples), share)
     level = max(float(large.light[""].mean.mean()), 1e-100)
     costs = []
     for part in large.passes.parts:
@@ -165,6 +169,20 @@ def of(prepare: Callable, world, seconds: float | None, samples: int | None = No
                                           large.pixels / small.pixels)))
     passes = min(mean.count for mean in large.passes.means.values())
     return Trial(large.setup, tuple(costs), large.light, large.pixels, passes, small.clock + large.clock)
+
+
+def _share(parts, world, seconds) -> float:
+    """Compiles parts of the smaller picture; of their samples a share with which two passes of the larger one take no more than
+    some times the seconds of a pilot: a path in a medium that hardly absorbs takes milliseconds."""
+    spent, needed = variants.clock(world.variant), 0.0
+    for part in parts:
+        single = part.fewer(1) if part.fewer else part
+        single.render(_COMPILES)
+        if part.fewer:
+            begin = spent()
+            single.render(_COMPILES + 1)
+            needed += part.samples * max(spent() - begin - _LAUNCHES, 0.0) * LEAST * SMALL / TINY
+    return 1.0 if not seconds or needed <= _PATIENCE * seconds else _PATIENCE * seconds / needed
 
 
 def _of_pixels(mean):
@@ -184,13 +202,13 @@ def _growth(times, spread, pixels) -> float:
 class _Run:
     """Passes of one small picture."""
 
-    def __init__(self, prepare, world, stop, compiles=False):
+    def __init__(self, prepare, world, stop, share=1.0):
         self.pixels, spent = world.size[0] * world.size[1], variants.clock(world.variant)
         clock, begin = spent(), time.monotonic()
         parts = prepare(world, _SEED).parts
         self.setup, self.clock = spent() - clock, time.monotonic() - begin
-        for part in parts if compiles else ():
-            part.render(1 << 30)
+        if share < 1:
+            parts = tuple(part.fewer(max(1, int(share * part.samples))) if part.fewer else part for part in parts)
         begin = time.monotonic()
         self._regions: dict[str, list] = {part.name: [] for part in parts}
         self.passes = Passes([part._replace(render=self._noted(part)) for part in parts])
@@ -229,19 +247,25 @@ class _Run:
 def missing(trial: Trial, others: Mapping[str, Trial], exact: Container[str]) -> float:
     """Light, over its own, that a pilot lacks by three standard errors of what one of some others has found: of all light where
     that is without an error; of a lamp, and of what has scattered, only what is found less than half of, as others may be off.
+    Lamps are compared where both have layers of them.
 
     others : by the names of their methods;  exact : names of those without an error
     """
     lacks = [0.0]
     for name, reference in others.items():
         scattered = [layer for layer in ORDERS[2:] if layer in reference.light]
+        lamps = list(filter(_of_lamp, reference.light)) if any(map(_of_lamp, trial.light)) else []
         whole = [[""]] if name in exact else []
         for layers, share in [*((each, 1.0) for each in whole),
-                              *(([layer], 0.5) for layer in reference.light if layer.startswith(LAMP)), (scattered, 0.5)]:
+                              *(([layer], 0.5) for layer in lamps), (scattered, 0.5)]:
             (mean, error), (reference_mean, reference_error) = _mean(trial, layers), _mean(reference, layers)
             if share * reference_mean - mean > 3 * math.hypot(error, reference_error):
                 lacks.append((reference_mean - mean) / max(trial.level, _BLACK * reference.level))
     return max(lacks)
+
+
+def _of_lamp(layer):
+    return layer.startswith(LAMP)
 
 
 def _mean(trial, layers):

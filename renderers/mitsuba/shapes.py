@@ -54,6 +54,13 @@ def of_scene(scene, unit) -> list[Shape]:
     return shapes
 
 
+def index_fault(shape: str, index: float | None, bsdf: float) -> str:
+    """What is wrong with the index that a scene says of a shape whose BSDF has `bsdf`; "" where it is that, or none is said."""
+    if index is None or abs(index - bsdf) <= 1e-3 * index:
+        return ""
+    return f"found {index:g}, and the BSDF of {shape} has {bsdf:g}; the same would do"
+
+
 def _index(bsdf):
     """Of refraction, as `Shape.index` says."""
     import mitsuba as mi

@@ -15,6 +15,7 @@ and at a scattering event in a medium, with the phase function's value `phase` t
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from functools import cached_property
 from os import PathLike
 from typing import NamedTuple
@@ -115,6 +116,18 @@ class World:
         return cls(scene.file(surfaces.mitsuba), surfaces.unit, view=scene.values.camera, size=size, variant=variant,
                    parameters=surfaces.parameters)
 
+    @contextmanager
+    def as_it_is(self):
+        """What BSDFs its shapes are given meanwhile, they have no more afterwards."""
+        shapes = list(self._scene.shapes())
+        earlier = [shape.bsdf() for shape in shapes]
+        try:
+            yield
+        finally:
+            for shape, bsdf in zip(shapes, earlier, strict=True):
+                if bsdf is not None and shape.bsdf() is not bsdf:
+                    shape.set_bsdf(bsdf)
+
     @property
     def scene(self):
         """The scene, of Mitsuba."""
@@ -210,6 +223,15 @@ class World:
         si = self._scene.ray_intersect(ray, ray_flags=mi.RayFlags.Minimal, coherent=False)
         distance, valid, cosine = shading.arrays(len(origin), si.t, si.is_valid(), dr.abs(dr.dot(si.n, ray.d)))
         return np.where(valid, self._metres(distance), np.inf), cosine
+
+    def first_shape(self, origin, direction, name):
+        """Distances to the first surface, (n,) m, inf where there is none, and whether that is the shape of a name, (n,)."""
+        import mitsuba as mi
+
+        hit = self._scene.ray_intersect_preliminary(self._ray(mi, origin, direction), coherent=False)
+        (shape,) = (shape for shape in self._scene.shapes() if shape.id() == name)
+        distance, valid, its = shading.arrays(len(origin), hit.t, hit.is_valid(), hit.shape == mi.ShapePtr(shape))
+        return np.where(valid, self._metres(distance), np.inf), valid & its
 
     def lights(self, point, random, *, hidden=True) -> LightSample:
         """A light from each of n points in the medium, (n, 3) m; `random` (n, 2) or more columns, of which two are used.

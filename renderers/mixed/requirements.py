@@ -9,6 +9,7 @@ from renderers.scene.requirements import Need, merged
 
 def needs(about) -> list[Need]:
     """Requirements of all stages that entries of the recipe read; see `renderers.scene.requirements`."""
+    from renderers.materials.bodies import requirements as bodies
     from renderers.materials.grains import requirements as grains
     from renderers.materials.particles import requirements as particles
 
@@ -20,6 +21,8 @@ def needs(about) -> list[Need]:
             surfaces.append(Need("surface", True, "light leaves it as by a baked layer"))
             surfaces.append(Need("medium", True, "light scattered once goes by it"))
             continue
+        if entries[number].kind == "body" and entries[number].method == "auto":
+            surfaces += bodies.surface(about.only([number], "auto"))
         for method in _methods(about, number, grains):
             groups.setdefault((entries[number].kind, method), []).append(number)
     rules = {"particles": particles.needs, "grains": grains.needs, "medium": _of_medium, "body": _of_medium}

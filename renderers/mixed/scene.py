@@ -47,7 +47,7 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
         for name, reason in _NOT_OF_SURFACES.items() if surface else {}:
             if name in entry:
                 yield entry.names[name].problem(f"found {name}, and {reason}", "expected none")
-        if "layer" in entry and kind == "body" and not surface:
+        if "layer" in entry and kind == "body" and not surface and method != "auto":
             yield entry.names["layer"].problem(f"found layer, which method {method} does not use",
                                                "expected it with method: surface")
         for name, reason in _UNUSED.items():

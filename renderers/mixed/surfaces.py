@@ -6,12 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from renderers.materials.bodies import far as spreading
 from renderers.scene.entries import declared, is_surface
-
-# Root mean square error of regions over the spread of light over the radius of a ball, over the mean: 0.55, 0.27 to 0.45 and 0.22
-# at albedo 0.9, 0.99 and 0.999 (docs/surface.md)
-_OFF = 0.55
-_MOST_PATHS = 1e4  # mean free paths, beyond which light that nothing absorbs counts as lost
 
 
 class Placed(NamedTuple):
@@ -62,40 +58,9 @@ def _refuse_without(scene, asset, number) -> None:
                           "surface: {thickness: infinite} in its recipe, or another method")
 
 
-def spread(asset, layer: int = 0) -> np.ndarray:
-    """How far from where it came in light leaves an asset's layer, (L,) m: root mean square, as baked, or else by diffusion.
-
-    Notes
-    -----
-    Counted among grains, and of former versions, assets hold none.  Of a point of light under the surface, a transport mean free
-    path l' deep, and its image above it, at 2 l' of the boundary's own (index 1):
-    <r^2> = 2 (z0 e^(-k z0) + z1 e^(-k z1)) / k / (e^(-k z0) + e^(-k z1)), z0 = l', z1 = 7/3 l'.  k is that of diffusion, and no
-    less than pi over the thickness; without absorption and thickness it would have no end.
-    Source: moments of Farrell, Patterson & Wilson, Med. Phys. 19, 879 (1992).
-    """
-    if _baked(asset):
-        return 1e-6 * np.sqrt(np.asarray(asset.surface["mean_square"], float)[:, layer])
-    medium = asset.medium
-    sigma_t, albedo, g = (np.asarray(medium[name], float) for name in ("sigma_t", "albedo", "g"))
-    reduced = np.maximum(sigma_t * (1 - albedo * g), 1e-30)
-    absorbed = np.maximum(sigma_t * (1 - albedo), reduced / _MOST_PATHS**2)
-    k = np.sqrt(3 * absorbed * reduced)
-    thickness = asset.surface.get("thickness")
-    if thickness is not None:
-        k = np.maximum(k, np.pi / np.maximum(1e-6 * thickness[layer], 1e-30))
-    near, far = 1 / reduced, 7 / 3 / reduced
-    share, share_far = np.exp(-k * near), np.exp(-k * far)
-    total = np.maximum(share + share_far, 1e-300)
-    return np.where(share > 0, np.sqrt(2 * (near * share + far * share_far) / total / k), near)
-
-
-def _baked(asset) -> bool:
-    return "mean_square" in asset.surface
-
-
 def _spread_in_words(scene, world, asset, layer, shape, size) -> str:
-    far = float(np.max(spread(asset, layer)))
-    source = "by walks" if _baked(asset) else "by diffusion"
+    far = float(np.max(spreading.spread(asset, layer)))
+    source = "by walks" if spreading.baked(asset) else "by diffusion"
     words = f"light leaves it up to {_length(far)} (root mean square, {source}) from where it came in"
     if world.camera is None:
         return words
@@ -104,7 +69,7 @@ def _spread_in_words(scene, world, asset, layer, shape, size) -> str:
     angle = float(np.sqrt(np.linalg.norm(world.camera.right) * np.linalg.norm(world.camera.down)))
     pixel = nearest * angle
     compared = (f"a pixel is {_length(pixel)} wide at the nearest of its box, and that {_length(size)}: regions of a ball as "
-                f"wide would be off by {100 * _OFF * far / (0.5 * size):.2g} % or less")
+                f"wide would be off by {100 * spreading.OFF * far / (0.5 * size):.2g} % or less")
     verdict = "; use another method where it is near" if far > pixel else ""
     return f"{words}; {compared}{verdict}"
 

@@ -141,12 +141,12 @@ class Rendering:
         begins("choice")
         opened = choice.Opened(scene, job.assets, job.asset)
         earlier = job.pair[1] if resume else None
-        self._taken = taken = scene.choice or choice.chosen(scene.prepare, opened, world, job.quality, earlier)
+        self._taken = taken = scene.choice or choice.chosen(opened, world, job.quality, earlier)
         if taken is not None:
             job.part_over("choice")
             job.scene = dataclasses.replace(choice.applied(scene, taken), choice=taken)
         begins("preparation")
-        self.method = scene.prepare(job, world, self.seed)
+        self.method = job.scene.prepare(job, world, self.seed)
         job.part_over("preparation")
         identity = {"scene": fingerprint(*made_of(scene)), "seed": self.seed, "size": list(world.size),
                     "asset": [asset.content_hash for asset in job.assets]}

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+from renderers import scene as scenes
 from renderers.scene import entries
 
 MOST = 6  # of several kinds
@@ -30,6 +31,7 @@ class Candidate(NamedTuple):
     lacks : (assets, world) -> what of the light it cannot find there
     media : numbers of the entries for which media stand
     replaced : of these, those that nobody asked for: `auto` does not take them where the materials themselves are seen
+    surfaces : numbers of the bodies that are surfaces because `auto` may have them so
     eligible : whether it may be taken; another one only measures how far those are off
     """
 
@@ -41,6 +43,7 @@ class Candidate(NamedTuple):
     lacks: Callable[[Sequence[Any], Any], str] = lambda assets, world: ""
     media: tuple[int, ...] = ()
     replaced: tuple[int, ...] = ()
+    surfaces: tuple[int, ...] = ()
     eligible: bool = True
 
 
@@ -56,10 +59,18 @@ def of(scene) -> tuple[Candidate, ...]:
 
 def applied(scene, candidate: Candidate):
     """The scene as a candidate has it."""
+    return by_methods(scene, candidate.methods)
+
+
+def by_methods(scene, methods: Sequence[str]):
+    """A scene whose entries have these methods; with surfaces it is rendered as those of several kinds are."""
     listed = [entry.model_copy(update={"method": method})
-              for entry, method in zip(scene.values.materials, candidate.methods, strict=True)]
-    of_all = candidate.methods[0] if len(set(candidate.methods)) == 1 else None
-    return dataclasses.replace(scene, values=scene.values.model_copy(update={"materials": listed, "method": of_all}))
+              for entry, method in zip(scene.values.materials, methods, strict=True)]
+    of_all = methods[0] if len(set(methods)) == 1 else None
+    several = scene.section == "mixed" or any(entries.is_surface(entry.kind, entry.method) for entry in listed)
+    section = "mixed" if several else scene.section
+    return dataclasses.replace(scene, section=section, renderer=scenes.OF_MATERIALS[section],
+                               values=scene.values.model_copy(update={"materials": listed, "method": of_all}))
 
 
 def _of_one_kind(scene):
@@ -67,6 +78,37 @@ def _of_one_kind(scene):
     count = len(scene.values.materials)
     return tuple(Candidate(name, (name,) * count, declared[name].exact, declared[name].error, declared[name].pilot,
                            declared[name].lacks) for name in declared[scene.values.method].candidates)
+
+
+# ---- bodies as surfaces
+
+
+def surface_of(kind: str) -> str | None:
+    """The method by which a material of a kind is a surface; None: there is none."""
+    return next((name for name, method in entries.declared(kind).items() if method.surface), None)
+
+
+def surfaces(scene) -> list[int]:
+    """Numbers of the entries of a scene that may be surfaces, as nobody asks for another method."""
+    materials = scene.values.materials if scene.section in scenes.OF_MATERIALS else ()
+    return [number for number, entry in enumerate(materials) if entry.method == "auto" and surface_of(entry.kind)]
+
+
+def with_surfaces(scene, numbers: Sequence[int], deviation: float) -> Candidate:
+    """The candidate by which these entries are surfaces, and the others what they are without pilots.
+
+    deviation : the error that is expected of that, relative to the picture's mean
+    """
+    materials = scene.values.materials
+    methods = [surface_of(entry.kind) if number in numbers else beside(entry.kind)[0] if entry.method == "auto" else entry.method
+               for number, entry in enumerate(materials)]
+    by_method: dict[str, list[str]] = {}
+    for number, method in enumerate(methods):
+        by_method.setdefault(method, []).append(f"materials[{number}]")
+    name = "; ".join(f"{', '.join(rows)} by {method}" for method, rows in by_method.items())
+    base = _combined(materials, methods, ())
+    return base._replace(name=methods[0] if len(by_method) == 1 else name, surfaces=tuple(numbers),
+                         stated=lambda tolerance: math.hypot(base.stated(tolerance), deviation))
 
 
 # ---- of several kinds

@@ -38,10 +38,12 @@ class SceneMethod:
     points : settings with which `bake trade` tries it, "" for those of the scene; () where it does not
     candidates : names of the methods that it chooses from (`renderers.choice`); the first one without pilots
     lacks : (assets, world) -> what of the light it cannot find there, so that it is no candidate; "" where it finds all
+    unfit : (scene, number, asset, world) -> why an entry, by its number, cannot be rendered so, or would be another material; ""
     pilot : seconds that a pilot of it takes at least, with what it loads
     continuous : whether a medium stands for the material, of which nothing is told apart
     deviation : (scene, number, asset, world) -> by how much pixels deviate from such a medium because of what could be told apart
-        of an entry, by its number: root mean square over the picture's mean
+        of an entry, by its number: root mean square over the picture's mean; of a surface, over the entry's light, because
+        light spreads in the material
     beside : whether a material by it may stand beside materials of other kinds
     surface : whether the material is a surface of the Mitsuba scene by it, into which no path goes
     stages : of the asset that it reads; () those of its kind
@@ -61,6 +63,7 @@ class SceneMethod:
     points: tuple[str, ...] = ("",)
     candidates: tuple[str, ...] = ()
     lacks: Callable[[Sequence[Any], Any], str] = lambda assets, world: ""
+    unfit: Callable[..., str] = lambda scene, number, asset, world: ""
     pilot: float = 1.0
     continuous: bool = False
     deviation: Callable[..., float] = lambda scene, number, asset, world: 0.0

@@ -90,7 +90,7 @@ def of(path, output, numbers: Several[int] | None, *, overrides, options, overwr
     marks, frames = _Marks(quality, variant_of(variant)), []
     for number, shot, pair in zip(numbers, asked, pairs):
         own_seed = _seed(seed, section.noise, number)
-        shot = dataclasses.replace(shot, choice=taken if candidates.of(shot) else None)
+        shot = dataclasses.replace(shot, choice=taken if candidates.of(shot) or candidates.surfaces(shot) else None)
         shot = dataclasses.replace(shot, mark=marks.of(shot, own_seed))
         frames.append(Frame(number, shot, pair, {"quality": quality, "variant": variant, "seed": own_seed}))
     remarks = [f"frames {', '.join(map(str, measured))} say what the assets of all frames have to hold"] \

@@ -131,6 +131,30 @@ def _deeper(scene, ray, inside, far, depth, active):
     return dr.while_loop(start, lambda depth, distance, active: active, step, label="regions of shadow rays")[0]
 
 
+def onward(scene, ray, inside, active):
+    """The first surfaces ahead to which light is not blind, what media leave on the way, of each wavelength, and bodies there.
+
+    inside : bodies in which the rays begin
+    """
+    boundaries = scene.boundaries
+
+    def step(ray, inside, depth, active):
+        hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=active)
+        meets = active & hit.is_valid()
+        crosses = meets & boundaries.is_blind(hit.shape)
+        depth = _deeper(scene, ray, inside, dr.select(meets, hit.t, _FAR), depth, active)
+        surface = hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, crosses)
+        ray.o = dr.select(crosses, boundaries.across(surface, ray.d), ray.o)
+        inside = dr.select(crosses, boundaries.beyond(surface, ray.d, inside, crosses), inside)
+        return ray, inside, depth, crosses
+
+    depth = [dr.zeros(mi.Float, dr.width(active)) for _ in range(scene.media.count)]
+    start = mi.Ray3f(ray), mi.UInt32(inside), depth, mi.Bool(active)
+    ray, inside, depth, _ = dr.while_loop(start, lambda ray, inside, depth, active: active, step, label="ways ahead")
+    surface = scene.scene.ray_intersect(ray, mi.RayFlags.All, False, active)
+    return surface, [dr.exp(-d) for d in depth], inside
+
+
 def from_infinity(scene, light):
     """What the medium that is everywhere leaves, of each wavelength, of lights on their way to the scene: all, but for those at
     infinity, of which it leaves nothing where it takes something."""

@@ -1,4 +1,4 @@
-"""Directions in which light comes to points in bodies through smooth boundaries, as they were found from voxels.
+"""Directions in which light comes to points in bodies through their boundaries, as they were found from voxels.
 
 From points of each voxel ways of all directions are followed to their first light; directions are drawn by what they have found,
 so that light by way of glass around a body, of mirrors, of a wide window and of the sky are drawn alike.
@@ -12,7 +12,6 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
-from renderers.transport import specular
 from renderers.transport.distances import Distances
 
 import mitsuba as mi  # isort: skip
@@ -20,8 +19,7 @@ import mitsuba as mi  # isort: skip
 # Of the box around all bodies, about; bins of directions, of equal solid angles, 0.1 sr; ways of a voxel and bin.  A glass of
 # milk under a wide window, variance of all light: 0.043 by 2048 voxels and 2 ways, 0.035 by 8; variance times time 0.141 by 512
 # voxels and 8 ways, 1.3 s of a core before the render, and 0.143 by 1024 and 16, 4 s
-_VOXELS, _COSINES, _ANGLES, _WAYS = 512, 8, 16, 8
-_BINS = _COSINES * _ANGLES
+_VOXELS, BINS, WAYS = 512, (8, 16), 8
 # light is taken to fall off over no less than this share of a voxel: what is deep in thick bodies has to have directions, too
 _SHARE = 0.5
 _BRIGHT = 0.75  # voxels with more light than this share of all look for it each time that the boundary is near
@@ -35,54 +33,58 @@ class Guides:
     contrast : of this light: its mean square over the square of its mean, where ways come out of bodies
     """
 
-    def __init__(self, scene, manifold, sigma, counts):
+    def __init__(self, scene, manifold, sigma, follow, bins=BINS, ways=WAYS, blur=0.0):
         """
         Parameters
         ----------
         scene : `scene.Scene`;  manifold : `manifold.Manifold` of the bodies
         sigma : of each medium, the least extinction if its boundary is one of `manifold`, else 0
-        counts : function of emitters: whether their light is looked for
+        follow : function of points in bodies, directions, media, a PCG32 and which are active -> light of each wavelength that
+            comes that way, how far it is in the body, and whether it is looked for
+        bins : of the cosine and of the angle;  ways : of a voxel and bin
+        blur : share of the light of voxels and bins that neighbours get, on each side along each axis
         """
+        self._bins, self._count, self._ways = bins, bins[0] * bins[1], ways
         low, high = manifold.box
         edge = float((np.prod(high - low) / _VOXELS) ** (1 / 3))
         shape = np.maximum(np.ceil((high - low) / edge), 1).astype(int)
         self._shape, self._low, self._edge = mi.Vector3u(shape.tolist()), mi.Point3f(low.tolist()), mi.Float(edge)
         self._sigma = mi.Float(sigma)
         dr.make_opaque(self._shape, self._low, self._edge)
-        light = self._measured(scene, manifold, int(np.prod(shape)), counts)
+        light = self._measured(scene, manifold, int(np.prod(shape)), follow)
+        light = _blurred(light.reshape(*shape, *bins), blur).reshape(light.shape) if blur else light
         total = light.sum(axis=1)
         if not (total > 0).any():
             return
-        share, solid = light / np.maximum(total, 1e-30)[:, None], 4 * math.pi / _BINS
+        share, solid = light / np.maximum(total, 1e-30)[:, None], 4 * math.pi / self._count
         often = np.minimum(1, total / np.quantile(total[total > 0], _BRIGHT))
         self._density = mi.Float((share / solid).astype(np.float32).ravel())
         self._often = mi.Float(often.astype(np.float32))
         self._cumulated = mi.Float(np.cumsum(share, axis=1).astype(np.float32).ravel())
         self._distances = Distances(scene.scene, manifold, [self._towards])
 
-    def _measured(self, scene, manifold, voxels, counts):
+    def _measured(self, scene, manifold, voxels, follow):
         """Light (voxels, bins) that comes to points of voxels in bodies."""
-        index = dr.arange(mi.UInt32, voxels * _BINS * _WAYS)
-        random = mi.PCG32(voxels * _BINS * _WAYS, initstate=_SEED)
-        row = index // _WAYS
-        cell, number = row // _BINS, row % _BINS
+        index = dr.arange(mi.UInt32, voxels * self._count * self._ways)
+        random = mi.PCG32(voxels * self._count * self._ways, initstate=_SEED)
+        row = index // self._ways
+        cell, number = row // self._count, row % self._count
         corner = self._corner(cell)
         point = self._low + self._edge * (corner + mi.Point3f(*(random.next_float32() for _ in range(3))))
-        direction = _in_bin(number, random.next_float32(), random.next_float32())
+        direction = self._in_bin(number, random.next_float32(), random.next_float32())
         ray = mi.Ray3f(point, direction)
         hit = scene.scene.ray_intersect_preliminary(ray, coherent=False)
         active = manifold.begins_within(ray, hit) & scene.boundaries.is_body(hit.shape)
         medium = scene.boundaries.medium(hit.shape)
-        chain = specular.followed(scene, point, direction, mi.UInt32(1) << medium, random, active)
+        seen, within, these = follow(point, direction, medium, random, active)
         sigma = dr.minimum(dr.gather(mi.Float, self._sigma, medium, active), 1 / (_SHARE * self._edge))
-        seen = scene.seen(chain.weight, chain.radiance, active)
-        light, passed = sum(seen[1:], seen[0]), dr.exp(-sigma * chain.within)
+        light, passed = sum(seen[1:], seen[0]), dr.exp(-sigma * within)
         light = dr.select((light > 0) & dr.isfinite(light), light, 0)
-        light, passed, these = (np.array(values) for values in (light, dr.select(active, passed, 0), counts(chain.emitter)))
+        light, passed, these = (np.array(values) for values in (light, dr.select(active, passed, 0), these))
         light, passed = light.astype(float), passed.astype(float)
         mean, square, of_all = (passed * light * these).sum(), (passed * light**2 * these).sum(), (passed * light**2).sum()
         self.share, self.contrast = square / max(of_all, 1e-30), square * passed.sum() / max(mean**2, 1e-30)
-        return (passed * light * these).reshape(voxels, _BINS, _WAYS).sum(axis=2)
+        return (passed * light * these).reshape(voxels, self._count, self._ways).sum(axis=2)
 
     def _corner(self, cell):
         row = cell // self._shape.z
@@ -101,32 +103,43 @@ class Guides:
 
     def density(self, point, direction, active):
         """Of directions, 1/sr."""
-        return dr.gather(mi.Float, self._density, self._cell(point) * _BINS + _bin(direction), active)
+        return dr.gather(mi.Float, self._density, self._cell(point) * self._count + self._bin(direction), active)
 
     def drawn(self, point, u, v):
         """Directions by uniform numbers."""
-        row = self._cell(point) * _BINS
-        number = dr.binary_search(0, _BINS - 1, lambda index: dr.gather(mi.Float, self._cumulated, row + index) <= u)
+        row = self._cell(point) * self._count
+        number = dr.binary_search(0, self._count - 1, lambda index: dr.gather(mi.Float, self._cumulated, row + index) <= u)
         below = dr.select(number > 0, dr.gather(mi.Float, self._cumulated, row + dr.maximum(number, 1) - 1), 0)
         within = (u - below) / dr.maximum(dr.gather(mi.Float, self._cumulated, row + number) - below, 1e-12)
-        return _in_bin(number, dr.clip(within, 0, 1), v)
+        return self._in_bin(number, dr.clip(within, 0, 1), v)
 
     def _towards(self, point, u):
         """Directions of distances; none from voxels without light."""
         towards = self.drawn(point, u.x, u.y)
         return dr.select(dr.gather(mi.Float, self._often, self._cell(point)) > 0, towards, 0)
 
+    def _in_bin(self, number, u, v):
+        """Directions in bins, by uniform numbers."""
+        cosines, angles = self._bins
+        cosine = 2 * (mi.Float(number // angles) + u) / cosines - 1
+        sine = dr.sqrt(dr.maximum(0, 1 - cosine * cosine))
+        y, x = dr.sincos(2 * math.pi * (mi.Float(number % angles) + v) / angles)
+        return mi.Vector3f(sine * x, sine * y, cosine)
 
-def _in_bin(number, u, v):
-    """Directions in bins, by uniform numbers."""
-    cosine = 2 * (mi.Float(number // _ANGLES) + u) / _COSINES - 1
-    sine = dr.sqrt(dr.maximum(0, 1 - cosine * cosine))
-    y, x = dr.sincos(2 * math.pi * (mi.Float(number % _ANGLES) + v) / _ANGLES)
-    return mi.Vector3f(sine * x, sine * y, cosine)
+    def _bin(self, direction):
+        cosines, angles = self._bins
+        row = dr.clip(mi.Int32(dr.floor((direction.z + 1) * (cosines / 2))), 0, cosines - 1)
+        turn = dr.atan2(direction.y, direction.x) / (2 * math.pi)
+        column = dr.clip(mi.Int32(dr.floor((turn - dr.floor(turn)) * angles)), 0, angles - 1)
+        return mi.UInt32(row * angles + column)
 
 
-def _bin(direction):
-    row = dr.clip(mi.Int32(dr.floor((direction.z + 1) * (_COSINES / 2))), 0, _COSINES - 1)
-    turn = dr.atan2(direction.y, direction.x) / (2 * math.pi)
-    column = dr.clip(mi.Int32(dr.floor((turn - dr.floor(turn)) * _ANGLES)), 0, _ANGLES - 1)
-    return mi.UInt32(row * _ANGLES + column)
+def _blurred(light, share):
+    """Light (x, y, z, cosines, angles) of which neighbours on each side get a share along each axis; angles go around."""
+    for axis in range(light.ndim):
+        width = [(1, 1) if k == axis else (0, 0) for k in range(light.ndim)]
+        padded = np.pad(light, width, mode="wrap" if axis == light.ndim - 1 else "edge")
+        count = light.shape[axis]
+        before, after = (padded.take(range(first, first + count), axis) for first in (0, 2))
+        light = (1 - 2 * share) * light + share * (before + after)
+    return light

@@ -106,7 +106,10 @@ def brought(scene, turn, path, event, records=None):
     light, emitter = _emitted(scene, path, event)
     if scene.lamps:
         light = scene.lamps.meets(path, event, emitter, light, records)
-    return [(light, emitter), turn.next_event(scene, path, event)]
+    sampled, lamp = turn.next_event(scene, path, event)
+    if scene.lamps:
+        sampled = scene.lamps.sampled(path, event, sampled)
+    return [(light, emitter), (sampled, lamp)]
 
 
 def first_media(scene, key, pixels):
@@ -137,7 +140,7 @@ def camera_paths(scene, pixel, drawn, random, alive, number):
     origin, direction = scene.camera_ray(pixel, offset)
     width = dr.width(pixel)
     zero = dr.zeros(mi.UInt32, width)
-    since = scene.lamps.none(width) if scene.lamps else {"departure": None, "chance": None}
+    since = scene.lamps.none(width) if scene.lamps else {"departure": None, "chance": None, "entry": None}
     return Path(random=random, pixel=pixel, number=number, alive=alive, origin=origin, direction=direction,
                 throughput=[dr.full(mi.Float, 1, width) for _ in range(scene.waves)], squared_index=dr.full(mi.Float, 1, width),
                 inside=scene.around_camera + zero, order=mi.UInt32(zero), bounces=mi.UInt32(zero), drawn=mi.Point3f(origin),

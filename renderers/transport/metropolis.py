@@ -43,10 +43,11 @@ class Group(NamedTuple):
     steps: int
 
     @classmethod
-    def of(cls, pixels):
-        """For a picture of so many pixels."""
-        paths = max(pixels, min(_PATHS, max(_FEWEST, _SAMPLES * pixels)))
-        chains = math.ceil(paths / (_STEPS + _LARGE))
+    def of(cls, pixels, whole=None):
+        """For a picture of so many pixels; for the pilot of one of `whole` pixels as many paths a pixel as for that."""
+        whole = max(pixels, whole or pixels)
+        paths = max(whole, min(_PATHS, max(_FEWEST, _SAMPLES * whole)))
+        chains = math.ceil(paths * pixels / whole / (_STEPS + _LARGE))
         return cls(_LARGE * chains, chains, _STEPS)
 
     @property
@@ -98,7 +99,7 @@ class Metropolis:
     group : `Group`
     """
 
-    def __init__(self, light, size, seed, luminance):
+    def __init__(self, light, size, seed, luminance, whole=None):
         """
         Parameters
         ----------
@@ -106,9 +107,10 @@ class Metropolis:
         size : height and width, pixels
         seed : of the random numbers of all passes
         luminance : (3,) of linear sRGB
+        whole : pixels of the picture whose pilot this is; None: of none
         """
         self._light, self._size, self._seed, self._to_luminance = light, size, seed, luminance
-        self.group = Group.of(size[0] * size[1])
+        self.group = Group.of(size[0] * size[1], whole)
         self._normalisations, self._accepted = {}, {}
 
     def __call__(self, number):
@@ -234,6 +236,7 @@ def part(name, world, entries, colours, seed, luminance) -> Part:
             scene.append(Scene(world, entries, colours))  # with the first pass
         return primary.light(scene[0], source)
 
-    chains = Metropolis(light, world.size, seed, luminance)
+    whole = None if world.whole is None else math.prod(world.whole.size)
+    chains = Metropolis(light, world.size, seed, luminance, whole)
     paths = chains.group.candidates + chains.group.chains * chains.group.steps
     return Part(name, chains, max(1, paths // (world.size[0] * world.size[1])))

@@ -1,4 +1,5 @@
-"""Light samples through smooth boundaries of bodies, for the loop: those of small lamps (`lamps`), and of wide ones (`wide`)."""
+"""Light samples through boundaries of bodies, for the loop: through smooth ones those of small lamps (`lamps`), and of wide ones
+(`wide`); through rough ones of all lights (`rough`)."""
 
 from __future__ import annotations
 
@@ -8,13 +9,14 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
-from renderers.transport import lamps, solid_angles, wide
+from renderers.transport import lamps, rough, solid_angles, wide
 from renderers.transport.guides import Guides
 from renderers.transport.lamps import Lamps
 from renderers.transport.manifold import Manifold
 from renderers.transport.records import Records
+from renderers.transport.rough import Rough
 from renderers.transport.skies import Sky
-from renderers.transport.wide import Wide
+from renderers.transport.wide import Wide, ways
 
 import mitsuba as mi  # isort: skip
 
@@ -31,23 +33,25 @@ class Before(NamedTuple):
 
 
 class Samples:
-    """Both kinds, each of which may be None.
+    """All kinds, each of which may be None.
 
-    small : `Lamps`;  wide : `Wide`, of all other lights
+    small : `Lamps`;  wide : `Wide`, of all other lights;  rough : `Rough`
     """
 
-    def __init__(self, scene, small, wide):
-        self._scene, self.small, self.wide = scene, small, wide
+    def __init__(self, scene, small, wide, rough):
+        self._scene, self.small, self.wide, self.rough = scene, small, wide, rough
 
     def none(self, width):
         """What paths that have not scattered keep for each: fields of a `state.Path`."""
-        return {"departure": self.small and self.small.none(width), "chance": self.wide and self.wide.none(width)}
+        return {"departure": self.small and self.small.none(width), "chance": self.wide and self.wide.none(width),
+                "entry": self.rough and self.rough.none(width)}
 
     def records(self, lanes, paths):
         """`Records` of lanes that follow so many paths each, and their `Counts`."""
         waves = self._scene.waves
         kinds = {lamps.Scattering: (lamps.SCATTERINGS, waves), lamps.Arrival: (lamps.ARRIVALS, 3)} if self.small else {}
         kinds |= {wide.Looking: (wide.SPACE, waves)} if self.wide else {}
+        kinds |= {rough.Sight: (rough.SPACE, waves)} if self.rough else {}
         records = Records({kind: space for kind, (space, _) in kinds.items()}, lanes, paths,
                           {kind: entries for kind, (_, entries) in kinds.items()})
         return records, records.counts()
@@ -58,6 +62,8 @@ class Samples:
             self.small.departs(path, medium, position, density, active, records)
         if self.wide:
             self.wide.departs(path, medium, position, active, records)
+        if self.rough:
+            self.rough.departs(path, medium, position, active, records)
 
     def turned(self, path, before, sample, shades):
         """Of paths that a surface has turned, by a sample of the BSDF; before : `Before`."""
@@ -70,7 +76,12 @@ class Samples:
         """Light that paths meet, without what light samples bring of it."""
         if self.small:
             light = self.small.meets(path, event, light, records)
-        return self.wide.meets(path, emitter, light) if self.wide else light
+        light = self.wide.meets(path, emitter, light) if self.wide else light
+        return self.rough.meets(path, light) if self.rough else light
+
+    def sampled(self, path, event, light):
+        """Light of light samples at events, without what others bring of it."""
+        return self.rough.sampled(path, event, light) if self.rough else light
 
     def light(self, records):
         """What records come to: numbers (n,) of paths, orders (n,), emitters (n,) by their numbers, and light (n, 3)."""
@@ -82,7 +93,7 @@ class Samples:
                 yield *columns[:3], np.stack(columns[3:], axis=1)
 
     def _kinds(self):
-        return [kind for kind in (self.small, self.wide) if kind]
+        return [kind for kind in (self.small, self.wide, self.rough) if kind]
 
 
 def samples(scene, world, bodies):
@@ -90,10 +101,16 @@ def samples(scene, world, bodies):
 
     scene : `scene.Scene`;  bodies : by the numbers of their media
     """
+    kinds = *_through_smooth(scene, world, bodies), _through_rough(scene, world, bodies)
+    return Samples(scene, *kinds) if any(kinds) else None
+
+
+def _through_smooth(scene, world, bodies):
+    """`Lamps` and `Wide`."""
     shapes = {shape.id(): shape for shape in world.scene.shapes()}
     smooth = {number: shapes[body.name] for number, body in bodies.items() if _smooth(shapes[body.name])}
     if not smooth:
-        return None
+        return None, None
     blind, names = any(body.matched for body in bodies.values()), {body.name for body in bodies.values()}
     panes = [shape for name, shape in shapes.items() if name not in names and _smooth(shape)]
     alone = not (blind or scene.regions.bounded or scene.regions.always)
@@ -109,14 +126,25 @@ def samples(scene, world, bodies):
                         around, panes)
     sigma = [least.get(number, 0.0) for number in range(len(scene.entries))]
     small = Lamps(scene, manifold, drawn, sigma, not blind and not scene.regions.bounded, bool(panes)) if drawn else None
-    others = _others(scene, manifold, sigma, drawn) if alone else None
-    return Samples(scene, small, others) if small or others else None
+    return small, _others(scene, manifold, sigma, drawn) if alone else None
+
+
+def _through_rough(scene, world, bodies):
+    """`Rough`, None where light comes from nearly everywhere, or not at all."""
+    shapes = {shape.id(): shape for shape in world.scene.shapes()}
+    rough = {number: shapes[body.name] for number, body in bodies.items() if _rough(shapes[body.name])}
+    if not rough:
+        return None
+    least = {number: float(min(bodies[number].medium.sigma_t)) * world.unit for number in rough}
+    manifold = Manifold(scene.scene, scene.boundaries, {shape: least[number] for number, shape in rough.items()}, False)
+    lights = Rough(scene, manifold, [least.get(number, 0.0) for number in range(len(scene.entries))], list(rough.values()))
+    return lights if lights.guides.contrast > _CONTRAST else None
 
 
 def _others(scene, manifold, sigma, drawn):
     """`Wide` of lights that are not drawn as lamps; None where they shine from nearly everywhere, or not at all."""
     counts = _Others(scene.scene, [lamp.emitter if isinstance(lamp, Sky) else lamp.emitter() for lamp in drawn])
-    guides = Guides(scene, manifold, sigma, counts)
+    guides = Guides(scene, manifold, sigma, ways(scene, counts))
     worth = guides.share > _SHARE and guides.contrast > _CONTRAST
     return Wide(scene, guides, sigma, counts) if worth else None
 
@@ -133,6 +161,11 @@ class _Others:
 
     def __call__(self, emitter):
         return dr.gather(mi.UInt32, self._table, dr.reinterpret_array(mi.UInt32, emitter)) > 0
+
+
+def _rough(shape):
+    """Whether a shape is a mesh whose boundary refracts, but in no single direction."""
+    return shape.is_mesh() and not shape.has_flipped_normals() and shape.bsdf().class_name() == "RoughDielectric"
 
 
 def _smooth(shape):

@@ -11,6 +11,7 @@ import drjit as dr
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport.lamps import Departure
 from renderers.transport.records import Counts
+from renderers.transport.rough import Entry
 from renderers.transport.strata import Strata
 from renderers.transport.wide import Chance
 
@@ -31,7 +32,7 @@ class Path:
     drawn, density : where the direction was drawn, and its density (1/sr);  single : no light sample could have found it
     choice : uniform number, of what the first smooth boundary does
     departure, chance : since the last scattering, where small lamps are sampled through smooth boundaries, and where wide ones
-        are; else None
+        are; entry : the same, where lamps are sampled through rough ones; else None
     counts : of records of the lane, where either is
     """
 
@@ -52,6 +53,7 @@ class Path:
     choice: mi.Float
     departure: Departure | None
     chance: Chance | None
+    entry: Entry | None
     counts: Counts | None
 
 

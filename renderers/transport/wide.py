@@ -54,6 +54,15 @@ class Looking:
     v: mi.Float
 
 
+def ways(scene, counts):
+    """Ways to the first light, as `guides.Guides` asks for them; counts : function of emitters: whether they are looked for."""
+    def followed(point, direction, medium, random, active):
+        chain = specular.followed(scene, point, direction, mi.UInt32(1) << medium, random, active)
+        return scene.seen(chain.weight, chain.radiance, active), chain.within, counts(chain.emitter)
+
+    return followed
+
+
 class Wide:
     """Wide lights, and directions from which their light comes."""
 

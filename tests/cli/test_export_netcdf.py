@@ -161,6 +161,81 @@ def test_eradiate_has_its_own_order(export):
     np.testing.assert_allclose(np.trapezoid(found["phase"][0], found["mu"]), 2, rtol=1e-8)
 
 
+# ---- polarisation
+
+RAYLEIGH = """\
+bakery: 1
+name: molecules
+wavelengths: [0.5, 0.4]
+tolerance: 0.1%
+phase: {polarized: true}
+particles:
+  number_density: 1e20 /m^3
+  components:
+    - {name: spheres, material: {n: 1.33}, size: {distribution: single, radius: 1 nm}}
+"""
+
+
+@pytest.fixture(scope="module")
+def molecules(tmp_path_factory):
+    """A polarised asset of spheres of size parameter 0.01."""
+    folder = tmp_path_factory.mktemp("molecules")
+    (folder / "molecules.yaml").write_text(RAYLEIGH)
+    bakery.bake(folder / "molecules.yaml", folder / "molecules.h5")
+    return bakery.open(folder / "molecules.h5")
+
+
+def test_the_file_of_the_conventions_holds_rayleighs_coefficients(export, molecules):
+    """Of Rayleigh scattering, de Haan, Bosma & Hovenier 1987, eq. 141: alpha1 = (1, 0, 1/2), alpha2 = (0, 0, 3), alpha3 = 0,
+    alpha4 = (0, 3/2), beta1 = (0, 0, sqrt(3/2)), beta2 = 0; to the table's tolerance, and x^2 = 2e-4."""
+    (path,) = export(molecules, "netcdf")
+    with netcdf_file(path, mmap=False) as file:
+        found = {name: variable.data for name, variable in file.variables.items()}
+        assert file.variables["expansion_beta1"].dimensions == ("wavelength", "order")
+    expected = {"alpha1": [1, 0, 0.5], "alpha2": [0, 0, 3], "alpha3": [0, 0, 0], "alpha4": [0, 1.5, 0],
+                "beta1": [0, 0, math.sqrt(1.5)], "beta2": [0, 0, 0]}
+    for name, row in expected.items():
+        np.testing.assert_allclose(found[f"expansion_{name}"][:, :3], [row, row], atol=3e-3, err_msg=name)
+        assert np.abs(found[f"expansion_{name}"][:, 3:]).max(initial=0.0) < 3e-3
+    for name in ("12", "33", "34"):
+        np.testing.assert_array_equal(found[f"scattering_matrix_{name}"], molecules.medium[f"s{name}"])
+    assert (found["expansion_cut"] <= 1e-3).all()
+
+
+@pytest.mark.parametrize("target", ["eradiate", "libradtran"])
+def test_others_have_the_elements_in_their_order(export, again, molecules, target):
+    """4 pi s of Rayleigh scattering: 3/4 (1 + mu^2), -3/4 (1 - mu^2), 3/2 mu, 0; of libRadtran their Legendre series too.
+    A medium is baked of both."""
+    path, mass = export(molecules, target, *(("--density", "1 g/cm^3") if target == "libradtran" else ()))[0], ""
+    with netcdf_file(path, mmap=False) as file:
+        found = {name: variable.data for name, variable in file.variables.items()}
+    phase = found["phase"][:, 0] if target == "eradiate" else found["phase"][0, 0]
+    mu = found["mu"][0] if target == "eradiate" else np.cos(np.radians(found["theta"][0, 0, 0]))
+    expected = [0.75 * (1 + mu**2), -0.75 * (1 - mu**2), 1.5 * mu, 0 * mu]
+    np.testing.assert_allclose(phase, expected, atol=2e-3)
+    if target == "eradiate":
+        assert found["phamat"].tobytes() == b"11123334"
+    else:
+        series = found["pmom"][0, 0, :, :3]
+        np.testing.assert_allclose(series, [[1, 0, 0.5], [-0.5, 0, 0.5], [0, 1.5, 0], [0, 0, 0]], atol=2e-3)
+        mass = f", mass_concentration: {1e20 * molecules.tree['optics/spheres/mean_volume'].data[0] * 1e-12:.15g} g/m^3"
+    back, status, err = again(path, mass, "[0.5, 0.4]")
+    assert status == 0, err
+    same(back, molecules, rtol=1e-6)
+
+
+def test_what_is_lost_of_polarisation_is_said(call, tmp_path, molecules, drops):
+    """Formats without a place for the expansion say so; a scalar asset says what would bring polarisation."""
+    for asset in (molecules, drops):
+        write(tmp_path / f"{asset.name}.h5", asset.tree)
+    for target, more, words in (("netcdf", (), "polarisation: s12, s33 and s34 at every angle, and expansion coefficients"),
+                                ("eradiate", (), "so expansion coefficients are left out"),
+                                ("libradtran", ("--density", "1 g/cm^3"), "none in generalised spherical functions")):
+        status, _, err = call("export", tmp_path / "molecules.h5", "--to", target, "-o", tmp_path / target, *more)
+        assert status == 0 and words in err, err
+    assert "`phase: {polarized: true}` would" in call("export", tmp_path / "drops.h5", "--to", "netcdf", "-o", tmp_path / "n")[2]
+
+
 # ---- there and back
 
 

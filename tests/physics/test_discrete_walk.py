@@ -7,7 +7,6 @@ seeds.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ import pytest
 from bakery import kernels
 from bakery.kernels import NO_DISC, stream_key
 from renderers.materials.particles import _transport
+from renderers.materials.particles.walk import Paths
 from renderers.transport import wavefront
 from tests.conftest import slow
 from tests.odds import SIGMAS, sigmas
@@ -22,15 +22,13 @@ from tests.physics import particles
 from tests.physics.particles import averaged
 
 
-class Rays(NamedTuple):
-    """What loops over particles take of paths."""
-
-    origin: np.ndarray
-    direction: np.ndarray
-    throughput: np.ndarray
-    states: np.ndarray
-    left_out: np.ndarray
-    density: np.ndarray
+def rays(origin, direction, throughput, states, left_out):
+    """What loops over particles take of paths, in the walk's own record: their kernels are compiled once for both."""
+    n = len(origin)
+    flags, numbers = np.zeros(n, bool), np.zeros(n, np.int64)
+    density, discrete = np.empty((2, n))
+    return Paths(origin, direction, throughput, states, numbers, left_out, density, flags, numbers, numbers, discrete, flags,
+                 numbers)
 
 
 def leaving(medium, number, discrete, seed=1):
@@ -49,7 +47,7 @@ def leaving(medium, number, discrete, seed=1):
         n = len(origin)
         kind, distance, place = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
         far, depth = np.full(n, np.inf), np.full(n, np.inf if discrete else 0.0)
-        paths = Rays(origin, direction, weight, states, left_out, np.empty(n))
+        paths = rays(origin, direction, weight, states, left_out)
         _transport.collide(medium, paths, far, depth, kind, distance, place, 0, n)
         out = kind == NO_DISC
         ways.append(_face(origin[out], direction[out], inside[out]))
@@ -57,7 +55,7 @@ def leaving(medium, number, discrete, seed=1):
         met = ~out
         kind, origin, direction, weight, states = kind[met], place[met], direction[met], weight[met], states[met]
         nobody = np.zeros(len(kind), bool)
-        paths = Rays(origin, direction, weight, states, origin, np.empty(len(kind)))
+        paths = rays(origin, direction, weight, states, origin)
         _transport.scatter(medium, kind, paths, _transport.Guide(direction, nobody), 0, len(kind))
         particle = (kind < len(medium.albedo) - 1)[:, None]
         left_out, inside = np.where(particle, origin, np.nan), np.ones(len(kind), bool)
@@ -164,6 +162,6 @@ def straight(medium, discrete, seed):
     wavefront.begin_streams(stream_key(seed, "render.walk", 1), 0, states)
     kind = np.empty(n, np.int64)
     down, depth = np.tile([0.0, 0.0, -1.0], (n, 1)), np.full(n, np.inf if discrete else 0.0)
-    paths = Rays(origin, down, np.ones((n, 1)), states, np.full((n, 3), np.nan), np.empty(n))
+    paths = rays(origin, down, np.ones((n, 1)), states, np.full((n, 3), np.nan))
     _transport.collide(medium, paths, np.full(n, np.inf), depth, kind, np.empty(n), np.empty((n, 3)), 0, n)
     return np.mean(kind == NO_DISC)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from renderers.transport import guides as directions
 from renderers.transport import lamps, passes, samples, scene, solid_angles, wide
 from renderers.transport.scene import Scene
 from tests.odds import ODDS, sigmas
@@ -132,7 +131,7 @@ def test_directions_are_drawn_by_their_density(tmp_path, none):
     random, n = np.random.default_rng(2), 200_000
     x = mi.Point3f(*(dr.full(mi.Float, value, n) for value in (0.5, -0.4, 3.5)))
     u, v = (mi.Float(column.astype(np.float32)) for column in random.random((2, n)))
-    drawn = np.bincount(np.array(directions._bin(guides.drawn(x, u, v))), minlength=128)
+    drawn = np.bincount(np.array(guides._bin(guides.drawn(x, u, v))), minlength=128)
     towards = mi.Vector3f(*(mi.Float(row) for row in bin_middles()))
     x = mi.Point3f(0.5, -0.4, 3.5) + dr.zeros(mi.Point3f, 128)
     expected = np.array(guides.density(x, towards, True)) * 4 * np.pi / 128 * n
@@ -182,10 +181,10 @@ def test_which_lamps_are_drawn(tmp_path):
     assert set(shares) == {"lamp", "dim"} and shares["lamp"] == pytest.approx(2 / 3, abs=0.1)
 
 
-@pytest.mark.parametrize("index", [1.0, 1.5])
-def test_other_boundaries_are_left_alone(tmp_path, index):
-    """Matched ones take light samples anyhow; rough ones turn light in no single direction."""
-    how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, LAMP, [index])
+@pytest.mark.parametrize("index, around", [(1.0, LAMP), (1.5, SKY)])
+def test_other_boundaries_are_left_alone(tmp_path, index, around):
+    """Matched ones take light samples anyhow; through rough ones light of an even sky comes from everywhere."""
+    how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, around, [index])
     assert Scene(how.world, how.bodies, how.colours).lamps is None
 
 

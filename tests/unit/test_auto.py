@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import time
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,7 +26,7 @@ REGIONS, STOP = (8, 8), Stop(noise=0.01)
 
 def world(height=128, width=128):
     camera = Camera.looking((0, 0, 0), (1, 0, 0), (0, 0, 1), 1.0, height, width)
-    return SimpleNamespace(size=(height, width), camera=camera, dark=False, variant="llvm_ad_rgb")
+    return SimpleNamespace(size=(height, width), camera=camera, dark=False, variant="llvm_ad_rgb", as_it_is=nullcontext)
 
 
 def passes(own=0.0, shared=0.0, tilt=0.0, order="order1"):
@@ -186,6 +188,64 @@ def test_of_what_is_asked_for_pilots_tell_the_error(monkeypatch):
     best = taken(monkeypatch, (method("medium", stated=0.3, media=(0,)), tried(1.0, shift=0.2)), explicit)
     assert best.method == "medium" and best.approximations == pytest.approx(0.2, rel=0.01)
     assert best.row["bias"] == pytest.approx(0.2, rel=1e-3) and "other methods are asked for" in best.table[1]["why"]
+
+
+def surface(*numbers, stated=0.01):
+    return method("surface", stated=stated, surfaces=numbers)
+
+
+def test_a_surface_is_taken_where_both_what_is_expected_and_what_pilots_measure_fit(monkeypatch):
+    """Its light counts as not scattered, which is no error of it."""
+    exact = method("paths", exact=True), tried(1.0)
+    unscattered = tried(0.1)
+    dark = Light(np.zeros(REGIONS), np.zeros(REGIONS))
+    unscattered = unscattered._replace(light=unscattered.light | dict.fromkeys(trial.ORDERS[2:], dark))
+    best = taken(monkeypatch, exact, (surface(0), unscattered))
+    assert best.method == "surface" and best.methods == ["surface"] and best.approximations == pytest.approx(0.01)
+    assert "by how far light spreads 1 % is expected" in best.row["why"]
+    assert taken(monkeypatch, exact, (surface(0, stated=0.06), unscattered)).method == "paths"
+    off = taken(monkeypatch, exact, (surface(0), tried(0.1, shift=0.2)))
+    assert off.method == "paths" and "off by more than the 5 %" in off.table[1]["why"]
+    untold = taken(monkeypatch, (exact[0], tried(1.0, error=1.0)), (surface(0), tried(0.1, error=1.0)))
+    assert untold.method == "surface" and untold.approximations is None and "does not tell more" in untold.row["why"]
+
+
+def test_chains_are_taken_where_variance_times_time_is_less(monkeypatch):
+    """Noise that regions share counts, too."""
+    paths, chains, tables = (method("paths", exact=True), method("metropolis", exact=True),
+                             method("metropolis+tables", stated=0.01))
+    rows = [(1.0, 0.5, 1.0), (1.0, 2.0, 0.5), (1.0, 2.0, 1.5)]
+    names = [taken(monkeypatch, *zip((paths, chains, tables), map(tried, row))).method for row in rows]
+    assert names == ["metropolis", "metropolis+tables", "paths"]
+    blotched = tried(0.1)
+    blotched = blotched._replace(costs=(blotched.costs[0]._replace(region=20.0),))
+    assert taken(monkeypatch, (paths, tried(1.0)), (chains, blotched)).method == "paths"
+
+
+def test_pilots_of_slow_paths_take_fewer_samples():
+    """Two passes of 16 samples would take a hundred times as long as a pilot may."""
+    samples = []
+
+    def prepare(small, seed):
+        def part(count):
+            def render(number):
+                if count == 1 and number < 1 << 30:
+                    samples.append(small.size)
+                spin(2e-7 * count * small.size[0] * small.size[1] * 1e3)
+                return {"": np.ones((*small.size, 3)) + 0.1 * np.random.default_rng(number).normal(size=(*small.size, 1))}
+
+            return Part("paths", render, count, part)
+
+        return SimpleNamespace(parts=(part(16),))
+
+    trial.of(prepare, world(), 0.1)
+    assert len(samples) >= 4 and len(set(samples)) == 2
+
+
+def spin(seconds):
+    begin = time.process_time()
+    while time.process_time() - begin < seconds:
+        pass
 
 
 def test_a_choice_is_kept_and_found(monkeypatch):

@@ -7,7 +7,10 @@ import pickle
 import re
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
 import pytest
 
 from bakery.system import compiled, sources
@@ -91,3 +94,18 @@ def test_sources_are_the_file_and_what_it_imports():
     assert "renderers/pictures/passes.py" not in names
     ours = [path for folder in ("bakery", "renderers") for path in (ROOT / folder).rglob("*.py") if path.name != "compiled.py"]
     assert not [path for path in ours if re.search(r"^from numba import.*\bnjit\b", path.read_text(), re.MULTILINE)]
+
+
+def test_two_threads_may_call_a_kernel_first(monkeypatch):
+    """Later calls find it by themselves, without asking numba for it again."""
+    @compiled.njit(nogil=True)
+    def total(values):
+        return values.sum()
+
+    values, together = np.arange(3.0), threading.Barrier(2)
+    with ThreadPoolExecutor(2) as pool:
+        sums = pool.map(lambda _: (together.wait(), total(values))[1], range(2))
+        assert list(sums) == [3.0, 3.0]
+    asked = []
+    monkeypatch.setattr(compiled.Kernel, "_compile_for_args", lambda self, *arguments: asked.append(self))
+    assert total(values) == 3.0 and not asked

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import gc
 import re
 import subprocess
 import sys
@@ -73,6 +74,16 @@ def modules(folder: str):
 @cache
 def tree(path) -> ast.Module:
     return ast.parse(path.read_text())
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _trees():
+    """No collection of garbage, which takes twice as long as parsing, and no trees for later tests: a million objects that every
+    render of theirs would look through."""
+    gc.disable()
+    yield
+    tree.cache_clear()
+    gc.enable()
 
 
 @cache

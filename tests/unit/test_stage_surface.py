@@ -201,3 +201,96 @@ def test_spread(deep, thin, based, bake):
 def test_measures(thin):
     group = thin.tree["surface"]
     assert surface.measures(group, group)["error"] < 1e-9
+
+
+# ---- layers of several assets
+
+SOIL = """\
+bakery: 1
+name: soil
+wavelengths: [0.45, 0.55, 0.65]
+tolerance: 2%
+medium: {albedo: [0.5, 0.6, 0.9], mean_free_path: 0.1 mm, phase: {type: hg, g: 0.3}}
+surface: {thickness: "[0.1, 1] mm", boundary: {index: 1.2}, base: {albedo: [0.3, 0.3, 0.2]}}
+"""
+OVER = "{thickness: 0.5 mm, boundary: {index: 1.4}, base: {OTHER, layer: 1}}"
+
+
+@pytest.fixture(scope="module")
+def soil(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("layers")
+    (folder / "soil.yaml").write_text(SOIL)
+    (folder / "top.yaml").write_text(RECIPE.replace("{options}", OVER.replace("OTHER", "asset: soil.h5")))
+    (folder / "above.yaml").write_text(RECIPE.replace("{options}", OVER.replace("OTHER", "recipe: soil.yaml")))
+    bakery.bake(folder / "soil.yaml", output=folder / "soil.h5")
+    bakery.bake(folder / "top.yaml", output=folder / "top.h5")
+    return folder
+
+
+def test_the_base_of_another_asset_is_its_layer(soil):
+    """The solver's own values, the base's wavelengths picked; a recipe in its place gives the same to the last bit."""
+    asset, base = (bakery.open(soil / name) for name in ("top.h5", "soil.h5"))
+    theirs, ours = base.medium, asset.medium
+    lower = Slab(np.asarray(theirs.theta), np.asarray(theirs["phase"][2]), 0.9, 10.0, 1.2, 0.2)
+    slab = Slab(np.asarray(ours.theta), np.asarray(ours["phase"][1]), 0.9, 0.5, 1.4, under=lower)
+    count = int(asset.surface.moments)
+    solution = solve(slab, [moments(part.theta, part.phase, count + 1) for part in (slab, lower)], count, 0.02)
+    at = THETA[:, None], THETA, 1.0
+    value = asset.surface.reflectance(*at)
+    np.testing.assert_allclose(value[1], solution.reflection(np.cos(at[1]), np.cos(at[0]), at[2]), rtol=1e-6)
+    other = bakery.bake(soil / "above.yaml", output=soil / "above.h5")
+    np.testing.assert_array_equal(other.surface.reflectance(*at), value)
+    np.testing.assert_allclose(value, asset.surface.reflectance(THETA, THETA[:, None], 1.0), rtol=1e-6)
+    assert "spread" not in asset.surface and (asset.surface["passed"] == 0).all()
+    assert not list(surface.check(asset.tree["surface"]))
+
+
+def test_a_third_layer_needs_no_file_but_that_under_it(soil):
+    (soil / "third.yaml").write_text(RECIPE.replace("{options}", "{thickness: 0.2 mm, base: {asset: top.h5}}"))
+    asset = bakery.bake(soil / "third.yaml", output=soil / "third.h5")
+    assert asset.surface["under_index"].tolist() == [1.4, 1.2]
+    slabs = [row[0].slab for row in asset.surface._rows()]
+    assert [slab.under.under.base for slab in slabs] == [0.3, 0.2] and slabs[1].under.under.depth == pytest.approx(10)
+
+
+def test_another_base_bakes_anew_and_the_same_does_not(soil, tmp_path):
+    def actions():
+        from bakery.run.bake import planned
+
+        return {step.stage.name: step.action for step in planned(tmp_path / "top.yaml", tmp_path / "top.h5").steps}
+
+    for name in ("top.yaml", "soil.yaml"):
+        (tmp_path / name).write_text((soil / name).read_text())
+    for _ in range(2):  # the second time as another file, of another minute
+        (tmp_path / "soil.h5").unlink(missing_ok=True)
+        bakery.bake(tmp_path / "soil.yaml", output=tmp_path / "soil.h5")
+        bakery.bake(tmp_path / "top.yaml", output=tmp_path / "top.h5")
+        assert actions()["surface"] == "reuse"
+    bakery.bake(tmp_path / "soil.yaml", output=tmp_path / "soil.h5", settings={"surface.base.albedo": "0.1"}, overwrite=True)
+    assert actions() == {"medium": "reuse", "surface": "run"}
+
+
+@pytest.mark.parametrize("options, says", [
+    ("{thickness: 1 mm, base: {asset: none.h5}}", "no such file"),
+    ("{thickness: 1 mm, base: {asset: soil.yaml}}", "a recipe; expected an asset .* or recipe: soil.yaml"),
+    ("{thickness: 1 mm, base: {recipe: soil.h5}}", "an asset; expected a recipe .* or asset: soil.h5"),
+    ("{thickness: 1 mm, base: {asset: soil.h5, layer: 2}}", "layer 2 of .*, which has 2; expected 0 to 1"),
+    ("{thickness: 1 mm, base: {asset: soil.h5, albedo: 0.1}}", "one of albedo, asset, recipe"),
+    ("{thickness: 1 mm, base: {layer: 1}}", "one of albedo, asset, recipe"),
+    ("{thickness: 1 mm, base: {albedo: 0.5, layer: 1}}", "layer beside albedo"),
+    ("{thickness: 1 mm, boundary: {index: 0.9}, base: {asset: soil.h5}}", "index of 0.9 .*; expected 1 or more"),
+    ("{thickness: 1 mm, boundary: {index: 1.2, roughness: 0.2}, base: {asset: soil.h5}}", "roughness of 0.2 over the layers"),
+    ("{thickness: 1 mm, base: {recipe: self.yaml}}", "names itself"),
+    ("{thickness: 1 mm, base: {recipe: free.yaml}}", "a layer on nothing"),
+    ("{thickness: 1 mm, base: {recipe: wrong.yaml}}", "wrong.yaml:5: .*albedo"),
+    ("{thickness: 1 mm, base: {recipe: red.yaml}}", "at 0.7 um, without 0.45, 0.65 um"),
+    ("{base: {recipe: soil.yaml}}", "base under an infinite layer"),
+])
+def test_bases_that_are_refused(soil, options, says):
+    (soil / "free.yaml").write_text(RECIPE.replace("{options}", "{thickness: 1 mm}"))
+    (soil / "wrong.yaml").write_text(SOIL.replace("0.5, 0.6, 0.9", "0.5, 0.6, 1.9"))
+    (soil / "red.yaml").write_text(SOIL.replace("[0.45, 0.55, 0.65]", "[0.7]").replace("[0.5, 0.6, 0.9]", "0.5")
+                                   .replace("[0.3, 0.3, 0.2]", "0.3"))
+    (soil / "self.yaml").write_text(RECIPE.replace("{options}", options))
+    with pytest.raises(RecipeError, match=says):
+        load(soil / "self.yaml")

@@ -11,6 +11,7 @@ from bakery.errors import UsageError
 from renderers.mitsuba.shading import FAR, met
 from renderers.mitsuba.world import World
 from tests.conftest import slow
+from tests.renders import undisturbed_by_scenes
 
 DEPTH = 5  # surfaces
 
@@ -167,21 +168,27 @@ def test_wavefronts_of_hardly_any_ray(tmp_path, count, lights):
         assert name == "light" or field.shape == ((count, 3) if wide else (count,))
 
 
-def test_a_kernel_serves_wavefronts_of_all_lengths(tmp_path):
-    """Neither length nor NumPy's alignment of the memory may be part of it: compiling takes longer than most wavefronts."""
+def kernels_of_lengths(world):
+    """Hashes of the kernels that wavefronts of some lengths take."""
     import drjit as dr
 
-    world, compiled = World(written(tmp_path, SENSOR, BOX, LIGHTS["many"])), []
+    compiled = []
     for count in (100, 100, 101, 3000, 7):
         random = np.random.default_rng(count).random((count, 5))
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+            dr.kernel_history_clear()
             down = np.tile([0.0, 0.0, -1.0], (count, 1))
             world.trace(random[:, :3], down, 1.0)
             world.lights(random[:, :3], random)
             world.shade(random[:, :3], down, random, np.ones(count), np.zeros(count, bool))
-            kernels = [kernel for kernel in dr.kernel_history() if kernel["type"] == dr.KernelType.JIT]
-        compiled.append([kernel["hash"] for kernel in kernels])
-    assert len(compiled[0]) == 3 and all(hashes == compiled[0] for hashes in compiled)
+            compiled.append([kernel["hash"] for kernel in dr.kernel_history([dr.KernelType.JIT])])
+    return compiled
+
+
+def test_a_kernel_serves_wavefronts_of_all_lengths(tmp_path):
+    """Neither length nor NumPy's alignment of the memory may be part of it: compiling takes longer than most wavefronts."""
+    first, *others = undisturbed_by_scenes(kernels_of_lengths, World(written(tmp_path, SENSOR, BOX, LIGHTS["many"])))
+    assert len(first) == 3 and all(hashes == first for hashes in others)
 
 
 @pytest.mark.parametrize("parts", [(BOX, LIGHTS["many"]), (BOX,), (LIGHTS["without extent"],)])

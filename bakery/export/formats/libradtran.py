@@ -8,7 +8,7 @@ from bakery.errors import UsageError
 from bakery.export.declaration import Exporter, Job, Written
 from bakery.export.formats.disort import MOMENTS
 from bakery.export.formats.hg import water_in_air
-from bakery.export.formats.solvers import NETCDF, moments, named, of_grains, quantity
+from bakery.export.formats.solvers import NETCDF, moments, named, of_grains, of_polarisation, quantity
 from bakery.store.outputs import FileKind, begins_as_text
 from bakery.store.tree import Dataset, Group
 
@@ -28,9 +28,11 @@ def write(job: Job) -> Written:
     series = moments(job, medium)
     lines = [[f"{len(medium.wavelength)} wavelengths, effective radius {radius:.4g} um: the asset's own extinction at "
               f"{1e3 * mass:.4g} g/m^3 in a wc_file.",
-              "for `wc_properties FILE interpolate`, or ic_, profile_; polarisation is left out."],
+              "for `wc_properties FILE interpolate`, or ic_, profile_.",
+              of_polarisation(medium, "the elements 12, 33 and 34 at every angle, and their Legendre moments",
+                              "the format has none in generalised spherical functions") + "."],
              [f"a layer for `aerosol_file explicit`: extinction in 1/km, {series.moments.shape[1]} moments without the factor "
-              "2 l + 1; the phase function beyond them is left out."], *of_grains(medium)]
+              "2 l + 1; the phase function beyond them, and polarisation, are left out."], *of_grains(medium)]
     losses = [{"wavelength": um, "moments": series.moments.shape[1], "cut": cut}
               for um, cut in zip(series.wavelength.tolist(), series.cut.tolist(), strict=True)]
     files = {f"{job.stem}.mie.cdf": libradtran(medium, series.moments, 1e3 * mass, radius, 1e-3 * density),
@@ -76,6 +78,7 @@ def _only_component(root: Group) -> Group | None:
 
 EXPORTER = Exporter(
     "libradtran", "optical properties as its mie tool writes them (.mie.cdf), and the text of a layer", "libRadtran 2",
-    ("medium",), "coefficients, phase function and its moments at each wavelength",
-    "polarisation; errors; sizes but for the effective radius", write, (MASS, DENSITY, RADIUS, MOMENTS),
+    ("medium",), "coefficients, phase function and its moments at each wavelength; of polarised ones s12, s33, s34",
+    "expansion coefficients in generalised spherical functions; errors; sizes but for the effective radius", write,
+    (MASS, DENSITY, RADIUS, MOMENTS),
     kinds={".cdf": NETCDF, ".layer": FileKind("libRadtran layer", begins_as_text(r"\A\d+\.\d+ \S+ \d\.\d+ 1\.0+e\+00"))})

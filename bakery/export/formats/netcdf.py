@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from bakery.export.declaration import Exporter, Job, Written
-from bakery.export.formats.solvers import NETCDF, named, of_grains
+from bakery.export.formats.solvers import NETCDF, named, of_grains, of_polarisation
 
 
 def write(job: Job) -> Written:
     from bakery.export.netcdf import cf
 
     medium = named(job)
-    lines = [f"{len(medium.wavelength)} wavelengths and {len(medium.medium.theta)} angles, every digit of coefficients and phase "
-             "function; polarisation and tables of other stages are left out (`--to csv` has all).", *of_grains(medium)]
+    lines = [f"{len(medium.wavelength)} wavelengths and {len(medium.medium.theta)} angles, every digit of coefficients and "
+             "phase function; tables of other stages are left out (`--to csv` has all).",
+             of_polarisation(medium, "s12, s33 and s34 at every angle, and expansion coefficients in generalised spherical "
+                             "functions to the asset's tolerance") + ".", *of_grains(medium)]
     return Written({f"{job.stem}.nc": cf(medium)}, [], lines)
 
 
 EXPORTER = Exporter(
     "netcdf", "coefficients and phase function by the CF conventions (.nc)", "xarray, netCDF4, ncdump", ("medium",),
-    "coefficients, phase function and their errors at each wavelength", "polarisation; tables of other stages; provenance", write,
+    "coefficients, phase function and their errors at each wavelength; of polarised ones s12, s33, s34 and expansion "
+    "coefficients",
+    "tables of other stages; provenance", write,
     kinds={".nc": NETCDF})

@@ -14,7 +14,7 @@ NETCDF = FileKind("NetCDF file", lambda head: head.startswith((b"CDF", b"\x89HDF
 def named(job: Job):
     """The asset's medium, without its forward delta, and what is said of it in a file."""
     from bakery.export.medium import medium_of, scattering_of
-    from bakery.export.netcdf import Named
+    from bakery.export.named import Named
 
     asset = job.asset
     group = medium_of(asset.tree, asset.name)
@@ -40,6 +40,14 @@ def of_grains(medium) -> list[str]:
         return []
     return [f"unscattered (delta) transmission of grains, up to {100 * medium.medium.delta.max():.3g} % of what they scatter, is "
             "taken out of coefficients and phase function: the same medium."]
+
+
+def of_polarisation(medium, kept: str, lost: str = "") -> str:
+    """What is said of the elements s12, s33, s34: what of them is in the file, what of them is lost, or that there are none."""
+    if medium.medium.matrix is None:
+        return ("the asset has no polarisation (particles with `phase: {polarized: true}` would)"
+                if not medium.medium.delta.any() else "polarisation is left out")
+    return f"polarisation: {kept}" + (f"; {lost}" if lost else "")
 
 
 def quantity(flag: str, words: str, metavar: str, kind: str) -> Option:

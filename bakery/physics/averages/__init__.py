@@ -64,7 +64,7 @@ class Average:
 def averages(components: Sequence[Component], wavelength, host, aim: Aim,
              map: Callable = in_turn,
              report: Callable[[float, float | None], None] = lambda seconds, error: None, *,
-             remember: Callable = at_once) -> tuple[np.ndarray, list[Average]]:
+             remember: Callable = at_once, expectation=None) -> tuple[np.ndarray, list[Average]]:
     """Averages of all components at all wavelengths on one grid of angles.
 
     Parameters
@@ -76,6 +76,7 @@ def averages(components: Sequence[Component], wavelength, host, aim: Aim,
     map : `map(function, tasks)` -> list in the order of the tasks
     report : called with the work that is done, in seconds as predicted for one core, and the error reached
     remember : of choices of rays, as in `choice.choose`
+    expectation : what `expected` gives for the same arguments, where it is known already
 
     Returns
     -------
@@ -93,7 +94,7 @@ def averages(components: Sequence[Component], wavelength, host, aim: Aim,
     Spheres of one size have interference minima of any depth, in which a relative error means nothing; for them (one part, x > 5,
     x times relative width < 3) the reference is the largest value within half a ripple, pi/(2x).
     """
-    prediction, channels, choices = expected(components, wavelength, host, aim, remember=remember)
+    prediction, channels, choices = expectation or expected(components, wavelength, host, aim, remember=remember)
     k = np.array([channel.k for channel in channels[: len(np.asarray(wavelength))]])
     work = Work(map, report)
     work.expect(prediction)

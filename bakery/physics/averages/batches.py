@@ -21,8 +21,8 @@ from bakery.physics.averages.predicted import (
     angular_seconds,
     trace_seconds,
 )
-from bakery.physics.averages.spheres import Layers, features_of
-from bakery.physics.averages.work import BLOCK, cut
+from bakery.physics.averages.spheres import Layers, features_of, terms
+from bakery.physics.averages.work import BLOCK, cut, in_one
 from bakery.physics.medium import grid, phase
 
 _FEWEST_ANGLES, _MOST_ANGLES = 512, 16384  # in a block
@@ -66,55 +66,82 @@ def solve(channels, switches, theta, floor, target, polarized, rays, work, integ
     elements = 4 if polarized else 1
     # angles between the first ones take the level that these needed
     areas = (phase.areas(theta) if floor is None else np.zeros(len(theta))) if integrated else None
-    batches = [_Batch(c, switches[i], theta, None if floor is None else floor[i], target, elements, areas)
-               for i, c in enumerate(channels)]
+    batches, start = [], 0
+    for spectrum in _spectra(channels):
+        part = slice(start, start + len(spectrum))
+        batches.append(_Batch(spectrum, switches[part], theta, None if floor is None else floor[part], target, elements, areas))
+        start = part.stop
     while True:
-        jobs = [(batch, index, level) for batch in batches for index, level in batch.wanted()]
+        jobs = [(batch, places, level) for batch in batches for places, level in batch.wanted()]
         if not jobs:
             break
         _run(jobs, polarized, rays, work)
     work.unfinished |= any(batch.left.any() for batch in batches)
-    values = np.stack([batch.values() for batch in batches])
-    return values, np.stack([batch.error() for batch in batches]), np.stack([batch.level for batch in batches])
+    return tuple(np.concatenate(of_all) for of_all in zip(*((b.values(), b.error(), b.levels()) for b in batches)))
+
+
+def _spectra(channels):
+    """The channels of each component, which share their nodes."""
+    spectra = []
+    for channel in channels:
+        if not spectra or spectra[-1][0].nodes is not channel.nodes:
+            spectra.append([])
+        spectra[-1].append(channel)
+    return spectra
 
 
 class _Batch:
-    """Angles of one channel on their way to convergence."""
+    """Angles of the channels (L,) of one component on their way to convergence.
 
-    def __init__(self, channel, switch, theta, floor, target, elements, areas=None):
-        count = len(theta)
-        self.channel, self.switch, self.theta, self.target, self.elements = channel, switch, theta, target, elements
-        self.last = channel.nodes.levels - 1
-        self.floor = np.minimum(np.full(count, FIRST_LEVEL) if floor is None else np.maximum(floor, FIRST_LEVEL), self.last)
+    Arrays are over places: all angles of the first channel, then all of the second, L A in all.
+    """
+
+    def __init__(self, channels, switches, theta, floor, target, elements, areas=None):
+        self.channels, self.switches, self.theta, self.target, self.elements = channels, switches, theta, target, elements
+        self.nodes, count = channels[0].nodes, len(channels) * len(theta)
+        self.last = self.nodes.levels - 1
+        least = np.full(count, FIRST_LEVEL) if floor is None else np.maximum(np.ravel(floor), FIRST_LEVEL)
+        self.floor = np.minimum(least, self.last)
         self.level = np.full(count, -1)
         self.fixed = np.zeros((elements, count))
         self.sums = np.zeros((elements, count))
-        unknown = math.inf if channel.nodes.refinable else 0.0
+        unknown = math.inf if self.nodes.refinable else 0.0
         self.change, self.earlier = np.full(count, unknown), np.full(count, unknown)
         self.weights = [0.0]  # of the refinable nodes, by level, shifted by one
         self.begun, self.areas = False, areas
         self.left = np.zeros(count, bool)  # angles that nodes do not bring to the target
+        self.windows = None if areas is not None else [self._window(channel) for channel in channels]
+
+    def _window(self, channel):
+        """First and last of the neighbours whose error each angle shares."""
+        theta, index = self.theta, np.arange(len(self.theta))
         ripple = math.pi / max(x for x, _ in features_of(channel))
-        index = np.arange(count)
         low = np.minimum(np.searchsorted(theta, theta - ripple, side="left"), index - _WINDOW)
         high = np.maximum(np.searchsorted(theta, theta + ripple, side="right"), index + _WINDOW + 1)
-        self.window = np.maximum(low, 0), np.minimum(high, count)
+        return np.maximum(low, 0), np.minimum(high, len(theta))
+
+    def _by_channel(self, values):
+        """(..., L, A) of values (..., L A)."""
+        return values.reshape(*values.shape[:-1], len(self.channels), len(self.theta))
 
     def wanted(self):
-        """[(indices of angles, level)] still to be summed, level None for the discrete sizes; empty when all is done."""
+        """[(places, level)] still to be summed, level None for the discrete sizes; empty when all is done."""
         if not self.begun:
             self.begun = True
-            jobs = [(np.arange(len(self.theta)), None)] if len(self.channel.nodes.fixed()[0]) else []
-            if self.channel.nodes.refinable:
+            jobs = [(np.arange(len(self.level)), None)] if len(self.nodes.fixed()[0]) else []
+            if self.nodes.refinable:
                 for level in range(int(self.floor.max()) + 1):
                     jobs.append((np.flatnonzero(self.floor >= level), level))
             return jobs
-        if not self.channel.nodes.refinable:
+        if not self.nodes.refinable:
             return []
         error = self.error()
         if self.areas is not None:
-            light = self.areas * self.values()[0]
-            error = np.full(len(error), np.sum(light * error) / np.sum(light) if light.any() else 0.0)
+            light = self.areas * self._by_channel((self.fixed + self.sums)[0] / self._totals())
+            lit, missed = np.sum(light, axis=1), np.sum(light * error, axis=1)
+            share = np.divide(missed, lit, out=np.zeros_like(lit), where=lit > 0)
+            error = np.broadcast_to(share[:, None], error.shape)
+        error = np.ravel(error)
         open_ = (error > self.target) & ~self.left
         # the last level is used up, or cannot be expected to suffice: halving the step at best halves the error
         further = self.last - self.level
@@ -123,77 +150,118 @@ class _Batch:
         open_ &= ~hopeless
         return [(np.flatnonzero(open_ & (self.level == level)), int(level) + 1) for level in np.unique(self.level[open_])]
 
-    def absorb(self, index, level, sums):
-        """Take the sums (E, B) over the nodes that `level` adds, for the angles `index`."""
+    def absorb(self, places, level, sums):
+        """Take the sums (E, B) over the nodes that `level` adds, at the places (B,)."""
         if level is None:
-            self.fixed[:, index] = sums
+            self.fixed[:, places] = sums
             return
-        old = self.average(index, level - 1) if level > 0 else None
+        old = self.average(places, level - 1) if level > 0 else None
         while len(self.weights) <= level + 1:
-            self.weights.append(self.weights[-1] / 2 + float(np.sum(self.channel.nodes.fresh(len(self.weights) - 1)[1])))
-        self.sums[:, index] = self.sums[:, index] / 2 + sums
-        self.level[index] = level
+            self.weights.append(self.weights[-1] / 2 + float(np.sum(self.nodes.fresh(len(self.weights) - 1)[1])))
+        self.sums[:, places] = self.sums[:, places] / 2 + sums
+        self.level[places] = level
         if old is not None:
-            new = self.average(index, level)
+            new = self.average(places, level)
             step = np.abs(new - old).max(axis=0)
-            self.earlier[index] = self.change[index]
-            self.change[index] = np.divide(step, new[0], out=np.zeros_like(step), where=new[0] > 0)
+            self.earlier[places] = self.change[places]
+            self.change[places] = np.divide(step, new[0], out=np.zeros_like(step), where=new[0] > 0)
 
-    def average(self, index, level):
-        total = float(np.sum(self.channel.nodes.fixed()[1])) + self.weights[level + 1]
-        return (self.fixed[:, index] + self.sums[:, index]) / total
+    def average(self, places, level):
+        total = float(np.sum(self.nodes.fixed()[1])) + self.weights[level + 1]
+        return (self.fixed[:, places] + self.sums[:, places]) / total
 
     def error(self):
-        """(A,): change on halving and half the change before, added in squares; the largest among neighbours.
+        """(L, A): change on halving and half the change before, added in squares; the largest among neighbours.
 
         Where only the mean over all angles counts, each angle has its own.
         """
-        estimate = np.hypot(self.change, self.earlier / 2)
-        return estimate if self.areas is not None else grid.largest(estimate, *self.window)
+        estimate = self._by_channel(np.hypot(self.change, self.earlier / 2))
+        if self.windows is None:
+            return estimate
+        return np.stack([grid.largest(of_one, *window) for of_one, window in zip(estimate, self.windows)])
+
+    def _totals(self):
+        return float(np.sum(self.nodes.fixed()[1])) + np.array(self.weights)[self.level + 1]
 
     def values(self):
-        total = float(np.sum(self.channel.nodes.fixed()[1])) + np.array(self.weights)[self.level + 1]
-        return (self.fixed + self.sums) / total
+        """(L, E, A)."""
+        return np.ascontiguousarray(np.moveaxis(self._by_channel((self.fixed + self.sums) / self._totals()), 1, 0))
+
+    def levels(self):
+        """(L, A)."""
+        return self._by_channel(self.level)
 
 
 def _run(jobs, polarized, rays, work):
     """Sum the jobs block by block, holding a bounded number of results at a time, and hand each to its batch."""
-    sums = [np.zeros((batch.elements, len(index))) for batch, index, _ in jobs]
-    size, tasks, places = 0, [], []
+    sums = [np.zeros((batch.elements, len(places))) for batch, places, _ in jobs]
+    size, tasks, seconds, into = 0, [], [], []
 
     def flush():
-        for (job, part), block in zip(places, work.map(angular_block, tasks)):
+        for (job, part), block in zip(into, work.run(angular_block, tasks, seconds)):
             sums[job][:, part] += block
-        tasks.clear()
-        places.clear()
+        for filled in (tasks, seconds, into):
+            filled.clear()
         worst = max((float(b.error().max()) for b, *_ in jobs), default=0.0)
         work.report(work.seconds, worst if math.isfinite(worst) else None)
 
-    for job, (batch, index, level) in enumerate(jobs):
-        channel = batch.channel
-        radius, weight = channel.nodes.fixed() if level is None else channel.nodes.fresh(level)
-        x = channel.k * radius
-        # S is summed, the phase function is S / (k^2 C_sca): k^2 stays out until the end
-        for part, spheres, by, seconds in _blocks(channel, x, batch.switch, len(index), polarized, rays):
-            work.charge(seconds, f"{channel.component} at {channel.wavelength:g} um")
-            tasks.append((channel.sphere, x[spheres], weight[spheres], batch.theta[index[part]], polarized, by))
-            places.append((job, part))
-            size += 8 * batch.elements * len(part) + 16 * len(spheres)
+    for job, (batch, places, level) in enumerate(jobs):
+        for first, block in _blocks(batch, places, level, polarized, rays):
+            channel, x, weight, index, by, cost = block
+            work.charge(cost, f"{channel.component} at {channel.wavelength:g} um")
+            tasks.append((channel.sphere, x, weight, batch.theta[index], polarized, by))
+            seconds.append(cost)
+            into.append((job, slice(first, first + len(index))))
+            size += 8 * batch.elements * len(index) + 16 * len(x)
             if size > HELD:
                 flush()
                 size = 0
     if tasks:
         flush()
-    for (batch, index, level), total in zip(jobs, sums):
-        batch.absorb(index, level, total)
+    for (batch, places, level), total in zip(jobs, sums):
+        batch.absorb(places, level, total)
 
 
-def _blocks(channel, x, switch, angles, polarized, rays):
+def _blocks(batch, places, level, polarized, rays):
+    """(where in the places it begins, (channel, x, weight, indices of angles, method, seconds)) of blocks of bounded size."""
+    radius, weight = batch.nodes.fixed() if level is None else batch.nodes.fresh(level)
+    # S is summed, the phase function is S / (k^2 C_sca): k^2 stays out until the end
+    x = np.array([channel.k for channel in batch.channels])[:, None] * radius
+    weight = weight.copy()  # numba would compile the kernels anew for a read-only array
+    bounds = np.searchsorted(places, np.arange(len(batch.channels) + 1) * len(batch.theta))
+    small = _in_one(batch, x, np.diff(bounds), polarized)
+    for i, channel in enumerate(batch.channels):
+        index = places[bounds[i]:bounds[i + 1]] - i * len(batch.theta)
+        if not len(index):
+            continue
+        if small[i] > 0:
+            yield bounds[i], (channel, x[i], weight, index, None, float(small[i]))
+            continue
+        for part, spheres, by, seconds in _cut(channel, x[i], batch.switches[i], len(index), polarized, rays):
+            yield bounds[i] + part[0], (channel, x[i][spheres], weight[spheres], index[part], by, seconds)
+
+
+def _in_one(batch, x, angles, polarized):
+    """(L,): seconds of channels whose spheres x (L, R) are one block of series, as `_cut` would have it; 0 of others."""
+    per_angle, coefficient = _rates(batch.channels[0], polarized)
+    of_all = terms(x)
+    seconds = np.sum(of_all, axis=1) * (coefficient + per_angle * angles)
+    chunk = np.clip(BLOCK / (np.max(of_all, axis=1) * (coefficient + per_angle)), _FEWEST_ANGLES, _MOST_ANGLES)
+    one = in_one(seconds) & (angles <= np.floor(0.99 * chunk)) & (np.max(x, axis=1) < batch.switches)
+    return np.where(one, seconds, 0.0)
+
+
+def _rates(channel, polarized):
+    """Seconds per term and angle, and per term."""
+    return MUELLER if polarized else INTENSITY, COATED if channel.coated else COEFFICIENT
+
+
+def _cut(channel, x, switch, angles, polarized, rays):
     """(places of angles, places of spheres, method, seconds) of blocks of bounded size; nothing but the inputs decides.
 
     Series first: they are sharp about where rays begin, and sums keep this order.
     """
-    per_angle, coefficient = MUELLER if polarized else INTENSITY, COATED if channel.coated else COEFFICIENT
+    per_angle, coefficient = _rates(channel, polarized)
     large = x >= switch
     for spheres, used in ((np.flatnonzero(~large), None), (np.flatnonzero(large), rays)):
         if not len(spheres):

@@ -17,7 +17,7 @@ import numpy as np
 from bakery.errors import StageError
 from bakery.physics.averages.predicted import COATED, CROSS, FIRST_LEVEL
 from bakery.physics.averages.spheres import Layers, terms
-from bakery.physics.averages.work import cut
+from bakery.physics.averages.work import cut, in_one
 
 SHARE = 0.45  # of the tolerance, for a mean absorption
 _CROSS = 0.1  # of the tolerance, for other cross sections: they cost little, and bound what the normalisation may be off
@@ -93,16 +93,20 @@ def _halving(means, tolerance):
 
 def _spheres(component, radius, k, work):
     """(3, L, R): scattering and absorption cross sections (um^2) and mean cosine of single spheres."""
-    tasks, seconds = [], 0.0
-    for sphere, q in zip(component.spheres(k), k):
-        x = q * radius
-        cost = terms(x) * (CROSS if component.coat is None else COATED)
-        seconds += float(np.sum(cost))
-        tasks += [(sphere, x[a:b]) for a, b in cut(cost)]
-    work.charge(seconds, component.name)
-    blocks = work.map(cross_block, tasks) if tasks else []
+    if not len(radius):
+        return np.zeros((3, len(k), 0))
+    tasks, seconds = [], []
+    x = np.asarray(k)[:, None] * radius
+    cost = terms(x) * (CROSS if component.coat is None else COATED)
+    whole = np.sum(cost, axis=1)
+    for sphere, at, by_sphere, of_all in zip(component.spheres(k), x, cost, whole):
+        for a, b in [(0, len(at))] if in_one(of_all) else cut(by_sphere):
+            tasks.append((sphere, at[a:b]))
+            seconds.append(float(np.sum(by_sphere[a:b])))
+    work.charge(float(np.sum(whole)), component.name)
+    blocks = work.run(cross_block, tasks, seconds)
     work.report(work.seconds, None)
-    q = np.concatenate(blocks, axis=1).reshape(4, len(k), len(radius)) if len(radius) else np.zeros((4, len(k), 0))
+    q = np.concatenate(blocks, axis=1).reshape(4, len(k), len(radius))
     area = math.pi * radius**2
     return np.stack([q[0] * area, q[1] * area, q[2]])
 

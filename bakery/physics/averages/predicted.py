@@ -73,6 +73,8 @@ def predict(channels: Sequence[Channel], choices, aim: Aim) -> Prediction:
 
         def sums(radius, passes, shown, channel=channel, choice=choice, coefficient=coefficient):
             x = channel.k * radius
+            if not choice.taken:
+                return float(np.sum(terms(x))) * (coefficient * passes + per_angle * shown)
             large = x >= choice.switch
             seconds = float(np.sum(terms(x[~large]))) * (coefficient * passes + per_angle * shown)
             if large.any():
@@ -81,15 +83,16 @@ def predict(channels: Sequence[Channel], choices, aim: Aim) -> Prediction:
             return seconds
 
         fixed = channel.nodes.fixed()[0]
-        seconds += float(np.sum(terms(channel.k * fixed))) * cross + sums(fixed, 5, computed)
-        spheres += len(fixed)
-        rows += len(fixed)
+        if len(fixed):
+            seconds += float(np.sum(terms(channel.k * fixed))) * cross + sums(fixed, 5, computed)
+            spheres += len(fixed)
+            rows += len(fixed)
         if channel.nodes.refinable:
             first = channel.nodes.fresh(0)[0]
             # the integral of rays is not known: what tables by rays miss counts twice
             most, last = _doublings(channel, tolerance / 2 if integrated and choice.taken else tolerance, integrated)
             seconds += float(np.sum(terms(channel.k * first))) * last * cross
-            seconds += last * sums(first, _ROUNDS if integrated else _PASSES, 0) + most * sums(first, 0, computed)
+            seconds += sums(first, last * (_ROUNDS if integrated else _PASSES), most * computed)
             spheres += int(len(first) * last)
             rows += len(first) * 2**FIRST_LEVEL
         if choice.taken:

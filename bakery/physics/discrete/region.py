@@ -57,7 +57,8 @@ def region_mesh(vertices, faces, resolution=64) -> Region:
     tree = Mesh((vertices - centre) / scale, np.asarray(faces)).tree
     counts = np.maximum(1, np.ceil(resolution * (hi - lo) / (hi - lo).max())).astype(int)
     whole = _region(lo, hi, MESH, np.full(counts, _EDGE, np.float32), centre, scale, tree)
-    _voxels(whole, np.ascontiguousarray(vertices), np.ascontiguousarray(faces, np.int64))
+    # a copy: a kernel for arrays that cannot be written would be compiled besides
+    _voxels(whole, np.array(vertices, order="C"), np.ascontiguousarray(faces, np.int64))
     return whole
 
 

@@ -9,7 +9,7 @@ Shapes: L wavelengths, A angles, E = 1 (phase function) or 4 (and s12, s33, s34)
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -77,12 +77,15 @@ def common_angles(grids: Sequence[np.ndarray]) -> np.ndarray:
     return theta
 
 
-def tabulated(axes: Sequence[np.ndarray], media: Sequence[Optics | None]) -> Tables:
-    """Tables of media at all points of the axes, the last axis fastest; None where there is none, of which not all are."""
-    present = [medium for medium in media if medium is not None]
-    theta = common_angles([medium.theta for medium in present])
+def tabulated(axes: Sequence[np.ndarray], media: Iterable[Optics | None]) -> Tables:
+    """Tables of media at all points of the axes, the last axis fastest; None where there is none, of which not all are.
+
+    `media` is gone through twice, and none of them is kept.
+    """
+    grids, shapes = zip(*((None, None) if medium is None else (medium.theta, medium.elements.shape) for medium in media))
+    theta = common_angles([grid for grid in grids if grid is not None])
     shape = tuple(len(axis) for axis in axes)
-    count, (wavelengths, kinds, _) = len(media), present[0].elements.shape
+    count, (wavelengths, kinds, _) = len(grids), next(filter(None, shapes))
     sigma_s, sigma_a = np.zeros((2, count, wavelengths))
     table, ratios = np.zeros((count, wavelengths, len(theta))), np.zeros((count, wavelengths, kinds - 1, len(theta)))
     for i, medium in enumerate(media):
@@ -92,7 +95,7 @@ def tabulated(axes: Sequence[np.ndarray], media: Sequence[Optics | None]) -> Tab
             shares = np.divide(others, first, out=np.zeros_like(others), where=first > 0)
             table[i] = phase.normalised(theta, phase.phase_at(medium.theta, first[:, 0], theta))[0]
             ratios[i] = phase.phase_at(medium.theta, shares, theta)
-    missing = np.array([medium is None for medium in media])
+    missing = np.array([grid is None for grid in grids])
     arrays = (array.reshape(shape + array.shape[1:]) for array in (sigma_s, sigma_a, table, ratios, missing))
     return Tables(tuple(axes), theta, *arrays)
 

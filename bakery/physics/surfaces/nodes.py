@@ -17,6 +17,8 @@ import numpy as np
 
 from bakery.physics.surfaces import fresnel
 
+SPARE = 8  # nodes beyond as many as there are moments
+_RESOLVED = 68  # nodes: as many as there are moments up to about so many
 POWER = 2  # mu = s^POWER; 3 would converge faster, but its smallest cosines cost the digits that rounding leaves
 
 
@@ -51,6 +53,11 @@ def grazing(count: int, top: float = 1.0):
     x, weight = np.polynomial.legendre.leggauss(count)
     s = 0.5 * (1 + x)
     return top * s**POWER, top * POWER * s ** (POWER - 1) * 0.5 * weight, s
+
+
+def enough(count: int, least: int) -> int:
+    """Directions that leave, for as many Legendre moments: of a forward peak that they are too few for, see `orders.unresolved`."""
+    return max(least, min(count + SPARE, _RESOLVED + count // 16))
 
 
 def nodes(count: int, index: float = 1.0) -> Nodes:

@@ -16,11 +16,12 @@ from bakery.physics.surfaces import fresnel, single
 from bakery.physics.surfaces.covered import Covered, covered
 from bakery.physics.surfaces.cut import Cut, cut
 from bakery.physics.surfaces.layer import Layer, between, homogeneous
-from bakery.physics.surfaces.nodes import Nodes, coordinate, interpolation, nodes
-from bakery.physics.surfaces.orders import phase_matrices
+from bakery.physics.surfaces.nodes import SPARE, Nodes, coordinate, enough, interpolation, nodes
+from bakery.physics.surfaces.orders import phase_matrices, unresolved
 from bakery.physics.surfaces.slab import Slab
+from bakery.physics.surfaces.stack import Stacked, stacked
 
-_LEAST_NODES, _SPARE_NODES = 24, 8
+_LEAST_NODES = 24
 _NEGLIGIBLE = 1e-3  # of the tolerance: a Fourier order below that twice in a row ends their sum
 
 
@@ -99,23 +100,30 @@ class Solution:
         return result
 
 
-def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution | Covered:
+def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution | Covered | Stacked:
     """The slab with a given number of Legendre moments.
 
     Parameters
     ----------
-    moments : at least count + 1 Legendre moments of the phase function
+    moments : at least count + 1 Legendre moments of the phase function; a list of them where other layers are under it
     count : that are carried
     tolerance : relative; Fourier orders that matter less are left out
     """
+    if slab.under is not None:
+        return stacked(slab, moments, count, tolerance)
     if slab.roughness and slab.index != 1:
         return covered(slab, moments, count, tolerance)
     without = cut(moments, slab.albedo, count)
-    directions = nodes(max(_LEAST_NODES, count + _SPARE_NODES), slab.index)
+    # light that passes a peak is told by as many nodes as there are moments
+    passes = slab.base is None and slab.depth < math.inf
+    directions = nodes(max(_LEAST_NODES, count + SPARE) if passes else enough(count, _LEAST_NODES), slab.index)
+    missed = unresolved(without.moments, directions.mu, directions.flux) if directions.leaving < count + SPARE else None
     depth = slab.depth * without.shrinks if slab.depth else 0.0
     orders, small = [], 0
     for order in range(count):
         even, odd = phase_matrices(without.moments, directions.mu, order)
+        if missed is not None:
+            even, odd = even + np.diag(missed), odd + np.diag(missed)
         layer = homogeneous(even, odd, directions.mu, directions.flux, without.albedo, depth)
         upward, downward = _scattered(slab, directions, order, layer)
         if order == 0:

@@ -9,15 +9,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from bakery import rng
-from bakery.physics.surfaces import fresnel
+from bakery.physics.medium.phase import phase_at
+from bakery.physics.surfaces import fresnel, single
 from bakery.physics.surfaces.corrected import Corrected
 from bakery.physics.surfaces.look_up import surface_reflectance, surface_transmittance
 from bakery.physics.surfaces.nodes import coordinate, interpolation
+from bakery.physics.surfaces.solution import Solution
+from bakery.physics.surfaces.stack import Stacked
 from bakery.system.compiled import njit
 
 GRIDS = (32, 24), (48, 32), (64, 48), (96, 64)  # directions and azimuths, from which the first one that is good enough is taken
@@ -88,8 +92,8 @@ def surface_table(solutions: Sequence, tolerance: float = TOLERANCE) -> tuple[Su
 
     Parameters
     ----------
-    solutions : `solution.Solution`, `covered.Covered` or `corrected.Corrected` of each of L wavelengths, of the same layer, base
-        or none, and boundary
+    solutions : `solution.Solution`, `covered.Covered`, `stack.Stacked` or `corrected.Corrected` of each of L wavelengths, of the
+        same layer, base or none, and boundary
     tolerance : largest relative error, which the finest grid may miss: the errors say so
     """
     probes = probed(solutions)
@@ -134,6 +138,8 @@ def _evaluate(table, mu, mu0, cos_phi, values):
 def _sampled(solutions, nodes: int, azimuths: int) -> SurfaceTable:
     if isinstance(solutions[0], Corrected):
         return _counted(solutions, nodes, azimuths)
+    if isinstance(solutions[0], Stacked):
+        return _of_stacks(solutions, nodes, azimuths)
     first = solutions[0].slab
     rough = first.roughness > 0 and first.index != 1
     s = np.sin(first.theta / 2) ** 2
@@ -161,6 +167,25 @@ def _counted(solutions, nodes: int, azimuths: int) -> SurfaceTable:
     at = mu[:, None, None], mu[:, None], angles(azimuths)
     grid = np.stack([solution.reflection(*at) for solution in solutions]) * (at[0] + at[1])
     return medium._replace(once=np.zeros(len(solutions)), reflected=np.ascontiguousarray(grid, np.float32))
+
+
+def _of_stacks(solutions, nodes: int, azimuths: int) -> SurfaceTable:
+    """Of layers on each other: as if the first one were infinite and scattered as much once, what else there is in the grid."""
+    tops = [Solution(replace(solution.slab, under=None, depth=math.inf), solution.nodes, solution.cut, np.zeros((1, *2 * [
+        solution.nodes.leaving])), np.zeros((1, *2 * [solution.nodes.leaving])), solution.albedo, solution.passed)
+            for solution in solutions]
+    table = _sampled(tops, 2, 2)
+    scattered = -np.expm1(-2 * np.array([solution.slab.depth * solution.cut.shrinks if solution.slab.depth else 0.0
+                                         for solution in solutions]))
+    table = table._replace(once=table.once * scattered)
+    mu = np.maximum(cosines(nodes, table.index), _GRAZING)
+    at = np.broadcast_arrays(mu[:, None, None], mu[:, None], angles(azimuths))
+    inner, inner0 = (fresnel.inside(cosine, table.index) for cosine in at[:2])
+    turned = single.turned(inner, inner0, at[2], -1)
+    grid = np.stack([solution.inside(*at) * (inner + inner0) for solution in solutions])
+    for row, once, slab in zip(grid, table.once, (solution.slab for solution in solutions), strict=True):
+        row -= once * 4 * math.pi * phase_at(slab.theta, slab.phase, turned)
+    return table._replace(reflected=np.ascontiguousarray(grid, np.float32))
 
 
 def _grid(solution, orders, nodes: int, azimuths: int):

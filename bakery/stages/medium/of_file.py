@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 from bakery.grammar import netcdf, optical_files
-from bakery.grammar.optical_files import HUMIDITY, RADIUS, OpticalProperties
+from bakery.grammar.optical_files import HUMIDITY, MASS, NUMBER, RADIUS, OpticalProperties
 from bakery.grammar.text import Mapping, show
 from bakery.grammar.units import Wrong
 from bakery.stages.declaration import Result, datasets
@@ -15,7 +15,10 @@ from bakery.stages.declaration import Result, datasets
 if TYPE_CHECKING:
     from bakery.recipe.checker import Checker
 
-KEYS = ("mass_concentration", RADIUS, HUMIDITY)  # beside `file` alone
+KEYS = (MASS, NUMBER, RADIUS, HUMIDITY)  # beside `file` alone
+_AMOUNTS = {MASS: "the mass of the particles in a volume, such as 0.3 g/m^3: the file holds extinction per mass",
+            NUMBER: "the number of the particles in a volume, such as 3000 /cm^3: the file holds extinction per particle"}
+_HOLDS = {MASS: "extinction per mass", NUMBER: "extinction per particle", "": "coefficients, not extinction per mass"}
 _NAMES = {RADIUS: ("effective radius", "um", 1.0), HUMIDITY: ("relative humidity", "%", 100.0)}
 _SAME = 1e-6  # of a wavelength: files hold them in single precision
 _OFF = 0.01  # of the integral of a phase function: told beyond
@@ -51,12 +54,12 @@ def check(checker: Checker, section: Mapping) -> None:
 
 
 def _amount(checker: Checker, section: Mapping, properties: OpticalProperties) -> None:
-    if properties.per_mass and "mass_concentration" not in section:
-        checker.report_section(section, "found no mass_concentration", "expected the mass of the particles in a volume, such as "
-                               "0.3 g/m^3: the file holds extinction per mass")
-    elif not properties.per_mass and "mass_concentration" in section:
-        checker.report_section(section["mass_concentration"], "found a mass_concentration",
-                               "expected none: the file holds coefficients, not extinction per mass")
+    if properties.per and properties.per not in section:
+        checker.report_section(section, f"found no {properties.per}", f"expected {_AMOUNTS[properties.per]}")
+    for key in _AMOUNTS:
+        if key in section and key != properties.per:
+            checker.report_section(section[key], f"found a {key}",
+                                   f"expected {properties.per or 'none'}: the file holds {_HOLDS[properties.per]}")
 
 
 def _second_axis(checker: Checker, section: Mapping, properties: OpticalProperties) -> None:
@@ -89,9 +92,9 @@ def inputs(recipe) -> dict:
     medium = recipe.medium
     properties = medium.file
     value = getattr(medium, properties.axis) if properties.axis else None
-    mass = 1.0 if medium.mass_concentration is None else medium.mass_concentration
+    amount = getattr(medium, properties.per) if properties.per else 1.0
     return {"file": properties._asdict() | {"rows": [[tuple(row) for row in rows] for rows in properties.rows]},
-            "wavelength": [float(um) for um in recipe.wavelength], "mass": mass,
+            "wavelength": [float(um) for um in recipe.wavelength], "amount": amount,
             "value": float(properties.values[0]) if value is None else value}
 
 
@@ -105,7 +108,7 @@ def compute(inputs: dict, context, outputs, members_of) -> Result:
 
     properties = SimpleNamespace(**inputs["file"])
     theta, phase = ([[row[i] for row in rows] for rows in properties.rows] for i in (0, 1))
-    extinction = inputs["mass"] * properties.extinction
+    extinction = inputs["amount"] * properties.extinction
     table = Tabulated(properties.wavelength, properties.values, extinction, properties.albedo, theta, phase)
     medium = between(table, inputs["wavelength"], inputs["value"])
     context.report(1.0, medium.error)

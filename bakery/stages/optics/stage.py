@@ -174,12 +174,13 @@ def compute(inputs: dict, context) -> Result:
     from bakery.physics.averages import averages, expected
 
     asked = _asked(inputs, context.tolerance)
-    whole = expected(*asked, remember=remember)[0].seconds
+    expectation = expected(*asked, remember=remember)
+    whole = expectation[0].seconds
 
     def report(seconds, error):
         context.report(_share(seconds / max(whole, 1e-9)), error)
 
-    theta, by_component = averages(*asked, map=context.map, report=report, remember=remember)
+    theta, by_component = averages(*asked, map=context.map, report=report, expectation=expectation)
     members: dict[str, Dataset | Group] = dict(datasets(OUTPUTS, {"theta": theta}))
     notes, missed, reached = [], [], 0.0
     for component, average in zip(inputs["components"], by_component):

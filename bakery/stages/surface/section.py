@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Discriminator, Field, Tag
 
-from bakery.grammar.fields import number, numbers, word
+from bakery.grammar.fields import Path, number, numbers, whole, word
 from bakery.grammar.section import Section
 from bakery.grammar.text import Mapping
 from bakery.grammar.units import FRACTION, LENGTH
 from bakery.stages.declaration import RecipeSection, own_tolerance
+from bakery.stages.surface import base as other
 
 if TYPE_CHECKING:
     from bakery.recipe.checker import Checker
@@ -28,9 +29,14 @@ class Boundary(Section):
 
 
 class Base(Section):
-    """What the layer lies on: a Lambertian surface in contact with the medium."""
+    """What the layer lies on, in contact with the medium: a Lambertian surface, or the surface of another asset or recipe."""
 
-    albedo: numbers(FRACTION, least=0, most=1) = Field(description="Its albedo; one value, or one a wavelength.")
+    albedo: numbers(FRACTION, least=0, most=1) | None = Field(
+        None, description="Albedo of a Lambertian base; one value, or one a wavelength.")
+    asset: Path | None = Field(None, description="Another asset (.h5) with the stage surface: its layers lie under this one.")
+    recipe: Path | None = Field(None, description="A recipe with the section surface, in place of its asset.")
+    layer: whole(0, MOST_LAYERS - 1) | None = Field(
+        None, description="With an asset or a recipe: position of the thickness among several, from 0; default: 0.")
 
 
 class Surface(Section):
@@ -59,6 +65,7 @@ def check(checker: "Checker", section: Mapping) -> None:
     base, boundary = section.get("base"), section.get("boundary")
     if isinstance(base, Mapping):
         checker.one_each(base, "albedo")
+        other.check(checker, base)
     infinite = "thickness" not in section or checker.value(section, "thickness") == INFINITE
     if base is not None and infinite:
         checker.report_section(base, "found a base under an infinite layer, which no light reaches",
@@ -69,6 +76,14 @@ def check(checker: "Checker", section: Mapping) -> None:
     elif rough and base is None and not infinite:
         checker.report(boundary["roughness"], "found a rough boundary of a layer on nothing",
                        "expected a base, thickness: infinite, or roughness: 0")
+    if isinstance(base, Mapping) and "albedo" not in base and isinstance(boundary, Mapping):
+        index = checker.value(boundary, "index")
+        if rough:
+            checker.report(boundary["roughness"], f"found a roughness of {rough:g} over the layers of another asset",
+                           "expected 0, or a base with an albedo")
+        if index is not None and index < 1:
+            checker.report(boundary["index"], f"found an index of {index:g} over the layers of another asset",
+                           "expected 1 or more, or a base with an albedo")
     if "method" in section and checker.value(section, "method") == "grains":
         if "grains" not in checker.tree:
             checker.report(section["method"], "found grains, of which this recipe has none", "expected auto or medium")

@@ -12,9 +12,11 @@ from bakery.physics.medium.similarity import without_delta
 from bakery.stages import rules
 from bakery.stages.declaration import ANY, Cost, Output, Result, Stage, datasets, later
 from bakery.stages.medium.section import phase_keys
-from bakery.stages.surface import spread
+from bakery.stages.surface import base as other
+from bakery.stages.surface import spread, under
 from bakery.stages.surface.section import INFINITE, SURFACE
-from bakery.stages.surface.view import QUERIES, packed
+from bakery.stages.surface.triangles import packed
+from bakery.stages.surface.view import QUERIES
 from bakery.store.tree import Group
 
 _ORDERS = "of light scattered more than once: values at pairs of directions, row by row of an upper triangle"
@@ -23,7 +25,7 @@ OUTPUTS = (
     Output("depth", "(L, T)", "1", "optical depth of the layers; absent where they are infinite", optional=True),
     Output("index", "(1,)", "1", "refractive index of the medium over that of the air"),
     Output("roughness", "(1,)", "1", "of the boundary's facets (GGX), 0: smooth", within=(0, 1)),
-    Output("base", "(L,)", "1", "albedo of the base; absent where there is none", optional=True, within=(0, 1)),
+    Output("base", "(L,)", "1", "albedo of the base, under all layers; absent where there is none", optional=True, within=(0, 1)),
     Output("moments", "(1,)", "1", "Legendre moments of the phase function that the solver carried", whole=True),
     Output("peak", "(L,)", "1", "share of the scattered light in a forward peak that the solver leaves out", within=(0, 1)),
     Output("cosine", "(N,)", "1", "of the solver's directions in air, with the normal", within=(0, 1)),
@@ -34,6 +36,7 @@ OUTPUTS = (
     Output("passed", "(L, T, N)", "1", "share that leaves below the layer, unscattered light included", within=(0, 1)),
     Output("spherical_albedo", "(L, T)", "1", "share of the light from all sides that comes back", within=(0, 1)),
     Output("change", "(L, T)", "1", "largest relative change of reflectance and transmittance from two thirds of the moments"),
+    *under.OUTPUTS,
     *spread.OUTPUTS,
 )
 REQUIRED = ("index", "roughness", "moments", "peak", "cosine", "flux", "reflected", "albedo", "passed", "spherical_albedo",
@@ -48,15 +51,20 @@ def inputs(recipe, upstream) -> dict:
     if "forward_delta" in medium.members:
         deflecting = without_delta(*values.values(), np.asarray(medium["forward_delta"].data, float))
         values = dict(zip(values, (deflecting[0], deflecting[1], values["theta"], deflecting[2]), strict=True))
-    thickness = surface.thickness
+    thickness, base = surface.thickness, surface.base
     boundary = surface.boundary if surface.boundary != "none" else None
     return values | {"thickness": None if thickness == INFINITE else np.asarray(thickness, float),
                      "index": boundary.index if boundary else 1.0, "roughness": boundary.roughness if boundary else 0.0,
-                     "base": None if surface.base is None else np.asarray(surface.base.albedo, float)}
+                     "base": None if base is None or base.albedo is None else np.asarray(base.albedo, float),
+                     "under": None if base is None else base.asset or base.recipe,
+                     "layer": (0 if base is None else base.layer) or 0, "wavelength": recipe.wavelength}
 
 
-def slabs(inputs: dict) -> list:
-    """What is solved, wavelength by wavelength, all thicknesses of each."""
+def slabs(inputs: dict, layers: list | None = None) -> list:
+    """What is solved, wavelength by wavelength, all thicknesses of each.
+
+    layers : of each wavelength, what lies under them in place of a base
+    """
     from bakery.physics.surfaces.slab import Slab
 
     result = []
@@ -64,8 +72,8 @@ def slabs(inputs: dict) -> list:
         albedo = float(sigma_s / sigma_t) if sigma_t > 0 else 0.0
         base = None if inputs["base"] is None else float(inputs["base"][k])
         depths = [math.inf] if inputs["thickness"] is None else 1e-6 * sigma_t * inputs["thickness"]
-        result += [Slab(inputs["theta"], inputs["phase"][k], albedo, float(depth), inputs["index"], base, inputs["roughness"])
-                   for depth in depths]
+        result += [Slab(inputs["theta"], inputs["phase"][k], albedo, float(depth), inputs["index"], base, inputs["roughness"],
+                        layers[k] if layers else None) for depth in depths]
     return result
 
 
@@ -79,14 +87,16 @@ def moments_needed(slab, tolerance: float) -> tuple[int, float]:
 
 def solved(slab, count: int, tolerance: float):
     """A slab by a given number of moments; a task that any worker may run."""
-    from bakery.physics.multiple.legendre import moments
+    from bakery.physics.surfaces.refine import moments_of
     from bakery.physics.surfaces.solution import solve
 
-    return solve(slab, moments(slab.theta, slab.phase, count + 1), count, tolerance)
+    return solve(slab, moments_of(slab, count + 1), count, tolerance)
 
 
 def compute(inputs: dict, context) -> Result:
-    cases, tolerance = slabs(inputs), context.tolerance
+    on = inputs.get("under")
+    below = None if on is None else other.layers_of(on, inputs["wavelength"], inputs["layer"], context)
+    cases, tolerance = slabs(inputs, below), context.tolerance
     shape = len(inputs["sigma_t"]), 1 if inputs["thickness"] is None else len(inputs["thickness"])
     needed = []
     for start in range(0, len(cases), _TOGETHER):  # a few at a time, so that progress can be reported
@@ -98,7 +108,9 @@ def compute(inputs: dict, context) -> Result:
     count, change = max(moments for moments, _ in needed), np.array([change for _, change in needed])
     solutions = context.map(solved, [(case, count, tolerance) for case in cases])
     context.report(0.8)
-    values = stored(inputs, solutions, shape) | {"change": change.reshape(shape)} | _spread(inputs, cases, shape, context)
+    values = stored(inputs, solutions, shape) | {"change": change.reshape(shape)}
+    # walks that tell the spread know one medium only
+    values |= _spread(inputs, cases, shape, context) if below is None else under.stored(cases, solutions, shape)
     context.report(1.0)
     worst = float(change.max())
     missed = f"{count} moments change the reflectance by {worst:.2g}; a larger surface.tolerance would do"
@@ -124,7 +136,8 @@ def stored(inputs: dict, solutions: list, shape: tuple[int, int]) -> dict:
     for name in ("albedo", "passed", "spherical_albedo"):
         values[name] = values[name].reshape(*shape, *values[name].shape[1:])
     values["moments"] = np.array([len(first.cut.moments)])
-    names = ("reflected",) if inputs["base"] is not None or inputs["thickness"] is None else ("reflected", "transmitted")
+    free = inputs["base"] is None and inputs.get("under") is None and inputs["thickness"] is not None
+    names = ("reflected", "transmitted") if free else ("reflected",)
     most = max(len(solution.reflected) for solution in solutions)
     for name in names:
         orders = [packed(getattr(solution, name), most) for solution in solutions]
@@ -152,6 +165,7 @@ def sound(group: Group) -> Iterable[str]:
         yield "index is not above 0"
     if ("depth" in group.members) != ("thickness" in group.members):
         yield "of depth and thickness there is only one"
+    yield from under.sound(group)
     several = [name for name in spread.NAMES if name in group.members]
     if several and len(several) < len(spread.NAMES):
         yield "of " + ", ".join(spread.NAMES) + f" there is only {', '.join(several)}"
@@ -171,14 +185,14 @@ def check(group: Group) -> Iterable[str]:
         yield "spherical_albedo is not the mean of albedo"
     if "spread" in v and (v["spread"].sum(axis=(3, 4)) > 1 + _ROUNDING).any():
         yield "spread holds more light than enters"
-    if "transmitted" not in v and "base" not in v and "thickness" in v:
+    if "transmitted" not in v and not {"base", "under_index", "under_reflected"} & v.keys() and "thickness" in v:
         yield "transmitted missing"
 
 
 def _seconds(recipe) -> float:
     """Of one layer at one wavelength: measured with Henyey-Greenstein functions."""
     if recipe.medium is None or recipe.medium.phase is None:
-        return 1.0  # 0.2 with pigment, 8 with droplets of fog at 5 %
+        return 1.0  # 0.2 with pigment, 10 with droplets of fog at 1 %
     g = phase_keys(recipe.medium.phase)["g"]
     steepest = min(float(np.abs(g).max()), 0.97) if g is not None else 0.5
     # moments that are larger than the tolerance
@@ -208,7 +222,7 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
 
 STAGE = Stage(
     name="surface",
-    version=2,
+    version=3,
     title="reflectance of a plane layer",
     reads=("wavelengths", "seed", "surface"),
     needs=("medium",),

@@ -11,6 +11,8 @@ from bakery.errors import UsageError
 from bakery.grammar.units import ANGLE, LENGTH
 from bakery.stages.declaration import Answer, Query, Remark
 from bakery.stages.members import Members, MissingStage
+from bakery.stages.surface import under
+from bakery.stages.surface.triangles import unpacked
 from bakery.store.tree import Group
 
 _TOLD = {"reflected": Remark("pi times the BRDF: 1 for a white Lambertian surface; without light that a smooth boundary mirrors"),
@@ -148,22 +150,6 @@ def _cosine(theta) -> np.ndarray:
     return np.cos(theta)
 
 
-def packed(orders, most: int) -> np.ndarray:
-    """(most, P) upper triangles of symmetric matrices (M, N, N), in double precision; orders behind M are 0."""
-    row, column = np.triu_indices(orders.shape[1])
-    result = np.zeros((most, len(row)))
-    result[:len(orders)] = orders[:, row, column]
-    return result
-
-
-def unpacked(triangles, count: int) -> np.ndarray:
-    """(M, N, N) from upper triangles (M, P)."""
-    row, column = np.triu_indices(count)
-    result = np.empty((len(triangles), count, count))
-    result[:, row, column] = result[:, column, row] = triangles
-    return result
-
-
 def _nodes(group: Group):
     """The solver's directions: a function of their number and of the index."""
     from bakery.physics.surfaces.nodes import nodes
@@ -203,12 +189,16 @@ def solutions_of(group: Group, medium: Group) -> list[list]:
     for k, layers in enumerate(group["reflected"].data):
         albedo = float(sigma_s[k] / sigma_t[k]) if sigma_t[k] > 0 else 0.0
         base = float(group["base"].data[k]) if "base" in group.members else None
+        stack = under.rebuilt(group, k)
         peak, row = float(group["peak"].data[k]), []
         for t, orders in enumerate(layers):
             depth = float(group["depth"].data[k, t]) if "depth" in group.members else math.inf
-            slab = Slab(theta, phase[k], albedo, depth, index, base, roughness)
+            slab = Slab(theta, phase[k], albedo, depth, index, base if stack is None else None, roughness, stack)
             reflected = unpacked(orders, count)
             cut, back = without_peak(albedo, peak), np.asarray(group["albedo"].data[k, t], float)
+            if stack is not None:
+                row.append(_stacked(slab, directions, cut, reflected, back, group, k, t))
+                continue
             if roughness > 0 and index != 1:
                 row.append(Covered(slab, directions, cut, reflected, back))
                 continue
@@ -218,6 +208,16 @@ def solutions_of(group: Group, medium: Group) -> list[list]:
             row.append(_corrected(solution, group, k) if "first" in group.members else solution)
         rows.append(row)
     return rows
+
+
+def _stacked(slab, directions, cut, reflected, albedo, group: Group, k: int, t: int):
+    """A stack, at wavelength number k and thickness number t."""
+    from bakery.physics.surfaces.cut import without_peak
+    from bakery.physics.surfaces.stack import Stacked, layers
+
+    peaks = group["under_peak"].data[k] if "under_peak" in group.members else ()
+    cuts = (cut, *(without_peak(part.albedo, float(peak)) for part, peak in zip(layers(slab)[0][1:], peaks, strict=True)))
+    return Stacked(slab, directions, cuts, reflected, albedo, np.asarray(group["mirrored"].data[k, t], float))
 
 
 def _corrected(solution, group: Group, k: int):

@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery import kernels
+from bakery.errors import UsageError
 from renderers.materials.bodies import _geometry
 from renderers.materials.bodies._geometry import Geometry
 from renderers.materials.bodies._shells import Shells
-from renderers.materials.bodies.scene import index_fault
+from renderers.mitsuba.shapes import index_fault
 from renderers.threads import run
 from renderers.transport import solids
 from renderers.transport.scattering import Scatterer, scatterer
@@ -71,6 +72,15 @@ def solid_shape(shapes, name, index, wrong):
     if fault := index_fault(name, index, shape.index):
         raise wrong("boundary.index", fault)
     return shape._replace(vertices=vertices, faces=faces)
+
+
+def refusal(shapes, name, index) -> str:
+    """Why no medium can fill a shape; "" where one can.  Parameters as those of `solid_shape`."""
+    try:
+        solid_shape(shapes, name, index, lambda key, message: UsageError(message))
+    except UsageError as fault:
+        return str(fault)
+    return ""
 
 
 def has_tables(asset) -> bool:

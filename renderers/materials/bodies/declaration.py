@@ -31,6 +31,14 @@ def of_picture(means, rgb, missing) -> float | None:
     return bias.of_picture(means, rgb, missing)
 
 
+def unfit(scene, number, asset, world) -> str:
+    """Of what fills a shape: that is no closed mesh, or lets no light in."""
+    from renderers.materials.bodies import bodies
+
+    entry = scene.values.materials[number]
+    return bodies.refusal(world.shapes(), entry.where.shape, entry.index)
+
+
 @dataclass(frozen=True, kw_only=True)
 class BodyMethod(SceneMethod):
     """A method of translucent bodies.
@@ -51,6 +59,7 @@ class BodyMethod(SceneMethod):
 
     kind: str = "body"
     measured: Callable[..., Any] | None = of_picture
+    unfit: Callable[..., str] = unfit
     reads_tables: bool = False
     tabled: bool = False
     parts: tuple[str, ...] = ()

@@ -326,8 +326,8 @@ def _reasons(assets, bodies, method, looped):
                     "more over 0.2 mean free paths to both sides, less in each pass; by mirrors and glass it comes by chance")
     elif turned and looped:
         notes.append("light of lamps, suns and skies is looked for from where it scatters in bodies of smooth glass, by "
-                     "refraction at the boundary and at panes, that of wide ones, where it gains, by mirrors too; what rough "
-                     "glass turns comes by chance")
+                     "refraction at the boundary and at panes, that of wide ones, where it gains, by mirrors too; of rough "
+                     "glass, where it gains, through the boundary alone")
     elif turned:
         notes.append("light that scatters once reaches the eye through refracting boundaries by chance; that of lights without "
                     "extent is looked for from where it scatters, straight through one smooth boundary; what smooth boundaries "

@@ -76,8 +76,10 @@ class Mutations:
         """
         self._setup, self._entries, self._settings, self._seed = setup, entries, settings, seed
         self._size, self._pixels = setup.world.size, setup.world.size[0] * setup.world.size[1]
-        self._samples = max(1, min(_SAMPLES, _PATHS // self._pixels))
-        self._mutations = max(_FEWEST, min(_MOST_OF_PASS, _OF_PIXEL * self._pixels))
+        # a pilot has as many of a pixel as the picture that it is one of, so that its noise is that of this
+        whole = self._pixels if setup.world.whole is None else max(self._pixels, math.prod(setup.world.whole.size))
+        self._samples = max(1, min(_SAMPLES, _PATHS // whole))
+        self._mutations = max(_FEWEST, min(_MOST_OF_PASS, _OF_PIXEL * whole)) * self._pixels // whole
         self._normalisations, self._accepted, self._steps = {}, {}, {}
 
     def __call__(self, number):

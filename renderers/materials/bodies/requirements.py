@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 
 from bakery import kernels
-from renderers.materials.bodies import thin
+from renderers.materials.bodies import far, thin
+from renderers.materials.bodies.bodies import refusal
 from renderers.materials.bodies.declared import methods
-from renderers.materials.bodies.scene import index_fault
-from renderers.scene.budget import as_much, percent
+from renderers.mitsuba.shapes import index_fault
+from renderers.scene.budget import DEFAULT, ROOM, as_much, percent
 from renderers.scene.requirements import Knob, Need
 
 # The stated error of tables over the tolerance that they were asked for, 10 %: 0.40 (bumpy_sphere), 0.22 (wax), 0.11 (skin); the
@@ -23,24 +25,42 @@ _ORDERS = (16, 24, 32, 48, 64)  # Legendre orders from which a rule chooses
 # it goes with the moment g^N of the last order: largest of g = 0.7 to 0.95, N = 12 to 48
 _WIDEST, _OF_HG = 10.0, ((1e-3, 4.1), (0.035, 6.5))
 _LARGER = 1.25  # margin of lengths
+_UNSURE = 2.0  # times the error of a surface by diffusion may be off
 
 
 def needs(about) -> list[Need]:
     """Requirements of the stages medium and multiple; see `renderers.scene.requirements`."""
     medium = Need("medium", True, "bodies are filled with it")
     method = methods()[about.scene.values.method]
+    medium = [medium, *surface(about)] if method.candidates else [medium]
     if not (method.reads_tables or method.candidates):
-        return [medium, Need("multiple", False, f"method {method.name} looks up no tables")]
+        return [*medium, Need("multiple", False, f"method {method.name} looks up no tables")]
     if about.dark:
-        return [medium, Need("multiple", False, "nothing in the scene shines: its picture is black")]
+        return [*medium, Need("multiple", False, "nothing in the scene shines: its picture is black")]
     if method.candidates and not (_index(about) > 1 and about.world.without_extent):
-        return [medium, Need("multiple", False, "paths find all lights, and take less time than tables")]
+        return [*medium, Need("multiple", False, "paths find all lights, and take less time than tables")]
     depth, across = about.measured(_sizes)
     later = thin.later(depth, about.medium.albedo, _index(about))
     worst = int(np.argmax(later))
     reason = f"optical depth {depth[worst]:.2g}, third and later events carry {_percent(later[worst])} of the light"
     knobs, lacking = _tolerance(about, later[worst])
-    return [medium, Need("multiple", True, reason, (knobs, *_orders(about, depth), *_extent(about, across)), lacking)]
+    return [*medium, Need("multiple", True, reason, (knobs, *_orders(about, depth), *_extent(about, across)), lacking)]
+
+
+def surface(about) -> list[Need]:
+    """The surface of a recipe that has one, where `auto` may take it for its bodies: by diffusion, before anything is baked."""
+    if getattr(about.recipe, "surface", None) is None or about.dark or about.world.camera is None:
+        return []
+    shapes, listed = about.world.shapes(), about.scene.values.materials
+    if not {listed[number].where.shape for number in about.bodies} <= {shape.name for shape in shapes}:
+        return []  # the renderer tells which there are
+    if any(refusal(shapes, listed[number].where.shape, listed[number].index) for number in about.bodies):
+        return [Need("surface", True, "nothing can fill the shape")]
+    medium = {name: getattr(about.medium, name) for name in ("sigma_t", "albedo", "g")}
+    unbaked, allowed = SimpleNamespace(medium=medium, surface={}), ROOM * (about.scene.values.tolerance or DEFAULT)
+    least = min(far.deviation(about.scene, number, unbaked, about.world) for number in about.bodies)
+    reason = f"an error of {_percent(least)} is expected where light leaves as by a layer"
+    return [Need("surface", True, reason)] if least <= _UNSURE * allowed else []
 
 
 def _percent(share) -> str:

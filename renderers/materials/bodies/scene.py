@@ -25,13 +25,6 @@ def approximations(values, tolerance: float) -> float:
     return METHODS[values.method].error(tolerance)
 
 
-def index_fault(shape: str, index: float | None, bsdf: float) -> str:
-    """What is wrong with the index that a scene says of a shape whose BSDF has `bsdf`; "" where it is that, or none is said."""
-    if index is None or abs(index - bsdf) <= 1e-3 * index:
-        return ""
-    return f"found {index:g}, and the BSDF of {shape} has {bsdf:g}; the same would do"
-
-
 def problems(root: Mapping, values: dict) -> Iterator[Problem]:
     """What has to hold between keys of the entries, which have one method."""
     yield from declaration.unused(root, values, METHODS)

@@ -1,0 +1,50 @@
+"""A medium and what is said of it in a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from bakery.export.medium import Scattering
+
+
+class Named(NamedTuple):
+    """A medium and what is said of it in a file.
+
+    Attributes
+    ----------
+    wavelength : (L,) um, in vacuum
+    medium : without its forward delta
+    name, content_hash, version : of the asset
+    errors : name of a dataset of the group -> (L,) or (L, A) its stated error
+    tolerance, achieved : of the asset's medium, and what measures them
+    measure : text
+    """
+
+    wavelength: np.ndarray
+    medium: Scattering
+    name: str
+    content_hash: str
+    version: str
+    errors: Mapping[str, np.ndarray]
+    tolerance: float
+    achieved: float
+    measure: str
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """Of a file."""
+        return {"title": f"{self.name}: optical properties of a scattering medium", "source": f"bakery {self.version}",
+                "asset": self.name, "asset_content_hash": self.content_hash}
+
+    def ascending(self) -> Named:
+        """The same by ascending wavelength, as the formats of others are."""
+        order = np.argsort(self.wavelength)
+        medium = self.medium
+        rows = {name: getattr(medium, name)[order] for name in ("sigma_t", "sigma_s", "phase", "delta", "peak")}
+        matrix = None if medium.matrix is None else medium.matrix[order]
+        ordered = Scattering(theta=medium.theta, within=medium.within, matrix=matrix, **rows)
+        return self._replace(wavelength=self.wavelength[order], medium=ordered,
+                             errors={name: error[order] for name, error in self.errors.items()})

@@ -1,0 +1,203 @@
+"""Light samples of lamps through rough boundaries of bodies: directions from `guides` meet the boundary, which samples lamps.
+
+A scattering in a body looks in one more direction, from which light comes there through the rough boundary.  Where that meets the
+boundary it draws a lamp, and a direction of the BSDF, which may meet one (balance heuristic).  A path that comes there by chance
+does the same, so that both share by the balance heuristic of the two densities of the direction at the scattering, by the phase
+function and by the guides.
+
+These directions wait until all paths of a pass are over (`records`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+
+import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from renderers.transport import flights, media
+from renderers.transport.guides import Guides
+from renderers.transport.manifold import numbered
+
+import mitsuba as mi  # isort: skip
+
+SPACE = 3.0, 8  # records of a lane, for each path, and at least
+BINS = 16, 32  # of directions, 0.025 sr: a lamp is seen through roughness of 0.1 under some 0.01 sr
+WAYS, BLUR = 4, 0.1
+
+
+@dataclass
+class Entry:
+    """Of paths since their last scattering in a body.
+
+    looks : whether light samples look for light from there, and no surface has turned the path since;  medium : of the body
+    share : of the light that it finds, which counts
+    """
+
+    looks: mi.Bool
+    medium: mi.UInt32
+    share: mi.Float
+
+
+@dataclass
+class Sight:
+    """Scatterings from which one more direction is looked in.
+
+    number, inside, order, throughput : of the path there;  event, before, medium : where, the direction there, the body's
+    u, v : numbers for a direction
+    """
+
+    number: mi.UInt32
+    event: mi.Point3f
+    before: mi.Vector3f
+    medium: mi.UInt32
+    inside: mi.UInt32
+    order: mi.UInt32
+    throughput: list
+    u: mi.Float
+    v: mi.Float
+
+
+@dataclass
+class Way:
+    """Ways from scatterings to rough surfaces.
+
+    surface : that they meet;  random : PCG32
+    inside : bodies around, a bit each;  weight : of each wavelength;  active : whether there is such a surface
+    """
+
+    surface: mi.SurfaceInteraction3f
+    random: mi.PCG32
+    inside: mi.UInt32
+    weight: list
+    active: mi.Bool
+
+
+class Rough:
+    """Lights through rough boundaries.
+
+    guides : `guides.Guides`
+    """
+
+    def __init__(self, scene, manifold, sigma, surfaces):
+        """
+        Parameters
+        ----------
+        scene : `scene.Scene`;  manifold : `manifold.Manifold` of the bodies
+        sigma : of each medium, the least extinction if its boundary is rough, else 0
+        surfaces : shapes of Mitsuba that are rough and refract, all of the scene
+        """
+        self._scene, self._sigma = scene, mi.Float(sigma)
+        self._surfaces = numbered(scene.scene, surfaces, [1] * len(surfaces))
+        self.guides = Guides(scene, manifold, sigma, self._ways_of, BINS, WAYS, BLUR)
+
+    @staticmethod
+    def none(width):
+        """`Entry` of paths that have not scattered."""
+        return Entry(dr.full(mi.Bool, False, width), dr.zeros(mi.UInt32, width), dr.full(mi.Float, 1, width))
+
+    def departs(self, path, medium, position, active, records):
+        """Changes what is known of paths that scatter at positions; some keep a record."""
+        entry, random = path.entry, path.random
+        looks = active & (dr.gather(mi.Float, self._sigma, medium) > 0) & records.has_space(path.counts, Sight)
+        entry.looks, entry.medium = dr.select(active, looks, entry.looks), dr.select(active, medium, entry.medium)
+        entry.share = dr.select(active, 1, entry.share)
+        u, v, w = (random.next_float32() for _ in range(3))
+        record = Sight(path.number, position, path.direction, medium, path.inside, path.order, path.throughput, u, v)
+        records.add(path.counts, record, looks & (w < self.guides.number(medium, position, looks)))
+
+    @staticmethod
+    def meets(path, light):
+        """Light that paths meet, less what light samples bring of it."""
+        return [value * path.entry.share for value in light]
+
+    def sampled(self, path, event, light):
+        """Light of light samples at events, less what others bring of it."""
+        self._arrive(path, event)
+        return [value * path.entry.share for value in light]
+
+    def _arrive(self, path, event):
+        """Changes what is known of paths that have come to an event."""
+        entry, shades = path.entry, event.meets & ~event.crosses
+        first = shades & entry.looks & self._is_rough(event.surface.shape)
+        by_phase = path.density * self._reaches(entry.medium, event.surface.p - path.drawn, first)
+        by_guides = self._density(entry.medium, path.drawn, path.direction, first)
+        share = dr.select(first & (by_guides > 0), by_phase / (by_phase + by_guides), 1)
+        entry.share = dr.select(shades | event.scatters, share, entry.share)
+        entry.looks &= ~shades
+
+    def _is_rough(self, shape):
+        return dr.gather(mi.UInt32, self._surfaces, dr.reinterpret_array(mi.UInt32, shape)) > 0
+
+    def _reaches(self, medium, way, active):
+        """About the probability that paths go so far in a body."""
+        return dr.exp(-dr.gather(mi.Float, self._sigma, medium, active) * dr.norm(way))
+
+    def _density(self, medium, point, direction, active):
+        """Of directions of light samples, 1/sr."""
+        return self.guides.number(medium, point, active) * self.guides.density(point, direction, active)
+
+    def _ways_of(self, point, direction, medium, random, active):
+        """Light of ways, as `guides` asks for it."""
+        width = dr.width(point)
+        surface, _, inside = flights.onward(self._scene, mi.Ray3f(point, direction), mi.UInt32(1) << medium, active)
+        weight = [dr.full(mi.Float, 1, width) for _ in range(self._scene.waves)]
+        drawn, met = self._lights(Way(surface, random, inside, weight, self._meets(surface) & active))
+        return [a + b for a, b in zip(drawn[1], met[1])], dr.norm(surface.p - point), dr.full(mi.Bool, True, width)
+
+    def _meets(self, surface):
+        return surface.is_valid() & self._is_rough(surface.shape)
+
+    def _lights(self, way):
+        """Emitters, and light as linear sRGB, of light samples where ways meet surfaces, and of directions of the BSDF there."""
+        scene, surface, random, bsdf = self._scene, way.surface, way.random, way.surface.bsdf()
+        interaction = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), surface.p, surface.n)
+        u = mi.Point2f(random.next_float32(), random.next_float32())
+        light, radiance = scene.scene.sample_emitter_direction(interaction, u, False, way.active)
+        active = way.active & (light.pdf > 0) & dr.any(radiance > 0)
+        value, by_bsdf = bsdf.eval_pdf(mi.BSDFContext(), surface, surface.to_local(light.d), active)
+        radiance *= value * dr.select(light.delta, 1, light.pdf / (light.pdf + by_bsdf))
+        active &= dr.any(radiance > 0)
+        inside = scene.boundaries.beyond(surface, light.d, way.inside, active)
+        passed = flights.transmittance(scene, interaction.spawn_ray_to(light.p), inside, active)
+        if scene.regions.always:
+            passed = media.product(passed, flights.from_infinity(scene, light))
+        drawn = light.emitter, scene.seen(media.product(way.weight, passed), radiance, active)
+
+        number, u = random.next_float32(), mi.Point2f(random.next_float32(), random.next_float32())
+        sample, factor = bsdf.sample(mi.BSDFContext(), surface, number, u, way.active)
+        factor = scene.reflectance(dr.select(dr.all(dr.isfinite(factor)), factor, 0))
+        ray = surface.spawn_ray(surface.to_world(sample.wo))
+        inside = scene.boundaries.beyond(surface, ray.d, way.inside, way.active)
+        ahead, passed, _ = flights.onward(scene, ray, inside, way.active & (sample.pdf > 0))
+        weight = media.product(media.product(way.weight, factor), passed)
+        return drawn, self._met(interaction, ahead, weight, sample.pdf, way.active)
+
+    def _met(self, before, surface, weight, density, active):
+        """Emitters, and light, that directions from interactions `before` meet, drawn with density (1/sr)."""
+        scene = self._scene
+        seen = mi.DirectionSample3f(scene.scene, surface, before)
+        active &= (density > 0) & (seen.emitter != None)  # noqa: E711, compares every lane
+        by_light = scene.scene.pdf_emitter_direction(before, seen, active)
+        radiance = seen.emitter.eval(surface, active) * dr.select(active, density / (density + by_light), 0)
+        return seen.emitter, scene.seen(weight, radiance, active)
+
+    def light(self, records):
+        """What records come to: numbers (n,) of paths, orders (n,), emitters, and light (n, 3)."""
+        sight = records.kept(Sight)
+        if sight is None:
+            return
+        scene, every = self._scene, mi.Bool(True)
+        direction = self.guides.drawn(sight.event, sight.u, sight.v)
+        by_guides = self._density(sight.medium, sight.event, direction, every)
+        surface, passed, inside = flights.onward(scene, mi.Ray3f(sight.event, direction), sight.inside, by_guides > 0)
+        weights = media.product(sight.throughput, scene.media.albedo(sight.medium))
+        phase = scene.media.phase(sight.medium, 0.5 * dr.squared_norm(direction - sight.before))
+        scale = dr.rcp(media.mean(weights, phase) * self._reaches(sight.medium, surface.p - sight.event, every) + by_guides)
+        low, high = mi.sample_tea_32(dr.reinterpret_array(mi.UInt32, sight.u), dr.reinterpret_array(mi.UInt32, sight.v))
+        throughput = [w * p * t * scale for w, p, t in zip(weights, phase, passed)]
+        lights = self._lights(Way(surface, mi.PCG32(1, mi.UInt64(low), mi.UInt64(high)), inside, throughput,
+                                  self._meets(surface) & (by_guides > 0)))
+        dr.eval(lights)  # both by one kernel
+        for emitter, light in lights:
+            yield sight.number, sight.order, emitter, light

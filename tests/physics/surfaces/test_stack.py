@@ -1,0 +1,169 @@
+"""Layers of different media on each other: against one layer, closed forms, and two programs of others."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bakery.physics.surfaces import fresnel
+from bakery.physics.surfaces.slab import Slab, reflector
+from bakery.physics.surfaces.solution import solve
+from bakery.physics.surfaces.table import surface_table
+from tests.odds import sigmas
+from tests.physics.surfaces.test_layers import EVERYWHERE, SPHERE, henyey_greenstein
+
+MU, MU0, PHI = EVERYWHERE
+HALF = henyey_greenstein(0.5)
+ISOTROPIC, ONE_LOBE = np.eye(60)[0], 0.5 ** np.arange(60.0)
+
+
+def stack(*layers: tuple, base=None) -> tuple[Slab, list]:
+    """From (g, albedo, depth, index), from the top: the slab, and moments of each."""
+    under, moments = None, []
+    for g, albedo, depth, index in layers[::-1]:
+        last = base if under is None else None
+        under = Slab(*(HALF if g else SPHERE), albedo, depth, index, last, 0.0, under)
+        moments.append(ONE_LOBE if g else ISOTROPIC)
+    return under, moments[::-1]
+
+
+@pytest.mark.parametrize("index", [1.0, 1.4])
+@pytest.mark.parametrize("base", [None, 0.3])
+def test_parts_of_a_layer_are_the_layer(index, base):
+    whole, rest = (2.0, 1.27) if base else (math.inf, math.inf)
+    exact = solve(Slab(*HALF, 0.95, whole, index, base), ONE_LOBE, 24, 1e-4)
+    parts = solve(*stack((0.5, 0.95, 0.03, index), (0.5, 0.95, 0.7, index), (0.5, 0.95, rest, index), base=base), 24, 1e-4)
+    np.testing.assert_allclose(parts.reflection(MU, MU0, PHI), exact.reflection(MU, MU0, PHI), rtol=1e-6)
+    np.testing.assert_allclose(parts.albedo, exact.albedo, rtol=1e-9)
+
+
+def test_air_over_a_medium_is_its_boundary():
+    """A layer of depth 0, by other nodes than those of a boundary."""
+    exact = solve(Slab(*HALF, 0.95, math.inf, 1.4), ONE_LOBE, 24, 1e-4)
+    bare = solve(*stack((0.0, 0.5, 0.0, 1.0), (0.5, 0.95, math.inf, 1.4)), 24, 1e-4)
+    np.testing.assert_allclose(bare.reflection(MU, MU0, PHI), exact.reflection(MU, MU0, PHI), rtol=1e-6)
+    assert bare.mirrored == pytest.approx(fresnel.reflected(bare.nodes.air, 1.4))
+
+
+@pytest.mark.parametrize("indices", [(1.0, 1.5), (1.5, 1.0), (1.33, 1.5), (1.5, 1.2, 1.5)])
+@pytest.mark.parametrize("depths", [(1e-9, math.inf), (0.3, 1e-3), (1e6, 2.0)])
+def test_energy_and_reciprocity(indices, depths):
+    """Nothing is lost at an albedo of 1, whatever lies on what; and both ways are one."""
+    media = [(0.5 * (k % 2), 1.0, depths[min(k, 1)], index) for k, index in enumerate(indices)]
+    solution = solve(*stack(*media, base=1.0 if depths[1] < math.inf else None), 16, 1.0)
+    np.testing.assert_allclose(solution.albedo, 1, atol=1e-6)
+    there, back = solution.reflection(MU, MU0, PHI), solution.reflection(MU0, MU, PHI)
+    np.testing.assert_allclose(there, back, rtol=1e-6)
+
+
+def test_mirrors_under_what_absorbs():
+    """A black medium of another index under one that only absorbs: mirrored light alone, to and fro, in closed form."""
+    solution = solve(*stack((0.0, 0.0, 0.4, 1.3), (0.0, 0.0, math.inf, 2.0)), 16)
+    air = solution.nodes.air
+    inner, under = fresnel.inside(air, 1.3), fresnel.inside(air, 2.0)
+    top = fresnel.reflected(air, 1.3)
+    across, along = (1.3 * inner - 2 * under) / (1.3 * inner + 2 * under), (2 * inner - 1.3 * under) / (2 * inner + 1.3 * under)
+    below = 0.5 * (across**2 + along**2) * np.exp(-2 * 0.4 / inner)
+    assert not solution.reflection(MU, MU0, PHI).any()
+    np.testing.assert_allclose(solution.albedo, top + (1 - top) ** 2 * below / (1 - top * below), rtol=1e-12)
+
+
+def test_a_surface_that_is_known():
+    """What a half space sends back, as a function, under the layer: the half space itself, but for lobes that graze."""
+    deep = solve(Slab(*HALF, 0.9, math.inf), ONE_LOBE, 32, 1e-5)
+    known = reflector(deep.reflection, nodes=24, azimuths=48, orders=24)
+    exact, moments = stack((0.0, 0.8, 0.5, 1.3), (0.5, 0.9, math.inf, 1.0))
+    values = [solve(slab, rows, 24, 1e-4).reflection(MU, MU0, PHI)
+              for slab, rows in ((exact, moments), (replace(exact, under=known), moments[:1]))]
+    np.testing.assert_allclose(values[1], values[0], rtol=3e-3)
+    np.testing.assert_allclose(values[1][2:, 2:], values[0][2:, 2:], rtol=1e-5)
+
+
+def test_the_table_is_the_stack():
+    solution = solve(*stack((0.5, 0.99, 0.4, 1.3), (0.0, 0.6, math.inf, 1.5)), 24, 1e-4)
+    assert surface_table([solution])[1].largest < 4e-3
+
+
+@pytest.mark.parametrize(("slab", "says"), [
+    (stack((0.5, 0.9, 1.0, 0.8), (0.5, 0.9, math.inf, 1.0))[0], "1 or more"),
+    (stack((0.5, 0.9, 1.0, 1.0), (0.5, 0.9, 1.0, 1.0))[0], "a base"),
+    (replace(stack((0.5, 0.9, 1.0, 1.3), (0.5, 0.9, 1.0, 1.3), base=0.1)[0], roughness=0.2), "smooth")])
+def test_stacks_that_are_refused(slab, says):
+    with pytest.raises(ValueError, match=says):
+        solve(slab, [ONE_LOBE, ONE_LOBE], 16)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_several_layers_are_pythonic_disorts():
+    """Three media on a matt base, index matched: intensities at angles between nodes, 1e-4 at the oracle's 32 streams."""
+    pydisort = pytest.importorskip("PythonicDISORT").pydisort
+    from PythonicDISORT.subroutines import interpolate
+
+    g, albedo, depth = np.array([0.5, 0.0, 0.5]), np.array([0.99, 0.7, 0.9]), np.array([0.3, 0.8, 1.5])
+    solution = solve(*stack(*zip(g, albedo, depth, [1.0] * 3, strict=True), base=0.25), 32, 1e-5)
+    mu0, mu, phi = 0.6, np.array([0.15, 0.5, 0.95]), np.array([0.0, 1.0, math.pi])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        result = pydisort(np.cumsum(depth), albedo, 32, g[:, None] ** np.arange(33), mu0, 1.0, 0.0, NLeg=32, NFourier=32,
+                          BDRF_Fourier_modes=[0.25])
+    radiance = interpolate(result[-1])(mu, 0.0, phi)
+    value = solution.reflection(mu[:, None], mu0, phi)
+    np.testing.assert_allclose(value * mu0 / math.pi, np.asarray(radiance).reshape(value.shape), rtol=2e-4)
+
+
+# ---- Mitsuba through the same layers
+
+RINGS = ((0, 30), (30, 60), (60, 90))
+
+
+def planes(mi, media, base: float, theta: float):
+    """Wide planes between media, from the top, and what looks at them: radiance under a sky of three rings, each a colour."""
+    parts = {"type": "scene", "integrator": {"type": "volpath", "max_depth": 10000, "rr_depth": 50}}
+    for k, (g, albedo, depth, _) in enumerate(media):
+        phase = {"type": "hg", "g": g} if g else {"type": "isotropic"}
+        parts[f"medium{k}"] = {"type": "homogeneous", "id": f"medium{k}", "albedo": albedo, "sigma_t": depth, "phase": phase}
+    for k in range(len(media)):
+        above, index = (media[k - 1][3] if k else 1.0), media[k][3]
+        place = mi.ScalarTransform4f().translate([0, 0, -float(k)]).scale(1e4)
+        parts[f"plane{k}"] = {"type": "rectangle", "to_world": place, "interior": {"type": "ref", "id": f"medium{k}"},
+                              "bsdf": {"type": "null"} if index == above else {"type": "dielectric", "int_ior": index,
+                                                                               "ext_ior": above}}
+        if k:
+            parts[f"plane{k}"]["exterior"] = {"type": "ref", "id": f"medium{k - 1}"}
+    place = mi.ScalarTransform4f().translate([0, 0, -float(len(media))]).scale(1e4)
+    parts["base"] = {"type": "rectangle", "to_world": place, "exterior": {"type": "ref", "id": f"medium{len(media) - 1}"},
+                     "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": base}}}
+    sky, row = np.zeros((360, 4, 3), np.float32), math.pi * (np.arange(360) + 0.5) / 360
+    for colour, (low, high) in enumerate(np.radians(RINGS)):
+        sky[(row > low) & (row < high), :, colour] = 1.0
+    parts["light"] = {"type": "envmap", "bitmap": mi.Bitmap(sky), "to_world": mi.ScalarTransform4f().rotate([1, 0, 0], 90)}
+    at = [math.sin(theta), 0.0, math.cos(theta)]
+    parts["sensor"] = {"type": "radiancemeter", "origin": at, "direction": [-x for x in at], "sampler": {"type": "independent"},
+                       "film": {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}, "pixel_format": "rgb"}}
+    return mi.load_dict(parts)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("media", [((0.5, 0.99, 1.0, 1.5), (0.0, 0.9, 2.0, 1.2)),
+                                   ((0.0, 0.95, 0.5, 1.0), (0.5, 0.98, 3.0, 1.33))])
+def test_layers_are_mitsubas(media):
+    """Light of three rings of the sky seen at two angles, mirrored light included: twelve means of 16 renders each."""
+    mi = pytest.importorskip("mitsuba")
+    mi.set_variant("scalar_rgb")
+    solution = solve(*stack(*media, base=0.5), 32, 1e-4)
+    for theta in (0.35, 1.2):
+        loaded = planes(mi, media, 0.5, theta)
+        values = np.array([np.array(mi.render(loaded, spp=3000, seed=k)).ravel()[:3] for k in range(16)])
+        mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / math.sqrt(16)
+        at = float(np.interp(math.cos(theta), solution.nodes.air, solution.mirrored))
+        mirrored = at + float(fresnel.reflected(math.cos(theta), media[0][3]))
+        for (low, high), there, off in zip(np.radians(RINGS), mean, error, strict=True):
+            x, phi = np.linspace(math.cos(high), math.cos(low), 65), math.pi * (np.arange(32) + 0.5) / 32
+            cosine = 0.5 * (x[1:] + x[:-1])
+            lobe = solution.reflection(cosine[:, None], math.cos(theta), phi).mean(axis=-1)
+            value = float(2 * np.mean(lobe * cosine) * (math.cos(low) - math.cos(high))) + mirrored * (low <= theta < high)
+            assert abs(value - there) < sigmas(16, comparisons=12) * off, (theta, low, value, there, off)
