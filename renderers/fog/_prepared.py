@@ -23,16 +23,18 @@ DARK = 1e-6  # of the brightest pixel: what a block is centred by where it is bl
 class Prepared:
     """Checked inputs as the loops take them.
 
+    rays : distance, angle, column, lever;  options : outside, energy, cut_off;  all as of `filter.fogged`
     z : (H, W) m;  mask : (H, W), bit of a pixel's class
     pixels : `_blocks.Pixels`;  kernels : `_filter.Kernels`;  band : `_filter.Band`, of every level above 0
     power : (H, W, K), see `kernels.Fog.powers`
     """
 
-    def __init__(self, image, distance, angle, column, lever, medium, energy, cut_off, outside):
+    def __init__(self, image, rays, medium, *, outside="edge", energy="kept", cut_off=None):
+        distance, angle, column, lever = rays
         if outside not in OUTSIDE or energy not in ENERGY:
             raise UsageError(f"filter: outside {outside!r}, energy {energy!r}; {' or '.join(OUTSIDE)} and {' or '.join(ENERGY)} "
                              "would do")
-        self._outside, self._image = outside, image
+        self.outside, self._image = outside, image
         self.z, angle, column, lever = (_plane(name, value, image.shape[:2], least) for name, value, least in
                                         (("distance", distance, True), ("angle", angle, True), ("column", column, False),
                                          ("lever", lever, False)))
@@ -107,7 +109,7 @@ class Prepared:
             # nearer things take no more than the beam has
             near = np.where(gathered > share, near * (share / gathered), near)
             unspent = np.where(share > 0, power * np.maximum(1 - gathered / share, 0), 0.0)
-            if self._outside == "black":
+            if self.outside == "black":
                 reached = reached + np.maximum(1 - reached - remainder, 0)
             mean = np.where(reached > 0, far / reached, 0.0)
         return np.exp(-of(self._tau)) * image + near + unspent * mean

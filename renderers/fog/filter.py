@@ -40,8 +40,7 @@ ERRORS = {"draft": 0.0054, "preview": 0.0048, "final": 0.0046, "every pixel": 0.
 _ROWS, _TARGETS, _SOME = 16, 4096, 64  # rows, targets, pixels of a task
 
 
-def fogged(image, distance, angle, column, lever, medium, *, outside="edge", energy="kept", cut_off=None, points="final",
-           threads=None, progress=None):
+def fogged(image, distance, angle, column, lever, medium, *, points="final", threads=None, progress=None, **options):
     """A picture seen through fog, without light from elsewhere.
 
     Parameters
@@ -53,12 +52,12 @@ def fogged(image, distance, angle, column, lever, medium, *, outside="edge", ene
     lever : (H, W) m, sqrt(3 S_2/S_0), S_n the integral of density times (distance to the surface)^n; at constant density it is
         the distance
     medium : kernels.Fog of C channels, or of one for all
-    outside : edge, the surroundings look like what the picture shows of them; black, they are dark
-    energy : lost, scattered light has the power that transport gives it; kept, what went back past the camera is added
-    cut_off : lengths (kernels.Fog.width) beyond which a kernel is cut and renormalised, or None
     points : name of POINTS, how close the points are
     threads : None for all processors; the result does not depend on it
     progress : function of the share that is done, or None
+    options : outside, "edge": the surroundings look like what the picture shows of them, "black": they are dark; energy, "lost":
+        scattered light has the power that transport gives it, "kept": what went back past the camera is added; cut_off: lengths
+        (kernels.Fog.width) beyond which a kernel is cut and renormalised, None: none.  If not given edge, kept and None
 
     Returns
     -------
@@ -76,8 +75,8 @@ def fogged(image, distance, angle, column, lever, medium, *, outside="edge", ene
     if points not in POINTS:
         raise UsageError(f"filter: points {points!r}; {', '.join(POINTS)} would do")
     image = np.asarray(image, float)
-    parts = [Prepared(part, distance, angle, column, lever, kind, energy, cut_off, outside)
-             for part, kind in _by_lanes(image, medium)]
+    rays = distance, angle, column, lever
+    parts = [Prepared(part, rays, kind, **options) for part, kind in _by_lanes(image, medium)]
     with _workers(threads) as pool:
         return np.concatenate([_seen(p, pool, POINTS[points], progress) for p in parts], axis=2)
 
@@ -157,13 +156,12 @@ def _by_lanes(image, medium):
             for first in range(0, image.shape[2], LANES)]
 
 
-def direct(image, distance, angle, column, lever, medium, *, outside="edge", energy="kept", cut_off=None, threads=None,
-           pixels=None, reach=None):
+def direct(image, distance, angle, column, lever, medium, *, threads=None, pixels=None, reach=None, **options):
     """`fogged` by its definition, every pair of pixels: the reference, and slow.
 
     Parameters
     ----------
-    image ... threads : as of `fogged`
+    image ... threads, options : as of `fogged`
     pixels : (N,) flat indices of pixels that are wanted, or None for all
     reach : pixels; what is farther away along a row or a column is left out
 
@@ -174,13 +172,13 @@ def direct(image, distance, angle, column, lever, medium, *, outside="edge", ene
     image = np.asarray(image, float)
     results = []
     for part, kind in _by_lanes(image, medium):
-        p = Prepared(part, distance, angle, column, lever, kind, energy, cut_off, outside)
+        p = Prepared(part, (distance, angle, column, lever), kind, **options)
         chosen = np.arange(p.z.size) if pixels is None else np.asarray(pixels, np.int64)
         sums = np.zeros((len(chosen), _filter.SUMS, LANES))
         farthest = max(p.z.shape) if reach is None else int(reach)
         table = _pairs.Table(p.kernels, p.offset_number())
         with _workers(threads) as pool:
-            for task in [pool.submit(_pairs.every_pair, chosen[k:k + _SOME], farthest, p.pixels, table, outside == "black",
+            for task in [pool.submit(_pairs.every_pair, chosen[k:k + _SOME], farthest, p.pixels, table, p.outside == "black",
                                      sums[k:k + _SOME]) for k in range(0, len(chosen), _SOME)]:
                 task.result()
         results.append(p.finished(sums, chosen))

@@ -52,7 +52,7 @@ class Filter:
     def __init__(self, medium, channels=3, *, backend="cuda", outside="edge", energy="kept", cut_off=None):
         self._types = types = _types(backend)
         # tables alone: a picture of one pixel
-        tables = Prepared(np.ones((1, 1, channels)), 1.0, 1.0, 1.0, 1.0, medium, energy, cut_off, outside)
+        tables = Prepared(np.ones((1, 1, channels)), [1.0] * 4, medium, outside=outside, energy=energy, cut_off=cut_off)
         fog = medium.cut(cut_off)
         self._black, self._channels, self._fog = outside == "black", channels, fog
         self._sigma_t, self._sigma_s = (np.broadcast_to(a, channels) for a in (fog.sigma_t, fog.sigma_s))

@@ -244,7 +244,8 @@ def test_chords_start_on_spheres_and_end_at_the_next():
     centers = np.array([[1.0, 1.0, 1.0], [2.5, 1.0, 1.0], [1.0, 3.2, 2.9]])  # the first two touch
     share, m, limit = np.cumsum(radii**2) / np.sum(radii**2), np.array([3, 4, 3]), 12.0
     edges, uniform = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0]), rng.random((300, 5))
-    found = _chords.chords(uniform, centers, radii, share, cell, m, *tile_grid(centers, radii, cell, m)[:2], edges, limit)
+    tile = _chords.Tile(centers, radii, share, cell, m, *tile_grid(centers, radii, cell, m)[:2])
+    found = _chords.chords(uniform, tile, edges, limit)
     shifts = np.stack(np.meshgrid(*[np.arange(-4, 5)] * 3, indexing="ij"), -1).reshape(-1, 3) * cell
     images, sizes = (centers[:, None] + shifts).reshape(-1, 3), np.repeat(radii, len(shifts))
 
@@ -308,9 +309,9 @@ def test_error_of_the_spread_is_that_of_its_moments():
     centers, cell = inserted(radii, 7.0, 8)
     found = structure.chord_lengths(centers, radii, cell, 0.5, stream, most=1 << 18)
     m = np.array([2, 2, 2])
-    grid = (*tile_grid(centers, radii, cell, m)[:2], found.edges, 1000 * found.exact)
+    tile = _chords.Tile(centers, radii, np.arange(1, 21) / 20, cell, m, *tile_grid(centers, radii, cell, m)[:2])
     uniform = np.concatenate([stream(k).random((1 << 15, 5)) for k in range(8)])
-    z = _chords.chords(uniform, centers, radii, np.arange(1, 21) / 20, cell, m, *grid)[1] / found.lines
+    z = _chords.chords(uniform, tile, found.edges, 1000 * found.exact)[1] / found.lines
     assert found.lines == len(uniform) and found.mean == pytest.approx(z[0], rel=1e-12)
     covariance = np.array([[z[1] - z[0] ** 2, z[2] - z[0] * z[1]], [z[2] - z[0] * z[1], z[3] - z[1] ** 2]]) / found.lines
     h = 1e-5

@@ -231,27 +231,24 @@ def nearest_triangle(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, scra
     skip : place of the triangle that the ray starts on, or -1;  scratch : from `mesh_scratch`.
     """
     pending, reach, enter, distance = scratch
-    kx, ky, kz = 0, 1, 2
     if abs(dx) >= abs(dy) and abs(dx) >= abs(dz):
-        kx, ky, kz = 1, 2, 0
-        px, py, pz, sx, sy, sz = oy, oz, ox, dy / dx, dz / dx, 1.0 / dx
+        axes, sheared_start, shear = (1, 2, 0), (oy, oz, ox), (dy / dx, dz / dx, 1.0 / dx)
     elif abs(dy) >= abs(dz):
-        kx, ky, kz = 2, 0, 1
-        px, py, pz, sx, sy, sz = oz, ox, oy, dz / dy, dx / dy, 1.0 / dy
+        axes, sheared_start, shear = (2, 0, 1), (oz, ox, oy), (dz / dy, dx / dy, 1.0 / dy)
     else:
-        px, py, pz, sx, sy, sz = ox, oy, oz, dx / dz, dy / dz, 1.0 / dz
+        axes, sheared_start, shear = (0, 1, 2), (ox, oy, oz), (dx / dz, dy / dz, 1.0 / dz)
     # 1e-18 moves a ray by nothing, and no product is 0 * inf
     rx = np.float32(1.0 / math.copysign(max(abs(dx), 1e-18), dx))
     ry = np.float32(1.0 / math.copysign(max(abs(dy), 1e-18), dy))
     rz = np.float32(1.0 / math.copysign(max(abs(dz), 1e-18), dz))
-    x, y, z = np.float32(ox), np.float32(oy), np.float32(oz)
-    near_x, near_y, near_z = 3 * BOXES * (rx < 0), 3 * BOXES * (ry < 0), 3 * BOXES * (rz < 0)
+    start, over = (np.float32(ox), np.float32(oy), np.float32(oz)), (rx, ry, rz)
+    near = (3 * BOXES * (rx < 0), 3 * BOXES * (ry < 0), 3 * BOXES * (rz < 0))
     best, limit, triangle = np.inf, np.float32(np.inf), -1
     child, top = np.int64(0), 0
     while True:
         if child < 0:
             block = ~child
-            bits = triangles_hit(blocks, block * BLOCK, kx, ky, kz, px, py, pz, sx, sy, sz, best, distance)
+            bits = triangles_hit(blocks, block * BLOCK, axes, sheared_start, shear, best, distance)
             while bits:
                 lane = lowest(bits)
                 bits &= bits - 1
@@ -260,7 +257,7 @@ def nearest_triangle(nodes, children, blocks, ox, oy, oz, dx, dy, dz, skip, scra
                     limit = np.float32(best) * np.float32(1.0000003)
         else:
             at = child * NODE
-            bits = boxes_hit(nodes, at, near_x, near_y, near_z, x, y, z, rx, ry, rz, limit, enter)
+            bits = boxes_hit(nodes, at, near, start, over, limit, enter)
             at += 6 * BOXES
             if bits:
                 lane = lowest(bits)

@@ -48,20 +48,25 @@ class _Lanes:
         return self.builder.zext(self.builder.bitcast(flags, ir.IntType(self.width)), ir.IntType(64))
 
 
-_F4, _F8, _I8 = types.float32, types.float64, types.int64
+_I8 = types.int64
+_AXES, _SINGLE, _DOUBLE = (types.UniTuple(kind, 3) for kind in (types.int64, types.float32, types.float64))
+
+
+def _three(builder, values):
+    return [builder.extract_value(values, k) for k in range(3)]
 
 
 @intrinsic
-def boxes_hit(typingctx, nodes, at, near_x, near_y, near_z, x, y, z, over_x, over_y, over_z, limit, enter):
+def boxes_hit(typingctx, nodes, at, near, start, over, limit, enter):
     """Bits of the node's boxes that the ray meets before `limit`; writes where it enters each to `enter` (8,).
 
-    at : of the node in `nodes`;  near_* : 0 or 24, of the plane that comes first;  x, y, z : start;  over_* : 1/direction.
+    at : of the node in `nodes`;  near : of each axis 0 or 24, of the plane that comes first;  over : 1/direction
     """
 
     def codegen(context, builder, signature, args):
         kind, out_kind = signature.args[0], signature.args[-1]
-        nodes, at, *near = args[:5]
-        start, over, limit, enter = args[5:8], args[8:11], args[11], args[12]
+        nodes, at, near, start, over, limit, enter = args
+        near, start, over = (_three(builder, values) for values in (near, start, over))
         lanes = _Lanes(context, builder, ir.FloatType(), BOXES)
         first, last = lanes.number(0.0), lanes.fill(limit)
         opposite = ir.Constant(ir.IntType(64), 3 * BOXES)
@@ -75,21 +80,22 @@ def boxes_hit(typingctx, nodes, at, near_x, near_y, near_z, x, y, z, over_x, ove
         lanes.store(out_kind, enter, ir.Constant(ir.IntType(64), 0), first)
         return lanes.bits(builder.fcmp_ordered("<=", first, last))
 
-    return _I8(nodes, _I8, _I8, _I8, _I8, _F4, _F4, _F4, _F4, _F4, _F4, _F4, enter), codegen
+    return _I8(nodes, _I8, _AXES, _SINGLE, _SINGLE, types.float32, enter), codegen
 
 
 @intrinsic
-def triangles_hit(typingctx, blocks, at, kx, ky, kz, ox, oy, oz, sx, sy, sz, limit, distance):
+def triangles_hit(typingctx, blocks, at, axes, start, shear, limit, distance):
     """Bits of the block's triangles that the ray meets at 0 < t < limit; writes t to `distance` (4,) if there is any.
 
-    k* : axes, z the one along which the ray runs fastest;  o* : start, in that order of axes;  s* : shear that makes the ray the
-    z axis.  Watertight: a corner is projected alike for all its triangles, and rounding may make an edge function zero but never
+    axes : the last one is that along which the ray runs fastest;  start : in that order;  shear : makes the ray the last axis.
+    Watertight: a corner is projected alike for all its triangles, and rounding may make an edge function zero but never
     gives it the wrong sign; zero counts as inside.  Source: Woop, Benthin & Wald, J. Comput. Graph. Tech. 2 (2013), section 3.
     """
 
     def codegen(context, builder, signature, args):
         kind, out_kind = signature.args[0], signature.args[-1]
-        blocks, at, axes, start, shear = args[0], args[1], args[2:5], args[5:8], args[8:11]
+        blocks, at, axes, start, shear, limit, distance = args
+        axes, start, shear = (_three(builder, values) for values in (axes, start, shear))
         lanes = _Lanes(context, builder, ir.DoubleType(), TRIANGLES)
         o, s = [lanes.fill(v) for v in start], [lanes.fill(v) for v in shear]
         corner = []
@@ -116,12 +122,12 @@ def triangles_hit(typingctx, blocks, at, kx, ky, kz, ox, oy, oz, sx, sy, sz, lim
             det = builder.fadd(builder.fadd(u, v), w)
             along = builder.fadd(builder.fadd(builder.fmul(u, a[2]), builder.fmul(v, b[2])), builder.fmul(w, c[2]))
             t = builder.fdiv(builder.fmul(s[2], along), det)  # 0/0 of a triangle without area compares as false below
-            good = builder.and_(builder.fcmp_ordered(">", t, zero), builder.fcmp_ordered("<", t, lanes.fill(args[11])))
-            lanes.store(out_kind, args[12], ir.Constant(ir.IntType(64), 0), t)
+            good = builder.and_(builder.fcmp_ordered(">", t, zero), builder.fcmp_ordered("<", t, lanes.fill(limit)))
+            lanes.store(out_kind, distance, ir.Constant(ir.IntType(64), 0), t)
             builder.store(lanes.bits(builder.and_(good, inside)), result)
         return builder.load(result)
 
-    return _I8(blocks, *[_I8] * 4, *[_F8] * 7, distance), codegen
+    return _I8(blocks, _I8, _AXES, _DOUBLE, _DOUBLE, types.float64, distance), codegen
 
 
 @intrinsic

@@ -19,7 +19,7 @@ _BYTES = 4
 
 
 @intrinsic
-def blend(typingctx, grid, at, row, basis, shift, ring, count, p, w, f):
+def blend(typingctx, grid, at, row, basis, shift, ring, count, weights):
     """a_0 + B_0 + sum over k of a_k B_k, float32.
 
     Parameters
@@ -27,18 +27,18 @@ def blend(typingctx, grid, at, row, basis, shift, ring, count, p, w, f):
     grid, basis : C-contiguous float32, a_k and B_k with k along the last axis
     at, shift : of the first corner, counted in numbers; row, ring : from one corner to the next along the first axis
     count : of k, padded, also from one corner to the next along the second axis
-    p, w : four float32 each, weights along the first and the second axis of the grid
-    f : four float32, weights in the basis: here, next along the second axis, along the first, along both
+    weights : p, w, f, four float32 each: along the first and the second axis of the grid; and in the basis here, next along the
+        second axis, along the first, along both
     """
     indices = [types.intp] * 5
-    signature = types.float32(grid, *indices[:2], basis, *indices[2:], p, w, f)
+    signature = types.float32(grid, *indices[:2], basis, *indices[2:], weights)
     return signature, _code
 
 
 def _code(context, builder, signature, args):
-    grid, at, row, basis, shift, ring, count, p, w, f = args
+    grid, at, row, basis, shift, ring, count, weights = args
     grid, basis = (context.make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 3))
-    p, w, f = ([_splat(builder, builder.extract_value(four, k)) for k in range(4)] for four in (p, w, f))
+    p, w, f = ([_splat(builder, builder.extract_value(weights, [n, k])) for k in range(4)] for n in range(3))
     step = count.type
 
     def weighted(weights, numbers):

@@ -9,6 +9,7 @@ Stored for one l: real parts of k = ..., l - 4, l - 2, l from 0 or 1 on, then im
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -221,25 +222,40 @@ def phases(angle, first, last):
     return cosine, sine
 
 
+class Points(NamedTuple):
+    """Q points of segments, in the order of row and column, in which they read the table once: those of one position after the
+    other read it from memory again and again.
+
+    owner : (Q,) number of the position that a point belongs to
+    row, column : (Q,) first of TAPS rows, columns
+    row_weight, column_weight : (Q, TAPS) float32, the former times the weight of the point
+    """
+
+    owner: np.ndarray
+    row: np.ndarray
+    row_weight: np.ndarray
+    column: np.ndarray
+    column_weight: np.ndarray
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def along(l, table, d, owner, row, row_weight, column, column_weight, cosine, sine, out):
+def along(l, table, d, points, cosine, sine, out):
     """Sums a table of b over the points of segments, and turns the sums to c in frames with given axes.
 
     Parameters
     ----------
     table : (R, A, 2 K') from `point_table`, as spline coefficients
-    owner : (Q,) number of the position that a point belongs to.  Points in the order of row and column read the table once:
-        those of one position after the other read it from memory again and again
-    row, column : (Q,) first of TAPS rows, columns
-    row_weight, column_weight : (Q, TAPS) float32, the former times the weight of the point
+    points : `Points`
     cosine, sine : (Q, >= K') float32, of k times the angle from the frame's axis to the position as seen from that point
     out : (N, l + 1)
     """
     whole, width = table.shape[2] // 2, table.shape[1] * table.shape[2]
+    owner, row, row_weight, column, column_weight = points
     sums = np.zeros((len(out), 2 * whole))
     for q in range(len(owner)):
         p, w = row_weight[q], column_weight[q]
+        weights = (p[0], p[1], p[2], p[3]), (w[0], w[1], w[2], w[3])
         # azimuth counted from the frame's axis: times exp(i k angle)
-        add_turned(table, row[q] * width + column[q] * table.shape[2], width, whole, (p[0], p[1], p[2], p[3]),
-                   (w[0], w[1], w[2], w[3]), cosine, sine, q * cosine.shape[1], sums, owner[q] * 2 * whole)
+        add_turned(table, row[q] * width + column[q] * table.shape[2], width, whole, weights,
+                   (cosine, sine, q * cosine.shape[1]), sums, owner[q] * 2 * whole)
     from_normal(l, d, sums, out)

@@ -17,7 +17,7 @@ _INT = ir.IntType(32)
 
 
 @intrinsic
-def add_turned(typingctx, table, at, row, count, p, w, cosine, sine, angle, sums, to):
+def add_turned(typingctx, table, at, row, count, weights, phases, sums, to):
     """sums += (a + i b) (cosine + i sine) for each order k, with a + i b = sum over four rows and columns of p w times the table.
 
     Parameters
@@ -25,18 +25,21 @@ def add_turned(typingctx, table, at, row, count, p, w, cosine, sine, angle, sums
     table : C-contiguous float32, along the last axis the real parts of all k, then the imaginary ones
     at : of the first neighbour, counted in numbers;  row : from one row to the next
     count : of k, padded; from one column to the next is twice that
-    p, w : four float32 each, weights of rows and of columns
-    cosine, sine : C-contiguous float32;  angle : where their k begin
+    weights : p of rows and w of columns, four float32 each
+    phases : cosine, sine, C-contiguous float32, and where their k begin
     sums : C-contiguous float64;  to : where these begin, `count` real parts, then imaginary ones
     """
     indices = [types.intp] * 3
-    return types.void(table, *indices, p, w, cosine, sine, types.intp, sums, types.intp), _code
+    return types.void(table, *indices, weights, phases, sums, types.intp), _code
 
 
 def _code(context, builder, signature, args):
-    table, at, row, count, p, w, cosine, sine, angle, sums, to = args
-    table, cosine, sine, sums = (context.make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 6, 7, 9))
-    p, w = ([_splat(builder, builder.extract_value(four, k)) for k in range(4)] for four in (p, w))
+    table, at, row, count, weights, phases, sums, to = args
+    cosine, sine, angle = (builder.extract_value(phases, n) for n in range(3))
+    kinds = (signature.args[0], *signature.args[5].types[:2], signature.args[6])
+    table, cosine, sine, sums = (context.make_array(kind)(context, builder, array).data
+                                 for kind, array in zip(kinds, (table, cosine, sine, sums)))
+    p, w = ([_splat(builder, builder.extract_value(weights, [n, k])) for k in range(4)] for n in range(2))
     step = count.type
     column = builder.add(count, count)
 

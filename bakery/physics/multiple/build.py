@@ -86,18 +86,21 @@ def table(solution, kind, *, extent, length=LENGTH, tolerance=TOLERANCE, most=CO
     if medium.albedo == 0:
         return empty(kind, length, extent, medium.k0)
     extent = min(float(extent), extent_needed(medium, OUTSIDE), _SOLVED * float(np.exp(medium.log_r[-1])))
-    return _Build(solution, kind, length, extent, tolerance, most, finest, seed, threads).run()
+    return _Build(solution, (kind, length, extent), (tolerance, most, finest), seed, threads).run()
 
 
 class _Build:
-    def __init__(self, solution, kind, length, extent, tolerance, most, finest, seed, threads):
-        self.solution, self.medium, self.kind, self.length, self.extent = solution, solution.medium, kind, length, extent
-        self.tolerance, self.most, self.finest, self.threads = tolerance, most, finest, threads
+    """source : kind, length, extent;  limits : tolerance, most, finest;  all as of `table`"""
+
+    def __init__(self, solution, source, limits, seed, threads):
+        self.solution, self.medium, self.threads = solution, solution.medium, threads
+        self.kind, self.length, self.extent = source
+        self.tolerance, self.most, self.finest = limits
         self.shape = shape(self.medium.order)
         self.solid_angle = frame.solid_angles(self.shape).ravel()
         self.polar = frame.polar(np.linspace(0, 1, self.shape[0]))
         self.azimuth = np.linspace(0, np.pi, self.shape[1])
-        self.random = rng.generator(seed, "multiple.places", kind)
+        self.random = rng.generator(seed, "multiple.places", self.kind)
 
     def run(self) -> Table:
         size = 1 << self.finest

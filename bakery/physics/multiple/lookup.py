@@ -136,13 +136,13 @@ def add_segment_look_up(of_points, of_tiles, points, segments, length, rho, z, x
     for n in range(whole):
         start = n * tile
         if near and _touches(rho, z - start, tile):
-            _add_integral(of_points, points, start, start + tile, rho, z, x, y, along, weight)
+            _add_integral(of_points, points, (start, start + tile), rho, z, x, y, along, weight)
         else:
             add_look_up(of_tiles, segments, rho, z - start, x, y, along, reaching)
         reaching *= decay
     start = whole * tile
     if length - start > 1e-12 * tile:
-        _add_integral(of_points, points, start, length, rho, z, x, y, along, weight)
+        _add_integral(of_points, points, (start, length), rho, z, x, y, along, weight)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -153,11 +153,11 @@ def _touches(rho, z, length):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add_integral(to, points, start, end, rho, z, x, y, along, weight):
-    """Adds weight times the integral of exp(-s) times the table of points over places s from start to end of a beam."""
+def _add_integral(to, points, ends, rho, z, x, y, along, weight):
+    """Adds weight times the integral of exp(-s) times the table of points over places s between two ends of a piece of a beam."""
     # s - z = close sinh(t): the source falls off as 1/cosh(t), however close the segment is; beside an end, where a forward peak
     # is cut off, pieces are short where the angle to the beam turns
-    points = lent(points)
+    points, (start, end) = lent(points), ends
     close = max(rho, frame.CLOSEST)
     t, last = asinh((start - z) / close), asinh((end - z) / close)
     shortest = SHORT if _touches(rho, z - start, end - start) else PIECE

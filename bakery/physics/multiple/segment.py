@@ -98,12 +98,13 @@ def coefficients(medium: Propagator, rho, z, length, axis, *, fine=1.0, threads=
     lowest = row.min()
     rows, row = row.max() + _plane.TAPS - lowest, row - lowest
     turns = _plane.quarter_turns(order)
+    each = _plane.Points(owner, row, row_weight, column, column_weight)
     out = np.empty((len(rho), (order + 1) * (order + 2) // 2))
 
     def one(l, phases):
         table = _plane.point_table(l, order, medium.by_distance, lowest, rows, harmonics, len(grid), turns[l])
         part = np.empty((len(rho), l + 1))
-        _plane.along(l, table, turns[l], owner, row, row_weight, column, column_weight, *phases, part)
+        _plane.along(l, table, turns[l], each, *phases, part)
         out[:, l * (l + 1) // 2:(l + 1) * (l + 2) // 2] = part
 
     with ThreadPoolExecutor(threads) as pool:

@@ -80,7 +80,7 @@ def _blended(table, i, j, p, w, column, f):
     grid, basis = table.grid, table.basis
     count = grid.shape[2]
     row = grid.shape[1] * count
-    return np.float64(blend(grid, i * row + j * count, row, basis, column * count, basis.shape[1] * count, count, p, w, f))
+    return np.float64(blend(grid, i * row + j * count, row, basis, column * count, basis.shape[1] * count, count, (p, w, f)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})

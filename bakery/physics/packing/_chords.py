@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,8 +56,24 @@ def first_hit(o, d, cell, m, start, image, limit):
             o[k] -= step[k] * cell[k]
 
 
+class Tile(NamedTuple):
+    """N spheres of a tile that repeats.
+
+    centers, radii : (N, 3), (N,);  share : (N,) cumulated shares of the surface
+    cell : (3,) edges of the tile;  m : (3,) cells of its grid;  start, image : of `cells.tile_grid`
+    """
+
+    centers: np.ndarray
+    radii: np.ndarray
+    share: np.ndarray
+    cell: np.ndarray
+    m: np.ndarray
+    start: np.ndarray
+    image: np.ndarray
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def chords(uniform, centers, radii, share, cell, m, start, image, edges, limit):
+def chords(uniform, tile, edges, limit):
     """Chords of isotropic uniform lines between spheres, added up.
 
     Lines cross surfaces uniformly in area and with the cosine of the angle to the normal: each chord starts at such a crossing.
@@ -64,7 +81,7 @@ def chords(uniform, centers, radii, share, cell, m, start, image, edges, limit):
     Parameters
     ----------
     uniform : (n, 5) 1, in [0, 1)
-    share : (N,) cumulated shares of the surface
+    tile : `Tile`
     edges : (B + 1,) of bins; the last one counts all longer chords too
     limit : where a chord is cut off
 
@@ -76,6 +93,7 @@ def chords(uniform, centers, radii, share, cell, m, start, image, edges, limit):
     cut : number of chords cut off at `limit`
     """
     counts, sums, longest, cut = np.zeros(edges.size - 1, np.int64), np.zeros(MOMENTS), 0.0, 0
+    centers, radii, share, cell, m, start, image = tile
     o, d, n = np.zeros(3), np.zeros(3), np.zeros(3)
     for line in range(len(uniform)):
         i = min(np.searchsorted(share, uniform[line, 0], side="right"), len(radii) - 1)

@@ -302,12 +302,12 @@ def chord_lengths(centers, radii, cell, tolerance: float, stream: Callable, map_
     edges, limit = chord_edges(exact), 1000 * exact
     m = np.maximum(np.floor(cell / (0.8 * (np.prod(cell) / len(radii)) ** (1 / 3))), 1).astype(np.int64)
     share = np.cumsum(radii**2) / np.sum(radii**2)
-    grid = (centers, radii, share, cell, m, *cells.tile_grid(centers, radii, cell, m)[:2], edges, limit)
+    tile = _chords.Tile(centers, radii, share, cell, m, *cells.tile_grid(centers, radii, cell, m)[:2])
     map_tasks = map_tasks or (lambda function, tasks: [function(*task) for task in tasks])
     counts, sums, longest, cut, tasks = np.zeros(edges.size - 1, np.int64), np.zeros(_chords.MOMENTS), 0.0, 0, 0
     target = 8
     while tasks < target:
-        for block in map_tasks(_block, [(stream, index, grid) for index in range(tasks, target)]):
+        for block in map_tasks(_block, [(stream, index, (tile, edges, limit)) for index in range(tasks, target)]):
             counts, sums, longest, cut = counts + block[0], sums + block[1], max(longest, block[2]), cut + block[3]
         tasks = target
         lines = int(counts.sum())
@@ -326,10 +326,10 @@ def chord_lengths(centers, radii, cell, tolerance: float, stream: Callable, map_
                   math.sqrt(max(of_spread, 0) / lines), lines, int(cut), math.sqrt(variance / lines))
 
 
-def _block(stream, index, grid):
+def _block(stream, index, arguments):
     from bakery.physics.packing import _chords
 
-    return _chords.chords(stream(index).random((_LINES, 5)), *grid)
+    return _chords.chords(stream(index).random((_LINES, 5)), *arguments)
 
 
 def _octant(position, cell):
