@@ -123,8 +123,8 @@ class Joins(NamedTuple):
 
 def joins(setup, sets, points=(), every=False) -> Joins:
     """`Joins` of tuples of lit (`Lit`), `_beams.Spread`, and of tuples of `Points`, `_points.Disc`, each of every body."""
-    made = [(_beams.join, lit, list(map(_cells, setup.bodies, lit, spread)), spread) for lit, spread in sets]
-    return Joins(made + [(_points.join, its, list(map(_cells_of_points, setup.bodies, its, disc)), disc) for its, disc in points],
+    sets = [(_beams.join, lit, list(map(_cells, setup.bodies, lit, spread)), spread) for lit, spread in sets]
+    return Joins(sets + [(_points.join, its, list(map(_cells_of_points, setup.bodies, its, disc)), disc) for its, disc in points],
                  every)
 
 

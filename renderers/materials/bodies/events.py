@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from renderers.materials.bodies import _events, _geometry, _light, _walk, beams, light, shells, transport
-from renderers.materials.bodies._events import EVENTS, Met
+from renderers.materials.bodies._events import EVENTS, Record
 from renderers.materials.bodies._points import Disc, Points
 from renderers.materials.bodies.bodies import holds
 from renderers.materials.bodies.paths import UNLIMITED
@@ -49,18 +49,18 @@ def walks_of(setup, entries, seed) -> int:
 class Walked(NamedTuple):
     """What walks of light leave in each body.
 
-    lit : `_beams.Lit` that begin at events of some;  points : `_points.Points` at the ends of all flights between two events
+    beams : `_beams.Lit` that begin at events of some;  points : `_points.Points` at the ends of all flights between two events
     count : of events in all
     """
 
-    lit: list
+    beams: list
     points: list
     count: int
 
 
 def of_walks(setup, entries, places, walks, number, seed) -> Walked:
     """Events of a pass; parameters as those of `light.beams`."""
-    paths, scale = light.begun(setup, entries, places, walks, number, seed)
+    paths, scale = light.started(setup, entries, places, walks, number, seed)
     paths.pixel[:] = _some(paths)
     collected = [[_none(len(setup.colours.to_waves))] for _ in setup.bodies]
     count = 0
@@ -90,22 +90,23 @@ def _none(waves):
 def _walked(setup, number, paths, scale, collected):
     """Takes walks on in a body, and adds their events: parts of those that go on."""
     body, n, waves = setup.bodies[number], paths.count, paths.throughput.shape[1]
-    met = Met(np.empty((n, EVENTS, 11)), np.empty((n, EVENTS), np.int64), *np.zeros((2, n, EVENTS, waves)), np.empty(n, np.int64))
+    arrived, turned = np.zeros((2, n, EVENTS, waves))
+    record = Record(np.empty((n, EVENTS, 11)), np.empty((n, EVENTS), np.int64), arrived, turned, np.empty(n, np.int64))
     limits = _walk.Limits(shells.none(waves), UNLIMITED, True)
     boundary = _light.Boundary(number, body.index if body.smooth else 0.0)
     near = np.inf if holds(body, setup.world.camera.origin) else _NEAR
-    run(_events.walk, n, setup.geometry, body.medium, boundary, limits, near, paths, met, block=256)
-    noted = met.before >= 0
-    collected.append((met.at[noted], met.before[noted], scale * met.arrived[noted], scale * APART * met.turned[noted]))
+    run(_events.walk, n, setup.geometry, body.medium, boundary, limits, near, paths, record, block=256)
+    noted = record.before >= 0
+    collected.append((record.at[noted], record.before[noted], scale * arrived[noted], scale * APART * turned[noted]))
     paths.single[:] = False
-    beyond, meets = (paths.of(met.status == status) for status in (_light.OUTSIDE, _light.SURFACE))
+    beyond, meets = (paths.of(record.status == status) for status in (_light.OUTSIDE, _light.SURFACE))
     beyond.origin[:] += setup.off * beyond.direction
-    return [paths.of(met.status == _light.MORE), beyond,
+    return [paths.of(record.status == _light.MORE), beyond,
             transport.at_surfaces(setup, meets, Sums(0, by_paths=False), power=True, traced=False)]
 
 
 def _parted(at, before, arrived, turned):
-    """`Lit` and `Points` of events, rows of `Met`."""
+    """`Lit` and `Points` of events, rows of `Record`."""
     begin, ends = ~np.isnan(at[:, 10]), np.isfinite(at[:, 9])
     lit = beams.begun(at[begin, :3], at[begin, 6:9], at[begin, 10], turned[begin], before[begin] + 1)
     return lit, _points(at[ends, :6], at[ends, 9], arrived[ends], before[ends])

@@ -75,7 +75,7 @@ def beams(setup, entries, places, walks, boundary, by_events, number, seed) -> l
     number, seed : of the pass: its random numbers
     """
     collected = [_Made(not body.convex) for body in setup.bodies]
-    chosen, scale = begun(setup, entries, places, walks, number, seed)
+    chosen, scale = started(setup, entries, places, walks, number, seed)
     if chosen.count and (boundary or by_events):
         _walk_on(setup, chosen, scale, collected, by_events)
     elif chosen.count:
@@ -83,7 +83,7 @@ def beams(setup, entries, places, walks, boundary, by_events, number, seed) -> l
     return [part.beams(len(setup.colours.to_waves)) for part in collected]
 
 
-def begun(setup, entries, places, walks, number, seed):
+def started(setup, entries, places, walks, number, seed):
     """Paths on which light walks in a pass, and the power (W) that a weight of 1 stands for; none where none comes in.
 
     Parameters as those of `beams`.

@@ -259,7 +259,8 @@ class _Passes:
         else:
             walked = events.of_walks(setup, self._entries, self._counts.places, self._walks, number, self._seed)
             discs, against = events.discs(width[1])
-            gather = beams.joins(setup, [first, (walked.lit, beams.spread(width[1], against=against))], [(walked.points, discs)])
+            others = walked.beams, beams.spread(width[1], against=against)
+            gather = beams.joins(setup, [first, others], [(walked.points, discs)])
         return self._images(transport.from_eye(setup, self._most, gather, number + _BESIDE, self._seed, by_paths=False))
 
     def _images(self, sums):
