@@ -62,7 +62,7 @@ class Sight:
 
 
 @dataclass
-class Way:
+class Crossing:
     """Ways from scatterings to rough surfaces.
 
     surface : that they meet;  random : PCG32
@@ -132,9 +132,9 @@ class Rough:
     def _is_rough(self, shape):
         return dr.gather(mi.UInt32, self._surfaces, dr.reinterpret_array(mi.UInt32, shape)) > 0
 
-    def _reaches(self, medium, way, active):
+    def _reaches(self, medium, offset, active):
         """About the probability that paths go so far in a body."""
-        return dr.exp(-dr.gather(mi.Float, self._sigma, medium, active) * dr.norm(way))
+        return dr.exp(-dr.gather(mi.Float, self._sigma, medium, active) * dr.norm(offset))
 
     def _density(self, medium, point, direction, active):
         """Of directions of light samples, 1/sr."""
@@ -145,38 +145,38 @@ class Rough:
         width = dr.width(point)
         surface, _, inside = flights.onward(self._scene, mi.Ray3f(point, direction), mi.UInt32(1) << medium, active)
         weight = [dr.full(mi.Float, 1, width) for _ in range(self._scene.waves)]
-        drawn, met = self._lights(Way(surface, random, inside, weight, self._meets(surface) & active))
-        return [a + b for a, b in zip(drawn[1], met[1])], dr.norm(surface.p - point), dr.full(mi.Bool, True, width)
+        drawn, turned = self._lights(Crossing(surface, random, inside, weight, self._meets(surface) & active))
+        return [a + b for a, b in zip(drawn[1], turned[1])], dr.norm(surface.p - point), dr.full(mi.Bool, True, width)
 
     def _meets(self, surface):
         return surface.is_valid() & self._is_rough(surface.shape)
 
-    def _lights(self, way):
+    def _lights(self, crossing):
         """Emitters, and light as linear sRGB, of light samples where ways meet surfaces, and of directions of the BSDF there."""
-        scene, surface, random, bsdf = self._scene, way.surface, way.random, way.surface.bsdf()
+        scene, surface, random, bsdf = self._scene, crossing.surface, crossing.random, crossing.surface.bsdf()
         interaction = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), surface.p, surface.n)
         u = mi.Point2f(random.next_float32(), random.next_float32())
-        light, radiance = scene.scene.sample_emitter_direction(interaction, u, False, way.active)
-        active = way.active & (light.pdf > 0) & dr.any(radiance > 0)
+        light, radiance = scene.scene.sample_emitter_direction(interaction, u, False, crossing.active)
+        active = crossing.active & (light.pdf > 0) & dr.any(radiance > 0)
         value, by_bsdf = bsdf.eval_pdf(mi.BSDFContext(), surface, surface.to_local(light.d), active)
         radiance *= value * dr.select(light.delta, 1, light.pdf / (light.pdf + by_bsdf))
         active &= dr.any(radiance > 0)
-        inside = scene.boundaries.beyond(surface, light.d, way.inside, active)
+        inside = scene.boundaries.beyond(surface, light.d, crossing.inside, active)
         passed = flights.transmittance(scene, interaction.spawn_ray_to(light.p), inside, active)
         if scene.regions.always:
             passed = media.product(passed, flights.from_infinity(scene, light))
-        drawn = light.emitter, scene.seen(media.product(way.weight, passed), radiance, active)
+        drawn = light.emitter, scene.seen(media.product(crossing.weight, passed), radiance, active)
 
         number, u = random.next_float32(), mi.Point2f(random.next_float32(), random.next_float32())
-        sample, factor = bsdf.sample(mi.BSDFContext(), surface, number, u, way.active)
+        sample, factor = bsdf.sample(mi.BSDFContext(), surface, number, u, crossing.active)
         factor = scene.reflectance(dr.select(dr.all(dr.isfinite(factor)), factor, 0))
         ray = surface.spawn_ray(surface.to_world(sample.wo))
-        inside = scene.boundaries.beyond(surface, ray.d, way.inside, way.active)
-        ahead, passed, _ = flights.onward(scene, ray, inside, way.active & (sample.pdf > 0))
-        weight = media.product(media.product(way.weight, factor), passed)
-        return drawn, self._met(interaction, ahead, weight, sample.pdf, way.active)
+        inside = scene.boundaries.beyond(surface, ray.d, crossing.inside, crossing.active)
+        ahead, passed, _ = flights.onward(scene, ray, inside, crossing.active & (sample.pdf > 0))
+        weight = media.product(media.product(crossing.weight, factor), passed)
+        return drawn, self._light_ahead(interaction, ahead, weight, sample.pdf, crossing.active)
 
-    def _met(self, before, surface, weight, density, active):
+    def _light_ahead(self, before, surface, weight, density, active):
         """Emitters, and light, that directions from interactions `before` meet, drawn with density (1/sr)."""
         scene = self._scene
         seen = mi.DirectionSample3f(scene.scene, surface, before)
@@ -199,7 +199,7 @@ class Rough:
         scale = dr.rcp(media.mean(weights, phase) * self._reaches(sight.medium, surface.p - sight.event, every) + by_guides)
         low, high = mi.sample_tea_32(dr.reinterpret_array(mi.UInt32, sight.u), dr.reinterpret_array(mi.UInt32, sight.v))
         throughput = [w * p * t * scale for w, p, t in zip(weights, phase, passed)]
-        lights = self._lights(Way(surface, mi.PCG32(1, mi.UInt64(low), mi.UInt64(high)), inside, throughput,
+        lights = self._lights(Crossing(surface, mi.PCG32(1, mi.UInt64(low), mi.UInt64(high)), inside, throughput,
                                   self._meets(surface) & (by_guides > 0)))
         dr.eval(lights)  # both by one kernel
         for emitter, light in lights:
