@@ -54,6 +54,7 @@ PANEL = """<shape type="rectangle"><transform name="to_world"><scale value="SIZE
 MILK = (0.999, 0.999, 0.999), (0.84, 0.75, 0.68), 0.7  # diluted, recipes/milk_dilute.yaml
 PANE = """<shape type="cube"><transform name="to_world"><scale x="9" y="9" z="0.25"/><translate z="6.3"/></transform>
 <bsdf type="dielectric"><float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/></bsdf></shape>"""
+SOAP = (0.962, 0.895, 0.892), (2.67, 2.30, 1.75), 0.8  # recipes/soap.yaml
 GREY = (0.95, 0.9, 0.8), (1.0, 1.2, 1.5), 0.0
 ROUGH = {f"rough {alpha}": FROST.replace('"0.2"', f'"{alpha}"') for alpha in (0.05, 0.1, 0.3)}
 # XML, or the name of a file;  shape;  medium, free paths in mm
@@ -71,6 +72,7 @@ SCENES = {
     "candle": ("candle.xml", "candle", Body(*WAX, GLASS)),
     "candle_ball": ("candle_ball.xml", "candle", Body(*WAX, GLASS)),
     "bumpy_ball": ("bumpy_ball.xml", "ball", Body((0.95, 0.9, 0.7), (4.0, 4.0, 4.0), 0.5, GLASS)),
+    "soap_and_lamp": ("soap_and_lamp.xml", "soap", Body(*SOAP, FROST)),
     "head": ("head.xml", "head", Body(*SKIN, GLASS)),
     "glass_of_milk": ("glass_of_milk.xml", "milk", Body(*MILK, GLASS)),
     "milk, small window": ("glass_of_milk.xml", "milk", Body(*MILK, GLASS)),

@@ -53,7 +53,7 @@ def _named(path: Path, within: tuple[str, ...]) -> Recipe:
         raise Wrong(f"found {show(path.name)}, which names itself by way of this", "expected another recipe")
     source = source_of(path)
     tree = parse(source)
-    if isinstance(tree.root, Mapping) and "sweep" in tree.root:
+    if isinstance(tree.root, Mapping) and isinstance(tree.root.get("sweep"), Mapping):
         raise Wrong(f"found {show(path.name)}, which sweeps keys", "expected a recipe of one asset")
     return check(path, source, tree, source.text, [], within)
 

@@ -28,8 +28,6 @@ from bakery.recipe.model import Recipe
 from bakery.recipe.schema import NAMED_WAVELENGTHS
 from bakery.stages import all_stages, conform
 from bakery.stages.declaration import RecipeSection, Stage
-from bakery.store.read import parse
-from bakery.store.tree import Group
 
 LARGEST_ASSET = 512 << 20  # bytes of one that a recipe names
 LARGEST_N = 1000.0  # of n and k
@@ -329,13 +327,12 @@ class Checker:
         """The bins of the CSV file that a key names."""
         return self._file(node, bins.read)
 
-    def asset(self, node: Node) -> tuple[Group, DataFile]:
-        """The asset that a key names, whole and as its stages declare; raises `Wrong`."""
+    def asset(self, node: Node):
+        """The tree of the asset that a key names, as its stages declare it, and its file; raises `Wrong`."""
         name = self.values[node.place.key]
         data, file = self.folder.read(node.place.key, name, LARGEST_ASSET, "file")
         try:
-            root = parse(name, data)
-            conform.check(name, root)
+            root = conform.parsed(name, data)
         except (AssetError, StoreError) as fault:
             raise Wrong(f"found a file that is no whole asset ({fault})", "expected what `bake` wrote") from None
         return root, file

@@ -45,6 +45,15 @@ def check(path: str, root: Group) -> None:
         raise AssetError(f"{path}: damaged, or not written by bakery: {departures[0]}{rest_of_them}; `bake verify` lists all")
 
 
+def parsed(path: str, data: bytes) -> Group:
+    """The tree in an asset's bytes, which is what its stages declare; AssetError names `path`."""
+    from bakery.store.read import parse
+
+    root = parse(path, data)
+    check(path, root)
+    return root
+
+
 def declared(root: Group) -> list[str]:
     """Where a tree departs from what its stages declare, in words: what readers count on."""
     departures = [*_root(root), *_stage_groups(root)]

@@ -202,7 +202,7 @@ def test_what_is_refused(call, setting, message):
 
 @pytest.mark.parametrize("recipe, needs", [
     ("mist", {"medium": []}), ("jelly", {"medium": []}),
-    ("drops", {"optics": ["tolerance", "measure"], "medium": [], "discrete": ["discrete.tolerance"]}),
+    ("drops", {"optics": ["tolerance", "measure", "phase.method"], "medium": [], "discrete": ["discrete.tolerance"]}),
     ("beads", {"packing": [], "grains": ["scatterometer.tolerance"], "medium": ["tolerance"]})])
 def test_of_each_recipe_what_its_kind_needs(folder, monkeypatch, capsys, recipe, needs):
     """Bodies by paths need no tables, grains that are traced no statistics of their light."""

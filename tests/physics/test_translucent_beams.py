@@ -55,7 +55,7 @@ def test_cells_lose_and_double_nothing():
         cells = cells_of(low, low + (count - 0.5) * edge, edge, _beams.entered, lit.ray, lit.length, radius)
         brought = np.zeros((3, 200, 1))
         assert cells.shape.tolist() == [count] * 3
-        _beams.join(medium, lit, cells, _beams.Spread(radius, 0.0), lines, -view, brought, 0, 200)
+        _beams.join(medium, lit, cells, _beams.Spread(radius, 0.0, 0.0), lines, -view, brought, 0, 200)
         found.append(brought)
     assert (found[0] > 0).any(axis=2).sum() > 100 and np.allclose(*found, rtol=1e-9)
 

@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import bakery
 from bakery.errors import RecipeError
 from bakery.grammar import text
 from bakery.grammar.fields import Leaf
@@ -96,6 +97,8 @@ BASES = {
     "surface": _medium({"type": "hg", "g": 0.5}, surface={
         "thickness": "1 mm", "boundary": {"index": 1.3, "roughness": 0.2}, "base": {"albedo": 0.5}, "tolerance": 0.1,
         "method": "medium"}),
+    "layers": _medium({"type": "hg", "g": 0.5}, surface={"thickness": "1 mm", "base": {"recipe": "under.yaml", "layer": 0}}),
+    "layers of an asset": _medium({"type": "hg", "g": 0.5}, surface={"thickness": "1 mm", "base": {"asset": "under.h5"}}),
     "photons": _medium(NOTHING, multiple_scattering={"method": "photons", "photons": 1000}),
     "isotropic": {"medium": {"sigma_s": "1 /mm", "sigma_a": "1 /mm", "phase": NOTHING}},
     "rayleigh": _medium({"type": "rayleigh"}),
@@ -155,6 +158,8 @@ def folder(tmp_path_factory):
     libradtran(made / "humid.cdf", hum=[0, 50, 80])
     (made / "phase.csv").write_text("theta_deg,value\n0,2\n180,1\n")
     (made / "grain.ply").write_text(PLY)
+    (made / "under.yaml").write_text(json.dumps(HEAD | _medium({"type": "isotropic"}, surface={})))
+    bakery.bake(made / "under.yaml", output=made / "under.h5")
     np.save(made / "grid.npy", np.arange(1.0, 9.0).reshape(2, 2, 2))
     return made
 

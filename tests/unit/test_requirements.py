@@ -9,6 +9,7 @@ import pytest
 
 from bakery.physics.multiple import legendre, peaks
 from bakery.plan.asked import Asked
+from bakery.plan.suffice import Held, lacking, lost
 from bakery.run.ensure import told
 from bakery.stages.packing.stage import _schedule
 from renderers.materials.bodies import requirements as translucent
@@ -16,8 +17,8 @@ from renderers.materials.bodies import thin
 from renderers.materials.grains import requirements as granular
 from renderers.materials.grains import seen
 from renderers.materials.particles import requirements as discrete
-from renderers.scene import budget
-from renderers.scene.requirements import Knob, Need, merged
+from renderers.scene import budget, requirements
+from renderers.scene.requirements import Knob, Need, Required, merged
 
 
 def depth(value):
@@ -80,6 +81,26 @@ def test_the_union_asks_for_most():
     optics, beam = merged([first, second], {})
     assert [knob.value for knob in optics.knobs] == [0.02, "pointwise"] and optics.why == "a; c"
     assert beam.knobs == (depth(5.0),) and beam.lacking == "far"
+
+
+@pytest.mark.parametrize(("method", "seconds", "knobs"), [
+    ("auto", 4.0, ("mie",)), ("auto", 40.0, ()), ("goa", 4.0, ()), ("mie", 4.0, ())])
+def test_few_spheres_go_by_series_unmeasured(method, seconds, knobs):
+    """Classes of particles whose series take about as long as measuring rays; what the recipe says itself stays."""
+    required = Required((Need("optics", True, ""), Need("medium", True, ""), Need("discrete", True, "")))
+    recipe = SimpleNamespace(phase=SimpleNamespace(method=method))
+    asked = []
+    optics = requirements._by_series(required, recipe, lambda one: asked.append(one.settings) or seconds).needs[0]
+    assert tuple(knob.value for knob in optics.knobs) == knobs
+    # what series take is asked with them: otherwise rays would be measured for that
+    assert all(settings == {"phase.method": "mie"} for settings in asked)
+    # an asset by rays is as good
+    held = {"optics": Held({"phase.method": "auto"}, "other", 0.0)}
+    step = SimpleNamespace(stage=SimpleNamespace(name="optics", tolerance=lambda recipe: 0.1), input_hash="this",
+                           parts={"phase.method": "mie"})
+    for knob in optics.knobs:
+        assert not lacking(held, [step], {"optics": {"phase.method": "auto"}}, [knob], recipe)
+        assert not lost(held, [step], {"optics": {"phase.method": "auto"}}, [knob])
 
 
 def test_what_is_out_of_reach_is_told_before_the_bake():

@@ -152,7 +152,10 @@ class _Tables:
 
     def _finished(self, table):
         spectrum = len(self.channels) // len(self.crosses)
-        return [_finish(table, i, channel, self.choices[i], self.crosses[i // spectrum], i % spectrum, self.aim.integrated)
+        s11, was = phase.normalised(table.theta, table.values[:, 0])
+        shift = _shift(table.theta, table.values[:, 0], table.between)
+        return [_finish(table, i, (s11[i], was[i], float(shift[i])), channel, self.choices[i],
+                        self.crosses[i // spectrum], i % spectrum, self.aim.integrated)
                 for i, channel in enumerate(self.channels)]
 
 
@@ -220,18 +223,19 @@ def _too_many(channels, tolerance):
             "or take a larger tolerance")
 
 
-def _finish(table, i, channel, choice, cross, wavelength, integrated):
-    """Normalised elements (E, A), absolute error (A,), integral before over C_sca, error of one channel in the measure asked."""
-    values = table.values[i]
-    _, was = phase.normalised(table.theta, values[0])
+def _finish(table, i, whole, channel, choice, cross, wavelength, integrated):
+    """Normalised elements (E, A), absolute error (A,), integral before over C_sca, error of one channel in the measure asked.
+
+    whole : the channel's normalised phase function, the integral that it had, and the bound of that integral's error
+    """
+    values, (s11, was, shift) = table.values[i], whole
     scattering = float(np.sum(cross.scattering[wavelength] * cross.weight))
     scale = float(was) / (channel.k**2 * scattering)
-    s11, _ = phase.normalised(table.theta, values[0])
     factor = s11 / values[0]
     elements = np.concatenate([s11[None], values[1:] * factor])
     between = table.between[i]
     near = np.maximum(np.concatenate([between[:1], between]), np.concatenate([between, between[-1:]]))
-    shift = mean = _shift(table.theta, values[0], between)
+    mean = shift
     if not choice.taken:  # series have the integral C_sca, rays only about
         shift = min(shift, abs(scale - 1) + float(cross.error[wavelength]))
     absolute = np.maximum(near / was, table.error[i] * s11) + shift * s11
@@ -241,6 +245,8 @@ def _finish(table, i, channel, choice, cross, wavelength, integrated):
 
 
 def _shift(theta, f, between):
-    """Bound of the relative error of the integral of the table: the mean of the errors of its cells."""
+    """(C,) bound of the relative error of the integral of a table f (C, A): the mean of the errors of its cells."""
     cells = phase.steps(theta)
-    return float(np.sum(between * cells) / np.sum((f[1:] + f[:-1]) / 2 * cells)) if len(theta) > 1 else 0.0
+    if len(theta) < 2:
+        return np.zeros(len(f))
+    return np.sum(between * cells, axis=-1) / np.sum((f[:, 1:] + f[:, :-1]) / 2 * cells, axis=-1)

@@ -56,7 +56,7 @@ def grazing(count: int, top: float = 1.0):
 
 
 def enough(count: int, least: int) -> int:
-    """Directions that leave, for as many Legendre moments: of a forward peak that they are too few for, see `orders.unresolved`."""
+    """Directions that leave, for as many Legendre moments; where they are too few for a peak, see `orders.unresolved`."""
     return max(least, min(count + SPARE, _RESOLVED + count // 16))
 
 
@@ -101,3 +101,13 @@ def interpolation(s, at):
     share = barycentric / np.where(hit, 1.0, distance)
     share /= share.sum(axis=-1, keepdims=True)
     return np.where(hit.any(axis=-1, keepdims=True), hit, share)
+
+
+def vanishing(weights, air, mu):
+    """Weights (K, N) of `interpolation` for even orders from 2 on, which fall as the squared sine at normal incidence.
+
+    Parameters
+    ----------
+    air : (N,) cosines in air of the nodes;  mu : (K,) those of the coordinates
+    """
+    return weights * ((1 - mu) * (1 + mu))[:, None] / ((1 - air) * (1 + air))

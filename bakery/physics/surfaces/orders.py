@@ -49,8 +49,8 @@ def phase_matrices(moments, mu, order: int):
 def unresolved(moments, mu, flux):
     """(N,) what nodes too few for a forward peak miss of it, as a delta function: to be added to the diagonals of both parts.
 
-    It is the same in all orders.  With it the phase function of order 0 has the integral 1 over the nodes: nothing is lost.  Nodes
-    over the root of the cosine resolve the peak at grazing angles, where it matters, and not where it hardly does.
+    It is the same in all orders.  With it the phase function of order 0 has the integral 1 over the nodes: nothing is lost.
+    Nodes over the root of the cosine resolve the peak at grazing angles, where it matters, and not where it hardly does.
     """
     weight = 0.5 * flux / mu
     return (1 - phase_matrices(moments, mu, 0)[0] @ weight) / weight

@@ -16,7 +16,7 @@ from bakery.physics.surfaces import fresnel, single
 from bakery.physics.surfaces.covered import Covered, covered
 from bakery.physics.surfaces.cut import Cut, cut
 from bakery.physics.surfaces.layer import Layer, between, homogeneous
-from bakery.physics.surfaces.nodes import SPARE, Nodes, coordinate, enough, interpolation, nodes
+from bakery.physics.surfaces.nodes import SPARE, Nodes, coordinate, enough, interpolation, nodes, vanishing
 from bakery.physics.surfaces.orders import phase_matrices, unresolved
 from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.stack import Stacked, stacked
@@ -69,8 +69,12 @@ class Solution:
     def _terms(self, orders, mu, mu0):
         """Fourier orders (M, K) at pairs of cosines (K,) in air, each cosine interpolated once."""
         (out, row), (into, column) = (np.unique(cosine, return_inverse=True) for cosine in (mu, mu0))
-        out, into = (interpolation(self.nodes.at, coordinate(cosine, self.slab.index)) for cosine in (out, into))
-        terms = np.stack([np.einsum("ki,ki->k", (out @ order)[row], into[column]) for order in orders])
+        ways = [(way, vanishing(way, self.nodes.air, cosine)) for cosine in (out, into)
+                for way in (interpolation(self.nodes.at, coordinate(cosine, self.slab.index)),)]
+        terms = np.empty((len(orders), len(mu)))
+        for m, order in enumerate(orders):
+            out, into = (way[m > 1 and m % 2 == 0] for way in ways)
+            terms[m] = np.einsum("ki,ki->k", (out @ order)[row], into[column])
         terms[1::2] *= np.sqrt((1 - mu * mu) * (1 - mu0 * mu0)) / self.slab.index**2
         return terms
 

@@ -21,7 +21,7 @@ from bakery.physics.medium.phase import phase_at
 from bakery.physics.surfaces import fresnel, single
 from bakery.physics.surfaces.cut import Cut, cut
 from bakery.physics.surfaces.layer import homogeneous
-from bakery.physics.surfaces.nodes import SPARE, Nodes, coordinate, enough, grazing, interpolation
+from bakery.physics.surfaces.nodes import SPARE, Nodes, coordinate, enough, grazing, interpolation, vanishing
 from bakery.physics.surfaces.orders import phase_matrices, unresolved
 from bakery.physics.surfaces.slab import Reflector, Slab
 
@@ -152,9 +152,11 @@ class Stacked:
         """The same inside of the uppermost boundary, at directions that are those in air; arrays of one shape."""
         n = self.nodes.index
         (out, row), (into, column) = (np.unique(cosine, return_inverse=True) for cosine in (mu, mu0))
-        out, into = (interpolation(self.nodes.at, coordinate(cosine, n)) for cosine in (out, into))
+        ways = [(way, vanishing(way, self.nodes.air, cosine)) for cosine in (out, into)
+                for way in (interpolation(self.nodes.at, coordinate(cosine, n)),)]
         smooth, sines = np.zeros(mu.shape), np.sqrt((1 - mu * mu) * (1 - mu0 * mu0)) / n**2
         for m, order in enumerate(self.reflected):
+            out, into = (way[m > 1 and m % 2 == 0] for way in ways)
             term = np.einsum("...i,...i->...", (out @ order)[row.reshape(mu.shape)], into[column.reshape(mu.shape)])
             smooth += (2.0 if m else 1.0) * term * np.cos(m * phi) * (sines if m % 2 else 1.0)
         return smooth / (fresnel.inside(mu, n) + fresnel.inside(mu0, n)) + self.known(mu, mu0, phi)
@@ -215,7 +217,7 @@ def stacked(slab: Slab, moments: Sequence, count: int, tolerance: float = 1e-6) 
     top, known = nodes.top, _Known(nodes, parts, cuts)
     keep = slice(top.leaving)
     mu, flux, through = top.mu[keep], np.sqrt(top.flux[keep]), 1 - top.reflected[keep]
-    missed = _missed(nodes, parts, cuts) if top.leaving < count + SPARE else [np.zeros(len(nodes.mu(part.index))) for part in parts]
+    missed = _missed(nodes, parts, cuts, top.leaving < count + SPARE)
     sums, sines, orders, small = mu[:, None] + mu, np.sqrt((1 - mu) * (1 + mu)), [], 0
     for order in range(count):
         phases = [[side + np.diag(peak) for side in phase_matrices(without.moments, nodes.mu(part.index), order)]
@@ -234,9 +236,9 @@ def stacked(slab: Slab, moments: Sequence, count: int, tolerance: float = 1e-6) 
     return Stacked(slab, top, cuts, np.stack(orders), albedo, again)
 
 
-def _missed(nodes: Directions, parts, cuts) -> list:
-    """Of each layer, what its nodes miss of a forward peak (`orders.unresolved`)."""
-    return [unresolved(without.moments, nodes.mu(part.index), nodes.flux(part.index))
+def _missed(nodes: Directions, parts, cuts, few: bool) -> list:
+    """Of each layer, what its nodes miss of a forward peak (`orders.unresolved`); 0 where they are not too few."""
+    return [few * unresolved(without.moments, nodes.mu(part.index), nodes.flux(part.index))
             for part, without in zip(parts, cuts, strict=True)]
 
 

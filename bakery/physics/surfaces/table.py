@@ -19,7 +19,7 @@ from bakery.physics.medium.phase import phase_at
 from bakery.physics.surfaces import fresnel, single
 from bakery.physics.surfaces.corrected import Corrected
 from bakery.physics.surfaces.look_up import surface_reflectance, surface_transmittance
-from bakery.physics.surfaces.nodes import coordinate, interpolation
+from bakery.physics.surfaces.nodes import coordinate, interpolation, vanishing
 from bakery.physics.surfaces.solution import Solution
 from bakery.physics.surfaces.stack import Stacked
 from bakery.system.compiled import njit
@@ -195,7 +195,9 @@ def _grid(solution, orders, nodes: int, azimuths: int):
     mu = cosines(nodes, index)
     weights = interpolation(solution.nodes.at, coordinate(mu, index))
     sines = np.sqrt((1 - mu) * (1 + mu)) / index
-    terms = np.einsum("im,omn,jn->oij", weights, orders, weights, optimize=True)
+    falling = weights if rough else vanishing(weights, solution.nodes.air, mu)
+    ways = [falling if m > 1 and m % 2 == 0 else weights for m in range(len(orders))]
+    terms = np.stack([way @ order @ way.T for way, order in zip(ways, orders, strict=True)])
     terms[1:] *= 2
     terms[1::2] *= np.outer(sines, sines)
     waves = np.cos(np.arange(len(orders))[:, None] * angles(azimuths))

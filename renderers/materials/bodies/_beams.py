@@ -66,11 +66,20 @@ def _odds(medium, scale, t, cosine):
 
     scale : of `rivals`
     """
-    likely = 0.0
+    density = 0.0
     for w in range(len(medium.sigma_t)):
-        likely += medium.sigma_t[w] * math.exp(-medium.sigma_t[w] * t) * phase_value(medium.v, medium.steps, medium.phase[w],
+        density += medium.sigma_t[w] * math.exp(-medium.sigma_t[w] * t) * phase_value(medium.v, medium.steps, medium.phase[w],
                                                                                     1 - cosine)
-    return scale * math.sqrt(1 - cosine * cosine) * len(medium.sigma_t) / likely
+    return scale * math.sqrt(1 - cosine * cosine) * len(medium.sigma_t) / density
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def likely(medium, s):
+    """How likely a flight ends at s (m), 1/m, mean of the wavelengths."""
+    total = 0.0
+    for w in range(len(medium.sigma_t)):
+        total += medium.sigma_t[w] * math.exp(-medium.sigma_t[w] * s)
+    return total / len(medium.sigma_t)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -90,10 +99,14 @@ def rivals(medium, scale, t, before, after, rival, begin, end):
 
 
 class Spread(NamedTuple):
-    """radius : m, by which beams are moved to both sides;  scale : as in `rivals`, against paths that find the same light"""
+    """radius : m, by which beams are moved to both sides;  scale : as in `rivals`, against paths that find the same light
+    points : m, against points that bring the same light: points a beam, times the area over which they are spread, over the width
+        of beams; 0 where there are none
+    """
 
     radius: float
     scale: float
+    points: float
 
 
 class _Crossing(NamedTuple):
@@ -197,6 +210,9 @@ def _add(medium, beams, b, spread, lines, i, facing, crossing, brought):
     if beams.density[b] < np.inf:
         odds = _odds(medium, spread.scale, t, cosine) * beams.density[b]
         share = odds / (1 + odds) if odds < np.inf else 1.0
+    if spread.points > 0.0:
+        beside = math.sqrt(1 - cosine * cosine)
+        share *= beside / (beside + spread.points * likely(medium, crossing.s))
     inward = radius
     if beams.normal[b, 0] == 0.0 and beams.normal[b, 1] == 0.0 and beams.normal[b, 2] == 0.0:
         # beyond the boundary there are none that could be moved here

@@ -67,7 +67,7 @@ def walk(geometry, medium, boundary, limits, paths, ends, begin, end):
             if boundary.index == 0.0 or geometry.owner[paths.triangle[i]] != boundary.number:
                 ends.status[i] = SURFACE
                 break
-            back = _at_boundary(geometry, boundary.index, paths, i)
+            back = at_boundary(geometry, boundary.index, paths, i)
             paths.start[i], paths.events[i] = paths.triangle[i], 0
             paths.bounces[i] += 1
             if not back:
@@ -93,7 +93,7 @@ def _store(paths, i, row, weights):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _at_boundary(geometry, index, paths, i):
+def at_boundary(geometry, index, paths, i):
     """Puts walk i at the boundary that it meets, with a new direction; whether it is turned back."""
     nx, ny, nz = triangle_normal(geometry.blocks, paths.triangle[i])
     dx, dy, dz = paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2]

@@ -18,9 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from renderers.materials.bodies import _beams, light, surfaces
+from renderers.materials.bodies import _beams, _points, light, surfaces
 from renderers.materials.bodies._beams import Lit, Spread
 from renderers.materials.bodies._cells import Cells, cells_of
+from renderers.materials.bodies.paths import Paths
 from renderers.threads import run
 
 _WIDTH, _FREE = 0.01, 0.2  # half the width over which beams are spread: of a body's size; mfp, of those that begin at events
@@ -47,16 +48,17 @@ def rivals_of(setup, entries, places):
     return np.where(setup.matched, 0.0, places * dense * index**2 * 2 * half_widths(setup)[0])
 
 
-def entering(setup, number, entries, places, pass_number, seed) -> tuple[Lit, Lit]:
-    """Beams of light samples that come in through the boundary of body `number` in a pass, and those that their first events
-    begin; none where the boundary does not turn light.
+def entering(setup, number, entries, places, pass_number, seed) -> tuple[Lit, Paths]:
+    """Beams of light samples that come in through the boundary of body `number` in a pass, and the paths on which they go on;
+    none where the boundary does not turn light.
 
     setup : `setup.Transport`;  entries : `light.Entries`;  places : that are drawn on the boundary
     """
     body, waves = setup.bodies[number], len(setup.colours.to_waves)
     if body.matched:
         none = np.zeros((0, 3))
-        return (of(none, none, none, np.zeros(0), np.zeros((0, waves)), np.zeros(0), 0),) * 2
+        return of(none, none, none, np.zeros(0), np.zeros((0, waves)), np.zeros(0), 0), \
+            Paths.begun(none, none, np.zeros((0, waves)), np.zeros(0, np.uint64), np.arange(0))
     states, numbers = light.drawn(number, places, _NUMBERS + pass_number, seed)
     triangle, point, normal, sample, cosine = light.sampled(setup, body, entries, numbers)
     power = sample.radiance * cosine[:, None] @ setup.colours.to_waves.T / (places * entries.density[triangle])[:, None]
@@ -67,7 +69,7 @@ def entering(setup, number, entries, places, pass_number, seed) -> tuple[Lit, Li
     bright, paths = bright[goes[inside]], paths.of(inside)
     paths.throughput[:] = power[inside]
     first = direct(setup, number, paths, normal[bright], np.where(sample.delta, np.inf, sample.density)[bright])
-    return first, of_events(setup, number, paths)
+    return first, paths
 
 
 def direct(setup, number, paths, normal, density) -> Lit:
@@ -84,12 +86,6 @@ def of_events(setup, number, paths) -> Lit:
     return begun(turned.origin, turned.direction, turned.far, turned.throughput, np.ones(turned.count, np.int64))
 
 
-def walked(beams) -> Lit:
-    """Those of `_gather.Beams` that begin at events."""
-    events = beams.begun
-    return begun(*(values[events] for values in (beams.origin, beams.direction, beams.length, beams.power, beams.before)))
-
-
 def begun(origin, direction, length, power, before):
     """`Lit` that begins at events."""
     n = len(length)
@@ -103,9 +99,10 @@ def of(origin, direction, normal, length, power, density, before) -> Lit:
 
 
 class Joins(NamedTuple):
-    """How lines of sight gather beams that pass close by (as `gather.Gather`).
+    """How lines of sight gather beams and points that pass close by (as `gather.Gather`).
 
-    sets : of tuples of lit (`Lit`), cells (`Cells`) and `_beams.Spread`, each of every body
+    sets : of tuples of a loop, and of what it joins (`Lit` or `Points`), their cells (`Cells`) and how they are spread
+        (`_beams.Spread` or `_points.Disc`), each of every body
     every : whether flights after events gather, too; of `sets` then no beam begins at an event
     """
 
@@ -113,27 +110,39 @@ class Joins(NamedTuple):
     every: bool = False
 
     def __call__(self, setup, paths, number, sums):
-        """Adds what beams send to lines of sight in body `number`: those that come from a surface, or all."""
+        """Adds what beams and points send to lines of sight in body `number`: those that come from a surface, or all."""
         lines = paths.of(((paths.events == 0) | self.every) & (paths.throughput > 0).any(axis=1))
         if not lines.count:
             return
         brought, facing = np.zeros((3, *lines.throughput.shape)), surfaces.facing(setup, lines)
-        for its in self.sets:
-            run(_beams.join, lines.count, setup.bodies[number].medium, *(part[number] for part in its), lines, facing, brought,
-                block=64)
+        for join, *its in self.sets:
+            run(join, lines.count, setup.bodies[number].medium, *(part[number] for part in its), lines, facing, brought, block=64)
         for order, values in enumerate(brought):
             sums.add(lines, values * lines.throughput @ setup.colours.to_rgb.T, order + 1)
 
 
-def joins(setup, sets, every=False) -> Joins:
-    """`Joins` of tuples of lit (`Lit`), radius (m) and, where paths find the same light, rival (m sr), each of every body."""
-    none = np.zeros(len(setup.bodies))
-    return Joins([(beams, [_cells(*values) for values in zip(setup.bodies, beams, radius, strict=True)],
-                   list(map(Spread, radius, *(rival or [none])))) for beams, radius, *rival in sets], every)
+def joins(setup, sets, points=(), every=False) -> Joins:
+    """`Joins` of tuples of lit (`Lit`), `_beams.Spread`, and of tuples of `Points`, `_points.Disc`, each of every body."""
+    sets = [(_beams.join, lit, list(map(_cells, setup.bodies, lit, spread)), spread) for lit, spread in sets]
+    return Joins(sets + [(_points.join, its, list(map(_cells_of_points, setup.bodies, its, disc)), disc) for its, disc in points],
+                 every)
 
 
-def _cells(body, beams, radius) -> Cells:
+def spread(radius, rival=None, against=None):
+    """`_beams.Spread` of each body, of radii (m) and of what is 0 where left out."""
+    none = np.zeros(len(radius))
+    return list(map(Spread, radius, none if rival is None else rival, none if against is None else against))
+
+
+def _cells(body, beams, spread) -> Cells:
+    radius = spread.radius
     low, high = body.vertices.min(axis=0) - radius, body.vertices.max(axis=0) + radius
     # beyond light is left out as on lines of sight; of lengths some have no end
     length = np.minimum(beams.length, np.minimum(_beams.DEEP / body.medium.sigma_t.min(), 2 * np.linalg.norm(high - low)))
     return cells_of(low, high, float((high - low).max()) / _CELLS, _beams.entered, beams.ray, length, 1.000001 * radius)
+
+
+def _cells_of_points(body, points, disc) -> Cells:
+    low, high = body.vertices.min(axis=0) - disc.radius, body.vertices.max(axis=0) + disc.radius
+    edge = max(float((high - low).max()) / _CELLS, disc.radius)
+    return cells_of(low, high, edge, _points.entered, points.ray, 1.000001 * disc.radius)

@@ -37,7 +37,8 @@ class Gathering:
     def __init__(self, setup, beams_of_bodies, width, width_of_events, pixels, every):
         self.wide, self.sharp = Sums(pixels), Sums(pixels)
         direct, events = beams_of_bodies
-        self._joins = [beams.joins(setup, [(direct, width * factor), (events, width_of_events * factor)], every)
+        self._joins = [beams.joins(setup, [(direct, beams.spread(width * factor)),
+                                           (events, beams.spread(width_of_events * factor))], every=every)
                        for factor in (1.0, _SHARPER)]
 
     def __call__(self, *args):

@@ -74,7 +74,21 @@ def beams(setup, entries, places, walks, boundary, by_events, number, seed) -> l
     by_events : whether every way between two events is a beam (virtual ray lights); then no beam is negative
     number, seed : of the pass: its random numbers
     """
-    collected, parts, powers = [_Made(not body.convex) for body in setup.bodies], [], []
+    collected = [_Made(not body.convex) for body in setup.bodies]
+    chosen, scale = started(setup, entries, places, walks, number, seed)
+    if chosen.count and (boundary or by_events):
+        _walk_on(setup, chosen, scale, collected, by_events)
+    elif chosen.count:
+        _begun(setup, chosen, np.ones(walks, bool), scale, collected)
+    return [part.beams(len(setup.colours.to_waves)) for part in collected]
+
+
+def started(setup, entries, places, walks, number, seed):
+    """Paths on which light walks in a pass, and the power (W) that a weight of 1 stands for; none where none comes in.
+
+    Parameters as those of `beams`.
+    """
+    parts, powers = [], []
     for body, its in enumerate(entries):
         _, paths, power = _entered(setup, body, its, places, number, seed)
         inside = surfaces.located(setup.geometry, paths) == body
@@ -84,14 +98,11 @@ def beams(setup, entries, places, walks, boundary, by_events, number, seed) -> l
         parts.append(paths)
         powers.append(power)
     power = np.concatenate(powers)
-    if len(power):
-        chosen, scale = _chosen(joined(parts), power, walks)
-        wavefront.begin_streams(stream_key(seed, "render.light", number), 0, chosen.states)
-        if boundary or by_events:
-            _walk_on(setup, chosen, scale, collected, by_events)
-        else:
-            _begun(setup, chosen, np.ones(walks, bool), scale, collected)
-    return [part.beams(len(setup.colours.to_waves)) for part in collected]
+    if not len(power):
+        return joined(parts), 0.0
+    chosen, scale = _chosen(joined(parts), power, walks)
+    wavefront.begin_streams(stream_key(seed, "render.light", number), 0, chosen.states)
+    return chosen, scale
 
 
 class _Made:

@@ -11,7 +11,7 @@ import numpy as np
 from bakery import kernels
 from bakery.grammar import fields
 from renderers import colour
-from renderers.materials.bodies import beams, chains, dipole, light, mutations, refraction, shells, smooth, thin, transport
+from renderers.materials.bodies import beams, chains, dipole, events, light, mutations, refraction, shells, smooth, transport
 from renderers.materials.bodies.bias import CLOSER, SHARPER
 from renderers.materials.bodies.bodies import Body, has_tables, holds, laid_out, medium_of, solid_shape, untabled
 from renderers.materials.bodies.declaration import DIFFUSED, FEW, GATHERED, JOINED, MUTATED
@@ -19,7 +19,7 @@ from renderers.materials.bodies.declared import methods
 from renderers.materials.bodies.gather import Gather
 from renderers.materials.bodies.paths import UNLIMITED
 from renderers.materials.bodies.setup import Transport
-from renderers.materials.bodies.thin import WALKS
+from renderers.materials.bodies.thin import WALKS, density
 from renderers.pictures.engine import Part
 from renderers.pictures.passes import Method
 from renderers.scene.budget import percent
@@ -139,12 +139,12 @@ def _body(shapes, name, asset, index, wrong, method):
 
 def _too_wide(name, vertices, faces, reduced, method):
     """What is wrong with a method by beams for a body of so many transport mean free paths; "" where nothing is."""
-    density = thin.density(vertices, faces, reduced)
-    if density >= method.fewest_beams:
+    come = density(vertices, faces, reduced)
+    if come >= method.fewest_beams:
         return ""
     size = float(np.ptp(vertices, axis=0).max() * np.max(reduced))
     able = fields.one_of([name for name, declared in methods().items() if not (declared.fewest_beams or declared.surface)])
-    return (f"{name} is {size:.3g} transport mean free paths wide: to a square one of its boundary come {density:.1g} beams of a "
+    return (f"{name} is {size:.3g} transport mean free paths wide: to a square one of its boundary come {come:.1g} beams of a "
             f"pass, and method {method.name} needs {method.fewest_beams:g}; {able} would do")
 
 
@@ -251,11 +251,17 @@ class _Passes:
         """Light of beams that lines of sight cross."""
         setup = self._setup
         width = [widths * beams.narrower(number) for widths in beams.half_widths(setup)]
-        entered, walked = zip(*(beams.entering(setup, body, entries, _LIT, number, self._seed)
+        entered, inside = zip(*(beams.entering(setup, body, entries, _LIT, number, self._seed)
                                for body, entries in enumerate(self._entries)))
-        if not self._method.tabled:
-            walked = [beams.walked(walks) for walks in self._beams(number, by_events=True)]
-        gather = beams.joins(setup, [(entered, width[0], self._rivals), (walked, width[1])])
+        first = entered, beams.spread(width[0], self._rivals)
+        if self._method.tabled:
+            second = [beams.of_events(setup, body, paths) for body, paths in enumerate(inside)]
+            gather = beams.joins(setup, [first, (second, beams.spread(width[1]))])
+        else:
+            walked = events.of_walks(setup, self._entries, self._counts.places, self._walks, number, self._seed)
+            discs, against = events.discs(width[1])
+            others = walked.beams, beams.spread(width[1], against=against)
+            gather = beams.joins(setup, [first, others], [(walked.points, discs)])
         return self._images(transport.from_eye(setup, self._most, gather, number + _BESIDE, self._seed, by_paths=False))
 
     def _images(self, sums):
@@ -279,6 +285,11 @@ class _Passes:
     def _entries(self):
         """`light.Entries` of each body."""
         return [light.entries_of(self._setup, body, _FIRST, self._seed) for body in range(len(self._setup.bodies))]
+
+    @cached_property
+    def _walks(self):
+        """Walks of light whose events lines of sight meet, of a pass."""
+        return events.walks_of(self._setup, self._entries, self._seed)
 
     @cached_property
     def _shared_picks(self):

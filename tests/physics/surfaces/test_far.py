@@ -1,0 +1,132 @@
+"""Bodies as their baked surfaces: what is expected of that, and where `auto` takes one."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bakery.physics.shapes.radial import icosphere
+
+pytest.importorskip("renderers.mitsuba", exc_type=ImportError)
+
+from renderers import choice
+from renderers import scene as scenes
+from renderers.choice import surfaces
+from renderers.materials.bodies import far
+from renderers.mitsuba.shapes import Shape
+from renderers.mitsuba.world import World
+from renderers.scene import assets, budget, candidates
+
+RECIPE = """\
+bakery: 1
+name: wall
+wavelengths: [0.55]
+tolerance: 1%
+medium: {albedo: 0.9, mean_free_path: 2 mm, phase: {type: hg, g: 0.3}}
+surface: {}
+"""
+XML = """<scene version="3.0.0">
+    <emitter type="constant"> <float name="radiance" value="0.3"/> </emitter>
+    <emitter type="directional" id="sun"> <vector name="direction" x="-0.8" y="-0.35" z="-0.6"/>
+        <float name="irradiance" value="3"/> </emitter>
+    <shape type="SHAPE" id="field"> <transform name="to_world"> <scale x="20" y="20" z="1"/> <translate z="-1"/> </transform>
+        <bsdf type="BSDF"/> </shape>
+    <shape type="cube"> <transform name="to_world"> <scale x="0.4" y="0.4" z="1"/> </transform> </shape> </scene>"""
+SCENE = """\
+bakery_scene: 2
+name: field
+scene: {mitsuba: field.xml, unit: 1 m}
+materials: [{where: {shape: field}, recipe: wall.yaml}]
+camera: {origin: [0, -8, 3] m, target: [0, 0, 0] m, fov: 40 deg}
+film: {width: 160, height: 160}
+tolerance: 5%
+stop: {noise: 1%, time: 600 s}
+"""
+NEAR = {"camera.origin": "[0, -0.42, 0.05] m", "camera.target": "[0, -0.4, 0] m"}
+
+
+def opened(folder, settings=None, shape="cube", bsdf="null"):
+    (folder / "wall.yaml").write_text(RECIPE)
+    (folder / "field.xml").write_text(XML.replace("SHAPE", shape).replace("BSDF", bsdf))
+    (folder / "field.yaml").write_text(SCENE)
+    scene = assets.together([scenes.load(folder / "field.yaml", settings or {})])[0]
+    return choice.Opened.of(scene), World.of(scene)
+
+
+def medium(albedo, g=0.0, **more):
+    one = np.array([1.0])
+    return SimpleNamespace(medium={"sigma_t": 1e3 * one, "albedo": albedo * one, "g": g * one}, surface=more)
+
+
+def test_the_mean_distance_by_diffusion_is_below_the_root_of_the_mean_square():
+    """Numerically, against the closed form of the same two points for the mean square; with absorption both fall."""
+    distances = [(far.mean_distance(medium(albedo))[0], far.spread(medium(albedo))[0]) for albedo in (0.5, 0.9, 0.99, 0.9999)]
+    means, roots = np.transpose(distances)
+    assert (means < roots).all() and (np.diff(means) > 0).all() and (np.diff(roots) > 0).all()
+    assert means[-1] < 0.5 * roots[-1]  # few paths go far
+
+
+def test_the_mean_distance_of_bins_is_that_of_their_middles():
+    bins = {"mean_square": np.ones((1, 1)), "spread_radius": np.array([[[1e3, 3e3]]]), "spread": np.zeros((1, 1, 1, 1, 2))}
+    bins["spread"][..., :] = 0.6, 0.2
+    assert far.mean_distance(medium(0.9, **bins))[0] == pytest.approx((0.6 * 0.5e-3 + 0.2 * 2e-3) / 0.8)
+
+
+def test_a_ball_of_triangles_is_off_by_its_radius():
+    """2 % : facets are not all alike.  A box, whose sides are wider than light spreads, is off at its edges only."""
+    vertices, faces = icosphere(1280)
+    ball = Shape("ball", 3 * np.asarray(vertices), np.asarray(faces), np.array([[-3.0] * 3, [3.0] * 3]), 1.0, True)
+    assert far.bent(ball, np.array([0.1, 1.0])) == pytest.approx(far.OFF * np.array([0.1, 1.0]) / 3, rel=0.02)
+    round_one = ball._replace(vertices=None, faces=None)
+    assert far.bent(round_one, np.array([0.3])) == pytest.approx(far.OFF * 0.1)
+
+
+def test_pixels_and_the_bend_decide_where_a_surface_is_offered(tmp_path):
+    far_off, world = opened(tmp_path)
+    offered, refused = surfaces.beside(far_off, world, candidates.of(far_off.scene))
+    assert [candidate.name for candidate in offered[:2]] == ["paths", "surface"] and not refused
+    assert 0 < offered[1].stated(0.05) < budget.ROOM * 0.05
+    near = far_off._replace(scene=scenes.load(tmp_path / "field.yaml", NEAR, assets=False))
+    offered, refused = surfaces.beside(near, World.of(near.scene), candidates.of(near.scene))
+    assert "surface" not in [candidate.name for candidate in offered]
+    assert "is expected, and 2.5 % allowed" in refused["materials[0] by surface"]
+
+
+@pytest.mark.slow
+def test_an_open_sheet_is_a_surface_and_a_boundary_of_another_index_is_not(tmp_path):
+    sheet, world = opened(tmp_path, shape="rectangle", bsdf="diffuse")
+    offered, refused = surfaces.beside(sheet, world, candidates.of(sheet.scene))
+    assert [candidate.name for candidate in offered] == ["surface"] and "is no closed mesh" in refused["paths"]
+    taken = choice.chosen(sheet, world)
+    assert taken.method == "surface" and taken.methods == ["surface"] and "no other candidate" in taken.sentence
+    glass, world = opened(tmp_path, bsdf="dielectric")
+    assert "surface" not in [candidate.name for candidate in surfaces.beside(glass, world, candidates.of(glass.scene))[0]]
+    assert "index 1, and the shape's has" in far.unfit(glass.scene.values.materials[0], glass.asset, world)
+
+
+@pytest.mark.slow
+def test_auto_is_a_surface_from_afar_and_as_bright_as_paths(tmp_path, monkeypatch):
+    """Pilots of so many samples, so that no clock decides how many; the picture's mean within what is allowed and six standard
+    errors: 2e-9."""
+    of, trials = choice.trial.of, []
+
+    def counted(prepare, world, seconds):
+        trials.append(of(prepare, world, None, 64))
+        return trials[-1]
+
+    monkeypatch.setattr(choice.trial, "of", counted)
+    field, world = opened(tmp_path)
+    offered = [candidate for candidate in surfaces.beside(field, world, candidates.of(field.scene))[0]
+               if candidate.name in ("paths", "surface")]
+    best = choice._Pilots(choice._prepared, field, world, choice.stop_of(field.scene, None), offered).choice()
+    paths, surface = (row["seconds"] for row in best.table)
+    assert best.method == "surface" and surface < paths, best.table
+    assert best.approximations <= budget.ROOM * 0.05
+    (mean, error), (expected, its_error) = ((pilot.level, math.sqrt(pilot.light[""].variance.sum()) / pilot.light[""].mean.size)
+                                            for pilot in (trials[1], trials[0]))
+    assert abs(mean - expected) < best.approximations * expected + 6 * math.hypot(error, its_error)
+    assert error < 0.01 * mean and its_error < 0.01 * expected
+    assert all(shape.index == 1 for shape in world.shapes() if shape.name == "field")  # as it was before the pilots
