@@ -224,9 +224,10 @@ def wigner(theta, m: int, n: int, orders: int) -> Iterator[tuple[int, np.ndarray
 def _checked(theta, phase, orders):
     theta, phase = np.asarray(theta, float), np.asarray(phase, float)
     if orders < 0:
-        raise ValueError("orders are counted from 0")
+        raise ValueError(f"{orders} orders; they are counted from 0: 0 or more would do")
     if theta.ndim != 1 or theta.size < 2 or phase.shape[-1:] != theta.shape or not (np.diff(theta) > 0).all():
-        raise ValueError("angles ascend, two at least, and the last axis of the phase function goes over them")
+        raise ValueError(f"angles of shape {theta.shape} for a phase function of shape {phase.shape}; two or more that ascend, "
+                         "and as many along the last axis of the phase function, would do")
     return theta, phase
 
 

@@ -82,7 +82,7 @@ class Height(Density):
     def __post_init__(self):
         length = math.hypot(*self.up)
         if not (length > 0 and self.falloff > 0):
-            raise ValueError("up is a direction and falloff is above 0")
+            raise ValueError(f"up {self.up} and falloff {self.falloff:g}; a direction and a falloff above 0 would do")
         object.__setattr__(self, "up", tuple(component / length for component in self.up))
 
     def _height(self, points):

@@ -121,7 +121,7 @@ def test_a_table_is_hit_and_rises_between_its_rows():
         assert tabulated(OPAC_RH, factor, h) == pytest.approx(g, rel=1e-14)
     every = [tabulated(OPAC_RH, factor, h) for h in np.linspace(0, 0.99, 400)]
     assert (np.diff(every) > 0).all()
-    with pytest.raises(ValueError, match="above the table"):
+    with pytest.raises(ValueError, match="is above the table; 0 to"):
         tabulated(OPAC_RH, factor, 0.995)
 
 

@@ -120,7 +120,7 @@ def test_a_medium_without_its_forward_delta(asset, tmp_path):
 
 @pytest.mark.parametrize("theta", [-1e-9, 3.2, np.nan, [0.1, 4.0]])
 def test_angles_that_are_none(asset, theta):
-    with pytest.raises(ValueError, match="between 0 and pi"):
+    with pytest.raises(ValueError, match="0 .forward. to pi .backward. would do"):
         asset.medium.phase(theta)
 
 

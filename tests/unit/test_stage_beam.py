@@ -125,7 +125,7 @@ def test_what_layers_cannot_be(asset, thickness, density, r, measure, said):
 def test_what_is_not_there(asset):
     for name in named.KERNELS:
         for depth, r in ((9.0, 1.0), (-1.0, 1.0), (np.nan, 1.0), (1.0, -1.0), (1.0, np.nan)):
-            with pytest.raises(ValueError, match="lie between 0 and 8 mean free paths.*beam.depth|distances"):
+            with pytest.raises(ValueError, match="lie between 0 and 8 mean free paths.*beam.depth|distance from the axis"):
                 asset.beam.kernel(depth, r, name)
     with pytest.raises(ValueError, match="fluence, forward, flux, single, small_angle, .* path_integral and elek are there"):
         asset.beam.kernel(1.0, 1.0, "best")

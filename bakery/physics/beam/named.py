@@ -54,7 +54,7 @@ class Kernels:
         depth, r = np.asarray(depth, float), np.asarray(r, float)
         self._reachable(depth)
         if not (r >= 0).all():
-            raise ValueError("distances from the axis are 0 or more mean free paths")
+            raise ValueError(f"a distance from the axis of {r[~(r >= 0)].flat[0]:g} mean free paths; 0 or more would do")
         if self.albedo == 0:
             return np.zeros(np.broadcast(depth, r).shape)
         if name in TABLES:
@@ -76,8 +76,9 @@ class Kernels:
         _known(name, LAYERED)
         edges, density = layers.checked(thickness, density)
         shape, r = np.shape(r), np.asarray(r, float).ravel()
-        if not (np.isfinite(r) & (r > 0)).all():
-            raise ValueError("behind layers, distances from the axis are above 0")
+        outside = r[~(np.isfinite(r) & (r > 0))]
+        if outside.size:
+            raise ValueError(f"a distance from the axis of {outside[0]:g} behind layers; a finite one above 0 would do")
         tau = layers.equivalent(edges, density)[0]
         self._reachable(tau)
         if tau == 0 or self.albedo == 0:

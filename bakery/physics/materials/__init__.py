@@ -52,8 +52,9 @@ def index(table: Table, wavelength) -> tuple[np.ndarray, np.ndarray]:
     """
     wavelength = np.asarray(wavelength, dtype=float)
     low, high = table.wavelength[0], table.wavelength[-1]
-    if not ((wavelength >= low) & (wavelength <= high)).all():
-        raise ValueError(f"wavelength outside the table, {low:g} to {high:g} um")
+    outside = wavelength[~((wavelength >= low) & (wavelength <= high))]
+    if outside.size:
+        raise ValueError(f"wavelength {outside.flat[0]:g} um is outside the table; {low:g} to {high:g} um would do")
     right = np.clip(np.searchsorted(table.wavelength, wavelength), 1, len(table.wavelength) - 1)
     below = right - 1
     share = (wavelength - table.wavelength[below]) / (table.wavelength[right] - table.wavelength[below])

@@ -38,7 +38,7 @@ def tabulated(humidity, factor, wanted: float) -> float:
     """
     h, g = np.asarray(humidity, float), np.asarray(factor, float)
     if wanted > h[-1]:
-        raise ValueError(f"humidity {wanted:g} above the table, which ends at {h[-1]:g}")
+        raise ValueError(f"humidity {wanted:g} is above the table; 0 to {h[-1]:g} would do")
     if wanted == 0:
         return 1.0
     if wanted in h:

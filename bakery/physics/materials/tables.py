@@ -72,7 +72,7 @@ def _log_interpolate(table, wavelength: float) -> float:
     for (w0, k0), (w1, k1) in zip(table, table[1:]):
         if w0 <= wavelength <= w1:
             return k0 * (k1 / k0) ** ((wavelength - w0) / (w1 - w0))
-    raise ValueError(f"{wavelength} um outside the table")
+    raise ValueError(f"wavelength {wavelength} um is outside the table; {table[0][0]:g} to {table[-1][0]:g} um would do")
 
 
 def _grid(low: int, high: int) -> list[float]:

@@ -108,8 +108,9 @@ def phase_at(theta, f, at):
     ValueError : an angle outside 0 .. pi, or not finite
     """
     theta, f, at = np.asarray(theta, float), np.asarray(f, float), np.asarray(at, float)
-    if not ((at >= 0) & (at <= math.pi)).all():
-        raise ValueError("scattering angles lie between 0 and pi")
+    outside = at[~((at >= 0) & (at <= math.pi))]
+    if outside.size:
+        raise ValueError(f"scattering angle {outside.flat[0]:g}; 0 (forward) to pi (backward) would do")
     i = np.clip(np.searchsorted(theta, at, side="right") - 1, 0, len(theta) - 2)
     a, b = theta[i], theta[i + 1]
     t = np.sin((at + a) / 2) * np.sin((at - a) / 2) / (np.sin((a + b) / 2) * np.sin((b - a) / 2))

@@ -40,8 +40,9 @@ def places(stored, wanted) -> Places:
     stored, wanted = np.asarray(stored, float), np.asarray(wanted, float)
     order = np.argsort(stored)
     ascending = stored[order]
-    if not ((wanted >= ascending[0] * (1 - SAME)) & (wanted <= ascending[-1] * (1 + SAME))).all():
-        raise ValueError("a wavelength outside of those that are stored")
+    outside = wanted[~((wanted >= ascending[0] * (1 - SAME)) & (wanted <= ascending[-1] * (1 + SAME)))]
+    if outside.size:
+        raise ValueError(f"wavelength {outside.flat[0]:g} um is not stored; {ascending[0]:g} to {ascending[-1]:g} um would do")
     nearest = order[np.argmin(np.abs(ascending - wanted[..., None]), axis=-1)]
     same = np.abs(stored[nearest] - wanted) <= SAME * stored[nearest]
     upper = np.clip(np.searchsorted(ascending, wanted), min(1, stored.size - 1), stored.size - 1)

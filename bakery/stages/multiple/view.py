@@ -100,9 +100,9 @@ class Source:
         from bakery.physics.multiple import lookup
 
         if self.kind == "point" and length is not None:
-            raise ValueError("a point source has no length")
+            raise ValueError(f"length {length} of a point source, which has none; None would do")
         if length is not None and not length >= 0:
-            raise ValueError(f"length {length}: 0 or more mean free paths")
+            raise ValueError(f"length {length}; 0 or more mean free paths would do")
         values = []
         for point, segment, stretch in self.tables():
             at = np.multiply(rho, stretch), np.multiply(z, stretch), theta, phi

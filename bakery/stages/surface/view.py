@@ -145,8 +145,9 @@ class Surface(Members):
 
 def _cosine(theta) -> np.ndarray:
     theta = np.asarray(theta, float)
-    if not ((theta >= 0) & (theta < math.pi / 2)).all():
-        raise ValueError("angles from the normal are 0 or more, and below pi/2")
+    outside = theta[~((theta >= 0) & (theta < math.pi / 2))]
+    if outside.size:
+        raise ValueError(f"angle {outside.flat[0]:g} from the normal; radians from 0 to below pi/2 would do")
     return np.cos(theta)
 
 
