@@ -6,6 +6,7 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from renderers.mitsuba.shading import single
 
 import mitsuba as mi  # isort: skip
 
@@ -29,7 +30,8 @@ class Distances:
         self._shape, self._low, self._edge = mi.Vector3u(shape.tolist()), mi.Point3f(low.tolist()), mi.Float(edge)
         self._voxels = mi.UInt32(int(np.prod(shape)))
         dr.make_opaque(self._shape, self._low, self._edge, self._voxels)
-        self._values = mi.Float(np.concatenate([self._shortest(scene, manifold, each, int(np.prod(shape))) for each in towards]))
+        shortest = [self._shortest(scene, manifold, each, int(np.prod(shape))) for each in towards]
+        self._values = single(mi, np.concatenate(shortest))
 
     def _shortest(self, scene, manifold, towards, voxels):
         random = mi.PCG32(voxels * _RAYS)

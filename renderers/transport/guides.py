@@ -12,6 +12,7 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from renderers.mitsuba.shading import single
 from renderers.transport.distances import Distances
 
 import mitsuba as mi  # isort: skip
@@ -58,9 +59,9 @@ class Guides:
             return
         share, solid = light / np.maximum(total, 1e-30)[:, None], 4 * math.pi / self._count
         often = np.minimum(1, total / np.quantile(total[total > 0], _BRIGHT))
-        self._density = mi.Float((share / solid).astype(np.float32).ravel())
-        self._often = mi.Float(often.astype(np.float32))
-        self._cumulated = mi.Float(np.cumsum(share, axis=1).astype(np.float32).ravel())
+        self._density = single(mi, (share / solid).ravel())
+        self._often = single(mi, often)
+        self._cumulated = single(mi, np.cumsum(share, axis=1).ravel())
         self._distances = Distances(scene.scene, manifold, [self._towards])
 
     def _measured(self, scene, manifold, voxels, follow):

@@ -15,6 +15,7 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from renderers.mitsuba.shading import single
 
 import mitsuba as mi  # isort: skip
 
@@ -156,7 +157,7 @@ class Manifold:
         self._firsts = numbered(scene, shapes, firsts[:len(shapes)])
         self._pane_firsts = numbered(scene, panes, firsts[len(shapes):-1])
         self._around = numbered(scene, shapes, [around[shape] for shape in shapes], np.float32) if panes else None
-        self._table = mi.Float(np.concatenate(tables).astype(np.float32).ravel())
+        self._table = single(mi, np.concatenate(tables).ravel())
         corners = np.concatenate(tables[:len(shapes)])[:, :3]
         self.box = corners.min(axis=0), corners.max(axis=0)
 

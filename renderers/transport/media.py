@@ -12,6 +12,7 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from renderers.mitsuba.shading import single
 
 import mitsuba as mi  # isort: skip
 
@@ -167,7 +168,7 @@ def _padded(row, length, value):
 
 
 def _column(rows):
-    return mi.Float(np.concatenate(list(rows)).astype(np.float32))
+    return single(mi, np.concatenate(list(rows)))
 
 
 def _rows(table):
@@ -175,4 +176,4 @@ def _rows(table):
     table = np.asarray(table)
     padded = np.zeros((len(table), -(-table.shape[1] // _PACKET) * _PACKET), np.float32)
     padded[:, :table.shape[1]] = table
-    return mi.Float(padded.ravel())
+    return single(mi, padded.ravel())

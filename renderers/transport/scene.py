@@ -7,6 +7,7 @@ import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba.recording import pointers
+from renderers.mitsuba.shading import single
 from renderers.transport import regions
 from renderers.transport.boundaries import Boundaries
 from renderers.transport.media import Media
@@ -47,7 +48,7 @@ class View:
         self._camera = [mi.Point3f(*row) for row in _camera(world.camera, world.unit).tolist()]
         self._to_rgb, self._to_waves = _entries(colours.to_rgb), _entries(colours.to_waves)
         self._width = mi.UInt32(world.size[1])
-        self._corners = None if world.corners is None else [mi.Float(column.astype(np.float32)) for column in world.corners.T]
+        self._corners = None if world.corners is None else [single(mi, column) for column in world.corners.T]
         dr.make_opaque(self._camera, self._width)
 
     def variables(self) -> list:

@@ -5,8 +5,6 @@ Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,7 +15,6 @@ from renderers import colour
 from renderers.materials.bodies import methods
 from renderers.materials.bodies.bodies import untabled
 from renderers.mitsuba import variants
-from renderers.mitsuba.recording import undisturbed
 from renderers.mitsuba.world import World
 from renderers.transport import boundaries, loop
 from renderers.transport.media import Media, scattered
@@ -26,6 +23,7 @@ from tests.odds import ODDS, sigmas
 from tests.physics import test_translucent as bodies
 from tests.physics.particles import blocks, same
 from tests.physics.test_translucent import BALL, FLOOR, PANEL, SKY
+from tests.renders import undisturbed_by_scenes
 
 import drjit as dr  # isort: skip  behind renderers.mitsuba, which finds LLVM
 import mitsuba as mi  # isort: skip
@@ -96,22 +94,21 @@ def test_passes_depend_on_their_number_and_the_seed_alone(matched):
         dr.set_thread_count(threads)
 
 
-def kernels_of_later_passes(folder):
-    """Sizes of the kernels of two passes with another seed than those before, and whether each was there already."""
-    ball = transport(folder, {"ball": (BALL, asset([0.9, 0.8, 0.5], 0.3, (1.0, 0.8, 0.6)))}, PANEL + FLOOR, [1.0])
-    with undisturbed(), dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        passes(ball, [0])
-        dr.kernel_history_clear()
-        passes(ball, [1, 2], seed=3)
-        return [(kernel["size"], kernel["cache_hit"]) for kernel in dr.kernel_history([dr.KernelType.JIT])]
+def kernels_of_passes(ball):
+    """Hashes of the kernels of three passes, of two seeds."""
+    compiled = []
+    for number, seed in ((0, 0), (1, 3), (2, 3)):
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            passes(ball, [number], seed=seed)
+            kernels = dr.kernel_history([dr.KernelType.JIT])
+        compiled.append([kernel["hash"] for kernel in kernels if kernel["size"] > 200])
+    return compiled
 
 
-def test_one_kernel_serves_all_passes_and_seeds(tmp_path):
-    # in a process of its own: kernels hold all surfaces of a process, and those of other tests may go at any moment
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
-        kernels = process.submit(kernels_of_later_passes, tmp_path).result()
-    assert kernels and all(is_there for _, is_there in kernels)
-    assert sum(size > 200 for size, _ in kernels) == 2, "a launch a pass"
+def test_one_kernel_serves_all_passes_and_seeds(matched):
+    first, *later = undisturbed_by_scenes(kernels_of_passes, matched)
+    assert len(first) == 1 and all(hashes == first for hashes in later), "a launch a pass"
 
 
 @pytest.mark.parametrize("index", [1.0, 1.4])

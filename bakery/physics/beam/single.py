@@ -84,7 +84,7 @@ def single(albedo, line: Line, depth, r):
     """
     depth, r = np.broadcast_arrays(np.asarray(depth, float), np.asarray(r, float))
     out = np.empty((2, 2, depth.size))
-    _single(np.ascontiguousarray(depth).ravel(), np.ascontiguousarray(r).ravel(), line.theta, line.edge, line.weight,
+    _single(np.array(depth, order="C").ravel(), np.array(r, order="C").ravel(), line.theta, line.edge, line.weight,
             line.tangent, line.forward, out)
     out *= albedo
     return tuple(out.reshape(2, 2, *depth.shape))

@@ -125,7 +125,7 @@ def twice(at: Point, depth, r):
     out = np.zeros((2, depth.size))
     x, w = np.polynomial.legendre.leggauss(_NODES)
     turn = math.asinh(at.theta[1] / at.scale)
-    _sum(np.ascontiguousarray(depth).ravel(), np.ascontiguousarray(r).ravel(), at.r, (turn, at.scale, at.light, at.decay), (x, w),
+    _sum(np.array(depth, order="C").ravel(), np.array(r, order="C").ravel(), at.r, (turn, at.scale, at.light, at.decay), (x, w),
          out)
     return out[0].reshape(depth.shape), out[1].reshape(depth.shape)
 
