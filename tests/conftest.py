@@ -169,6 +169,8 @@ def pytest_sessionstart(session):
     worker = getattr(session.config, "workerinput", None)
     if worker is None:
         return
+    with contextlib.suppress(Exception):
+        importlib.import_module("renderers.mitsuba")  # finds LLVM, before a test file imports Dr.Jit
     files, number = sorted((ROOT / "tests").glob("*/test_*.py")), int(worker["workerid"].removeprefix("gw"))
     for file in files[number::worker["workercount"]]:
         # what does not import is told where pytest itself imports it

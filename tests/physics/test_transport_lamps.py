@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import renderers.mitsuba  # noqa: F401  before Dr.Jit: it finds LLVM
 from renderers.transport import lamps, passes, samples, scene, solid_angles, wide
 from renderers.transport.scene import Scene
 from tests.odds import ODDS, sigmas

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+import renderers.mitsuba  # noqa: F401  before Dr.Jit: it finds LLVM
 from renderers.transport import loop, passes, strata
 from renderers.transport.scene import Scene
 from tests.physics import test_transport as loops

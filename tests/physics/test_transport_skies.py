@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import renderers.mitsuba  # noqa: F401  before Dr.Jit: it finds LLVM
 from renderers.transport.scene import Scene
 from renderers.transport.skies import Sky
 from tests.physics import test_transport as loops
