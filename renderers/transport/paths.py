@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from renderers import threads
 from renderers.transport import wavefront
 
 REACHED, EVENT, ENDED = range(3)  # what a material has taken a path to: where it was to go, an event, nowhere
@@ -111,8 +112,10 @@ def follow(total, together, begin, step):
     begin : (first, last) -> paths of these numbers;  step : paths -> those that go on
     """
     started, paths = 0, begin(0, 0)
-    while started < total or paths.count:
-        if started < total and paths.count < together // 2:
-            last = min(started + together, total)
-            started, paths = last, joined([paths, begin(started, last)])
-        paths = step(paths)
+    with threads.of_drjit() as expect:
+        while started < total or paths.count:
+            if started < total and paths.count < together // 2:
+                last = min(started + together, total)
+                started, paths = last, joined([paths, begin(started, last)])
+            expect(paths.count)
+            paths = step(paths)
