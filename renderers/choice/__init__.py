@@ -271,19 +271,24 @@ class _Pilots:
         first, *others = self._offered
         limit = math.inf if self._stop.time is None else self._stop.time
         self._try(first, min(_LONGEST, 0.3 * _SHARE * limit))
-        whole = min(limit, self._seconds_to_end(self._trials[first]))
-        seconds_left = _SHARE * whole
+        whole, spent = min(limit, self._seconds_to_end(self._trials[first])), 0.0
         for name in others:
-            needed = self._offered[name].pilot
+            needed, seconds_left = self._offered[name].pilot, _SHARE * whole - spent
             if seconds_left < needed:
                 self._why[name] = f"not tried: a pilot takes {needed:.2g} s, and the picture {whole:.2g} s"
                 continue
             try:
                 self._try(name, min(_LONGEST, 0.5 * seconds_left))
-                seconds_left -= self._trials[name].seconds
+                spent += self._trials[name].seconds
+                whole = min(whole, self._at_most(name))
             except (AssetError, UsageError) as fault:
                 self._why[name] = f"not possible: {fault}"
-        self._tell_more(seconds_left)
+        self._tell_more(_SHARE * whole - spent)
+
+    def _at_most(self, name) -> float:
+        """What the render takes at most, now that this may be what is taken: others have less time for their pilots then."""
+        taken = self._offered[name].eligible and self._fits(name, self._exact())[0]
+        return self._seconds_to_end(self._trials[name]) if taken else math.inf
 
     def _try(self, name, seconds):
         opened = self._opened._replace(scene=candidates.applied(self._opened.scene, self._offered[name]))

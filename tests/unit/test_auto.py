@@ -222,6 +222,14 @@ def test_chains_are_taken_where_variance_times_time_is_less(monkeypatch):
     assert taken(monkeypatch, (paths, tried(1.0)), (chains, blotched)).method == "paths"
 
 
+def test_what_is_found_to_be_quick_leaves_others_less_time(monkeypatch):
+    """A tenth of ten thousand seconds is enough for the third; of four, as the second shows them, it is not."""
+    others = method("paths", exact=True), tried(1.0)
+    slow = method("shells", exact=True, pilot=4.0), tried(1.0)
+    assert taken(monkeypatch, others, (surface(0), tried(1e-3)), slow).table[2]["why"].startswith("not tried: a pilot takes 4 s")
+    assert taken(monkeypatch, others, (surface(0, stated=0.06), tried(1e-3)), slow).table[2]["seconds"] is not None
+
+
 def test_pilots_of_slow_paths_take_fewer_samples():
     """Two passes of 16 samples would take a hundred times as long as a pilot may."""
     samples = []
