@@ -34,7 +34,7 @@ def check(path: Path, source: Source, tree: Tree, text: str, problems: list[Prob
     parsed, values, wrong = validated(schema.recipe_file(), tree.root)
     problems += wrong
     checker = Checker(tree.root, values, Folder(path.parent), schema.sections(),
-                      read=lambda other: _named(other, (*within, os.path.realpath(path))))
+                      read=lambda file: _named(file, (*within, os.path.realpath(path))))
     checker.run()
     problems = distinct(problems + checker.problems)
     if problems:

@@ -69,11 +69,11 @@ class Solution:
     def _terms(self, orders, mu, mu0):
         """Fourier orders (M, K) at pairs of cosines (K,) in air, each cosine interpolated once."""
         (out, row), (into, column) = (np.unique(cosine, return_inverse=True) for cosine in (mu, mu0))
-        ways = [(way, vanishing(way, self.nodes.air, cosine)) for cosine in (out, into)
-                for way in (interpolation(self.nodes.at, coordinate(cosine, self.slab.index)),)]
+        spans = [(span, vanishing(span, self.nodes.air, cosine)) for cosine in (out, into)
+                for span in (interpolation(self.nodes.at, coordinate(cosine, self.slab.index)),)]
         terms = np.empty((len(orders), len(mu)))
         for m, order in enumerate(orders):
-            out, into = (way[m > 1 and m % 2 == 0] for way in ways)
+            out, into = (span[m > 1 and m % 2 == 0] for span in spans)
             terms[m] = np.einsum("ki,ki->k", (out @ order)[row], into[column])
         terms[1::2] *= np.sqrt((1 - mu * mu) * (1 - mu0 * mu0)) / self.slab.index**2
         return terms

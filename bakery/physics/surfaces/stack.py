@@ -152,23 +152,23 @@ class Stacked:
         """The same inside of the uppermost boundary, at directions that are those in air; arrays of one shape."""
         n = self.nodes.index
         (out, row), (into, column) = (np.unique(cosine, return_inverse=True) for cosine in (mu, mu0))
-        ways = [(way, vanishing(way, self.nodes.air, cosine)) for cosine in (out, into)
-                for way in (interpolation(self.nodes.at, coordinate(cosine, n)),)]
+        spans = [(span, vanishing(span, self.nodes.air, cosine)) for cosine in (out, into)
+                for span in (interpolation(self.nodes.at, coordinate(cosine, n)),)]
         smooth, sines = np.zeros(mu.shape), np.sqrt((1 - mu * mu) * (1 - mu0 * mu0)) / n**2
         for m, order in enumerate(self.reflected):
-            out, into = (way[m > 1 and m % 2 == 0] for way in ways)
+            out, into = (span[m > 1 and m % 2 == 0] for span in spans)
             term = np.einsum("...i,...i->...", (out @ order)[row.reshape(mu.shape)], into[column.reshape(mu.shape)])
             smooth += (2.0 if m else 1.0) * term * np.cos(m * phi) * (sines if m % 2 else 1.0)
-        return smooth / (fresnel.inside(mu, n) + fresnel.inside(mu0, n)) + self.known(mu, mu0, phi)
+        return smooth / (fresnel.inside(mu, n) + fresnel.inside(mu0, n)) + self.exact(mu, mu0, phi)
 
     def transmission(self, mu, mu0, phi):
         """0: what is under a stack is infinite, or sends back."""
         return np.zeros(np.broadcast_shapes(*map(np.shape, (mu, mu0, phi))))
 
-    def known(self, mu, mu0, phi):
+    def exact(self, mu, mu0, phi):
         """What is exact at every angle, inside of the uppermost boundary."""
-        total, there, below = 0.0, _way(self.slab, self.cuts, mu), None
-        for (part, without, inner, share), (*_, inner0, share0) in zip(there, _way(self.slab, self.cuts, mu0)):
+        total, there, below = 0.0, _reached(self.slab, self.cuts, mu), None
+        for (part, without, inner, share), (*_, inner0, share0) in zip(there, _reached(self.slab, self.cuts, mu0)):
             phase = 4 * math.pi * phase_at(part.theta, part.phase, single.turned(inner, inner0, phi, -1))
             depth = part.depth * without.shrinks if part.depth else 0.0
             total = total + 0.25 * part.albedo / without.shrinks * phase * single.upward(inner, inner0, depth) * share * share0
@@ -176,7 +176,7 @@ class Stacked:
         return total + (below[0].base or 0.0) * below[1]
 
 
-def _way(slab: Slab, cuts: Sequence[Cut], mu) -> Iterator[tuple]:
+def _reached(slab: Slab, cuts: Sequence[Cut], mu) -> Iterator[tuple]:
     """Of each layer: itself, its cut, cosines in it, and the share of light that gets there unscattered, times n / n_top."""
     (parts, _), n = layers(slab), slab.index
     share, inner = np.ones(np.shape(mu)), fresnel.inside(mu, n)
@@ -214,7 +214,7 @@ def stacked(slab: Slab, moments: Sequence, count: int, tolerance: float = 1e-6) 
     parts, bottom = layers(slab)
     cuts = tuple(cut(row, part.albedo, count) for row, part in zip(moments, parts, strict=True))
     nodes = directions(enough(count, _LEAST_NODES), [part.index for part in parts])
-    top, known = nodes.top, _Known(nodes, parts, cuts)
+    top, exact = nodes.top, _Exact(nodes, parts, cuts)
     keep = slice(top.leaving)
     mu, flux, through = top.mu[keep], np.sqrt(top.flux[keep]), 1 - top.reflected[keep]
     missed = _missed(nodes, parts, cuts, top.leaving < count + SPARE)
@@ -227,7 +227,7 @@ def stacked(slab: Slab, moments: Sequence, count: int, tolerance: float = 1e-6) 
         if order == 0:
             again = through**2 * mirrored[keep] / (1 - top.reflected[keep] * mirrored[keep])
             albedo = top.reflected[keep] + through * ((through * flux) @ upward) / flux + again
-        rest = upward / np.outer(flux, flux) - known.of(phases, order)
+        rest = upward / np.outer(flux, flux) - exact.of(phases, order)
         orders.append(0.5 * (rest + rest.T) * sums / (np.outer(sines, sines) if order % 2 else 1.0))
         largest = [np.abs(part).max() for part in orders]
         small = small + 1 if largest[-1] <= _NEGLIGIBLE * tolerance * largest[0] else 0
@@ -298,13 +298,13 @@ def _escaping(mirrored, scattered, boundary):
     return result / (1 - mirrored * boundary)[:, None]
 
 
-class _Known:
-    """At the nodes that leave, what `Stacked.known` is with the cut phase functions."""
+class _Exact:
+    """At the nodes that leave, what `Stacked.exact` is with the cut phase functions."""
 
     def __init__(self, nodes: Directions, parts, cuts):
         air, keep = nodes.top.air, slice(nodes.top.leaving)
         self.keep, self.factors, self.base = keep, [], 0.0
-        for part, without, inner, share in _way(parts[0], cuts, air):
+        for part, without, inner, share in _reached(parts[0], cuts, air):
             depth = part.depth * without.shrinks if part.depth else 0.0
             shape = single.upward(inner[:, None], inner, depth) * np.outer(share, share)
             self.factors.append(0.25 * without.albedo * shape)

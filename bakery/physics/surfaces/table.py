@@ -196,8 +196,8 @@ def _grid(solution, orders, nodes: int, azimuths: int):
     weights = interpolation(solution.nodes.at, coordinate(mu, index))
     sines = np.sqrt((1 - mu) * (1 + mu)) / index
     falling = weights if rough else vanishing(weights, solution.nodes.air, mu)
-    ways = [falling if m > 1 and m % 2 == 0 else weights for m in range(len(orders))]
-    terms = np.stack([way @ order @ way.T for way, order in zip(ways, orders, strict=True)])
+    spans = [falling if m > 1 and m % 2 == 0 else weights for m in range(len(orders))]
+    terms = np.stack([span @ order @ span.T for span, order in zip(spans, orders, strict=True)])
     terms[1:] *= 2
     terms[1::2] *= np.outer(sines, sines)
     waves = np.cos(np.arange(len(orders))[:, None] * angles(azimuths))

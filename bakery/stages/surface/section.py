@@ -10,7 +10,7 @@ from bakery.grammar.section import Section
 from bakery.grammar.text import Mapping
 from bakery.grammar.units import FRACTION, LENGTH
 from bakery.stages.declaration import RecipeSection, own_tolerance
-from bakery.stages.surface import base as other
+from bakery.stages.surface import base as bases
 
 if TYPE_CHECKING:
     from bakery.recipe.checker import Checker
@@ -65,7 +65,7 @@ def check(checker: "Checker", section: Mapping) -> None:
     base, boundary = section.get("base"), section.get("boundary")
     if isinstance(base, Mapping):
         checker.one_each(base, "albedo")
-        other.check(checker, base)
+        bases.check(checker, base)
     infinite = "thickness" not in section or checker.value(section, "thickness") == INFINITE
     if base is not None and infinite:
         checker.report_section(base, "found a base under an infinite layer, which no light reaches",

@@ -12,7 +12,7 @@ from bakery.physics.medium.similarity import without_delta
 from bakery.stages import rules
 from bakery.stages.declaration import ANY, Cost, Output, Result, Stage, datasets, later
 from bakery.stages.medium.section import phase_keys
-from bakery.stages.surface import base as other
+from bakery.stages.surface import base as bases
 from bakery.stages.surface import spread, under
 from bakery.stages.surface.section import INFINITE, SURFACE
 from bakery.stages.surface.triangles import packed
@@ -95,7 +95,7 @@ def solved(slab, count: int, tolerance: float):
 
 def compute(inputs: dict, context) -> Result:
     on = inputs.get("under")
-    below = None if on is None else other.layers_of(on, inputs["wavelength"], inputs["layer"], context)
+    below = None if on is None else bases.layers_of(on, inputs["wavelength"], inputs["layer"], context)
     cases, tolerance = slabs(inputs, below), context.tolerance
     shape = len(inputs["sigma_t"]), 1 if inputs["thickness"] is None else len(inputs["thickness"])
     needed = []
