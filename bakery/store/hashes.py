@@ -21,11 +21,11 @@ UNHASHED = ("provenance",)  # members of the root that may differ between two ba
 _NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
-def content_hash(member: Dataset | Group, without: tuple[str, ...] = (), known: Mapping[str, str] = _NOTHING) -> str:
+def content_hash(member: Dataset | Group, without: tuple[str, ...] = (), digests: Mapping[str, str] = _NOTHING) -> str:
     """SHA-256, in hexadecimal, over names, shapes, types, attributes and bytes of all that a member holds.
 
     Attributes called `content_hash` and the direct members named in `without` do not enter; the order of members does not matter.
-    `known` holds hashes of direct members that were computed already.
+    `digests` holds hashes of direct members that were computed already.
     """
     digest = hashlib.sha256()
     if isinstance(member, Group):
@@ -33,7 +33,7 @@ def content_hash(member: Dataset | Group, without: tuple[str, ...] = (), known: 
         _add_attributes(digest, member.attributes)
         for name in sorted(member.members):
             if name not in without:
-                digest.update(f"member {name} {known.get(name) or content_hash(member.members[name])}\n".encode())
+                digest.update(f"member {name} {digests.get(name) or content_hash(member.members[name])}\n".encode())
         return digest.hexdigest()
     digest.update(b"dataset\n")
     _add_attributes(digest, {"description": member.description, "units": member.units})
@@ -45,9 +45,9 @@ def content_hash(member: Dataset | Group, without: tuple[str, ...] = (), known: 
     return digest.hexdigest()
 
 
-def root_hash(root: Group, known: Mapping[str, str] = _NOTHING) -> str:
+def root_hash(root: Group, digests: Mapping[str, str] = _NOTHING) -> str:
     """The hash of a whole asset: everything but its provenance."""
-    return content_hash(root, UNHASHED, known)
+    return content_hash(root, UNHASHED, digests)
 
 
 def seal(root: Group) -> Group:

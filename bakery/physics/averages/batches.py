@@ -138,8 +138,8 @@ class _Batch:
         error = self.error()
         if self.areas is not None:
             light = self.areas * self._by_channel((self.fixed + self.sums)[0] / self._totals())
-            lit, missed = np.sum(light, axis=1), np.sum(light * error, axis=1)
-            share = np.divide(missed, lit, out=np.zeros_like(lit), where=lit > 0)
+            scattered, missed = np.sum(light, axis=1), np.sum(light * error, axis=1)
+            share = np.divide(missed, scattered, out=np.zeros_like(scattered), where=scattered > 0)
             error = np.broadcast_to(share[:, None], error.shape)
         error = np.ravel(error)
         open_ = (error > self.target) & ~self.left
