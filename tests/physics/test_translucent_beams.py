@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bakery.kernels import stream_key
-from renderers.materials.bodies import _beams, beams, methods
+from renderers.materials.bodies import _beams, _points, beams, methods
 from renderers.materials.bodies._cells import cells_of
 from renderers.materials.bodies.paths import Paths
 from renderers.materials.bodies.surfaces import _share
@@ -58,6 +58,39 @@ def test_cells_lose_and_double_nothing():
         _beams.join(medium, lit, cells, _beams.Spread(radius, 0.0, 0.0), lines, -view, brought, 0, 200)
         found.append(brought)
     assert (found[0] > 0).any(axis=2).sum() > 100 and np.allclose(*found, rtol=1e-9)
+
+
+def test_points_and_beams_share():
+    """Flights in the open bring lines of sight the same light as beams, as points at their ends, and as both, of which neither
+    brings all."""
+    origin, direction, ending, _ = _scattered(60000)
+    medium, radius, half_width = scatterer([2.0], [0.9], np.linspace(0, np.pi, 5), np.full((1, 5), 1 / (4 * np.pi))), 0.1, 0.12
+    flown, power, before = -np.log1p(-ending) / 2.0, np.full((60000, 1), 1 / 60000), np.zeros(60000, np.int64)
+    lit = beams.begun(origin, direction, np.full(60000, 3.0), power, before)
+    points = _points.Points(np.concatenate([origin + flown[:, None] * direction, direction], axis=1), flown, power, before)
+    along = _scattered(400)[1]
+    lines = Paths.begun(-0.4 * along, along, np.ones((400, 1)), np.zeros(400, np.uint64), np.arange(400))
+    lines.far[:] = 0.8
+
+    def brought(against, with_beams, with_points):
+        """(400,) radiance; nothing is cut off where lines begin, as they face along themselves."""
+        sums = np.zeros((3, 400, 1))
+        if with_beams:
+            cells = cells_of(np.full(3, -1.5), np.full(3, 1.5), 0.2, _beams.entered, lit.ray, lit.length, half_width)
+            _beams.join(medium, lit, cells, _beams.Spread(half_width, 0.0, against), lines, np.zeros((400, 3)), sums, 0, 400)
+        if with_points:
+            cells = cells_of(np.full(3, -1.5), np.full(3, 1.5), 0.2, _points.entered, points.ray, radius)
+            _points.join(medium, points, cells, _points.Disc(radius, against), lines, -along, sums, 0, 400)
+        return sums.sum(axis=(0, 2))
+
+    scale = np.pi * radius**2 / (2 * half_width)
+    only_beams, only_points, both = brought(0.0, True, False), brought(np.inf, False, True), brought(scale, True, True)
+    part = brought(scale, False, True).mean() / both.mean()
+    assert 0.05 < part < 0.95
+    for other in (only_points, both):
+        difference = other - only_beams
+        error = difference.std() / 400**0.5
+        assert error < 0.03 * only_beams.mean() and abs(difference.mean()) < 5.4 * error + 0.01 * only_beams.mean()
 
 
 @pytest.mark.slow
