@@ -13,7 +13,7 @@ import pytest
 from bakery.physics.medium import phase
 from renderers import colour
 from renderers.materials.bodies import methods
-from renderers.materials.bodies.bodies import untabled
+from renderers.materials.bodies.bodies import rounding, untabled
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
 from renderers.transport import boundaries, loop
@@ -228,3 +228,23 @@ def test_refraction_is_no_loss_to_roulette(tmp_path, monkeypatch):
     how = transport(tmp_path, {"ball": (BALL, asset(1.0, 0.0))}, even, [1.4], size=16)
     by_order, _ = loop.trace(Scene(how.world, how.bodies, how.colours, drawn=False), (1, 2), 256, 1, False)
     assert np.quantile(abs(by_order.sum(axis=1) - 1), 0.95) < 1e-4
+
+
+def test_light_that_rounding_takes(tmp_path):
+    """A cube far from the origin loses light, about as much as is stated, and a report says so."""
+    media, pictures = asset([0.99, 0.9, 0.5], 0.5, (0.05,) * 3), []
+    for number, far in enumerate((0, 1 << 15)):
+        (tmp_path / str(number)).mkdir()
+        around = transport(tmp_path / str(number), {"ball": (box((far - 5, -5, 0), (far + 5, 5, 5)), media)}, SKY, [1.0])
+        camera = (tmp_path / str(number) / "scene.xml").read_text().replace('origin="0,', f'origin="{far},')
+        (tmp_path / str(number) / "scene.xml").write_text(camera.replace('target="0,', f'target="{far},'))
+        world = World(tmp_path / str(number) / "scene.xml")
+        around = methods.transport_of(world, ["ball"], [media], [None], lambda *where: ValueError(where), "paths")
+        pictures.append(passes(around, range(32)).mean(axis=(1, 2)))
+    near, at = pictures
+    lost = 1 - at.mean(axis=0) / near.mean(axis=0)
+    error = np.hypot(*(part.std(axis=0, ddof=1) / part.mean(axis=0) for part in pictures)) / 32**0.5
+    (body,) = around.bodies
+    assert 0.02 < rounding(body) < 0.04 and np.all(lost < 1.5 * rounding(body) + sigmas(64) * error)
+    assert lost[1] > 0.5 * rounding(body) + sigmas(64) * error[1]
+    assert "3.28e+04 m" in methods._rounded([body])[0] and not methods._rounded([body._replace(vertices=body.vertices - [far, 0, 0])])

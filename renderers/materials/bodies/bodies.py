@@ -17,6 +17,7 @@ from renderers.threads import run
 from renderers.transport import solids
 from renderers.transport.scattering import Scatterer, scatterer
 
+_ROUNDING = 0.4  # light lost, times mean free paths over the distance of neighbouring numbers
 _VOXELS = 64  # along the longest edge of the box around all bodies
 
 
@@ -81,6 +82,15 @@ def refusal(shapes, name, index) -> str:
     except UsageError as fault:
         return str(fault)
     return ""
+
+
+def rounding(body) -> float:
+    """Share of its light that a body loses where positions are held in single precision, as in the loop of Dr.Jit: about.
+
+    It grows as the distance of two neighbouring numbers over the mean free path.  Measured with cubes of albedo 0.5 to 0.99 in
+    light from all around, 1 km to 500 km from the origin: 0.1 % where that is 1/400, 0.4 % at 1/100, 3 % at 1/13, 10 % at 1/3.
+    """
+    return _ROUNDING * float(np.spacing(np.float32(np.abs(body.vertices).max())) * np.max(body.medium.sigma_t))
 
 
 def has_tables(asset) -> bool:
