@@ -3,7 +3,7 @@
     python -m benchmarks.points [--small] [--scenes wax wax_glass bumpy_ball candle glass_of_milk] [--size 32] [--seconds 20]
 
 Scenes: a ball of published wax of 8 mean free paths in radius under a panel, matched or of glass, and shipped ones.  A row for
-beams at the events of all walks, without points, and one for `beams` as it is; `metropolis` (`paths` where it does not go) is the
+beams at the events of all walks, without points, and one for `beams` as it is; `metropolis`, or else `paths`, is the
 reference.  They take turns, for so many processor seconds each.  Light of three and more events over that of the reference, with
 its standard error; bias of blocks of pixels, with the range that it is in 18 times of 20; processor seconds to a noise of 1 % of
 a pixel, root mean square; that over the first row's; and seconds a pass.  --small: 8 pixels wide, three passes.
