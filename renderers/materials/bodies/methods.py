@@ -352,9 +352,9 @@ def _reasons(assets, bodies, method, looped):
 
 def _rounded(bodies):
     """Sentences on bodies that lose much light because positions are in single precision."""
-    return [f"{body.name} reaches {np.abs(body.vertices).max():.3g} m from the origin, where single precision holds a mean free path "
-            f"of {1 / np.max(body.medium.sigma_t):.3g} m too coarsely: some {percent(rounding(body))} of its light is lost; nearer "
-            "to the origin, or smaller, it would not be" for body in bodies if rounding(body) > _BEYOND_PRECISION]
+    return [f"{body.name} reaches {np.abs(body.vertices).max():.3g} m from the origin, where single precision holds a mean free "
+            f"path of {1 / np.max(body.medium.sigma_t):.3g} m too coarsely: some {percent(rounding(body))} of its light is lost; "
+            "nearer to the origin, or smaller, it would not be" for body in bodies if rounding(body) > _BEYOND_PRECISION]
 
 
 def _too_short(body, asset):
