@@ -7,7 +7,7 @@ from functools import wraps
 from pathlib import Path
 
 from bakery.errors import AssetError, BakeryError, UsageError
-from renderers.mitsuba import bitmaps, lights, passes, variants
+from renderers.mitsuba import bitmaps, lights, normals, passes, variants
 from renderers.pictures import images, reached
 from renderers.scene import inputs
 
@@ -63,6 +63,8 @@ def load(path, *, colour="rgb", variant=None, parameters=None, sensor=True, inte
     if integrator and scene.integrator() is None:
         raise UsageError(f'{path}: the scene has no integrator; expected <integrator type="path"/> or another one')
     lights.refuse(path, scene)
+    if not variants.on_gpu(chosen):
+        normals.settle(scene)
     return scene, chosen, reason
 
 
