@@ -6,12 +6,7 @@ from run to run: normals differ in their last bits, and with them pictures.
 
 from __future__ import annotations
 
-import drjit as dr
 import numpy as np
-
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
-
-import mitsuba as mi  # isort: skip
 
 _COMPUTED = 1e-5  # normals added up in another order differ by less; a file's own differ by more, or mean the same
 
@@ -21,6 +16,9 @@ def settle(scene):
 
     Of meshes in shape groups Mitsuba gives nothing out: these keep what they have.
     """
+    import drjit as dr
+    import mitsuba as mi
+
     threads = dr.thread_count()
     for mesh in scene.shapes():
         if not mesh.is_mesh() or not mesh.has_vertex_normals():

@@ -51,6 +51,7 @@ def folder(tmp_path, monkeypatch):
     """A folder with what the snippets name: the recipes, and a small fog.h5 of three wavelengths."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "recipes").symlink_to(ROOT / "recipes")
+    shutil.copy(ROOT / "recipes" / "soil.yaml", tmp_path)  # a link would lead out of the folder
     (tmp_path / "fog.yaml").write_text(MILK.format(name="fog", g=0.5))
     bakery.bake("fog.yaml")
     return tmp_path

@@ -55,7 +55,7 @@ def test_published_lobes(bake):
     # two segments after each other are one of twice the length
     both = asset.multiple.segment(2.0, 3.0, theta, 0.4) + math.exp(-2) * asset.multiple.segment(2.0, 1.0, theta, 0.4)
     assert asset.multiple.segment(2.0, 3.0, theta, 0.4, length=4.0) == pytest.approx(both, rel=0.02)
-    with pytest.raises(ValueError, match="no length"):
+    with pytest.raises(ValueError, match="length 2 of a point source"):
         asset.multiple.point(1, 1, 0, 0, length=2)
 
 
