@@ -115,9 +115,8 @@ def _as_it_ships(kind, target):
     recipes = starts()
     if kind not in recipes:
         return scene(kind).files(target.stem)
-    recipe = recipes[kind]
-    beside = {target.with_suffix(path.suffix).name: path.read_text(encoding="utf-8") for path in recipe.beside()}
-    return {target.name: recipe.text(target.stem)} | beside
+    files = recipes[kind].files(target.stem)
+    return {target.name: files.pop(f"{target.stem}.yaml")} | files
 
 
 def _in_fog(kind, mitsuba, target, unit):

@@ -11,6 +11,7 @@ from bakery.grammar.files import asset_root
 
 KINDS, PUBLISHED, SHIPPED = "starting", "catalogue", ""  # folders
 _SCHEMA = re.compile(r"\A# yaml-language-server: \$schema=.*\n")
+_BASE = re.compile(r"^[^#\n]*\bbase: *{recipe: *([\w-]+)\.yaml\b", re.MULTILINE)
 _NAME = re.compile(r"^name: *\S+( +(?=#))?", re.MULTILINE)  # up to a comment, whose column is kept
 
 
@@ -31,9 +32,14 @@ class Start:
     about: str
     path: Path
 
-    def beside(self) -> tuple[Path, ...]:
-        """The files that come with it: tables of a recipe, the surfaces of a scene."""
-        return tuple(path for path in sorted(self.path.parent.glob(f"{self.name}.*")) if path.suffix != ".yaml")
+    def files(self, name: str) -> dict[str, str]:
+        """Name of a file -> text: the recipe, called `name`, and what comes with it: its tables, and the recipes of layers below."""
+        files = {f"{name}.yaml": self.text(name)}
+        for path in sorted(self.path.parent.glob(f"{self.name}.*")):
+            files.setdefault(f"{name}{path.suffix}", path.read_text(encoding="utf-8"))
+        for base in _BASE.findall(files[f"{name}.yaml"]):
+            files = Start(base, self.folder, "", self.path.with_name(f"{base}.yaml")).files(base) | files
+        return files
 
     def text(self, name: str) -> str:
         """The recipe, called `name` as files beside it are; its first line names the schema where this installation has it."""

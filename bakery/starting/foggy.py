@@ -54,8 +54,8 @@ def filled(material: Start, mitsuba: Path, folder: Path, name: str, view, unit: 
     where = f"{{box: {{lo: {_corner(lo)}, hi: {_corner(hi)}}}}}" if view.sky else "everywhere"
     remarks.append("in a box around the scene, because light from infinity (sky, sun) does not get into fog without an end"
                    if view.sky else "everywhere")
-    files = {f"{name}.yaml": text, f"{name}.scene.yaml": _scene(name, mitsuba, folder, unit or "m", where, remarks)}
-    return files | {f"{name}{path.suffix}": path.read_text(encoding="utf-8") for path in material.beside()}, remarks
+    scene = _scene(name, mitsuba, folder, unit or "m", where, remarks)
+    return material.files(name) | {f"{name}.yaml": text, f"{name}.scene.yaml": scene}, remarks
 
 
 def _density(match, recipe, factor, visibility) -> str:

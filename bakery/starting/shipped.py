@@ -49,7 +49,7 @@ def _with_needs(path: Path) -> dict[str, bytes]:
     """A file, and the files of its folder that it names, by their names alone."""
     if path.suffix == ".yaml":
         recipe = next(recipe for recipe in (*starts().values(), Start(path.stem, "", "", path)) if recipe.path == path)
-        return {path.name: recipe.text(path.stem).encode()} | {table.name: table.read_bytes() for table in recipe.beside()}
+        return {name: text.encode() for name, text in recipe.files(path.stem).items()}
     files = {path.name: path.read_bytes()}
     if path.suffix == ".xml":
         named = {path.parent / name for name in _FILE.findall(path.read_text(encoding="utf-8")) if not name.endswith(".yaml")}

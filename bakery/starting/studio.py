@@ -47,8 +47,7 @@ def in_studio(material: str, mesh: Path, name: str, *, unit=None, height=None, u
     recipe = load(source.path)
     gap, *about = _body(fill, body, recipe) if fill.index else _grains(body, mesh, recipe)
     scale, inside = (1e3, "1 mm") if body.extent.max() < 1 else (1.0, "1 m")
-    files = {f"{name}.yaml": source.text(name)}
-    files |= {f"{name}{path.suffix}": path.read_text(encoding="utf-8") for path in source.beside()}
+    files = source.files(name)
     entry = f"{{where: {{shape: body}}, recipe: {name}.yaml, boundary: {{index: {fill.index:g}}}}}" if fill.index else \
         f"{{where: {{mesh: {name}.scene.ply, unit: {inside}}}, recipe: {name}.yaml}}"
     remarks = [f"{mesh.name}: {body.size}", f"{up} of the file points up (change it with --up)", *about]
