@@ -33,7 +33,7 @@ class Start:
     path: Path
 
     def files(self, name: str) -> dict[str, str]:
-        """Name of a file -> text: the recipe, called `name`, and what comes with it: its tables, and the recipes of layers below."""
+        """Name of a file -> text: the recipe, called `name`, its tables, and the recipes of the layers below it."""
         files = {f"{name}.yaml": self.text(name)}
         for path in sorted(self.path.parent.glob(f"{self.name}.*")):
             files.setdefault(f"{name}{path.suffix}", path.read_text(encoding="utf-8"))
