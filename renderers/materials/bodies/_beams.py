@@ -9,7 +9,7 @@ import numpy as np
 
 from bakery.kernels import lent, phase_value
 from bakery.system.compiled import njit
-from renderers.materials.bodies._cells import enter, reach
+from renderers.materials.bodies._cells import cell_ahead, enter, onward, reach, start, steps_of_lines
 
 DEEP = 30.0  # mean free paths, beyond which light is 1e-13 and left out
 _GRAZING = 0.36  # square of a sine, below which beams are not spread along the boundary but at right angles
@@ -137,33 +137,22 @@ def join(medium, beams, cells, spread, lines, facing, brought, begin, end):
     brought : (3, n, L) becomes the radiance by beams of 0, 1 and more events before; W/m^2 sr
     """
     medium, beams, cells, lines = lent(medium), lent(beams), lent(cells), lent(lines)
-    shape, longest = cells.shape, DEEP / np.min(medium.sigma_t)
-    at, step, ahead, across = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3), np.empty(3)
+    longest, steps = DEEP / np.min(medium.sigma_t), steps_of_lines()
     for i in range(begin, end):
         length = min(lines.far[i], longest)
-        for k in range(3):
-            position, d = (lines.origin[i, k] - cells.low[k]) / cells.edge, lines.direction[i, k]
-            at[k] = min(max(math.floor(position), 0), shape[k] - 1)
-            step[k] = 1 if d > 0.0 else -1
-            across[k] = cells.edge / abs(d) if d != 0.0 else np.inf
-            ahead[k] = ((at[k] + 1 - position) if d > 0.0 else (position - at[k])) * across[k] if d != 0.0 else np.inf
+        start(cells, lines, i, steps)
         begins = 0.0
         while True:
-            axis = 0 if ahead[0] <= ahead[1] and ahead[0] <= ahead[2] else 1 if ahead[1] <= ahead[2] else 2
-            ends = min(ahead[axis], length)
-            cell = (at[0] * shape[1] + at[1]) * shape[2] + at[2]
+            cell, axis = cell_ahead(cells, steps)
+            ends = min(steps.ahead[axis], length)
             for name in range(cells.begin[cell], cells.begin[cell + 1]):
                 b = cells.names[name]
                 crossing = _crossing(beams, b, lines, i, spread.radius, (begins, ends))
                 if crossing.volume > 0.0:
                     _add(medium, beams, b, spread, lines, i, facing, crossing, brought)
-            if not ends < length:
+            if not ends < length or not onward(cells, steps, axis):
                 break
             begins = ends
-            at[axis] += step[axis]
-            if not 0 <= at[axis] < shape[axis]:
-                break
-            ahead[axis] += across[axis]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)

@@ -24,6 +24,53 @@ class Cells(NamedTuple):
     names: np.ndarray
 
 
+class Steps(NamedTuple):
+    """Where a line is among cells.
+
+    at, step : (3,) the cell, and which way the line leaves it
+    ahead, across : (3,) m, from its origin to the next plane between cells, and between two of them
+    """
+
+    at: np.ndarray
+    step: np.ndarray
+    ahead: np.ndarray
+    across: np.ndarray
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def steps_of_lines():
+    """`Steps` of no line yet."""
+    return Steps(np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3), np.empty(3))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def start(cells, lines, i, steps):
+    """Puts line i, of origins and directions (n, 3), into the cell of its origin, or into the nearest."""
+    for k in range(3):
+        position, d = (lines.origin[i, k] - cells.low[k]) / cells.edge, lines.direction[i, k]
+        steps.at[k] = min(max(math.floor(position), 0), cells.shape[k] - 1)
+        steps.step[k] = 1 if d > 0.0 else -1
+        steps.across[k] = cells.edge / abs(d) if d != 0.0 else np.inf
+        to_plane = (steps.at[k] + 1 - position) if d > 0.0 else (position - steps.at[k])
+        steps.ahead[k] = to_plane * steps.across[k] if d != 0.0 else np.inf
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def cell_ahead(cells, steps):
+    """The number of the cell, and the axis of the plane by which the line leaves it."""
+    at, ahead = steps.at, steps.ahead
+    axis = 0 if ahead[0] <= ahead[1] and ahead[0] <= ahead[2] else 1 if ahead[1] <= ahead[2] else 2
+    return (at[0] * cells.shape[1] + at[1]) * cells.shape[2] + at[2], axis
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def onward(cells, steps, axis):
+    """Takes the line to the next cell, by a plane; whether there is such a cell."""
+    steps.at[axis] += steps.step[axis]
+    steps.ahead[axis] += steps.across[axis]
+    return 0 <= steps.at[axis] < cells.shape[axis]
+
+
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def reach(cells, axis, low, high):
     """First and last cell along an axis between two coordinates (m), of those that there are."""
