@@ -111,6 +111,8 @@ def test_same_seed_same_bytes_and_resumed(call):
     third = 3 * resumed["G"].astype(float) - 2 * first["G"]
     assert report["samples"] == 48 and (third > -1e-5).all() and third.mean() == pytest.approx(first["G"].mean(), rel=0.2)
     assert "G" in changed(first, resumed)
+    # sums are kept in single precision
+    assert all(most < 1e-6 for _, most in changed(rendered(call, "straight.png", *three)[1], resumed).values())
 
 
 def test_scenes_before_are_gone_when_passes_begin(call):
