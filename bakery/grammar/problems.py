@@ -43,7 +43,7 @@ def translate(error: dict) -> Iterator[Problem]:
         yield node.place.problem(context["found"], context["expected"], context["offset"])
     elif kind == "missing":
         name = str(error["loc"][-1])
-        if name in meant(node):
+        if name in meant(node) or _elsewhere(node):
             return  # said with the unknown key that stands for it
         description = node.model.model_fields[name].description if node.model else ""
         yield owner(node).problem("missing", f"expected {name}: {_lower(description)}", key=_below(node, name))
@@ -80,10 +80,19 @@ def _unknown(node: Node) -> Iterator[Problem]:
     name = next(name for name, child in parent.items() if child is node)
     if name == "<<":
         return  # reported as a merge key
+    if other := _elsewhere(parent):
+        key, *words = other
+        if name == key:
+            yield owner(node).problem(*words)
+        return
     every = list(parent.model.model_fields) if parent.model else []
     near = likely(parent, name)
     hint = f" ({_as_meant(node, name, near)}?)" if near else ""
     yield owner(node).problem(f"found the unknown key {show(name)}", f"expected {one_of(every)}{hint}")
+
+
+def _elsewhere(node: Mapping) -> tuple[str, str, str] | None:
+    return node.model.elsewhere(node) if node.model else None
 
 
 def _as_meant(node: Node, name: str, key: str) -> str:

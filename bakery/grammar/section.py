@@ -29,6 +29,12 @@ class Section(BaseModel):
             data.model = cls  # an unknown key is compared with the keys of this model
         return data
 
+    @classmethod
+    def elsewhere(cls, section: Mapping) -> "tuple[str, str, str] | None":
+        """An unknown key that shows that another section is meant, what is found and what would do.  It is all that is said of
+        unknown and missing keys of the mapping then."""
+        return None
+
 
 STANDS_FOR = {"diameter": "radius", "g": "phase"}  # what people write -> the key that takes it
 SHARES = ("fraction", "weight", "share")  # how much of it: each list of parts has its own word

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import bakery
+from bakery.errors import RecipeError
 from bakery.grammar import optical_files
 from bakery.grammar.units import Wrong
 
@@ -96,3 +97,26 @@ def test_amounts_that_do_not_fit(tmp_path, call, more, words):
     (tmp_path / "suso99.yaml").write_text(RECIPE.replace("MORE", more))
     status, _, err = call(tmp_path / "suso99.yaml")
     assert status == 2 and words in err
+
+
+@pytest.mark.parametrize(("particles", "key"), [
+    ("{file: suso99, number_density: 3000 /cm^3}", "particles.file"),
+    ("{host: air, number_density: 3000 /cm^3, components: [{name: sulphate, file: suso99}]}", "particles.components[0].file")])
+def test_particles_of_a_file_are_told_the_line_to_write(tmp_path, particles, key):
+    """A file of optical properties has no sizes: the message, and there is one only, holds the text of the medium that it is."""
+    (tmp_path / "suso99").write_bytes(opac())
+    path = tmp_path / "suso99.yaml"
+    as_medium = "medium: {file: suso99, number_density: 3000 /cm^3}"
+    path.write_text(RECIPE.replace("medium: {file: suso99, MORE}", f"particles: {particles}"))
+    with pytest.raises(RecipeError) as refused:
+        bakery.recipe.load(path)
+    (problem,) = refused.value.problems
+    assert (problem.line, problem.key) == (4, key) and problem.expected.endswith(f", {as_medium}")
+    path.write_text(RECIPE.replace("medium: {file: suso99, MORE}", as_medium))
+    assert bakery.recipe.load(path).medium.number_density == 3e9
+
+
+def test_a_humidity_of_particles_of_a_file_is_one_of_the_medium(tmp_path):
+    with pytest.raises(RecipeError, match=r'medium: \{file: "a, b.nc", mass_concentration: 10 ug/m\^3, humidity: 80%\}'):
+        bakery.bake({"bakery": 1, "name": "haze", "wavelengths": [0.5], "particles": {
+            "file": "a, b.nc", "mass_concentration": "10 ug/m^3", "relative_humidity": "80%"}})

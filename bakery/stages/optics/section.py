@@ -1,13 +1,14 @@
 """Recipe sections `particles` and `phase`: suspended spheres, and options of their single scattering."""
 
 # no annotations from __future__: pydantic would have to compile each of them again, some 3 ms in all
+import json
 from typing import TYPE_CHECKING
 
 from pydantic import Field
 
 from bakery.grammar.fields import AUTO, ComponentName, Flag, Share, number, whole, word
 from bakery.grammar.section import HostOf, MaterialOf, Section, given
-from bakery.grammar.text import Mapping, mappings
+from bakery.grammar.text import Mapping, Scalar, mappings
 from bakery.stages.declaration import RecipeSection
 from bakery.stages.optics.amounts import (
     AMOUNTS,
@@ -29,6 +30,25 @@ if TYPE_CHECKING:
 _OF_ALL, _OF_EACH = amount_fields("Spheres"), amount_fields("Its spheres")
 
 
+# keys of particles -> of a medium that a file gives, which has neither sizes nor indices
+_OF_A_FILE = {"file": "file", "mass_concentration": "mass_concentration", "number_density": "number_density",
+              "effective_radius": "effective_radius", "humidity": "humidity", "relative_humidity": "humidity"}
+
+
+def _as_medium(*sections: Mapping) -> tuple[str, str, str]:
+    """What is said of a file of optical properties as particles: the line that takes it."""
+    texts = {_OF_A_FILE[key]: _flow(node.text) for section in sections for key, node in section.items()
+             if key in _OF_A_FILE and isinstance(node, Scalar)}
+    line = ", ".join(f"{key}: {text}" for key, text in ({"file": "FILE"} | texts).items())
+    return ("file", "found a file of optical properties, which has no sizes of particles",
+            f"expected it as a medium instead of particles, medium: {{{line}}}")
+
+
+def _flow(text: str) -> str:
+    """A text as it stands between the braces of a mapping."""
+    return text if text and not set(text) & set(",[]{}#:\"'") and text == text.strip() else json.dumps(text, ensure_ascii=False)
+
+
 class Component(Section):
     name: ComponentName = Field(description="Name of the group in the asset.")
     material: MaterialOf = Field(description="A material of assets/materials, {n, k}, {file}, or {mixing}.")
@@ -42,6 +62,12 @@ class Component(Section):
     coating: Coating | None = Field(None, description="A concentric shell; the sizes are those of the cores.")
     growth: Growth | None = Field(None, description="Water taken up from humid air; sizes and amounts are of dry particles.")
 
+    @classmethod
+    def elsewhere(cls, section: Mapping) -> tuple[str, str, str] | None:
+        if "file" not in section or "size" in section or "material" in section:
+            return None  # the file of a size or of a material, a level too high
+        return _as_medium(*mappings(section.parent and section.parent.parent), section)
+
 
 class Particles(Section):
     """Suspended spheres."""
@@ -53,6 +79,10 @@ class Particles(Section):
     mass_concentration: MassConcentration = _OF_ALL["mass_concentration"]
     relative_humidity: RelativeHumidity = Field(None, description="Relative humidity of the air, 0 to below 100 %.")
     components: list[Component] = Field(min_length=1, max_length=256, description="The kinds of particles.")
+
+    @classmethod
+    def elsewhere(cls, section: Mapping) -> tuple[str, str, str] | None:
+        return _as_medium(section) if "file" in section else None
 
 
 class SingleScattering(Section):
@@ -77,8 +107,10 @@ class SingleScattering(Section):
 
 def check_particles(checker: "Checker", section: Mapping) -> None:
     """Amounts, shares, optical constants and sizes of suspended spheres."""
-    host = checker.host(section, "air")
     parts = checker.components(section)
+    if any(part.model and part.model.elsewhere(part) for part in (section, *parts)):
+        return
+    host = checker.host(section, "air")
     check_amounts(checker, section, parts)
     check_layers(checker, section, parts, host)
     of = section.get("components")
