@@ -6,6 +6,7 @@ points give there leave nothing but entries in the cache.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
@@ -40,7 +41,7 @@ from bakery.run.progress import Progress
 from bakery.stages.conform import FAMILY
 from bakery.store import scratch
 from bakery.store.hashes import HASH, seal
-from bakery.store.image import image
+from bakery.store.image import packed
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group, text
 from bakery.store.write import check_target, place
@@ -121,6 +122,7 @@ class _Baking:
         Where nothing is refined each is asked for twice, and read again: 50 of 500 wavelengths are 36 MB.
         """
         if self._media.get(point) is _READ_AGAIN:
+            give_back()  # beside the tables, which are being filled: some 30 MB that bakes and files left
             return optics_of(read(self._plan.path_of(point))["medium"])
         if point not in self._media:
             path = self._plan.path_of(point)
@@ -228,10 +230,13 @@ def _write(path: Path, tree: list[Group], progress: Progress) -> bool:
         touch(path)
         return False
     with progress.during(f"writing {path.name}"):
-        give_back()  # the next lines take the file and its tables, twice
-        data = [image(root)]
-        del root
-        place(path, data.pop(), check=lambda root: departures(root) or physics(root))
+        give_back()  # what the bakes of the points left
+        try:
+            with packed(root, os.path.dirname(os.path.realpath(path))) as file:
+                del root
+                place(path, file, check=lambda root: departures(root) or physics(root))
+        except OSError as error:
+            raise StoreError(f"{path}: not written: {error.strerror or error}; what stood there is unchanged") from error
     return True
 
 

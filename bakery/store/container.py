@@ -7,8 +7,10 @@ parses a single byte.
 from __future__ import annotations
 
 import hashlib
+import io
 import re
 from dataclasses import dataclass
+from typing import BinaryIO
 
 from bakery.errors import AssetError
 
@@ -16,6 +18,7 @@ FORMAT = "bakery-asset"
 VERSION = 1
 USER_BLOCK = 512  # the smallest that HDF5 allows
 FOREIGN = 1 << 16  # bytes of a file that say what it is, where it is no asset
+PIECE = 1 << 20  # bytes of a file that are in memory at once
 
 # Names of groups, datasets, attributes and enumerated values.  HDF5 itself would accept "..".
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
@@ -51,36 +54,63 @@ LIMITS = Limits()
 
 def user_block(body) -> bytes:
     """The 512 bytes that protect `body`, which is every byte after them."""
-    line = f"{FORMAT} {VERSION} sha256:{hashlib.sha256(body).hexdigest()}"
-    return line.encode().ljust(USER_BLOCK, b"\n")
+    return _block(hashlib.sha256(body).hexdigest())
 
 
-def check_container(path: str, data: bytes) -> None:
-    """Raise unless the file's bytes are an undamaged container of this version; parses no HDF5.
+def user_block_of(file: BinaryIO) -> bytes:
+    """The same, of a file that begins with room for it."""
+    return _block(_digest(file))
+
+
+def _block(digest: str) -> bytes:
+    return f"{FORMAT} {VERSION} sha256:{digest}".encode().ljust(USER_BLOCK, b"\n")
+
+
+def opened(data: bytes | BinaryIO) -> BinaryIO:
+    """Bytes, or the file that holds them, as a file; bytes are not copied."""
+    return io.BytesIO(data) if isinstance(data, bytes) else data
+
+
+def _digest(data: bytes | BinaryIO) -> str:
+    """Of all bytes after the user block."""
+    if isinstance(data, bytes):
+        return hashlib.sha256(memoryview(data)[USER_BLOCK:]).hexdigest()
+    digest = hashlib.sha256()
+    data.seek(USER_BLOCK)
+    while piece := data.read(PIECE):
+        digest.update(piece)
+    return digest.hexdigest()
+
+
+def check_container(path: str, data: bytes | BinaryIO) -> None:
+    """Raise unless a file's bytes are an undamaged container of this version; parses no HDF5.  data : also an open file
 
     Raises
     ------
     Damaged : the digest is another
     AssetError : foreign, or of another format version
     """
-    block = data[:USER_BLOCK]
-    if not data:
+    file = opened(data)
+    file.seek(0)
+    head = file.read(FOREIGN)
+    block = head[:USER_BLOCK]
+    if not head:
         raise AssetError(f"{path}: the file is empty, not a bakery asset")
     if not block.startswith(FORMAT.encode() + b" "):
-        raise AssetError(f"{path}: not a bakery asset: {_what_it_is(data)}")
+        raise AssetError(f"{path}: not a bakery asset: {_what_it_is(head)}")
     line = _LINE.fullmatch(block)
     if line and int(line[1]) > VERSION:
         raise AssetError(f"{path}: written by a newer bakery (asset format {int(line[1])}; this one reads {VERSION}): "
                          "update bakery, or bake again with `bake RECIPE`")
     if line and int(line[1]) < VERSION:
         raise AssetError(f"{path}: asset format {int(line[1])} is no longer read: bake again with `bake RECIPE`")
-    if block != user_block(memoryview(data)[USER_BLOCK:]):
+    if block != _block(_digest(data)):
         raise Damaged(f"{path}: damaged: container: its bytes do not match the SHA-256 in its first line; "
                          "copy it again, or bake again with `bake RECIPE`")
 
 
 def _what_it_is(data: bytes) -> str:
-    """A guess at a foreign file from its first bytes, for the message only."""
+    """A guess at a foreign file from its first `FOREIGN` bytes, for the message only."""
     head = data[:4096]
     if head.startswith(SIGNATURE):
         netcdf = b"_NCProperties" in data[:FOREIGN]

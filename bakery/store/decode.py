@@ -10,19 +10,21 @@ import io
 import math
 import zlib
 from collections.abc import Callable
+from typing import BinaryIO
 
 import numpy as np
 
 from bakery.errors import AssetError
-from bakery.store.container import LIMITS, NAME, SIGNATURE, USER_BLOCK, Limits
+from bakery.store.container import LIMITS, NAME, SIGNATURE, USER_BLOCK, Limits, opened
 from bakery.store.tree import Attribute, Dataset, Group
 
 _SHUFFLE, _DEFLATE, _FLETCHER32 = 2, 1, 3  # HDF5's numbers
 _ATTRIBUTES = ("<i8", "<f8", "|b1")  # and fixed-length strings
 
 
-def decode(path: str, data: bytes, limits: Limits = LIMITS, on_fault: Callable[[str, str], None] | None = None) -> Group:
-    """The tree inside an asset's bytes, whose container has been checked.
+def decode(path: str, data: bytes | BinaryIO, limits: Limits = LIMITS,
+           on_fault: Callable[[str, str], None] | None = None) -> Group:
+    """The tree inside an asset's bytes, or an open file of them, whose container has been checked.
 
     `on_fault(place, sentence)` is called for each broken member, which is then left out; without it the first one raises
     AssetError.
@@ -32,12 +34,15 @@ def decode(path: str, data: bytes, limits: Limits = LIMITS, on_fault: Callable[[
     def refuse(place: str, sentence: str) -> None:
         raise AssetError(f"{path}: damaged: {place}: {sentence}")
 
-    if data[USER_BLOCK:USER_BLOCK + 8] != SIGNATURE:
+    content = opened(data)
+    size = content.seek(0, io.SEEK_END)
+    content.seek(USER_BLOCK)
+    if content.read(len(SIGNATURE)) != SIGNATURE:
         raise AssetError(f"{path}: damaged: container: no HDF5 begins after the first {USER_BLOCK} bytes")
     try:
-        # bytes in memory, not a name: no network driver and no other file is within the library's reach
-        with h5py.File(io.BytesIO(data), "r") as file:
-            return _Walk(len(data), limits, on_fault or refuse).root(file)
+        # an object, not a name: no network driver and no other file is within the library's reach
+        with h5py.File(content, "r") as file:
+            return _Walk(size, limits, on_fault or refuse).root(file)
     except AssetError:
         raise
     except _TooMuch as excess:

@@ -6,6 +6,7 @@ import os
 import shutil
 import stat
 from pathlib import Path
+from typing import BinaryIO
 
 try:
     import fcntl
@@ -50,6 +51,10 @@ class Files:
         """The whole file."""
         with open(fd, "rb", buffering=0, closefd=False) as file:
             return file.readall()
+
+    def stream(self, fd: int) -> BinaryIO:
+        """The file for reading piece by piece; it stays open when that is closed."""
+        return open(fd, "rb", closefd=False)
 
     def lock(self, fd: int, wait: bool) -> bool:
         """Whether this process now holds the file's lock, which the kernel frees when the process ends.

@@ -1,4 +1,4 @@
-"""A tree as the bytes of an HDF5 file, built in memory: the same tree gives the same bytes.
+"""A tree as the bytes of an HDF5 file, in memory or in a file: the same tree gives the same bytes.
 
 The 1.10 file format has checksums on its metadata and fletcher32 covers chunks, while contiguous or scalar datasets and
 variable-length strings have none: so every dataset is chunked and every string has a fixed length.
@@ -8,11 +8,16 @@ from __future__ import annotations
 
 import hashlib
 import io
+import os
+import tempfile
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import BinaryIO
 
 import numpy as np
 
-from bakery.store.container import LIMITS, NAME, USER_BLOCK, user_block
+from bakery.store.container import LIMITS, NAME, USER_BLOCK, user_block, user_block_of
 from bakery.store.tree import Attribute, Dataset, Group
 
 CHUNK = 1 << 20  # bytes; a whole number of rows up to this size goes into one chunk
@@ -31,14 +36,76 @@ def image(root: Group) -> bytes:
     ------
     ValueError : a name, type or attribute that the format does not allow (an error of the caller)
     """
-    import h5py
-
     buffer = io.BytesIO()
-    with h5py.File(buffer, "w", libver="v110", userblock_size=USER_BLOCK, track_order=True) as file:
-        _fill(file, root, "", 1)
+    _pack(buffer, root)
     with buffer.getbuffer() as data:
         data[:USER_BLOCK] = user_block(data[USER_BLOCK:])
     return buffer.getvalue()  # no copy, as long as the buffer lives no longer
+
+
+@contextmanager
+def packed(root: Group, folder: str | os.PathLike) -> Iterator[BinaryIO]:
+    """The bytes that `image` gives, in a file without a name in a folder: large tables are in memory once, not twice.
+
+    Raises
+    ------
+    ValueError : as `image`
+    OSError : the system refused
+    """
+    with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
+        target = _Unfailing(file)
+        try:
+            _pack(target, root)
+        finally:
+            if target.failure:
+                raise target.failure
+        block = user_block_of(file)
+        file.seek(0)
+        file.write(block)
+        yield file
+
+
+class _Unfailing(io.RawIOBase):
+    """A file that takes all that is written to it, and says afterwards what failed first: HDF5 ends the process where a write of
+    an object in Python fails (h5py 3.16: a segmentation fault while it closes the file)."""
+
+    def __init__(self, file: BinaryIO):
+        self._file, self.failure = file, None
+
+    def readable(self) -> bool:
+        return True
+
+    writable = seekable = readable
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return self._file.seek(offset, whence)
+
+    def readinto(self, buffer) -> int:
+        return self._file.readinto(buffer)
+
+    def write(self, data) -> int:
+        data = memoryview(data).cast("B")
+        at = 0
+        while at < len(data) and not self.failure:
+            try:
+                at += self._file.write(data[at:])
+            except OSError as error:
+                self.failure = error
+        return len(data)
+
+    def truncate(self, size: int | None = None) -> int:
+        try:
+            return self._file.truncate(size)
+        except OSError as error:
+            self.failure = self.failure or error
+            return size or 0
+
+
+def _pack(target: BinaryIO, root: Group) -> None:
+    import h5py
+
+    with h5py.File(target, "w", libver="v110", userblock_size=USER_BLOCK, track_order=True) as file:
+        _fill(file, root, "", 1)
 
 
 def _fill(target, group: Group, path: str, depth: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from typing import BinaryIO
 
 from bakery.errors import AssetError, StoreError
 from bakery.store.container import FOREIGN, FORMAT, LIMITS, VERSION, Limits, check_container
@@ -12,7 +13,7 @@ from bakery.store.hashes import broken_hashes
 from bakery.store.tree import Group, read_text
 from bakery.system.memory import free_memory
 
-__all__ = ["check_format", "decode", "parse", "read", "read_bytes", "read_text", "slurp"]
+__all__ = ["check_format", "decode", "parse", "read", "read_bytes", "read_text"]
 
 
 def read(path: str | os.PathLike, *, limits: Limits = LIMITS, files: Files = FILES) -> Group:
@@ -27,8 +28,8 @@ def read(path: str | os.PathLike, *, limits: Limits = LIMITS, files: Files = FIL
     return parse(path, read_bytes(path, files), limits)
 
 
-def parse(path: str, data: bytes, limits: Limits = LIMITS) -> Group:
-    """The tree in a file's bytes, every check done; AssetError names `path`."""
+def parse(path: str, data: bytes | BinaryIO, limits: Limits = LIMITS) -> Group:
+    """The tree in a file's bytes, or in an open file that nobody else writes to, every check done; AssetError names `path`."""
     check_container(path, data)
     root = decode(path, data, limits)
     check_format(path, root)
@@ -62,15 +63,6 @@ def _slurped(path: str, files: Files) -> bytes:
         size, free = files.size(fd), free_memory()
         if free is not None and size > free:
             raise AssetError(f"{path}: holds {size / 1e9:.3g} GB, and {free / 1e9:.3g} GB of memory are free")
-        return files.read(fd)
-    finally:
-        files.close(fd)
-
-
-def slurp(path: str, files: Files) -> bytes:
-    """Every byte of a regular file, from one descriptor; OSError as the system gives it."""
-    fd = files.open(path)
-    try:
         return files.read(fd)
     finally:
         files.close(fd)

@@ -8,12 +8,14 @@ import secrets
 import stat
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from typing import BinaryIO
 
 from bakery.errors import AssetError, BakeryError, StoreError, UsageError
+from bakery.store.container import PIECE, opened
 from bakery.store.files import FILES, Files, free_space
 from bakery.store.hashes import seal
 from bakery.store.image import image
-from bakery.store.read import parse, slurp
+from bakery.store.read import parse
 from bakery.store.tree import Group, text
 
 __all__ = ["check_target", "free_space", "place", "sweep", "text", "write"]
@@ -28,9 +30,9 @@ def write(path: str | os.PathLike, root: Group, *, check: Callable[[Group], Iter
     place(path, image(seal(root)), check=check, files=files)
 
 
-def place(path: str | os.PathLike, data: bytes, *, check: Callable[[Group], Iterable[str]] | None = None,
+def place(path: str | os.PathLike, data: bytes | BinaryIO, *, check: Callable[[Group], Iterable[str]] | None = None,
           files: Files = FILES) -> None:
-    """Write the bytes of an asset.
+    """Write the bytes of an asset, which may come from an open file.
 
     The file is built beside its final place, read back from the disk, its hashes recomputed, `check(root)` asked for broken
     rules, and only then renamed.  Readers that have the old file open keep it.  Of two writers at once the last one wins.
@@ -45,8 +47,8 @@ def place(path: str | os.PathLike, data: bytes, *, check: Callable[[Group], Iter
     target = os.path.realpath(shown)  # a symbolic link stays, the file that it names is replaced
     try:
         with _part(target, files) as (fd, part):
-            _write_all(files, fd, memoryview(data))
-            del data  # it is read back, which takes as much again
+            _write_all(files, fd, data)
+            del data  # its tables are read back, which take as much again
             _check_written(shown, part, check, files)
             files.sync(fd)
             files.replace(part, target)
@@ -138,18 +140,25 @@ def sweep(folder: str, files: Files = FILES) -> None:
 
 def _check_written(shown: str, part: str, check: Callable[[Group], Iterable[str]] | None, files: Files) -> None:
     """StoreError unless what is on the disk reads back with its hashes right and breaks no rule."""
+    fd = files.open(part)
     try:
-        root = parse(part, slurp(part, files))
+        with files.stream(fd) as file:  # not as bytes: a family of many wavelengths has as many in its tables
+            root = parse(part, file)
     except AssetError as error:
         raise StoreError(f"{shown}: not written: what came back from the disk is wrong: {error}") from error
+    finally:
+        files.close(fd)
     broken = list(check(root)) if check else []
     if broken:
         raise StoreError(f"{shown}: not written: {'; '.join(broken)}")
 
 
-def _write_all(files: Files, fd: int, data: memoryview) -> None:
-    while data:
-        data = data[files.write(fd, data):]
+def _write_all(files: Files, fd: int, data: bytes | BinaryIO) -> None:
+    file = opened(data)
+    file.seek(0)
+    while piece := memoryview(file.read(PIECE)):
+        while piece:
+            piece = piece[files.write(fd, piece):]
 
 
 def _refused(path: str, error: OSError) -> BakeryError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import bakery
 from bakery.grammar.section import RULES as IN_RECIPES
 from bakery.physics.materials.humidity import growth_factor, tabulated
 from bakery.physics.materials.mixing import RULES, mixed
@@ -130,6 +131,36 @@ def test_a_table_of_one_kappa_is_that_kappa():
     factor = [growth_factor(0.4, x) for x in h]
     for x in (0.0, 0.1, 0.5, 0.9):
         assert tabulated(h, factor, x) == pytest.approx(growth_factor(0.4, x), rel=1e-14)
+
+
+# Data files waso80, waso95, suso90 and ssam80 of OPAC 3.1 at 0.55 um: dry radius in um, sigma, dry index; extinction in 1/km of
+# a particle in a cm^3, albedo, asymmetry
+OPAC = {("waso", 80): (0.0212, 2.24, "{n: 1.53, k: 0.006}", 9.584e-6, 0.9843, 0.704),
+        ("waso", 95): (0.0212, 2.24, "{n: 1.53, k: 0.006}", 2.038e-5, 0.9925, 0.743),
+        ("suso", 90): (0.0695, 2.03, "{n: 1.43, k: 1e-8}", 3.652e-4, 1.0, 0.790),
+        ("ssam", 80): (0.209, 2.03, "{n: 1.50, k: 1e-8}", 3.743e-3, 1.0, 0.784)}
+
+
+@pytest.mark.parametrize(("name", "humidity"), OPAC)
+def test_particles_that_grow_by_opacs_tables_are_those_of_opac(name, humidity):
+    """From the dry particles alone: within 1 %, the tolerance; digits of OPAC are 3 of the radius, to the sixth power in waso."""
+    radius, sigma, index, extinction, albedo, g = OPAC[name, humidity]
+    medium = bakery.bake(f"""\
+bakery: 1
+name: wet
+measure: integrated
+wavelengths: [0.55]
+particles:
+  number_density: 1 /cm^3
+  relative_humidity: {humidity}%
+  components:
+    - name: particles
+      material: {index}
+      size: {{distribution: lognormal, radius: {radius} um, sigma: {sigma}, max: 20 um}}
+      growth: {{file: growth/opac_{name}.csv}}
+""").medium
+    assert 1000 * medium.sigma_t[0] == pytest.approx(extinction, rel=0.01)
+    assert medium.albedo[0] == pytest.approx(albedo, abs=1e-4) and medium.g[0] == pytest.approx(g, abs=1e-3)
 
 
 # ---- radii that have grown

@@ -8,17 +8,21 @@ import random
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
 from bakery.errors import AssetError, StoreError
 from bakery.store.files import FILES, Files
+from bakery.store.hashes import seal
+from bakery.store.image import image, packed
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group
-from bakery.store.write import write
+from bakery.store.write import place, write
 from tests.conftest import ROOT
 from tests.samples import small_asset
 
@@ -26,7 +30,7 @@ from tests.samples import small_asset
 class Failing(Files):
     """The n-th call fails, once or, as on a dead disk, with all after it; writes take at most 2 kB a call."""
 
-    CALLS = ("create", "write", "sync", "close", "open", "read", "replace", "remove", "list", "sync_folder")
+    CALLS = ("create", "write", "sync", "close", "open", "read", "stream", "replace", "remove", "list", "sync_folder")
 
     def __init__(self, n: int, number: int, for_good: bool):
         self.n, self.number, self.for_good, self.count, self.failed = n, number, for_good, 0, []
@@ -96,7 +100,7 @@ def test_nth_failing_call(tmp_path, number, for_good):
         path.write_bytes(before)
     else:
         pytest.fail("the write never succeeded")
-    assert n > 12 and {"create", "write", "sync", "read", "replace", "sync_folder"} <= hit
+    assert n > 12 and {"create", "write", "sync", "stream", "replace", "sync_folder"} <= hit
     assert entries(tmp_path) == ["fog.h5"]
     if open_files is not None:
         assert len(os.listdir("/proc/self/fd")) == open_files
@@ -127,7 +131,7 @@ def test_what_the_disk_garbles_is_not_put_in_place(tmp_path):
 
 WRITER = """
 import sys
-from bakery.store.write import write
+from bakery.store.write import place, write
 from tests.samples import small_asset
 root = small_asset()
 print("ready", flush=True)
@@ -164,7 +168,7 @@ def test_killed_writers(tmp_path):
 HOLDER = """
 import sys
 from bakery.store.files import Files
-from bakery.store.write import write
+from bakery.store.write import place, write
 from tests.samples import small_asset
 class Waiting(Files):
     def sync(self, fd):
@@ -221,7 +225,7 @@ def test_part_that_a_sweep_takes_before_it_is_locked(tmp_path):
 FULL = """
 import resource, signal, sys
 from bakery.errors import StoreError
-from bakery.store.write import write
+from bakery.store.write import place, write
 from tests.samples import small_asset
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
@@ -270,3 +274,42 @@ def test_a_disk_that_cannot_be_read(tmp_path, number):
         else:
             break
     assert n == 4
+
+
+def test_bytes_by_way_of_a_file_are_those_in_memory(tmp_path):
+    root = seal(small_asset())
+    with packed(root, tmp_path) as file:
+        place(tmp_path / "fog.h5", file)
+    assert (tmp_path / "fog.h5").read_bytes() == image(root) and entries(tmp_path) == ["fog.h5"]
+
+
+def test_a_disk_that_fills_up_while_a_file_is_packed(tmp_path, monkeypatch):
+    """Each write in turn fails, for good: an error that says so, never the end of the process, which is what HDF5 makes of it."""
+    temporary = tempfile.TemporaryFile
+
+    class Full:
+        def __init__(self, file, after):
+            self.file, self.writes = file, after
+
+        def __getattr__(self, name):
+            return getattr(self.file, name)
+
+        def write(self, data):
+            self.writes -= 1
+            if self.writes < 0:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            return self.file.write(data)
+
+    for after in range(1000):
+        @contextmanager
+        def full(after=after, **options):
+            with temporary(**options) as file:
+                yield Full(file, after)
+
+        monkeypatch.setattr(tempfile, "TemporaryFile", full)
+        try:
+            with packed(seal(small_asset()), tmp_path):
+                break
+        except OSError as error:
+            assert error.errno == errno.ENOSPC
+    assert 20 < after < 999 and entries(tmp_path) == []
