@@ -45,7 +45,8 @@ def image(root: Group) -> bytes:
 
 @contextmanager
 def packed(root: Group, folder: str | os.PathLike) -> Iterator[BinaryIO]:
-    """The bytes that `image` gives, in a file without a name in a folder: large tables are in memory once, not twice.
+    """The bytes that `image` gives, in a file without a name in a folder: large tables are in memory once, not twice, and not at
+    all once the caller has let go of the root.
 
     Raises
     ------
@@ -59,6 +60,7 @@ def packed(root: Group, folder: str | os.PathLike) -> Iterator[BinaryIO]:
         finally:
             if target.failure:
                 raise target.failure
+        del root  # of which the file is read back
         block = user_block_of(file)
         file.seek(0)
         file.write(block)
