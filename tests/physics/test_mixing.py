@@ -65,6 +65,19 @@ def test_maxwell_garnett_is_the_textbooks():
     assert one("lorentz_lorenz", [SOOT, DUST, 1.0], [0.1, 0.2, 0.7]) == pytest.approx(vacuum, rel=1e-14)
 
 
+# mg_refractive and bruggeman_refractive of pytmatrix (J. Leinonen): soot in water, air in ice, ice in water at 95 GHz
+PYTMATRIX = [
+    (WATER, SOOT, 0.15, 1.43667550684944 + 0.0925297131635418j, 1.43224454654844 + 0.0982310620371591j),
+    (1.31 + 1e-8j, 1.0, 0.6, 1.12299878459101 + 3.99927539458957e-09j, 1.12035888876045 + 3.77244599521666e-09j),
+    (3.382 + 1.941j, 1.78 + 0.0024j, 0.4, 2.69830624198522 + 1.23297851454704j, 2.70695895848506 + 1.10781283135971j)]
+
+
+@pytest.mark.parametrize(("matrix", "inclusion", "share", "garnett", "bruggeman"), PYTMATRIX)
+def test_mixtures_are_those_of_pytmatrix(matrix, inclusion, share, garnett, bruggeman):
+    assert one("maxwell_garnett", [inclusion], [share], matrix) == pytest.approx(garnett, rel=1e-13)
+    assert one("bruggeman", [inclusion, matrix], [share, 1 - share]) == pytest.approx(bruggeman, rel=1e-13)
+
+
 def test_small_inclusions_agree_to_first_order():
     """At a share f both rules have the same term in f; they differ in f^2."""
     for f in (1e-3, 1e-4):

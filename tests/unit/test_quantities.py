@@ -19,8 +19,9 @@ from bakery.store.tree import Dataset, Group, text
 # miepython 3.3.0, efficiencies_mx and S1_S2, summed over 3000 Gauss nodes in ln r
 MIEPYTHON = {"single_scattering_albedo": 0.9616924417073212, "asymmetry": 0.7443676762023176, "lidar_ratio": 46.99318063016889,
              "depolarisation_ratio_90": 1.2881584418352214, "mass_extinction_efficiency": 2.943914554017099}
-C_EXT, BACK = 1.2558706332134797, 0.02672452931196639  # um^2, um^2/sr
-EXPONENT = -0.12964627027347891  # of extinction, between 0.5 and 0.55 um
+C_EXT, C_SCA, BACK = 1.2558706332134797, 1.2077612957235906, 0.02672452931196639  # um^2, um^2, um^2/sr
+# between 0.5 and 0.55 um
+EXPONENTS = {"extinction": -0.1296462702734766, "scattering": -0.17735646551918563, "absorption": 1.002083364345364}
 RADIUS, VARIANCE = 0.452499770421948, 0.17868715212061925
 
 POPULATION = {"bakery": 1, "name": "drops", "wavelengths": "[0.55, 0.5] um", "tolerance": "1%", "phase": {"polarized": True},
@@ -46,13 +47,16 @@ def test_quantities_are_those_of_miepython(drops):
         figure = shown[name]
         assert abs(figure.values[0] - expected) <= figure.error[0] + 1e-6 * abs(expected), name
         assert figure.error[0] < 0.05 * expected, name
-    assert shown["extinction"].values[0] == pytest.approx(1e-4 * C_EXT, rel=1e-3)
+    for name, mean in (("extinction", C_EXT), ("scattering", C_SCA), ("absorption", C_EXT - C_SCA)):
+        assert shown[name].values[0] == pytest.approx(1e-4 * mean, rel=1e-3), name
     assert shown["backscatter"].values[0] == pytest.approx(1e-4 * BACK, rel=1e-2)
     assert shown["optical_depth"].values[0] == pytest.approx(2000 * 1e-4 * C_EXT, rel=1e-3)
     assert shown["transmittance"].values[0] == pytest.approx(math.exp(-0.2 * C_EXT), rel=1e-3)
     assert shown["visibility"].values[0] == pytest.approx(math.log(50) / (1e-4 * C_EXT), rel=1e-3)
-    exponent = shown["angstrom_exponent_extinction"]
-    assert abs(exponent.values[0] - EXPONENT) <= exponent.error[0] and exponent.values[0] == pytest.approx(EXPONENT, abs=0.02)
+    assert shown["meteorological_range"].values[0] == pytest.approx(math.log(20) / (1e-4 * C_EXT), rel=1e-3)
+    for name, expected in EXPONENTS.items():
+        exponent = shown[f"angstrom_exponent_{name}"]
+        assert abs(exponent.values[0] - expected) <= exponent.error[0] and exponent.values[0] == pytest.approx(expected, abs=0.02)
     for name, expected in (("effective_radius", RADIUS), ("effective_variance", VARIANCE)):
         assert abs(shown[name].values[0] - expected) <= shown[name].error[0] + 1e-12 and shown[name].error[0] < 0.01 * expected
     assert shown["depolarisation_ratio"].values.tolist() == [0, 0]  # spheres
