@@ -229,6 +229,7 @@ def test_what_is_lost_of_polarisation_is_said(call, tmp_path, molecules, drops):
     for asset in (molecules, drops):
         write(tmp_path / f"{asset.name}.h5", asset.tree)
     for target, more, words in (("netcdf", (), "polarisation: s12, s33 and s34 at every angle, and expansion coefficients"),
+                                ("disort", (), "polarisation is left out: the solvers are for scalar light"),
                                 ("eradiate", (), "so expansion coefficients are left out"),
                                 ("libradtran", ("--density", "1 g/cm^3"), "none in generalised spherical functions")):
         status, _, err = call("export", tmp_path / "molecules.h5", "--to", target, "-o", tmp_path / target, *more)

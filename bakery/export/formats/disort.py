@@ -55,6 +55,8 @@ def write(job: Job) -> Written:
     if medium.delta.any():
         lines.append(f"unscattered (delta) transmission of grains, up to {100 * medium.delta.max():.3g} % of what they scatter, "
                      "is taken out of coefficients and phase function: the same medium.")
+    if medium.matrix is not None:
+        lines.append("polarisation is left out: the solvers are for scalar light; `--to netcdf` keeps it.")
     file = f"{job.stem}.npz"
     warnings = [f"{file}: {orders + 1} moments leave up to {100 * cloud.cut.max():.2g} % of the light; the forward peak needs "
                 "more, or a correction that takes `phase`"] if cloud.cut.max() > max(tolerance, 1e-6) else []
