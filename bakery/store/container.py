@@ -65,7 +65,7 @@ def check_container(path: str, data: bytes) -> None:
     """
     block = data[:USER_BLOCK]
     if not data:
-        raise AssetError(f"{path}: the file is empty, not a bakery asset")
+        raise AssetError(f"{path}: the file is empty, not a bakery asset; bake it again with `bake RECIPE`")
     if not block.startswith(FORMAT.encode() + b" "):
         raise AssetError(f"{path}: not a bakery asset: {_what_it_is(data)}")
     line = _LINE.fullmatch(block)
