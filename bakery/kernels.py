@@ -18,7 +18,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | its components | `Component`, `whole_medium`, `medium_component` | |
 | that mesh | `depth_in_mesh` | `mesh_boundary`, `in_mesh`, `deep_in_mesh`, `deepest_in_mesh`, `within_reach` |
 | diffuse light in it | `Diffuse`, `diffuse_in_mesh`, `never_diffuse` | `clear_in_mesh`, `diffuse_share` |
-| voxels with triangles | | `mark_voxels` |
+| voxels with triangles | | `mark_voxels`, `passes_marked`, `voxel_at` |
 | types of grain | `Exemplars`, `exemplars` | |
 | triangles of a grain | `Mesh` (`Mesh(vertices, faces).tree`) | `mesh_scratch`, `nearest_triangle`, `triangle_normal` |
 | triangles that enclose nothing | `triangle_tree` | the same |
@@ -90,7 +90,7 @@ from bakery.physics.granular.varied import (
     varied_medium,
     whole_medium,
 )
-from bakery.physics.granular.voxels import mark_voxels
+from bakery.physics.granular.voxels import mark_voxels, passes_marked, voxel_at
 from bakery.physics.lent import lent
 from bakery.physics.medium.kernels import phase_layout, phase_sample, phase_value, turned_direction
 from bakery.physics.medium.phase import phase_at, phase_integral
@@ -170,6 +170,7 @@ __all__ = [
     "never_diffuse",
     "no_look_ups",
     "open_wavelengths",
+    "passes_marked",
     "phase_at",
     "phase_integral",
     "phase_layout",
@@ -203,6 +204,7 @@ __all__ = [
     "uniform_field",
     "unvaried_medium",
     "varied_medium",
+    "voxel_at",
     "whole_medium",
     "within_reach",
 ]

@@ -50,7 +50,7 @@ def reduced(path: Path, width: int) -> bytes:
         with Image.open(path) as image:
             image = image.convert("RGB")
     except (OSError, UnidentifiedImageError):
-        raise UsageError(f"{path}: cannot be read as a picture") from None
+        raise UsageError(f"{path}: cannot be read as a picture; a whole PNG or JPEG would do") from None
     image.thumbnail((width, width))
     return as_jpeg(image)
 

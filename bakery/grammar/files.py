@@ -58,7 +58,7 @@ def read_recipe(path: str | os.PathLike) -> bytes:
     except FileNotFoundError:
         raise UsageError(f"{label}: no such file; give the path of a recipe (NAME.yaml)") from None
     except OSError as error:
-        raise UsageError(f"{label}: cannot be read ({error.strerror})") from None
+        raise UsageError(f"{label}: cannot be read ({error.strerror}); give the path of a file that you may read") from None
     except Wrong as wrong:
         raise UsageError(f"{label}: {wrong.found}; {wrong.expected}") from None
 

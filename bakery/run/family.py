@@ -75,7 +75,8 @@ def execute_family(plan: FamilyPlan, *, cache: Cache | None = None, jobs: int | 
         try:
             plan.folder.mkdir(exist_ok=True)
         except OSError as error:
-            raise UsageError(f"{plan.folder}: the folder of the members cannot be made: {error.strerror}") from None
+            raise UsageError(f"{plan.folder}: the folder of the members cannot be made: {error.strerror}; "
+                             "write the family into another folder (-o)") from None
         progress.stage(FAMILY, f"{plan.points} points", *((sweep.tolerance, 0.0) if sweep.refine else (0.0, plan.seconds)))
         folder = stack.enter_context(scratch.folder("family"))
         baking = _Baking(plan, folder, {"cache": cache, "jobs": jobs, "executor": executor}, progress)

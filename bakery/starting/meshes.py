@@ -74,7 +74,7 @@ def solid(path: Path, usual_height: float, unit: str | None = None, height: floa
     _finite(path, low, high)
     longest = float((high - low).max())
     if not longest > 0:
-        raise UsageError(f"{path}: found a mesh whose vertices are all in one place")
+        raise UsageError(f"{path}: found a mesh whose vertices are all in one place; give a mesh of a closed body")
     metres, sentence = _metres(path, high - low, usual_height, unit, height, stated)
     if not SMALLEST <= longest * metres <= LARGEST:
         raise UsageError(f"{path}: found a mesh {length(longest * metres)} across; expected {length(SMALLEST)} to "
@@ -127,7 +127,7 @@ def _stated(data: bytes) -> str | None:
 
 def _finite(path, low, high):
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
-        raise UsageError(f"{path}: found coordinates that are no finite numbers")
+        raise UsageError(f"{path}: found coordinates that are no finite numbers; write the mesh anew without them")
 
 
 def _metres(path, edges, usual_height, unit, height, stated):
@@ -136,7 +136,7 @@ def _metres(path, edges, usual_height, unit, height, stated):
         raise UsageError("--unit and --height: found both, but each sets the size of the mesh; give one of them")
     if height:
         if not edges[2] > 0:
-            raise UsageError(f"{path}: found a flat mesh, which has no height")
+            raise UsageError(f"{path}: found a flat mesh, which has no height; give a closed body, or its unit (--unit)")
         return height / edges[2], f"{length(height)} high, as asked (--height)"
     longest = float(edges.max())
     if unit or stated:

@@ -95,7 +95,7 @@ def check_container(path: str, data: bytes | BinaryIO) -> None:
     head = file.read(FOREIGN)
     block = head[:USER_BLOCK]
     if not head:
-        raise AssetError(f"{path}: the file is empty, not a bakery asset")
+        raise AssetError(f"{path}: the file is empty, not a bakery asset; bake it again with `bake RECIPE`")
     if not block.startswith(FORMAT.encode() + b" "):
         raise AssetError(f"{path}: not a bakery asset: {_what_it_is(head)}")
     line = _LINE.fullmatch(block)

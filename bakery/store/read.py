@@ -46,7 +46,7 @@ def read_bytes(path: str, files: Files = FILES) -> bytes:
     try:
         return _slurped(path, files)
     except FileNotFoundError:
-        raise AssetError(f"{path}: there is no such file") from None
+        raise AssetError(f"{path}: there is no such file; `bake RECIPE` writes one") from None
     except NotRegular:
         raise AssetError(f"{path}: a folder, pipe or device, not a bakery asset") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path

@@ -81,9 +81,9 @@ def check_target(path: str | os.PathLike) -> None:
     if not stat.S_ISREG(mode):
         raise UsageError(f"{shown}: a pipe or device; an asset is written to a file, which is then renamed into its place")
     if shown.endswith(os.sep) or not os.path.isdir(folder):
-        raise UsageError(f"{shown}: its folder does not exist: {folder}")
+        raise UsageError(f"{shown}: its folder does not exist: {folder}; make it first")
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise UsageError(f"{shown}: no right to write in {folder}")
+        raise UsageError(f"{shown}: no right to write in {folder}; name a file in a folder of yours (-o)")
 
 
 @contextmanager

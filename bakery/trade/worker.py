@@ -143,7 +143,7 @@ class Bench:
         try:
             result = stage.compute(stage.inputs(recipe, self._groups), context)
         except MemoryError:
-            raise StageError(f"{stage.name}: out of memory") from None
+            raise StageError(f"{stage.name}: out of memory; a coarser tolerance or fewer wavelengths take less") from None
         seconds = max(self._clock() - started, 1e-9)
         group = Group(result.members, {"stage": stage.name, "stage_version": stage.version, "input_hash": key,
                                        "tolerance": tolerance, "achieved_error": float(result.achieved_error),

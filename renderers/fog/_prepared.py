@@ -39,7 +39,7 @@ class Prepared:
                                         (("distance", distance, True), ("angle", angle, True), ("column", column, False),
                                          ("lever", lever, False)))
         if not np.isfinite(image).all():
-            raise UsageError(f"image: {_first(~np.isfinite(image).all(2))} is not finite")
+            raise UsageError(f"image: {_first(~np.isfinite(image).all(2))} is not finite; finite numbers of 0 or more would do")
         fog = medium.cut(cut_off)
         self._tau = column[..., None] * fog.sigma_t
         self._share = -np.expm1(-column[..., None] * fog.sigma_s)

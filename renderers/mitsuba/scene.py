@@ -103,7 +103,7 @@ def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=N
     scene_path = Path(scene_path)
     coarser = reached.coarser(quality)
     if not scene_path.is_file():
-        raise UsageError(f"{scene_path}: there is no such scene")
+        raise UsageError(f"{scene_path}: there is no such scene; give the path of a Mitsuba scene (.xml)")
     pair = images.output_pair(output, inputs.files_of(scene_path, parameters), overwrite)
     scene, chosen, reason = load(scene_path, colour=colour, variant=variant, parameters=parameters, integrator=True)
     images.refuse_too_large(scene_path, *reversed([int(side) for side in scene.sensors()[0].film().crop_size()]))

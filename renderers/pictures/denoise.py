@@ -23,6 +23,7 @@ PREFIX = "denoised."  # of the channels of the EXR
 TEXT = "bakery_denoised"  # attribute of both files
 _COARSE = ("draft", "preview")  # qualities whose pictures have their noise taken out unless a scene says otherwise
 _ALLOWED = 2.0  # standard errors by which the filter may move a value
+_ALONE = 4.0  # times as many where no neighbour is off with it
 _NEAR = 5  # pixels: side of the square whose mean a value may be
 _AROUND = 9  # pixels: side of the square over which the scatter of few passes is averaged
 _WIDER = 25  # pixels: side of the square whose mean a value may be too, however few of the pixels near it any path has reached
@@ -217,5 +218,20 @@ def _held(seen, filtered, variance):
         allowed = _ALLOWED * np.sqrt(np.maximum(variance, usual))
         level = uniform_filter(seen, wider, mode="nearest")
         lowest, highest = np.minimum(lowest, level), np.maximum(highest, level)
+        allowed = np.where(_isolated(seen - filtered, allowed), _ALONE * allowed, allowed)
         lowest, highest = np.maximum(lowest, seen - allowed), np.minimum(highest, seen + allowed)
     return np.clip(np.where(np.isfinite(filtered), filtered, seen), lowest, highest)
+
+
+def _isolated(difference, allowed):
+    """Where pixels are off by more than what is allowed and less than two of their eight neighbours are, in the same direction.
+
+    A lamp, a line or a texture is off in several; rare bright samples, of which two passes may find one each, in single pixels.
+    """
+    from scipy.ndimage import uniform_filter
+
+    isolated = np.zeros(difference.shape, bool)
+    for beyond in (difference > allowed, difference < -allowed):
+        together = np.rint(9 * uniform_filter(beyond.astype(float), (3, 3, 1), mode="constant"))
+        isolated |= beyond & (together < 3)
+    return isolated

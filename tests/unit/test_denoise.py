@@ -92,6 +92,16 @@ def test_light_that_is_known_stays(any_filter):
     assert np.array_equal(found[:, :18], picture[:, :18]) and not np.array_equal(found[:, 22:], picture[:, 22:])
 
 
+def test_a_single_bright_sample_goes_and_a_small_lamp_stays(any_filter):
+    """Passes that agree on a rare bright sample leave a pixel with little scatter: a dot, unless neighbours are as bright."""
+    any_filter(np.ones_like)
+    level, variance = np.ones(SHAPE), np.full(SHAPE, 0.04)
+    level[5, 5] = level[15:17, 20:22] = 2.0  # five standard errors: two may be held, a single one moved by eight
+    cleared = denoised({"walk": (level, variance)}).rgb
+    assert np.array_equal(cleared[5, 5], cleared[5, 9])
+    assert (cleared[15:17, 20:22] >= 1.5).all()
+
+
 def test_light_that_few_pixels_have_found_is_spread(any_filter):
     """Where a path in fifty finds any light, three squares of 5 x 5 pixels in five have none: they are no black specks."""
     any_filter(np.ones_like)

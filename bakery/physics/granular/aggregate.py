@@ -15,7 +15,20 @@ import numpy as np
 from bakery.physics.grains.bvh import Mesh, mesh_scratch, nearest_triangle, triangle_normal
 from bakery.physics.granular.field import Field, between, largest, sampled, uniform_field, value
 from bakery.physics.granular.flights import flight_to_sphere
-from bakery.physics.granular.voxels import CLASS, INSIDE, NEAR, OUTSIDE, PARTIAL, classified, inside
+from bakery.physics.granular.voxels import (
+    CLASS,
+    INSIDE,
+    NEAR,
+    OUTSIDE,
+    PARTIAL,
+    among,
+    classified,
+    inside,
+    next_voxel,
+    voxel_at,
+    ways_out,
+    within_box,
+)
 from bakery.physics.packing.cells import counts, tile_grid
 from bakery.physics.packing.instances import left_out
 from bakery.system.compiled import njit
@@ -168,27 +181,15 @@ def first_sphere(aggregate, p, d, begin, end, left_behind, sphere, scratch):
     low, edge, voxels, cell = aggregate.low, aggregate.edge, aggregate.voxels, aggregate.cell
     grid = cell, aggregate.m, aggregate.start, aggregate.image, aggregate.owner
     _, o, last, to = scratch
-    t, stop = begin, end
-    for axis in range(3):
-        high = low[axis] + voxels.shape[axis] * edge[axis]
-        if d[axis] == 0.0:
-            if not low[axis] <= p[axis] < high:
-                return np.inf
-        else:
-            u, v = (low[axis] - p[axis]) / d[axis], (high - p[axis]) / d[axis]
-            t, stop = max(t, min(u, v)), min(stop, max(u, v))
+    t, stop = within_box(low, edge, voxels.shape, p, d, begin, end)
     if not t < stop:
         return np.inf
-    a = min(max(math.floor((p[0] + t * d[0] - low[0]) / edge[0]), 0), voxels.shape[0] - 1)
-    b = min(max(math.floor((p[1] + t * d[1] - low[1]) / edge[1]), 0), voxels.shape[1] - 1)
-    c = min(max(math.floor((p[2] + t * d[2] - low[2]) / edge[2]), 0), voxels.shape[2] - 1)
-    wall_x = (low[0] + (a + (d[0] > 0)) * edge[0] - p[0]) / d[0] if d[0] != 0 else np.inf
-    wall_y = (low[1] + (b + (d[1] > 0)) * edge[1] - p[1]) / d[1] if d[1] != 0 else np.inf
-    wall_z = (low[2] + (c + (d[2] > 0)) * edge[2] - p[2]) / d[2] if d[2] != 0 else np.inf
+    voxel = voxel_at(low, edge, voxels.shape, p[0] + t * d[0], p[1] + t * d[1], p[2] + t * d[2])
+    out = ways_out(low, edge, voxel, p, d)
     last[0], last[1], last[2], last[3] = left_behind[0], left_behind[1], left_behind[2], left_behind[3]
     while True:
-        leave = min(min(wall_x, wall_y), min(wall_z, stop))
-        near = voxels[a, b, c] & NEAR
+        leave = min(min(out[0], out[1]), min(out[2], stop))
+        near = voxels[voxel] & NEAR
         while near and t < leave:
             if last[0] < 0:
                 for axis in range(3):
@@ -208,13 +209,9 @@ def first_sphere(aggregate, p, d, begin, end, left_behind, sphere, scratch):
         t = max(t, leave)
         if t >= stop:
             return np.inf
-        while wall_x <= t:
-            wall_x, a = wall_x + edge[0] / abs(d[0]), a + (1 if d[0] > 0 else -1)
-        while wall_y <= t:
-            wall_y, b = wall_y + edge[1] / abs(d[1]), b + (1 if d[1] > 0 else -1)
-        while wall_z <= t:
-            wall_z, c = wall_z + edge[2] / abs(d[2]), c + (1 if d[2] > 0 else -1)
-        if not (0 <= a < voxels.shape[0] and 0 <= b < voxels.shape[1] and 0 <= c < voxels.shape[2]):
+        while min(out[0], min(out[1], out[2])) <= t:
+            voxel, out = next_voxel(edge, voxel, out, d)
+        if not among(voxel, voxels.shape):
             return np.inf
 
 
@@ -222,36 +219,19 @@ def first_sphere(aggregate, p, d, begin, end, left_behind, sphere, scratch):
 def within_reach(aggregate, p, d, begin):
     """Distance along unit d (3,) from p (3,), `begin` or more, to the next voxel that some sphere may reach into, or inf."""
     low, edge, voxels = aggregate.low, aggregate.edge, aggregate.voxels
-    t, stop = begin, np.inf
-    for axis in range(3):
-        high = low[axis] + voxels.shape[axis] * edge[axis]
-        if d[axis] == 0.0:
-            if not low[axis] <= p[axis] < high:
-                return np.inf
-        else:
-            u, v = (low[axis] - p[axis]) / d[axis], (high - p[axis]) / d[axis]
-            t, stop = max(t, min(u, v)), min(stop, max(u, v))
+    t, stop = within_box(low, edge, voxels.shape, p, d, begin, np.inf)
     if not t < stop:
         return np.inf
-    a = min(max(math.floor((p[0] + t * d[0] - low[0]) / edge[0]), 0), voxels.shape[0] - 1)
-    b = min(max(math.floor((p[1] + t * d[1] - low[1]) / edge[1]), 0), voxels.shape[1] - 1)
-    c = min(max(math.floor((p[2] + t * d[2] - low[2]) / edge[2]), 0), voxels.shape[2] - 1)
-    if voxels[a, b, c] & NEAR:
+    voxel = voxel_at(low, edge, voxels.shape, p[0] + t * d[0], p[1] + t * d[1], p[2] + t * d[2])
+    if voxels[voxel] & NEAR:
         return t
-    wall_x = (low[0] + (a + (d[0] > 0)) * edge[0] - p[0]) / d[0] if d[0] != 0 else np.inf
-    wall_y = (low[1] + (b + (d[1] > 0)) * edge[1] - p[1]) / d[1] if d[1] != 0 else np.inf
-    wall_z = (low[2] + (c + (d[2] > 0)) * edge[2] - p[2]) / d[2] if d[2] != 0 else np.inf
+    out = ways_out(low, edge, voxel, p, d)
     while True:
-        t = min(wall_x, min(wall_y, wall_z))
-        if t == wall_x:
-            wall_x, a = wall_x + edge[0] / abs(d[0]), a + (1 if d[0] > 0 else -1)
-        elif t == wall_y:
-            wall_y, b = wall_y + edge[1] / abs(d[1]), b + (1 if d[1] > 0 else -1)
-        else:
-            wall_z, c = wall_z + edge[2] / abs(d[2]), c + (1 if d[2] > 0 else -1)
-        if not (0 <= a < voxels.shape[0] and 0 <= b < voxels.shape[1] and 0 <= c < voxels.shape[2]):
+        t = min(out[0], min(out[1], out[2]))
+        voxel, out = next_voxel(edge, voxel, out, d)
+        if not among(voxel, voxels.shape):
             return np.inf
-        if voxels[a, b, c] & NEAR:
+        if voxels[voxel] & NEAR:
             return max(t, begin)
 
 
@@ -284,22 +264,14 @@ def mesh_boundary(aggregate, p, d, triangle, scratch):
 def deep_in_mesh(aggregate, p, d, t):
     """Whether all voxels on the way of length t from p (3,) along d (3,) are inside of the mesh; False where it is not known."""
     low, edge, voxels = aggregate.low, aggregate.edge, aggregate.voxels
-    a, b, c = (math.floor((p[0] - low[0]) / edge[0]), math.floor((p[1] - low[1]) / edge[1]),
-               math.floor((p[2] - low[2]) / edge[2]))
-    wall_x = (low[0] + (a + (d[0] > 0)) * edge[0] - p[0]) / d[0] if d[0] != 0 else np.inf
-    wall_y = (low[1] + (b + (d[1] > 0)) * edge[1] - p[1]) / d[1] if d[1] != 0 else np.inf
-    wall_z = (low[2] + (c + (d[2] > 0)) * edge[2] - p[2]) / d[2] if d[2] != 0 else np.inf
-    while 0 <= a < voxels.shape[0] and 0 <= b < voxels.shape[1] and 0 <= c < voxels.shape[2]:
-        if voxels[a, b, c] & CLASS != INSIDE:
+    voxel = (math.floor((p[0] - low[0]) / edge[0]), math.floor((p[1] - low[1]) / edge[1]), math.floor((p[2] - low[2]) / edge[2]))
+    out = ways_out(low, edge, voxel, p, d)
+    while among(voxel, voxels.shape):
+        if voxels[voxel] & CLASS != INSIDE:
             return False
-        if min(wall_x, min(wall_y, wall_z)) > t:
+        if min(out[0], min(out[1], out[2])) > t:
             return True
-        if wall_x <= wall_y and wall_x <= wall_z:
-            wall_x, a = wall_x + edge[0] / abs(d[0]), a + (1 if d[0] > 0 else -1)
-        elif wall_y <= wall_z:
-            wall_y, b = wall_y + edge[1] / abs(d[1]), b + (1 if d[1] > 0 else -1)
-        else:
-            wall_z, c = wall_z + edge[2] / abs(d[2]), c + (1 if d[2] > 0 else -1)
+        voxel, out = next_voxel(edge, voxel, out, d)
     return False
 
 

@@ -1,4 +1,5 @@
-"""Voxels of a closed mesh: which are outside of it, which inside, which its surface passes through, and which lie near it."""
+"""Voxels of a closed mesh: which are outside of it, which inside, which its surface passes through, which lie near it; rays
+from one to the next."""
 
 from __future__ import annotations
 
@@ -54,6 +55,72 @@ def meets(a, b, c, half):
     ny = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
     nz = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     return abs(nx * a[0] + ny * a[1] + nz * a[2]) <= abs(nx) * half[0] + abs(ny) * half[1] + abs(nz) * half[2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def voxel_at(low, edge, shape, x, y, z):
+    """The voxel (three numbers) that holds a point, or the nearest to it."""
+    return (min(max(math.floor((x - low[0]) / edge[0]), 0), shape[0] - 1),
+            min(max(math.floor((y - low[1]) / edge[1]), 0), shape[1] - 1),
+            min(max(math.floor((z - low[2]) / edge[2]), 0), shape[2] - 1))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def ways_out(low, edge, voxel, p, d):
+    """Distances at which the ray from p (3,) along d (3,) leaves a voxel along each axis; inf where it goes across it."""
+    a, b, c = voxel
+    return ((low[0] + (a + (d[0] > 0)) * edge[0] - p[0]) / d[0] if d[0] != 0 else np.inf,
+            (low[1] + (b + (d[1] > 0)) * edge[1] - p[1]) / d[1] if d[1] != 0 else np.inf,
+            (low[2] + (c + (d[2] > 0)) * edge[2] - p[2]) / d[2] if d[2] != 0 else np.inf)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def next_voxel(edge, voxel, out, d):
+    """The voxel, maybe beyond the last, that a ray enters where it leaves one (`out`: `ways_out`), and the ways out of it."""
+    (a, b, c), (x, y, z) = voxel, out
+    if x <= y and x <= z:
+        return (a + (1 if d[0] > 0 else -1), b, c), (x + edge[0] / abs(d[0]), y, z)
+    if y <= z:
+        return (a, b + (1 if d[1] > 0 else -1), c), (x, y + edge[1] / abs(d[1]), z)
+    return (a, b, c + (1 if d[2] > 0 else -1)), (x, y, z + edge[2] / abs(d[2]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def among(voxel, shape):
+    """Whether there is such a voxel."""
+    return 0 <= voxel[0] < shape[0] and 0 <= voxel[1] < shape[1] and 0 <= voxel[2] < shape[2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def within_box(low, edge, shape, p, d, begin, end):
+    """Distances at which the ray from p (3,) along d (3,), from `begin` to `end`, is among the voxels: the second below the first
+    if nowhere."""
+    for axis in range(3):
+        high = low[axis] + shape[axis] * edge[axis]
+        if d[axis] == 0.0:
+            if not low[axis] <= p[axis] < high:
+                return np.inf, -np.inf
+        else:
+            u, v = (low[axis] - p[axis]) / d[axis], (high - p[axis]) / d[axis]
+            begin, end = max(begin, min(u, v)), min(end, max(u, v))
+    return begin, end
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def passes_marked(low, edge, marks, p, d, t):
+    """Whether a ray of length t from p (3,) along d (3,), both ends among the voxels, passes one that is marked.
+
+    low, edge : (3,) corner and edges of the first voxel;  marks : (X, Y, Z)
+    """
+    voxel = voxel_at(low, edge, marks.shape, p[0], p[1], p[2])
+    out = ways_out(low, edge, voxel, p, d)
+    while among(voxel, marks.shape):
+        if marks[voxel]:
+            return True
+        if min(out[0], min(out[1], out[2])) > t:
+            return False
+        voxel, out = next_voxel(edge, voxel, out, d)
+    return False
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -42,7 +42,7 @@ def looked_up(asset, path: str, arguments: Mapping[str, float | tuple[float, ...
         raise UsageError(f"{path}: {' and '.join(several)} are lists; only one may be")
     for name in ("rho", "length"):
         if np.any(np.asarray(arguments.get(name, 0.0), float) < 0):
-            raise UsageError(f"{path}: {name} is below 0")
+            raise UsageError(f"{path}: {name} is below 0; give lengths of 0 or more")
     coordinates = {"phi": 0.0} | {name: np.asarray(value, float) for name, value in arguments.items()}
     values = getattr(asset.multiple, kind)(**coordinates)
     axes = (("wavelength", "um", asset.wavelength),)

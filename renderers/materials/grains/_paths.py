@@ -7,7 +7,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bakery.kernels import DIELECTRIC, DIFFUSE, at_surface, lent, surface_density, surface_frame, surface_share
+from bakery.kernels import (
+    DIELECTRIC,
+    DIFFUSE,
+    at_surface,
+    lent,
+    passes_marked,
+    surface_density,
+    surface_frame,
+    surface_share,
+    voxel_at,
+)
 from bakery.system.compiled import njit
 from renderers.materials.grains._grains import UNKNOWN, next_surface, scratch
 from renderers.transport.wavefront import roulette, to_rgb, uniform
@@ -86,37 +96,13 @@ class Event(NamedTuple):
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def crosses(aggregate, occupied, p, d, t):
     """Whether a ray of length t from p along d, both ends among the voxels, passes voxels with surfaces of the scene."""
-    if occupied.size == 0:
-        return False
-    low, edge = aggregate.low, aggregate.edge
-    a, b, c = (min(max(math.floor((p[0] - low[0]) / edge[0]), 0), occupied.shape[0] - 1),
-               min(max(math.floor((p[1] - low[1]) / edge[1]), 0), occupied.shape[1] - 1),
-               min(max(math.floor((p[2] - low[2]) / edge[2]), 0), occupied.shape[2] - 1))
-    wall_x = (low[0] + (a + (d[0] > 0)) * edge[0] - p[0]) / d[0] if d[0] != 0 else np.inf
-    wall_y = (low[1] + (b + (d[1] > 0)) * edge[1] - p[1]) / d[1] if d[1] != 0 else np.inf
-    wall_z = (low[2] + (c + (d[2] > 0)) * edge[2] - p[2]) / d[2] if d[2] != 0 else np.inf
-    while 0 <= a < occupied.shape[0] and 0 <= b < occupied.shape[1] and 0 <= c < occupied.shape[2]:
-        if occupied[a, b, c]:
-            return True
-        if min(wall_x, min(wall_y, wall_z)) > t:
-            return False
-        if wall_x <= wall_y and wall_x <= wall_z:
-            wall_x, a = wall_x + edge[0] / abs(d[0]), a + (1 if d[0] > 0 else -1)
-        elif wall_y <= wall_z:
-            wall_y, b = wall_y + edge[1] / abs(d[1]), b + (1 if d[1] > 0 else -1)
-        else:
-            wall_z, c = wall_z + edge[2] / abs(d[2]), c + (1 if d[2] > 0 else -1)
-    return False
+    return occupied.size > 0 and passes_marked(aggregate.low, aggregate.edge, occupied, p, d, t)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def chance_at(aggregate, chance, p):
     """Value at p (3,) of chances (X, Y, Z) in the voxels of an aggregate."""
-    low, edge = aggregate.low, aggregate.edge
-    a, b, c = (min(max(math.floor((p[0] - low[0]) / edge[0]), 0), chance.shape[0] - 1),
-               min(max(math.floor((p[1] - low[1]) / edge[1]), 0), chance.shape[1] - 1),
-               min(max(math.floor((p[2] - low[2]) / edge[2]), 0), chance.shape[2] - 1))
-    return chance[a, b, c]
+    return chance[voxel_at(aggregate.low, aggregate.edge, chance.shape, p[0], p[1], p[2])]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
