@@ -3,7 +3,7 @@
 A body whose asset holds a surface is offered as one where the error that is expected of that (`SceneMethod.deviation`: how far
 light spreads, over pixels and over the body's radius) is no more than a method which `auto` takes may have.  One that nothing can
 fill, such as an open sheet, is a surface in any case.  One that is near in parts is offered as a surface from some distance to
-the camera on (`renderers.materials.bodies.onset`), where that is much of what the camera sees of it.
+the camera on (`SceneMethod.far_share`), where that is much of what the camera sees of it.
 """
 
 from __future__ import annotations
@@ -49,19 +49,15 @@ def beside(opened, world, listed: tuple[Candidate, ...]) -> tuple[tuple[Candidat
 
 def _changing(opened, world, able) -> dict[int, float]:
     """Of bodies those that are offered as surfaces from some distance on, with the error that is expected of that."""
-    from renderers.materials.bodies import onset
-
     scene = opened.scene
     if any(entries.PACKAGES.get(entry.kind) and not candidates.surface_of(entry.kind) for entry in scene.values.materials):
         return {}  # where particles or grains are told apart nothing renders them so
-    expected = {}
+    allowed, expected = budget.ROOM * (scene.values.tolerance or budget.DEFAULT), {}
     for number in able:
-        kind = scene.values.materials[number].kind
-        if entries.declared(kind)[candidates.far_surface_of(kind)].unfit(scene, number, opened.assets[number], world):
-            continue
-        begins = onset.of(scene, number, opened.assets[number], world)
-        if begins.share >= _WORTH and begins.error <= budget.ROOM * (scene.values.tolerance or budget.DEFAULT):
-            expected[number] = begins.error
+        kind, about = scene.values.materials[number].kind, (scene, number, opened.assets[number], world)
+        method = entries.declared(kind)[candidates.far_surface_of(kind)]
+        if not method.unfit(*about) and method.far_share(*about) >= _WORTH and (error := method.deviation(*about)) <= allowed:
+            expected[number] = error
     return expected
 
 

@@ -50,7 +50,7 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
                 yield entry.names[name].problem(f"found {name}, and {reason}", "expected none")
         for name in _OF_SURFACES if kind == "body" and method in (*METHODS[kind], "auto") else ():
             if name in entry and name not in declared(kind)[method].keys:
-                takers = [taker for taker in METHODS[kind] if name in declared(kind)[taker].keys]
+                takers = [taker for taker in ("auto", *METHODS[kind]) if name in declared(kind)[taker].keys]
                 yield entry.names[name].problem(f"found {name}, which method {method} does not use",
                                                 f"expected it with method: {fields.one_of(takers)}")
         for name, reason in _UNUSED.items():

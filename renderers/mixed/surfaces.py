@@ -137,5 +137,5 @@ def _spread_in_words(scene, world, asset, layer, shape, size) -> str:
 def _length(metres: float) -> str:
     for unit, scale in (("um", 1e-6), ("mm", 1e-3)):
         if metres < 1e3 * scale:
-            return f"{metres / scale:.3g} {unit}"
+            return f"{float(f'{metres / scale:.2g}'):g} {unit}"
     return f"{metres:.3g} m"
