@@ -1,12 +1,14 @@
 """A field of snow, 200 m wide: what `auto` takes beside paths through the medium that stands for the grains.
 
-    python -m benchmarks.far_snow [--small] [--seconds 60] [--width 200]
+    python -m benchmarks.far_snow [--small] [--seconds 60] [--width 200] [--eye] [--tolerance 5%] [--pictures FOLDER]
 
 The scene is assets/scenes/field_of_snow with the field as a closed body, so that paths can go into it, and snow of the same
 grains with the surface of their medium, which is what both show.  A row a method, which take turns: processor seconds a pass;
 the mean of the lower half of the picture over that of paths, with its standard error; processor seconds to a noise of 1 % of a
 pixel over the picture's mean, and that over paths'.  Before that the table of `auto` and the processor seconds of its pilots.
---small: 32 pixels wide, 2 seconds.
+--eye: from its edge, at the height of eyes, from 2 m before them to the horizon, with a post where near changes into far; then
+paths+surface, too, and no table of `auto`.  --pictures: means of the methods, and their differences from paths in standard
+errors of blocks of pixels, as PNG.  --small: 32 pixels wide, 2 seconds.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from benchmarks.sizes import sized
 from renderers import choice, colour
 from renderers import scene as scenes
 from renderers.mitsuba.world import World
+from renderers.pictures import images
 from renderers.scene import assets, candidates
 
 ROOT = Path(__file__).parents[1]
@@ -33,23 +36,34 @@ SCENE = """\
 bakery_scene: 2
 name: far_snow
 scene: {{mitsuba: far_snow.xml, unit: 1 m}}
-tolerance: 5%
+tolerance: {tolerance}
 stop: {{noise: 1%, time: {time} s}}
 film: {{width: {width}, height: {height}}}
 materials:
   - {{where: {{shape: plain}}, asset: {asset}}}
 """
+# 1.7 m over the snow, 58 degrees down to 4 degrees up; a post 12 m off, whose shadow lies from 12 to 15 m off
+EYE = """<sensor type="perspective"> <float name="fov" value="62"/> <string name="fov_axis" value="y"/>
+<transform name="to_world"> <lookat origin="0, -99, -1.3" target="0, -98.1, -1.76" up="0, 0, 1"/> </transform> </sensor>
+<shape type="cylinder"> <float name="radius" value="0.1"/> <point name="p0" x="3" y="-87" z="-2.95"/>
+<point name="p1" x="3" y="-87" z="-1"/> <ref id="wood"/> </shape>"""
+ROUNDS = 4  # in which methods take turns
+BLOCK = 8  # pixels a side, of the blocks whose differences are shown
 
 
-def written(folder, width, asset, time=3600.0):
-    """The scene in a folder: the field a body, and no drift or posts in it."""
+def written(folder, width, asset, time=3600.0, eye=False, tolerance="5%"):
+    """The scene in a folder: the field a body, and no drift or posts in it; eye : from its edge."""
     text = (ROOT / "assets/scenes/field_of_snow.xml").read_text(encoding="utf-8")
     text = re.sub(r'<shape type="rectangle" id="plain">.*?</shape>', FIELD, text)
     text = re.sub(r'<shape type="ply" id="drift">.*?</shape>', "", text)
     text = re.sub(r'(<point name="p0" [^>]*z=)"-4"', r'\1"-2.9"', text)
+    if eye:
+        text = re.sub(r'(?s)<sensor.*?</sensor>', "", text).replace("</scene>", f"{EYE}</scene>")
+        text = text.replace('100, 100, 1"/> <translate z="-4"', '100, 100, 10"/> <translate z="-13"')  # 20 m deep
     (folder / "far_snow.xml").write_text(text, encoding="utf-8")
     path = folder / "far_snow.yaml"
-    path.write_text(SCENE.format(width=width, height=3 * width // 4, asset=asset, time=time), encoding="utf-8")
+    height = 3 * width // 4
+    path.write_text(SCENE.format(width=width, height=height, asset=asset, time=time, tolerance=tolerance), encoding="utf-8")
     return path
 
 
@@ -65,15 +79,16 @@ def baked(folder):
 class Run:
     """Passes of a method: luminance of the lower half, sums of pixels and of their squares, processor seconds."""
 
-    def __init__(self, opened, world, candidate):
+    def __init__(self, opened, candidate):
         scene = candidates.applied(opened.scene, candidate)
-        (part,) = scene.prepare(opened._replace(scene=scene), world, 0).parts
-        self.part = part.fewer(1)
+        method = scene.prepare(opened._replace(scene=scene), World.of(scene), 0)  # surfaces change shapes of their world
+        (part,) = method.parts
+        self.part, self.reasons = part.fewer(1), method.reasons
         self.part.render(1 << 20)  # compiles
         self.lower, self.seconds, self.count, self.sum, self.square = [], 0.0, 0, 0.0, 0.0
 
     def on(self, seconds):
-        """More passes, for so many processor seconds."""
+        """More passes, for so many more processor seconds."""
         end = self.seconds + seconds
         while self.seconds < end or self.count < 4:
             begin = time.process_time()
@@ -88,10 +103,60 @@ class Run:
         return float(np.mean(self.lower)), float(np.std(self.lower, ddof=1) / np.sqrt(self.count))
 
     @property
+    def picture(self):
+        """Luminance (H, W), and its standard error."""
+        mean = self.sum / self.count
+        return mean, np.sqrt(np.maximum(self.square / self.count - mean**2, 0) / (self.count - 1))
+
+    @property
     def to_noise(self):
         """Processor seconds until the noise of a pixel is 1 % of the picture's mean."""
         variance = np.mean(self.square / self.count - (self.sum / self.count) ** 2) * self.count / (self.count - 1)
         return float(variance / np.mean(self.sum / self.count) ** 2 * self.seconds / self.count / 1e-4)
+
+
+def table(runs):
+    """Rows of the methods, by name; the first is what others are held against."""
+    reference = next(iter(runs.values()))
+    print("| method | s a pass | lower half over paths | noise 1 % after, s | over paths |\n|---|---|---|---|---|")
+    for name, run in runs.items():
+        ratio = run.mean[0] / reference.mean[0]
+        error = np.hypot(run.mean[1], reference.mean[1] * (run is not reference)) / reference.mean[0]
+        print(f"| {name} | {run.seconds / run.count:.2g} | {ratio:.3f} +- {error:.3f} | {run.to_noise:.3g} | "
+              f"{run.to_noise / reference.to_noise:.2g} |")
+
+
+def by_rows(runs, bands=8):
+    """Ratio to the first method in bands of rows below the horizon, from far to near, with standard errors."""
+    (reference, its_error), *others = (run.picture for run in runs.values())
+    first = len(reference) // 8
+    for name, (mean, error) in zip(list(runs)[1:], others, strict=True):
+        cells = []
+        for rows in np.array_split(np.arange(first, len(reference)), bands):
+            level = reference[rows].mean()
+            noise = np.hypot(*(np.sqrt((part[rows] ** 2).sum()) / part[rows].size for part in (error, its_error))) / level
+            cells.append(f"{mean[rows].mean() / level:.3f} +- {noise:.3f}")
+        print(f"{name}, rows from far to near: {', '.join(cells)}")
+
+
+def shown(runs, folder):
+    """Means of the methods, and their differences from the first one over the standard error, of blocks: grey is none."""
+    level = 2 * float(np.mean([run.picture[0].mean() for run in runs.values()]))
+    pictures = {name: run.picture for name, run in runs.items()}
+    reference, its_error = next(iter(pictures.values()))
+    height, width = (BLOCK * (side // BLOCK) for side in reference.shape)
+
+    def blocks(image):
+        return image[:height, :width].reshape(height // BLOCK, BLOCK, -1, BLOCK).mean(axis=(1, 3))
+
+    for name, (mean, error) in pictures.items():
+        grey = np.clip(mean / level, 0, 1) ** (1 / 2.2)
+        (folder / f"{name}.png").write_bytes(images.png(images.eight_bits(np.repeat(grey[..., None], 3, axis=2))))
+        if mean is reference:
+            continue
+        deviation = blocks(mean - reference) / np.maximum(np.sqrt(blocks(error**2 + its_error**2)) / BLOCK, 1e-12)
+        grey = np.kron(np.clip(0.5 + deviation / 12, 0, 1), np.ones((BLOCK, BLOCK)))
+        (folder / f"{name}-paths.png").write_bytes(images.png(images.eight_bits(np.repeat(grey[..., None], 3, axis=2))))
 
 
 def main():
@@ -99,24 +164,34 @@ def main():
     parser.add_argument("--width", type=int, default=sized(200, 32))
     parser.add_argument("--seconds", type=float, default=sized(60.0, 2.0), help="of paths, of processors; surfaces have a tenth")
     parser.add_argument("--folder", type=Path, help="where the asset is kept")
+    parser.add_argument("--eye", action="store_true", help="from the height of eyes")
+    parser.add_argument("--tolerance", default="5%", help="of the scene")
+    parser.add_argument("--pictures", type=Path, help="a folder for PNG files")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = args.folder or Path(temporary)
-        scene = assets.together([scenes.load(written(folder, args.width, baked(folder)))])[0]
-        opened, world = choice.Opened.of(scene), World.of(scene)
-        begin = time.process_time()
-        taken = choice.chosen(opened, world)
-        print(f"pilots: {time.process_time() - begin:.1f} s of processors", *taken.reasons, sep="\n", flush=True)
-        paths = Run(opened, world, candidates.with_surfaces(scene, (), 0.0))
-        paths.on(args.seconds)
-        surface = Run(opened, world, candidates.with_surfaces(scene, (0,), 0.0))  # it takes the place of the body's boundary
-        surface.on(args.seconds / 10)
-        print("| method | s a pass | lower half over paths | noise 1 % after, s | over paths |\n|---|---|---|---|---|")
-        for name, run in (("paths", paths), ("surface", surface)):
-            ratio = run.mean[0] / paths.mean[0]
-            error = np.hypot(run.mean[1], paths.mean[1] * (run is not paths)) / paths.mean[0]
-            print(f"| {name} | {run.seconds / run.count:.2g} | {ratio:.3f} +- {error:.3f} | {run.to_noise:.3g} | "
-                  f"{run.to_noise / paths.to_noise:.2g} |")
+        path = written(folder, args.width, baked(folder), eye=args.eye, tolerance=args.tolerance)
+        scene = assets.together([scenes.load(path)])[0]
+        opened = choice.Opened.of(scene)
+        offered = {"paths": candidates.with_surfaces(scene, (), 0.0)}
+        if args.eye:
+            offered["paths+surface"] = candidates.with_surfaces(scene, (), 0.0, (0,))
+        else:
+            begin = time.process_time()
+            taken = choice.chosen(opened, World.of(scene))
+            print(f"pilots: {time.process_time() - begin:.1f} s of processors", *taken.reasons, sep="\n", flush=True)
+        offered["surface"] = candidates.with_surfaces(scene, (0,), 0.0)
+        runs = {name: Run(opened, candidate) for name, candidate in offered.items()}
+        for _ in range(ROUNDS):
+            for name, run in runs.items():
+                run.on(args.seconds / ROUNDS / (10 if name == "surface" else 1))
+        if args.eye:
+            print(runs["paths+surface"].reasons[0])
+        table(runs)
+        by_rows(runs)
+        if args.pictures:
+            args.pictures.mkdir(parents=True, exist_ok=True)
+            shown(runs, args.pictures)
 
 
 if __name__ == "__main__":

@@ -74,7 +74,7 @@ class Choice(NamedTuple):
         return [self._of_entry(entry) for entry in listed]
 
     def _of_entry(self, entry):
-        stands = candidates.medium_for(entry["kind"]) or entries.is_surface(entry["kind"], entry["method"])
+        stands = candidates.medium_for(entry["kind"]) or entries.has_surface(entry["kind"], entry["method"])
         shown = {"pilot": self.table} if stands else {}
         if entry["bias"] is None:
             why = f"{_figures(self.row)}{self.row['why']}"

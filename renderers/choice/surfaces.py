@@ -2,7 +2,8 @@
 
 A body whose asset holds a surface is offered as one where the error that is expected of that (`SceneMethod.deviation`: how far
 light spreads, over pixels and over the body's radius) is no more than a method which `auto` takes may have.  One that nothing can
-fill, such as an open sheet, is a surface in any case.
+fill, such as an open sheet, is a surface in any case.  One that is near in parts is offered as a surface from some distance to
+the camera on (`SceneMethod.far_share`), where that is much of what the camera sees of it.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ from __future__ import annotations
 from renderers.scene import budget, candidates, entries
 from renderers.scene.budget import percent
 from renderers.scene.candidates import Candidate
+
+_WORTH = 0.1  # share of a body that is its surface, below which paths cost as much
 
 
 def beside(opened, world, listed: tuple[Candidate, ...]) -> tuple[tuple[Candidate, ...], dict[str, str]]:
@@ -30,6 +33,11 @@ def beside(opened, world, listed: tuple[Candidate, ...]) -> tuple[tuple[Candidat
     fitting = {number for number in able if expected[number] <= allowed}
     chosen = dict.fromkeys(tuple(sorted(numbers)) for numbers in (set(empty), fitting | set(empty)) if numbers)
     offered = tuple(candidates.with_surfaces(scene, numbers, max(expected[number] for number in numbers)) for numbers in chosen)
+    changing = _changing(opened, world, [number for number in able if number not in fitting and number not in empty])
+    if changing:
+        beside_them = tuple(sorted(fitting | set(empty)))
+        error = max((*changing.values(), *(expected[number] for number in beside_them)))
+        offered = (*offered, candidates.with_surfaces(scene, beside_them, error, tuple(changing)))
     refused = {f"materials[{number}] by surface": "as far as light spreads in it, over pixels and the body's radius, an error "
                f"of {percent(expected[number])} is expected, and {percent(allowed)} allowed"
                for number in able if number not in fitting and number not in empty}
@@ -37,6 +45,20 @@ def beside(opened, world, listed: tuple[Candidate, ...]) -> tuple[tuple[Candidat
         return (listed[0], *offered, *listed[1:]), refused
     why = "; ".join(f"materials[{number}]: {reason}" for number, reason in empty.items())
     return offered, {candidate.name: why for candidate in listed} | refused
+
+
+def _changing(opened, world, able) -> dict[int, float]:
+    """Of bodies those that are offered as surfaces from some distance on, with the error that is expected of that."""
+    scene = opened.scene
+    if any(entries.PACKAGES.get(entry.kind) and not candidates.surface_of(entry.kind) for entry in scene.values.materials):
+        return {}  # where particles or grains are told apart nothing renders them so
+    allowed, expected = budget.ROOM * (scene.values.tolerance or budget.DEFAULT), {}
+    for number in able:
+        kind, about = scene.values.materials[number].kind, (scene, number, opened.assets[number], world)
+        method = entries.declared(kind)[candidates.far_surface_of(kind)]
+        if not method.unfit(*about) and method.far_share(*about) >= _WORTH and (error := method.deviation(*about)) <= allowed:
+            expected[number] = error
+    return expected
 
 
 def _of(scene, number, method):

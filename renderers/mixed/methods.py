@@ -22,16 +22,19 @@ def prepare(job, world, seed) -> Method:
     """The method of a scene; `job` is a `renderers.pictures.running.Render`, `world` the surfaces and lights around."""
     scene, assets = job.scene, job.assets
     placed = surfaces.put(scene, world, assets)
+    changing = surfaces.changing(scene, world, assets, placed)
     inside = [number for number in range(len(assets)) if number not in placed]  # entries that paths go into
     spectra = Spectra.of([assets[number] for number in inside])
     filled = [contents.Content(None, None, placed[number].reasons) if number in placed
               else contents.of(scene, world, asset, spectra, number) for number, asset in enumerate(assets)]
+    filled = [content._replace(reasons=(*content.reasons, *changing[number].reasons)) if number in changing else content
+              for number, content in enumerate(filled)]
     _refuse_overlap(scene, filled)
     _refuse_twins(scene, filled)
     reasons = [BANDS] * spectra.bands + [reason for content in filled for reason in content.reasons]
     entries = [chosen(entry.kind, entry.method) for entry in scene.values.materials]
     stated = [declared(entry.kind)[name] for entry, name in zip(scene.values.materials, entries, strict=True)]
-    stand_ins = [method.continuous or method.surface for method in stated]
+    stand_ins = [method.continuous or method.surface or method.surface_far for method in stated]
     listed = [{"kind": entry.kind, "method": name, "bias": None if stand_in else 0.0, "reasons": list(content.reasons),
                "pilot": None}
               for entry, name, stand_in, content in zip(scene.values.materials, entries, stand_ins, filled, strict=True)]
@@ -40,9 +43,14 @@ def prepare(job, world, seed) -> Method:
     name = " and ".join(dict.fromkeys(entries))
     materials = [filled[number].what for number in inside]
     explicit = [number for number, content in enumerate(materials) if isinstance(content, contents.Particles | contents.Grains)]
+    far = {inside.index(number): entry.far for number, entry in changing.items() if entry.far}
     if not explicit and len(materials) <= MOST_IN_A_LOOP:
-        return _in_one_loop(name, world, materials, spectra.colours, seed, reasons, figures, inside)._replace(
+        return _in_one_loop(name, world, materials, spectra.colours, seed, reasons, figures, inside, far)._replace(
             unmeasured=spectra.bands)
+    if far:
+        number = inside[next(iter(far))]
+        raise scene.wrong(f"materials[{number}].method", f"found {entries[number]} beside particles or grains, or more than "
+                          f"{MOST_IN_A_LOOP - 1} media; use paths or surface, or a medium for the others")
     around = build.scene_of(world, [build.material_of(content) for content in materials], spectra.colours)
     part, shares = wavefronts.part("paths", around, seed), []
 
@@ -93,13 +101,13 @@ def _of_entries(layer, inside):
     return np.append(np.asarray(inside, int), -1)[np.asarray(layer).astype(int)].astype("float32")
 
 
-def _in_one_loop(name, world, materials, colours, seed, reasons, figures, inside):
+def _in_one_loop(name, world, materials, colours, seed, reasons, figures, inside, far):
     from renderers.transport import passes
     from renderers.transport import surfaces as bare
 
     if not materials:
         return Method(name, (bare.part("surfaces", world, colours, seed),), reasons, lambda estimate: figures)
-    part = passes.part("paths", world, materials, colours, seed, by_light=True)
+    part = passes.part("paths", world, materials, colours, seed, by_light=True, far=far)
 
     def after(estimate):
         numbers = passes.materials(world, materials, colours, seed, _MATERIAL)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from renderers.mixed.scene import METHODS, chosen
-from renderers.scene.entries import is_surface
+from renderers.scene.entries import has_surface
 from renderers.scene.requirements import Need, merged
 
 
@@ -17,7 +17,7 @@ def needs(about) -> list[Need]:
     groups: dict[tuple[str, str], list[int]] = {}
     surfaces: list[Need] = []
     for number in about.bodies:
-        if is_surface(entries[number].kind, entries[number].method):
+        if has_surface(entries[number].kind, entries[number].method):
             surfaces.append(Need("surface", True, "light leaves it as by a baked layer"))
             surfaces.append(Need("medium", True, "light scattered once goes by it"))
             continue

@@ -23,6 +23,7 @@ POINTS = ("auto",)
 _UNUSED = {"spread": "no method here switches from grains to their medium", "footprint": "method query is not there",
            "boundary.tables": "method paths reads no tables"}  # keys of entries that other renderers use
 
+_OF_SURFACES = ("layer", "surface_from")  # keys of bodies
 _NOT_OF_SURFACES = {"boundary": "that of a surface is baked, as surface.boundary of the recipe says"}
 
 
@@ -47,9 +48,11 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
         for name, reason in _NOT_OF_SURFACES.items() if surface else {}:
             if name in entry:
                 yield entry.names[name].problem(f"found {name}, and {reason}", "expected none")
-        if "layer" in entry and kind == "body" and not surface and method != "auto":
-            yield entry.names["layer"].problem(f"found layer, which method {method} does not use",
-                                               "expected it with method: surface")
+        for name in _OF_SURFACES if kind == "body" and method in (*METHODS[kind], "auto") else ():
+            if name in entry and name not in declared(kind)[method].keys:
+                takers = [taker for taker in ("auto", *METHODS[kind]) if name in declared(kind)[taker].keys]
+                yield entry.names[name].problem(f"found {name}, which method {method} does not use",
+                                                f"expected it with method: {fields.one_of(takers)}")
         for name, reason in _UNUSED.items():
             if (node := node_at(root, f"{key}.{name}")) is not None:
                 yield owner(node).problem(f"found {name.rpartition('.')[2]}, and {reason} beside other materials",

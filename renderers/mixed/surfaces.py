@@ -1,4 +1,4 @@
-"""Entries that are surfaces: shapes of the Mitsuba scene that get the plugin `bakedbsdf`."""
+"""Entries that are surfaces, or are far from the camera: shapes of the Mitsuba scene that get the plugin `bakedbsdf`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from renderers.materials.bodies import far as spreading
+from renderers.materials.bodies import onset
+from renderers.mixed.scene import chosen
+from renderers.scene.budget import percent
 from renderers.scene.entries import declared, is_surface
+from renderers.transport.far import Far
 
 
 class Placed(NamedTuple):
@@ -17,8 +21,16 @@ class Placed(NamedTuple):
     reasons: tuple[str, ...]
 
 
+class Changing(NamedTuple):
+    """far : `renderers.transport.far.Far`, None of a body that is near with all its parts;  reasons : sentences"""
+
+    far: Far | None
+    reasons: tuple[str, ...]
+
+
 def put(scene, world, assets) -> dict[int, Placed]:
-    """Gives their BSDF to the shapes of a world that are surfaces, by the numbers of their entries.
+    """Gives their BSDF to the shapes of a world that are surfaces, by the numbers of their entries: also to those that are so far
+    from the camera, of which no part is near.
 
     Raises UsageError, AssetError where there is no such shape, or the asset has no stage `surface` or no such layer.
     """
@@ -26,7 +38,55 @@ def put(scene, world, assets) -> dict[int, Placed]:
     for number, (entry, asset) in enumerate(zip(scene.values.materials, assets, strict=True)):
         if is_surface(entry.kind, entry.method):
             placed[number] = _put(scene, world, asset, number)
+        elif declared(entry.kind)[chosen(entry.kind, entry.method)].surface_far:
+            begins = _onset(scene, world, asset, number)
+            if 2 * begins.near <= onset.reach(world, entry.where.shape)[0]:
+                put_there = _put(scene, world, asset, number)
+                placed[number] = put_there._replace(reasons=(_in_words(number, begins), *put_there.reasons))
     return placed
+
+
+def changing(scene, world, assets, placed) -> dict[int, Changing]:
+    """Entries that are surfaces far from the camera, and not `placed`, by their numbers."""
+    return {number: _changing(scene, world, asset, number)
+            for number, (entry, asset) in enumerate(zip(scene.values.materials, assets, strict=True))
+            if number not in placed and declared(entry.kind)[chosen(entry.kind, entry.method)].surface_far}
+
+
+def _changing(scene, world, asset, number) -> Changing:
+    import mitsuba as mi
+
+    from renderers.mitsuba import layers
+
+    entry, key = scene.values.materials[number], f"materials[{number}]"
+    begins = _onset(scene, world, asset, number)
+    if begins.near >= onset.reach(world, entry.where.shape)[1]:
+        return Changing(None, (_in_words(number, begins),))
+    bsdf = mi.load_dict({"type": "bakedbsdf", "filename": str(asset.path), "layer": entry.layer or 0})
+    error = layers.load(str(asset.path), entry.layer or 0).error
+    stated = declared(entry.kind)[entry.method].leaves_out
+    return Changing(Far(bsdf, begins.near), (
+        _in_words(number, begins), f"{key}: {stated}",
+        f"{key}: the reflectance of its surface is looked up within {100 * error:.2g} %, at angles to 89.9 degrees"))
+
+
+def _onset(scene, world, asset, number):
+    """`onset.Onset` of an entry; UsageError where its surface is not that of what fills the shape."""
+    entry = scene.values.materials[number]
+    _refuse_without(scene, asset, number)
+    if fault := onset.unfit(entry, asset, world):
+        raise scene.wrong(f"materials[{number}].method", f"found {entry.method}, but {fault}; use paths, or another asset")
+    return onset.of(scene, number, asset, world)
+
+
+def _in_words(number, begins) -> str:
+    """At which distance a body changes, and how far off that is expected to be."""
+    if begins.near == np.inf:
+        return f"materials[{number}]: all of it is by paths: nowhere would its surface keep the tolerance"
+    where = f"from {_length(begins.near)} to {_length(2 * begins.near)} from the camera" if begins.near else "at the camera"
+    return (f"materials[{number}]: paths go into it near the camera, and its surface sends light on far from it; it changes "
+            f"{where}. {percent(begins.share)} of what the camera sees of it is its surface, and an error of "
+            f"{percent(begins.error)} of its light is expected of that")
 
 
 def _put(scene, world, asset, number) -> Placed:
@@ -77,5 +137,5 @@ def _spread_in_words(scene, world, asset, layer, shape, size) -> str:
 def _length(metres: float) -> str:
     for unit, scale in (("um", 1e-6), ("mm", 1e-3)):
         if metres < 1e3 * scale:
-            return f"{metres / scale:.2g} {unit}"
+            return f"{float(f'{metres / scale:.2g}'):g} {unit}"
     return f"{metres:.3g} m"

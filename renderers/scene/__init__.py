@@ -50,7 +50,7 @@ def renderer_of(kinds: Sequence_[str], methods: Sequence_[str]) -> str:
     """Which of `OF_MATERIALS` renders entries of these kinds and methods."""
     if list(kinds) == ["particles"]:
         return "discrete"
-    if any(map(entries.is_surface, kinds, methods)):
+    if any(map(entries.has_surface, kinds, methods)):
         return "mixed"
     return _OF_ONE_KIND.get(kinds[0], "mixed") if len(set(kinds)) == len(set(methods)) == 1 else "mixed"
 

@@ -31,7 +31,7 @@ class Candidate(NamedTuple):
     lacks : (assets, world) -> what of the light it cannot find there
     media : numbers of the entries for which media stand
     replaced : of these, those that nobody asked for: `auto` does not take them where the materials themselves are seen
-    surfaces : numbers of the bodies that are surfaces because `auto` may have them so
+    surfaces : numbers of the bodies that are surfaces, or are far from the camera, because `auto` may have them so
     eligible : whether it may be taken; another one only measures how far those are off
     """
 
@@ -67,7 +67,7 @@ def by_methods(scene, methods: Sequence[str]):
     listed = [entry.model_copy(update={"method": method})
               for entry, method in zip(scene.values.materials, methods, strict=True)]
     of_all = methods[0] if len(set(methods)) == 1 else None
-    several = scene.section == "mixed" or any(entries.is_surface(entry.kind, entry.method) for entry in listed)
+    several = scene.section == "mixed" or any(entries.has_surface(entry.kind, entry.method) for entry in listed)
     section = "mixed" if several else scene.section
     return dataclasses.replace(scene, section=section, renderer=scenes.OF_MATERIALS[section],
                                values=scene.values.model_copy(update={"materials": listed, "method": of_all}))
@@ -88,26 +88,32 @@ def surface_of(kind: str) -> str | None:
     return next((name for name, method in entries.declared(kind).items() if method.surface), None)
 
 
+def far_surface_of(kind: str) -> str | None:
+    """The same, of a surface far from the camera."""
+    return next((name for name, method in entries.declared(kind).items() if method.surface_far), None)
+
+
 def surfaces(scene) -> list[int]:
     """Numbers of the entries of a scene that may be surfaces, as nobody asks for another method."""
     materials = scene.values.materials if scene.section in scenes.OF_MATERIALS else ()
     return [number for number, entry in enumerate(materials) if entry.method == "auto" and surface_of(entry.kind)]
 
 
-def with_surfaces(scene, numbers: Sequence[int], deviation: float) -> Candidate:
+def with_surfaces(scene, numbers: Sequence[int], deviation: float, changing: Sequence[int] = ()) -> Candidate:
     """The candidate by which these entries are surfaces, and the others what they are without pilots.
 
+    changing : numbers of entries that are surfaces far from the camera
     deviation : the error that is expected of that, relative to the picture's mean
     """
     materials = scene.values.materials
-    methods = [surface_of(entry.kind) if number in numbers else beside(entry.kind)[0] if entry.method == "auto" else entry.method
-               for number, entry in enumerate(materials)]
+    methods = [surface_of(entry.kind) if number in numbers else far_surface_of(entry.kind) if number in changing
+               else beside(entry.kind)[0] if entry.method == "auto" else entry.method for number, entry in enumerate(materials)]
     by_method: dict[str, list[str]] = {}
     for number, method in enumerate(methods):
         by_method.setdefault(method, []).append(f"materials[{number}]")
     name = "; ".join(f"{', '.join(rows)} by {method}" for method, rows in by_method.items())
     base = _combined(materials, methods, ())
-    return base._replace(name=methods[0] if len(by_method) == 1 else name, surfaces=tuple(numbers),
+    return base._replace(name=methods[0] if len(by_method) == 1 else name, surfaces=(*numbers, *changing),
                          stated=lambda tolerance: math.hypot(base.stated(tolerance), deviation))
 
 

@@ -46,6 +46,8 @@ class SceneMethod:
         light spreads in the material
     beside : whether a material by it may stand beside materials of other kinds
     surface : whether the material is a surface of the Mitsuba scene by it, into which no path goes
+    surface_far : whether it is one by it far from the camera, and paths go into it near
+    far_share : (scene, number, asset, world) -> how much of what the camera sees of an entry, by its number, is that surface
     stages : of the asset that it reads; () those of its kind
     kind : of materials, as `renderers.scene.entries` names them
     """
@@ -69,6 +71,8 @@ class SceneMethod:
     deviation: Callable[..., float] = lambda scene, number, asset, world: 0.0
     beside: bool = False
     surface: bool = False
+    surface_far: bool = False
+    far_share: Callable[..., float] = lambda scene, number, asset, world: 0.0
     stages: tuple[str, ...] = ()
 
 

@@ -22,6 +22,7 @@ from bakery.grammar.section import Section
 from bakery.grammar.text import Mapping, Scalar, Sequence, owner, show
 from bakery.grammar.units import ANGLE, Quantity, Wrong, parse
 from renderers.scene.common import (
+    LENGTH,
     TIME,
     Every,
     Grid,
@@ -46,7 +47,7 @@ BOUNDARIES = ("negative", "mirrored", "none")  # how tables see the boundary of 
 PLACES = {"particles": ("box", "mesh", "grid", ""), "grains": ("mesh",), "medium": ("everywhere", "box", "mesh", "shape", "grid"),
           "body": ("shape",)}  # kind -> keys of `where`; "" where it may be absent
 KEYS = {"particles": ("velocity", "time", "footprint", "peak"), "grains": ("spread", "fraction", "mixture"), "medium": (),
-        "body": ("boundary", "layer")}  # kind -> keys that no other kind has
+        "body": ("boundary", "layer", "surface_from")}  # kind -> keys that no other kind has
 SPEED = Quantity("speed", "speeds", "m/s", {"um/s": -6, "mm/s": -3, "cm/s": -2, "m/s": 0, "km/s": 3}, "m/s")
 
 # ---- where a material is
@@ -158,6 +159,10 @@ class _Entry(Section):
     layer: fields.whole(0, 1000) | None = Field(
         None, description="For method surface: index of the asset's thickness, from 0; default 0."
     )
+    surface_from: number(LENGTH, least=0, most=1e12) | None = Field(
+        None, description="For method paths+surface: distance to the camera up to which paths go into the body; from twice that "
+        "on it is its baked surface; default: by the tolerance."
+    )
 
     @property
     def kind(self) -> str:
@@ -216,6 +221,12 @@ def is_surface(kind: str, method: str) -> bool:
     """Whether a material is a surface of the Mitsuba scene by a method, which need not be one of its kind."""
     stated = declared(kind).get(method)
     return stated is not None and stated.surface
+
+
+def has_surface(kind: str, method: str) -> bool:
+    """Whether a material is a surface of the Mitsuba scene by a method, all of it or what is far from the camera."""
+    stated = declared(kind).get(method)
+    return stated is not None and (stated.surface or stated.surface_far)
 
 
 def stages(kind: str, method: str = "auto") -> tuple[str, ...]:

@@ -99,6 +99,7 @@ def transmittance(scene, ray, inside, active):
         depth = _deeper(scene, ray, inside, dr.select(meets, hit.t, ray.maxt), depth, free)
         depth[0] = dr.select(meets & ~crosses, dr.inf, depth[0])
         surface = hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, crosses)
+        depth = _let_in(scene, surface, ray, depth, crosses)
         ray.o = dr.select(crosses, boundaries.across(surface, ray.d), ray.o)
         ray.maxt = dr.select(crosses, ray.maxt - hit.t, ray.maxt)
         inside = dr.select(crosses, boundaries.beyond(surface, ray.d, inside, crosses), inside)
@@ -109,6 +110,14 @@ def transmittance(scene, ray, inside, active):
                           label="shadow rays")[2]
     free = depth[0] < dr.inf
     return [dr.select(free, dr.exp(-d), 0) for d in depth]
+
+
+def _let_in(scene, surface, ray, depth, active):
+    """Optical depths, and those of surfaces that turn some of the light which goes into bodies."""
+    if not scene.far:
+        return depth
+    turned = scene.far.depth(surface, ray.d, active)
+    return [d + turned for d in depth]
 
 
 def _deeper(scene, ray, inside, far, depth, active):
@@ -144,6 +153,7 @@ def onward(scene, ray, inside, active):
         crosses = meets & boundaries.is_blind(hit.shape)
         depth = _deeper(scene, ray, inside, dr.select(meets, hit.t, _FAR), depth, active)
         surface = hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, crosses)
+        depth = _let_in(scene, surface, ray, depth, crosses)
         ray.o = dr.select(crosses, boundaries.across(surface, ray.d), ray.o)
         inside = dr.select(crosses, boundaries.beyond(surface, ray.d, inside, crosses), inside)
         return ray, inside, depth, crosses

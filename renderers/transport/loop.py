@@ -193,8 +193,11 @@ def _event(scene, path, ray, end, active):
     path.order += dr.select(end.scatters, mi.UInt32(1), mi.UInt32(0))
     misses = active & ~end.meets & ~end.scatters
     surface = end.hit.compute_surface_interaction(ray, mi.RayFlags.All, end.meets | misses)
-    crosses = end.meets & scene.boundaries.is_blind(end.hit.shape)
-    return Event(end.scatters, end.medium, ray.o + end.distance * ray.d, end.meets, misses, surface, crosses)
+    crosses, opaque = end.meets & scene.boundaries.is_blind(end.hit.shape), None
+    if scene.far:
+        opaque = path.random.next_float32() < scene.far.chance(surface, ray.d, end.meets)
+        crosses &= ~opaque
+    return Event(end.scatters, end.medium, ray.o + end.distance * ray.d, end.meets, misses, surface, crosses, opaque)
 
 
 def _emitted(scene, path, event):
@@ -212,7 +215,7 @@ def _emitted(scene, path, event):
 def next_event(scene, path, event):
     """Light of light samples by way of scatterings and surfaces, linear sRGB, and its emitters."""
     surface, at_event = event.surface, event.scatters
-    bsdf = surface.bsdf()
+    bsdf = scene.bsdf(event)
     at_surface = event.meets & ~event.crosses & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
     interaction = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), dr.select(event.scatters, event.position, surface.p),
                                    dr.select(event.scatters, 0, surface.n))
@@ -222,6 +225,7 @@ def next_event(scene, path, event):
     at_surface, at_event = at_surface & active, at_event & active
 
     value, by_bsdf = bsdf.eval_pdf(mi.BSDFContext(), surface, surface.to_local(light.d), at_surface)
+    value = scene.far.outside(event, light.d, value) if scene.far else value
     inside, weights, density = scene.boundaries.beyond(surface, light.d, path.inside, at_surface), path.throughput, by_bsdf
     if scene.samples:
         phase = scene.media.phase(event.medium, 0.5 * dr.squared_norm(light.d - path.direction))
@@ -259,10 +263,13 @@ def turned(scene, path, event, records=None):
     random, surface = path.random, event.surface
     u = [random.next_float32() for _ in range(3)]
     shades = event.meets & ~event.crosses
-    number, chance_of_lobe = scene.splitting.chosen(path, surface, shades, u[0]) if scene.splitting else (u[0], None)
-    sample, factor = surface.bsdf().sample(mi.BSDFContext(), surface, number, mi.Point2f(u[1], u[2]), shades)
+    splits = shades & ~event.opaque if scene.far else shades
+    number, chance_of_lobe = scene.splitting.chosen(path, surface, splits, u[0]) if scene.splitting else (u[0], None)
+    sample, factor = scene.bsdf(event).sample(mi.BSDFContext(), surface, number, mi.Point2f(u[1], u[2]), shades)
     if chance_of_lobe is not None:
         factor *= dr.select(chance_of_lobe > 0, sample.pdf / chance_of_lobe, 1)
+    if scene.far:
+        factor = scene.far.outside(event, surface.to_world(sample.wo), factor)
     factor = scene.reflectance(dr.select(dr.all(dr.isfinite(factor)), factor, 0))
     path.throughput = [dr.select(shades, w * f, w) for w, f in zip(path.throughput, factor)]
     path.squared_index *= dr.select(shades, squared_index(sample), 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache, partial
+from types import MappingProxyType
 
 import drjit as dr
 import numpy as np
@@ -22,7 +23,7 @@ _ON_GPU = 4  # times as many there: what processors do for a pass, a tenth of a 
 _SAMPLES = 16  # a pixel and pass, at most: the noise of small pictures is known from several passes
 
 
-def part(name, world, entries, colours, seed, by_light=False) -> Part:
+def part(name, world, entries, colours, seed, by_light=False, far=MappingProxyType({})) -> Part:
     """Passes of paths through continuous media, bodies among them, and over the surfaces and lights of a scene.
 
     Parameters
@@ -38,6 +39,7 @@ def part(name, world, entries, colours, seed, by_light=False) -> Part:
     colours : to_rgb (3, L), linear sRGB from radiances, and to_waves (L, 3), radiances from linear sRGB
     seed : of the random numbers of all passes
     by_light : whether passes have layers light.NAME, too, of each of `world.light_names`
+    far : `far.Far` of bodies that are surfaces far from the camera, by their numbers among the entries
 
     Returns
     -------
@@ -49,7 +51,7 @@ def part(name, world, entries, colours, seed, by_light=False) -> Part:
     Lights without extent are found from media without a boundary, from matched bodies and from surfaces, but not through
     boundaries that turn light, as no ray meets them.
     """
-    scene = cache(lambda: Scene(world, entries, colours))  # with the first pass
+    scene = cache(lambda: Scene(world, entries, colours, far=far))  # with the first pass
     return of_loop(name, world, partial(_traced, scene), seed, by_light)
 
 

@@ -122,7 +122,7 @@ class Rough:
     def _arrive(self, path, event):
         """Changes what is known of paths that have come to an event."""
         entry, shades = path.entry, event.meets & ~event.crosses
-        first = shades & entry.looks & self._is_rough(event.surface.shape)
+        first = shades & entry.looks & self._meets(event.surface, path.direction)
         by_phase = path.density * self._reaches(entry.medium, event.surface.p - path.drawn, first)
         by_guides = self._density(entry.medium, path.drawn, path.direction, first)
         share = dr.select(first & (by_guides > 0), by_phase / (by_phase + by_guides), 1)
@@ -145,11 +145,13 @@ class Rough:
         width = dr.width(point)
         surface, _, inside = flights.onward(self._scene, mi.Ray3f(point, direction), mi.UInt32(1) << medium, active)
         weight = [dr.full(mi.Float, 1, width) for _ in range(self._scene.waves)]
-        drawn, turned = self._lights(Crossing(surface, random, inside, weight, self._meets(surface) & active))
+        drawn, turned = self._lights(Crossing(surface, random, inside, weight, self._meets(surface, direction) & active))
         return [a + b for a, b in zip(drawn[1], turned[1])], dr.norm(surface.p - point), dr.full(mi.Bool, True, width)
 
-    def _meets(self, surface):
-        return surface.is_valid() & self._is_rough(surface.shape)
+    def _meets(self, surface, direction):
+        """Whether rays meet a rough boundary, but for those that may turn paths as the surface of a body in a rough one."""
+        meets = surface.is_valid() & self._is_rough(surface.shape)
+        return meets & ~(self._scene.far.chance(surface, direction, meets) > 0) if self._scene.far else meets
 
     def _lights(self, crossing):
         """Emitters, and light as linear sRGB, of light samples where ways meet surfaces, and of directions of the BSDF there."""
@@ -200,7 +202,7 @@ class Rough:
         low, high = mi.sample_tea_32(dr.reinterpret_array(mi.UInt32, sight.u), dr.reinterpret_array(mi.UInt32, sight.v))
         throughput = [w * p * t * scale for w, p, t in zip(weights, phase, passed)]
         lights = self._lights(Crossing(surface, mi.PCG32(1, mi.UInt64(low), mi.UInt64(high)), inside, throughput,
-                                  self._meets(surface) & (by_guides > 0)))
+                                  self._meets(surface, direction) & (by_guides > 0)))
         dr.eval(lights)  # both by one kernel
         for emitter, light in lights:
             yield sight.number, sight.order, emitter, light

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
 import drjit as dr
 import numpy as np
 
@@ -10,6 +12,7 @@ from renderers.mitsuba.recording import pointers
 from renderers.mitsuba.shading import single
 from renderers.transport import regions
 from renderers.transport.boundaries import Boundaries
+from renderers.transport.far import FarSurfaces
 from renderers.transport.media import Media
 from renderers.transport.regions import Grid, Medium, Regions
 from renderers.transport.samples import samples
@@ -55,6 +58,11 @@ class View:
         """What a recording of the loop is given: arrays of Dr.Jit's and scenes of Mitsuba's, and kinds of what is in these."""
         return [*_variables(vars(self)), *pointers(self.scene)]
 
+    @property
+    def origin(self):
+        """Where the camera stands."""
+        return self._camera[0]
+
     def camera_ray(self, pixel, offset):
         """Origin and direction through pixels, numbered by rows, at places in them."""
         origin, corner, right, down = self._camera
@@ -83,16 +91,18 @@ class Scene(View):
     boundaries : `Boundaries` of bodies;  regions, voxels : of the other media
     samples, hides : whether light samples reach scatterings in any medium, and whether not in all (`takes_samples`)
     extent : middle and size of a ball around all surfaces and more
+    far : `far.FarSurfaces`, of bodies that are surfaces far from the camera; None where there are none
     splitting : `splitting.Splitting`, of smooth boundaries that the camera sees; None where there are none
     """
 
-    def __init__(self, world, entries, colours, drawn=True):
+    def __init__(self, world, entries, colours, drawn=True, far=MappingProxyType({})):
         """
         Parameters
         ----------
         world, colours : as those of a `View`
         drawn : whether light samples of lamps go through smooth boundaries, and paths are split there; else they are as frequent
             as light is
+        far : `far.Far` of bodies that are surfaces far from the camera, by their numbers among the entries
         entries : at most `MOST`, of the same wavelengths: `regions.Medium`, or bodies, shapes of the Mitsuba scene, with name,
             vertices, faces, medium, matched as a `renderers.materials.bodies.bodies.Body` has them
         """
@@ -108,6 +118,7 @@ class Scene(View):
         self.regions = Regions([(1 << number, entry.region) for number, entry in unbounded.items()], unit)
         self.voxels = Voxels({number: entry.region for number, entry in unbounded.items() if isinstance(entry.region, Grid)},
                              len(numbered), unit)
+        self.far = FarSurfaces(self.boundaries, [far.get(number) for number in self.entries], self.origin, unit) if far else None
         self._is_body = mi.UInt32([int(number in bodies) for number in numbered])
         sampled = [number in unbounded or entry.matched for number, entry in numbered.items()]
         self._sampled, self.samples, self.hides = mi.UInt32([int(each) for each in sampled]), any(sampled), not all(sampled)
@@ -116,6 +127,10 @@ class Scene(View):
         dr.make_opaque(self.extent)
         self.splitting = Splitting(self.scene) if drawn and smooth(self.scene) else None
         self.lamps = samples(self, world, bodies) if drawn else None
+
+    def bsdf(self, event):
+        """Of the surface that paths have come to, `state.Event`."""
+        return self.far.bsdf(event) if self.far else event.surface.bsdf()
 
     def innermost(self, inside):
         """Whether paths are in a medium, and its number."""

@@ -64,6 +64,7 @@ class Event:
     scatters : a scattering in `medium`, at `position`, that light samples reach
     meets : a surface;  misses : nothing, but for the environment;  surface : interaction with either
     crosses : that surface is a boundary to which light is blind
+    opaque : that surface is one of `far.FarSurfaces`, and the path is turned there; None where there are none
     """
 
     scatters: mi.Bool
@@ -73,6 +74,7 @@ class Event:
     misses: mi.Bool
     surface: mi.SurfaceInteraction3f
     crosses: mi.Bool
+    opaque: mi.Bool | None = None
 
 
 class Turn(NamedTuple):

@@ -79,7 +79,11 @@ def test_what_cannot_be_a_surface_is_told(scene, call, settings, asset, message)
 
 @pytest.mark.parametrize(("entry", "message"), [
     ("method: surface, boundary: {index: 1.4}", "materials[0].boundary: found boundary, and that of a surface is baked"),
-    ("method: paths, layer: 1", "materials[0].layer: found layer, which method paths does not use; expected it with method:"),
+    ("method: paths, layer: 1", "materials[0].layer: found layer, which method paths does not use; expected it with method: "
+     "auto, surface or paths+surface"),
+    ("method: surface, surface_from: 2 m", "materials[0].surface_from: found surface_from, which method surface does not use; "
+     "expected it with method: auto or paths+surface"),
+    ("method: paths+surface", "materials[0].where.shape: ball is no mesh; a closed mesh would do"),
 ])
 def test_keys_that_have_no_meaning_are_told(scene, call, entry, message):
     scene.write_text(SCENE.replace("method: surface, layer: 1", entry))

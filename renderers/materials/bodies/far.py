@@ -26,10 +26,14 @@ _RADII = np.logspace(-4, 6, 600)  # transport mean free paths
 
 
 class Seen(NamedTuple):
-    """width : (N,) m, of pixels at places that the camera sees of a body;  pixels : how many of the picture see it"""
+    """width : (N,) m, of pixels at places that the camera sees of a body;  pixels : how many of the picture see it
+
+    angle : rad, of a pixel: its width over the distance
+    """
 
     width: np.ndarray
     pixels: float
+    angle: float
 
 
 # ---- how far light spreads
@@ -110,9 +114,19 @@ def deviation(scene, number, asset, world) -> float:
     entry = scene.values.materials[number]
     (shape,) = (shape for shape in world.shapes() if shape.name == entry.where.shape)
     far, mean, seen = spread(asset, entry.layer or 0), mean_distance(asset, entry.layer or 0), seen_by(world, shape)
-    shares = mean[:, None] / np.maximum(seen.width, 1e-30)
-    edges = np.minimum((shares / math.pi) ** 2, shares / 4).mean(axis=1) * min(1.0, _EDGES / math.sqrt(max(seen.pixels, 1.0)))
+    edges = at_edges(mean, seen.width).mean(axis=1) * crossed_by_edges(seen.pixels)
     return min(1.0, math.sqrt(float(np.mean(bent(shape, far) ** 2 + edges))))
+
+
+def at_edges(mean, width) -> np.ndarray:
+    """Mean square error (L, N) of pixels that the edge of a shadow crosses, as `deviation` says; mean : (L,), width : (N,) m"""
+    shares = mean[:, None] / np.maximum(width, 1e-30)
+    return np.minimum((shares / math.pi) ** 2, shares / 4)
+
+
+def crossed_by_edges(pixels: float) -> float:
+    """Share of so many pixels that edges cross."""
+    return min(1.0, _EDGES / math.sqrt(max(pixels, 1.0)))
 
 
 def unfit(entry, asset, world) -> str:
@@ -175,5 +189,5 @@ def seen_by(world, shape) -> Seen:
     angle = float(np.sqrt(np.linalg.norm(world.camera.right) * np.linalg.norm(world.camera.down)))
     if not meets.any():
         nearest = np.clip(world.camera.origin, *shape.box) - world.camera.origin
-        return Seen(np.array([angle * float(np.linalg.norm(nearest))]), 1.0)
-    return Seen(angle * distance[meets], height * width * float(meets.mean()))
+        return Seen(np.array([angle * float(np.linalg.norm(nearest))]), 1.0, angle)
+    return Seen(angle * distance[meets], height * width * float(meets.mean()), angle)

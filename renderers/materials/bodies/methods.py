@@ -147,7 +147,8 @@ def _too_wide(name, vertices, faces, reduced, method):
     if come >= method.fewest_beams:
         return ""
     size = float(np.ptp(vertices, axis=0).max() * np.max(reduced))
-    able = fields.one_of([name for name, declared in methods().items() if not (declared.fewest_beams or declared.surface)])
+    able = fields.one_of([name for name, declared in methods().items()
+                          if not (declared.fewest_beams or declared.surface or declared.surface_far)])
     return (f"{name} is {size:.3g} transport mean free paths wide: to a square one of its boundary come {come:.1g} beams of a "
             f"pass, and method {method.name} needs {method.fewest_beams:g}; {able} would do")
 

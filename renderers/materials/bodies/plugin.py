@@ -42,7 +42,7 @@ class Inside:
     """
 
     def __init__(self, props):
-        inside = [name for name, method in METHODS.items() if not method.surface]  # surfaces have a BSDF of their own
+        inside = [name for name, method in METHODS.items() if not (method.surface or method.surface_far)]  # a BSDF
         self.method = one_of(NAME, props, "method", inside, inside[0])
         self.boundary = one_of(NAME, props, "boundary", BOUNDARIES, BOUNDARIES[0])
         self.unit = length_of_one(NAME, props)

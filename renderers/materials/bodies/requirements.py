@@ -60,7 +60,12 @@ def surface(about) -> list[Need]:
     unbaked, allowed = SimpleNamespace(medium=medium, surface={}), ROOM * (about.scene.values.tolerance or DEFAULT)
     least = min(far.deviation(about.scene, number, unbaked, about.world) for number in about.bodies)
     reason = f"an error of {_percent(least)} is expected where light leaves as by a layer"
-    return [Need("surface", True, reason)] if least <= _UNSURE * allowed else []
+    if least <= _UNSURE * allowed:
+        return [Need("surface", True, reason)]
+    from renderers.materials.bodies import onset  # loads Dr.Jit
+
+    share = max(onset.of(about.scene, number, unbaked, about.world).share for number in about.bodies)
+    return [Need("surface", True, f"{_percent(share)} of its picture is far enough to be that of a layer")] if share > 0 else []
 
 
 def _percent(share) -> str:

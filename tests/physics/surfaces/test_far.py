@@ -15,7 +15,7 @@ pytest.importorskip("renderers.mitsuba", exc_type=ImportError)
 from renderers import choice
 from renderers import scene as scenes
 from renderers.choice import surfaces
-from renderers.materials.bodies import far
+from renderers.materials.bodies import far, onset
 from renderers.mitsuba.shapes import Shape
 from renderers.mitsuba.world import World
 from renderers.scene import assets, budget, candidates
@@ -45,12 +45,16 @@ film: {width: 160, height: 160}
 tolerance: 5%
 stop: {noise: 1%, time: 600 s}
 """
+WHITE = """<scene version="3.0.0"> <emitter type="constant"/>
+    <shape type="SHAPE" id="field"> <transform name="to_world"> <scale x="20" y="20" z="1"/> <translate z="-1"/> </transform>
+        <bsdf type="BSDF"/> </shape> </scene>"""
+EYE = {"camera.origin": "[0, -3, 0.6] m", "camera.target": "[0, -2, 0] m", "camera.fov": "50 deg", "tolerance": "2%"}
 NEAR = {"camera.origin": "[0, -0.42, 0.05] m", "camera.target": "[0, -0.4, 0] m"}
 
 
-def opened(folder, settings=None, shape="cube", bsdf="null"):
-    (folder / "wall.yaml").write_text(RECIPE)
-    (folder / "field.xml").write_text(XML.replace("SHAPE", shape).replace("BSDF", bsdf))
+def opened(folder, settings=None, shape="cube", bsdf="null", recipe=RECIPE, xml=XML):
+    (folder / "wall.yaml").write_text(recipe)
+    (folder / "field.xml").write_text(xml.replace("SHAPE", shape).replace("BSDF", bsdf))
     (folder / "field.yaml").write_text(SCENE)
     scene = assets.together([scenes.load(folder / "field.yaml", settings or {})])[0]
     return choice.Opened.of(scene), World.of(scene)
@@ -93,6 +97,60 @@ def test_pixels_and_the_bend_decide_where_a_surface_is_offered(tmp_path):
     offered, refused = surfaces.beside(near, World.of(near.scene), candidates.of(near.scene))
     assert "surface" not in [candidate.name for candidate in offered]
     assert "is expected, and 2.5 % allowed" in refused["materials[0] by surface"]
+
+
+def test_a_body_is_its_surface_from_where_that_keeps_the_tolerance(tmp_path):
+    """Nearer with a larger tolerance; nowhere with the least; and as the scene says, at no distance and at any."""
+    field, world = opened(tmp_path, EYE)
+    begins = [onset.of(scenes.load(tmp_path / "field.yaml", EYE | more, assets=False), 0, field.asset, world) for more in (
+        {"tolerance": "0.01%"}, {"tolerance": "2%"}, {"tolerance": "5%"}, {"materials[0].surface_from": "1 km"},
+        {"materials[0].surface_from": "0 m"})]
+    assert begins[0].near > 5 * begins[1].near > 5 * begins[2].near > 0 and 0.1 < begins[1].share < begins[2].share < 1
+    assert begins[1].error <= budget.ROOM * 0.02 and begins[2].error <= budget.ROOM * 0.05
+    assert begins[3] == (1000.0, 0.0, 0.0)
+    assert begins[4].share == 1 and begins[4].error == pytest.approx(far.deviation(field.scene, 0, field.asset, world))
+    offered, _ = surfaces.beside(field, world, candidates.of(field.scene))
+    (changing,) = (candidate for candidate in offered if candidate.name == "paths+surface")
+    assert changing.methods == ("paths+surface",) and changing.stated(0.02) == pytest.approx(begins[1].error)
+    assert changing.name not in [candidate.name for candidate in surfaces.beside(*opened(tmp_path), ())[0]]  # all of it is far
+
+
+def test_a_body_that_bends_is_nowhere_its_surface(tmp_path):
+    field, _ = opened(tmp_path, EYE)
+    (tmp_path / "field.xml").write_text(XML.replace("SHAPE", "cube").replace("BSDF", "null").replace('"20"', '"0.01"').replace(
+        'z="1"/> <translate z="-1"', 'z="0.01"/> <translate z="-0.01"'))
+    assert onset.of(field.scene, 0, field.asset, World.of(field.scene)).near == math.inf
+
+
+def rendered(folder, method, settings, passes):
+    scene = assets.together([scenes.load(folder / "field.yaml", settings | {"materials[0].method": method})])[0]
+    prepared = scene.prepare(choice.Opened.of(scene), World.of(scene), 0)
+    (part,) = prepared.parts
+    return np.array([part.render(number)[""] for number in range(passes)]), prepared.reasons
+
+
+SMALL = {"film.width": "16", "film.height": "16"}
+
+
+def test_near_with_all_its_parts_it_is_paths_and_far_with_all_of_them_its_surface(tmp_path):
+    """To the last bit."""
+    settings = EYE | SMALL
+    opened(tmp_path, settings)
+    for from_, method in (("1 km", "paths"), ("0 m", "surface")):
+        mixed, reasons = rendered(tmp_path, "paths+surface", settings | {"materials[0].surface_from": from_}, 1)
+        assert np.array_equal(mixed, rendered(tmp_path, method, settings, 1)[0]), reasons
+
+
+@pytest.mark.slow
+def test_a_white_half_space_that_changes_into_its_surface_stays_white(tmp_path):
+    """The table's error, 0.2 %, and six standard errors: 2e-9."""
+    settings = EYE | SMALL | {"materials[0].surface_from": "1.2 m"}
+    opened(tmp_path, settings, recipe=RECIPE.replace("albedo: 0.9", "albedo: 1"), xml=WHITE)
+    images, reasons = rendered(tmp_path, "paths+surface", settings, 8)
+    assert any("it changes from 1.2 m to 2.4 m from the camera" in reason for reason in reasons)
+    means = images.mean(axis=(1, 2, 3))
+    error = means.std(ddof=1) / len(means)**0.5
+    assert error < 3e-3 and abs(means.mean() - 1) < 2e-3 + 6 * error
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ METHODS = (
     "renderers.materials.bodies.declared.beams_tables:METHOD",
     "renderers.materials.bodies.declared.dipole:METHOD",
     "renderers.materials.bodies.declared.surface:METHOD",
+    "renderers.materials.bodies.declared.paths_surface:METHOD",
     "renderers.materials.bodies.declared.metropolis:METHOD",
     "renderers.materials.bodies.declared.metropolis_tables:METHOD",
 )
