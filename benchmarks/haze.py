@@ -55,6 +55,7 @@ ONE = BULB.replace("X", "1").replace("Y", "-3")
 # lights, and where the medium is
 SCENES = {"point lamp": (POINT, "everywhere"), "small lamp": (ONE, "everywhere"), "six lamps": (BULBS, "everywhere"),
           "spot lamp": (SPOT, "everywhere"), "panel": (PANEL, "everywhere"),
+          "small panel": (PANEL.replace('value="3"', 'value="0.5"').replace("4 4 4", "120 120 120"), "everywhere"),
           "point lamp, box": (POINT, "box"), "small lamp, box": (ONE, "box"), "sky, box": (SKY, "box"),
           "sky and lamp, box": (SKY + POINT, "box"), "small lamp, ball": (ONE, "ball"), "sky, ball": (SKY, "ball")}
 
@@ -105,12 +106,12 @@ def ours(folder, name, depth, width, along):
         entry = regions.Medium(regions.Everywhere() if place == "everywhere" else regions.Box(LOW, HIGH), medium)
     colours = SimpleNamespace(to_rgb=np.eye(3), to_waves=np.eye(3))
     part = passes.part("paths", world, [entry], colours, int(along))  # two seeds: their means are compared
-    thickest = thin.THICKEST
+    limits = thin.THICKEST, thin.LARGEST
     try:
-        thin.THICKEST = np.inf if along else 0.0
+        thin.THICKEST, thin.LARGEST = (np.inf, np.inf) if along else (0.0, 0.0)
         part.render(1 << 20)  # compiles
     finally:
-        thin.THICKEST = thickest
+        thin.THICKEST, thin.LARGEST = limits
     count = max(1, SAMPLES // part.samples)
     return lambda number: np.mean([part.render(number * count + k)[""] for k in range(count)], axis=0)[None]
 

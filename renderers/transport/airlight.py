@@ -73,7 +73,7 @@ class Airlight:
         self._scene, self._hidden = scene, mi.UInt32(hidden)
         self._thin = mi.UInt32(np.asarray(thin, np.uint32))
         emitters = scene.scene.emitters()
-        places = np.array([_place(emitter) for emitter in emitters])
+        places = self.places(emitters)
         self._places = single(mi, places.ravel())
         indices = [int(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(emitter))[0]) for emitter in emitters]
         rows = np.zeros(max(indices) + 1, np.uint32)
@@ -85,6 +85,12 @@ class Airlight:
                           for number in np.flatnonzero(thin)])
         sigma = np.where(sigma > 0, sigma, sigma[sigma > 0].min()).min(axis=0)
         self._sigma = [dr.opaque(mi.Float, float(value)) for value in sigma]
+
+    @staticmethod
+    def places(emitters):
+        """(n, 4) middles of emitters and half of the diagonals of the boxes around them; -1 in place of the latter where there is
+        none, as of a sky."""
+        return np.array([_place(emitter) for emitter in emitters])
 
     def none(self, width):
         """`Before` of paths that have not scattered; None where none is needed."""

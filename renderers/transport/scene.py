@@ -117,7 +117,7 @@ class Scene(View):
         dr.make_opaque(self.extent)
         self.splitting = Splitting(self.scene) if drawn and smooth(self.scene) else None
         self.lamps = samples(self, world, bodies) if drawn else None
-        self.airlight = thin.airlight(self, numbered, unit) if drawn else None
+        self.airlight = thin.airlight(self, numbered, world) if drawn else None
 
     def innermost(self, inside):
         """Whether paths are in a medium, and its number."""
