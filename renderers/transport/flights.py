@@ -16,13 +16,17 @@ _FAR = 1e30  # length of the way to nothing
 
 @dataclass
 class Flight:
-    """Where flights end: `scatters` in `medium`, or `meets` a surface at `hit`, or neither; `distance` on the ray."""
+    """Where flights end: `scatters` in `medium`, or `meets` a surface at `hit`, or neither; `distance` on the ray.
+
+    stretch : `airlight.Stretch`, where light samples are taken along flights; else None
+    """
 
     scatters: mi.Bool
     medium: mi.UInt32
     meets: mi.Bool
     hit: mi.PreliminaryIntersection3f
     distance: mi.Float
+    stretch: object = None
 
 
 def flight(scene, path, ray):
@@ -32,14 +36,21 @@ def flight(scene, path, ray):
     within, medium = scene.innermost(path.inside | scene.regions.always)
     sigma_t = [dr.select(within, sigma, 0) for sigma in scene.media.sigma_t(medium)]
     distance = media.flight(path.throughput, sigma_t, path.random.next_float32(), path.random.next_float32())
-    ray.maxt = distance
+    takes = path.alive & within & scene.airlight.takes(medium, path.inside) if scene.airlight else False
+    ray.maxt = dr.select(takes, dr.inf, distance) if scene.airlight else distance
     hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=path.alive)
     meets = path.alive & hit.is_valid()
+    stretch = None
+    if scene.airlight:
+        stretch = scene.airlight.stretch(path, ray, takes, (0, dr.select(meets, hit.t, _FAR)))
+        meets &= hit.t <= distance
     scatters = path.alive & ~meets & (distance < dr.inf)
     # what neither scatters nor meets a surface is in no medium, unless there is one everywhere
     distance = dr.select(meets, hit.t, dr.select(scatters, distance, _FAR if scene.regions.always else 0))
+    if scene.airlight:
+        stretch.chance = media.chance(path.throughput, sigma_t, distance, scatters)
     path.throughput = media.flown(path.throughput, sigma_t, distance, scatters)
-    return Flight(scatters, medium, meets, hit, distance)
+    return Flight(scatters, medium, meets, hit, distance, stretch)
 
 
 def _through_regions(scene, path, ray):
@@ -50,7 +61,9 @@ def _through_regions(scene, path, ray):
     hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=path.alive)
     far = dr.select(hit.is_valid(), hit.t, _FAR)
 
-    def step(random, throughput, distance, medium, flies, scatters):
+    stretch = scene.airlight and scene.airlight.stretch(path, ray, path.alive, scene.regions.span(ray, far))
+
+    def step(random, throughput, distance, medium, flies, scatters, chance):
         inside, end = scene.regions.around(ray, distance, flies)
         end = dr.minimum(end, far)
         within, medium_here = scene.innermost(inside | path.inside)
@@ -59,18 +72,22 @@ def _through_regions(scene, path, ray):
         stop, passed = _marched(scene, ray, distance, end, medium_here, column, flies, within)
         ends_here = flies & (stop < end)
         flown = media.flown(throughput, sigma_t, passed, ends_here)
+        if scene.airlight:
+            chance *= dr.select(flies, media.chance(throughput, sigma_t, passed, ends_here), 1)
         throughput = [dr.select(flies, after, before) for after, before in zip(flown, throughput)]
         medium = dr.select(flies, medium_here, medium)
         distance = dr.select(flies, stop, distance)
-        return random, throughput, distance, medium, flies & ~ends_here & (end < far), scatters | ends_here
+        return random, throughput, distance, medium, flies & ~ends_here & (end < far), scatters | ends_here, chance
 
     none = dr.full(mi.Bool, False, dr.width(far))
     start = path.random, path.throughput, dr.zeros(mi.Float, dr.width(far)), dr.zeros(mi.UInt32, dr.width(far)), \
-        mi.Bool(path.alive), none
-    path.random, path.throughput, distance, medium, _, scatters = dr.while_loop(
-        start, lambda random, throughput, distance, medium, flies, scatters: flies, step, label="regions")
+        mi.Bool(path.alive), none, dr.full(mi.Float, 1, dr.width(far)) if scene.airlight else None
+    path.random, path.throughput, distance, medium, _, scatters, chance = dr.while_loop(
+        start, lambda random, throughput, distance, medium, flies, scatters, chance: flies, step, label="regions")
     meets = path.alive & hit.is_valid() & ~scatters
-    return Flight(scatters, medium, meets, hit, distance)
+    if scene.airlight:
+        stretch.chance = chance
+    return Flight(scatters, medium, meets, hit, distance, stretch)
 
 
 def _marched(scene, ray, start, end, medium, column, active, within):
@@ -138,6 +155,13 @@ def _deeper(scene, ray, inside, far, depth, active):
 
     start = depth, dr.zeros(mi.Float, dr.width(far)), active & (far > 0)
     return dr.while_loop(start, lambda depth, distance, active: active, step, label="regions of shadow rays")[0]
+
+
+def reached(scene, ray, inside, distance, active):
+    """Media at distances on rays, and optical depths up to there."""
+    depth = [dr.zeros(mi.Float, dr.width(active)) for _ in range(scene.media.count)]
+    around = scene.regions.around(ray, distance, active)[0] if scene.regions.bounded else scene.regions.always
+    return scene.innermost(around | inside)[1], _deeper(scene, ray, inside, distance, depth, active)
 
 
 def onward(scene, ray, inside, active):

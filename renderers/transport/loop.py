@@ -69,8 +69,8 @@ def summed(scene, numbers, size, by_light, turn, lamps=(None, None)):
 
     def step(path):
         path, event = turn.advance(scene, path, records)
-        for radiance, emitter in brought(scene, turn, path, event, records):
-            _add(by_order, path.pixel * ORDERS + dr.minimum(path.order, ORDERS - 1), radiance)
+        for radiance, emitter, order in brought(scene, turn, path, event, records):
+            _add(by_order, path.pixel * ORDERS + dr.minimum(order, ORDERS - 1), radiance)
             if by_light:
                 number = scene.light_number(emitter)
                 _add(of_lights, path.pixel * scene.lights + mi.UInt32(number), radiance, number >= 0)
@@ -102,14 +102,17 @@ def _next(scene, strata, numbers, path):
 
 
 def brought(scene, turn, path, event, records=None):
-    """Light that paths meet and that of light samples: pairs of linear sRGB and its emitters."""
+    """Light that paths meet and that of light samples: linear sRGB, its emitters and its orders."""
     light, emitter = _emitted(scene, path, event)
     if scene.lamps:
         light = scene.lamps.meets(path, event, emitter, light, records)
     sampled, lamp = turn.next_event(scene, path, event)
     if scene.lamps:
         sampled = scene.lamps.sampled(path, event, sampled)
-    return [(light, emitter), (sampled, lamp)]
+    light = [(light, emitter, path.order), (sampled, lamp, path.order)]
+    if scene.airlight:
+        light.append((*scene.airlight.sampled(path, event.stretch), event.stretch.order + 1))
+    return light
 
 
 def first_media(scene, key, pixels):
@@ -144,7 +147,8 @@ def camera_paths(scene, pixel, drawn, random, alive, number):
     return Path(random=random, pixel=pixel, number=number, alive=alive, origin=origin, direction=direction,
                 throughput=[dr.full(mi.Float, 1, width) for _ in range(scene.waves)], squared_index=dr.full(mi.Float, 1, width),
                 inside=scene.around_camera + zero, order=mi.UInt32(zero), bounces=mi.UInt32(zero), drawn=mi.Point3f(origin),
-                density=dr.zeros(mi.Float, width), single=dr.full(mi.Bool, True, width), choice=choice, counts=None, **since)
+                density=dr.zeros(mi.Float, width), single=dr.full(mi.Bool, True, width), choice=choice, counts=None,
+                before=scene.airlight and scene.airlight.none(width), **since)
 
 
 def _add(sums, number, light, active=True):
@@ -170,7 +174,7 @@ def wandered(scene, path, records=None):
     width = dr.width(path.alive)
     none = dr.full(mi.Bool, False, width)
     end = flights.Flight(none, dr.zeros(mi.UInt32, width), mi.Bool(none), dr.zeros(mi.PreliminaryIntersection3f, width),
-                         dr.zeros(mi.Float, width))
+                         dr.zeros(mi.Float, width), scene.airlight and scene.airlight.no_stretch(path))
     most = dr.opaque(mi.UInt32, _SCATTERINGS)
 
     def step(path, end, active, count):
@@ -197,7 +201,7 @@ def _event(scene, path, ray, end, active):
     if scene.far:
         opaque = path.random.next_float32() < scene.far.chance(surface, ray.d, end.meets)
         crosses &= ~opaque
-    return Event(end.scatters, end.medium, ray.o + end.distance * ray.d, end.meets, misses, surface, crosses, opaque)
+    return Event(end.scatters, end.medium, ray.o + end.distance * ray.d, end.meets, misses, surface, crosses, opaque, end.stretch)
 
 
 def _emitted(scene, path, event):
@@ -208,6 +212,8 @@ def _emitted(scene, path, event):
     seen = mi.DirectionSample3f(scene.scene, event.surface, before)
     active &= seen.emitter != None  # noqa: E711, compares every lane
     by_light = scene.scene.pdf_emitter_direction(before, seen, active & ~path.single)
+    if scene.airlight:
+        by_light *= scene.airlight.rival(path, seen.emitter, active)
     share = dr.select(path.single, 1, balance(path.density, by_light))
     return scene.seen(path.throughput, seen.emitter.eval(event.surface, active) * share, active), seen.emitter
 
@@ -215,6 +221,8 @@ def _emitted(scene, path, event):
 def next_event(scene, path, event):
     """Light of light samples by way of scatterings and surfaces, linear sRGB, and its emitters."""
     surface, at_event = event.surface, event.scatters
+    if scene.airlight:  # of those flights light samples are taken elsewhere
+        at_event = at_event & ~scene.airlight.takes(event.medium, path.inside)
     bsdf = scene.bsdf(event)
     at_surface = event.meets & ~event.crosses & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
     interaction = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), dr.select(event.scatters, event.position, surface.p),
@@ -286,7 +294,11 @@ def turned(scene, path, event, records=None):
     path.bounces += dr.select(shades, mi.UInt32(1), mi.UInt32(0))
     path.alive &= ~event.misses
     path = roulette(path, shades & (path.bounces > _FAR), mi.Float(1), random.next_float32(), event.meets)
-    return scattered(scene, path, event.medium, event.position, event.scatters, records) if scene.samples else path
+    if scene.samples:
+        path = scattered(scene, path, event.medium, event.position, event.scatters, records)
+    if scene.airlight:
+        scene.airlight.scattered(path, event)
+    return path
 
 
 def squared_index(sample):

@@ -103,6 +103,12 @@ def flown(throughput, sigma_t, distance, scatters):
     return [weight * factor * scale for weight, factor in zip(throughput, passed)]
 
 
+def chance(throughput, sigma_t, distance, scatters):
+    """Density (1 over a length) of flights that end with a scattering, where one `scatters`, or the chance that they go so far."""
+    passed = [dr.exp(-sigma * distance) * dr.select(scatters, sigma, 1) for sigma in sigma_t]
+    return mean(throughput, passed)
+
+
 def scattered(media, medium, direction, throughput, u):
     """Directions after a scattering, their densities (1/sr), and the throughput; u : three uniform numbers."""
     weights = product(throughput, media.albedo(medium))

@@ -185,8 +185,8 @@ def light(scene, source):
 
     def go(path, sums):
         path, event = turn.advance(scene, path, records)
-        for radiance, _ in loop.brought(scene, turn, path, event, records):
-            _add(sums, path.order, radiance)
+        for radiance, _, order in loop.brought(scene, turn, path, event, records):
+            _add(sums, order, radiance)
         path = turn.turned(scene, path, event, records)
         return dr.if_stmt((path, sums), ~path.alive, following, lambda *state: state, label="following paths")
 

@@ -107,6 +107,19 @@ class Regions:
             end = dr.select(reached, dr.minimum(end, start_beyond + surface.t), end)
         return inside, end
 
+    def span(self, ray, far):
+        """Distances on rays between which all regions lie, as far as they are known: from 0 to `far` with a mesh or everywhere."""
+        if self.always or self._meshes:
+            return mi.Float(0), far
+        first, last = mi.Float(dr.inf), mi.Float(0)
+        for _, low, high in self._boxes:
+            near, end = _slab(ray, low, high)
+            crossed = near < end
+            first = dr.minimum(first, dr.select(crossed, near, dr.inf))
+            last = dr.maximum(last, dr.select(crossed, end, 0))
+        last = dr.minimum(last, far)
+        return dr.minimum(dr.maximum(first, 0), last), last
+
 
 def boundary(vertices, faces, unit):
     """A Mitsuba scene of nothing but a mesh.

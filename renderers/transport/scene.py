@@ -10,7 +10,7 @@ import numpy as np
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba.recording import pointers
 from renderers.mitsuba.shading import single
-from renderers.transport import regions
+from renderers.transport import regions, thin
 from renderers.transport.boundaries import Boundaries
 from renderers.transport.far import FarSurfaces
 from renderers.transport.media import Media
@@ -31,11 +31,12 @@ class View:
     scene : of Mitsuba;  waves : number of wavelengths
     light_number : of emitters, their places among `lights` lights, -1 for none
     around_camera : what the camera stands in, as a path's `inside`
+    airlight : `airlight.Airlight`, along flights through thin media; None where there are none
     lamps : `samples.Samples`, which go through smooth boundaries of bodies; None where there are none
     """
 
     around_camera = 0
-    lamps = None
+    lamps = airlight = None
 
     def __init__(self, world, scene, colours):
         """
@@ -127,6 +128,7 @@ class Scene(View):
         dr.make_opaque(self.extent)
         self.splitting = Splitting(self.scene) if drawn and smooth(self.scene) else None
         self.lamps = samples(self, world, bodies) if drawn else None
+        self.airlight = thin.airlight(self, numbered, world) if drawn else None
 
     def bsdf(self, event):
         """Of the surface that paths have come to, `state.Event`."""

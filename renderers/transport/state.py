@@ -9,6 +9,7 @@ from typing import NamedTuple
 import drjit as dr
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
+from renderers.transport.airlight import Before, Stretch
 from renderers.transport.lamps import Departure
 from renderers.transport.records import Counts
 from renderers.transport.rough import Entry
@@ -33,6 +34,7 @@ class Path:
     choice : uniform number, of what the first smooth boundary does
     departure, chance : since the last scattering, where small lamps are sampled through smooth boundaries, and where wide ones
         are; entry : the same, where lamps are sampled through rough ones; else None
+    before : `airlight.Before`, where paths may meet lamps for which light samples are taken along flights; else None
     counts : of records of the lane, where either is
     """
 
@@ -54,6 +56,7 @@ class Path:
     departure: Departure | None
     chance: Chance | None
     entry: Entry | None
+    before: Before | None
     counts: Counts | None
 
 
@@ -65,6 +68,7 @@ class Event:
     meets : a surface;  misses : nothing, but for the environment;  surface : interaction with either
     crosses : that surface is a boundary to which light is blind
     opaque : that surface is one of `far.FarSurfaces`, and the path is turned there; None where there are none
+    stretch : of the flight to there, along which a light sample is taken; None where none is
     """
 
     scatters: mi.Bool
@@ -75,6 +79,7 @@ class Event:
     surface: mi.SurfaceInteraction3f
     crosses: mi.Bool
     opaque: mi.Bool | None = None
+    stretch: Stretch | None = None
 
 
 class Turn(NamedTuple):

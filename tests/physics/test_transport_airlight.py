@@ -1,0 +1,128 @@
+"""Light samples along flights through thin media: closed forms, white rooms, and Mitsuba's own integrator in the same scenes.
+
+Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from renderers.mitsuba.world import World
+from renderers.transport import scene as scenes
+from renderers.transport import thin
+from renderers.transport.regions import Box, Everywhere, Mesh
+from renderers.transport.scene import Scene
+from tests.odds import ODDS, sigmas
+from tests.physics import test_transport_media
+from tests.physics.particles import blocks, same
+from tests.physics.test_transport_media import (BALL, HIGH, LOW, RGB, body, cube, inside_of, medium, pictures, reference, sensor)
+from tests.physics.test_translucent import BOUNDARIES, FLOOR, PANEL, SKY, shape
+
+HAZE = ([0.9, 0.6, 0.3], 0.4, (90.0, 60.0, 40.0))  # albedo, g, free paths
+LAMP = '<emitter type="point"><point name="position" x="7" y="-2" z="1"/><rgb name="intensity" value="3 3 3"/></emitter>'
+BULB = ('<shape type="sphere"><point name="center" x="2" y="-4" z="5.5"/><float name="radius" value="0.2"/>OUTSIDE<emitter type="area">'
+        '<rgb name="radiance" value="90 90 90"/></emitter></shape>')
+
+
+@pytest.fixture
+def everything_is_thin(monkeypatch):
+    monkeypatch.setattr(thin, "THICKEST", np.inf)
+    monkeypatch.setattr(thin, "LARGEST", np.inf)
+
+
+def test_a_point_lamp_in_haze(tmp_path):
+    """Light scattered once into each pixel, of each wavelength, against the integral along its line of sight."""
+    entries = [medium(Everywhere(), *HAZE)]
+    found = pictures(tmp_path, sensor(size=4) + LAMP, entries, range(32), "order1")
+    camera = Scene(World(tmp_path / "scene.xml"), entries, RGB)
+    samples = np.random.default_rng(1).random((16, 100, 2))
+    expected = np.array([[_once(*(np.array(part).T for part in _rays(camera, pixel, u)))] for pixel, u in enumerate(samples)])
+    expected = expected.reshape(4, 4, 3)
+    error = found.std(axis=0, ddof=1) / 32**0.5
+    # rays of 100 places in pixels: 1 %
+    assert np.all(abs(found.mean(axis=0) / expected - 1) < 0.03 + sigmas(32, ODDS, 48) * error / expected)
+    mean = found.mean(axis=(1, 2, 3))
+    print(mean.std(ddof=1)/32**.5/mean.mean(), mean.mean()/expected.mean(), np.abs(found.mean(axis=0) / expected - 1).max())
+    assert mean.std(ddof=1) / 32**0.5 < 0.002 * mean.mean()
+    assert abs(mean.mean() / expected.mean() - 1) < 0.01
+
+
+def _rays(camera, pixel, u):
+    import mitsuba as mi
+
+    origin, direction = camera.camera_ray(mi.UInt32([pixel] * len(u)), mi.Point2f(*u.T.astype(np.float32)))
+    return origin, direction
+
+
+def _once(origin, direction, steps=1000):
+    """Mean over rays of light of `LAMP` scattered once, by the angle in which the lamp is seen: it takes the peak away."""
+    albedo, g, free_path = (np.asarray(value)[..., None, None] for value in HAZE)
+    towards = np.array((7.0, -2.0, 1.0)) - origin
+    nearest = np.sum(towards * direction, axis=1)
+    aside = np.linalg.norm(towards - nearest[:, None] * direction, axis=1)
+    begin, share = np.arctan2(-nearest, aside), (np.arange(steps) + 0.5) / steps
+    angle = begin[:, None] + (np.pi / 2 - begin)[:, None] * share
+    along, away = (nearest + aside * np.tan(angle).T).T, (aside / np.cos(angle).T).T
+    cosine = (nearest[:, None] - along) / away  # of the light's direction, from lamp to point, with the way to the camera
+    phase = (1 - g**2) / (4 * np.pi * (1 + g**2 - 2 * g * cosine) ** 1.5)
+    value = albedo / free_path * np.exp(-(along + away) / free_path) * phase * 3
+    return (value.sum(axis=2) * (np.pi / 2 - begin) / steps / aside).mean(axis=1)
+
+
+def test_white_rooms_with_light_samples_along_all_flights(tmp_path, everything_is_thin):
+    """As without: fog everywhere, a box, a mesh and a grid that overlap, a matched body and one of glass."""
+    test_transport_media.test_a_white_room(tmp_path)
+
+
+def test_where_they_are_taken(tmp_path):
+    """In thin media with a small lamp, not in dense ones, under a wide lamp or the sky alone."""
+    def taken(light, entry):
+        (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0">{sensor(size=8)}{FLOOR}{light}</scene>')
+        return Scene(World(tmp_path / "scene.xml"), [entry], RGB).airlight is not None
+
+    haze, dense = medium(Everywhere(), *HAZE), medium(Everywhere(), *HAZE[:2], (2.0, 2.0, 2.0))
+    assert taken(LAMP, haze) and taken(BULB.replace("OUTSIDE", ""), haze) and taken(LAMP, haze._replace(region=Box(LOW, HIGH)))
+    assert not taken(LAMP, dense) and not taken(PANEL, haze) and not taken(SKY, haze._replace(region=Box(LOW, HIGH)))
+    assert taken(LAMP, dense._replace(region=Mesh(BALL[0] * 0.1, BALL[1])))
+
+
+def in_a_box(folder):
+    """Sky, panel and lamp, haze that a matched body and one of glass stand in."""
+    moved = [(BALL[0] * 0.6 + shift, BALL[1]) for shift in ((-3, 0, 0), (3, 0, 0))]
+    dense = [0.9, 0.8, 0.5], 0.3, (3.0, 4.0, 5.0)
+    entries = [medium(Box(LOW, HIGH), *HAZE), body("glass", moved[0], 1.4, *dense), body("matched", moved[1], 1.0, *dense)]
+    around = sensor() + PANEL + FLOOR + SKY
+    inner, outer = inside_of("interior", *dense), inside_of("exterior", *HAZE)
+    bulb = BULB.replace("OUTSIDE", "")
+    return around + bulb + shape(folder, "glass", moved[0], BOUNDARIES[1.4]) + shape(folder, "matched", moved[1], BOUNDARIES[1.0]), \
+        entries, around + BULB.replace("OUTSIDE", outer) + shape(folder, "a", moved[0], BOUNDARIES[1.4] + inner + outer) \
+        + shape(folder, "b", moved[1], BOUNDARIES[1.0] + inner + outer) \
+        + cube(LOW, HIGH, BOUNDARIES[1.0] + inside_of("interior", *HAZE)), 512
+
+
+@pytest.mark.slow
+def test_as_the_integrator_of_mitsuba(tmp_path):
+    """Means within 2 standard errors (with these seeds), and the picture in blocks by chance."""
+    ours, entries, theirs, samples = in_a_box(tmp_path)
+    ours, theirs = pictures(tmp_path, ours, entries, range(100)), reference(tmp_path, theirs, samples)
+    assert same(blocks(ours, (2, 2)), blocks(theirs, (2, 2))) > ODDS
+    means = [found.mean(axis=(1, 2)) for found in (ours, theirs)]
+    error = np.hypot(*(found.std(axis=0, ddof=1) / len(found) ** 0.5 for found in means))
+    assert np.all(abs(means[0].mean(axis=0) - means[1].mean(axis=0)) < 2 * error)
+
+
+@pytest.mark.parametrize("place", ["everywhere", "box"])
+def test_as_scatterings_alone(tmp_path, monkeypatch, place):
+    """Light of a small lamp by orders, against paths that take light samples where they scatter."""
+    region = Everywhere() if place == "everywhere" else Box(LOW, HIGH)
+    entries, scene = [medium(region, *HAZE[:2], (30.0, 20.0, 15.0))], sensor(size=8) + FLOOR + BULB.replace("OUTSIDE", "")
+    for layer in ("order1", "order2"):
+        along = pictures(tmp_path, scene, entries, range(24), layer)
+        monkeypatch.setattr(scenes.thin, "THICKEST", 0.0)
+        alone = pictures(tmp_path, scene, entries, range(100, 148), layer)
+        monkeypatch.undo()
+        first, second = (found.mean(axis=(1, 2)) for found in (along, alone))
+        error = np.hypot(*(found.std(axis=0, ddof=1) / len(found) ** 0.5 for found in (first, second)))
+        assert np.all(abs(first.mean(axis=0) - second.mean(axis=0)) < sigmas(24, ODDS, 12) * error)
+        assert layer == "order2" or first.std() < 0.5 * second.std()
