@@ -17,11 +17,11 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import numba
-from numba.core import caching, errors, event, types
+from numba.core import caching, errors, event, targetconfig, types
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 
-from bakery.system import linked, sources, turns
+from bakery.system import linked, shortcuts, sources, turns
 
 __all__ = ["njit"]
 
@@ -96,6 +96,19 @@ class Kernel(CPUDispatcher):
         return arguments in self.overloads or self._cache._index_key(arguments, codegen) in self._cache._cache_file._load_index()
 
 
+class Overload(Kernel):
+    """A function that numba has in Python, as a kernel of ours calls it."""
+
+    def get_call_template(self, args, kws):
+        """As numba's, of a call from another kernel."""
+        flags = targetconfig.ConfigStack.top_or_none()
+        self._called = _compiling > 0 and not (flags and flags.fastmath)
+        try:
+            return super(Kernel, self).get_call_template(args, kws)
+        finally:
+            self._called = False
+
+
 _compiling = 0  # how many kernels are being compiled, each because the one before calls it; under numba's lock
 
 
@@ -104,7 +117,8 @@ def _depth():
     global _compiling
     _compiling += 1
     try:
-        yield
+        with shortcuts.taken(Overload) if _compiling == 1 else nullcontext():
+            yield
     finally:
         _compiling -= 1
 

@@ -56,8 +56,8 @@ class _Flags(compiler.Flags):
     def __eq__(self, other):
         if not isinstance(other, compiler.Flags):
             return NotImplemented
-        names = self._values.keys() | other._values.keys()
-        return self._values == other._values or all(getattr(self, name) == getattr(other, name) for name in names)
+        return self._values == other._values or all(getattr(self, name) == getattr(other, name)
+                                                    for name in self._values.keys() | other._values.keys())
 
 
 class _ForLinking(compiler.Compiler):
@@ -65,7 +65,8 @@ class _ForLinking(compiler.Compiler):
 
     def define_pipelines(self):
         # here and not where flags are made: functions of numba's that a kernel calls are compiled for each set of those
-        self.state.flags.no_cpython_wrapper = self.state.flags.no_compile = True
+        flags = self.state.flags
+        flags.no_cpython_wrapper = flags.no_cfunc_wrapper = flags.no_compile = True
         return super().define_pipelines()
 
 

@@ -1,0 +1,106 @@
+"""Shortcuts through numba's compiler, taken while it compiles a kernel of ours: the same code in less time.
+
+Most of what compiling takes is numba's own Python, and much of that finds out again what it has found before.  Inside of `taken`
+
+- which signature a function of numba's has for arguments of some types is looked up where it was asked before: numba tries a
+  dozen forms of `+` for each sum;
+- what numba writes in Python itself (`np.empty`, `max`) is linked into its callers, as kernels that only kernels call are
+  (`bakery/system/linked.py`), and has neither machine code nor functions for Python and C;
+- variables of an instruction are listed by what kind of object each of its parts is, at once, and not by one test after another;
+- nobody is told each time that LLVM is at work: that is for timers whose values nobody reads.
+
+Outside of it numba is as it was: other people's kernels are compiled as ever.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+
+from llvmlite import binding as llvm
+from numba.core import ir, targetconfig, types
+from numba.core.registry import CPUDispatcher
+from numba.core.typing import templates
+
+from bakery.system import linked
+
+_call_type = types.Function.get_call_type
+_list_vars = ir.Inst._rec_list_vars
+_jit_decorator = templates._OverloadFunctionTemplate._get_jit_decorator
+
+# kinds of arguments whose types say all that a signature depends on
+_PLAIN = (types.Number, types.Boolean, types.Array, types.BaseTuple, types.NumberClass, types.DType, types.SliceType,
+          types.NoneType, types.StringLiteral)
+
+
+@contextmanager
+def taken(overload: type):
+    """Takes them inside of the `with`, under numba's lock of compiling.
+
+    overload : dispatcher of functions that numba writes in Python, in place of `CPUDispatcher`
+    """
+    def jit_decorator(template):
+        jit = _jit_decorator(template)
+        return lambda **options: lambda function: _as(overload, jit(**options)(function))
+
+    lock = llvm.ffi.lib._lock
+    told = lock._cblist
+    types.Function.get_call_type = _known_call_type
+    ir.Inst._rec_list_vars = _variables
+    templates._OverloadFunctionTemplate._get_jit_decorator = jit_decorator
+    lock._cblist = []
+    try:
+        yield
+    finally:
+        del types.Function.get_call_type  # `BaseFunction` has it
+        ir.Inst._rec_list_vars = _list_vars
+        templates._OverloadFunctionTemplate._get_jit_decorator = _jit_decorator
+        lock._cblist = told
+
+
+def _as(overload, dispatcher):
+    if type(dispatcher) is CPUDispatcher:
+        dispatcher.__class__ = overload
+        dispatcher._compiler.__class__ = linked.FunctionCompiler
+    return dispatcher
+
+
+_signatures: dict[tuple, tuple] = {}  # function, types and flags -> signature, and what numba finds the function's code by
+_is_plain: dict[type, bool] = {}
+
+
+def _known_call_type(function, context, args, kws):
+    """As `BaseFunction.get_call_type`."""
+    if kws or not all(map(_plain, args)):
+        return _call_type(function, context, args, kws)
+    # types of numba are the same where their numbers are
+    key = function._code, tuple(kind._code for kind in args), targetconfig.ConfigStack.top_or_none(), id(context)
+    if key not in _signatures:
+        signature = _call_type(function, context, args, kws)
+        _signatures[key] = signature, function._impl_keys[signature.args]
+    # the same function compiled with other flags may have been asked for since
+    signature, function._impl_keys[signature.args] = _signatures[key]
+    return signature
+
+
+def _plain(kind) -> bool:
+    exact = type(kind)
+    if exact not in _is_plain:
+        _is_plain[exact] = issubclass(exact, _PLAIN)
+    return _is_plain[exact] and kind.is_precise()
+
+
+_ATOMS = frozenset([str, int, float, complex, bool, type(None), ir.Loc])
+
+
+def _variables(instruction, part):
+    """As `Inst._rec_list_vars`."""
+    kind = type(part)
+    if kind in _ATOMS:
+        return []
+    if kind is ir.Var:
+        return [part]
+    if kind is dict:
+        part = part.values()
+    elif kind is not list and kind is not tuple:
+        return _list_vars(instruction, part)
+    return [variable for item in part for variable in _variables(instruction, item)]
