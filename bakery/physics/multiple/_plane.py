@@ -3,7 +3,8 @@
 A lobe is c_lm in a frame with its axis e3 in the plane, x along e1 in the plane: even in azimuth.  About the normal, with
 azimuth from e3 towards e1, it is b_lk = sum_m d^l_km(pi/2) (-i)^m c_lm, zero unless l + k is even;
 b_l,-k = (-1)^k conj(b_lk).
-Stored for one l: real parts of k = ..., l - 4, l - 2, l from 0 or 1 on, then imaginary parts of the same k (that of k = 0 is 0).
+Stored for one l: k = ..., l - 4, l - 2, l from 0 or 1 on, with zeros up to a multiple K' of `LANES`; by so many of them their real
+parts, then the imaginary ones (that of k = 0 is 0).
 """
 
 from __future__ import annotations
@@ -14,11 +15,12 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.physics.multiple._kernels import packed
-from bakery.physics.multiple._products import add_four, product
+from bakery.physics.multiple._products import multiply
 from bakery.physics.multiple._turned import LANES, add_turned
 from bakery.system.compiled import njit
 
 TAPS = 4  # coefficients of a cubic spline at a place
+_LINE = 8  # numbers of a line of the cache
 _ROWS = 8  # distances at a time: what they need stays in the second level of the cache
 _BEYOND = 10  # distances after which the end of a spline does not matter
 _POLE = math.sqrt(3.0) - 2  # of the filter that turns values into coefficients of a cubic spline
@@ -53,67 +55,61 @@ def quarter_turns(order):
     return d
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _add(factors, rows, first, count, out):
-    """out += sum over n < count of factors[n] rows[first + 2 n]: four at a time, as loads and stores cost more than sums."""
-    whole = count - count % 4
-    for n in range(0, whole, 4):
-        f0, f1, f2, f3 = factors[n], factors[n + 1], factors[n + 2], factors[n + 3]
-        at = first + 2 * n
-        r0, r1, r2, r3 = rows[at], rows[at + 2], rows[at + 4], rows[at + 6]
-        for a in range(len(out)):
-            out[a] += f0 * r0[a] + f1 * r1[a] + f2 * r2[a] + f3 * r3[a]
-    for n in range(whole, count):
-        f, r = factors[n], rows[first + 2 * n]
-        for a in range(len(out)):
-            out[a] += f * r[a]
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
-def to_normal(l, d, c, out):
-    """b of one l from many c.
+def turn_of(l, d, doubled, out):
+    """The quarter turn of one l between c and b, by parity of m, into out (2, >= l // 2 + 1, K') of k, with zeros beyond the last.
 
     Parameters
     ----------
     d : (L + 1, L + 1) quarter turn of this l
-    c : (l + 1, A);  out : (2 K, A), K = l // 2 + 1
+    doubled : whether what is summed over is m (to b) or k (to c): those above 0 stand for themselves and their negatives
     """
-    K = l // 2 + 1
-    factors = np.empty((4, K), c.dtype)
     out[:] = 0.0
     for odd in range(2):
-        count = (l + 2 - odd) // 2
-        for first in range(0, K, 4):
-            rows = min(4, K - first)
-            for n in range(rows):
-                k = l % 2 + 2 * (first + n)
-                for i in range(count):
-                    m = odd + 2 * i
-                    # (-i)^m: 1, -i, -1, i
-                    factors[n, i] = d[k, m] * (1.0 if m == 0 else 2.0) * (1.0 if m % 4 == 0 or m % 4 == 3 else -1.0)
-            if rows == 4:
-                add_four(factors, c, odd, 2, count, out[first + odd * K:first + odd * K + 4])
-            else:
-                for n in range(rows):
-                    _add(factors[n], c, odd, count, out[first + n + odd * K])
+        for i in range((l + 2 - odd) // 2):
+            m = odd + 2 * i
+            for n in range(l // 2 + 1):
+                k = l % 2 + 2 * n
+                twice = 2.0 if (m if doubled else k) > 0 else 1.0
+                # (-i)^m: 1, -i, -1, i
+                out[odd, i, n] = d[k, m] * twice * (1.0 if m % 4 == 0 or m % 4 == 3 else -1.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def from_normal(l, d, b, out):
-    """The inverse of `to_normal`, of many: b (N, 2 K'), the imaginary parts from K' on, to out (N, l + 1)."""
-    K, whole = l // 2 + 1, b.shape[1] // 2
+def to_normal(l, turn, c, out):
+    """b of one l from many c.
+
+    Parameters
+    ----------
+    turn : from `turn_of`, of c's type
+    c : (l + 1, A);  out : (A, 2 K')
+    """
+    A, whole = c.shape[1], turn.shape[2]
+    for odd in range(2):
+        for k in range(0, whole, LANES):
+            multiply((c, odd * A, 1, 2 * A), (turn[odd], k, whole), (out, 2 * k + odd * LANES, 2 * whole), A, LANES,
+                     (l + 2 - odd) // 2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def from_normal(l, d, b, out, first):
+    """The inverse of `to_normal`, of many: b (N, 2 K') to out (N, first <= .. < first + l + 1)."""
+    N, K, whole = len(b), l // 2 + 1, b.shape[1] // 2
+    turn = np.empty((2, K, whole))
+    turn_of(l, d, False, turn)
     for odd in range(2):  # orders m from real and from imaginary parts
         count = (l + 2 - odd) // 2
-        turn = np.empty((K, count))
+        of, part, c = np.empty((K, count)), np.empty((N, K)), np.empty((N, count))
         for n in range(K):
-            k = l % 2 + 2 * n
             for i in range(count):
-                m = odd + 2 * i
-                turn[n, i] = d[k, m] * (1.0 if k == 0 else 2.0) * (1.0 if m % 4 == 0 or m % 4 == 3 else -1.0)
-        c = product(b[:, odd * whole:odd * whole + K], turn)
-        for n in range(len(out)):
+                of[n, i] = turn[odd, i, n]
+        for i in range(N):
+            for n in range(K):
+                part[i, n] = b[i, n + n // LANES * LANES + odd * LANES]
+        multiply((part, 0, K, 1), (of, 0, count), (c, 0, count), N, count, K)
+        for n in range(N):
             for i in range(count):
-                out[n, odd + 2 * i] = c[n, i]
+                out[n, first + odd + 2 * i] = c[n, i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -122,51 +118,75 @@ def splines(l, order, by_distance):
 
     Returns
     -------
-    (R + 1, l + 1, L + 1) by distance, m and l', for m <= l'
+    flat : for m = 0 .. l, then by distance (R + `_BEYOND`), elements l' = m, m + 2, .. and then l' = m + 1, m + 3, ..
+    start : (l + 1,) where those of m begin;  there are 2 * `_half(order, m)` a distance
     """
-    R, beyond = len(by_distance), _BEYOND
-    f = np.empty((R + beyond, l + 1, order + 1))
-    for r in range(R):
-        row, source = f[r], by_distance[r]
-        for j in range(order + 1):
-            at = packed(j, l, 0) if l <= j else packed(l, j, 0)
-            for m in range(min(j, l) + 1):
-                row[m, j] = source[at + m]
+    R = len(by_distance)
+    start = np.empty(l + 1, np.intp)
+    size = 0
     for m in range(l + 1):
-        for j in range(m):
-            f[:R, m, j] = 0.0
-    flat = f.reshape(R + beyond, -1)
-    for n in range(beyond):
-        for e in range(flat.shape[1]):
-            flat[R + n, e] = flat[R - 1, e] + (flat[R - 1, e] - flat[R - 2, e]) * (n + 1)
-    # the two recursive filters of a cubic spline, which is even about its first point
-    share = 1.0
-    first = np.zeros(flat.shape[1])
-    for n in range(min(R, _FORGOTTEN)):
-        for e in range(len(first)):
-            first[e] += share * flat[n, e]
-        share *= _POLE
-    for e in range(len(first)):
-        flat[0, e] = 6 * first[e]
-    last = R + beyond - 1
-    for n in range(1, last + 1):
-        for e in range(len(first)):
-            flat[n, e] = 6 * flat[n, e] + _POLE * flat[n - 1, e]
-    for e in range(len(first)):
-        flat[last, e] = _POLE / (_POLE * _POLE - 1) * (flat[last, e] + _POLE * flat[last - 1, e])
-    for n in range(last - 1, -1, -1):
-        for e in range(len(first)):
-            flat[n, e] = _POLE * (flat[n + 1, e] - flat[n, e])
-    return f[:R + 1]
+        start[m] = size
+        size += (R + _BEYOND) * 2 * _half(order, m)
+    flat = np.empty(size)
+    element = np.array([packed(j, l, 0) if l <= j else packed(l, j, 0) for j in range(order + 1)])
+    for low in range(0, l + 1, _LINE):  # orders of a line of the cache
+        high = min(low + _LINE, l + 1)
+        for r in range(R):
+            source = by_distance[r]
+            for m in range(low, high):
+                half = _half(order, m)
+                for odd in range(2):
+                    to = start[m] + (2 * r + odd) * half
+                    for n in range((order - m - odd) // 2 + 1):
+                        flat[to + n] = source[element[m + odd + 2 * n] + m]
+        for m in range(low, high):
+            half = _half(order, m)
+            lines = flat[start[m]:start[m] + (R + _BEYOND) * 2 * half].reshape(R + _BEYOND, 2 * half)
+            if (order - m) % 2 == 0:
+                lines[:R, -1] = 0.0  # there is one l' less of the other parity
+            _filtered(lines, R)
+    return flat, start
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _half(order, m):
+    """Number of l' = m, m + 2, .. up to the order."""
+    return (order - m) // 2 + 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def point_table(l, order, by_distance, lowest, R, harmonics, columns, d):
+def _filtered(f, R):
+    """Turns values (R + _BEYOND, E), of which R are there, into coefficients by the two recursive filters of a cubic spline, which
+    is even about its first point."""
+    last, E = len(f) - 1, f.shape[1]
+    for n in range(R, last + 1):
+        for e in range(E):
+            f[n, e] = f[R - 1, e] + (f[R - 1, e] - f[R - 2, e]) * (n - R + 1)
+    first, share = np.zeros(E), 1.0
+    for n in range(min(R, _FORGOTTEN)):
+        for e in range(E):
+            first[e] += share * f[n, e]
+        share *= _POLE
+    for e in range(E):
+        f[0, e] = 6 * first[e]
+    for n in range(1, last + 1):
+        for e in range(E):
+            f[n, e] = 6 * f[n, e] + _POLE * f[n - 1, e]
+    for e in range(E):
+        f[last, e] = _POLE / (_POLE * _POLE - 1) * (f[last, e] + _POLE * f[last - 1, e])
+    for n in range(last - 1, -1, -1):
+        for e in range(E):
+            f[n, e] = _POLE * (f[n + 1, e] - f[n, e])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def point_table(l, order, by_distance, rows, harmonics, columns, d):
     """b of one l for every distance and angle of a table, times r exp(k0 r).
 
     Parameters
     ----------
-    by_distance : (.., P) of the propagator, of whose splines R distances from number `lowest` on are wanted
+    by_distance : (.., P) of the propagator, of whose splines
+    rows : those distances are wanted: number of the first, and how many
     harmonics : (L + 1, L + 1, H) by m and l, of the first half of the angles; the others mirror them about a right angle
     columns : A, H = (A + 1) // 2
     d : (L + 1, L + 1) quarter turn of this l
@@ -175,51 +195,50 @@ def point_table(l, order, by_distance, lowest, R, harmonics, columns, d):
     -------
     (R, A, 2 K') float32, K padded with zeros to K'.  Only the sum over l' cancels, and it is in double precision
     """
-    A, H = columns, harmonics.shape[2]
+    (lowest, R), A, H = rows, columns, harmonics.shape[2]
     K = l // 2 + 1
     whole = -(-K // LANES) * LANES
-    spline = splines(l, order, by_distance)
-    out = np.zeros((R, A, 2 * whole), np.float32)
-    c, b = np.empty((_ROWS, l + 1, A), np.float32), np.empty((2 * K, A), np.float32)
-    factors, half = np.zeros((4, order // 2 + 1)), np.empty((2, 4, H))
+    flat, start = splines(l, order, by_distance)
+    turn = np.empty((2, K, whole), np.float32)
+    turn_of(l, d, True, turn)
+    out = np.empty((R, A, 2 * whole), np.float32)
+    c, half = np.empty((_ROWS, l + 1, A), np.float32), np.empty((2, _ROWS, H))
     for first in range(0, R, _ROWS):
-        rows = min(_ROWS, R - first)
+        some = min(_ROWS, R - first)
         for m in range(l + 1):
-            for four in range(0, rows, 4):
-                for odd in range(2):  # of j + m: Y_jm is odd or even about a right angle
-                    count = (order - m - odd) // 2 + 1
-                    for i in range(min(4, rows - four)):
-                        line = spline[lowest + first + four + i, m]
-                        for n in range(count):
-                            factors[i, n] = line[m + odd + 2 * n]
-                    half[odd] = 0.0
-                    add_four(factors, harmonics[m], m + odd, 2, count, half[odd])
-                for i in range(min(4, rows - four)):
-                    row, even, odd_part = c[four + i, m], half[0, i], half[1, i]
-                    for a in range(H):
-                        row[a] = even[a] + odd_part[a]
-                        row[A - 1 - a] = even[a] - odd_part[a]
-        for i in range(rows):
-            to_normal(l, d, c[i], b)
-            for a in range(A):
-                for k in range(K):
-                    out[first + i, a, k], out[first + i, a, whole + k] = b[k, a], b[K + k, a]
+            width = _half(order, m)
+            for odd in range(2):  # of j + m: Y_jm is odd or even about a right angle
+                multiply((flat, start[m] + (2 * (lowest + first) + odd) * width, 2 * width, 1),
+                         (harmonics, (m * (order + 1) + m + odd) * H, 2 * H), (half, odd * _ROWS * H, H), some, H,
+                         (order - m - odd) // 2 + 1)
+            for i in range(some):
+                row, even, odd_part = c[i, m], half[0, i], half[1, i]
+                for a in range(H):
+                    row[a] = even[a] + odd_part[a]
+                    row[A - 1 - a] = even[a] - odd_part[a]
+        for i in range(some):
+            to_normal(l, turn, c[i], out[first + i])
     return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def phases(angle, first, last):
-    """Cosines and sines (Q, K') float32 of k times angles (Q,), k = first, first + 2, .. last, padded."""
-    K = (last - first) // 2 + 1
-    whole = -(-K // LANES) * LANES
-    cosine, sine = np.zeros((len(angle), whole), np.float32), np.zeros((len(angle), whole), np.float32)
+def phases(angle, first):
+    """Phases of k times angles (Q,), from which `add_turned` makes all others.
+
+    Returns
+    -------
+    begin : (Q, 2 LANES) float32, cosines and then sines for k = first, first + 2, ..
+    turn : (Q, 2) float32, cosine and sine of the angle that leads to the k that comes `LANES` later
+    """
+    begin, turn = np.empty((len(angle), 2 * LANES), np.float32), np.empty((len(angle), 2), np.float32)
     for q in range(len(angle)):
         c, s = math.cos(first * angle[q]), math.sin(first * angle[q])
         c2, s2 = math.cos(2 * angle[q]), math.sin(2 * angle[q])
-        for k in range(K):
-            cosine[q, k], sine[q, k] = c, s
+        for k in range(LANES):
+            begin[q, k], begin[q, k + LANES] = c, s
             c, s = c * c2 - s * s2, s * c2 + c * s2
-    return cosine, sine
+        turn[q, 0], turn[q, 1] = math.cos(2 * LANES * angle[q]), math.sin(2 * LANES * angle[q])
+    return begin, turn
 
 
 class Points(NamedTuple):
@@ -227,35 +246,36 @@ class Points(NamedTuple):
     other read it from memory again and again.
 
     owner : (Q,) number of the position that a point belongs to
-    row, column : (Q,) first of TAPS rows, columns
-    row_weight, column_weight : (Q, TAPS) float32, the former times the weight of the point
+    weight : (Q, TAPS * TAPS) float32, of the coefficients of TAPS rows and columns, that of the point in them
+    cell : (C + 1,) first of the points that have the same coefficients, then Q
+    row, column : (C,) first of those coefficients
     """
 
     owner: np.ndarray
+    weight: np.ndarray
+    cell: np.ndarray
     row: np.ndarray
-    row_weight: np.ndarray
     column: np.ndarray
-    column_weight: np.ndarray
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def along(l, table, d, points, cosine, sine, out):
+def along(l, table, d, points, phases, out):
     """Sums a table of b over the points of segments, and turns the sums to c in frames with given axes.
 
     Parameters
     ----------
     table : (R, A, 2 K') from `point_table`, as spline coefficients
     points : `Points`
-    cosine, sine : (Q, >= K') float32, of k times the angle from the frame's axis to the position as seen from that point
-    out : (N, l + 1)
+    phases : from `phases`, of the angles from the frame's axis to the position as seen from that point
+    out : (N, (L + 1)(L + 2)/2), of which those of l are set
     """
-    whole, width = table.shape[2] // 2, table.shape[1] * table.shape[2]
-    owner, row, row_weight, column, column_weight = points
-    sums = np.zeros((len(out), 2 * whole))
-    for q in range(len(owner)):
-        p, w = row_weight[q], column_weight[q]
-        weights = (p[0], p[1], p[2], p[3]), (w[0], w[1], w[2], w[3])
+    column, row_of_table = table.shape[2], table.shape[1] * table.shape[2]
+    owner, weight, cell, row, first = points
+    begin, turn = phases
+    room = np.empty((np.diff(cell).max(), 2 * LANES), np.float32)
+    sums = np.zeros((len(out), column))
+    for n in range(len(row)):
         # azimuth counted from the frame's axis: times exp(i k angle)
-        add_turned(table, row[q] * width + column[q] * table.shape[2], width, whole, weights,
-                   (cosine, sine, q * cosine.shape[1]), sums, owner[q] * 2 * whole)
-    from_normal(l, d, sums, out)
+        add_turned(table, row[n] * row_of_table + first[n] * column, row_of_table, column, (cell[n], cell[n + 1], owner), weight,
+                   (begin, turn, room), sums)
+    from_normal(l, d, sums, out, l * (l + 1) // 2)

@@ -4,63 +4,102 @@ from __future__ import annotations
 
 import numpy as np
 
+from bakery.physics.multiple._tiles import (
+    LANES,
+    ROWS,
+    TALL,
+    VECTORS,
+    flat_tile,
+    least_tile,
+    narrow_tile,
+    tall_tile,
+    whole_tile,
+)
 from bakery.system.compiled import njit
+
+_WIDE = LANES * VECTORS
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def add_four(factors, rows, first, step, count, out):
-    """For i = 0 .. 3: out[i] += sum over n < count of factors[i, n] rows[first + step n], two at a time.
+def multiply(left, right, out, rows, columns, count):
+    """For i < rows, a < columns: out[to + below i + a] = sum over n < count of left[first + row i + step n] right[at + line n + a].
 
     Parameters
     ----------
-    factors : (4, >= count)
-    rows : (.., A), out : (4, A)
+    left : array, first, row, step
+    right : array, at, line
+    out : array, to, below; all three arrays contiguous, of one type, places counted in numbers
 
     Notes
     -----
-    A sum for four rows loads every other row once: 16e9 products a second in double precision where one row makes 8e9.
+    Terms are added in the order of n, from 0 on.  Tiles at the edges overlap their neighbours: what is set twice is the same.
     """
-    # unsigned: an index that may count from the end keeps compilers from making vectors
-    A = np.uintp(rows.shape[1])
-    rows, out = rows.reshape(-1), out.reshape(-1)
-    second, third, fourth = A, A + A, A + A + A
-    whole = count - count % 2
-    for n in range(0, whole, 2):
-        a0, a1, a2, a3 = factors[0, n], factors[1, n], factors[2, n], factors[3, n]
-        b0, b1, b2, b3 = factors[0, n + 1], factors[1, n + 1], factors[2, n + 1], factors[3, n + 1]
-        at = np.uintp(first + step * n) * A
-        after = at + np.uintp(step) * A
-        for a in range(A):
-            r, s = rows[at + a], rows[after + a]
-            out[a] += a0 * r + b0 * s
-            out[second + a] += a1 * r + b1 * s
-            out[third + a] += a2 * r + b2 * s
-            out[fourth + a] += a3 * r + b3 * s
-    if count > whole:
-        a0, a1, a2, a3 = factors[0, whole], factors[1, whole], factors[2, whole], factors[3, whole]
-        at = np.uintp(first + step * whole) * A
-        for a in range(A):
-            r = rows[at + a]
-            out[a] += a0 * r
-            out[second + a] += a1 * r
-            out[third + a] += a2 * r
-            out[fourth + a] += a3 * r
+    b, at, line = right
+    c, to, below = out
+    column = 0
+    while column + _WIDE <= columns:
+        _wide(left, (b, at + column, line), (c, to + column, below), rows, count)
+        column += _WIDE
+    while column < columns:
+        column = min(column, columns - LANES)
+        if column < 0:
+            _plain(left, right, out, rows, columns, count)
+            return
+        _single(left, (b, at + column, line), (c, to + column, below), rows, count)
+        column += LANES
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _wide(left, right, out, rows, count):
+    """`multiply` for the columns of two vectors."""
+    (a, first, row, step), (c, to, below) = left, out
+    if rows < ROWS:
+        for i in range(rows):
+            flat_tile((a, first + row * i, row, step), right, (c, to + below * i, below), count)
+        return
+    for i in range(0, rows, ROWS):
+        i = min(i, rows - ROWS)
+        whole_tile((a, first + row * i, row, step), right, (c, to + below * i, below), count)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _single(left, right, out, rows, count):
+    """`multiply` for the columns of a vector."""
+    (a, first, row, step), (c, to, below) = left, out
+    if rows < ROWS:
+        for i in range(rows):
+            least_tile((a, first + row * i, row, step), right, (c, to + below * i, below), count)
+        return
+    if rows < TALL:
+        for i in range(0, rows, ROWS):
+            i = min(i, rows - ROWS)
+            narrow_tile((a, first + row * i, row, step), right, (c, to + below * i, below), count)
+        return
+    for i in range(0, rows, TALL):
+        i = min(i, rows - TALL)
+        tall_tile((a, first + row * i, row, step), right, (c, to + below * i, below), count)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _plain(left, right, out, rows, columns, count):
+    """`multiply` for less than a vector of columns."""
+    a, first, row, step = left
+    b, at, line = right
+    c, to, below = out
+    a, b, c = a.reshape(-1), b.reshape(-1), c.reshape(-1)
+    for i in range(rows):
+        for n in range(columns):
+            c[to + below * i + n] = 0
+        for k in range(count):
+            factor = a[first + row * i + step * k]
+            for n in range(columns):
+                c[to + below * i + n] += factor * b[at + line * k + n]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def product(left, right):
     """left (N, K) times right (K, D); a row of it does not depend on the other rows."""
-    N, K = left.shape
-    D = right.shape[1]
-    out, spare = np.zeros((N, D)), np.zeros((4, D))
-    factors = np.zeros((4, K))
-    for n in range(0, N, 4):
-        rows = min(4, N - n)
-        for i in range(rows):
-            factors[i] = left[n + i]
-        if rows == 4:
-            add_four(factors, right, 0, 1, K, out[n:n + 4])
-        else:
-            add_four(factors, right, 0, 1, K, spare)
-            out[n:] = spare[:rows]
+    (N, K), D = left.shape, right.shape[1]
+    out = np.empty((N, D))
+    multiply((left, 0, K, 1), (right, 0, D), (out, 0, D), N, D, K)
     return out

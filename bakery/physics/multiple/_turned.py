@@ -1,7 +1,8 @@
-"""One point of a segment: sixteen neighbours in a table of the point source, blended, turned and added, eight orders at a time.
+"""Points of segments: sixteen neighbours in a table of the point source, blended, turned and added, eight orders at a time.
 
 Written in the compiler's own vectors: numba checks for each of the sixteen whether it overlaps what is written, which takes as
-long as the sum.  The order of the sums is fixed, so it does not depend on how wide the processor's vectors are.
+long as the sum.  Points that have the same neighbours take eight orders of them one after the other, from the first level of the
+cache.  The order of the sums is fixed, so it does not depend on how wide the processor's vectors are.
 """
 
 from __future__ import annotations
@@ -10,72 +11,110 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-LANES = 8  # float32; arrays are padded with zeros to a multiple of it
+from bakery.physics.multiple._tiles import fused
 
-_VECTOR, _WIDE = ir.VectorType(ir.FloatType(), LANES), ir.VectorType(ir.DoubleType(), LANES)
+LANES = 8  # orders at a time: a vector has the real parts of as many, then the imaginary ones
+
+_BOTH, _WIDE = ir.VectorType(ir.FloatType(), 2 * LANES), ir.VectorType(ir.DoubleType(), LANES)
 _INT = ir.IntType(32)
 
 
 @intrinsic
-def add_turned(typingctx, table, at, row, count, weights, phases, sums, to):
-    """sums += (a + i b) (cosine + i sine) for each order k, with a + i b = sum over four rows and columns of p w times the table.
+def add_turned(typingctx, table, at, row, column, points, weight, phases, sums):
+    """sums += (a + i b) (cosine + i sine) for each point and order k, a + i b the weighted sum over four rows and columns.
 
     Parameters
     ----------
-    table : C-contiguous float32, along the last axis the real parts of all k, then the imaginary ones
-    at : of the first neighbour, counted in numbers;  row : from one row to the next
-    count : of k, padded; from one column to the next is twice that
-    weights : p of rows and w of columns, four float32 each
-    phases : cosine, sine, C-contiguous float32, and where their k begin
-    sums : C-contiguous float64;  to : where these begin, `count` real parts, then imaginary ones
+    table : C-contiguous float32, by `LANES` along the last axis real parts of so many k, then their imaginary ones
+    at : of the first neighbour, counted in numbers;  row, column : from one to the next, `column` also of k, both parts
+    points : the first, the one after the last, and whose they are (Q,)
+    weight : (Q, 16) C-contiguous float32, by rows and columns
+    phases : (Q, 2 LANES) cosines and sines of the first k, as the table's parts; (Q, 2) cosine and sine of what leads from each
+        to the one `LANES` later; room for the phases of the points, all C-contiguous float32
+    sums : (N, column) C-contiguous float64, parts as the table's
     """
-    indices = [types.intp] * 3
-    return types.void(table, *indices, weights, phases, sums, types.intp), _code
+    return types.void(table, *[types.intp] * 3, points, weight, phases, sums), _code
 
 
 def _code(context, builder, signature, args):
-    table, at, row, count, weights, phases, sums, to = args
-    cosine, sine, angle = (builder.extract_value(phases, n) for n in range(3))
-    kinds = (signature.args[0], *signature.args[5].types[:2], signature.args[6])
-    table, cosine, sine, sums = (context.make_array(kind)(context, builder, array).data
-                                 for kind, array in zip(kinds, (table, cosine, sine, sums)))
-    p, w = ([_splat(builder, builder.extract_value(weights, [n, k])) for k in range(4)] for n in range(2))
-    step = count.type
-    column = builder.add(count, count)
+    kinds = signature.args
+    table, at, row, column, points, weight, phases, sums = args
+    first, after, owner = (builder.extract_value(points, n) for n in range(3))
+    begin, turn, room = (builder.extract_value(phases, n) for n in range(3))
+    first, after = (context.cast(builder, value, kind, types.intp) for value, kind in zip((first, after), kinds[4].types[:2], strict=True))
+    pairs = ((kinds[0], table), (kinds[4].types[2], owner), (kinds[5], weight), *zip(kinds[6].types, (begin, turn, room), strict=True),
+             (kinds[7], sums))
+    table, owner, weight, begin, turn, room, sums = (context.make_array(kind)(context, builder, array).data for kind, array in pairs)
+    step = column.type
 
-    def weighted(weights, numbers):
-        products = [builder.fmul(*pair) for pair in zip(weights, numbers, strict=True)]
-        return builder.fadd(builder.fadd(*products[:2]), builder.fadd(*products[2:]))
+    def point(k, neighbours, q):
+        """Adds eight orders of a point."""
+        start = builder.mul(q, step(len(neighbours)))
+        shares = [_splat(builder, builder.load(builder.gep(weight, [builder.add(start, step(n))]))) for n in range(len(neighbours))]
+        a, b = _parts(builder, _weighted(builder, shares, neighbours))
+        kept = builder.gep(room, [builder.mul(builder.sub(q, first), step(2 * LANES))])
+        phase = builder.select(builder.icmp_signed("==", k, step(0)), builder.gep(begin, [builder.mul(q, step(2 * LANES))]), kept)
+        c, s = _parts(builder, _load(builder, phase, step(0), _BOTH))
+        _turn(builder, (c, s), builder.gep(turn, [builder.add(q, q)]), kept)
+        real = builder.fsub(builder.fmul(a, c), builder.fmul(b, s))
+        imaginary = builder.fadd(builder.fmul(a, s), builder.fmul(b, c))
+        to = builder.add(builder.mul(builder.load(builder.gep(owner, [q])), column), k)
+        for value, where in ((real, to), (imaginary, builder.add(to, step(LANES)))):
+            _store(builder, sums, where, builder.fadd(_load(builder, sums, where, _WIDE), builder.fpext(value, _WIDE)))
 
-    def blended(first):
-        rows = [builder.add(first, builder.mul(row, step(n))) for n in range(4)]
-        return weighted(p, [weighted(w, [_load(builder, table, builder.add(start, builder.mul(column, step(m))), _VECTOR)
-                                         for m in range(4)]) for start in rows])
+    def orders(k):
+        neighbours = [_load(builder, table, builder.add(builder.add(at, builder.add(builder.mul(row, step(n)),
+                                                                                    builder.mul(column, step(m)))), k), _BOTH)
+                      for n in range(4) for m in range(4)]
+        _loop(builder, first, after, 1, lambda q: point(k, neighbours, q))
 
-    before = builder.block
-    head, body, done = (builder.append_basic_block(name) for name in ("turned", "turned.more", "turned.done"))
-    builder.branch(head)
-    builder.position_at_end(head)
-    k = builder.phi(step)
-    builder.cbranch(builder.icmp_signed("<", k, count), body, done)
-    builder.position_at_end(body)
-    a, b = blended(builder.add(at, k)), blended(builder.add(builder.add(at, k), count))
-    c, s = (_load(builder, of, builder.add(angle, k), _VECTOR) for of in (cosine, sine))
-    real = builder.fsub(builder.fmul(a, c), builder.fmul(b, s))
-    imaginary = builder.fadd(builder.fmul(a, s), builder.fmul(b, c))
-    for value, part in ((real, k), (imaginary, builder.add(k, count))):
-        at_sum = builder.add(to, part)
-        _store(builder, sums, at_sum, builder.fadd(_load(builder, sums, at_sum, _WIDE), builder.fpext(value, _WIDE)))
-    k.add_incoming(step(0), before)
-    k.add_incoming(builder.add(k, step(LANES)), body)
-    builder.branch(head)
-    builder.position_at_end(done)
+    _loop(builder, step(0), column, 2 * LANES, orders)
     return context.get_dummy_value()
 
 
-def _splat(builder, x):
-    vector = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), x, _INT(0))
-    return builder.shuffle_vector(vector, vector, ir.Constant(ir.VectorType(_INT, LANES), [0] * LANES))
+def _turn(builder, phases, by, to):
+    """Stores phases times one of which cosine and sine stand at `by`."""
+    c, s = phases
+    x, y = (_splat(builder, builder.load(builder.gep(by, [ir.IntType(64)(n)])), LANES) for n in range(2))
+    turned = fused(builder, c, x, builder.fneg(builder.fmul(s, y))), fused(builder, s, x, builder.fmul(c, y))
+    for n, part in enumerate(turned):
+        builder.store(part, _at(builder, to, ir.IntType(64)(n * LANES), part.type)).align = 4
+
+
+def _parts(builder, both):
+    """Real and imaginary parts."""
+    undefined = ir.Constant(_BOTH, ir.Undefined)
+    return [builder.shuffle_vector(both, undefined, ir.Constant(ir.VectorType(_INT, LANES), list(range(n, n + LANES))))
+            for n in (0, LANES)]
+
+
+def _loop(builder, first, after, stride, body):
+    """A loop over numbers from `first` below `after`; body(number) emits what is done for one."""
+    before = builder.block
+    head, inside, done = (builder.append_basic_block(name) for name in ("turned", "turned.more", "turned.done"))
+    builder.branch(head)
+    builder.position_at_end(head)
+    n = builder.phi(first.type)
+    builder.cbranch(builder.icmp_signed("<", n, after), inside, done)
+    builder.position_at_end(inside)
+    body(n)
+    n.add_incoming(first, before)
+    n.add_incoming(builder.add(n, first.type(stride)), builder.block)
+    builder.branch(head)
+    builder.position_at_end(done)
+
+
+def _weighted(builder, weights, numbers):
+    """Sum of products, by fours: each waits for the one four before it."""
+    sums = [builder.fmul(*pair) for pair in zip(weights[:4], numbers[:4], strict=True)]
+    for n in range(4, len(weights)):
+        sums[n % 4] = fused(builder, weights[n], numbers[n], sums[n % 4])
+    return builder.fadd(builder.fadd(*sums[:2]), builder.fadd(*sums[2:]))
+
+
+def _splat(builder, x, count=2 * LANES):
+    vector = builder.insert_element(ir.Constant(ir.VectorType(x.type, count), ir.Undefined), x, _INT(0))
+    return builder.shuffle_vector(vector, vector, ir.Constant(ir.VectorType(_INT, count), [0] * count))
 
 
 def _at(builder, base, index, kind):
@@ -84,7 +123,7 @@ def _at(builder, base, index, kind):
 
 def _load(builder, base, index, kind):
     numbers = builder.load(_at(builder, base, index, kind))
-    numbers.align = 4 if kind is _VECTOR else 8
+    numbers.align = 8 if kind is _WIDE else 4
     return numbers
 
 

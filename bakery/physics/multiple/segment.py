@@ -80,39 +80,44 @@ def coefficients(medium: Propagator, rho, z, length, axis, *, fine=1.0, threads=
     start, r, angle, weight = _rule(rho, z, length, order, fine)
     count = math.ceil(math.pi * _PER_ORDER * max(order, 16))
     grid = math.pi / count * (np.arange(count + 2 * _MARGIN + 1) - _MARGIN)
-    row, row_weight = _spline(medium.log_r, np.log(r))
-    column, column_weight = _spline(grid, angle)
-    row_weight = row_weight * (weight * np.exp(-medium.k0 * r) / r)[:, None]
-    owner = np.repeat(np.arange(len(rho)), np.diff(start))
-    by_place = np.lexsort((column, row))
-    turned = (angle - axis[owner])[by_place]
-    owner, row, column = owner[by_place], row[by_place], column[by_place]
-    row_weight, column_weight = (weights[by_place].astype(np.float32) for weights in (row_weight, column_weight))
+    points_of, owners_angle, rows = _points(medium, grid, (start, r, angle, weight), axis)
     # a spline is linear in its values: along r and along the angle the factors are turned into coefficients
     half = (len(grid) + 1) // 2
     waves = spline_filter1d(points.harmonics(order, grid).T, axis=1, mode="mirror")[:, :half]
     harmonics = np.zeros((order + 1, order + 1, half))
     for l in range(order + 1):
         harmonics[:l + 1, l] = waves[l * (l + 1) // 2:(l + 1) * (l + 2) // 2]
-    # distances that no position needs are left out of the table
-    lowest = row.min()
-    rows, row = row.max() + _plane.TAPS - lowest, row - lowest
     turns = _plane.quarter_turns(order)
-    each = _plane.Points(owner, row, row_weight, column, column_weight)
     out = np.empty((len(rho), (order + 1) * (order + 2) // 2))
 
     def one(l, phases):
-        table = _plane.point_table(l, order, medium.by_distance, lowest, rows, harmonics, len(grid), turns[l])
-        part = np.empty((len(rho), l + 1))
-        _plane.along(l, table, turns[l], each, *phases, part)
-        out[:, l * (l + 1) // 2:(l + 1) * (l + 2) // 2] = part
+        table = _plane.point_table(l, order, medium.by_distance, rows, harmonics, len(grid), turns[l])
+        _plane.along(l, table, turns[l], points_of, phases, out)
 
     with ThreadPoolExecutor(threads) as pool:
-        for last in range(order, max(order - 2, -1), -1):  # even and odd orders: the phases of either are the largest array here
-            phases = _plane.phases(turned, last % 2, last)
+        for last in range(order, max(order - 2, -1), -1):  # even and odd orders: phases of either at a time
+            phases = _plane.phases(owners_angle, last % 2)
             list(pool.map(lambda l, phases=phases: one(l, phases), range(last, -1, -2)))
-            del phases
     return out
+
+
+def _points(medium, grid, rule, axis):
+    """`_plane.Points` of a rule from `_rule`, their angles from the axes (N,) of the positions, and which rows a table needs."""
+    start, r, angle, weight = rule
+    row, along_r = _spline(medium.log_r, np.log(r))
+    column, along_angle = _spline(grid, angle)
+    along_r *= (weight * np.exp(-medium.k0 * r) / r)[:, None]
+    owner = np.repeat(np.arange(len(axis)), np.diff(start))
+    by_place = np.lexsort((column, row))
+    turned = (angle - axis[owner])[by_place]
+    owner, row, column = owner[by_place], row[by_place], column[by_place]
+    along_r, along_angle = (weights[by_place].astype(np.float32) for weights in (along_r, along_angle))
+    weights = (along_r[:, :, None] * along_angle[:, None, :]).reshape(len(owner), -1)
+    first = np.flatnonzero(np.append(True, (np.diff(row) != 0) | (np.diff(column) != 0)))
+    # distances that no position needs are left out of the table
+    lowest = row[0]
+    rows = int(lowest), int(row[-1] + _plane.TAPS - lowest)
+    return _plane.Points(owner, weights, np.append(first, len(owner)), row[first] - lowest, column[first]), turned, rows
 
 
 def integral(medium: Propagator, rho, z, length, fine=1.0):
