@@ -202,7 +202,7 @@ class _Reader:
             if not words:
                 continue
             if len(words) != len(columns):
-                self.report(number, f"found {len(words)} numbers", f"expected {len(columns)}")
+                self.report(number, f"found {len(words)} number{'s' * (len(words) != 1)}", f"expected {len(columns)}")
                 continue
             values = [_number(word) if word.lower() != "nan" else np.nan for word in words]
             if None in values:

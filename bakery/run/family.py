@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from pathlib import Path
@@ -91,7 +91,7 @@ def execute_family(plan: FamilyPlan, *, cache: Cache | None = None, jobs: int | 
     del result
     lines = misses(tree[0])
     written = _write(plan.output, tree, progress)
-    now = _listed(plan)
+    now = _files(plan, members.values())
     _remove({file: digest for file, digest in baking.own.items() if file not in now}, progress)
     count = sum(not member.reason for member in members.values())
     progress.done(FAMILY, f"{count} of {len(members)} points, {method} between them"
@@ -246,9 +246,13 @@ def _listed(plan: FamilyPlan) -> dict[Path, str]:
     each; none where no family is readable."""
     try:
         root = read(plan.output)
-        members = [member for _, _, member in listed(root)] if is_family(root) else []
+        return _files(plan, [member for _, _, member in listed(root)] if is_family(root) else [])
     except (AssetError, StoreError, LookupError, ValueError):
         return {}
+
+
+def _files(plan: FamilyPlan, members: Iterable[Member]) -> dict[Path, str]:
+    """Those in the folder of the members, with their content hash."""
     files = {plan.output.parent / member.file: member.content_hash for member in members}
     return {file: digest for file, digest in files.items() if file.parent == plan.folder}
 

@@ -206,7 +206,7 @@ def test_a_mixed_material_is_one_index(write, tmp_path):
     (f"coating: {COAT}thickness: -1 nm}}", "", "at least 0"),
     ("coating: {material: watr, ratio: 2}", "", "an unknown material"),
     (f"density: 1 g/cm^3, coating: {COAT}ratio: 2}}", "mass_concentration: 1 ug/m^3", r"coating: found no density, which mass"),
-    ("growth: {kappa: 0.6}", "", "found growth without relative_humidity"),
+    ("growth: {kappa: 0.6}", "", "found growth without a humidity; expected particles.relative_humidity, such as 80%"),
     ("fraction: 1", "relative_humidity: 50%", "found relative_humidity, and no component that grows"),
     ("growth: {kappa: 0.6}", "relative_humidity: 100%", "below 1"),
     ("growth: {kappa: 0.6}", "relative_humidity: 80", r"below 1 \(80 %\?\)"),

@@ -56,7 +56,8 @@ def check_layers(checker: "Checker", section: Mapping, parts, host: Index | None
     """Coatings, and growth with the humidity that it needs."""
     grows = [part for part in parts if "growth" in part]
     if grows and not given(section, "relative_humidity"):
-        checker.report_section(grows[0]["growth"], "found growth without relative_humidity", "expected one of particles")
+        checker.report_section(grows[0]["growth"], "found growth without a humidity",
+                               "expected particles.relative_humidity, such as 80%")
     if "relative_humidity" in section and not grows:
         checker.report(section["relative_humidity"], "found relative_humidity, and no component that grows",
                        "expected growth: {kappa: …} or {file: …} in a component")
