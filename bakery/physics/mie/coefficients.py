@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bakery.physics.mie.clear import COS_Z, SIN_Z, Z, series_real, series_real_single
 from bakery.physics.mie.series import (
     ABS,
     BACK_I,
@@ -37,8 +38,6 @@ from bakery.physics.mie.series import (
     series_absorbing_single,
     series_near,
     series_near_single,
-    series_real,
-    series_real_single,
 )
 from bakery.physics.mie.vector import fma
 from bakery.system.compiled import njit
@@ -101,36 +100,73 @@ def asymptotic_ratio(t):
 
 
 @njit(**STRICT)
+def _decaying_ratio(t):
+    """`asymptotic_ratio` of a real t > 2."""
+    return 1.0 / (0.5 * t + np.sqrt(0.25 * t * t - 1.0))
+
+
+@njit(**STRICT)
+def _clear_coefficients(m, x, lane, work):
+    """`wave_coefficients` of a real index, or of a conductor: 1e40 stands for the limit, R_n = 1 throughout and 1/m = 0."""
+    rows, top, low_x, low_z = 0, 0, 2**62, 2**62
+    conductor = np.isinf(m)
+    inverse = 0.0 if conductor else 1.0 / m
+    contrast = 1.0 if conductor else (m - 1.0) * (m + 1.0) * inverse * inverse
+    for j in range(x.shape[0]):
+        last, z = terms(x[j]), 0.0 if conductor else m * x[j]
+        rows, low_x, low_z = max(rows, last), min(low_x, max(1, int(x[j]))), min(low_z, max(1, int(z)))
+        z_low, xi = 0.0 if conductor else fma(m, x[j], -z), 1.0 / x[j]
+        w = inverse * xi
+        lane[X, j], lane[Z, j], lane[LAST, j], lane[XI, j], lane[WR, j] = x[j], z, last, xi, w
+        lane[XI_LOW, j], lane[WR_LOW, j] = xi * fma(-xi, x[j], 1.0), w * (fma(-w, z, 1.0) - w * z_low)
+        lane[RATIO_X, j] = _decaying_ratio((2.0 * last + 5.0) * xi)
+        lane[SIN, j], lane[COS, j] = np.sin(x[j]), np.cos(x[j])
+        s, c = np.sin(z), np.cos(z)
+        lane[SIN_Z, j], lane[COS_Z, j] = s + z_low * c, c - z_low * s
+        lane[M_R, j], lane[V_R, j], lane[G_R, j] = 1e40 if conductor else m, inverse, contrast
+        lane[START, j], lane[RATIO_R, j] = 0, 1.0
+        if not conductor and z < last + 3:
+            start = max(terms(z), last + 1)
+            top, lane[START, j], lane[RATIO_R, j] = max(top, start), start, _decaying_ratio((2.0 * start + 3.0) * w)
+    inverses = np.empty(rows + 1)
+    for n in range(1, rows + 2):
+        inverses[n - 1] = 1.0 / n
+    if x.shape[0] == 1:
+        series_real_single(lane, work, inverses, max(top, rows + 1), rows, low_x, low_z)
+    else:
+        series_real(lane, work, inverses, max(top, rows + 1), rows, low_x, low_z)
+
+
+@njit(**STRICT)
 def wave_coefficients(m, x, lane, work):
     """a_n, b_n of the radii x (L,), L = LANES or 1: work (rows, 4, L) takes Re a, Im a, Re b, Im b of n = row + 1.
 
     lane (27, L) takes their sums; rows at least terms(max x) + 2.
     """
-    rows, top, low = 0, 0, 2**62
-    conductor = np.isinf(m.real)
     near = abs(m - 1.0) <= NEAR
-    minv = 0.0j if conductor else 1.0 / m
-    contrast = 1.0 + 0.0j if conductor else (m - 1.0) * (m + 1.0) * minv * minv
+    if np.isinf(m.real) or m.imag == 0.0 and not near:
+        _clear_coefficients(m.real, x, lane, work)
+        return
+    rows, top, low = 0, 0, 2**62
+    minv = 1.0 / m
+    contrast = (m - 1.0) * (m + 1.0) * minv * minv
     for j in range(x.shape[0]):
-        last, start = terms(x[j]), 0 if conductor else start_order(m, x[j])
+        last, start = terms(x[j]), start_order(m, x[j])
         rows, top, low = max(rows, last), max(top, start), min(low, max(1, int(x[j])))
         lane[LAST, j], lane[START, j], lane[X, j] = last, start, x[j]
         lane[XI, j] = 1.0 / x[j]
         lane[XI_LOW, j] = lane[XI, j] * fma(-lane[XI, j], x[j], 1.0)
         rx = asymptotic_ratio((2.0 * (start if near else last + 1) + 3.0) * complex(lane[XI, j], 0.0)).real
         lane[RATIO_X, j] = rx
-        if conductor:  # its index 1e40 stands for the limit: R_n = 1 throughout, 1/m = 0
-            w, low_w, r = 0.0j, 0.0j, 1.0 + 0.0j
-        else:
-            w, low_w = reciprocal(m, x[j])
-            r = asymptotic_ratio((2.0 * start + 3.0) * w)
+        w, low_w = reciprocal(m, x[j])
+        r = asymptotic_ratio((2.0 * start + 3.0) * w)
         if near:
             w = (1.0 - m) * minv * lane[XI, j]
             r = (2.0 * start + 3.0) * w * rx * r
         lane[WR, j], lane[WI, j], lane[WR_LOW, j], lane[WI_LOW, j] = w.real, w.imag, low_w.real, low_w.imag
         lane[RATIO_R, j], lane[RATIO_I, j] = r.real, r.imag
         lane[SIN, j], lane[COS, j] = np.sin(x[j]), np.cos(x[j])
-        lane[M_R, j], lane[M_I, j] = 1e40 if conductor else m.real, 0.0 if conductor else m.imag
+        lane[M_R, j], lane[M_I, j] = m.real, m.imag
         lane[V_R, j], lane[V_I, j] = minv.real, minv.imag
         excess = (m - 1.0) * minv if near else 0.0j
         lane[MV_R, j], lane[MV_I, j] = excess.real, excess.imag
@@ -140,14 +176,10 @@ def wave_coefficients(m, x, lane, work):
     if x.shape[0] == 1:
         if near:
             series_near_single(lane, work, top, rows, low)
-        elif m.imag == 0.0 or conductor:
-            series_real_single(lane, work, top, rows, low)
         else:
             series_absorbing_single(lane, work, top, rows, low)
     elif near:
         series_near(lane, work, top, rows, low)
-    elif m.imag == 0.0 or conductor:
-        series_real(lane, work, top, rows, low)
     else:
         series_absorbing(lane, work, top, rows, low)
 

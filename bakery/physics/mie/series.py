@@ -9,7 +9,8 @@ a_n (or b_n) = N/(N - iM).  This is Bohren & Huffman eq. 4.88 with psi'_n = (n+1
 of x then cancel on paper, and every coefficient keeps its digits as x -> 0.  The Wronskian psi_n chi_{n+1} - psi_{n+1} chi_n = 1
 gives Re a_n = |a_n|^2 + Im A/|N - iM|^2: scattering and absorption are sums of positive terms.
 
-Near m = 1, N is a difference of nearly equal numbers.  There D_n = psi_n/psi_{n-1}(x) - R_n has its own recurrence,
+A real index takes half of these operations: `clear`.  Near m = 1, N is a difference of nearly equal numbers.  There
+D_n = psi_n/psi_{n-1}(x) - R_n has its own recurrence,
 D_n = u R_n psi_n/psi_{n-1}(x) with u = (2n+1) (1/(mx) - 1/x) + D_{n+1}, and N_b = m D_{n+1} psi_n - (m-1) psi_{n+1}.
 
 Rounding.  Operations are those written here, in this order, fused where it says so (`vector`): results depend neither on
@@ -34,14 +35,14 @@ SCA, ABS, CROSS, BACK_R, BACK_I = range(14, 19)
 M_R, M_I, V_R, V_I, G_R, G_I, MV_R, MV_I = range(19, 27)
 
 
-def _coefficient_code(width, absorbing, near=False):
-    """The series of `width` radii side by side.  Real indices leave out all imaginary parts.  `near`: the difference form."""
+def _coefficient_code(width, near=False):
+    """The series of `width` radii side by side.  `near`: the difference form."""
 
     @intrinsic
     def series(typingctx, lane, work, top, rows, low):
         def codegen(context, builder, signature, args):
             lanes, rows_ = (Memory(context, builder, signature.args[k], args[k], width) for k in range(2))
-            _Series(builder, lanes, rows_, absorbing, near).write(*args[2:])
+            _Series(builder, lanes, rows_, near).write(*args[2:])
             return context.get_dummy_value()
 
         return types.void(lane, work, top, rows, low), codegen
@@ -55,8 +56,8 @@ _TINY, _POLE = 1e-290, 1e-100  # a denominator that is exactly zero: its inverse
 class _Series:
     """Code of the series; methods write what their docstrings say for one n, all radii side by side."""
 
-    def __init__(self, builder, lanes, rows, absorbing, near):
-        self.builder, self.lanes, self.rows, self.absorbing, self.near = builder, lanes, rows, absorbing, near
+    def __init__(self, builder, lanes, rows, near):
+        self.builder, self.lanes, self.rows, self.near = builder, lanes, rows, near
         self.wr, self.wr_low, self.start, self.wi, self.wi_low = (lanes[row] for row in (WR, WR_LOW, START, WI, WI_LOW))
         self.xi, self.xi_low, self.last, self.x = (lanes[row] for row in (XI, XI_LOW, LAST, X))
         self.state = Registers(builder, r=lanes[RATIO_R], i=lanes[RATIO_I])
@@ -105,15 +106,12 @@ class _Series:
         order = self.wr.fill(self.real(n))
         k = order * 2.0 + 1.0
         tr = k.times_plus(self.wr, k * self.wr_low) - state.r
-        if self.absorbing:
-            ti = k.times_plus(self.wi, k * self.wi_low) - state.i
-            size = tr * tr + ti * ti
-            # the comparison beside the quotient: either is on the path from one order to the next
-            scale = size.inverse().where(">", (size, _TINY), 1.0 / _TINY)
-            state.r = (tr * scale).where("<=", (order, self.start), state.r)
-            state.i = (-(ti * scale)).where("<=", (order, self.start), state.i)
-        else:
-            state.r = tr.inverse().where("!=", (tr, 0.0), 1.0 / _POLE).where("<=", (order, self.start), state.r)
+        ti = k.times_plus(self.wi, k * self.wi_low) - state.i
+        size = tr * tr + ti * ti
+        # the comparison beside the quotient: either is on the path from one order to the next
+        scale = size.inverse().where(">", (size, _TINY), 1.0 / _TINY)
+        state.r = (tr * scale).where("<=", (order, self.start), state.r)
+        state.i = (-(ti * scale)).where("<=", (order, self.start), state.i)
 
     def descend_near(self, n):
         """The difference D_n of R_n(x) and R_n(mx), and R_n(x), from those of n + 1."""
@@ -136,8 +134,7 @@ class _Series:
         """R_n in row n-2, and in the difference form R_n(x) in row n-1."""
         row = self.builder.sub(n, integer(2))
         self.rows[self.four(row, 0)] = self.state.r
-        if self.absorbing:
-            self.rows[self.four(row, 1)] = self.state.i
+        self.rows[self.four(row, 1)] = self.state.i
         if self.near:
             self.rows[self.four(self.builder.sub(n, integer(1)), 2)] = self.ratio.x
 
@@ -174,14 +171,12 @@ class _Series:
         if not inner:
             p2 = p2.where("<=", (after, self.x), rows[self.four(builder.add(i, integer(1)), 2)] * p1)
         c2 = f.times_plus(c1, -up.c0)
-        rr = rows[self.four(i, 0)]
-        ri = rows[self.four(i, 1)] if self.absorbing else None
+        rr, ri = rows[self.four(i, 0)], rows[self.four(i, 1)]
         of_a, of_b = self.fractions(i, after * self.xi, rr, ri, (p1, p2, c1, c2))
         live = None if inner else ("<=", (order, self.last), 0.0)
         a2, lost_a, ar, ai = self.coefficient(live, *of_a[:-1], of_a[-1].inverse())
         b2, lost_b, br, bi = self.coefficient(live, *of_b[:-1], of_b[-1].inverse())
-        if self.absorbing:
-            up.ab = k.times_plus(lost_a + lost_b, up.ab)
+        up.ab = k.times_plus(lost_a + lost_b, up.ab)
         for part, value in enumerate((ar, ai, br, bi)):
             rows[self.four(i, part)] = value
         up.sca = k.times_plus(a2 + b2, up.sca)
@@ -218,18 +213,14 @@ class _Series:
             qr, qi = er * vr - ei * vi, er * vi + ei * vr
             numerator_a = qr * base - h * gr * p1 + mvr * p2, qi * base - h * gi * p1 + mvi * p2
             numerator_b = (er * mr - ei * mi) * base - (mr - 1.0) * p2, (er * mi + ei * mr) * base - mi * p2
-        if not self.absorbing:
-            return self.fraction(waves, rr * vr + h * gr, None), self.fraction(waves, rr * mr, None)
         return (self.fraction(waves, (rr * vr - ri * vi) + h * gr, (rr * vi + ri * vr) + h * gi, *numerator_a),
                 self.fraction(waves, rr * mr - ri * mi, rr * mi + ri * mr, *numerator_b))
 
     def fraction(self, waves, sr, si, nr=None, ni=None):
-        """N and M of one coefficient and |N - iM|^2; imaginary parts are None for a real index."""
+        """N and M of one coefficient and |N - iM|^2."""
         p1, p2, c1, c2 = waves
         nr = p2 - sr * p1 if nr is None else nr
         dr = c2 - sr * c1
-        if not self.absorbing:
-            return nr, None, dr, None, None, nr.times_plus(nr, dr * dr)
         ni = -(si * p1) if ni is None else ni
         di = -(si * c1)
         tr, ti = nr + di, ni - dr
@@ -240,13 +231,9 @@ class _Series:
         def kept(value):
             return value.where(*live) if live else value
 
-        if not self.absorbing:
-            square = kept(nr * nr * scale)
-            return square, None, square, kept(nr * dr * scale)
         square, absorbed = kept(nr.times_plus(nr, ni * ni) * scale), kept(si * scale)
         return square, absorbed, square + absorbed, kept(nr.times_plus(dr, ni * di) * scale)
 
 
-series_real, series_absorbing = _coefficient_code(LANES, False), _coefficient_code(LANES, True)
-series_real_single, series_absorbing_single = _coefficient_code(1, False), _coefficient_code(1, True)
-series_near, series_near_single = _coefficient_code(LANES, True, near=True), _coefficient_code(1, True, near=True)
+series_absorbing, series_absorbing_single = _coefficient_code(LANES), _coefficient_code(1)
+series_near, series_near_single = _coefficient_code(LANES, near=True), _coefficient_code(1, near=True)

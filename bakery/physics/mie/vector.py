@@ -78,16 +78,19 @@ class Wide:
 
 
 class Memory:
-    """Rows of `width` doubles behind a numba array."""
+    """Rows of `width` doubles behind a numba array; of `columns` (first, count) of them, where given."""
 
-    def __init__(self, context, builder, kind, array, width):
+    def __init__(self, context, builder, kind, array, width, columns=None):
         self.builder, self.width = builder, width
-        self.vector = ir.VectorType(ir.DoubleType(), width)
+        self.first, count = columns or (0, width)
+        self.vector = ir.VectorType(ir.DoubleType(), count)
         self.data = context.make_array(kind)(context, builder, array).data
 
     def _at(self, row):
         index = row if isinstance(row, ir.Value) else ir.Constant(ir.IntType(64), row)
         first = self.builder.mul(index, ir.Constant(ir.IntType(64), self.width))
+        if self.first:
+            first = self.builder.add(first, ir.Constant(ir.IntType(64), self.first))
         return self.builder.bitcast(self.builder.gep(self.data, [first]), self.vector.as_pointer())
 
     def __getitem__(self, row):
