@@ -133,11 +133,14 @@ def test_quarter_turns_are_orthogonal_and_come_back():
     order, rng = 40, np.random.default_rng(2)
     d = _plane.quarter_turns(order)
     for l in (0, 1, 2, 17, 40):
-        c, b, again = rng.standard_normal(l + 1), np.empty((2 * (l // 2 + 1), 1)), np.empty((1, l + 1))
-        _plane.to_normal(l, d[l], c[:, None], b)
-        _plane.from_normal(l, d[l], b.T, again)
-        np.testing.assert_allclose(again[0], c, atol=1e-12)
-        b = b[:, 0]
+        K = l // 2 + 1
+        whole = -(-K // _plane.LANES) * _plane.LANES
+        c, turn, b, again = rng.standard_normal(l + 1), np.empty((2, K, whole)), np.empty((1, 2 * whole)), np.empty((1, l + 3))
+        _plane.turn_of(l, d[l], True, turn)
+        _plane.to_normal(l, turn, c[:, None], b)
+        _plane.from_normal(l, d[l], b, again, 2)
+        np.testing.assert_allclose(again[0, 2:], c, atol=1e-12)
+        b = np.concatenate(np.moveaxis(b.reshape(-1, 2, _plane.LANES), 1, 0).reshape(2, -1)[:, :K])
         # Parseval: both frames hold the same function
         k = l % 2 + 2 * np.arange(l // 2 + 1)
         both = np.where(k == 0, 1, 2) * (b[:len(k)] ** 2 + b[len(k):] ** 2)

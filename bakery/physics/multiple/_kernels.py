@@ -11,11 +11,12 @@ import math
 
 import numpy as np
 
+from bakery.physics.multiple._products import multiply
 from bakery.system.compiled import njit
 
 _LEVELS = 400  # above the last one, where the infinite chain of streaming is started
 _HUGE = 1e150
-_TOGETHER = 4  # transforms whose sums over m are made at a time
+_NONE = 1e-20  # of the largest value of a transform: next to its rounding, nothing
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -151,43 +152,46 @@ def columns(j, k, c, uncounted, pivots, events, transform, k0, out):
     r, hankel = transform
     N, R = len(k), out.shape[1]
     spectrum = _spectrum(j, k, c, uncounted, pivots, events)
-    v, wave, space = np.empty((_TOGETHER, j + 1)), np.empty(N), np.empty((_TOGETHER, R))
+    v, factors = np.empty((j + 1, j + 1)), np.empty((j + 1, j + 1))
+    waves, space = np.empty((j + 1, N)), np.empty((j + 1, R))
     for l in range(j + 1):
-        first = l * (l + 1) // 2
-        out[first:first + l + 1] = 0.0
-        for start in range(j - l, j + l + 1, 2 * _TOGETHER):
-            count = min(_TOGETHER, (j + l - start) // 2 + 1)
-            for n in range(count):
-                lam = start + 2 * n
-                clebsch(l, j, lam, v[n])
-                _wave(l, v[n], spectrum, wave)
-                if j < 2 and l == 0:
-                    _take_diffuse(j, k, k0, r, wave, space[n])
-                else:
-                    space[n] = 0.0
-                for i in range(N):
-                    wave[i] *= k[i]
-                _hankel(wave, hankel[lam], space[n])
-                # the sign of the element, on v, which is done with
-                for m in range(l + 1):
-                    sign = (1 - 2 * (((lam + l - j) // 2) & 1)) * (1 - 2 * (m & 1))
-                    v[n, m] = sign * v[n, m] / (2 * math.pi * math.pi)
+        for n in range(l + 1):
+            clebsch(l, j, j - l + 2 * n, v[n])
+            # the sum over M = -l .. l
+            for M in range(l + 1):
+                factors[n, M] = v[n, M] * (1 - 2 * (M & 1)) * (2 if M > 0 else 1)
+        low = 0 if j < 2 else _first(k, spectrum[l, 0])
+        multiply((factors, 0, j + 1, 1), (spectrum, l * (j + 1) * N + low, N), (waves, low, N), l + 1, N - low, l + 1)
+        for n in range(l + 1):
+            lam, wave = j - l + 2 * n, waves[n]
+            if j < 2 and l == 0:
+                _take_diffuse(j, k, k0, r, wave, space[n])
+            else:
+                space[n] = 0.0
+            for i in range(low, N):
+                wave[i] *= k[i]
+            _hankel(wave[low:], hankel[lam][low:], space[n])
+            # the sign of the element
             for m in range(l + 1):
-                line = out[first + m]
-                if count == _TOGETHER:
-                    v0, v1, v2, v3 = v[0, m], v[1, m], v[2, m], v[3, m]
-                    s0, s1, s2, s3 = space[0], space[1], space[2], space[3]
-                    for n in range(R):
-                        line[n] = line[n] + v0 * s0[n] + v1 * s1[n] + v2 * s2[n] + v3 * s3[n]
-                else:
-                    for i in range(count):
-                        for n in range(R):
-                            line[n] += v[i, m] * space[i, n]
+                sign = (1 - 2 * (((lam + l - j) // 2) & 1)) * (1 - 2 * (m & 1))
+                factors[n, m] = sign * v[n, m] / (2 * math.pi * math.pi)
+        multiply((factors, 0, 1, j + 1), (space, 0, R), (out, l * (l + 1) // 2 * R, R), l + 1, R, l + 1)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _first(k, values):
+    """Number of the first wave number that counts: below it k values, which fall as a power of k, are next to nothing."""
+    largest, first = 0.0, 0
+    for i in range(len(k)):
+        largest = max(largest, abs(k[i] * values[i]))
+    while first < len(k) - 1 and abs(k[first] * values[first]) <= _NONE * largest:
+        first += 1
+    return first
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _spectrum(j, k, c, uncounted, pivots, events):
-    """Elements (M, l <= j, j) of the sum over events as functions of k, (j + 1, j + 1, N)."""
+    """Elements (l <= j, M <= l, j) of the sum over events as functions of k, (j + 1, j + 1, N)."""
     (stream_up, stream_down, scatter_down), (alone, closed) = pivots, events
     L, N = len(c) - 1, len(k)
     x = np.empty((L + 1, N))
@@ -203,25 +207,8 @@ def _spectrum(j, k, c, uncounted, pivots, events):
             solve(k, scatter_down[at:] if closed and last else stream_down[at:], M, x)
         for l in range(M, j + 1):
             for i in range(N):
-                spectrum[M, l, i] = c[l] * c[j] * x[l, i]
+                spectrum[l, M, i] = c[l] * c[j] * x[l, i]
     return spectrum
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _wave(l, v, spectrum, wave):
-    """Sum of a spectrum over M = -l .. l with factors v: four at a time, as loads and stores cost more than sums."""
-    for i in range(len(wave)):
-        wave[i] = v[0] * spectrum[0, l, i]
-    whole = 1 + l // 4 * 4
-    for M in range(1, whole, 4):
-        f0, f1, f2, f3 = -2 * v[M], 2 * v[M + 1], -2 * v[M + 2], 2 * v[M + 3]
-        s0, s1, s2, s3 = spectrum[M, l], spectrum[M + 1, l], spectrum[M + 2, l], spectrum[M + 3, l]
-        for i in range(len(wave)):
-            wave[i] = wave[i] + f0 * s0[i] + f1 * s1[i] + f2 * s2[i] + f3 * s3[i]
-    for M in range(whole, l + 1):
-        factor = 2 * v[M] * (1 - 2 * (M & 1))
-        for i in range(len(wave)):
-            wave[i] += factor * spectrum[M, l, i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

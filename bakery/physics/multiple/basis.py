@@ -41,12 +41,12 @@ def start(logs, weight, count):
     level = (logs * weight).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
     basis[0] = (logs - level).mean(axis=0)
     # under one weight for all lobes: what is found so far is orthogonal, and taken out exactly
-    residual = logs - basis[0]
-    residual -= (overall * residual).sum(axis=1, keepdims=True)
+    residual, square = np.ascontiguousarray((logs - basis[0]).T), np.empty(len(logs))
+    _take_out(residual, overall, np.ones(len(overall)), square)
     for k in range(1, count + 1):
-        basis[k] = residual[np.argmax((overall * residual**2).sum(axis=1))]
+        basis[k] = residual[:, np.argmax(square)]
         _orthogonal(basis, overall, k)
-        residual -= (overall * residual * basis[k]).sum(axis=1, keepdims=True) * basis[k]
+        _take_out(residual, overall, basis[k], square)
     return basis
 
 
@@ -105,6 +105,22 @@ def _orthogonal(basis, overall, k):
             basis[k] -= (overall * basis[k] * basis[j]).sum() * basis[j]
     norm = np.sqrt((overall * basis[k]**2).sum())
     basis[k] = basis[k] / norm if norm > 1e-12 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _take_out(residual, weight, function, square):
+    """Takes a function (D,) of mean square 1 out of residual (D, N), and sets the mean squares (N,) of what is left."""
+    share = np.zeros(residual.shape[1])
+    for d in range(len(residual)):
+        factor, row = weight[d] * function[d], residual[d]
+        for n in range(len(share)):
+            share[n] += factor * row[n]
+    square[:] = 0.0
+    for d in range(len(residual)):
+        value, of, row = function[d], weight[d], residual[d]
+        for n in range(len(share)):
+            row[n] -= share[n] * value
+            square[n] += of * row[n] * row[n]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

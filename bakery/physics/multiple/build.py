@@ -100,6 +100,7 @@ class _Build:
         self.solid_angle = frame.solid_angles(self.shape).ravel()
         self.polar = frame.polar(np.linspace(0, 1, self.shape[0]))
         self.azimuth = np.linspace(0, np.pi, self.shape[1])
+        self.directions = point.directions(self.medium.order, self.polar, self.azimuth)
         self.random = rng.generator(seed, "multiple.places", self.kind)
 
     def run(self) -> Table:
@@ -144,7 +145,7 @@ class _Build:
         integral = np.sqrt(4 * np.pi) * c[:, 0]
         lobes = np.empty((len(c), len(self.solid_angle)), np.float32)
         for of in _blocks(len(c)):
-            lobe = point.lobes(c[of], self.medium.order, self.polar, self.azimuth).reshape(len(c[of]), -1)
+            lobe = point.lobes_at(c[of], self.directions).reshape(len(c[of]), -1)
             integral[of] = np.maximum(integral[of], _LEAST * (np.abs(lobe) * self.solid_angle).sum(axis=1))
             # next to nothing is scattered (albedo 1e-12, far away), less than a double holds: lobes without light are even
             integral[of] = np.maximum(integral[of], _NOTHING)

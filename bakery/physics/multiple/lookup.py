@@ -16,7 +16,8 @@ from bakery.physics.lent import lent
 from bakery.physics.multiple import frame, locate
 from bakery.physics.multiple._blend import LANES
 from bakery.physics.multiple._elementary import asinh, exp
-from bakery.physics.multiple.frame import CORE
+from bakery.physics.multiple._products import product
+from bakery.physics.multiple.frame import CORE, SKEW
 from bakery.physics.multiple.sums import add_look_up, no_look_ups, point_source, sum_of_look_ups
 from bakery.physics.multiple.table import RINGS, Table, margins
 from bakery.system.compiled import njit
@@ -203,10 +204,30 @@ def segment(points: Ready, segments: Ready, rho, z, theta, phi, length=None):
 
 
 def lobes(table: Ready, rho, z, polar, azimuth):
-    """Lobes (N, A, B) of the table's own source in the frames of positions (N,), at polar (A,) and azimuth (B,)."""
-    out = np.empty((len(rho), len(polar), len(azimuth)))
-    _lobes(table, *(np.ascontiguousarray(x, float) for x in (rho, z, polar, azimuth)), out)
-    return out
+    """Lobes (N, A, B) of the table's own source in the frames of positions (N,), at polar (A,) and azimuth (B,).
+
+    As directions are in the frame of each position, functions are interpolated once for all positions: `point_source` to 1e-6.
+    """
+    a, singular = _coefficients(table, *(np.ascontiguousarray(x, float) for x in (rho, z)))
+    functions = _functions(table.basis, np.asarray(polar, float), np.asarray(azimuth, float))
+    offset = a[:, 0].copy()
+    a[:, 0] = 1.0
+    value = product(a, functions)
+    value += offset[:, None]
+    np.exp(value, out=value)
+    value *= singular[:, None]
+    return value.reshape(len(a), len(polar), len(azimuth))
+
+
+def _functions(basis, polar, azimuth):
+    """B_0 .. at all pairs of directions, (K', A B)."""
+    s = (2 / math.pi) * np.arctan2(frame.SHARP * np.sin(polar / 2), np.cos(polar / 2)) * (basis.shape[0] - 1)
+    t = np.arccos(np.clip(np.cos(azimuth), -1, 1)) / math.pi * (basis.shape[1] - 1)
+    k, l = (np.clip(x.astype(int), 0, n - 2) for x, n in zip((s, t), basis.shape[:2], strict=True))
+    s, t = (s - k)[:, None, None], (t - l)[:, None]
+    rows = basis[k].astype(float) * (1 - s) + basis[k + 1] * s
+    values = rows[:, l] * (1 - t) + rows[:, l + 1] * t
+    return np.ascontiguousarray(values.reshape(-1, basis.shape[2]).T)
 
 
 def _broadcast(*arrays):
@@ -230,12 +251,42 @@ def _segments(points, segments, rho, z, theta, phi, length, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _lobes(table, rho, z, polar, azimuth, out):
+def _coefficients(table, rho, z):
+    """a_0 .. (N, K') at positions, and what their lobes are to be multiplied with (N,)."""
+    grid = table.grid
+    out, factor = np.zeros((len(rho), grid.shape[2])), np.empty(len(rho))
     for n in range(len(rho)):
-        sine, cosine = locate.place(table.kind, table.length, max(rho[n], frame.CLOSEST), z[n])[3:]
-        for i in range(len(polar)):
-            across, forward = math.sin(polar[i]), math.cos(polar[i])
-            for j in range(len(azimuth)):
-                side = across * math.cos(azimuth[j])
-                out[n, i, j] = point_source(table, rho[n], z[n], forward * sine - side * cosine, across * math.sin(azimuth[j]),
-                                            forward * cosine + side * sine)
+        m, tangent, singular = locate.place(table.kind, table.length, max(rho[n], frame.CLOSEST), z[n])[:3]
+        factor[n] = table.power * singular
+        v = 2 / math.pi * math.atan(SKEW[table.kind] * tangent) * (grid.shape[1] - 3)
+        if m <= table.extent:
+            _add_coefficients(table, m, v, 1.0, out[n])
+            continue
+        # as `sums.point_source` goes on beyond the extent
+        beyond = m - table.extent
+        share = beyond / m * (frame.INSIDE / (1 - frame.INSIDE))
+        _add_coefficients(table, table.extent, v, 1 + share, out[n])
+        _add_coefficients(table, frame.INSIDE * table.extent, v, -share, out[n])
+        out[n, 0] += table.k0 * (share * (1 - frame.INSIDE) * table.extent - beyond)
+    return out, factor
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_coefficients(table, m, v, share, out):
+    """Adds a share of the coefficients at (m, v), v in steps of the grid."""
+    grid = table.grid
+    u = math.asinh(m / CORE[table.kind]) * table.stretch * (grid.shape[0] - 3)
+    i, j = max(min(int(u), grid.shape[0] - 4), 0), max(min(int(v), grid.shape[1] - 4), 0)
+    p, w = _catmull_rom(u - i), _catmull_rom(v - j)
+    for row in range(4):
+        for column in range(4):
+            weight, corner = share * p[row] * w[column], grid[i + row, j + column]
+            for k in range(len(out)):
+                out[k] += weight * corner[k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _catmull_rom(t):
+    first, last = -0.5 * t * (1 - t) * (1 - t), 0.5 * t * t * (t - 1)
+    third = t * (0.5 + t * (2 - 1.5 * t))
+    return first, 1 - first - third - last, third, last

@@ -6,13 +6,17 @@ Position (rho, z), direction of travel (theta from +z, phi from the azimuth of t
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from bakery.physics.multiple import _kernels
+from bakery.physics.multiple._products import multiply
+from bakery.physics.multiple._tiles import LANES
 from bakery.physics.multiple.fourier import Propagator, stencil
 from bakery.system.compiled import njit
 
+_LOBES = 4  # at a time: as many as a tile has rows
 
 def value(medium: Propagator, rho, z, theta, phi):
     """T_P(rho, z, theta, phi): light that the events of `medium` scatter into a direction, per unit volume.
@@ -103,6 +107,25 @@ def evaluate(c, order, polar, azimuth):
     return _evaluate(np.ascontiguousarray(c, float), harmonics(order, polar), np.ascontiguousarray(azimuth, float), order)
 
 
+class Directions(NamedTuple):
+    """A grid of directions at which many lobes are wanted.
+
+    harmonics : ((L + 1)(L + 2)/2, A), for m = 0, 1, .. those of l = m .. L
+    turns : (L + 1, B), cos(m azimuth), twice that for m > 0
+    """
+
+    harmonics: np.ndarray
+    turns: np.ndarray
+
+
+def directions(order, polar, azimuth) -> Directions:
+    """The grid of polar (A,) and azimuth (B,), rad."""
+    m = np.arange(order + 1)[:, None]
+    by_m = np.concatenate([l * (l + 1) // 2 + n for n in range(order + 1) for l in [np.arange(n, order + 1)]])
+    turns = np.cos(m * np.asarray(azimuth, float)) * np.where(m == 0, 1.0, 2.0)
+    return Directions(np.ascontiguousarray(harmonics(order, polar).T[by_m]), turns)
+
+
 def lobes(c, order, polar, azimuth):
     """Many lobes on one grid of directions.
 
@@ -115,9 +138,12 @@ def lobes(c, order, polar, azimuth):
     -------
     (N, A, B)
     """
-    azimuth = np.asarray(azimuth, float)
-    turns = np.cos(np.arange(order + 1)[:, None] * azimuth) * np.where(np.arange(order + 1) == 0, 1.0, 2.0)[:, None]
-    return _lobes(np.ascontiguousarray(c, float), np.ascontiguousarray(harmonics(order, polar).T), turns, order)
+    return lobes_at(c, directions(order, polar, azimuth))
+
+
+def lobes_at(c, grid: Directions):
+    """`lobes` in `directions` that are known already."""
+    return _lobes(np.ascontiguousarray(c, float), *grid)
 
 
 def harmonics(order, theta):
@@ -154,21 +180,50 @@ def _coefficients(scaled, index, weight, by_r, ends, seen, source, order, out):
         of[:] = 0.0
         for tap in range(weight.shape[1]):
             share, row = weight[i, tap], scaled[index[i] + tap]
-            for n in range(len(of)):
-                of[n] += share * row[n]
-        for n in by_r[ends[i]:ends[i + 1]]:
-            c, y = out[n], source[seen[n]]
-            c[:] = 0.0
-            for j in range(order + 1):
-                column = j * (j + 1) // 2
-                for l in range(j):
-                    at, row_l = _kernels.packed(j, l, 0), l * (l + 1) // 2
-                    for m in range(l + 1):
-                        c[row_l + m] += of[at + m] * y[column + m]
-                        c[column + m] += of[at + m] * y[row_l + m]
-                at = _kernels.packed(j, j, 0)
-                for m in range(j + 1):
-                    c[column + m] += of[at + m] * y[column + m]
+            if share != 0:
+                for n in range(len(of)):
+                    of[n] += share * row[n]
+        together = by_r[ends[i]:ends[i + 1]]
+        if len(together) == 1:
+            _spread(of, source[seen[together[0]]], order, out[together[0]])
+        else:
+            _spread_many(of, together, seen, source, order, out)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _spread(of, y, order, c):
+    """c of one source y, from the elements of T at its distance."""
+    c[:] = 0.0
+    for j in range(order + 1):
+        column = j * (j + 1) // 2
+        for l in range(j):
+            at, row_l = _kernels.packed(j, l, 0), l * (l + 1) // 2
+            for m in range(l + 1):
+                c[row_l + m] += of[at + m] * y[column + m]
+                c[column + m] += of[at + m] * y[row_l + m]
+        at = _kernels.packed(j, j, 0)
+        for m in range(j + 1):
+            c[column + m] += of[at + m] * y[column + m]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _spread_many(of, together, seen, source, order, out):
+    """`_spread` of several sources at one distance: a product of matrices for each m."""
+    count = len(together)
+    columns = -(-count // LANES) * LANES
+    square, y, c = np.empty((order + 1, order + 1)), np.zeros((order + 1, columns)), np.empty((order + 1, columns))
+    for m in range(order + 1):
+        size = order + 1 - m
+        for j in range(size):
+            for n in range(count):
+                y[j, n] = source[seen[together[n]], (j + m) * (j + m + 1) // 2 + m]
+            for l in range(j + 1):
+                element = of[_kernels.packed(j + m, l + m, m)]
+                square[j, l], square[l, j] = element, element
+        multiply((square, 0, order + 1, 1), (y, 0, columns), (c, 0, columns), size, columns, size)
+        for j in range(size):
+            for n in range(count):
+                out[together[n], (j + m) * (j + m + 1) // 2 + m] = c[j, n]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -188,35 +243,20 @@ def _evaluate(c, y, azimuth, order):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _lobes(c, y, turns, order):
-    A, B = y.shape[1], turns.shape[1]
-    out = np.zeros((c.shape[0], A, B))
-    total = np.empty((order + 1, A))
-    whole = (order + 1) // 4 * 4
-    for n in range(c.shape[0]):
-        for m in range(order + 1):
-            row = total[m]
-            row[:] = 0.0
-            first = (order + 1 - m) % 2 + m  # the orders above by twos
-            if first > m:
-                at = m * (m + 1) // 2 + m
-                for a in range(A):
-                    row[a] += c[n, at] * y[at, a]
-            for l in range(first, order + 1, 2):
-                at, after = l * (l + 1) // 2 + m, (l + 1) * (l + 2) // 2 + m
-                v0, v1, y0, y1 = c[n, at], c[n, after], y[at], y[after]
-                for a in range(A):
-                    row[a] += v0 * y0[a] + v1 * y1[a]
-        # four azimuthal orders at a time: what is stored between costs more than what is added
-        for m in range(0, whole, 4):
-            t0, t1, t2, t3 = turns[m], turns[m + 1], turns[m + 2], turns[m + 3]
-            for a in range(A):
-                v0, v1, v2, v3 = total[m, a], total[m + 1, a], total[m + 2, a], total[m + 3, a]
-                line = out[n, a]
-                for b in range(B):
-                    line[b] += v0 * t0[b] + v1 * t1[b] + v2 * t2[b] + v3 * t3[b]
-        for m in range(whole, order + 1):
-            for a in range(A):
-                for b in range(B):
-                    out[n, a, b] += total[m, a] * turns[m, b]
+def _lobes(c, y, turns):
+    A, (M, B) = y.shape[1], turns.shape
+    out = np.empty((len(c), A, B))
+    by_m, rings = np.empty((_LOBES, len(y))), np.empty((_LOBES, M, A))
+    for first in range(0, len(c), _LOBES):
+        some = min(_LOBES, len(c) - first)
+        at = 0
+        for m in range(M):
+            count = M - m
+            for i in range(some):
+                for l in range(m, M):
+                    by_m[i, at + l - m] = c[first + i, l * (l + 1) // 2 + m]
+            multiply((by_m, at, len(y), 1), (y, at * A, A), (rings, m * A, M * A), some, A, count)
+            at += count
+        for i in range(some):
+            multiply((rings, i * M * A, 1, A), (turns, 0, B), (out, (first + i) * A * B, B), A, B, M)
     return out
