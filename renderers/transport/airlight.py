@@ -22,7 +22,9 @@ from renderers.transport import flights, media
 
 import mitsuba as mi  # isort: skip
 
-_EQUIANGULAR = 0.5  # share of the distances, of lamps that have a place
+# share of the distances, of lamps that have a place.  Variance of light scattered once: small lamp 2.9, 1.7, 1.5 at 0.5, 0.75, 0.9,
+# point lamp above a floor 1.25, 1.30, 1.39
+_EQUIANGULAR = 0.75
 _NEARLY_NONE = 0.01  # optical depth below which collisions are forced evenly: single precision has few digits of 1 - exp(-x) there
 _LEAST = 1e-6  # of the distance to a lamp: how near to it flights pass at least
 
