@@ -16,13 +16,13 @@ from renderers.transport.scene import Scene
 from tests.odds import ODDS, sigmas
 from tests.physics import test_transport_media
 from tests.physics.particles import blocks, same
-from tests.physics.test_transport_media import (BALL, HIGH, LOW, RGB, body, cube, inside_of, medium, pictures, reference, sensor)
 from tests.physics.test_translucent import BOUNDARIES, FLOOR, PANEL, SKY, shape
+from tests.physics.test_transport_media import BALL, HIGH, LOW, RGB, body, cube, inside_of, medium, pictures, reference, sensor
 
 HAZE = ([0.9, 0.6, 0.3], 0.4, (90.0, 60.0, 40.0))  # albedo, g, free paths
 LAMP = '<emitter type="point"><point name="position" x="7" y="-2" z="1"/><rgb name="intensity" value="3 3 3"/></emitter>'
-BULB = ('<shape type="sphere"><point name="center" x="6.5" y="-4" z="4"/><float name="radius" value="0.2"/>OUTSIDE<emitter type="area">'
-        '<rgb name="radiance" value="90 90 90"/></emitter></shape>')
+BULB = ('<shape type="sphere"><point name="center" x="6.5" y="-4" z="4"/><float name="radius" value="0.2"/>OUTSIDE'
+        '<emitter type="area"><rgb name="radiance" value="90 90 90"/></emitter></shape>')
 
 
 @pytest.fixture
@@ -95,11 +95,11 @@ def in_a_box(folder):
     entries = [medium(Box(LOW, HIGH), *HAZE), body("glass", moved[0], 1.4, *dense), body("matched", moved[1], 1.0, *dense)]
     around = sensor() + PANEL + FLOOR + SKY
     inner, outer = inside_of("interior", *dense), inside_of("exterior", *HAZE)
-    bulb = BULB.replace("OUTSIDE", "")
-    return around + bulb + shape(folder, "glass", moved[0], BOUNDARIES[1.4]) + shape(folder, "matched", moved[1], BOUNDARIES[1.0]), \
-        entries, around + BULB.replace("OUTSIDE", outer) + shape(folder, "a", moved[0], BOUNDARIES[1.4] + inner + outer) \
+    bodies = shape(folder, "glass", moved[0], BOUNDARIES[1.4]) + shape(folder, "matched", moved[1], BOUNDARIES[1.0])
+    theirs = BULB.replace("OUTSIDE", outer) + shape(folder, "a", moved[0], BOUNDARIES[1.4] + inner + outer) \
         + shape(folder, "b", moved[1], BOUNDARIES[1.0] + inner + outer) \
-        + cube(LOW, HIGH, BOUNDARIES[1.0] + inside_of("interior", *HAZE)), 512
+        + cube(LOW, HIGH, BOUNDARIES[1.0] + inside_of("interior", *HAZE))
+    return around + BULB.replace("OUTSIDE", "") + bodies, entries, around + theirs, 512
 
 
 @pytest.mark.slow
