@@ -79,17 +79,17 @@ def theirs(depth, kind):
 
 
 def text_of(name, depth, width, integrator="path"):
-    light, place = SCENES[name]
+    light, where = SCENES[name]
     with_medium = integrator != "path"
     (x, y, z), (u, v, w) = ((np.array(HIGH) - LOW) / 2, (np.array(HIGH) + LOW) / 2)
     inside = theirs(depth, "interior") if with_medium else ""
     bounds = {"box": f'<shape type="cube"><transform name="to_world"><scale x="{x}" y="{y}" z="{z}"/><translate x="{u}" y="{v}" '
                      f'z="{w}"/></transform>{NULL}{inside}</shape>',
               "ball": f'<shape type="ply" id="ball"><string name="filename" value="ball.ply"/>{NULL}{inside}</shape>'}
-    light = light + (bounds.get(place, "") if with_medium or place == "ball" else "")
-    roulette = 5 if place == "everywhere" else 1000
+    light = light + (bounds.get(where, "") if with_medium or where == "ball" else "")
+    roulette = 5 if where == "everywhere" else 1000
     depths = f'<integer name="max_depth" value="-1"/><integer name="rr_depth" value="{roulette}"/>' if with_medium else ""
-    outside = theirs(depth, "exterior") if with_medium and place == "everywhere" else ""
+    outside = theirs(depth, "exterior") if with_medium and where == "everywhere" else ""
     text = SCENE.replace("INTEGRATOR", f'<integrator type="{integrator}">{depths}</integrator>').replace("LIGHT", light)
     return text.replace("WIDTH", str(width)).replace("GREY", GREY).replace("OUTSIDE", outside)
 
@@ -97,13 +97,13 @@ def text_of(name, depth, width, integrator="path"):
 def scene_of(folder, name, depth, width):
     """World and medium."""
     (folder / "path.xml").write_text(text_of(name, depth, width))
-    world, medium, place = World(folder / "path.xml"), scatterer(depth), SCENES[name][1]
-    if place == "ball":
+    world, medium, where = World(folder / "path.xml"), scatterer(depth), SCENES[name][1]
+    if where == "ball":
         vertices, faces = ball()
         entry = SimpleNamespace(name="ball", vertices=vertices.astype(np.float32).astype(float), faces=faces, medium=medium,
                                 matched=True)
     else:
-        entry = regions.Medium(regions.Everywhere() if place == "everywhere" else regions.Box(LOW, HIGH), medium)
+        entry = regions.Medium(regions.Everywhere() if where == "everywhere" else regions.Box(LOW, HIGH), medium)
     return world, entry
 
 

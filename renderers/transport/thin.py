@@ -23,7 +23,7 @@ def airlight(scene, entries, world):
     entries : of `scene.Scene`, by the numbers of their media;  world : `renderers.mitsuba.world.World`
     """
     emitters = scene.scene.emitters()
-    lamps = Airlight.places(emitters) * world.unit if emitters else np.empty((0, 4))
+    lamps = Airlight.anchors(emitters) * world.unit if emitters else np.empty((0, 4))
     away = np.linalg.norm(lamps[:, :3] - np.asarray(world.camera.origin, float), axis=1)
     small = (lamps[:, 3] >= 0) & (lamps[:, 3] <= LARGEST * away)
     if not small.any():

@@ -34,15 +34,15 @@ def everything_is_thin(monkeypatch):
 def test_a_point_lamp_in_haze(tmp_path):
     """Light scattered once into each pixel, of each wavelength, against the integral along its line of sight."""
     entries = [medium(Everywhere(), *HAZE)]
-    found = pictures(tmp_path, sensor(size=4) + LAMP, entries, range(32), "order1")
+    rendered = pictures(tmp_path, sensor(size=4) + LAMP, entries, range(32), "order1")
     camera = Scene(World(tmp_path / "scene.xml"), entries, RGB)
     samples = np.random.default_rng(1).random((16, 100, 2))
     expected = np.array([[_once(*(np.array(part).T for part in _rays(camera, pixel, u)))] for pixel, u in enumerate(samples)])
     expected = expected.reshape(4, 4, 3)
-    error = found.std(axis=0, ddof=1) / 32**0.5
+    error = rendered.std(axis=0, ddof=1) / 32**0.5
     # rays of 100 places in pixels: 1 %
-    assert np.all(abs(found.mean(axis=0) / expected - 1) < 0.03 + sigmas(32, ODDS, 48) * error / expected)
-    mean = found.mean(axis=(1, 2, 3))
+    assert np.all(abs(rendered.mean(axis=0) / expected - 1) < 0.03 + sigmas(32, ODDS, 48) * error / expected)
+    mean = rendered.mean(axis=(1, 2, 3))
     error = mean.std(ddof=1) / 32**0.5
     assert error < 0.015 * mean.mean() and abs(mean.mean() - expected.mean()) < sigmas(32) * error
 
@@ -108,22 +108,22 @@ def test_as_the_integrator_of_mitsuba(tmp_path):
     ours, entries, theirs, samples = in_a_box(tmp_path)
     ours, theirs = pictures(tmp_path, ours, entries, range(100)), reference(tmp_path, theirs, samples)
     assert same(blocks(ours, (2, 2)), blocks(theirs, (2, 2))) > ODDS
-    means = [found.mean(axis=(1, 2)) for found in (ours, theirs)]
-    error = np.hypot(*(found.std(axis=0, ddof=1) / len(found) ** 0.5 for found in means))
+    means = [rendered.mean(axis=(1, 2)) for rendered in (ours, theirs)]
+    error = np.hypot(*(rendered.std(axis=0, ddof=1) / len(rendered) ** 0.5 for rendered in means))
     assert np.all(abs(means[0].mean(axis=0) - means[1].mean(axis=0)) < 2 * error)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("place", ["everywhere", "box"])
-def test_as_scatterings_alone(tmp_path, monkeypatch, place):
+@pytest.mark.parametrize("where", ["everywhere", "box"])
+def test_as_scatterings_alone(tmp_path, monkeypatch, where):
     """Light of a small lamp by orders, against paths that take light samples where they scatter."""
-    region = Everywhere() if place == "everywhere" else Box(LOW, HIGH)
+    region = Everywhere() if where == "everywhere" else Box(LOW, HIGH)
     entries, scene = [medium(region, *HAZE[:2], (30.0, 20.0, 15.0))], sensor(size=8) + FLOOR + BULB.replace("OUTSIDE", "")
     for layer in ("order1", "order2"):
         along = pictures(tmp_path, scene, entries, range(24), layer)
         monkeypatch.setattr(scenes.thin, "THICKEST", 0.0)
         alone = pictures(tmp_path, scene, entries, range(100, 148), layer)
         monkeypatch.undo()
-        first, second = (found.mean(axis=(1, 2)) for found in (along, alone))
-        error = np.hypot(*(found.std(axis=0, ddof=1) / len(found) ** 0.5 for found in (first, second)))
+        first, second = (rendered.mean(axis=(1, 2)) for rendered in (along, alone))
+        error = np.hypot(*(rendered.std(axis=0, ddof=1) / len(rendered) ** 0.5 for rendered in (first, second)))
         assert np.all(abs(first.mean(axis=0) - second.mean(axis=0)) < sigmas(24, ODDS, 12) * error)
