@@ -2,12 +2,13 @@
 
     python benchmarks/haze.py [--small] [--width 96] [--rounds 16] [--depths 0.1 1] [--scenes NAME ...]
 
-A floor and a wall in a haze of three wavelengths (albedo 0.95 to 0.8, g 0.6) that fills all, a box or a matched ball, under a point
-lamp, a small sphere that shines above the frame (the edge of a lamp in it is as noisy in all), six of these, a spot lamp, a panel, or an even sky (which what is everywhere would hide).
-Optical depths are those of the middle wavelength along the way of the camera to the middle, 20 long.  Engines render in turns, 16
-samples a pixel and round; Mitsuba's roulette begins at depth 1000, but at 5 in what has no end.  A row a scene: variance of a pixel
-(mean square over colours and picture), processor time of a path and their product, with over without light samples along flights;
-the product over that of the better of `volpath` and `volpathmis`, with and without; and differences of the means in standard errors.
+A floor and a wall in a haze of three wavelengths (albedo 0.95 to 0.8, g 0.6) that fills all, a box or a matched ball, under a
+point lamp, a small sphere that shines above the frame (the edge of a lamp in it is as noisy by any method), six of these, a spot
+lamp, panels, or an even sky (which a medium everywhere would hide).  Optical depths are those of the middle wavelength along 20,
+the way of the camera to the middle.  Engines render in turns, 16 samples a pixel and round; Mitsuba's roulette begins at depth
+1000, but at 5 in what has no end.  A row a scene: `auto`, what it does by itself; processor time of a path; variance of a pixel
+(mean square over colours and picture) with over without light samples along flights, and times the time; variance times time over
+the better of `volpath` and `volpathmis`, with and without; differences of the means in standard errors.
 --small: one scene, 16 pixels wide, four rounds.
 """
 
@@ -31,6 +32,7 @@ from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
 from renderers.transport import passes, regions
 
+COLOURS = SimpleNamespace(to_rgb=np.eye(3), to_waves=np.eye(3))
 FAR, ALBEDO, G = 20.0, (0.95, 0.9, 0.8), 0.6
 RELATIVE = (0.8, 1.0, 1.3)  # extinction of the wavelengths
 NULL = '<bsdf type="null"/>'
@@ -40,8 +42,8 @@ SCENE = """<scene version="3.0.0">INTEGRATOR<sensor type="perspective"><float na
 <lookat origin="0, -20, 2" target="0, 0, 0" up="0, 0, 1"/></transform><film type="hdrfilm"><integer name="width" value="WIDTH"/>
 <integer name="height" value="WIDTH"/><rfilter type="box"/></film>OUTSIDE</sensor>
 <shape type="rectangle"><transform name="to_world"><scale value="60"/><translate z="-3"/></transform>GREY OUTSIDE</shape>
-<shape type="rectangle"><transform name="to_world"><scale value="60"/><rotate x="1" angle="90"/><translate y="10"/></transform>GREY
-OUTSIDE</shape>LIGHT</scene>"""
+<shape type="rectangle"><transform name="to_world"><scale value="60"/><rotate x="1" angle="90"/><translate y="10"/></transform>
+GREY OUTSIDE</shape>LIGHT</scene>"""
 POINT = '<emitter type="point"><point name="position" x="1" y="-3" z="2"/><rgb name="intensity" value="40 36 30"/></emitter>'
 SPOT = """<emitter type="spot"><transform name="to_world"><lookat origin="3, -3, 5" target="-2, 0, -3" up="0, 1, 0"/></transform>
 <float name="cutoff_angle" value="25"/><rgb name="intensity" value="200 180 150"/></emitter>"""
@@ -77,35 +79,40 @@ def theirs(depth, kind):
 
 
 def text_of(name, depth, width, integrator="path"):
-    light, place = SCENES[name]
+    light, where = SCENES[name]
     with_medium = integrator != "path"
     (x, y, z), (u, v, w) = ((np.array(HIGH) - LOW) / 2, (np.array(HIGH) + LOW) / 2)
     inside = theirs(depth, "interior") if with_medium else ""
     bounds = {"box": f'<shape type="cube"><transform name="to_world"><scale x="{x}" y="{y}" z="{z}"/><translate x="{u}" y="{v}" '
                      f'z="{w}"/></transform>{NULL}{inside}</shape>',
               "ball": f'<shape type="ply" id="ball"><string name="filename" value="ball.ply"/>{NULL}{inside}</shape>'}
-    light = light + (bounds.get(place, "") if with_medium or place == "ball" else "")
-    roulette = 5 if place == "everywhere" else 1000
+    light = light + (bounds.get(where, "") if with_medium or where == "ball" else "")
+    roulette = 5 if where == "everywhere" else 1000
     depths = f'<integer name="max_depth" value="-1"/><integer name="rr_depth" value="{roulette}"/>' if with_medium else ""
-    outside = theirs(depth, "exterior") if with_medium and place == "everywhere" else ""
+    outside = theirs(depth, "exterior") if with_medium and where == "everywhere" else ""
     text = SCENE.replace("INTEGRATOR", f'<integrator type="{integrator}">{depths}</integrator>').replace("LIGHT", light)
     return text.replace("WIDTH", str(width)).replace("GREY", GREY).replace("OUTSIDE", outside)
+
+
+def scene_of(folder, name, depth, width):
+    """World and medium."""
+    (folder / "path.xml").write_text(text_of(name, depth, width))
+    world, medium, where = World(folder / "path.xml"), scatterer(depth), SCENES[name][1]
+    if where == "ball":
+        vertices, faces = ball()
+        entry = SimpleNamespace(name="ball", vertices=vertices.astype(np.float32).astype(float), faces=faces, medium=medium,
+                                matched=True)
+    else:
+        entry = regions.Medium(regions.Everywhere() if where == "everywhere" else regions.Box(LOW, HIGH), medium)
+    return world, entry
 
 
 def ours(folder, name, depth, width, along):
     """Passes of `paths`, function of a number -> its picture, alone in an axis."""
     from renderers.transport import thin
 
-    (folder / "path.xml").write_text(text_of(name, depth, width))
-    world, medium, place = World(folder / "path.xml"), scatterer(depth), SCENES[name][1]
-    if place == "ball":
-        vertices, faces = ball()
-        entry = SimpleNamespace(name="ball", vertices=vertices.astype(np.float32).astype(float), faces=faces, medium=medium,
-                                matched=True)
-    else:
-        entry = regions.Medium(regions.Everywhere() if place == "everywhere" else regions.Box(LOW, HIGH), medium)
-    colours = SimpleNamespace(to_rgb=np.eye(3), to_waves=np.eye(3))
-    part = passes.part("paths", world, [entry], colours, int(along))  # two seeds: their means are compared
+    world, entry = scene_of(folder, name, depth, width)
+    part = passes.part("paths", world, [entry], COLOURS, int(along))  # two seeds: their means are compared
     limits = thin.THICKEST, thin.LARGEST
     try:
         thin.THICKEST, thin.LARGEST = (np.inf, np.inf) if along else (0.0, 0.0)
@@ -114,6 +121,14 @@ def ours(folder, name, depth, width, along):
         thin.THICKEST, thin.LARGEST = limits
     count = max(1, SAMPLES // part.samples)
     return lambda number: np.mean([part.render(number * count + k)[""] for k in range(count)], axis=0)[None]
+
+
+def decided(folder, name, depth, width):
+    """Whether the scene takes light samples along flights by itself."""
+    from renderers.transport.scene import Scene
+
+    world, entry = scene_of(folder, name, depth, width)
+    return Scene(world, [entry], COLOURS).airlight is not None
 
 
 def ball():
@@ -139,6 +154,7 @@ def row(name, depth, width, rounds):
             loaded = mi.load_file(str(folder / f"{kind}.xml"), optimize=False)
             engines[kind] = Engine(lambda number, loaded=loaded: np.array(
                 mi.render(loaded, spp=SAMPLES, seed=number), float)[None, ..., :3])
+        auto = "with" if decided(folder, name, depth, width) else "without"
         for number in range(rounds):
             for engine in engines.values():
                 engine.go(number)
@@ -147,7 +163,7 @@ def row(name, depth, width, rounds):
     first, second = engines["with"], engines["without"]
     apart = [_apart(first.mean(), engines[kind].mean())[0] for kind in ("without", best)]
     seconds = [1e6 * engine.seconds / rounds / SAMPLES / width**2 for engine in engines.values()]
-    print(f"| {name} | {depth:g} | " + " | ".join(f"{value:.2f}" for value in seconds)
+    print(f"| {name} | {depth:g} | {auto} | " + " | ".join(f"{value:.2f}" for value in seconds)
           + f" | {first.variance[0] / second.variance[0]:.4f} | {product['with'] / product['without']:.4f} | "
           f"{product['with'] / product[best]:.4f} | {product['without'] / product[best]:.4f} ({best}) | "
           + " | ".join(f"{value:+.1f}" for value in apart) + " |", flush=True)
@@ -161,8 +177,8 @@ def main():
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=sized(list(SCENES), ["point lamp"]))
     args = parser.parse_args()
     print(variants.activate("rgb"))
-    print("| scene | depth | with, us | without | volpath | volpathmis | variance, with over without | times time | with, over "
-          "Mitsuba's better | without | apart | apart from Mitsuba's |\n|" + "---|" * 12, flush=True)
+    print("| scene | depth | auto | with, us | without | volpath | volpathmis | variance, with over without | times time "
+          "| with, over Mitsuba's better | without | apart | apart from Mitsuba's |\n|" + "---|" * 13, flush=True)
     for name in args.scenes:
         for depth in args.depths:
             row(name, depth, args.width, args.rounds)

@@ -104,7 +104,7 @@ def flown(throughput, sigma_t, distance, scatters):
 
 
 def chance(throughput, sigma_t, distance, scatters):
-    """Density (1 over a length) of flights that end with a scattering, where one `scatters`, or the chance that they go so far."""
+    """Density (1 over a length) of flights that end with a scattering, where one `scatters`, or the chance of going so far."""
     passed = [dr.exp(-sigma * distance) * dr.select(scatters, sigma, 1) for sigma in sigma_t]
     return mean(throughput, passed)
 

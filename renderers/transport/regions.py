@@ -108,7 +108,7 @@ class Regions:
         return inside, end
 
     def span(self, ray, far):
-        """Distances on rays between which all regions lie, as far as they are known: from 0 to `far` with a mesh or everywhere."""
+        """Distances on rays between which all regions lie: from 0 to `far` with a mesh or what is everywhere."""
         if self.always or self._meshes:
             return mi.Float(0), far
         first, last = mi.Float(dr.inf), mi.Float(0)
