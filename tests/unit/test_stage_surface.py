@@ -228,7 +228,7 @@ def soil(tmp_path_factory):
 
 
 def test_the_base_of_another_asset_is_its_layer(soil):
-    """The solver's own values but for rounding, at the wavelengths picked; a recipe in its place gives the same to the last bit."""
+    """The solver's own values but for rounding, at the wavelengths picked; a recipe in its place gives the same bytes."""
     asset, base = (bakery.open(soil / name) for name in ("top.h5", "soil.h5"))
     theirs, ours = base.medium, asset.medium
     lower = Slab(np.asarray(theirs.theta), np.asarray(theirs["phase"][2]), 0.9, 10.0, 1.2, 0.2)
