@@ -14,7 +14,8 @@ import numpy as np
 
 from bakery.physics.surfaces import rough
 from bakery.physics.surfaces.cut import Cut, cut
-from bakery.physics.surfaces.layer import between, homogeneous
+from bakery.physics.surfaces.deep import ITERATED, layer_of_order
+from bakery.physics.surfaces.layer import between
 from bakery.physics.surfaces.nodes import Nodes, interpolation, nodes
 from bakery.physics.surfaces.orders import phase_matrices
 from bakery.physics.surfaces.slab import Slab
@@ -61,6 +62,10 @@ class Covered:
             result += (2.0 if m else 1.0) * term * np.cos(m * phi) * (sines if m % 2 else 1.0)
         return result
 
+    def factor(self, mu, mu0, side: int):
+        """What the sum of Fourier orders counts by."""
+        return np.ones(np.broadcast_shapes(np.shape(mu), np.shape(mu0)))
+
     def transmission(self, mu, mu0, phi):
         """0: under the layer is a base, or more of it."""
         return np.zeros(np.broadcast_shapes(*map(np.shape, (mu, mu0, phi))))
@@ -86,10 +91,11 @@ def covered(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Covered
     directions, facets = _boundary(max(_LEAST_NODES, count + _SPARE_NODES), slab.index, slab.roughness)
     identity, root = np.eye(len(directions.mu)), np.sqrt(directions.flux)
     sines = np.sqrt((1 - directions.mu) * (1 + directions.mu))
-    depth, orders, small = slab.depth * without.shrinks if slab.depth else 0.0, [], 0
+    depth, orders, largest, small = slab.depth * without.shrinks if slab.depth else 0.0, [], [], 0
     for order in range(count):
-        even, odd = phase_matrices(without.moments, directions.mu, order)
-        layer = homogeneous(even, odd, directions.mu, directions.flux, without.albedo, depth)
+        parts = phase_matrices(without.moments, directions.mu, order)
+        accuracy = ITERATED * tolerance * largest[0] if order else 0.0
+        layer = layer_of_order(without, order, parts, np.zeros(len(root)), (directions.mu, directions.flux), depth, accuracy)
         inside = _inside(slab, layer, root, order)
         out = facets.inward[order].T @ inside @ np.linalg.solve(identity - facets.within[order] @ inside, facets.inward[order])
         if order == 0:
@@ -97,7 +103,7 @@ def covered(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Covered
             out = out + facets.again
         share = root * sines if order % 2 else root
         orders.append(0.5 * (out + out.T) / np.outer(share, share))
-        largest = [np.abs(part).max() for part in orders]
+        largest.append(float(np.abs(orders[-1]).max()))
         small = small + 1 if largest[-1] <= _NEGLIGIBLE * tolerance * largest[0] else 0
         if small == 2:
             break

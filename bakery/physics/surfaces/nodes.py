@@ -103,6 +103,11 @@ def interpolation(s, at):
     return np.where(hit.any(axis=-1, keepdims=True), hit, share)
 
 
+def sines(mu, mu0, index: float):
+    """Product of the sines in the medium of two directions, from their cosines in air: odd orders are over it."""
+    return np.sqrt((1 - mu * mu) * (1 - mu0 * mu0)) / index**2
+
+
 def vanishing(weights, air, mu):
     """Weights (K, N) of `interpolation` for even orders from 2 on, which fall as the squared sine at normal incidence.
 

@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 
+from bakery.system.compiled import njit
+
 
 def harmonics(mu, order: int, count: int):
     """Normalised associated Legendre functions sqrt((l-m)!/(l+m)!) P_l^m(mu), without the sign (-1)^m.
@@ -20,17 +22,25 @@ def harmonics(mu, order: int, count: int):
     -------
     (count - m, N) for l = m, m + 1, ...
     """
-    mu = np.asarray(mu, float)
+    mu = np.ascontiguousarray(mu, float)
     values = np.zeros((max(count - order, 0), len(mu)))
     if not len(values):
         return values
     start = math.prod(math.sqrt((2 * k - 1) / (2 * k)) for k in range(1, order + 1))
     values[0] = start * ((1 - mu) * (1 + mu)) ** (order / 2)
+    _upward(mu, order, values)
+    return values
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _upward(mu, order, values):
+    """All rows from the first one, by recurrence over the degree."""
     for row in range(len(values) - 1):
         degree = row + order
-        before = math.sqrt(degree**2 - order**2) * values[row - 1] if row else 0.0
-        values[row + 1] = ((2 * degree + 1) * mu * values[row] - before) / math.sqrt((degree + 1) ** 2 - order**2)
-    return values
+        last, scale = math.sqrt(degree**2 - order**2), math.sqrt((degree + 1) ** 2 - order**2)
+        for k in range(len(mu)):
+            before = last * values[row - 1, k] if row else 0.0
+            values[row + 1, k] = ((2 * degree + 1) * mu[k] * values[row, k] - before) / scale
 
 
 def phase_matrices(moments, mu, order: int):

@@ -15,8 +15,9 @@ from bakery.physics.medium.phase import phase_at
 from bakery.physics.surfaces import fresnel, single
 from bakery.physics.surfaces.covered import Covered, covered
 from bakery.physics.surfaces.cut import Cut, cut
-from bakery.physics.surfaces.layer import Layer, between, homogeneous
-from bakery.physics.surfaces.nodes import SPARE, Nodes, coordinate, enough, interpolation, nodes, vanishing
+from bakery.physics.surfaces.deep import ITERATED, Deep, layer_of_order
+from bakery.physics.surfaces.layer import Layer, between
+from bakery.physics.surfaces.nodes import SPARE, Nodes, coordinate, enough, interpolation, nodes, sines, vanishing
 from bakery.physics.surfaces.orders import phase_matrices, unresolved
 from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.stack import Stacked, stacked
@@ -66,6 +67,13 @@ class Solution:
         """
         return self._value(self.transmitted, mu, mu0, phi, 1) * (self.slab.base is None)
 
+    def factor(self, mu, mu0, side: int):
+        """What the sum of Fourier orders counts by, in reflection (side -1) or transmission (1); arguments as there."""
+        n, depth = self.slab.index, self.slab.depth * self.cut.shrinks if self.slab.depth else 0.0
+        inner, inner0 = fresnel.inside(mu, n), fresnel.inside(mu0, n)
+        through = (1 - fresnel.reflected(mu, n)) * (1 - fresnel.reflected(mu0, n)) / n**2
+        return through * single.interacts(inner, depth) * single.interacts(inner0, depth) / (inner + inner0)
+
     def _terms(self, orders, mu, mu0):
         """Fourier orders (M, K) at pairs of cosines (K,) in air, each cosine interpolated once."""
         (out, row), (into, column) = (np.unique(cosine, return_inverse=True) for cosine in (mu, mu0))
@@ -75,7 +83,7 @@ class Solution:
         for m, order in enumerate(orders):
             out, into = (span[m > 1 and m % 2 == 0] for span in spans)
             terms[m] = np.einsum("ki,ki->k", (out @ order)[row], into[column])
-        terms[1::2] *= np.sqrt((1 - mu * mu) * (1 - mu0 * mu0)) / self.slab.index**2
+        terms[1::2] *= sines(mu, mu0, self.slab.index)
         return terms
 
     def _value(self, orders, mu, mu0, phi, side: int):
@@ -123,19 +131,19 @@ def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution 
     # light that passes a peak is told by as many nodes as there are moments
     passes = slab.base is None and slab.depth < math.inf
     directions = nodes(max(_LEAST_NODES, count + SPARE) if passes else enough(count, _LEAST_NODES), slab.index)
-    missed = unresolved(without.moments, directions.mu, directions.flux) if directions.leaving < count + SPARE else None
+    missed = (directions.leaving < count + SPARE) * unresolved(without.moments, directions.mu, directions.flux)
     depth = slab.depth * without.shrinks if slab.depth else 0.0
-    orders, small = [], 0
+    orders, largest, small = [], [], 0
     for order in range(count):
         even, odd = phase_matrices(without.moments, directions.mu, order)
-        if missed is not None:
-            even, odd = even + np.diag(missed), odd + np.diag(missed)
-        layer = homogeneous(even, odd, directions.mu, directions.flux, without.albedo, depth)
+        accuracy = ITERATED * tolerance * largest[0] if largest else 0.0
+        layer = layer_of_order(without, order, (even, odd), missed, (directions.mu, directions.flux), depth, accuracy)
+        even, odd = even + np.diag(missed), odd + np.diag(missed)
         upward, downward = _scattered(slab, directions, order, layer)
         if order == 0:
             albedo, passed = _shares(slab, directions, layer, upward, downward)
         orders.append(_several_times(slab, without, directions, order, layer, upward, downward, even, odd))
-        largest = [max(np.abs(part).max() for part in pair) for pair in orders]
+        largest.append(max(float(np.abs(part).max()) for part in orders[-1]))
         small = small + 1 if largest[-1] <= _NEGLIGIBLE * tolerance * largest[0] else 0
         if small == 2:
             break
@@ -143,7 +151,7 @@ def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution 
     return Solution(slab, directions, without, reflected, transmitted, albedo, passed)
 
 
-def _scattered(slab: Slab, directions: Nodes, order: int, layer: Layer):
+def _scattered(slab: Slab, directions: Nodes, order: int, layer: Layer | Deep):
     """Light (N, N) inside of the boundary scattered upward at the top, and downward at the bottom.
 
     What the base sends back of light that is scattered nowhere else is left out.

@@ -20,7 +20,8 @@ import numpy as np
 from bakery.physics.medium.phase import phase_at
 from bakery.physics.surfaces import fresnel, single
 from bakery.physics.surfaces.cut import Cut, cut
-from bakery.physics.surfaces.layer import homogeneous
+from bakery.physics.surfaces.deep import ITERATED, Deep, layer_of_order
+from bakery.physics.surfaces.layer import Layer
 from bakery.physics.surfaces.nodes import SPARE, Nodes, coordinate, enough, grazing, interpolation, vanishing
 from bakery.physics.surfaces.orders import phase_matrices, unresolved
 from bakery.physics.surfaces.slab import Reflector, Slab
@@ -148,6 +149,12 @@ class Stacked:
         n = self.nodes.index
         return (1 - fresnel.reflected(mu, n)) * (1 - fresnel.reflected(mu0, n)) / n**2 * self.inside(mu, mu0, phi)
 
+    def factor(self, mu, mu0, side: int):
+        """What the sum of Fourier orders counts by."""
+        n = self.nodes.index
+        through = (1 - fresnel.reflected(mu, n)) * (1 - fresnel.reflected(mu0, n)) / n**2
+        return through / (fresnel.inside(mu, n) + fresnel.inside(mu0, n))
+
     def inside(self, mu, mu0, phi):
         """The same inside of the uppermost boundary, at directions that are those in air; arrays of one shape."""
         n = self.nodes.index
@@ -218,18 +225,21 @@ def stacked(slab: Slab, moments: Sequence, count: int, tolerance: float = 1e-6) 
     keep = slice(top.leaving)
     mu, flux, through = top.mu[keep], np.sqrt(top.flux[keep]), 1 - top.reflected[keep]
     missed = _missed(nodes, parts, cuts, top.leaving < count + SPARE)
-    sums, sines, orders, small = mu[:, None] + mu, np.sqrt((1 - mu) * (1 + mu)), [], 0
+    sums, sines, orders, largest, small = mu[:, None] + mu, np.sqrt((1 - mu) * (1 + mu)), [], [], 0
     for order in range(count):
-        phases = [[side + np.diag(peak) for side in phase_matrices(without.moments, nodes.mu(part.index), order)]
-                  for part, without, peak in zip(parts, cuts, missed, strict=True)]
-        mirrored, scattered = _below(nodes, parts, cuts, bottom, phases, order)
+        phases = [phase_matrices(without.moments, nodes.mu(part.index), order)
+                  for part, without in zip(parts, cuts, strict=True)]
+        accuracy = ITERATED * tolerance * largest[0] if order else 0.0
+        media = [_of_order(nodes, *medium, order, accuracy) for medium in zip(parts, cuts, phases, missed, strict=True)]
+        mirrored, scattered = _below(nodes, parts, media, bottom, order)
         upward = _escaping(mirrored, scattered, top.reflected)[keep, keep]
         if order == 0:
             again = through**2 * mirrored[keep] / (1 - top.reflected[keep] * mirrored[keep])
             albedo = top.reflected[keep] + through * ((through * flux) @ upward) / flux + again
+        phases = [[side + np.diag(peak) for side in pair] for pair, peak in zip(phases, missed, strict=True)]
         rest = upward / np.outer(flux, flux) - exact.of(phases, order)
         orders.append(0.5 * (rest + rest.T) * sums / (np.outer(sines, sines) if order % 2 else 1.0))
-        largest = [np.abs(part).max() for part in orders]
+        largest.append(float(np.abs(orders[-1]).max()))
         small = small + 1 if largest[-1] <= _NEGLIGIBLE * tolerance * largest[0] else 0
         if small == 2:
             break
@@ -242,7 +252,13 @@ def _missed(nodes: Directions, parts, cuts, few: bool) -> list:
             for part, without in zip(parts, cuts, strict=True)]
 
 
-def _below(nodes: Directions, parts, cuts, bottom, phases, order: int):
+def _of_order(nodes: Directions, part: Slab, without: Cut, phases, missed, order: int, accuracy: float) -> Layer | Deep:
+    """One layer."""
+    depth = part.depth * without.shrinks if part.depth else 0.0
+    return layer_of_order(without, order, phases, missed, (nodes.mu(part.index), nodes.flux(part.index)), depth, accuracy)
+
+
+def _below(nodes: Directions, parts, media, bottom, order: int):
     """What is under the uppermost boundary, inside of it: D (N,) and S (N, N)."""
     if isinstance(bottom, Reflector):
         index, scattered = 1.0, bottom.matrix(nodes.mu(1.0), nodes.flux(1.0), order)
@@ -250,15 +266,13 @@ def _below(nodes: Directions, parts, cuts, bottom, phases, order: int):
         index, root = parts[-1].index, np.sqrt(nodes.flux(parts[-1].index))
         scattered = (bottom or 0.0) * np.outer(root, root) * (order == 0)
     mirrored = np.zeros(len(scattered))
-    for part, without, (even, odd) in zip(parts[::-1], cuts[::-1], phases[::-1], strict=True):
+    for part, layer in zip(parts[::-1], media[::-1], strict=True):
         if part.index != index:
             mirrored, scattered = _across(nodes, part.index, index, mirrored, scattered)
             index = part.index
         mu = nodes.mu(index)
-        depth = part.depth * without.shrinks if part.depth else 0.0
-        layer = homogeneous(even, odd, mu, nodes.flux(index), without.albedo, depth)
         reflection, down = layer.scattered(np.zeros(len(mu)))
-        if depth == math.inf:
+        if part.depth == math.inf:
             mirrored, scattered = np.zeros(len(mu)), reflection
             continue
         whole = scattered + np.diag(mirrored)

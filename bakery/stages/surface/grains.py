@@ -85,11 +85,10 @@ def _solutions(inputs: dict, context) -> list:
     """Half spaces of the medium that stands for the grains, all with as many moments."""
     slabs = surface.slabs(inputs)
     try:
-        needed = context.map(surface.moments_needed, [(slab, _SHAPE) for slab in slabs])
+        solutions = context.map(surface.solved, [(slab, _SHAPE) for slab in slabs])
     except ArithmeticError as fault:
         raise StageError(f"surface: {fault}") from None
-    count = max(moments for moments, _ in needed)
-    return context.map(surface.solved, [(slab, count, _SHAPE) for slab in slabs])
+    return [solution for solution, _ in surface.alike(slabs, solutions, _SHAPE, context)]
 
 
 def alike(components, wavelengths: int, apart: float) -> list[list[int]]:
@@ -208,7 +207,7 @@ def cost(recipe) -> Cost:
 
 OF_GRAINS = Stage(
     name="surface",
-    version=4,
+    version=5,
     title="reflectance of packed grains",
     reads=("wavelengths", "seed", "surface", "grains.radius", "grains.components[*].weight", "packing.fraction"),
     needs=("medium", "packing", "grains"),
@@ -216,7 +215,7 @@ OF_GRAINS = Stage(
     sections=(SURFACE,),
     outputs=OUTPUTS,
     error_measure="among grains: relative standard error of the light that comes back, root mean square over cells of pairs of "
-                  "directions, by their light; of a plane layer of the medium: largest relative change from two thirds of the "
+                  "directions, by their light; of a plane layer of the medium: largest relative error as the last change of the "
                   "Legendre moments",
     cost=cost,
     inputs=inputs,

@@ -35,7 +35,7 @@ OUTPUTS = (
     Output("albedo", "(L, T, N)", "1", "share of the light from each direction that comes back", within=(0, 1)),
     Output("passed", "(L, T, N)", "1", "share that leaves below the layer, unscattered light included", within=(0, 1)),
     Output("spherical_albedo", "(L, T)", "1", "share of the light from all sides that comes back", within=(0, 1)),
-    Output("change", "(L, T)", "1", "largest relative change of reflectance and transmittance from two thirds of the moments"),
+    Output("change", "(L, T)", "1", "largest relative error of reflectance and transmittance, by the last change and rounding"),
     *under.OUTPUTS,
     *spread.OUTPUTS,
 )
@@ -77,20 +77,34 @@ def slabs(inputs: dict, layers: list | None = None) -> list:
     return result
 
 
-def moments_needed(slab, tolerance: float) -> tuple[int, float]:
-    """Moments that meet a tolerance, and the change that says so; a task that any worker may run."""
-    from bakery.physics.surfaces.refine import refined
+def solved(slab, tolerance: float):
+    """A slab within a tolerance, and the error that says so; a task that any worker may run."""
+    from bakery.physics.surfaces.refine import converged
 
-    solution, change = refined(slab, tolerance)
-    return len(solution.cut.moments), change
+    return converged(slab, tolerance)
 
 
-def solved(slab, count: int, tolerance: float):
-    """A slab by a given number of moments; a task that any worker may run."""
+def by_moments(slab, count: int, tolerance: float):
+    """A slab by a given number of moments, more than it needs; a task that any worker may run."""
     from bakery.physics.surfaces.refine import moments_of
     from bakery.physics.surfaces.solution import solve
 
     return solve(slab, moments_of(slab, count + 1), count, tolerance)
+
+
+def compacted(solution, error: float, tolerance: float):
+    """A solution rounded to what its error leaves of the tolerance, and its error then; a task that any worker may run."""
+    from bakery.physics.surfaces.refine import compact
+
+    return compact(solution, error, tolerance)
+
+
+def alike(slabs: list, solutions: list, tolerance: float, context) -> list:
+    """Solutions (solution, error) of slabs, all with the largest number of moments that any of them needs, rounded."""
+    counts = [len(solution.cut.moments) for solution, _ in solutions]
+    fewer = [k for k, count in enumerate(counts) if count < max(counts)]
+    finer = dict(zip(fewer, context.map(by_moments, [(slabs[k], max(counts), tolerance) for k in fewer]), strict=True))
+    return context.map(compacted, [(finer.get(k, solution), error, tolerance) for k, (solution, error) in enumerate(solutions)])
 
 
 def compute(inputs: dict, context) -> Result:
@@ -101,19 +115,20 @@ def compute(inputs: dict, context) -> Result:
     needed = []
     for start in range(0, len(cases), _TOGETHER):  # a few at a time, so that progress can be reported
         try:
-            needed += context.map(moments_needed, [(case, tolerance) for case in cases[start:start + _TOGETHER]])
+            needed += context.map(solved, [(case, tolerance) for case in cases[start:start + _TOGETHER]])
         except ArithmeticError as fault:
             raise StageError(f"surface: {fault}") from None
         context.report(0.6 * len(needed) / len(cases))
-    count, change = max(moments for moments, _ in needed), np.array([change for _, change in needed])
-    solutions = context.map(solved, [(case, count, tolerance) for case in cases])
+    solutions, errors = zip(*alike(cases, needed, tolerance, context), strict=True)
+    change = np.array(errors)
     context.report(0.8)
     values = stored(inputs, solutions, shape) | {"change": change.reshape(shape)}
     # walks that tell the spread know one medium only
     values |= _spread(inputs, cases, shape, context) if below is None else under.stored(cases, solutions, shape)
     context.report(1.0)
     worst = float(change.max())
-    missed = f"{count} moments change the reflectance by {worst:.2g}; a larger surface.tolerance would do"
+    count = len(solutions[0].cut.moments)
+    missed = f"{count} moments leave the reflectance an error of {worst:.2g}; a larger surface.tolerance would do"
     return Result(dict(datasets(OUTPUTS, values)), worst, (), (missed,) if worst > tolerance else ())
 
 
@@ -206,7 +221,8 @@ def cost(recipe) -> Cost:
     # walks that tell the spread: 0.01 s, 0.7 s where next to nothing is absorbed
     seconds = (_seconds(recipe) + 0.3) * count * layers + (4.0 if rough else 0.0)
     return Cost(seconds, 1.5e8, 2.5e5 * count * layers, f"{count} wavelengths, {layers} layers", 0.5,
-                kernels=("multiple.legendre", "surfaces._spread"), most=min(count * layers, _TOGETHER), blocks=count * layers)
+                kernels=("multiple.legendre", "surfaces._spread", "surfaces.orders"), most=min(count * layers, _TOGETHER),
+                blocks=count * layers)
 
 
 def measures(group: Group, reference: Group) -> Mapping[str, float]:
@@ -222,15 +238,15 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
 
 STAGE = Stage(
     name="surface",
-    version=4,
+    version=5,
     title="reflectance of a plane layer",
     reads=("wavelengths", "seed", "surface"),
     needs=("medium",),
     applies=lambda recipe: recipe.surface is not None and recipe.grains is None,
     sections=(SURFACE,),
     outputs=OUTPUTS,
-    error_measure="largest relative change of reflectance and transmittance from two thirds of the Legendre moments, over angles "
-                  "to 89.9 degrees; below a thousandth of the median, of that",
+    error_measure="largest relative error of reflectance and transmittance over angles to 89.9 degrees, as their change from two "
+                  "thirds of the Legendre moments tells, and that by rounding; below a thousandth of the median, of that",
     cost=cost,
     inputs=inputs,
     compute=compute,

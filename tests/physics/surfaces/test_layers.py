@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from bakery.physics.medium.phase import normalised, phase_at
-from bakery.physics.surfaces import fresnel, layer, nodes, orders, single
-from bakery.physics.surfaces.refine import refined
+from bakery.physics.multiple import legendre
+from bakery.physics.surfaces import deep, fresnel, layer, nodes, orders, single
+from bakery.physics.surfaces.refine import compact, converged, refined
 from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.solution import solve
 from tests.conftest import slow
@@ -184,8 +185,9 @@ def test_refined_until_it_no_longer_changes(slab, tolerance):
     """The stated error bounds the true one, by a solution of more moments."""
     mu, mu0, phi = EVERYWHERE
     solution, error = refined(slab, tolerance)
-    exact = refined(slab, 0.01 * tolerance)[0]
-    assert error <= tolerance and len(exact.cut.moments) > len(solution.cut.moments)
+    count = 2 * len(solution.cut.moments)
+    exact = solve(slab, legendre.moments(slab.theta, slab.phase, count), count, 1e-4)
+    assert 0 < error <= tolerance
     np.testing.assert_allclose(solution.reflection(mu, mu0, phi), exact.reflection(mu, mu0, phi), rtol=error)
 
 
@@ -206,3 +208,31 @@ def test_whole_milk_is_as_white_as_published():
         mirrored = float(fresnel.reflected(1.0, 1.3))
         back = np.interp(1.0, solution.nodes.air, solution.albedo) - mirrored
         assert back / (1 - mirrored) == pytest.approx(published, rel=0.02)
+
+
+@pytest.mark.parametrize(("index", "depth", "base"), [(1.0, math.inf, None), (1.0, 60.0, 0.5), (1.4, 60.0, None)])
+def test_orders_that_are_iterated(monkeypatch, index, depth, base):
+    """High orders of a deep layer by Ambarzumian's invariance are those by modes, where nodes miss a part of the peak too."""
+    slab, wanted = Slab(*henyey_greenstein(0.93), 0.999, depth, index, base), 0.93 ** np.arange(82.0)
+    iterated = solve(slab, wanted, 81, 1e-4)
+    monkeypatch.setattr(deep, "FAINT", 0.0)
+    exact = solve(slab, wanted, 81, 1e-4)
+    count = min(len(exact.reflected), len(iterated.reflected))
+    assert count > 12
+    np.testing.assert_allclose(iterated.reflected[:count:2], exact.reflected[:count:2], atol=1e-7)
+    np.testing.assert_allclose(iterated.reflection(*EVERYWHERE), exact.reflection(*EVERYWHERE), rtol=1e-5)
+
+
+@pytest.mark.parametrize("slab", [Slab(*henyey_greenstein(0.85), 0.99, math.inf), Slab(*henyey_greenstein(0.8), 1.0, 2.0, 1.33)])
+def test_orders_are_rounded_within_the_tolerance(slab):
+    """Reciprocity and energy (order 0) stay; most numbers become 0, or have few digits; the error that is stated holds."""
+    solution, before = converged(slab, 0.02)
+    result, error = compact(solution, before, 0.02)
+    assert before <= error <= 0.02
+    for name in ("reflected", "transmitted")[:1 if slab.depth == math.inf else 2]:
+        orders, exact = getattr(result, name), getattr(solution, name)
+        np.testing.assert_array_equal(orders[0], exact[0])
+        np.testing.assert_array_equal(orders, np.swapaxes(orders, 1, 2))
+        assert np.count_nonzero(orders) < 0.6 * np.count_nonzero(exact)
+    mu, mu0, phi = EVERYWHERE
+    np.testing.assert_allclose(result.reflection(mu, mu0, phi), solution.reflection(mu, mu0, phi), rtol=error)

@@ -1,0 +1,100 @@
+"""Reflection of a layer without end by one Fourier order that scatters little, by iteration.
+
+In the operators of `layer`, what comes back of light that goes down is R = M^(1/2) r M^(1/2) (M the cosines), and does not change
+where more of the medium is put on top of it (Ambarzumian's invariance): with p and q the phase function between directions of one
+hemisphere and of opposite ones,
+
+    mu_i r_ij + r_ij mu_j = (q + p r M + M r p + M r q r M)_ij
+
+Iterated from r = 0, each step adds an order of scattering, and the error falls by 1 - sqrt(1 - a) or faster, a being the largest
+moment times the albedo: high orders of a forward peak take a few products of matrices, where modes take Jacobi rotations.  All
+terms keep their digits at all cosines.  What nodes miss of a peak (`orders.unresolved`), light that goes straight on, is on the
+diagonal of p; it belongs to the left side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bakery.physics.surfaces.cut import Cut
+from bakery.physics.surfaces.layer import Layer, homogeneous
+
+ITERATED = 1e-4  # of a tolerance: accuracy of orders that are iterated
+FAINT = 0.6  # albedo of an order: below, iterations are quicker than modes
+_DEPTH = 18.0  # of light that passes a layer and comes back e^-36 are below rounding
+_STEPS = 60
+
+
+@dataclass(frozen=True)
+class Deep:
+    """A layer that light of this order does not pass; as `layer.Layer`.
+
+    Attributes
+    ----------
+    reflection : (N, N) upward light of light that enters at the top
+    direct : (N,) zeros
+    """
+
+    reflection: np.ndarray
+    direct: np.ndarray
+
+    def scattered(self, mirror) -> tuple[np.ndarray, np.ndarray]:
+        """Light (N, N) scattered upward at the top, under a boundary that sends shares (N,) back in; and downward: none."""
+        nothing = np.zeros_like(self.reflection)
+        if not mirror.any():
+            return self.reflection, nothing
+        result = np.linalg.solve(np.eye(len(mirror)) - self.reflection * mirror, self.reflection)
+        return 0.5 * (result + result.T), nothing
+
+
+def layer_of_order(without: Cut, order: int, parts, missed, directions, depth: float, accuracy: float) -> Layer | Deep:
+    """A homogeneous layer, by modes or by iteration.
+
+    Parameters
+    ----------
+    without : the medium
+    parts : even and odd part of its phase function, (N, N) each, without what nodes miss
+    missed, accuracy : see `deep`; by modes where accuracy is 0
+    directions : mu and flux (N,) of `nodes.Nodes`
+    depth : optical depth, 0 to infinity
+    """
+    (even, odd), (mu, flux) = parts, directions
+    rest = float(np.abs(without.moments[order:]).max(initial=0.0)) * without.albedo
+    if accuracy > 0 and rest <= FAINT and depth * (1 - rest) > _DEPTH:
+        return deep(even, odd, missed, mu, flux, without.albedo, accuracy)
+    return homogeneous(even + np.diag(missed), odd + np.diag(missed), mu, flux, without.albedo, depth)
+
+
+def deep(even, odd, missed, mu, flux, albedo: float, accuracy: float) -> Deep:
+    """The layer, from parts of the phase function.
+
+    Parameters
+    ----------
+    even, odd : (N, N) parts of the phase function, `orders.phase_matrices`, without what nodes miss
+    missed : (N,) what nodes miss of a peak, `orders.unresolved`; 0 where they miss nothing
+    mu, flux : (N,) of `nodes.Nodes`
+    albedo : single-scattering albedo
+    accuracy : above 0, absolute, of R mu0 + mu R in units of radiance
+    """
+    share = np.sqrt(0.5 * flux / mu)
+    weight = albedo * np.outer(share, share)
+    forward, backward = 0.5 * weight * (even + odd), 0.5 * weight * (even - odd)
+    straight = 1 - albedo * share * share * missed
+    sums = np.outer(mu, straight)
+    sums += sums.T
+    least = 2 * accuracy * np.outer(share, share)
+    r, before = backward / sums, float(np.max(np.abs(backward) / least))
+    for _ in range(_STEPS):
+        w = r * mu
+        rest = (forward + 0.5 * w.T @ backward) @ w
+        new = (backward + rest + rest.T) / sums
+        change = float(np.max(np.abs(new - r) * sums / least))
+        r = new
+        # what further steps add is a geometric series
+        if change == 0 or change < before and change * change / (before - change) <= 1:
+            break
+        before = change
+    root = np.sqrt(mu)
+    return Deep(root[:, None] * r * root, np.zeros(len(mu)))
