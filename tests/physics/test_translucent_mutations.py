@@ -25,6 +25,7 @@ baked, gel = bodies.baked, quadrature.gel  # fixtures
 BLOCKS, STATES = 64, 1 << 18
 GREY = np.ones((3, 1)), np.array([0.0, 1.0, 0.0])  # to linear sRGB, and to luminance, of one wavelength
 SMALL = np.array([[0.0, 0.5]] * 2 + [[-3.0, 0.125]] * (NUMBERS - 2))
+ALIKE = mutations.guide_of(np.ones((1, 1)))
 
 
 def edge_of(gel, second=False, beyond=np.inf):
@@ -42,7 +43,7 @@ def sights_of(weights=(1.0,)):
 def drawn(gel, rows, kind, before=0, **of_edge):
     """Means of blocks of states that are drawn alike, of light of a kind."""
     edge, beams = edge_of(gel, **of_edge), beams_of(rows, before)
-    plan = Plan(float(len(rows)), 0, 1, SMALL, STATES / BLOCKS, 0.0, 1.0, 0.0)
+    plan = Plan(float(len(rows)), 0, 1, SMALL, STATES / BLOCKS, 0.0, 1.0, 0.0, ALIKE)
     states, luminance = np.random.default_rng(3).random((STATES, NUMBERS)), np.empty(STATES)
     images = np.zeros((BLOCKS, 3 if edge.second else 1, 1, 3))
     _mutations.candidates(edge, sights_of(), beams, plan, states, luminance, images, 0, BLOCKS)
@@ -81,7 +82,22 @@ def test_light_that_is_taken_away_is_that_of_second_events_too(gel):
 
 
 def group(gel, rows, key, chains=64):
-    return mutations._Group(0, edge_of(gel), sights_of(), beams_of(rows), chains, np.uint64(key))
+    """Chains whose guide has no idea of the light, but for the beams that it tells apart."""
+    guide = mutations.guide_of(np.random.default_rng(4).random((3, 2 * len(rows))) ** 2)
+    return mutations._Group(0, mutations._Among(edge_of(gel), sights_of(), beams_of(rows)), guide, chains, np.uint64(key))
+
+
+@pytest.mark.parametrize("luminance", [np.random.default_rng(5).random((5, 7)) ** 4, np.zeros((2, 3)), np.eye(4)])
+def test_states_are_as_dense_as_the_guide_says(luminance):
+    """Shares of a lattice of numbers, of parts of lines and of beams; none is left out."""
+    guide, n = mutations.guide_of(luminance), 400
+    at = (np.stack(np.meshgrid(*[np.arange(n)] * 2, indexing="ij"), axis=-1).reshape(-1, 2) + 0.5) / n
+    for u in at:
+        _mutations._guided(guide, u)
+    parts = (at * luminance.shape).astype(int)
+    count = np.bincount(parts @ [luminance.shape[1], 1], minlength=luminance.size).reshape(luminance.shape)
+    assert np.all(guide.density > 0) and abs(guide.density.mean() - 1) < 1e-12
+    assert np.abs(count / n**2 * luminance.size - guide.density).max() < 4 * luminance.size / n
 
 
 @pytest.mark.slow
@@ -102,7 +118,7 @@ def test_chains_bring_the_same_whatever_the_pilot_says(gel, typical):
 def test_a_chain_that_takes_no_step(gel):
     """Two lines and two beams, one of each dark, and steps from each to the other: chains stay, and bring what they should."""
     beams, steps = beams_of([NEAR[0], (*NEAR[0][:3], 0.0)]), 40
-    plan = Plan(4.0, steps, steps + 1, SMALL, 1.0, 1e12, 1.0, 1.0 / steps)
+    plan = Plan(4.0, steps, steps + 1, SMALL, 1.0, 1e12, 1.0, 1.0 / steps, ALIKE)
     chains = Chains(np.array([[0.2, 0.2, 0.5, 0.5, 0.5, 0.5]]), np.array([7], np.uint64), np.zeros((1, 2)))
     images = np.zeros((1, 1, 1, 3))
     _mutations.move(edge_of(gel), sights_of([1.0, 0.0]), beams, plan, chains, images, 0, 1)

@@ -19,6 +19,7 @@ from renderers.transport.wavefront import uniform
 NUMBERS = 6
 LATER, SECOND, OTHER = range(3)  # what a state brings: as `_gather`
 _PARALLEL, _CLOSEST = 1e-4, 1e-9  # sine, and share of the farthest that is looked at, below which lines are no nearer
+_BELOW_ONE = 1 - 2.0**-53  # the largest place of a state
 _LINE, _BEAM, _ON_BEAM, _ON_LINE, _CLOSE, _SEEN = range(NUMBERS)
 
 
@@ -56,15 +57,28 @@ class Edge(NamedTuple):
     to_luminance: np.ndarray
 
 
+class Guide(NamedTuple):
+    """How states are drawn: of lines and of beams, each in so many parts of equal length, a part by its odds.
+
+    lines : (I + 1,) odds of all parts before, up to 1;  beams : (I, B + 1) the same of beams, of each part of lines
+    density : (I, B) odds of both over those of states that are drawn alike
+    """
+
+    lines: np.ndarray
+    beams: np.ndarray
+    density: np.ndarray
+
+
 class Plan(NamedTuple):
     """How chains go, and what their states count for.
 
     scale : lines times beams, which states are drawn of
     steps : of a chain; each `large`-th one draws all numbers anew
     small : (NUMBERS, 2) of small steps of each number: logarithm of the least over the largest, and the largest
-    drawn, moved : states that are drawn alike, and those of chains, as the weights count them
-    typical : mean luminance of states that are drawn alike, by a pilot; 0: not known
+    drawn, moved : states that are drawn by the guide, and those of chains, as the weights count them
+    typical : mean luminance of all states, by a pilot; 0: not known
     of_state : normalisation of the pass over the states of its chains
+    guide : `Guide`
     """
 
     scale: float
@@ -75,6 +89,7 @@ class Plan(NamedTuple):
     moved: float
     typical: float
     of_state: float
+    guide: Guide
 
 
 class Chains(NamedTuple):
@@ -246,40 +261,68 @@ def _bring(light, share, image, pixel):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _of_drawn(plan, luminance):
-    """What a state counts for that is drawn alike."""
+def _of_drawn(plan, luminance, density):
+    """What a state counts for that is drawn by the guide."""
     if not plan.typical > 0.0:
-        return 1.0 / plan.drawn if luminance == 0.0 else 0.0
-    return 1.0 / (plan.drawn + plan.moved * luminance / plan.typical)
+        return 1.0 / (plan.drawn * density) if luminance == 0.0 else 0.0
+    return 1.0 / (plan.drawn * density + plan.moved * luminance / plan.typical)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _of_moved(plan, luminance):
+def _of_moved(plan, luminance, density):
     """What a state counts for that a chain is at."""
     if not luminance > 0.0:
         return 0.0
     if not plan.typical > 0.0:
         return plan.of_state / luminance
-    return plan.of_state * plan.moved / (plan.typical * plan.drawn + plan.moved * luminance)
+    return plan.of_state * plan.moved / (plan.typical * plan.drawn * density + plan.moved * luminance)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _density(guide, u):
+    """How likely the guide draws a state, over how likely it is when drawn alike."""
+    return guide.density[_number(u[_LINE], len(guide.density)), _number(u[_BEAM], guide.density.shape[1])]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _part(odds, u):
+    """Number of the part that a uniform number draws by odds of all before, and the place in it, both over their count."""
+    m = min(np.searchsorted(odds, u, side="right") - 1, len(odds) - 2)
+    return min((m + (u - odds[m]) / (odds[m + 1] - odds[m])) / (len(odds) - 1), _BELOW_ONE), m
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _guided(guide, u):
+    """Makes line and beam of a state what uniform numbers draw by the guide."""
+    u[_LINE], m = _part(guide.lines, u[_LINE])
+    u[_BEAM], _ = _part(guide.beams[m], u[_BEAM])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def candidates(edge, sights, beams, plan, states, luminance, images, begin, end):
-    """Luminance (n,) of states (n, NUMBERS) that are drawn alike, and adds what they bring to images, as `move`."""
+    """Luminance (n,) of states, over their density, and adds what they bring to images, as `move`.
+
+    states : (n, NUMBERS) uniform numbers, which become states that the guide draws
+    """
     edge, sights, beams, plan = lent(edge), lent(sights), lent(beams), lent(plan)
+    guide = plan.guide
     scratch, light, n = _scratch(len(edge.beyond)), np.zeros((3, 3)), len(states)
     for g in range(begin, end):
         for c in range(g * n // len(images), (g + 1) * n // len(images)):
-            luminance[c] = _brought(edge, sights, beams, plan.scale, states[c], light, scratch)
-            _bring(light, _of_drawn(plan, luminance[c]), images[g], sights.pixel[_number(states[c, _LINE], len(sights.far))])
+            u = states[c]
+            _guided(guide, u)
+            value, density = _brought(edge, sights, beams, plan.scale, u, light, scratch), _density(guide, u)
+            luminance[c] = value / density
+            _bring(light, _of_drawn(plan, value, density), images[g], sights.pixel[_number(u[_LINE], len(sights.far))])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _proposed(plan, state, streams, c, large, u):
+def _proposed(guide, plan, state, streams, c, large, u):
     """Makes u (NUMBERS,) where chain c may go from a state."""
     if large:
         for k in range(NUMBERS):
             u[k] = uniform(streams, c)
+        _guided(guide, u)
         return
     # the side of the line, that of the beam, or both
     side = uniform(streams, c) * 3
@@ -300,25 +343,29 @@ def _proposed(plan, state, streams, c, large, u):
 def move(edge, sights, beams, plan, chains, images, begin, end):
     """Moves chains of blocks begin to end and adds what they bring to images (B, kinds, pixels, 3) of these."""
     edge, sights, beams, plan = lent(edge), lent(sights), lent(beams), lent(plan)
-    chains = lent(chains)
+    chains, guide = lent(chains), plan.guide
     scratch, n, lines = _scratch(len(edge.beyond)), len(chains.states), len(sights.far)
     u, current, proposed = np.empty(NUMBERS), np.zeros((3, 3)), np.zeros((3, 3))
     for g in range(begin, end):
         for c in range(g * n // len(images), (g + 1) * n // len(images)):
             state, image = chains.states[c], images[g]
             luminance, held = _brought(edge, sights, beams, plan.scale, state, current, scratch), 0.0
+            density = _density(guide, state)
             for step in range(1, plan.steps + 1):
                 large = step % plan.large == 0
-                _proposed(plan, state, chains.streams, c, large, u)
-                new_luminance = _brought(edge, sights, beams, plan.scale, u, proposed, scratch)
-                pixel, share = sights.pixel[_number(u[_LINE], lines)], min(new_luminance / luminance, 1.0)
+                _proposed(guide, plan, state, chains.streams, c, large, u)
+                new_luminance, new_density = _brought(edge, sights, beams, plan.scale, u, proposed, scratch), _density(guide, u)
+                pixel = sights.pixel[_number(u[_LINE], lines)]
+                ahead = new_luminance * density / new_density if large else new_luminance
+                share = min(ahead / luminance, 1.0)
                 chains.taken[g, 1 if large else 0] += share
                 if large:
-                    _bring(proposed, _of_drawn(plan, new_luminance), image, pixel)
+                    _bring(proposed, _of_drawn(plan, new_luminance, new_density), image, pixel)
                 held += 1.0 - share
                 if uniform(chains.streams, c) < share:
-                    _bring(current, held * _of_moved(plan, luminance), image, sights.pixel[_number(state[_LINE], lines)])
-                    state[:], current[:], luminance, held = u, proposed, new_luminance, share
+                    here = sights.pixel[_number(state[_LINE], lines)]
+                    _bring(current, held * _of_moved(plan, luminance, density), image, here)
+                    state[:], current[:], luminance, density, held = u, proposed, new_luminance, new_density, share
                 elif share > 0.0:
-                    _bring(proposed, share * _of_moved(plan, new_luminance), image, pixel)
-            _bring(current, held * _of_moved(plan, luminance), image, sights.pixel[_number(state[_LINE], lines)])
+                    _bring(proposed, share * _of_moved(plan, new_luminance, new_density), image, pixel)
+            _bring(current, held * _of_moved(plan, luminance, density), image, sights.pixel[_number(state[_LINE], lines)])

@@ -7,8 +7,10 @@ beam, where on each, and where light of negative beams scatters that has two eve
 them.  Chains go by the absolute value of the luminance, and what they bring keeps its sign.
 
 Each pass is a group of chains by itself, with lines and beams of its own, so that the scatter of passes is the noise.  Chains
-begin at states drawn alike, by their luminance, so that no start-up is thrown away and no pass is biased; these and large steps
-share with the states of chains by the balance heuristic, as in `renderers.transport.metropolis`.
+begin at states that a guide draws, by their luminance over its density, so that no start-up is thrown away and no pass is biased;
+these and large steps, which it draws, too, share with the states of chains by the balance heuristic, as in
+`renderers.transport.metropolis`.  The guide knows parts of the lists of lines and of beams, and how much light each part of one
+brings to each of the other, as a pilot has it; it is the same in all passes.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ import numpy as np
 from bakery.kernels import stream_key
 from renderers.colour import LUMINANCE
 from renderers.materials.bodies import _mutations, gather, light, smooth, surfaces, transport
-from renderers.materials.bodies._mutations import NUMBERS, Chains, Edge, Plan, Sights
+from renderers.materials.bodies._gather import Beams
+from renderers.materials.bodies._mutations import NUMBERS, Chains, Edge, Guide, Plan, Sights
 from renderers.materials.bodies.bias import CLOSER
 from renderers.materials.bodies.setup import Sums
 from renderers.threads import run
@@ -33,9 +36,14 @@ from renderers.transport.paths import follow, joined
 _PATHS, _SAMPLES = 1 << 16, 64  # from the camera in a pass, about; of a pixel, at most
 _BEAMS = 4  # times the places and walks of other methods, which have lines of sight share few beams
 # mutations of a pass: so many a pixel, at least and at most; more where there are more lines of sight, so many of each
-_OF_PIXEL, _FEWEST, _MOST_OF_PASS, _OF_LINE = 512, 1 << 17, 1 << 20, 4
-_STEPS, _LARGE = 256, 8  # of a chain; of so many the last one is large
-_CANDIDATES = 32  # states drawn alike for each chain
+_OF_PIXEL, _FEWEST, _MOST_OF_PASS, _OF_LINE = 1024, 1 << 17, 1 << 21, 4
+_STEPS, _LARGE = 256, 2  # of a chain; of so many the last one is large
+_CANDIDATES = 16  # states drawn by the guide for each chain, to begin with
+_OF_PILOT = 1 << 18  # states drawn alike that tell the guide
+_PARTS = 64, 128  # of lines and of beams, which the guide tells apart
+_ALIKE, _CLIPPED = 0.1, 30.0  # share that it draws alike; of the mean, what one state counts at most
+# of a sequence of low discrepancy in so many dimensions (Roberts 2018): powers of the inverse root of x^(d+1) = x + 1
+_LATTICE = 1.1347241384015194 ** -np.arange(0.0, NUMBERS)
 _EFFECTIVE = 0.1  # independent states that a step of a chain is worth, as the weights count it
 _BLOCKS, _MEMORY = 8, 1 << 22  # of chains, each with a picture of its own; pixels of them all, where that are fewer
 _ALL = 1 << 17  # paths of the camera that go on together
@@ -85,7 +93,7 @@ class Mutations:
     def __call__(self, number):
         view, gathers = self._seen(number)
         image, luminance, steps, taken = np.zeros((3, self._pixels, 3)), 0.0, np.zeros(2), np.zeros(2)
-        for group in self._groups(number, gathers):
+        for group in self._groups(number, gathers, self._guides):
             of_body = group.begin(self._typical[group.body], image)
             luminance += of_body / gathers.sum()
             if of_body > 0:
@@ -120,15 +128,27 @@ class Mutations:
         return {"": later + second + third, "order0": none, "order1": none, "order2": second, "orders": later + third,
                 CLOSER: half - later}
 
-    @cached_property
+    @property
     def _typical(self):
         """Luminance of all light in each body, by states drawn alike; 0 where none brings any."""
-        image = np.zeros((3, self._pixels, 3))
-        groups = self._groups(_PILOT, self._seen(_PILOT)[1])
-        luminance = {group.body: group.begin(0.0, image) for group in groups}
-        return [luminance.get(body, 0.0) for body in range(len(self._setup.bodies))]
+        return self._pilots[0]
 
-    def _groups(self, number, gathers):
+    @property
+    def _guides(self):
+        """`Guide` of each body, by the same states."""
+        return self._pilots[1]
+
+    @cached_property
+    def _pilots(self):
+        """Both."""
+        image, alike = np.zeros((3, self._pixels, 3)), guide_of(np.ones((1, 1)))
+        count = len(self._setup.bodies)
+        luminance, guides = [0.0] * count, [alike] * count
+        for group in self._groups(_PILOT, self._seen(_PILOT)[1], guides):
+            luminance[group.body], guides[group.body] = group.pilot(image)
+        return luminance, guides
+
+    def _groups(self, number, gathers, guides):
         """`_Group` of each body in which there are lines of sight and beams, in a pass."""
         asked = self._settings
         beams = light.beams(self._setup, self._entries(), _BEAMS * asked.places, _BEAMS * asked.walks, asked.boundary, False,
@@ -139,7 +159,8 @@ class Mutations:
             if its.count and len(beams[body].length):
                 steps = max(_OF_LINE * its.count, self._mutations * its.count // total)
                 key = stream_key(self._seed, "render.mutations", number)
-                yield _Group(body, self._edge(body), self._sights(body, its), beams[body], math.ceil(steps / _STEPS), key)
+                among = _Among(self._edge(body), self._sights(body, its), _by_sign(beams[body]))
+                yield _Group(body, among, guides[body], math.ceil(steps / _STEPS), key)
 
     def _lines(self, number, gathers):
         """`Paths` of each body that are lines of sight in it, in a pass."""
@@ -179,30 +200,67 @@ class _Collected:
         self.parts.setdefault(number, []).append(gather.sights(paths)[1])
 
 
+def _by_sign(beams):
+    """Beams that bring light before those that take it away, each in their order."""
+    order = np.argsort(beams.power.sum(axis=1) < 0, kind="stable")
+    return Beams(*(np.ascontiguousarray(values[order]) for values in beams))
+
+
+def guide_of(luminance):
+    """`Guide` by odds of parts (I, B), some of all alike; alike altogether where there are none."""
+    mean = luminance.mean()
+    density = (1 - _ALIKE) * luminance / mean + _ALIKE if mean > 0 else np.ones_like(luminance)
+    lines, beams = density.mean(axis=1), density / density.sum(axis=1, keepdims=True)
+    lines = np.append(0.0, np.cumsum(lines) / lines.sum())
+    beams = np.concatenate([np.zeros((len(beams), 1)), np.cumsum(beams, axis=1)], axis=1)
+    lines[-1] = beams[:, -1] = 1.0
+    return Guide(lines, beams, density)
+
+
+class _Among(NamedTuple):
+    """What chains in a body go among."""
+
+    edge: Edge
+    sights: Sights
+    beams: Beams
+
+
 class _Group:
     """Chains in a body, of a pass.
 
     body : its number;  count : (2,) small and large steps of all chains
     """
 
-    def __init__(self, body, edge, sights, beams, chains, key):
-        self.body, self._edge, self._sights, self._beams, self._chains = body, edge, sights, beams, chains
-        self._streams = np.empty((_CANDIDATES + 1) * chains + 1, np.uint64)
+    def __init__(self, body, among, guide, chains, key):
+        self.body, self._among, self._chains = body, among, chains
+        self._streams = np.empty(chains + 2, np.uint64)
         wavefront.begin_streams(key, body * _APART, self._streams)
         large = _STEPS // _LARGE
         self.count = chains * np.array([_STEPS - large, large])
-        lines, places = len(sights.far), len(beams.length)
+        lines, places = len(among.sights.far), len(among.beams.length)
         least = [min(1 / lines, _MOST), min(1 / places, _MOST), *[_LEAST] * (NUMBERS - 2)]
         small = np.array([[math.log(shortest / _MOST), _MOST] for shortest in least])
         self._plan = Plan(float(lines * places), _STEPS, _LARGE, small, float(_CANDIDATES * chains + self.count[1]),
-                          float(_EFFECTIVE * chains * _STEPS), 0.0, 0.0)
+                          float(_EFFECTIVE * chains * _STEPS), 0.0, 0.0, guide)
 
     def begin(self, typical, image) -> float:
-        """Draws states alike and adds what they bring to image (3, pixels, 3): the luminance of all light in the body."""
-        n = _CANDIDATES * self._chains
-        self._states, self._luminance = np.empty((n, NUMBERS)), np.empty(n)
-        wavefront.draw(self._streams[self._chains + 1:], self._states)
-        self._states[:, 0] = (np.arange(n) + self._states[:, 0]) / n
+        """Draws states by the guide and adds what they bring to image (3, pixels, 3): the luminance of all light in the body."""
+        return self._drawn(_CANDIDATES * self._chains, typical, image)
+
+    def pilot(self, image):
+        """The luminance of all light in the body, by states drawn alike, and a `Guide` by what they bring."""
+        mean = self._drawn(_OF_PILOT, 0.0, image)
+        number = np.minimum((self._states[:, :2] * _PARTS).astype(int), np.array(_PARTS) - 1) @ [_PARTS[1], 1]
+        count = np.bincount(number, minlength=math.prod(_PARTS))
+        added = np.bincount(number, np.minimum(self._luminance, _CLIPPED * mean), math.prod(_PARTS))
+        return mean, guide_of((added / np.maximum(count, 1)).reshape(_PARTS))
+
+    def _drawn(self, n, typical, image):
+        """Mean luminance of n states that the guide draws from a lattice of numbers, moved by chance."""
+        self._luminance, shift = np.empty(n), np.empty((1, NUMBERS))
+        wavefront.draw(self._streams[self._chains + 1:], shift)
+        self._states = (np.arange(n)[:, None] * _LATTICE + shift) % 1.0
+        self._states[:, 0] = np.minimum((np.arange(n) + shift[0, 0]) / n, 1 - 2.0**-53)
         self._plan = self._plan._replace(typical=float(typical))
         self._run(image, _mutations.candidates, self._states, self._luminance)
         return float(self._luminance.mean())
@@ -221,7 +279,7 @@ class _Group:
 
     def _run(self, image, kernel, *arguments):
         """Adds what a kernel brings, block by block of chains, whatever the threads."""
-        kinds, pixels = 3 if self._edge.second else 1, image.shape[1]
+        kinds, pixels = 3 if self._among.edge.second else 1, image.shape[1]
         images = np.zeros((max(1, min(_BLOCKS, _MEMORY // pixels)), kinds, pixels, 3))
-        run(kernel, len(images), self._edge, self._sights, self._beams, self._plan, *arguments, images, block=1)
+        run(kernel, len(images), *self._among, self._plan, *arguments, images, block=1)
         image[:kinds] += images.sum(axis=0)
