@@ -6,6 +6,8 @@ Most of what compiling takes is numba's own Python, and much of that finds out a
   dozen forms of `+` for each sum;
 - what numba writes in Python itself (`np.empty`, `max`) is linked into its callers, as kernels that only kernels call are
   (`bakery/system/linked.py`), and has neither machine code nor functions for Python and C;
+- which variables are alive is found out when it is asked for, and not again after every pass;
+- functions that were declared since are looked for where numba keeps those that overloads declare, and in all other places once;
 - variables of an instruction are listed by what kind of object each of its parts is, at once, and not by one test after another;
 - nobody is told each time that LLVM is at work: that is for timers whose values nobody reads.
 
@@ -14,10 +16,10 @@ Outside of it numba is as it was: other people's kernels are compiled as ever.
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 from llvmlite import binding as llvm
-from numba.core import ir, targetconfig, types
+from numba.core import cpu, ir, postproc, targetconfig, transforms, types
 from numba.core.registry import CPUDispatcher
 from numba.core.typing import templates
 
@@ -26,6 +28,8 @@ from bakery.system import linked
 _call_type = types.Function.get_call_type
 _list_vars = ir.Inst._rec_list_vars
 _jit_decorator = templates._OverloadFunctionTemplate._get_jit_decorator
+_after_pass = postproc.PostProcessor.run
+_refresh = cpu.CPUContext.refresh
 
 # kinds of arguments whose types say all that a signature depends on
 _PLAIN = (types.Number, types.Boolean, types.Array, types.BaseTuple, types.NumberClass, types.DType, types.SliceType,
@@ -38,23 +42,35 @@ def taken(overload: type):
 
     overload : dispatcher of functions that numba writes in Python, in place of `CPUDispatcher`
     """
+    lock = llvm.ffi.lib._lock
+    others = [(types.Function, "get_call_type", _known_call_type), (cpu.CPUContext, "refresh", _refreshed_once()),
+              (ir.Inst, "_rec_list_vars", _variables), (postproc.PostProcessor, "run", _after_pass_lazily),
+              (templates._OverloadFunctionTemplate, "_get_jit_decorator", _linked_by(overload)), (lock, "_cblist", [])]
+    with ExitStack() as stack:
+        for owner, name, other in others:
+            stack.enter_context(_instead(owner, name, other))
+        yield
+
+
+@contextmanager
+def _instead(owner, name: str, other):
+    is_inherited, before = name not in vars(owner), getattr(owner, name)
+    setattr(owner, name, other)
+    try:
+        yield
+    finally:
+        if is_inherited:
+            delattr(owner, name)
+        else:
+            setattr(owner, name, before)
+
+
+def _linked_by(overload):
     def jit_decorator(template):
         jit = _jit_decorator(template)
         return lambda **options: lambda function: _as(overload, jit(**options)(function))
 
-    lock = llvm.ffi.lib._lock
-    told = lock._cblist
-    types.Function.get_call_type = _known_call_type
-    ir.Inst._rec_list_vars = _variables
-    templates._OverloadFunctionTemplate._get_jit_decorator = jit_decorator
-    lock._cblist = []
-    try:
-        yield
-    finally:
-        del types.Function.get_call_type  # `BaseFunction` has it
-        ir.Inst._rec_list_vars = _list_vars
-        templates._OverloadFunctionTemplate._get_jit_decorator = _jit_decorator
-        lock._cblist = told
+    return jit_decorator
 
 
 def _as(overload, dispatcher):
@@ -104,3 +120,30 @@ def _variables(instruction, part):
     elif kind is not list and kind is not tuple:
         return _list_vars(instruction, part)
     return [variable for item in part for variable in _variables(instruction, item)]
+
+
+def _after_pass_lazily(processor, emit_dels=False, extend_lifetimes=False):
+    """As `PostProcessor.run`; without what objects and generators need, and numba asks for the rest where it wants it."""
+    code = processor.func_ir
+    if emit_dels or code.is_generator:
+        return _after_pass(processor, emit_dels, extend_lifetimes)
+    code.blocks = transforms.canonicalize_cfg(code.blocks)
+    code.variable_lifetime, code.generator_info = postproc.VariableLifetime(code.blocks), None
+
+
+def _refreshed_once():
+    """As `BaseContext.refresh`, which imports what stands at the head of twenty modules again."""
+    is_fresh = False
+
+    def refresh(context):
+        nonlocal is_fresh
+        if is_fresh:
+            # intrinsic functions of numba's declare themselves in the first of these when they are met
+            for registry in context._registries:
+                context.install_registry(registry)
+            context.typing_context.install_registry(templates.builtin_registry)
+        else:
+            _refresh(context)
+            is_fresh = True
+
+    return refresh

@@ -1,0 +1,83 @@
+"""Shortcuts through numba's compiler: kernels are what they are without them, and numba is as it was when they are left."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from llvmlite import binding as llvm
+from numba import njit as njit_of_numba
+from numba.core import compiler, cpu, ir, postproc, types
+from numba.core.typing import templates
+
+from bakery.system import linked, shortcuts
+from bakery.system.compiled import Overload, njit
+
+CHANGED = (
+    (types.Function, "get_call_type"), (cpu.CPUContext, "refresh"), (ir.Inst, "_rec_list_vars"), (postproc.PostProcessor, "run"),
+    (templates._OverloadFunctionTemplate, "_get_jit_decorator"), (llvm.ffi.lib._lock, "_cblist"))
+
+
+def sums(count, values):
+    out = np.zeros((count, 2))
+    for i, value in enumerate(values):
+        out[i % count, 0] += max(value, 1.5)
+        out[i % count, 1] += min(i, 3) / value
+    return np.sqrt(out)
+
+
+def numba_now():
+    return [vars(owner).get(name) for owner, name in CHANGED]
+
+
+def test_kernels_are_what_they_are_without_them_to_the_last_digit():
+    values, before = np.linspace(0.1, 4.0, 37), numba_now()
+    assert np.array_equal(njit(sums)(5, values), njit_of_numba(sums)(5, values))
+    assert numba_now() == before
+    with pytest.raises(ValueError, match="negative dimensions"):
+        njit(sums)(-1, values)
+
+
+def test_numba_is_as_it_was_after_an_error():
+    before = numba_now()
+    with pytest.raises(Exception, match="Cannot unify"):
+        njit(lambda x: x + "1" if x > 2 else 1)(1.0)
+    assert numba_now() == before
+
+
+def test_others_get_machine_code_of_what_was_linked():
+    def ratio(values):
+        return values.size / np.count_nonzero(values)
+
+    linked_in = []
+
+    class Seen(Overload):
+        def _link(self, arguments):
+            entry = super()._link(arguments)
+            linked_in.append(linked.only(self.overloads[arguments]))
+            return entry
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bakery.system.compiled.Overload", Seen)
+        assert njit(ratio)(np.array([3.0, 0.0])) == 2.0
+    assert linked_in
+    assert all(linked_in)
+    # the same flags: numba takes the dispatchers that ours has left
+    assert njit_of_numba(ratio, no_cfunc_wrapper=True)(np.array([3.0, 0.0])) == 2.0
+
+
+def test_a_kernel_with_other_flags_has_signatures_and_functions_of_its_own():
+    def spread(x):
+        return max(x[0] * x[1] + 1.0, x[1])
+
+    x = np.array([1 + 2.0**-30, 1 - 2.0**-30])
+    assert njit(spread)(x) == max(x[0] * x[1] + 1.0, x[1])
+    assert njit(spread, fastmath={"contract"})(x) == pytest.approx(2.0, rel=1e-15)
+
+
+def test_variables_of_instructions_are_those_that_numba_lists():
+    code = compiler.run_frontend(sums)
+    statements = [statement for block in code.blocks.values() for statement in block.body]
+    assert statements
+    for statement in statements:
+        theirs = statement.list_vars()
+        assert shortcuts._variables(statement, vars(statement)) == theirs
