@@ -17,6 +17,7 @@ help:
 	@echo "make test-eradiate  a layer of an exported medium in Eradiate (an environment of its own)"
 	@echo "make recipes   bake every shipped recipe (recipes/Makefile)"
 	@echo "make test-pbrt PBRT=…/pbrt  renders an exported medium in pbrt-v4, which you have built"
+	@echo "make test-libradtran UVSPEC=…/bin/uvspec  a layer of an exported medium in libRadtran, which you have built"
 	@echo "make pictures  bake and draw what the docs show"
 	@echo "make scenes    bake and render the scenes of assets/scenes"
 	@echo "make gallery   one page of all recipes and scenes with their pictures: build/gallery.html"
@@ -64,6 +65,13 @@ test-eradiate: $(VENV)/.ready-test
 	test -x $(ERADIATE)/bin/python || $(PYTHON) -m venv $(ERADIATE)
 	$(ERADIATE)/bin/python -m pip install --quiet --disable-pip-version-check 'eradiate[kernel]>=1.2,<1.3'
 	BAKERY_ERADIATE=$(CURDIR)/$(ERADIATE)/bin/python $(BIN)/python -m pytest -q tests/cli/test_export_eradiate.py
+
+# libRadtran has no package: build it from its sources (its data beside bin), then `make test-libradtran UVSPEC=…/bin/uvspec`
+UVSPEC ?= uvspec
+.PHONY: test-libradtran
+test-libradtran: $(VENV)/.ready-test
+	@command -v $(UVSPEC) > /dev/null || { echo "no program $(UVSPEC): say where it is, make test-libradtran UVSPEC=…/bin/uvspec"; exit 2; }
+	BAKERY_UVSPEC=$$(command -v $(UVSPEC)) $(BIN)/python -m pytest -q tests/cli/test_export_libradtran.py
 
 # pbrt-v4 has no package: build it from its sources, then `make test-pbrt PBRT=…/pbrt`
 PBRT ?= pbrt

@@ -14,6 +14,7 @@ from bakery.export.named import Named
 
 LARGEST = 1 << 31  # bytes of a variable, in this format
 _LENGTH_OF_TEXT = "length_of_{}"
+_MIE = np.int32(20110916)  # what `mie` of libRadtran 2.0.2 calls its format; uvspec takes a file without as one of one wavelength
 EXPANDED = {"alpha1": "4 pi s11", "alpha2": "4 pi s22", "alpha3": "4 pi s33", "alpha4": "4 pi s44", "beta1": "4 pi s12",
             "beta2": "4 pi s34"}
 
@@ -26,7 +27,7 @@ class Variable(NamedTuple):
     attributes: Mapping[str, str | float] = {}
 
 
-def netcdf(variables: Mapping[str, Variable], attributes: Mapping[str, str]) -> bytes:
+def netcdf(variables: Mapping[str, Variable], attributes: Mapping[str, str | np.int32]) -> bytes:
     """A file of variables; the dimensions are those of their arrays."""
     from scipy.io import netcdf_file
 
@@ -184,7 +185,8 @@ def libradtran(named: Named, moments, mass: float, radius: float, density: float
     medium = named.medium
     count = len(named.wavelength)
     over, all_of = ("nlam", "nreff"), ("nlam", "nreff", "nphamat")
-    theta, phase = np.degrees(medium.theta), 4 * math.pi * np.moveaxis(_elements(medium), 0, 1)
+    # uvspec of libRadtran 2.0.2 reads angles from 180 degrees down alone
+    theta, phase = np.degrees(medium.theta[::-1]), 4 * math.pi * np.moveaxis(_elements(medium), 0, 1)[..., ::-1]
     kinds = phase.shape[1]
     terms = np.zeros((count, kinds, moments.shape[1]))
     terms[:, 0] = (2 * np.arange(moments.shape[1]) + 1) * moments
@@ -214,7 +216,7 @@ def libradtran(named: Named, moments, mass: float, radius: float, density: float
         "gg": Variable(over, column(_mean_cosine(medium)), {"long_name": "Asymmetry factor", "units": "-"}),
         "rho": Variable(over, column(np.full(count, density)), {"long_name": "density of medium", "units": "g/cm^3"}),
     }
-    return netcdf(variables, named.attributes)
+    return netcdf(variables, named.attributes | {"version": _MIE})
 
 
 def explicit(named: Named, moments) -> str:

@@ -122,12 +122,14 @@ def test_libradtran_has_extinction_over_mass(export, drops, option):
         found = {name: variable.data for name, variable in file.variables.items()}
         assert file.variables["ext"].units == b"km^-1/(g/m^3)" and file.variables["ext"].dimensions == ("nlam", "nreff")
         assert file.variables["phase"].dimensions == ("nlam", "nreff", "nphamat", "nthetamax")
+        assert file.version == 20110916  # without it uvspec looks for one wavelength; angles from 180 degrees down
+    assert found["theta"][0, 0, 0, 0] == 180.0 and (np.diff(found["theta"]) < 0).all()
     density = 2.0 if option else 1.0
     assert found["reff"][0] == pytest.approx(1.0, rel=1e-3) and found["rho"][0, 0] == density  # cut at 6 um
     mass = 1e9 * drops.tree["optics/drops/mean_volume"].data[0] * 1e-18 * 1e6 * density  # g/m^3
     np.testing.assert_allclose(found["ext"][:, 0], 1e3 * drops.medium.sigma_t / mass, rtol=1e-9)
     np.testing.assert_allclose(found["pmom"][:, 0, 0, 1], 3 * drops.medium.g, rtol=1e-9)
-    np.testing.assert_allclose(found["phase"][:, 0, 0], 4 * math.pi * np.asarray(drops.medium.phase), rtol=1e-14)
+    np.testing.assert_allclose(found["phase"][:, 0, 0, ::-1], 4 * math.pi * np.asarray(drops.medium.phase), rtol=1e-14)
     rows = np.array([[float(word) for word in line.split()] for line in layer.read_text().splitlines()])
     expected = np.transpose([[500, 550, 600], 1e3 * drops.medium.sigma_t, drops.medium.albedo])
     np.testing.assert_allclose(rows[:, :3], expected, rtol=1e-9)
