@@ -302,7 +302,7 @@ _FEW, _MORE, _MANY = 0.06, 0.4, 170.0  # seconds of one core for a table: at g u
 
 STAGE = Stage(
     name="multiple",
-    version=7,
+    version=8,
     title="light scattered three times and more, around point and segment sources",
     reads=("wavelengths", "seed", "multiple_scattering"),
     needs=("medium",),
