@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -254,6 +255,25 @@ def test_a_third_layer_needs_no_file_but_that_under_it(soil):
     assert [slab.under.under.base for slab in slabs] == [0.3, 0.2] and slabs[1].under.under.depth == pytest.approx(10)
 
 
+def test_air_below_layers_on_each_other(soil):
+    """What leaves below is stored as a square, for it is not the same from both sides; there are no tables of it."""
+    (soil / "free.yaml").write_text(RECIPE.replace("{options}", "{thickness: 1 mm}"))
+    (soil / "over.yaml").write_text(RECIPE.replace("{options}", "{thickness: '[0.2, 2] mm', boundary: {index: 1.4}, base: "
+                                                   "{recipe: free.yaml}}"))
+    asset = bakery.bake(soil / "over.yaml", output=soil / "over.h5")
+    assert not list(surface.check(asset.tree["surface"]))
+    np.testing.assert_allclose((asset.surface["albedo"] + asset.surface["passed"])[0], 1, atol=1e-6)
+    at = THETA[:-1, None], THETA[:-1], 1.0  # light that leaves into air at 89.9 degrees is told less well
+    upper, lower = (Slab(np.asarray(asset.medium.theta), np.asarray(asset.medium["phase"][1]), 0.9, depth, index)
+                    for depth, index in ((2.0, 1.4), (1.0, 1.0)))
+    turned = replace(lower, under=upper)
+    rows = [moments(part.theta, part.phase, 49) for part in (turned, upper)]
+    true = solve(turned, rows, 48, 1e-3).transmission(np.cos(at[0]), np.cos(at[1]), at[2])
+    np.testing.assert_allclose(asset.surface.transmittance(*at)[1, 1], true, rtol=0.02)
+    with pytest.raises(UsageError, match="air below"):
+        asset.surface.table()
+
+
 def test_another_base_bakes_anew_and_the_same_does_not(soil, tmp_path):
     def actions():
         from bakery.run.bake import planned
@@ -282,13 +302,11 @@ def test_another_base_bakes_anew_and_the_same_does_not(soil, tmp_path):
     ("{thickness: 1 mm, boundary: {index: 0.9}, base: {asset: soil.h5}}", "index of 0.9 .*; expected 1 or more"),
     ("{thickness: 1 mm, boundary: {index: 1.2, roughness: 0.2}, base: {asset: soil.h5}}", "roughness of 0.2 over the layers"),
     ("{thickness: 1 mm, base: {recipe: self.yaml}}", "names itself"),
-    ("{thickness: 1 mm, base: {recipe: free.yaml}}", "a layer on nothing"),
     ("{thickness: 1 mm, base: {recipe: wrong.yaml}}", "wrong.yaml:5: .*albedo"),
     ("{thickness: 1 mm, base: {recipe: red.yaml}}", "at 0.7 um, without 0.45, 0.65 um"),
     ("{base: {recipe: soil.yaml}}", "base under an infinite layer"),
 ])
 def test_bases_that_are_refused(soil, options, says):
-    (soil / "free.yaml").write_text(RECIPE.replace("{options}", "{thickness: 1 mm}"))
     (soil / "wrong.yaml").write_text(SOIL.replace("0.5, 0.6, 0.9", "0.5, 0.6, 1.9"))
     (soil / "red.yaml").write_text(SOIL.replace("[0.45, 0.55, 0.65]", "[0.7]").replace("[0.5, 0.6, 0.9]", "0.5")
                                    .replace("[0.3, 0.3, 0.2]", "0.3"))

@@ -34,7 +34,9 @@ def rounded(solution, step: float):
 def _rounded(solution, name: str, side: int, step: float):
     """One of its arrays (M, N, N)."""
     orders, air = getattr(solution, name), solution.nodes.air
-    row, column = np.triu_indices(len(air))
+    # of layers on each other the way back is that of the stack upside down
+    symmetric = side < 0 or solution.slab.under is None
+    row, column = np.triu_indices(len(air)) if symmetric else np.indices((len(air), len(air))).reshape(2, -1)
     at = air[row][:, None], air[column][:, None], _AZIMUTHS
     exact = replace(solution, **{name: np.zeros((1, *orders.shape[1:]))})
     factor = solution.factor(*at[:2], side)[:, 0]
@@ -48,5 +50,7 @@ def _rounded(solution, name: str, side: int, step: float):
     result[2::2], result[1::2] = even * np.round(values[2::2] / even), odd * np.round(values[1::2] / odd)
     last = int(np.flatnonzero(result.any(axis=1)).max(initial=0)) + 1
     filled = np.empty((last, *orders.shape[1:]))
-    filled[:, row, column] = filled[:, column, row] = result[:last]
+    filled[:, row, column] = result[:last]
+    if symmetric:
+        filled[:, column, row] = result[:last]
     return filled

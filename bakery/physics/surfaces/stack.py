@@ -3,7 +3,9 @@
 Nodes go by n sin(theta), which refraction keeps: all media share them, and those of light that a medium is too thin for (total
 reflection) come last.  Between two indices nodes are dense at the larger one, where its medium grazes.  In radiance over n^2 the
 operators of `layer` are the same on both sides of a boundary, and symmetric for any stack: from the bottom up, each order is what
-is only mirrored, D, a number a node, and what is scattered, S.  Neither is a difference of larger numbers.
+is only mirrored, D, a number a node, and what is scattered, S.  Neither is a difference of larger numbers.  Over air, what leaves
+below is kept in the same way, light that passed unscattered apart; it is not symmetric: the other way is that of the stack upside
+down.
 
 As in `solution`, light that is scattered once in any of the layers, or sent back by a base that it reaches without, is exact at
 every angle; the rest is smooth.
@@ -22,7 +24,7 @@ from bakery.physics.surfaces import fresnel, single
 from bakery.physics.surfaces.cut import Cut, cut
 from bakery.physics.surfaces.deep import ITERATED, Deep, layer_of_order
 from bakery.physics.surfaces.layer import Layer
-from bakery.physics.surfaces.nodes import SPARE, Nodes, coordinate, enough, grazing, interpolation, vanishing
+from bakery.physics.surfaces.nodes import SPARE, Nodes, coordinate, enough, grazing, interpolation, sines, vanishing
 from bakery.physics.surfaces.orders import phase_matrices, unresolved
 from bakery.physics.surfaces.slab import Reflector, Slab
 
@@ -31,11 +33,11 @@ _NEGLIGIBLE = 1e-3  # of the tolerance: a Fourier order below that twice in a ro
 
 
 def layers(slab: Slab) -> tuple[list[Slab], Reflector | float | None]:
-    """Media of a stack from the top, and what is under them: a reflector, the albedo of a matt base, None: nothing is reached.
+    """Media of a stack from the top, and what is under them: a reflector, the albedo of a matt base, None: nothing, or air.
 
     Raises
     ------
-    ValueError : a free stack; an index below 1; facets between media
+    ValueError : an index below 1; facets between media
     """
     parts = [slab]
     while isinstance(parts[-1].under, Slab):
@@ -47,9 +49,14 @@ def layers(slab: Slab) -> tuple[list[Slab], Reflector | float | None]:
         raise ValueError("boundaries of a stack are smooth")
     if last.depth == math.inf:
         return parts, None
-    if last.under is None and last.base is None:
-        raise ValueError("a stack has a base, or its last layer is infinite")
-    return parts, last.under or last.base
+    return parts, last.base if last.under is None else last.under
+
+
+def free(slab: Slab) -> bool:
+    """Whether air is below a layer, or below a stack."""
+    while isinstance(slab.under, Slab):
+        slab = slab.under
+    return slab.depth < math.inf and slab.base is None and slab.under is None
 
 
 @dataclass(frozen=True)
@@ -118,6 +125,9 @@ class Stacked:
         the cosines there and, of odd orders, over both sines
     albedo : (N,) share of light from the nodes' directions in air that comes back, mirrored light included
     mirrored : (N,) of it, what boundaries between the layers send back unscattered
+    transmitted : (M, N, N) of what leaves below by more than one scattering, rows the directions of exitance, over `factor` and,
+        of odd orders, over both sines as above; zeros where nothing does
+    passed : (N,) share that leaves below, unscattered light included
     """
 
     slab: Slab
@@ -126,15 +136,13 @@ class Stacked:
     reflected: np.ndarray
     albedo: np.ndarray
     mirrored: np.ndarray
+    transmitted: np.ndarray
+    passed: np.ndarray
 
     @property
     def cut(self) -> Cut:
         """Of the uppermost layer."""
         return self.cuts[0]
-
-    @property
-    def passed(self) -> np.ndarray:
-        return np.zeros_like(self.albedo)
 
     @property
     def spherical_albedo(self) -> float:
@@ -150,32 +158,49 @@ class Stacked:
         return (1 - fresnel.reflected(mu, n)) * (1 - fresnel.reflected(mu0, n)) / n**2 * self.inside(mu, mu0, phi)
 
     def factor(self, mu, mu0, side: int):
-        """What the sum of Fourier orders counts by."""
+        """What the sum of Fourier orders counts by, in reflection (side -1) or transmission (1)."""
         n = self.nodes.index
-        through = (1 - fresnel.reflected(mu, n)) * (1 - fresnel.reflected(mu0, n)) / n**2
-        return through / (fresnel.inside(mu, n) + fresnel.inside(mu0, n))
+        last = n if side < 0 else layers(self.slab)[0][-1].index
+        through = (1 - fresnel.reflected(mu, last)) * (1 - fresnel.reflected(mu0, n)) / (n * last)
+        return through / (fresnel.inside(mu, last) + fresnel.inside(mu0, n))
 
     def inside(self, mu, mu0, phi):
         """The same inside of the uppermost boundary, at directions that are those in air; arrays of one shape."""
         n = self.nodes.index
+        smooth = self._smooth(self.reflected, mu, mu0, phi)
+        return smooth / (fresnel.inside(mu, n) + fresnel.inside(mu0, n)) + self.exact(mu, mu0, phi)
+
+    def _smooth(self, orders, mu, mu0, phi):
+        """The sum of Fourier orders."""
+        n = self.nodes.index
         (out, row), (into, column) = (np.unique(cosine, return_inverse=True) for cosine in (mu, mu0))
         spans = [(span, vanishing(span, self.nodes.air, cosine)) for cosine in (out, into)
                 for span in (interpolation(self.nodes.at, coordinate(cosine, n)),)]
-        smooth, sines = np.zeros(mu.shape), np.sqrt((1 - mu * mu) * (1 - mu0 * mu0)) / n**2
-        for m, order in enumerate(self.reflected):
+        smooth, odd = np.zeros(mu.shape), sines(mu, mu0, n)
+        for m, order in enumerate(orders):
             out, into = (span[m > 1 and m % 2 == 0] for span in spans)
             term = np.einsum("...i,...i->...", (out @ order)[row.reshape(mu.shape)], into[column.reshape(mu.shape)])
-            smooth += (2.0 if m else 1.0) * term * np.cos(m * phi) * (sines if m % 2 else 1.0)
-        return smooth / (fresnel.inside(mu, n) + fresnel.inside(mu0, n)) + self.exact(mu, mu0, phi)
+            smooth += (2.0 if m else 1.0) * term * np.cos(m * phi) * (odd if m % 2 else 1.0)
+        return smooth
 
     def transmission(self, mu, mu0, phi):
-        """0: what is under a stack is infinite, or sends back."""
-        return np.zeros(np.broadcast_shapes(*map(np.shape, (mu, mu0, phi))))
+        """The same of light that leaves below, at mu; unscattered light left out."""
+        mu, mu0, phi = np.broadcast_arrays(*(np.asarray(value, float) for value in (mu, mu0, phi)))
+        if not free(self.slab):
+            return np.zeros(mu.shape)
+        if not (((mu > 0) & (mu <= 1)).all() and ((mu0 > 0) & (mu0 <= 1)).all()):
+            raise ValueError("cosines of directions lie above 0 and do not exceed 1")
+        result = self.factor(mu, mu0, 1) * self._smooth(self.transmitted, mu, mu0, phi)
+        for part, without, inner, inner0, weight in _once_through(self.slab, self.cuts, mu, mu0):
+            turned = single.turned(inner, inner0, phi, 1)
+            result += 0.25 * part.albedo / without.shrinks * 4 * math.pi * phase_at(part.theta, part.phase, turned) * weight
+        return result
 
     def exact(self, mu, mu0, phi):
         """What is exact at every angle, inside of the uppermost boundary."""
-        total, there, below = 0.0, _reached(self.slab, self.cuts, mu), None
-        for (part, without, inner, share), (*_, inner0, share0) in zip(there, _reached(self.slab, self.cuts, mu0)):
+        (parts, _), total, below = layers(self.slab), 0.0, None
+        there, here = _reached(parts, self.cuts, mu), _reached(parts, self.cuts, mu0)
+        for (part, without, inner, share), (*_, inner0, share0) in zip(there, here, strict=True):
             phase = 4 * math.pi * phase_at(part.theta, part.phase, single.turned(inner, inner0, phi, -1))
             depth = part.depth * without.shrinks if part.depth else 0.0
             total = total + 0.25 * part.albedo / without.shrinks * phase * single.upward(inner, inner0, depth) * share * share0
@@ -183,9 +208,20 @@ class Stacked:
         return total + (below[0].base or 0.0) * below[1]
 
 
-def _reached(slab: Slab, cuts: Sequence[Cut], mu) -> Iterator[tuple]:
+def _once_through(slab: Slab, cuts: Sequence[Cut], mu, mu0) -> Iterator[tuple]:
+    """Of each layer of a free stack: itself, its cut, cosines in it, and what a quarter of the phase function counts by."""
+    parts, _ = layers(slab)
+    n, last = slab.index, parts[-1].index
+    boundaries = (1 - fresnel.reflected(mu, last)) * (1 - fresnel.reflected(mu0, n)) / (n * last)
+    out = list(_reached(parts[::-1], cuts[::-1], mu))[::-1]
+    for (part, without, inner, share), (*_, inner0, share0) in zip(out, _reached(parts, cuts, mu0), strict=True):
+        depth = part.depth * without.shrinks if part.depth else 0.0
+        yield part, without, inner, inner0, boundaries * share * share0 * single.downward(inner, inner0, depth)
+
+
+def _reached(parts: Sequence[Slab], cuts: Sequence[Cut], mu) -> Iterator[tuple]:
     """Of each layer: itself, its cut, cosines in it, and the share of light that gets there unscattered, times n / n_top."""
-    (parts, _), n = layers(slab), slab.index
+    n = parts[0].index
     share, inner = np.ones(np.shape(mu)), fresnel.inside(mu, n)
     for k, (part, without) in enumerate(zip(parts, cuts, strict=True)):
         if k:
@@ -220,30 +256,44 @@ def stacked(slab: Slab, moments: Sequence, count: int, tolerance: float = 1e-6) 
     """
     parts, bottom = layers(slab)
     cuts = tuple(cut(row, part.albedo, count) for row, part in zip(moments, parts, strict=True))
-    nodes = directions(enough(count, _LEAST_NODES), [part.index for part in parts])
-    top, exact = nodes.top, _Exact(nodes, parts, cuts)
-    keep = slice(top.leaving)
-    mu, flux, through = top.mu[keep], np.sqrt(top.flux[keep]), 1 - top.reflected[keep]
-    missed = _missed(nodes, parts, cuts, top.leaving < count + SPARE)
-    sums, sines, orders, largest, small = mu[:, None] + mu, np.sqrt((1 - mu) * (1 + mu)), [], [], 0
+    # light that passes a peak is told by as many nodes as there are moments
+    leaving = max(_LEAST_NODES, count + SPARE) if free(slab) else enough(count, _LEAST_NODES)
+    nodes = directions(leaving, [part.index for part in parts])
+    top, exact, missed = nodes.top, _Exact(nodes, parts, cuts), _missed(nodes, parts, cuts, leaving < count + SPARE)
+    orders, largest, small = [], [], 0
     for order in range(count):
         phases = [phase_matrices(without.moments, nodes.mu(part.index), order)
                   for part, without in zip(parts, cuts, strict=True)]
         accuracy = ITERATED * tolerance * largest[0] if order else 0.0
         media = [_of_order(nodes, *medium, order, accuracy) for medium in zip(parts, cuts, phases, missed, strict=True)]
-        mirrored, scattered = _below(nodes, parts, media, bottom, order)
-        upward = _escaping(mirrored, scattered, top.reflected)[keep, keep]
+        mirrored, scattered, downward = _below(nodes, parts, media, bottom, order)
+        upward = _escaping(mirrored, scattered, top.reflected)[:leaving, :leaving]
+        if downward is not None:
+            downward = _down(nodes, 1.0, top.index, mirrored, scattered, downward)
         if order == 0:
-            again = through**2 * mirrored[keep] / (1 - top.reflected[keep] * mirrored[keep])
-            albedo = top.reflected[keep] + through * ((through * flux) @ upward) / flux + again
+            shares = _shares(top, mirrored, upward, downward)
         phases = [[side + np.diag(peak) for side in pair] for pair, peak in zip(phases, missed, strict=True)]
-        rest = upward / np.outer(flux, flux) - exact.of(phases, order)
-        orders.append(0.5 * (rest + rest.T) * sums / (np.outer(sines, sines) if order % 2 else 1.0))
-        largest.append(float(np.abs(orders[-1]).max()))
+        orders.append(exact.rest(phases, order, upward, downward))
+        largest.append(max(float(np.abs(part).max()) for part in orders[-1]))
         small = small + 1 if largest[-1] <= _NEGLIGIBLE * tolerance * largest[0] else 0
         if small == 2:
             break
-    return Stacked(slab, top, cuts, np.stack(orders), albedo, again)
+    reflected, transmitted = (np.stack(part) for part in zip(*orders, strict=True))
+    albedo, again, passed = shares
+    return Stacked(slab, top, cuts, reflected, albedo, again, transmitted, passed)
+
+
+def _shares(top: Nodes, mirrored, upward, downward):
+    """Shares (N,) of the light of the nodes that come back, of them those that are only mirrored below, and that leave below."""
+    keep = slice(top.leaving)
+    flux, through = np.sqrt(top.flux[keep]), 1 - top.reflected[keep]
+    again = through**2 * mirrored[keep] / (1 - top.reflected[keep] * mirrored[keep])
+    passed = np.zeros(top.leaving)
+    if downward is not None:
+        direct, scattered = downward
+        air = flux * top.index  # of the flux in air, but for the same factor
+        passed = direct + (air @ scattered) / air
+    return top.reflected[keep] + through * ((through * flux) @ upward) / flux + again, again, passed
 
 
 def _missed(nodes: Directions, parts, cuts, few: bool) -> list:
@@ -259,8 +309,15 @@ def _of_order(nodes: Directions, part: Slab, without: Cut, phases, missed, order
 
 
 def _below(nodes: Directions, parts, media, bottom, order: int):
-    """What is under the uppermost boundary, inside of it: D (N,) and S (N, N)."""
-    if isinstance(bottom, Reflector):
+    """What is under the uppermost boundary, inside of it: D (N,) and S (N, N); and what of light from there leaves below.
+
+    That is (N,) unscattered and (K, N) scattered, K directions in air; None where nothing does.
+    """
+    through = None
+    if free(parts[0]):
+        index, scattered = 1.0, np.zeros((nodes.top.leaving, nodes.top.leaving))
+        through = np.ones(nodes.top.leaving), scattered
+    elif isinstance(bottom, Reflector):
         index, scattered = 1.0, bottom.matrix(nodes.mu(1.0), nodes.flux(1.0), order)
     else:
         index, root = parts[-1].index, np.sqrt(nodes.flux(parts[-1].index))
@@ -268,6 +325,8 @@ def _below(nodes: Directions, parts, media, bottom, order: int):
     mirrored = np.zeros(len(scattered))
     for part, layer in zip(parts[::-1], media[::-1], strict=True):
         if part.index != index:
+            if through is not None:
+                through = _down(nodes, part.index, index, mirrored, scattered, through)
             mirrored, scattered = _across(nodes, part.index, index, mirrored, scattered)
             index = part.index
         mu = nodes.mu(index)
@@ -276,6 +335,11 @@ def _below(nodes: Directions, parts, media, bottom, order: int):
             mirrored, scattered = np.zeros(len(mu)), reflection
             continue
         whole = scattered + np.diag(mirrored)
+        if through is not None:
+            passed, light = through
+            arriving = np.linalg.solve(np.eye(len(mu)) - reflection @ whole, down + reflection @ (whole * layer.direct))
+            through = passed * layer.direct, light @ (arriving + np.diag(layer.direct)) + passed[:len(light), None] \
+                * arriving[:len(light)]
         again = whole @ reflection @ np.linalg.solve(np.eye(len(mu)) - whole @ reflection, whole)
         # all that comes up to the layer's lower face, and what of it is scattered
         returned, direct = whole + again, layer.direct
@@ -283,7 +347,26 @@ def _below(nodes: Directions, parts, media, bottom, order: int):
         scattered = reflection + down.T @ returned @ (down + np.diag(direct)) + direct[:, None] * (returned @ down) \
             + direct[:, None] * returned_scattered * direct
         mirrored = direct**2 * mirrored
-    return mirrored, scattered
+    return mirrored, scattered, through
+
+
+def _down(nodes: Directions, above: float, below: float, mirrored, scattered, through):
+    """What of light from above a boundary leaves below; of what is under it D, S and the same."""
+    mu, mu_below = nodes.mu(above), nodes.mu(below)
+    shared, (passed, light) = min(len(mu), len(mu_below)), through
+    boundary = np.ones(len(mu_below))
+    boundary[:shared] = _mirrored(above, mu[:shared], below, mu_below[:shared])
+    enters = 1 - boundary[:shared]
+    # between two boundaries that reflect totally nothing is lost, and nothing scattered gets there
+    boundary = np.where(boundary * mirrored < 1, boundary, 0.0)
+    again = 1 / (1 - boundary * mirrored)
+    whole = scattered + np.diag(mirrored)
+    arriving = np.linalg.solve(np.eye(len(whole)) - boundary[:, None] * whole, boundary[:, None] * scattered * again)
+    direct, result = np.zeros(len(mu)), np.zeros((len(light), len(mu)))
+    direct[:shared] = passed[:shared] * again[:shared] * enters
+    whole = light @ (arriving + np.diag(again)) + passed[:len(light), None] * arriving[:len(light)]
+    result[:, :shared] = whole[:, :shared] * enters
+    return direct, result
 
 
 def _across(nodes: Directions, above: float, below: float, mirrored, scattered):
@@ -313,20 +396,34 @@ def _escaping(mirrored, scattered, boundary):
 
 
 class _Exact:
-    """At the nodes that leave, what `Stacked.exact` is with the cut phase functions."""
+    """At the nodes that leave, what is exact at every angle, with the cut phase functions; and what is left without it."""
 
     def __init__(self, nodes: Directions, parts, cuts):
-        air, keep = nodes.top.air, slice(nodes.top.leaving)
-        self.keep, self.factors, self.base = keep, [], 0.0
-        for part, without, inner, share in _reached(parts[0], cuts, air):
+        air, self.keep = nodes.top.air, slice(nodes.top.leaving)
+        self.mu, self.flux, self.air_flux = nodes.top.mu[self.keep], nodes.top.flux[self.keep], nodes.flux(1.0)
+        self.sines = np.sqrt((1 - self.mu) * (1 + self.mu))
+        self.upward, self.base, self.downward = [], 0.0, []
+        for part, without, inner, share in _reached(parts, cuts, air):
             depth = part.depth * without.shrinks if part.depth else 0.0
             shape = single.upward(inner[:, None], inner, depth) * np.outer(share, share)
-            self.factors.append(0.25 * without.albedo * shape)
+            self.upward.append(0.25 * without.albedo * shape)
             if depth < math.inf and part.base:
                 out = share * np.exp(-depth / inner)
                 self.base = part.base * np.outer(out, out)
+        if free(parts[0]):
+            n, last, out = parts[0].index, parts[-1].index, air[:, None]
+            through = (1 - fresnel.reflected(out, last)) * (1 - fresnel.reflected(air, n)) / (n * last)
+            self.factor = through / (fresnel.inside(out, last) + fresnel.inside(air, n))
+            self.downward = [0.25 * without.albedo * weight for _, without, *_, weight in _once_through(parts[0], cuts, out, air)]
 
-    def of(self, phases, order: int):
-        """(N, N) of one Fourier order."""
-        once = sum(factor * (even - odd)[self.keep, self.keep] for factor, (even, odd) in zip(self.factors, phases, strict=True))
-        return once + self.base if order == 0 else once
+    def rest(self, phases, order: int, upward, downward):
+        """One Fourier order of light scattered more than once, (N, N) each as `Stacked` has it."""
+        keep, sines = self.keep, np.outer(self.sines, self.sines) if order % 2 else 1.0
+        once = sum(factor * (even - odd)[keep, keep] for factor, (even, odd) in zip(self.upward, phases, strict=True))
+        rest = upward / np.sqrt(np.outer(self.flux, self.flux)) - (once + self.base if order == 0 else once)
+        reflected = 0.5 * (rest + rest.T) * (self.mu[:, None] + self.mu) / sines
+        if downward is None:
+            return reflected, np.zeros_like(reflected)
+        once = sum(factor * (even + odd)[keep, keep] for factor, (even, odd) in zip(self.downward, phases, strict=True))
+        flux = np.sqrt(np.outer(self.air_flux, self.air_flux))
+        return reflected, (downward[1] / flux - once) / self.factor / sines

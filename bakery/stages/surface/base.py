@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
@@ -73,9 +72,8 @@ def _of_recipe(checker: Checker, node, layer: int) -> None:
     count = 1 if recipe.surface.thickness == "infinite" else len(recipe.surface.thickness)
     if layer >= count:
         raise Wrong(f"found layer {layer} of {show(name)}, which has {count}", f"expected 0 to {count - 1}")
-    boundary, base = recipe.surface.boundary, recipe.surface.base
-    _fit(name, 0.0 if boundary == "none" else boundary.roughness, 1.0 if boundary == "none" else boundary.index,
-         base is None and recipe.surface.thickness != "infinite")
+    boundary = recipe.surface.boundary
+    _fit(name, 0.0 if boundary == "none" else boundary.roughness, 1.0 if boundary == "none" else boundary.index)
     checker.found[key] = named
     versions = [f"{stage.name} {stage.version}" for stage in named.stages]
     whole = hashlib.sha256(" ".join([file.sha256, *versions]).encode()).hexdigest()
@@ -93,15 +91,13 @@ def _picked(held, wanted, name: str) -> list[int]:
     return rows
 
 
-def _fit(name: str, roughness: float, index: float, free: bool) -> None:
+def _fit(name: str, roughness: float, index: float) -> None:
     """`Wrong` where something cannot lie under another layer."""
     if roughness > 0 and index != 1:
         raise Wrong(f"found {show(name)} under facets (roughness {roughness:g})", "expected a smooth boundary, or none, between "
                     "layers")
     if index < 1:
         raise Wrong(f"found {show(name)} with an index of {index:g}", "expected 1 or more of layers on each other")
-    if free:
-        raise Wrong(f"found {show(name)}, a layer on nothing", "expected one that is infinite, or has a base")
 
 
 # ---- layers
@@ -128,7 +124,7 @@ def of_tree(root: Group, layer: int, name: str) -> list:
             layers.append(reflector(solution.reflection))
             continue
         slab = solution.slab
-        _fit(name, slab.roughness, slab.index, slab.depth < math.inf and slab.base is None and slab.under is None)
+        _fit(name, slab.roughness, slab.index)
         layers.append(slab)
     return layers
 

@@ -15,7 +15,7 @@ from bakery.stages.medium.section import phase_keys
 from bakery.stages.surface import base as bases
 from bakery.stages.surface import spread, under
 from bakery.stages.surface.section import INFINITE, SURFACE
-from bakery.stages.surface.triangles import packed
+from bakery.stages.surface.triangles import packed, whole
 from bakery.stages.surface.view import QUERIES
 from bakery.store.tree import Group
 
@@ -31,7 +31,8 @@ OUTPUTS = (
     Output("cosine", "(N,)", "1", "of the solver's directions in air, with the normal", within=(0, 1)),
     Output("flux", "(N,)", "1", "share of the flux of isotropic light that each stands for, at most 1 in all", within=(0, 1)),
     Output("reflected", "(L, T, M, P)", "1", f"Fourier orders {_ORDERS}", within=ANY),
-    Output("transmitted", "(L, T, M, P)", "1", f"the same below the layer, {_ORDERS}", optional=True, within=ANY),
+    Output("transmitted", "(L, T, M, S)", "1", f"the same below the layer, {_ORDERS}; of layers on each other, of the whole "
+           "square, whose rows are directions of exitance", optional=True, within=ANY),
     Output("albedo", "(L, T, N)", "1", "share of the light from each direction that comes back", within=(0, 1)),
     Output("passed", "(L, T, N)", "1", "share that leaves below the layer, unscattered light included", within=(0, 1)),
     Output("spherical_albedo", "(L, T)", "1", "share of the light from all sides that comes back", within=(0, 1)),
@@ -140,6 +141,8 @@ def _spread(inputs: dict, cases: list, shape: tuple[int, int], context) -> dict:
 
 def stored(inputs: dict, solutions: list, shape: tuple[int, int]) -> dict:
     """The arrays of the group, but for the errors."""
+    from bakery.physics.surfaces.stack import free
+
     first = solutions[0]
     leaving = len(first.albedo)
     values = {"index": [inputs["index"]], "roughness": [inputs["roughness"]], "cosine": first.nodes.air,
@@ -151,11 +154,11 @@ def stored(inputs: dict, solutions: list, shape: tuple[int, int]) -> dict:
     for name in ("albedo", "passed", "spherical_albedo"):
         values[name] = values[name].reshape(*shape, *values[name].shape[1:])
     values["moments"] = np.array([len(first.cut.moments)])
-    free = inputs["base"] is None and inputs.get("under") is None and inputs["thickness"] is not None
-    names = ("reflected", "transmitted") if free else ("reflected",)
-    most = max(len(solution.reflected) for solution in solutions)
+    names = ("reflected", "transmitted") if free(first.slab) else ("reflected",)
+    most = max(len(getattr(solution, name)) for solution in solutions for name in names)
     for name in names:
-        orders = [packed(getattr(solution, name), most) for solution in solutions]
+        pack = packed if name == "reflected" or first.slab.under is None else whole
+        orders = [pack(getattr(solution, name), most) for solution in solutions]
         values[name] = np.stack(orders).astype(np.float32).reshape(*shape, *orders[0].shape)
     if inputs["thickness"] is not None:
         values["thickness"] = inputs["thickness"]
@@ -174,8 +177,9 @@ def sound(group: Group) -> Iterable[str]:
     if not (np.diff(cosine) > 0).all() or not cosine[0] >= 0:
         yield "cosine does not ascend from 0"
     pairs = len(cosine) * (len(cosine) + 1) // 2
-    yield from (f"{name} does not hold one value a pair of directions" for name in ("reflected", "transmitted")
-                if name in group.members and group[name].data.shape[-1] != pairs)
+    counts = {"reflected": pairs, "transmitted": len(cosine) ** 2 if "under_index" in group.members else pairs}
+    yield from (f"{name} does not hold one value a pair of directions" for name, count in counts.items()
+                if name in group.members and group[name].data.shape[-1] != count)
     if not group["index"].data[0] > 0:
         yield "index is not above 0"
     if ("depth" in group.members) != ("thickness" in group.members):
@@ -202,6 +206,8 @@ def check(group: Group) -> Iterable[str]:
         yield "spread holds more light than enters"
     if "transmitted" not in v and not {"base", "under_index", "under_reflected"} & v.keys() and "thickness" in v:
         yield "transmitted missing"
+    if "under_index" in v and not {"base", "under_reflected", "transmitted"} & v.keys() and (v["under_depth"][:, -1] >= 0).all():
+        yield "transmitted missing, which air below needs"
 
 
 def _seconds(recipe) -> float:

@@ -13,6 +13,13 @@ def packed(orders, most: int) -> np.ndarray:
     return result
 
 
+def whole(orders, most: int) -> np.ndarray:
+    """(most, N N) rows of matrices (M, N, N); orders behind M are 0."""
+    result = np.zeros((most, orders.shape[1] * orders.shape[2]))
+    result[:len(orders)] = orders.reshape(len(orders), -1)
+    return result
+
+
 def unpacked(triangles, count: int) -> np.ndarray:
     """(M, N, N) from upper triangles (M, P)."""
     row, column = np.triu_indices(count)

@@ -108,10 +108,13 @@ class Surface(Members):
 
         Raises
         ------
-        UsageError : no such layer
+        UsageError : no such layer, or layers on each other with air below
         """
         from bakery.physics.surfaces.table import surface_table
 
+        if "under_index" in self and "transmitted" in self:
+            raise UsageError("surface: found layers on each other with air below, of which there are no tables yet; a base, or "
+                             "surface.thickness: infinite in the lowest one would do")
         return surface_table(self._of_layer(layer))
 
     @property
@@ -218,7 +221,11 @@ def _stacked(slab, directions, cut, reflected, albedo, group: Group, k: int, t: 
 
     peaks = group["under_peak"].data[k] if "under_peak" in group.members else ()
     cuts = (cut, *(without_peak(part.albedo, float(peak)) for part, peak in zip(layers(slab)[0][1:], peaks, strict=True)))
-    return Stacked(slab, directions, cuts, reflected, albedo, np.asarray(group["mirrored"].data[k, t], float))
+    below = np.zeros_like(reflected[:1])
+    if "transmitted" in group.members:
+        below = np.asarray(group["transmitted"].data[k, t], float).reshape(-1, *reflected.shape[1:])
+    mirrored, passed = (np.asarray(group[name].data[k, t], float) for name in ("mirrored", "passed"))
+    return Stacked(slab, directions, cuts, reflected, albedo, mirrored, below, passed)
 
 
 def _corrected(solution, group: Group, k: int):
