@@ -40,7 +40,8 @@ def put(scene, world, assets) -> dict[int, Placed]:
             placed[number] = _put(scene, world, asset, number)
         elif declared(entry.kind)[chosen(entry.kind, entry.method)].surface_far:
             begins = _onset(scene, world, asset, number)
-            if 2 * begins.near <= onset.reach(world, entry.where.shape)[0]:
+            nearest = onset.reach(world, entry.where.shape)[0]
+            if nearest > 0 and 2 * begins.near <= nearest:  # else the camera may stand in it
                 put_there = _put(scene, world, asset, number)
                 placed[number] = put_there._replace(reasons=(_in_words(number, begins), *put_there.reasons))
     return placed

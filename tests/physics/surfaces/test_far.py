@@ -142,6 +142,18 @@ def test_near_with_all_its_parts_it_is_paths_and_far_with_all_of_them_its_surfac
 
 
 @pytest.mark.slow
+def test_from_inside_there_is_no_surface(tmp_path):
+    """A camera under the top of the block sees the light that gets in, though all of the block is far; hardly any leaves it and
+    would come back.  Six standard errors: 2e-9."""
+    inside = EYE | SMALL | {"camera.origin": "[0, -3, -0.001] m", "camera.target": "[0, -2, 0.3] m"}
+    opened(tmp_path, inside)
+    pictures = [rendered(tmp_path, method, inside | more, 8)[0].mean(axis=(1, 2, 3)) for method, more in (
+        ("paths", {}), ("paths+surface", {"materials[0].surface_from": "0 m"}))]
+    paths, changing = ((means.mean(), means.std(ddof=1) / len(means)**0.5) for means in pictures)
+    assert paths[1] < 0.02 * paths[0] and abs(paths[0] - changing[0]) < 6 * math.hypot(paths[1], changing[1])
+
+
+@pytest.mark.slow
 def test_a_white_half_space_that_changes_into_its_surface_stays_white(tmp_path):
     """The table's error, 0.2 %, and six standard errors: 2e-9."""
     settings = EYE | SMALL | {"materials[0].surface_from": "1.2 m"}
