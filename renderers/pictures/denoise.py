@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from renderers import colour
-from renderers.pictures import guided
+from renderers.pictures import chroma, guided
 from renderers.scene.budget import percent
 
 PACKAGE, EXTRA = "mitsuba-oidn", 'pip install ".[denoise]" in the folder of bakery\'s sources'
@@ -120,8 +120,8 @@ def denoised(parts, apart=(), features=None, widened=MappingProxyType({})) -> De
 
     Parameters
     ----------
-    parts : by name, what adds up to the picture: pairs of (H, W, 3) linear sRGB and of its variance (H, W, 3), None where that is
-        not known
+    parts : by name, what adds up to the picture: pairs of (H, W, 3) linear sRGB and of its variance (H, W, 4), that of luminance
+        last, None where that is not known
     apart : names of those that the network does not see, as it would take their detail for noise: grains, whose surfaces the
         features are of, are filtered by `renderers.pictures.guided`, others stay as they are
     features : `Features`, or None
@@ -173,7 +173,10 @@ def _cleared(parts, features):
     if not level > 0:
         return seen
     filtered, variances = level * _filtered(seen / level, features), [variance for _, variance in parts]
-    return _held(seen, filtered, None if any(variance is None for variance in variances) else sum(variances))
+    variance = None if any(variance is None for variance in variances) else sum(variances)
+    if variance is not None and features is not None and np.isfinite(filtered).all():
+        filtered = chroma.evened(np.maximum(filtered, 0.0), seen, variance, features)
+    return _held(seen, filtered, None if variance is None else variance[..., :3])
 
 
 def _filtered(picture, features):

@@ -21,7 +21,7 @@ def smoothed(image, variance, features):
 
     Parameters
     ----------
-    image, variance : (H, W, 3) linear sRGB and its variance; None where that is not known
+    image, variance : (H, W, 3) linear sRGB, and (H, W, 4) its variance and that of its luminance; None where that is not known
     features : `renderers.pictures.denoise.Features` with `grain` and `width`
     """
     means, weight = _means(image, features)
@@ -31,7 +31,7 @@ def smoothed(image, variance, features):
 
     residual = image - means
     # E[noise of the picture times what is left of it], as the pixel is a part of its own mean
-    common = uniform_filter(np.sum(variance, axis=-1) * (1 - weight), _AROUND, mode="nearest")
+    common = uniform_filter(np.sum(variance[..., :3], axis=-1) * (1 - weight), _AROUND, mode="nearest")
     square = uniform_filter(np.sum(residual**2, axis=-1), _AROUND, mode="nearest")
     noise = np.where(square > 0, np.minimum(common / np.where(square > 0, square, 1.0), 1.0), 0.0)
     return means + (1 - noise)[..., None] * residual

@@ -215,8 +215,7 @@ def _denoised(values, quality, method, estimate, features):
         return None, sentences
     if method.features is None and set(estimate.means) <= set(method.apart):
         return None, [f"the noise is not taken out: a filter takes the detail of method {method.name} for noise"]
-    parts = {name: (mean.layers[""], None if mean.variance is None else mean.variance[..., :3])
-             for name, mean in estimate.means.items()}
+    parts = {name: (mean.layers[""], mean.variance) for name, mean in estimate.means.items()}
     widened = {name: student([1.0], [mean.count]) for name, mean in estimate.means.items() if mean.variance is not None}
     smoothed = denoise.denoised(parts, [name for name in parts if name in method.apart], features and features(), widened)
     return smoothed, [*sentences, denoise.sentence(smoothed.figures)]

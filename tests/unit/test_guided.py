@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from renderers import colour
 from renderers.pictures import guided
 from renderers.pictures.denoise import Features, denoised
 
@@ -24,9 +25,10 @@ def grains(word=0):
 
 
 def passes(level, scatter, count, word=1):
-    """Mean of noisy passes, and its variance as they tell it."""
+    """Mean of noisy passes, and its variance and that of its luminance as they tell them."""
     seen = level * (1 + scatter * np.random.default_rng(word).standard_normal((count, *level.shape)))
-    return seen.mean(axis=0), seen.var(axis=0, ddof=1) / count
+    luminance = (seen @ colour.LUMINANCE)[..., None]
+    return seen.mean(axis=0), np.concatenate([seen, luminance], axis=-1).var(axis=0, ddof=1) / count
 
 
 def contrast_kept(picture, level):
