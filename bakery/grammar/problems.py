@@ -80,8 +80,8 @@ def _unknown(node: Node) -> Iterator[Problem]:
     name = next(name for name, child in parent.items() if child is node)
     if name == "<<":
         return  # reported as a merge key
-    if other := _elsewhere(parent):
-        key, *words = other
+    if misplaced := _elsewhere(parent):
+        key, *words = misplaced
         if name == key:
             yield owner(node).problem(*words)
         return
