@@ -259,6 +259,10 @@ def _all_efficiencies(m, x):
 
     def run(job):
         index, places = job
+        if places[-1] - places[0] == places.size - 1 and np.all(np.diff(places) == 1):  # as where x ascends: nothing is copied
+            rows = slice(places[0], places[-1] + 1)
+            coefficients.efficiency_block(index, np.ascontiguousarray(x[rows]), *out[:, rows])
+            return
         piece = np.empty((5, places.size))
         coefficients.efficiency_block(index, x[places], *piece)
         out[:, places] = piece
@@ -295,13 +299,15 @@ def checked(m, x):
             text = f"{value.real:g}" + (f"{value.imag:+g}i" if value.imag else "")
             raise ValueError(f"{'x' if values is x else 'm'} = {text}: {why}")
 
-    conductor = np.isinf(m.real) & (m.real > 0.0) & (m.imag == 0.0)
+    few = m[:1] if m.strides == (0,) else m  # a number that was spread over all sizes
+    conductor = np.isinf(few.real) & (few.real > 0.0) & (few.imag == 0.0)
     refuse(~((x >= X_MIN) & (x <= X_MAX)), x, f"size parameters from {X_MIN:g} to {X_MAX:g} are computed")
-    refuse(~np.isfinite(m) & ~conductor, m, "an index is finite; only inf itself, without imaginary part, is a perfect conductor")
-    refuse(m.imag < 0.0, m, "k < 0 is gain here; with exp(-iwt) absorption is k > 0, so give the complex conjugate")
-    refuse(m.real < 0.0, m, "n is not negative for non-magnetic materials (a metal is, for example, 0.055+3.42i)")
-    size = np.where(conductor, 1.0, abs(m))
-    refuse((size < M_MIN) | (size > M_MAX), m, f"|m| from {M_MIN:g} to {M_MAX:g} is computed; a perfect conductor is inf")
+    refuse(~np.isfinite(few) & ~conductor, few,
+           "an index is finite; only inf itself, without imaginary part, is a perfect conductor")
+    refuse(few.imag < 0.0, few, "k < 0 is gain here; with exp(-iwt) absorption is k > 0, so give the complex conjugate")
+    refuse(few.real < 0.0, few, "n is not negative for non-magnetic materials (a metal is, for example, 0.055+3.42i)")
+    size = np.where(conductor, 1.0, abs(few))
+    refuse((size < M_MIN) | (size > M_MAX), few, f"|m| from {M_MIN:g} to {M_MAX:g} is computed; a perfect conductor is inf")
     refuse(size * x > PHASE_MAX, m, f"|m| x above {PHASE_MAX:g} is not computed: make x or |m| smaller")
     return shape, m, x
 

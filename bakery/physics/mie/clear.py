@@ -59,7 +59,7 @@ def _code(width):
     """The series of `width` radii side by side."""
 
     @intrinsic
-    def series(typingctx, lane, work, inverses, top, rows, low_x, low_z):
+    def series(typingctx, lane, work, weights, top, rows, low_x, low_z):
         def codegen(context, builder, signature, args):
             def memories(columns=None):
                 return [Memory(context, builder, signature.args[k], args[k], width, columns) for k in range(2)]
@@ -70,7 +70,7 @@ def _code(width):
                 _Upward(builder, *memories((first, min(width, SIDE))), table).write(*args[4:])
             return context.get_dummy_value()
 
-        return types.void(lane, work, inverses, top, rows, low_x, low_z), codegen
+        return types.void(lane, work, weights, top, rows, low_x, low_z), codegen
 
     return series
 
@@ -114,8 +114,8 @@ class _Downward:
 class _Upward:
     """Code of coefficients and sums."""
 
-    def __init__(self, builder, lanes, rows, inverses):
-        self.builder, self.lanes, self.rows, self.inverses = builder, lanes, rows, inverses
+    def __init__(self, builder, lanes, rows, weights):
+        self.builder, self.lanes, self.rows, self.weights = builder, lanes, rows, weights
         self.x, self.z, self.last, self.m, self.v = (lanes[row] for row in (X, Z, LAST, M_R, V_R))
 
     def write(self, count, low_x, low_z):
@@ -187,10 +187,10 @@ class _Upward:
     def add(self, i, fractions, inner):
         """a_n, b_n of n = i + 1, which take the place of the ratios, and what they add to the sums."""
         up, builder, x = self.up, self.builder, self.x
-        number = builder.sitofp(builder.add(i, integer(1)), ir.DoubleType())
+        order = None if inner else x.fill(builder.sitofp(builder.add(i, integer(1)), ir.DoubleType()))
 
         def live(value, dead=0.0):
-            return value if inner else value.where("<=", (x.fill(number), self.last), dead)
+            return value if inner else value.where("<=", (order, self.last), dead)
 
         values = []
         for n, m, inverse in fractions:
@@ -206,10 +206,10 @@ class _Upward:
             setattr(up, f"{name}_before", live(partial - before, before))
             setattr(up, name, live(value - partial, partial))
         # (n-1)(n+1)/n Re(a_{n-1} a_n* + ..) and (2n+1)/(n(n+1)) Re(a_n b_n*)
-        inverse, following = self.inverses.scalar(i), self.inverses.scalar(builder.add(i, integer(1)))
         before = ar.times_plus(up.ar, ai * up.ai) + br.times_plus(up.br, bi * up.bi)
         same = ar.times_plus(br, ai * bi)
-        weight, mixed = x.fill(builder.fsub(number, inverse)), x.fill(builder.fadd(inverse, following))
+        row = builder.mul(i, integer(2))
+        weight, mixed = (x.fill(self.weights.scalar(builder.add(row, integer(k)))) for k in range(2))
         up.cross = mixed.times_plus(same, weight.times_plus(before, up.cross))
         up.ar, up.ai, up.br, up.bi = ar, ai, br, bi
 

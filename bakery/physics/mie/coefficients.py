@@ -128,13 +128,13 @@ def _clear_coefficients(m, x, lane, work):
         if not conductor and z < last + 3:
             start = max(terms(z), last + 1)
             top, lane[START, j], lane[RATIO_R, j] = max(top, start), start, _decaying_ratio((2.0 * start + 3.0) * w)
-    inverses = np.empty(rows + 1)
-    for n in range(1, rows + 2):
-        inverses[n - 1] = 1.0 / n
+    weights = np.empty((rows, 2))  # of `clear`: (n-1)(n+1)/n and (2n+1)/(n(n+1))
+    for n in range(1, rows + 1):
+        weights[n - 1, 0], weights[n - 1, 1] = n - 1.0 / n, 1.0 / n + 1.0 / (n + 1)
     if x.shape[0] == 1:
-        series_real_single(lane, work, inverses, max(top, rows + 1), rows, low_x, low_z)
+        series_real_single(lane, work, weights, max(top, rows + 1), rows, low_x, low_z)
     else:
-        series_real(lane, work, inverses, max(top, rows + 1), rows, low_x, low_z)
+        series_real(lane, work, weights, max(top, rows + 1), rows, low_x, low_z)
 
 
 @njit(**STRICT)

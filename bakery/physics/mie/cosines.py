@@ -170,19 +170,23 @@ def _copy_row(typingctx, source, start, target, to):
 
 @njit(**STRICT)
 def _columns(values, half_turns, plan, factors, between, buffers):
-    """The transforms over k1, four k2 at a time, with the factors of the next step."""
-    radices, roots = plan
+    """The transforms over k1, of eight k2 at a time, with the factors of the next step."""
     first, second = factors.shape[0], factors.shape[1] // 2
-    flat = factors.reshape(-1)
-    for k in range(0, second, SIDE):
+    flat, pitch = factors.reshape(-1), second * ROW + PADDING
+    for k in range(0, second, 2 * SIDE):
         for k1 in range(first // 2):
-            _forward_rows(values, (k1 * second + k) * ROW, buffers[0], k1 * VECTOR, half_turns, 2 * k1)
+            for half in range(2):
+                start = (k1 * second + k + half * SIDE) * ROW
+                _forward_rows(values, start, buffers[half, 0], k1 * VECTOR, half_turns, 2 * k1)
         for k1 in range(first // 2, first):
-            last = (first - k1) * second - k
-            _backward_rows(values, (last - SIDE + 1) * ROW, buffers[0], k1 * VECTOR, half_turns, 2 * k1)
-        result = buffers[_transform(radices, roots, buffers)]
+            for half in range(2):
+                start = ((first - k1) * second - k - (half + 1) * SIDE + 1) * ROW
+                _backward_rows(values, start, buffers[half, 0], k1 * VECTOR, half_turns, 2 * k1)
+        results = buffers[0, _transform(plan[0], plan[1], buffers[0])], buffers[1, _transform(plan[0], plan[1], buffers[1])]
         for n1 in range(first):
-            _with_factors(result, n1 * VECTOR, between, n1 * (second * ROW + PADDING) + k * ROW, flat, 2 * (n1 * second + k))
+            for half in range(2):
+                column = k + half * SIDE
+                _with_factors(results[half], n1 * VECTOR, between, n1 * pitch + column * ROW, flat, 2 * (n1 * second + column))
 
 
 @njit(**STRICT)
@@ -259,20 +263,20 @@ def _factors(grid):
 
 
 def _divided(grid):
-    """N1 near the root of N: a multiple of 2 SIDE, of which N is a multiple by a multiple of SIDE."""
+    """N1 near the root of N: a multiple of 2 SIDE, as N2 is."""
     divisors = [2**a * 5**b for a in range(3, 24) for b in range(3)]
-    return min((n for n in divisors if grid % (SIDE * n) == 0), key=lambda n: abs(np.log(n * n / grid)))
+    return min((n for n in divisors if grid % (2 * SIDE * n) == 0), key=lambda n: abs(np.log(n * n / grid)))
 
 
 def cosine_sums(values, between):
     """values (N, 4), of two complex series the rows k <= N/2, of which the last is zero, become their sums on the grid.
 
-    N = 2^a 5^b, b <= 2, a >= 5; between, at least 4 N + PADDING N1 doubles, is overwritten.
+    N = 2^a 5^b, b <= 2, a >= 6; between, at least 4 N + PADDING N1 doubles, is overwritten.
     """
     grid = values.shape[0]
     factors, half_turns = _factors(grid)
     first = factors.shape[0]
     flat = values.reshape(-1)
     buffers = np.empty((2, 2, max(first, grid // first) * VECTOR))
-    _columns(flat, half_turns, _plan(first), factors, between, buffers[0])
+    _columns(flat, half_turns, _plan(first), factors, between, buffers)
     _lines(between, _plan(grid // first), first, flat, buffers)
