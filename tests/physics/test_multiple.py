@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import quad
 
 from bakery.physics.medium import analytic, phase
-from bakery.physics.multiple import _kernels, _plane, fourier, legendre, photons, point, segment, solution
+from bakery.physics.multiple import _kernels, _plane, _products, fourier, legendre, photons, point, segment, solution
 from tests.odds import sigmas
 
 HG = legendre.henyey_greenstein
@@ -511,3 +511,26 @@ def test_collided_fluence_reference_is_right():
 
     second, _ = quad(spectrum, 0, np.inf, weight="sin", wvar=r)
     assert fluence(r, c) == pytest.approx(second / (2 * math.pi**2 * r), rel=1e-6)
+
+
+# ---- sums in tiles ----
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("size", [(1, 3, 5), (3, 4, 9), (2, 5, 16), (5, 7, 8), (9, 11, 27), (13, 50, 43), (4, 0, 9)], ids=str)
+def test_tiles_are_a_product_of_matrices_and_touch_nothing_else(dtype, size):
+    (rows, count, columns), rng = size, np.random.default_rng(3)
+    left = rng.standard_normal((count, rows + 1)).astype(dtype)
+    right = rng.standard_normal((2 * count + 1, columns + 2)).astype(dtype)
+    out = np.full((rows + 1, columns + 3), 7, dtype)
+    _products.multiply((left, 1, 1, rows + 1), (right, 2, 2 * (columns + 2)), (out, 3, columns + 3), rows, columns, count)
+    expected = np.full_like(out, 7)
+    expected[:rows, 3:] = left[:, 1:].T @ right[:2 * count:2, 2:]
+    np.testing.assert_allclose(out, expected, rtol=0, atol=50 * count * np.finfo(dtype).eps)
+
+
+def test_a_row_of_a_product_does_not_depend_on_the_others():
+    rng = np.random.default_rng(4)
+    left, right = rng.standard_normal((11, 40)), rng.standard_normal((40, 29))
+    whole = _products.product(left, right)
+    for rows in (1, 3, 5, 9):
+        assert _products.product(left[:rows].copy(), right).tobytes() == whole[:rows].tobytes()

@@ -233,6 +233,21 @@ def test_look_ups_are_what_they_say(ready, kind):
 
 
 @pytest.mark.parametrize("kind", [POINT, SEGMENT])
+def test_lobes_are_look_ups(ready, kind):
+    """Within and beyond the extent, functions interpolated for all positions at once."""
+    random = np.random.default_rng(14)
+    m, angle = 32 * 10 ** random.uniform(-3, 0.5, 20), random.uniform(0, math.pi, 20)
+    polar, azimuth = random.uniform(0, math.pi, 6), random.uniform(0, math.pi, 5)
+    rho, z = (x[:, None, None] for x in (m * np.sin(angle), m * np.cos(angle)))
+    across = np.sin(polar)[:, None] * np.array([np.cos(azimuth), np.sin(azimuth)])[:, None]
+    forward, (side, y) = np.cos(polar)[:, None], across
+    x, along = forward * np.sin(angle)[:, None, None] - side * np.cos(angle)[:, None, None], (
+        forward * np.cos(angle)[:, None, None] + side * np.sin(angle)[:, None, None])
+    expected = lookup.point(ready[kind], rho, z, np.arccos(along), np.arctan2(y, x))
+    np.testing.assert_allclose(lookup.lobes(ready[kind], rho.ravel(), z.ravel(), polar, azimuth), expected, rtol=3e-5)
+
+
+@pytest.mark.parametrize("kind", [POINT, SEGMENT])
 def test_plain_look_ups_are_those_of_the_kernels(tables, ready, kind):
     """Within and beyond the extent; but for the splines of the basis: 2e-3, and the directions that an integral leaves out."""
     made, laid_out = tables[kind], plain.plain(tables[kind])

@@ -3,8 +3,8 @@
 A lobe is c_lm in a frame with its axis e3 in the plane, x along e1 in the plane: even in azimuth.  About the normal, with
 azimuth from e3 towards e1, it is b_lk = sum_m d^l_km(pi/2) (-i)^m c_lm, zero unless l + k is even;
 b_l,-k = (-1)^k conj(b_lk).
-Stored for one l: k = ..., l - 4, l - 2, l from 0 or 1 on, with zeros up to a multiple K' of `LANES`; by so many of them their real
-parts, then the imaginary ones (that of k = 0 is 0).
+Stored for one l: k = ..., l - 4, l - 2, l from 0 or 1 on, with zeros up to a multiple K' of `LANES`; of each `LANES` of them the
+real parts, then the imaginary ones (that of k = 0 is 0).
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def quarter_turns(order):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def turn_of(l, d, doubled, out):
-    """The quarter turn of one l between c and b, by parity of m, into out (2, >= l // 2 + 1, K') of k, with zeros beyond the last.
+    """The quarter turn of one l between c and b into out (2, >= l // 2 + 1, K') by parity of m, m and k; zeros beyond the last k.
 
     Parameters
     ----------
@@ -156,8 +156,10 @@ def _half(order, m):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _filtered(f, R):
-    """Turns values (R + _BEYOND, E), of which R are there, into coefficients by the two recursive filters of a cubic spline, which
-    is even about its first point."""
+    """Turns values (R + _BEYOND, E), of which R are given, into coefficients by the two recursive filters of a cubic spline.
+
+    It goes on straight beyond those given, and is even about its first point.
+    """
     last, E = len(f) - 1, f.shape[1]
     for n in range(R, last + 1):
         for e in range(E):
@@ -204,19 +206,19 @@ def point_table(l, order, by_distance, rows, harmonics, columns, d):
     out = np.empty((R, A, 2 * whole), np.float32)
     c, half = np.empty((_ROWS, l + 1, A), np.float32), np.empty((2, _ROWS, H))
     for first in range(0, R, _ROWS):
-        some = min(_ROWS, R - first)
+        height = min(_ROWS, R - first)
         for m in range(l + 1):
             width = _half(order, m)
             for odd in range(2):  # of j + m: Y_jm is odd or even about a right angle
                 multiply((flat, start[m] + (2 * (lowest + first) + odd) * width, 2 * width, 1),
-                         (harmonics, (m * (order + 1) + m + odd) * H, 2 * H), (half, odd * _ROWS * H, H), some, H,
+                         (harmonics, (m * (order + 1) + m + odd) * H, 2 * H), (half, odd * _ROWS * H, H), height, H,
                          (order - m - odd) // 2 + 1)
-            for i in range(some):
+            for i in range(height):
                 row, even, odd_part = c[i, m], half[0, i], half[1, i]
                 for a in range(H):
                     row[a] = even[a] + odd_part[a]
                     row[A - 1 - a] = even[a] - odd_part[a]
-        for i in range(some):
+        for i in range(height):
             to_normal(l, turn, c[i], out[first + i])
     return out
 
@@ -272,10 +274,10 @@ def along(l, table, d, points, phases, out):
     column, row_of_table = table.shape[2], table.shape[1] * table.shape[2]
     owner, weight, cell, row, first = points
     begin, turn = phases
-    room = np.empty((np.diff(cell).max(), 2 * LANES), np.float32)
+    scratch = np.empty((np.diff(cell).max(), 2 * LANES), np.float32)
     sums = np.zeros((len(out), column))
     for n in range(len(row)):
         # azimuth counted from the frame's axis: times exp(i k angle)
         add_turned(table, row[n] * row_of_table + first[n] * column, row_of_table, column, (cell[n], cell[n + 1], owner), weight,
-                   (begin, turn, room), sums)
+                   (begin, turn, scratch), sums)
     from_normal(l, d, sums, out, l * (l + 1) // 2)

@@ -22,7 +22,9 @@ _WIDE = LANES * VECTORS
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def multiply(left, right, out, rows, columns, count):
-    """For i < rows, a < columns: out[to + below i + a] = sum over n < count of left[first + row i + step n] right[at + line n + a].
+    """A product of matrices anywhere in arrays.
+
+    For i < rows, a < columns: out[to + below i + a] = sum over n < count of left[first + row i + step n] right[at + line n + a].
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ tall_tile, narrow_tile, least_tile = _tile(TALL, 1), _tile(ROWS, 1), _tile(1, 1)
 
 
 def _code(context, builder, kinds, args, tile):
-    left, right, out, count = args
+    count = args[3]
     rows, vectors = tile
     number = context.get_data_type(kinds[2].types[0].dtype)
     vector = ir.VectorType(number, LANES)

@@ -40,19 +40,21 @@ def _code(context, builder, signature, args):
     kinds = signature.args
     table, at, row, column, points, weight, phases, sums = args
     first, after, owner = (builder.extract_value(points, n) for n in range(3))
-    begin, turn, room = (builder.extract_value(phases, n) for n in range(3))
-    first, after = (context.cast(builder, value, kind, types.intp) for value, kind in zip((first, after), kinds[4].types[:2], strict=True))
-    pairs = ((kinds[0], table), (kinds[4].types[2], owner), (kinds[5], weight), *zip(kinds[6].types, (begin, turn, room), strict=True),
-             (kinds[7], sums))
-    table, owner, weight, begin, turn, room, sums = (context.make_array(kind)(context, builder, array).data for kind, array in pairs)
+    begin, turn, scratch = (builder.extract_value(phases, n) for n in range(3))
+    first, after = (context.cast(builder, number, kind, types.intp)
+                    for number, kind in zip((first, after), kinds[4].types[:2], strict=True))
+    arrays = ((kinds[0], table), (kinds[4].types[2], owner), (kinds[5], weight), (kinds[7], sums),
+              *zip(kinds[6].types, (begin, turn, scratch), strict=True))
+    table, owner, weight, sums, begin, turn, scratch = (context.make_array(kind)(context, builder, array).data
+                                                        for kind, array in arrays)
     step = column.type
 
     def point(k, neighbours, q):
         """Adds eight orders of a point."""
-        start = builder.mul(q, step(len(neighbours)))
-        shares = [_splat(builder, builder.load(builder.gep(weight, [builder.add(start, step(n))]))) for n in range(len(neighbours))]
+        start = builder.gep(weight, [builder.mul(q, step(len(neighbours)))])
+        shares = [_splat(builder, builder.load(builder.gep(start, [step(n)]))) for n in range(len(neighbours))]
         a, b = _parts(builder, _weighted(builder, shares, neighbours))
-        kept = builder.gep(room, [builder.mul(builder.sub(q, first), step(2 * LANES))])
+        kept = builder.gep(scratch, [builder.mul(builder.sub(q, first), step(2 * LANES))])
         phase = builder.select(builder.icmp_signed("==", k, step(0)), builder.gep(begin, [builder.mul(q, step(2 * LANES))]), kept)
         c, s = _parts(builder, _load(builder, phase, step(0), _BOTH))
         _turn(builder, (c, s), builder.gep(turn, [builder.add(q, q)]), kept)

@@ -248,15 +248,15 @@ def _lobes(c, y, turns):
     out = np.empty((len(c), A, B))
     by_m, rings = np.empty((_LOBES, len(y))), np.empty((_LOBES, M, A))
     for first in range(0, len(c), _LOBES):
-        some = min(_LOBES, len(c) - first)
+        height = min(_LOBES, len(c) - first)
         at = 0
         for m in range(M):
             count = M - m
-            for i in range(some):
+            for i in range(height):
                 for l in range(m, M):
                     by_m[i, at + l - m] = c[first + i, l * (l + 1) // 2 + m]
-            multiply((by_m, at, len(y), 1), (y, at * A, A), (rings, m * A, M * A), some, A, count)
+            multiply((by_m, at, len(y), 1), (y, at * A, A), (rings, m * A, M * A), height, A, count)
             at += count
-        for i in range(some):
+        for i in range(height):
             multiply((rings, i * M * A, 1, A), (turns, 0, B), (out, (first + i) * A * B, B), A, B, M)
     return out

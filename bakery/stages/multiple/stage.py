@@ -298,7 +298,7 @@ _KERNELS = tuple(f"multiple.{name}" for name in ("_kernels", "_plane", "_product
                                                  "sums", "point"))
 _KERNELS_OF_PHOTONS = ("multiple._tally",)
 _COUNTED = 30.0  # seconds of one core for the tables of a wavelength by photons
-_FEW, _MORE, _MANY = 0.06, 0.4, 170.0  # seconds of one core for a table: at g up to 0.5; times g - 0.5; times (g - 0.5)^5
+_FEW, _MORE, _MANY = 0.06, 0.15, 140.0  # seconds of one core for a table: at g up to 0.5; times g - 0.5; times (g - 0.5)^5
 
 STAGE = Stage(
     name="multiple",
