@@ -14,9 +14,11 @@ from bakery.physics.multiple.legendre import moments
 from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.solution import solve
 from bakery.recipe import load
+from bakery.stages.surface import costs
 from bakery.stages.surface import stage as surface
 from bakery.stages.surface.files import csv_tables
 from bakery.store.tree import Dataset, Group
+from tests.conftest import ROOT
 
 RECIPE = """\
 bakery: 1
@@ -313,3 +315,13 @@ def test_bases_that_are_refused(soil, options, says):
     (soil / "self.yaml").write_text(RECIPE.replace("{options}", options))
     with pytest.raises(RecipeError, match=says):
         load(soil / "self.yaml")
+
+
+@pytest.mark.parametrize("name, options", [("soil", {}), ("milk_jug", {}), ("fog", {"surface": "{}"})])
+def test_moments_that_a_plan_expects(name, options):
+    """Of a lobe those that leave less than the tolerance in its peak; of droplets three a size parameter."""
+    recipe = load(ROOT / "recipes" / f"{name}.yaml", options)
+    expected = {"soil": math.log(0.006, 0.2), "milk_jug": math.log(0.006, 0.7), "fog": 303}[name]
+    assert recipe.surface.tolerance == 0.01
+    assert costs.moments(recipe) == pytest.approx(expected, rel=0.15, abs=1)
+    assert surface.cost(recipe).file > 2 * costs.expected(recipe).file > 0
