@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,11 +45,30 @@ def layers(slab: Slab) -> tuple[list[Slab], Reflector | float | None]:
     last = parts[-1]
     if any(part.index < 1 for part in parts):
         raise ValueError("media of a stack have an index of 1 or more")
-    if any(part.roughness > 0 and part.index != 1 for part in parts):
-        raise ValueError("boundaries of a stack are smooth")
+    if any(part.roughness > 0 and part.index != 1 for part in parts[1:]):
+        raise ValueError("boundaries between the media of a stack are smooth")
     if last.depth == math.inf:
         return parts, None
     return parts, last.base if last.under is None else last.under
+
+
+def under_facets(slab: Slab) -> Slab:
+    """A stack as light inside of its uppermost medium sees it: indices are over that of this medium, which has no boundary.
+
+    Raises
+    ------
+    ValueError : air below; an index below that of the uppermost medium
+    """
+    if free(slab):
+        raise ValueError("a layer under a rough boundary has a base or is infinite")
+
+    def relative(part: Slab) -> Slab:
+        under = relative(part.under) if isinstance(part.under, Slab) else part.under
+        if part.index < slab.index * (1 - 1e-9) or isinstance(under, Reflector) and slab.index != 1:
+            raise ValueError("under a rough boundary no medium has a lower index than the uppermost one")
+        return replace(part, index=max(part.index / slab.index, 1.0), roughness=part.roughness * (part is not slab), under=under)
+
+    return relative(slab)
 
 
 def free(slab: Slab) -> bool:
@@ -265,8 +284,8 @@ def stacked(slab: Slab, moments: Sequence, count: int, tolerance: float = 1e-6) 
         phases = [phase_matrices(without.moments, nodes.mu(part.index), order)
                   for part, without in zip(parts, cuts, strict=True)]
         accuracy = ITERATED * tolerance * largest[0] if order else 0.0
-        media = [_of_order(nodes, *medium, order, accuracy) for medium in zip(parts, cuts, phases, missed, strict=True)]
-        mirrored, scattered, downward = _below(nodes, parts, media, bottom, order)
+        media = [of_order(nodes, *medium, order, accuracy) for medium in zip(parts, cuts, phases, missed, strict=True)]
+        mirrored, scattered, downward = below(nodes, parts, media, bottom, order)
         upward = _escaping(mirrored, scattered, top.reflected)[:leaving, :leaving]
         if downward is not None:
             downward = _down(nodes, 1.0, top.index, mirrored, scattered, downward)
@@ -302,13 +321,13 @@ def _missed(nodes: Directions, parts, cuts, few: bool) -> list:
             for part, without in zip(parts, cuts, strict=True)]
 
 
-def _of_order(nodes: Directions, part: Slab, without: Cut, phases, missed, order: int, accuracy: float) -> Layer | Deep:
+def of_order(nodes: Directions, part: Slab, without: Cut, phases, missed, order: int, accuracy: float) -> Layer | Deep:
     """One layer."""
     depth = part.depth * without.shrinks if part.depth else 0.0
     return layer_of_order(without, order, phases, missed, (nodes.mu(part.index), nodes.flux(part.index)), depth, accuracy)
 
 
-def _below(nodes: Directions, parts, media, bottom, order: int):
+def below(nodes: Directions, parts, media, bottom, order: int):
     """What is under the uppermost boundary, inside of it: D (N,) and S (N, N); and what of light from there leaves below.
 
     That is (N,) unscattered and (K, N) scattered, K directions in air; None where nothing does.
