@@ -218,8 +218,8 @@ class Stacked:
     def exact(self, mu, mu0, phi):
         """What is exact at every angle, inside of the uppermost boundary."""
         (parts, _), total, below = layers(self.slab), 0.0, None
-        there, here = _reached(parts, self.cuts, mu), _reached(parts, self.cuts, mu0)
-        for (part, without, inner, share), (*_, inner0, share0) in zip(there, here, strict=True):
+        outward, inward = _reached(parts, self.cuts, mu), _reached(parts, self.cuts, mu0)
+        for (part, without, inner, share), (*_, inner0, share0) in zip(outward, inward, strict=True):
             phase = 4 * math.pi * phase_at(part.theta, part.phase, single.turned(inner, inner0, phi, -1))
             depth = part.depth * without.shrinks if part.depth else 0.0
             total = total + 0.25 * part.albedo / without.shrinks * phase * single.upward(inner, inner0, depth) * share * share0
@@ -292,7 +292,7 @@ def stacked(slab: Slab, moments: Sequence, count: int, tolerance: float = 1e-6) 
         if order == 0:
             shares = _shares(top, mirrored, upward, downward)
         phases = [[side + np.diag(peak) for side in pair] for pair, peak in zip(phases, missed, strict=True)]
-        orders.append(exact.rest(phases, order, upward, downward))
+        orders.append(exact.several_times(phases, order, upward, downward))
         largest.append(max(float(np.abs(part).max()) for part in orders[-1]))
         small = small + 1 if largest[-1] <= _NEGLIGIBLE * tolerance * largest[0] else 0
         if small == 2:
@@ -435,12 +435,12 @@ class _Exact:
             self.factor = through / (fresnel.inside(out, last) + fresnel.inside(air, n))
             self.downward = [0.25 * without.albedo * weight for _, without, *_, weight in _once_through(parts[0], cuts, out, air)]
 
-    def rest(self, phases, order: int, upward, downward):
+    def several_times(self, phases, order: int, upward, downward):
         """One Fourier order of light scattered more than once, (N, N) each as `Stacked` has it."""
         keep, sines = self.keep, np.outer(self.sines, self.sines) if order % 2 else 1.0
         once = sum(factor * (even - odd)[keep, keep] for factor, (even, odd) in zip(self.upward, phases, strict=True))
-        rest = upward / np.sqrt(np.outer(self.flux, self.flux)) - (once + self.base if order == 0 else once)
-        reflected = 0.5 * (rest + rest.T) * (self.mu[:, None] + self.mu) / sines
+        smooth = upward / np.sqrt(np.outer(self.flux, self.flux)) - (once + self.base if order == 0 else once)
+        reflected = 0.5 * (smooth + smooth.T) * (self.mu[:, None] + self.mu) / sines
         if downward is None:
             return reflected, np.zeros_like(reflected)
         once = sum(factor * (even + odd)[keep, keep] for factor, (even, odd) in zip(self.downward, phases, strict=True))

@@ -53,18 +53,18 @@ def _nodes(count: int, as_many: bool) -> int:
 
 def moments(recipe) -> int:
     """Legendre moments beyond which less light is in the peak than may be left out."""
-    left = _PEAK * recipe.surface.tolerance
+    peak = _PEAK * recipe.surface.tolerance
     if recipe.medium is not None and recipe.medium.phase is not None:
         g = phase_keys(recipe.medium.phase)["g"]
         steepest = min(float(np.abs(g).max()), 0.999) if g is not None else 0.5
-        return math.ceil(math.log(left) / math.log(max(steepest, 0.01)))
+        return math.ceil(math.log(peak) / math.log(max(steepest, 0.01)))
     if getattr(recipe, "particles", None) is None:
         return 2 * _FEWEST
     from bakery.physics.sizes.distributions import population
 
     # the diffraction peak of spheres: 3 moments a size parameter at 1 %
     radius = max(population(part.size).effective_radius for part in recipe.particles.components)
-    return math.ceil(2 * math.pi * radius / min(recipe.wavelength) * (2 - 0.25 * math.log(left)))
+    return math.ceil(2 * math.pi * radius / min(recipe.wavelength) * (2 - 0.25 * math.log(peak)))
 
 
 def walks(recipe) -> float:

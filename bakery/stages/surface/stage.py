@@ -213,8 +213,8 @@ def cost(recipe) -> Cost:
     surface, count = recipe.surface, len(recipe.wavelength)
     layers = 1 if surface.thickness == INFINITE else len(surface.thickness)
     rough = surface.boundary != "none" and surface.boundary.roughness > 0
-    one = costs.expected(recipe)
-    return Cost(one.seconds * count * layers + (4.0 if rough else 0.0), 1.5e8, one.file * count * layers + 3e4,
+    layer = costs.expected(recipe)
+    return Cost(layer.seconds * count * layers + (4.0 if rough else 0.0), 1.5e8, layer.file * count * layers + 3e4,
                 f"{count} wavelengths, {layers} layers", 0.5, most=min(count * layers, _TOGETHER), blocks=count * layers,
                 kernels=("multiple.legendre", "surfaces._spread", "surfaces.orders"))
 
