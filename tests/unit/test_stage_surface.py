@@ -14,9 +14,11 @@ from bakery.physics.multiple.legendre import moments
 from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.solution import solve
 from bakery.recipe import load
+from bakery.stages.surface import costs
 from bakery.stages.surface import stage as surface
 from bakery.stages.surface.files import csv_tables
 from bakery.store.tree import Dataset, Group
+from tests.conftest import ROOT
 
 RECIPE = """\
 bakery: 1
@@ -274,6 +276,22 @@ def test_air_below_layers_on_each_other(soil):
         asset.surface.table()
 
 
+def test_layers_under_facets(soil):
+    """A rough coat of the soil's index on it: the solver's values, and in loops."""
+    options = "{thickness: 0.2 mm, boundary: {index: 1.2, roughness: 0.3}, base: {recipe: soil.yaml, layer: 1}}"
+    (soil / "coat.yaml").write_text(RECIPE.replace("{options}", options))
+    asset, base = bakery.bake(soil / "coat.yaml", output=soil / "coat.h5"), bakery.open(soil / "soil.h5")
+    assert not list(surface.check(asset.tree["surface"]))
+    lower = Slab(np.asarray(base.medium.theta), np.asarray(base.medium["phase"][2]), 0.9, 10.0, 1.2, 0.2)
+    slab = Slab(np.asarray(asset.medium.theta), np.asarray(asset.medium["phase"][1]), 0.9, 0.2, 1.2, None, 0.3, lower)
+    count = int(asset.surface.moments)
+    solution = solve(slab, [moments(part.theta, part.phase, count + 1) for part in (slab, lower)], count, 0.02)
+    at = THETA[:, None], THETA, 1.0
+    true = solution.reflection(np.cos(at[1]), np.cos(at[0]), at[2])
+    np.testing.assert_allclose(asset.surface.reflectance(*at)[1], true, rtol=2e-3)
+    assert asset.surface.table()[1].largest < 5e-3
+
+
 def test_another_base_bakes_anew_and_the_same_does_not(soil, tmp_path):
     def actions():
         from bakery.run.bake import planned
@@ -300,7 +318,8 @@ def test_another_base_bakes_anew_and_the_same_does_not(soil, tmp_path):
     ("{thickness: 1 mm, base: {layer: 1}}", "one of albedo, asset, recipe"),
     ("{thickness: 1 mm, base: {albedo: 0.5, layer: 1}}", "layer beside albedo"),
     ("{thickness: 1 mm, boundary: {index: 0.9}, base: {asset: soil.h5}}", "index of 0.9 .*; expected 1 or more"),
-    ("{thickness: 1 mm, boundary: {index: 1.2, roughness: 0.2}, base: {asset: soil.h5}}", "roughness of 0.2 over the layers"),
+    ("{thickness: 1 mm, boundary: {index: 1.3, roughness: 0.2}, base: {asset: soil.h5}}", "index 1.3 over one of 1.2"),
+    ("{thickness: 1 mm, boundary: {index: 1.3, roughness: 0.2}, base: {recipe: soil.yaml}}", "index 1.3 over one of 1.2"),
     ("{thickness: 1 mm, base: {recipe: self.yaml}}", "names itself"),
     ("{thickness: 1 mm, base: {recipe: wrong.yaml}}", "wrong.yaml:5: .*albedo"),
     ("{thickness: 1 mm, base: {recipe: red.yaml}}", "at 0.7 um, without 0.45, 0.65 um"),
@@ -313,3 +332,13 @@ def test_bases_that_are_refused(soil, options, says):
     (soil / "self.yaml").write_text(RECIPE.replace("{options}", options))
     with pytest.raises(RecipeError, match=says):
         load(soil / "self.yaml")
+
+
+@pytest.mark.parametrize("name, options", [("soil", {}), ("milk_jug", {}), ("fog", {"surface": "{}"})])
+def test_moments_that_a_plan_expects(name, options):
+    """Of a lobe those that leave less than the tolerance in its peak; of droplets three a size parameter."""
+    recipe = load(ROOT / "recipes" / f"{name}.yaml", options)
+    expected = {"soil": math.log(0.006, 0.2), "milk_jug": math.log(0.006, 0.7), "fog": 303}[name]
+    assert recipe.surface.tolerance == 0.01
+    assert costs.moments(recipe) == pytest.approx(expected, rel=0.15, abs=1)
+    assert surface.cost(recipe).file > 2 * costs.expected(recipe).file > 0

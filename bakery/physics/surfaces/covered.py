@@ -6,16 +6,14 @@ taken out of it: facets turn light once more where it enters and where it leaves
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from bakery.physics.surfaces import rough
+from bakery.physics.surfaces import rough, stack
 from bakery.physics.surfaces.cut import Cut, cut
-from bakery.physics.surfaces.deep import ITERATED, layer_of_order
-from bakery.physics.surfaces.layer import between
+from bakery.physics.surfaces.deep import ITERATED
 from bakery.physics.surfaces.nodes import Nodes, interpolation, nodes
 from bakery.physics.surfaces.orders import phase_matrices
 from bakery.physics.surfaces.slab import Slab
@@ -30,15 +28,26 @@ class Covered:
 
     Attributes
     ----------
+    cuts : of all layers, from the top
     reflected : (M, N, N) Fourier orders of all but what facets reflect once; odd ones over both sines
     albedo : (N,) share of light from the nodes' directions that comes back
     """
 
     slab: Slab
     nodes: Nodes
-    cut: Cut
+    cuts: tuple[Cut, ...]
     reflected: np.ndarray
     albedo: np.ndarray
+
+    @property
+    def cut(self) -> Cut:
+        """Of the uppermost layer."""
+        return self.cuts[0]
+
+    @property
+    def mirrored(self) -> np.ndarray:
+        """Facets leave nothing that is mirrored."""
+        return np.zeros_like(self.albedo)
 
     @property
     def passed(self) -> np.ndarray:
@@ -83,20 +92,24 @@ def covered(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Covered
 
     Raises
     ------
-    ValueError : nothing under the layer
+    ValueError : air below; under it a medium of a lower index
     """
-    if slab.base is None and slab.depth < math.inf:
-        raise ValueError("a layer under a rough boundary has a base or is infinite")
-    without = cut(moments, slab.albedo, count)
+    inner = stack.under_facets(slab)
+    parts, bottom = stack.layers(inner)
+    cuts = tuple(cut(row, part.albedo, count) for row, part in zip(moments if slab.under else [moments], parts, strict=True))
     directions, facets = _boundary(max(_LEAST_NODES, count + _SPARE_NODES), slab.index, slab.roughness)
     identity, root = np.eye(len(directions.mu)), np.sqrt(directions.flux)
     sines = np.sqrt((1 - directions.mu) * (1 + directions.mu))
-    depth, orders, largest, small = slab.depth * without.shrinks if slab.depth else 0.0, [], [], 0
+    shared = stack.directions(len(root), [part.index for part in parts])
+    orders, largest, small = [], [], 0
     for order in range(count):
-        parts = phase_matrices(without.moments, directions.mu, order)
-        accuracy = ITERATED * tolerance * largest[0] if order else 0.0
-        layer = layer_of_order(without, order, parts, np.zeros(len(root)), (directions.mu, directions.flux), depth, accuracy)
-        inside = _inside(slab, layer, root, order)
+        accuracy, media = ITERATED * tolerance * largest[0] if order else 0.0, []
+        for part, without in zip(parts, cuts, strict=True):
+            mu = shared.mu(part.index)
+            phases = phase_matrices(without.moments, mu, order)
+            media.append(stack.of_order(shared, part, without, phases, np.zeros(len(mu)), order, accuracy))
+        mirrored, scattered, _ = stack.below(shared, parts, media, bottom, order)
+        inside = scattered + np.diag(mirrored)
         out = facets.inward[order].T @ inside @ np.linalg.solve(identity - facets.within[order] @ inside, facets.inward[order])
         if order == 0:
             albedo = facets.mirrored + out @ root / root
@@ -107,13 +120,4 @@ def covered(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Covered
         small = small + 1 if largest[-1] <= _NEGLIGIBLE * tolerance * largest[0] else 0
         if small == 2:
             break
-    return Covered(slab, directions, without, np.stack(orders), albedo)
-
-
-def _inside(slab: Slab, layer, root, order: int):
-    """Reflection (N, N) of the layer and what is under it, without a boundary."""
-    bare = np.zeros(len(root))
-    if slab.depth == math.inf:
-        return layer.scattered(bare)[0]
-    base = (slab.base if order == 0 else 0.0) * np.outer(root, root)
-    return between(layer, base, bare) + base * np.outer(layer.direct, layer.direct)
+    return Covered(slab, directions, cuts, np.stack(orders), albedo)

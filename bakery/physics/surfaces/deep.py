@@ -61,8 +61,8 @@ def layer_of_order(without: Cut, order: int, parts, missed, directions, depth: f
     depth : optical depth, 0 to infinity
     """
     (even, odd), (mu, flux) = parts, directions
-    rest = float(np.abs(without.moments[order:]).max(initial=0.0)) * without.albedo
-    if accuracy > 0 and rest <= FAINT and depth * (1 - rest) > _DEPTH:
+    largest = float(np.abs(without.moments[order:]).max(initial=0.0)) * without.albedo
+    if accuracy > 0 and largest <= FAINT and depth * (1 - largest) > _DEPTH:
         return deep(even, odd, missed, mu, flux, without.albedo, accuracy)
     return homogeneous(even + np.diag(missed), odd + np.diag(missed), mu, flux, without.albedo, depth)
 
@@ -88,8 +88,8 @@ def deep(even, odd, missed, mu, flux, albedo: float, accuracy: float) -> Deep:
     r, before = backward / sums, float(np.max(np.abs(backward) / least))
     for _ in range(_STEPS):
         w = r * mu
-        rest = (forward + 0.5 * w.T @ backward) @ w
-        new = (backward + rest + rest.T) / sums
+        several = (forward + 0.5 * w.T @ backward) @ w
+        new = (backward + several + several.T) / sums
         change = float(np.max(np.abs(new - r) * sums / least))
         r = new
         # what further steps add is a geometric series

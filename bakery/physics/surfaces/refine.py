@@ -45,7 +45,7 @@ def converged(slab: Slab, tolerance: float, most: int = MOST) -> tuple[Solution 
         solution = solve(slab, wanted, count, tolerance)
         values = _values(solution)
         if before is not None:
-            error = _left(max(map(_change, values, before)), wanted, count, solution.nodes.leaving < count)
+            error = _error_after(max(map(_change, values, before)), wanted, count, solution.nodes.leaving < count)
         if error <= (1 - _ROUNDED) * tolerance or 3 * count // 2 > most:
             return solution, error
         before, count = values, 3 * count // 2
@@ -59,7 +59,7 @@ def _first(slab: Slab, wanted, tolerance: float, most: int) -> int:
     return max(FEWEST, 2 * int(small[0] if len(small) else most) // 3)
 
 
-def _left(change: float, wanted, count: int, few: bool) -> float:
+def _error_after(change: float, wanted, count: int, few: bool) -> float:
     """Error after a change from two thirds of `count` moments; few: there are fewer nodes than moments."""
     shares = [np.maximum(row[[_before(count), count]], 0.0) for row in (wanted if isinstance(wanted, list) else [wanted])]
     share = max(float(now / (before - now)) if before > now else float(now > 0) for before, now in shares)

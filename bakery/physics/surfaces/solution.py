@@ -123,10 +123,10 @@ def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution 
     count : that are carried
     tolerance : relative; Fourier orders that matter less are left out
     """
-    if slab.under is not None:
-        return stacked(slab, moments, count, tolerance)
     if slab.roughness and slab.index != 1:
         return covered(slab, moments, count, tolerance)
+    if slab.under is not None:
+        return stacked(slab, moments, count, tolerance)
     without = cut(moments, slab.albedo, count)
     # light that passes a peak is told by as many nodes as there are moments
     passes = slab.base is None and slab.depth < math.inf

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,11 +45,30 @@ def layers(slab: Slab) -> tuple[list[Slab], Reflector | float | None]:
     last = parts[-1]
     if any(part.index < 1 for part in parts):
         raise ValueError("media of a stack have an index of 1 or more")
-    if any(part.roughness > 0 and part.index != 1 for part in parts):
-        raise ValueError("boundaries of a stack are smooth")
+    if any(part.roughness > 0 and part.index != 1 for part in parts[1:]):
+        raise ValueError("boundaries between the media of a stack are smooth")
     if last.depth == math.inf:
         return parts, None
     return parts, last.base if last.under is None else last.under
+
+
+def under_facets(slab: Slab) -> Slab:
+    """A stack as light inside of its uppermost medium sees it: indices are over that of this medium, which has no boundary.
+
+    Raises
+    ------
+    ValueError : air below; an index below that of the uppermost medium
+    """
+    if free(slab):
+        raise ValueError("a layer under a rough boundary has a base or is infinite")
+
+    def relative(part: Slab) -> Slab:
+        under = relative(part.under) if isinstance(part.under, Slab) else part.under
+        if part.index < slab.index * (1 - 1e-9) or isinstance(under, Reflector) and slab.index != 1:
+            raise ValueError("under a rough boundary no medium has a lower index than the uppermost one")
+        return replace(part, index=max(part.index / slab.index, 1.0), roughness=part.roughness * (part is not slab), under=under)
+
+    return relative(slab)
 
 
 def free(slab: Slab) -> bool:
@@ -199,8 +218,8 @@ class Stacked:
     def exact(self, mu, mu0, phi):
         """What is exact at every angle, inside of the uppermost boundary."""
         (parts, _), total, below = layers(self.slab), 0.0, None
-        there, here = _reached(parts, self.cuts, mu), _reached(parts, self.cuts, mu0)
-        for (part, without, inner, share), (*_, inner0, share0) in zip(there, here, strict=True):
+        outward, inward = _reached(parts, self.cuts, mu), _reached(parts, self.cuts, mu0)
+        for (part, without, inner, share), (*_, inner0, share0) in zip(outward, inward, strict=True):
             phase = 4 * math.pi * phase_at(part.theta, part.phase, single.turned(inner, inner0, phi, -1))
             depth = part.depth * without.shrinks if part.depth else 0.0
             total = total + 0.25 * part.albedo / without.shrinks * phase * single.upward(inner, inner0, depth) * share * share0
@@ -265,15 +284,15 @@ def stacked(slab: Slab, moments: Sequence, count: int, tolerance: float = 1e-6) 
         phases = [phase_matrices(without.moments, nodes.mu(part.index), order)
                   for part, without in zip(parts, cuts, strict=True)]
         accuracy = ITERATED * tolerance * largest[0] if order else 0.0
-        media = [_of_order(nodes, *medium, order, accuracy) for medium in zip(parts, cuts, phases, missed, strict=True)]
-        mirrored, scattered, downward = _below(nodes, parts, media, bottom, order)
+        media = [of_order(nodes, *medium, order, accuracy) for medium in zip(parts, cuts, phases, missed, strict=True)]
+        mirrored, scattered, downward = below(nodes, parts, media, bottom, order)
         upward = _escaping(mirrored, scattered, top.reflected)[:leaving, :leaving]
         if downward is not None:
             downward = _down(nodes, 1.0, top.index, mirrored, scattered, downward)
         if order == 0:
             shares = _shares(top, mirrored, upward, downward)
         phases = [[side + np.diag(peak) for side in pair] for pair, peak in zip(phases, missed, strict=True)]
-        orders.append(exact.rest(phases, order, upward, downward))
+        orders.append(exact.several_times(phases, order, upward, downward))
         largest.append(max(float(np.abs(part).max()) for part in orders[-1]))
         small = small + 1 if largest[-1] <= _NEGLIGIBLE * tolerance * largest[0] else 0
         if small == 2:
@@ -302,13 +321,13 @@ def _missed(nodes: Directions, parts, cuts, few: bool) -> list:
             for part, without in zip(parts, cuts, strict=True)]
 
 
-def _of_order(nodes: Directions, part: Slab, without: Cut, phases, missed, order: int, accuracy: float) -> Layer | Deep:
+def of_order(nodes: Directions, part: Slab, without: Cut, phases, missed, order: int, accuracy: float) -> Layer | Deep:
     """One layer."""
     depth = part.depth * without.shrinks if part.depth else 0.0
     return layer_of_order(without, order, phases, missed, (nodes.mu(part.index), nodes.flux(part.index)), depth, accuracy)
 
 
-def _below(nodes: Directions, parts, media, bottom, order: int):
+def below(nodes: Directions, parts, media, bottom, order: int):
     """What is under the uppermost boundary, inside of it: D (N,) and S (N, N); and what of light from there leaves below.
 
     That is (N,) unscattered and (K, N) scattered, K directions in air; None where nothing does.
@@ -416,12 +435,12 @@ class _Exact:
             self.factor = through / (fresnel.inside(out, last) + fresnel.inside(air, n))
             self.downward = [0.25 * without.albedo * weight for _, without, *_, weight in _once_through(parts[0], cuts, out, air)]
 
-    def rest(self, phases, order: int, upward, downward):
+    def several_times(self, phases, order: int, upward, downward):
         """One Fourier order of light scattered more than once, (N, N) each as `Stacked` has it."""
         keep, sines = self.keep, np.outer(self.sines, self.sines) if order % 2 else 1.0
         once = sum(factor * (even - odd)[keep, keep] for factor, (even, odd) in zip(self.upward, phases, strict=True))
-        rest = upward / np.sqrt(np.outer(self.flux, self.flux)) - (once + self.base if order == 0 else once)
-        reflected = 0.5 * (rest + rest.T) * (self.mu[:, None] + self.mu) / sines
+        smooth = upward / np.sqrt(np.outer(self.flux, self.flux)) - (once + self.base if order == 0 else once)
+        reflected = 0.5 * (smooth + smooth.T) * (self.mu[:, None] + self.mu) / sines
         if downward is None:
             return reflected, np.zeros_like(reflected)
         once = sum(factor * (even + odd)[keep, keep] for factor, (even, odd) in zip(self.downward, phases, strict=True))

@@ -21,7 +21,7 @@ from bakery.physics.surfaces.corrected import Corrected
 from bakery.physics.surfaces.look_up import surface_reflectance, surface_transmittance
 from bakery.physics.surfaces.nodes import coordinate, interpolation, vanishing
 from bakery.physics.surfaces.solution import Solution
-from bakery.physics.surfaces.stack import Stacked
+from bakery.physics.surfaces.stack import Stacked, free
 from bakery.system.compiled import njit
 
 GRIDS = (32, 24), (48, 32), (64, 48), (96, 64)  # directions and azimuths, from which the first one that is good enough is taken
@@ -146,8 +146,8 @@ def _sampled(solutions, nodes: int, azimuths: int) -> SurfaceTable:
     keep = np.concatenate([[True], np.diff(s) > 0])
     phase = 4 * math.pi * np.stack([solution.slab.phase[keep] for solution in solutions])
     buckets = np.searchsorted(s[keep], np.linspace(0, 1, _BUCKETS) ** 2, side="right") - 1
-    free = first.base is None and first.depth < math.inf
-    transmitted = [_grid(solution, solution.transmitted, nodes, azimuths) for solution in solutions] if free else []
+    through = free(first)
+    transmitted = [_grid(solution, solution.transmitted, nodes, azimuths) for solution in solutions] if through else []
     return SurfaceTable(
         float(first.index), first.roughness if rough else 0.0,
         np.array([solution.slab.depth * solution.cut.shrinks if solution.slab.depth else 0.0 for solution in solutions]),
@@ -157,7 +157,7 @@ def _sampled(solutions, nodes: int, azimuths: int) -> SurfaceTable:
         np.array([solution.slab.base or 0.0 for solution in solutions]), s[keep], phase,
         np.clip(buckets, 0, len(phase[0]) - 2).astype(np.int64),
         np.stack([_grid(solution, solution.reflected, nodes, azimuths) for solution in solutions]),
-        np.stack(transmitted) if free else np.zeros((0, 1, 1, 1), np.float32), free)
+        np.stack(transmitted) if through else np.zeros((0, 1, 1, 1), np.float32), through)
 
 
 def _counted(solutions, nodes: int, azimuths: int) -> SurfaceTable:

@@ -80,6 +80,41 @@ def _of_recipe(checker: Checker, node, layer: int) -> None:
     checker.files += [replace(file, sha256=whole), *(replace(part, key=f"{key}.{part.key}") for part in recipe.files)]
 
 
+def check_under_facets(checker: Checker, base: Mapping, boundary: Mapping, index: float) -> None:
+    """Under a rough boundary of an index no medium has a lower one, and no air is below."""
+    node = next((base[name] for name in ("asset", "recipe") if name in base), None)
+    under = None if node is None else checker.found.get(node.place.key)
+    if under is None:
+        return
+    lowest, free = _beneath(under)
+    if lowest < index and index != 1:
+        checker.report(boundary["roughness"], f"found a rough boundary of a medium of index {index:g} over one of {lowest:g}",
+                       "expected no lower index under facets, or roughness: 0")
+    elif free and index != 1:
+        checker.report(boundary["roughness"], "found a rough boundary of layers over air",
+                       "expected a base under them, an infinite layer, or roughness: 0")
+
+
+def _beneath(under) -> tuple[float, bool]:
+    """The lowest index in what stands behind `base`, and whether air is below it."""
+    from bakery.physics.surfaces.slab import Slab
+    from bakery.physics.surfaces.stack import free
+
+    if isinstance(under, tuple):
+        lowest, part = 4.0, under[0]
+        while isinstance(part, Slab):
+            lowest, part = min(lowest, part.index), part.under
+        # grains are seen from air
+        return lowest if part is None else 1.0, isinstance(under[0], Slab) and free(under[0])
+    surface = under.recipe.surface
+    index, base = 1.0 if surface.boundary == "none" else surface.boundary.index, surface.base
+    deeper = None if base is None else base.asset or base.recipe
+    if deeper is None:
+        return index, base is None and surface.thickness != "infinite"
+    lowest, open_below = _beneath(deeper)
+    return min(index, lowest), open_below
+
+
 def _picked(held, wanted, name: str) -> list[int]:
     """Positions of the wavelengths that are wanted; `Wrong` where one is not held."""
     held = np.asarray(held, float)

@@ -199,8 +199,8 @@ def cost(recipe) -> Cost:
     clear = any(component["type"] == "dielectric" for component in components)
     hits = groups * min((_HITS_CLEAR if clear else _HITS) / tolerance**2, 2.0**32)
     slower = _MESH if any(component["shape"]["type"] != "sphere" for component in components) else 1.0
-    seconds = slower * hits * (_HIT_CLEAR if clear else _HIT) + 0.7 * len(recipe.wavelength)
-    return Cost(seconds, 3e8, 1e5 * len(recipe.wavelength), f"about {hits:.2g} hits of light among explicit grains, "
+    seconds = slower * hits * (_HIT_CLEAR if clear else _HIT) + 0.1 * len(recipe.wavelength)
+    return Cost(seconds, 3e8, 2.7e5 * len(recipe.wavelength), f"about {hits:.2g} hits of light among explicit grains, "
                 f"{groups} groups of wavelengths", 0.7, kernels=("granular._goniometer", "multiple.legendre", "packing.cells"),
                 kind="of grains")
 

@@ -46,8 +46,10 @@ def lobes(surface: Surface, um, name: str, file: str, title: str):
             axes.axvline(-angle, color=INK, linewidth=0.8, linestyle=(0, (2, 2)))
             axes.set_title(f"from {angle:g}°")
             axes.set_xticks([-60, 0, 60])
-        top = float(np.percentile(np.concatenate([lobe[:, 5:-5].ravel() for lobe in values]), 99.5))
+        top, flat = (max(float(lobe.max()) for lobe in part) for part in (values[:-1], values[-1:]))
         panels[0].set(ylim=(0, 1.1 * top if top > 0 else 1.0), ylabel=title)
+        if flat > 1.1 * top > 0:
+            panels[-1].annotate(f"to {flat:.2g}", (0.7, 0.93), xycoords="axes fraction", ha="right", fontsize=8.5)
         figure.supxlabel("angle of exitance (°); above 0: forward", fontsize=9.5)
         if len(um) <= 8:
             figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper")
@@ -55,7 +57,9 @@ def lobes(surface: Surface, um, name: str, file: str, title: str):
     columns = [("from [deg]", np.repeat(INCIDENCES, len(signed))), ("to [deg]", np.tile(signed, len(INCIDENCES)))]
     columns += [(f"{title.lower()} [1] at {x:g} um", np.concatenate([lobe[k] for lobe in values])) for k, x in enumerate(um)]
     caption = f"{title} in the plane of incidence: pi times the radiance over the irradiance, 1 for a white Lambertian surface.  "
-    caption += "Dashed: back to where the light comes from.  Light that a smooth boundary mirrors is left out."
+    caption += "Dashed: back to where the light comes from.  Light that a smooth boundary mirrors is left out.  "
+    caption += f"The scale is that of the other panels: what goes beyond it from {INCIDENCES[-1]:g}° is cut, its largest value "
+    caption += "written."
     return Picture(file, f"Surface: {title.lower()}", caption, (9.6, 3.2), draw, tuple(columns))
 
 

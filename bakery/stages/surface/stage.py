@@ -11,9 +11,8 @@ from bakery.errors import StageError
 from bakery.physics.medium.similarity import without_delta
 from bakery.stages import rules
 from bakery.stages.declaration import ANY, Cost, Output, Result, Stage, datasets, later
-from bakery.stages.medium.section import phase_keys
 from bakery.stages.surface import base as bases
-from bakery.stages.surface import spread, under
+from bakery.stages.surface import costs, spread, under
 from bakery.stages.surface.section import INFINITE, SURFACE
 from bakery.stages.surface.triangles import packed, whole
 from bakery.stages.surface.view import QUERIES
@@ -31,7 +30,7 @@ OUTPUTS = (
     Output("cosine", "(N,)", "1", "of the solver's directions in air, with the normal", within=(0, 1)),
     Output("flux", "(N,)", "1", "share of the flux of isotropic light that each stands for, at most 1 in all", within=(0, 1)),
     Output("reflected", "(L, T, M, P)", "1", f"Fourier orders {_ORDERS}", within=ANY),
-    Output("transmitted", "(L, T, M, S)", "1", f"the same below the layer, {_ORDERS}; of layers on each other, of the whole "
+    Output("transmitted", "(L, T, M, Y)", "1", f"the same below the layer, {_ORDERS}; of layers on each other, of the whole "
            "square, whose rows are directions of exitance", optional=True, within=ANY),
     Output("albedo", "(L, T, N)", "1", "share of the light from each direction that comes back", within=(0, 1)),
     Output("passed", "(L, T, N)", "1", "share that leaves below the layer, unscattered light included", within=(0, 1)),
@@ -210,25 +209,14 @@ def check(group: Group) -> Iterable[str]:
         yield "transmitted missing, which air below needs"
 
 
-def _seconds(recipe) -> float:
-    """Of one layer at one wavelength: measured with Henyey-Greenstein functions."""
-    if recipe.medium is None or recipe.medium.phase is None:
-        return 1.0  # 0.2 with pigment, 10 with droplets of fog at 1 %
-    g = phase_keys(recipe.medium.phase)["g"]
-    steepest = min(float(np.abs(g).max()), 0.97) if g is not None else 0.5
-    # moments that are larger than the tolerance
-    return 0.8 + 4e-6 * (math.log(recipe.surface.tolerance) / math.log(max(steepest, 0.1))) ** 3.3
-
-
 def cost(recipe) -> Cost:
     surface, count = recipe.surface, len(recipe.wavelength)
     layers = 1 if surface.thickness == INFINITE else len(surface.thickness)
     rough = surface.boundary != "none" and surface.boundary.roughness > 0
-    # walks that tell the spread: 0.01 s, 0.7 s where next to nothing is absorbed
-    seconds = (_seconds(recipe) + 0.3) * count * layers + (4.0 if rough else 0.0)
-    return Cost(seconds, 1.5e8, 2.5e5 * count * layers, f"{count} wavelengths, {layers} layers", 0.5,
-                kernels=("multiple.legendre", "surfaces._spread", "surfaces.orders"), most=min(count * layers, _TOGETHER),
-                blocks=count * layers)
+    layer = costs.expected(recipe)
+    return Cost(layer.seconds * count * layers + (4.0 if rough else 0.0), 1.5e8, layer.file * count * layers + 3e4,
+                f"{count} wavelengths, {layers} layers", 0.5, most=min(count * layers, _TOGETHER), blocks=count * layers,
+                kernels=("multiple.legendre", "surfaces._spread", "surfaces.orders"))
 
 
 def measures(group: Group, reference: Group) -> Mapping[str, float]:

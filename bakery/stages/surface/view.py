@@ -200,11 +200,11 @@ def solutions_of(group: Group, medium: Group) -> list[list]:
             slab = Slab(theta, phase[k], albedo, depth, index, base if stack is None else None, roughness, stack)
             reflected = unpacked(orders, count)
             cut, back = without_peak(albedo, peak), np.asarray(group["albedo"].data[k, t], float)
+            if roughness > 0 and index != 1:
+                row.append(Covered(slab, directions, (cut, *_cuts(slab, group, k)), reflected, back))
+                continue
             if stack is not None:
                 row.append(_stacked(slab, directions, cut, reflected, back, group, k, t))
-                continue
-            if roughness > 0 and index != 1:
-                row.append(Covered(slab, directions, cut, reflected, back))
                 continue
             below = unpacked(group["transmitted"].data[k, t], count) if "transmitted" in group.members else 0 * reflected
             passed = np.asarray(group["passed"].data[k, t], float)
@@ -216,16 +216,23 @@ def solutions_of(group: Group, medium: Group) -> list[list]:
 
 def _stacked(slab, directions, cut, reflected, albedo, group: Group, k: int, t: int):
     """A stack, at wavelength number k and thickness number t."""
-    from bakery.physics.surfaces.cut import without_peak
-    from bakery.physics.surfaces.stack import Stacked, layers
+    from bakery.physics.surfaces.stack import Stacked
 
-    peaks = group["under_peak"].data[k] if "under_peak" in group.members else ()
-    cuts = (cut, *(without_peak(part.albedo, float(peak)) for part, peak in zip(layers(slab)[0][1:], peaks, strict=True)))
+    cuts = (cut, *_cuts(slab, group, k))
     below = np.zeros_like(reflected[:1])
     if "transmitted" in group.members:
         below = np.asarray(group["transmitted"].data[k, t], float).reshape(-1, *reflected.shape[1:])
     mirrored, passed = (np.asarray(group[name].data[k, t], float) for name in ("mirrored", "passed"))
     return Stacked(slab, directions, cuts, reflected, albedo, mirrored, below, passed)
+
+
+def _cuts(slab, group: Group, k: int) -> list:
+    """Of the layers under the uppermost one."""
+    from bakery.physics.surfaces.cut import without_peak
+    from bakery.physics.surfaces.stack import layers
+
+    peaks = group["under_peak"].data[k] if "under_peak" in group.members else ()
+    return [without_peak(part.albedo, float(peak)) for part, peak in zip(layers(slab)[0][1:], peaks, strict=True)]
 
 
 def _corrected(solution, group: Group, k: int):

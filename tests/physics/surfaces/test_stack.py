@@ -63,6 +63,24 @@ def test_stacks_over_air(indices, depths):
     np.testing.assert_allclose(there[steep], back[steep], rtol=3e-3 if indices[0] == 1 else 1e-9)
 
 
+@pytest.mark.parametrize("base", [None, 0.3])
+def test_parts_of_a_layer_under_facets(base):
+    rest = math.inf if base is None else 1.27
+    exact = solve(Slab(*HALF, 0.95, 2.0 if base else math.inf, 1.4, base, 0.3), ONE_LOBE, 24, 1e-4)
+    slab, moments = stack((0.5, 0.95, 0.03, 1.4), (0.5, 0.95, 0.7, 1.4), (0.5, 0.95, rest, 1.4), base=base)
+    parts = solve(replace(slab, roughness=0.3), moments, 24, 1e-4)
+    np.testing.assert_allclose(parts.reflection(MU, MU0, PHI), exact.reflection(MU, MU0, PHI), rtol=1e-6)
+    np.testing.assert_allclose(parts.albedo, exact.albedo, rtol=1e-9)
+
+
+@pytest.mark.parametrize("indices", [(1.3, 1.5), (1.5, 1.5), (1.2, 1.5, 1.5)])
+def test_energy_under_facets(indices):
+    slab, moments = stack(*((0.5 * (k % 2), 1.0, 0.4, index) for k, index in enumerate(indices)), base=1.0)
+    solution = solve(replace(slab, roughness=0.3), moments, 24, 1e-4)
+    np.testing.assert_allclose(solution.albedo, 1, atol=1e-6)
+    np.testing.assert_allclose(solution.reflection(MU, MU0, PHI), solution.reflection(MU0, MU, PHI), rtol=1e-6)
+
+
 def test_air_over_a_medium_is_its_boundary():
     """A layer of depth 0, by other nodes than those of a boundary."""
     exact = solve(Slab(*HALF, 0.95, math.inf, 1.4), ONE_LOBE, 24, 1e-4)
@@ -112,7 +130,8 @@ def test_the_table_is_the_stack():
 
 @pytest.mark.parametrize(("slab", "says"), [
     (stack((0.5, 0.9, 1.0, 0.8), (0.5, 0.9, math.inf, 1.0))[0], "1 or more"),
-    (replace(stack((0.5, 0.9, 1.0, 1.3), (0.5, 0.9, 1.0, 1.3), base=0.1)[0], roughness=0.2), "smooth")])
+    (replace(stack((0.5, 0.9, 1.0, 1.3), (0.5, 0.9, 1.0, 1.2), base=0.1)[0], roughness=0.2), "lower index"),
+    (replace(stack((0.5, 0.9, 1.0, 1.3), (0.5, 0.9, 1.0, 1.3))[0], roughness=0.2), "has a base")])
 def test_stacks_that_are_refused(slab, says):
     with pytest.raises(ValueError, match=says):
         solve(slab, [ONE_LOBE, ONE_LOBE], 16)
