@@ -56,9 +56,9 @@ class FarSurfaces:
         unit : m, length of 1 in the Mitsuba scene
         """
         self._boundaries, self._camera = boundaries, camera
-        default = next(body.bsdf for body in bodies if body is not None)
+        self._kept = [body.bsdf for body in bodies if body is not None]  # as long as pointers to them
         self._near = mi.Float([_NEVER if body is None else max(body.near / unit, _LEAST) for body in bodies])
-        self._bsdf = mi.BSDFPtr([default if body is None else body.bsdf for body in bodies])
+        self._bsdf = mi.BSDFPtr([self._kept[0] if body is None else body.bsdf for body in bodies])
 
     def chance(self, surface, direction, active):
         """That rays of directions which meet surfaces are turned there; 0 of those that leave bodies, and of other surfaces."""
