@@ -35,7 +35,7 @@ def without_points(render):
             for module, name, other in [
                     (events, "APART", 1), (events, "_WALKS", (events._WALKS[0],) * 2),
                     (events, "discs", lambda width: (discs(width)[0], 0 * width)),
-                    (beams, "joins", lambda setup, sets, points=(), every=False: joins(setup, sets, every=every))]:
+                    (beams, "joins", lambda setup, sets, points=(), **others: joins(setup, sets, **others))]:
                 changes.enter_context(mock.patch.object(module, name, other))
             return render(number)
 

@@ -92,7 +92,8 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     (m, depth up to which they are particles) and method (0: continuous, 1: particles, 2: both); of grains by several techniques
     ept, vpt, da, what each has brought, and switch (grains that paths have met when they switch); of bodies by beams closer (what
     it would change if pixels shared light over half the distance) and sharper (if beams of lights without extent were half as
-    wide); of several materials material (the entry in which most paths of the pixel first scattered; -1: none).
+    wide; sharper_even, sharper_odd: those of methods by beams, of every other pass); of several materials material (the entry in
+    which most paths of the pixel first scattered; -1: none).
     """
     rendering = Rendering(Render(scene, output, overrides=overrides, quality=quality, overwrite=overwrite, progress=progress),
                           variant, seed, resume)

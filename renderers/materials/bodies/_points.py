@@ -9,7 +9,7 @@ import numpy as np
 
 from bakery.kernels import lent, phase_value
 from bakery.system.compiled import njit
-from renderers.materials.bodies._beams import DEEP, likely
+from renderers.materials.bodies._beams import CHANGED, DEEP, SHARPER, likely
 from renderers.materials.bodies._cells import cell_ahead, enter, onward, reach, start, steps_of_lines
 
 
@@ -56,7 +56,7 @@ def join(medium, points, cells, disc, lines, facing, brought, begin, end):
     ----------
     medium : `Scatterer`;  points : `Points`;  cells : `Cells`, of the radius of the `Disc`
     lines : `Paths`;  facing : (n, 3) unit, outward normals of the boundary where lines begin
-    brought : (3, n, L) radiance by points of 0, 1 and more events before; W/m^2 sr
+    brought : (4, n, L) radiance by points of 0, 1 and more events before, and what half the radius would change; W/m^2 sr
     """
     medium, points, cells, lines = lent(medium), lent(points), lent(cells), lent(lines)
     longest, steps = DEEP / np.min(medium.sigma_t), steps_of_lines()
@@ -81,16 +81,21 @@ def _add(medium, points, p, disc, lines, i, facing, within, brought):
     ray = points.ray
     x, y, z = ray[p, 0] - lines.origin[i, 0], ray[p, 1] - lines.origin[i, 1], ray[p, 2] - lines.origin[i, 2]
     t, radius = x * vx + y * vy + z * vz, disc.radius
-    if not (within[0] <= t < within[1]) or x * x + y * y + z * z - t * t > radius * radius:
+    square, half = x * x + y * y + z * z - t * t, SHARPER * radius
+    if not (within[0] <= t < within[1]) or square > radius * radius:
         return
     cosine = min(max(-(ray[p, 3] * vx + ray[p, 4] * vy + ray[p, 5] * vz), -1.0), 1.0)
     odds = disc.scale * likely(medium, points.flown[p])
     beside = math.sqrt(1 - cosine * cosine)
-    share = (odds / (odds + beside) if odds < np.inf else 1.0) / _inside(t, radius, lines.direction, facing, i)
+    share = odds / (odds + beside) if odds < np.inf else 1.0
+    sharper = share / _inside(t, half, lines.direction, facing, i) if square <= half * half else 0.0
+    share /= _inside(t, radius, lines.direction, facing, i)
     order, sigma = min(points.before[p], 2), medium.sigma_t
     for w in range(len(sigma)):
         scattered = medium.albedo[w] * phase_value(medium.v, medium.steps, medium.phase[w], 1 - cosine)
-        brought[order, i, w] += share * points.power[p, w] * scattered * math.exp(-sigma[w] * t)
+        lasting = math.exp(-sigma[w] * t)
+        brought[order, i, w] += share * points.power[p, w] * scattered * lasting
+        brought[CHANGED, i, w] += (sharper - share) * points.power[p, w] * scattered * lasting
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)

@@ -19,9 +19,10 @@ from typing import NamedTuple
 import numpy as np
 
 from renderers.materials.bodies import _beams, _points, light, surfaces
-from renderers.materials.bodies._beams import Lit, Spread
+from renderers.materials.bodies._beams import CHANGED, Lit, Spread
 from renderers.materials.bodies._cells import Cells, cells_of
 from renderers.materials.bodies.paths import Paths
+from renderers.materials.bodies.setup import Sums
 from renderers.threads import run
 
 _WIDTH, _FREE = 0.01, 0.2  # half the width over which beams are spread: of a body's size; mfp, of those that begin at events
@@ -104,28 +105,32 @@ class Joins(NamedTuple):
     sets : of tuples of a loop, and of what it joins (`Lit` or `Points`), their cells (`Cells`) and how they are spread
         (`_beams.Spread` or `_points.Disc`), each of every body
     every : whether flights after events gather, too; of `sets` then no beam begins at an event
+    changed : `setup.Sums` of what half the width would change, or None
     """
 
     sets: list
     every: bool = False
+    changed: Sums | None = None
 
     def __call__(self, setup, paths, number, sums):
         """Adds what beams and points send to lines of sight in body `number`: those that come from a surface, or all."""
         lines = paths.of(((paths.events == 0) | self.every) & (paths.throughput > 0).any(axis=1))
         if not lines.count:
             return
-        brought, facing = np.zeros((3, *lines.throughput.shape)), surfaces.facing(setup, lines)
+        brought, facing = np.zeros((CHANGED + 1, *lines.throughput.shape)), surfaces.facing(setup, lines)
         for join, *its in self.sets:
             run(join, lines.count, setup.bodies[number].medium, *(part[number] for part in its), lines, facing, brought, block=64)
-        for order, values in enumerate(brought):
+        for order, values in enumerate(brought[:CHANGED]):
             sums.add(lines, values * lines.throughput @ setup.colours.to_rgb.T, order + 1)
+        if self.changed:
+            self.changed.add(lines, brought[CHANGED] * lines.throughput @ setup.colours.to_rgb.T, CHANGED)
 
 
-def joins(setup, sets, points=(), every=False) -> Joins:
+def joins(setup, sets, points=(), every=False, changed=None) -> Joins:
     """`Joins` of tuples of lit (`Lit`), `_beams.Spread`, and of tuples of `Points`, `_points.Disc`, each of every body."""
     sets = [(_beams.join, lit, list(map(_cells, setup.bodies, lit, spread)), spread) for lit, spread in sets]
     return Joins(sets + [(_points.join, its, list(map(_cells_of_points, setup.bodies, its, disc)), disc) for its, disc in points],
-                 every)
+                 every, changed)
 
 
 def spread(radius, rival=None, against=None):

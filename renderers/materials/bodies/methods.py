@@ -12,13 +12,13 @@ from bakery import kernels
 from bakery.grammar import fields
 from renderers import colour
 from renderers.materials.bodies import beams, chains, dipole, events, light, mutations, refraction, shells, smooth, transport
-from renderers.materials.bodies.bias import CLOSER, SHARPER
+from renderers.materials.bodies.bias import CLOSER, SHARPER, TURNS
 from renderers.materials.bodies.bodies import Body, has_tables, holds, laid_out, medium_of, rounding, solid_shape, untabled
 from renderers.materials.bodies.declaration import DIFFUSED, FEW, GATHERED, JOINED, MUTATED
 from renderers.materials.bodies.declared import methods
 from renderers.materials.bodies.gather import Gather
 from renderers.materials.bodies.paths import UNLIMITED
-from renderers.materials.bodies.setup import Transport
+from renderers.materials.bodies.setup import Sums, Transport
 from renderers.materials.bodies.thin import WALKS, density
 from renderers.pictures.engine import Part
 from renderers.pictures.passes import Method
@@ -259,15 +259,17 @@ class _Passes:
         entered, inside = zip(*(beams.entering(setup, body, entries, _LIT, number, self._seed)
                                for body, entries in enumerate(self._entries)))
         first = entered, beams.spread(width[0], self._rivals)
+        changed = Sums(self._size[0] * self._size[1], by_paths=False)
         if self._method.tabled:
             second = [beams.of_events(setup, body, paths) for body, paths in enumerate(inside)]
-            gather = beams.joins(setup, [first, (second, beams.spread(width[1]))])
+            gather = beams.joins(setup, [first, (second, beams.spread(width[1]))], changed=changed)
         else:
             walked = events.of_walks(setup, self._entries, self._counts.places, self._walks, number, self._seed)
             discs, against = events.discs(width[1])
             others = walked.beams, beams.spread(width[1], against=against)
-            gather = beams.joins(setup, [first, others], [(walked.points, discs)])
-        return self._images(transport.from_eye(setup, self._most, gather, number + _BESIDE, self._seed, by_paths=False))
+            gather = beams.joins(setup, [first, others], [(walked.points, discs)], changed=changed)
+        layers = self._images(transport.from_eye(setup, self._most, gather, number + _BESIDE, self._seed, by_paths=False))
+        return layers | {TURNS[number % 2]: changed.by_order.sum(axis=0).reshape(*self._size, 3)}
 
     def _images(self, sums):
         by_order = [image.reshape(*self._size, 3) for image in sums.by_order]

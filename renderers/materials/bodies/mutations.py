@@ -37,11 +37,11 @@ _PATHS, _SAMPLES = 1 << 16, 64  # from the camera in a pass, about; of a pixel, 
 _BEAMS = 4  # times the places and walks of other methods, which have lines of sight share few beams
 # mutations of a pass: so many a pixel, at least and at most; more where there are more lines of sight, so many of each
 _OF_PIXEL, _FEWEST, _MOST_OF_PASS, _OF_LINE = 1024, 1 << 17, 1 << 21, 4
-_STEPS, _LARGE = 256, 2  # of a chain; of so many the last one is large
+_STEPS, _LARGE = 256, 4  # of a chain; of so many the last one is large
 _CANDIDATES = 16  # states drawn by the guide for each chain, to begin with
 _OF_PILOT = 1 << 18  # states drawn alike that tell the guide
 _PARTS = 64, 128  # of lines and of beams, which the guide tells apart
-_ALIKE, _CLIPPED = 0.1, 30.0  # share that it draws alike; of the mean, what one state counts at most
+_ALIKE, _CLIPPED = 0.3, 30.0  # share that it draws alike; of the mean, what one state counts at most
 # of a sequence of low discrepancy in so many dimensions (Roberts 2018): powers of the inverse root of x^(d+1) = x + 1
 _LATTICE = 1.1347241384015194 ** -np.arange(0.0, NUMBERS)
 _EFFECTIVE = 0.1  # independent states that a step of a chain is worth, as the weights count it
