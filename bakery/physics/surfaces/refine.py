@@ -61,7 +61,9 @@ def _first(slab: Slab, wanted, tolerance: float, most: int) -> int:
 
 def _error_after(change: float, wanted, count: int, few: bool) -> float:
     """Error after a change from two thirds of `count` moments; few: there are fewer nodes than moments."""
-    shares = [np.maximum(row[[_before(count), count]], 0.0) for row in (wanted if isinstance(wanted, list) else [wanted])]
+    # of two moments the larger one: of lobes to both sides every other is small, of those backward every other is below 0
+    shares = [[np.abs(row[k:k + 2]).max() for k in (_before(count), count)]
+              for row in (wanted if isinstance(wanted, list) else [wanted])]
     share = max(float(now / (before - now)) if before > now else float(now > 0) for before, now in shares)
     if few:
         return min(2 * change, change * min(max(share, _LEAST), 1.0) + _FEW)
