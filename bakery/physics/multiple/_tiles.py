@@ -23,11 +23,11 @@ def _tile(rows, vectors):
     """An intrinsic that sets a tile of so many rows and vectors."""
 
     @intrinsic
-    def tile(typingctx, left, right, out, count):
+    def tile(typingctx, factors, lines, out, count):
         def code(context, builder, signature, args):
             return _code(context, builder, signature.args, args, (rows, vectors))
 
-        return types.void(left, right, out, types.intp), code
+        return types.void(factors, lines, out, types.intp), code
 
     return tile
 
@@ -49,7 +49,7 @@ def _code(context, builder, kinds, args, tile):
     (factors, first, row, step), (lines, start, line), (sums, to, below) = (record(n) for n in range(3))
     of = count.type
 
-    def place(base, index):
+    def pointer(base, index):
         return builder.bitcast(builder.gep(base, [index]), vector.as_pointer())
 
     before = builder.block
@@ -62,7 +62,7 @@ def _code(context, builder, kinds, args, tile):
     builder.position_at_end(body)
     numbers = []
     for v in range(vectors):
-        loaded = builder.load(place(lines, builder.add(at, of(v * LANES))))
+        loaded = builder.load(pointer(lines, builder.add(at, of(v * LANES))))
         loaded.align = 4
         numbers.append(loaded)
     after, beside = [], factor
@@ -80,7 +80,7 @@ def _code(context, builder, kinds, args, tile):
     builder.position_at_end(done)
     for i in range(rows):
         for v in range(vectors):
-            builder.store(totals[i][v], place(sums, builder.add(to, of(v * LANES)))).align = 4
+            builder.store(totals[i][v], pointer(sums, builder.add(to, of(v * LANES)))).align = 4
         to = builder.add(to, below)
     return context.get_dummy_value()
 

@@ -247,7 +247,7 @@ def cost(recipe) -> Cost:
                     kernels=_KERNELS + _KERNELS_OF_PHOTONS, kind="photons", most=len(recipe.wavelength))
     beyond = max(g - 0.5, 0.0)
     seconds = number * (_FEW + _MORE * beyond + _MANY * beyond**5)
-    return Cost(seconds, 1.5e8 + 3e9 * beyond**2, number * (1.5e4 + 3.3e5 * beyond), f"{number} tables", 1.0,
+    return Cost(seconds, 1.1e8 + 2e9 * beyond**2, number * (1.5e4 + 3.3e5 * beyond), f"{number} tables", 1.0,
                 kernels=_KERNELS, kind="solver", most=min(len(recipe.wavelength), _TOGETHER), blocks=len(recipe.wavelength))
 
 
