@@ -13,8 +13,9 @@ from renderers.transport.regions import Grid, Medium, Mesh
 
 # Optical depth of a medium, along the diagonal of its box or from the camera to the nearest small lamp in it, whichever is less;
 # half of the diagonal of the box around a lamp, of its distance from the camera.  `benchmarks/haze.py`, variance times time with
-# over without: depth 0.4 of a lamp of size 0.01: 0.17 to 0.4; depth 1.3: 0.25 to 1; depth 5: 1.4; size 0.2: 1.4; skies alone: 1.3
-THICKEST, LARGEST = 2.0, 0.05
+# over without: depth 0.4 under a lamp of size 0.01: 0.17 to 0.4, of 0.03 and of 0.2: 1.4; skies alone: 1.3; depth 1.3: 0.25 to 1,
+# depth 5: 1.4
+THICKEST, LARGEST = 2.0, 0.02
 
 
 def airlight(scene, entries, world):
