@@ -173,8 +173,8 @@ class Airlight:
     def _drawn(self, flight, anchor, which, u):
         """Distances for lamps: a number chooses how each is drawn."""
         share = dr.select(anchor.w >= 0, mi.Float(_EQUIANGULAR), 0)
-        rest = (which - share) / (1 - share)
-        drawn = dr.select(which < share, _equiangular(flight, anchor, u), self._collision(flight, rest, u))
+        which_wave = (which - share) / (1 - share)
+        drawn = dr.select(which < share, _equiangular(flight, anchor, u), self._collision(flight, which_wave, u))
         return dr.clip(drawn, flight.near, flight.far)
 
     def _collision(self, flight, which, u):
