@@ -119,8 +119,8 @@ def test_bias_is_told_from_noise(blurred, noise):
     change = np.where(np.arange(size[1]) < 24, blurred, -blurred)[None, :, None] * np.ones((*size, 3))
     mean, rgb, stated = Mean(), np.ones((*size, 3)), []
     for number in range(16):
-        own = change + noise * random.normal(size=(*size, 1))
-        mean.add({"": rgb + own, bias.TURNS[number % 2]: own})
+        brought = change + noise * random.normal(size=(*size, 1))
+        mean.add({"": rgb + brought, bias.TURNS[number % 2]: brought})
         stated.append(bias.of_picture([mean], rgb, np.zeros(3)) if number in (0, 15) else None)
     first, *_, last = stated
     assert first == pytest.approx(4 / 3 * np.hypot(blurred, noise), rel=0.1)
