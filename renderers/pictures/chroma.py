@@ -45,7 +45,7 @@ def _told(seen, variance, hues):
         return uniform_filter(values, (side, side, 1), mode="nearest")
 
     difference = around(seen - (seen @ colour.LUMINANCE)[..., None] * hues)
-    noise = _of_hues(around(variance), hues) / _AROUND**2
+    noise = _of_hues(np.maximum(around(variance), 0.0), hues) / _AROUND**2  # running sums end a little below 0
     square, noise = (around(np.sum(values, axis=-1, keepdims=True), _WIDER) for values in (difference**2, noise))
     return 1 - np.minimum(noise / np.maximum(square, _TINY), 1.0)
 
