@@ -90,7 +90,6 @@ def _splat(builder, x, vector):
     return builder.shuffle_vector(single, single, ir.Constant(ir.VectorType(_INT, LANES), [0] * LANES))
 
 
-
 def fused(builder, x, y, z):
     """x y + z of vectors, rounded once on any processor."""
     name = f"llvm.fma.v{x.type.count}f{64 if isinstance(x.type.element, ir.DoubleType) else 32}"
