@@ -24,7 +24,7 @@ name: cloud
 wavelengths: [0.55]
 tolerance: 0.1%
 medium: {sigma_s: 0.02 /m, sigma_a: 2e-5 /m, phase: {type: hg, g: 0.75}}
-surface: {thickness: "[50, 500] m"}
+surface: {thickness: "[50, 500] m", tolerance: 0.02%}
 """
 DROPLETS = """\
 bakery: 1
@@ -162,7 +162,9 @@ def test_pythonicdisort_and_the_baked_surface_agree(baked, recipe, peak, thickne
 
 @pytest.mark.slow
 def test_nanodisort_and_the_baked_surface_agree(baked):
-    """cdisort corrects single scattering by the phase function itself, as the surface does: seven digits."""
+    """cdisort corrects single scattering by the phase function itself, as the surface does: seven digits.
+
+    The asset is baked to 0.02 %, as what it stores is rounded to a small share of that."""
     solver = pytest.importorskip("nanodisort", reason=f"nanodisort {NO_PACKAGE}")
     asset, cloud = baked(CLOUD, "500 m")
     mu0, streams = math.cos(math.radians(60)), 64
