@@ -103,11 +103,17 @@ def in_the_background(lines, work):
     return thread, given
 
 
+def looked_at(address):
+    """As a page does, for which the server waits at the end."""
+    state, status = json.loads(request(address, "state?page=1")[1]), request(address, "layer/picture.png")[0]
+    request(address, "kept?page=1", "POST")
+    return state, status
+
+
 @pytest.mark.slow
 def test_the_same_bytes_with_and_without_a_page(call, addresses, folder):
     assert call("-o", "alone.png")[0] == 3
-    thread, states = in_the_background(addresses, lambda address: (json.loads(request(address, "state")[1]),
-                                                                   request(address, "layer/picture.png")[0]))
+    thread, states = in_the_background(addresses, looked_at)
     status, report, _ = call("-o", "seen.png", "--live")
     thread.join(30)
     assert status == 3 and report["stopped_by"] == "samples" and not report["stopped"]
