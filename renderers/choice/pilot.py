@@ -80,7 +80,9 @@ def forecast(scene, *, quality=None, variant=None, seed=None) -> Forecast:
     BakeryError : as the renderer
     """
     taken = choice.of_scene(scene, quality, variant)
-    scene, reasons = (scene, ()) if taken is None else (choice.applied(scene, taken), tuple(taken.reasons))
+    if taken is not None:  # with what was chosen, so that pilots choose nothing again
+        scene = dataclasses.replace(choice.applied(scene, taken), choice=taken)
+    reasons = () if taken is None else tuple(taken.reasons)
     return _forecast_of(scene, quality, variant, seed)._replace(choice=reasons)
 
 

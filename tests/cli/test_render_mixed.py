@@ -176,6 +176,11 @@ def test_auto_measures_and_remembers(call, folder, measured, monkeypatch, capsys
     assert status_of(["plan", "all.yaml", "--json", *SPRAY]) == 0
     (plan,) = json.loads(capsys.readouterr().out)
     assert plan["render"]["choice"][0].startswith(f"auto is {taken} here, by pilots")
+    # nor does what a plan renders on a small scale choose again, where a medium was chosen that has something to be compared with
+    found = choice.of_scene
+    monkeypatch.setattr(choice, "of_scene", lambda *about: found(*about)._replace(
+        method=spray, methods=[entries[0]["method"], "continuous", "ept", entries[3]["method"]]))
+    assert status_of(["plan", "all.yaml", "--json", *SPRAY]) == 0
 
 
 @pytest.mark.slow
