@@ -13,6 +13,19 @@ from bakery.store.hashes import seal
 from bakery.store.image import image
 from bakery.store.tree import Dataset, Group, text
 
+# a recipe of small spheres whose polarisation other solvers see, too
+POLARISED_DROPS = """\
+bakery: 1
+name: drops
+wavelengths: [0.5, 0.55]
+tolerance: 0.5%
+phase: {polarized: true}
+particles:
+  number_density: 1e11 /m^3
+  components:
+    - {name: spheres, material: {n: 1.33}, size: {distribution: lognormal, radius: 100 nm, sigma: 1.4}}
+"""
+
 
 def small_asset() -> Group:
     """Two wavelengths, 60 radii, 400 angles: about 50 kB, of the shape that a bake of fog has.  Not sealed."""

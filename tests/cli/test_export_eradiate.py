@@ -12,6 +12,7 @@ import pytest
 
 import bakery
 from tests.conftest import ROOT
+from tests.samples import POLARISED_DROPS
 
 NO_ERADIATE = "BAKERY_ERADIATE names no Python that has Eradiate: `make test-eradiate` installs one and runs this"
 CLOUD = """\
@@ -21,17 +22,6 @@ wavelengths: [0.55, 0.56]
 tolerance: 0.5%
 medium: {sigma_s: 0.01 /m, sigma_a: 5e-4 /m, phase: {type: hg, g: 0.6}}
 surface: {thickness: 200 m, tolerance: 0.2%}
-"""
-DROPS = """\
-bakery: 1
-name: drops
-wavelengths: [0.5, 0.55]
-tolerance: 0.5%
-phase: {polarized: true}
-particles:
-  number_density: 1e11 /m^3
-  components:
-    - {name: spheres, material: {n: 1.33}, size: {distribution: lognormal, radius: 100 nm, sigma: 1.4}}
 """
 ZENITHS, SUN = np.array([-45.0, -10.0, 10.0, 45.0, 70.0]), 60.0  # as in tests/eradiate_scene.py
 
@@ -72,7 +62,7 @@ def test_polarisation_in_eradiate_is_that_of_the_asset(call, tmp_path):
     if not python:
         pytest.skip(NO_ERADIATE)
     recipe, asset = tmp_path / "drops.yaml", tmp_path / "drops.h5"
-    recipe.write_text(DROPS)
+    recipe.write_text(POLARISED_DROPS)
     for arguments in ((recipe, "-o", asset), ("export", asset, "--to", "eradiate", "-o", tmp_path / "drops")):
         status, _, err = call(*arguments)
         assert status == 0, err

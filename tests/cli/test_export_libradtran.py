@@ -13,6 +13,7 @@ from scipy.io import netcdf_file
 
 import bakery
 from bakery.physics.medium.phase import phase_integral
+from tests.samples import POLARISED_DROPS
 
 NO_UVSPEC = "BAKERY_UVSPEC names no uvspec of libRadtran (…/bin/uvspec, with …/data beside bin)"
 CLOUD = """\
@@ -75,17 +76,6 @@ def test_uvspec_reads_it_and_agrees_with_the_baked_surface(call, tmp_path, file)
         np.testing.assert_allclose(rows[:, column], ours, rtol=tolerance)
 
 
-DROPS = """\
-bakery: 1
-name: drops
-wavelengths: [0.5, 0.55]
-tolerance: 0.5%
-phase: {polarized: true}
-particles:
-  number_density: 1e11 /m^3
-  components:
-    - {name: spheres, material: {n: 1.33}, size: {distribution: lognormal, radius: 100 nm, sigma: 1.4}}
-"""
 POLARISED = {"550 550": "500 500", "solver disort": "solver polradtran\npolradtran nstokes 3", "streams 32": "streams 16",
              "phi 0 180": "phi 0"}
 
@@ -96,7 +86,7 @@ def test_its_vector_solver_sees_the_polarisation_of_the_asset(call, tmp_path):
     uvspec = os.environ.get("BAKERY_UVSPEC")
     if not uvspec:
         pytest.skip(NO_UVSPEC)
-    (tmp_path / "drops.yaml").write_text(DROPS)
+    (tmp_path / "drops.yaml").write_text(POLARISED_DROPS)
     for arguments in ((tmp_path / "drops.yaml", "-o", tmp_path / "drops.h5"),
                       ("export", tmp_path / "drops.h5", "--to", "libradtran", "-o", tmp_path, "--density", "1g/cm^3")):
         status, _, err = call(*arguments)
