@@ -16,9 +16,10 @@ from renderers.materials.bodies import methods
 from renderers.materials.bodies.bodies import rounding, untabled
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
-from renderers.transport import boundaries, loop
+from renderers.transport import boundaries, loop, steps, surfaces
 from renderers.transport.media import Media, scattered
-from renderers.transport.scene import Scene
+from renderers.transport.paths import Paths
+from renderers.transport.scene import Scene, View
 from tests.odds import ODDS, sigmas
 from tests.physics import test_translucent as bodies
 from tests.physics.particles import blocks, same
@@ -223,11 +224,64 @@ def test_wavelengths_as_their_means(tmp_path):
 def test_refraction_is_no_loss_to_roulette(tmp_path, monkeypatch):
     """In an even sky every path of a glass body that loses no light brings exactly its radiance: none ends, or is made brighter,
     because refraction into glass divides radiance.  But for a few at the edges of the ball's triangles, which lose their side."""
-    monkeypatch.setattr(loop, "_FAR", 1 << 20)  # else paths that are caught for 64 bounces end one time in twenty
+    monkeypatch.setattr(loop, "_FAR", 1 << 20)  # else some paths that are caught for long end
     even = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
     how = transport(tmp_path, {"ball": (BALL, asset(1.0, 0.0))}, even, [1.4], size=16)
     by_order, _ = loop.trace(Scene(how.world, how.bodies, how.colours, drawn=False), (1, 2), 256, 1, False)
     assert np.quantile(abs(by_order.sum(axis=1) - 1), 0.95) < 1e-4
+
+
+class Caught:
+    """Light caught by total reflection in a cube of glass, in which the camera stands, until it meets a small black lamp."""
+
+    CAMERA = ("""<sensor type="perspective"><float name="fov" value="12"/><transform name="to_world">
+<lookat origin="0.1, -0.2, 0.05" target="1.1, 0.75, 1" up="0, 0, 1"/></transform><film type="hdrfilm">
+<integer name="width" value="64"/> <integer name="height" value="64"/> <rfilter type="box"/></film></sensor>""")
+    GLASS = '<bsdf type="dielectric"/><boolean name="face_normals" value="true"/>'
+    LAMP = f"""<shape type="rectangle"><transform name="to_world"><scale value="0.25"/><rotate x="1" angle="180"/>
+<translate x="0.3" y="-0.2" z="0.9999"/></transform>{bodies.BLACK}<emitter type="area"><rgb name="radiance" value="1"/></emitter>
+</shape>"""
+
+    def __init__(self, folder):
+        glass = bodies.shape(folder, "glass", box((-1, -1, -1), (1, 1, 1)), self.GLASS)
+        ball = bodies.shape(folder, "ball", (0.1 * BALL[0] + 9, BALL[1]), bodies.BOUNDARIES[1.0])
+        (folder / "scene.xml").write_text(f'<scene version="3.0.0">{self.CAMERA}{glass}{self.LAMP}{ball}</scene>')
+        self.how = methods.transport_of(World(folder / "scene.xml"), ["ball"], [asset(0.5, 0.0)], [None], None, "paths")
+
+    def over_surfaces(self):
+        view = View(self.how.world, self.how.world.scene, self.how.colours)
+        return loop.trace(view, (1, 2), 64 * 64, 1, False, surfaces.TURN)[0].sum(axis=1)[:, 1]
+
+    def through_media(self):
+        scene = Scene(self.how.world, self.how.bodies, self.how.colours)
+        return loop.trace(scene, (1, 2), 64 * 64, 1, False)[0].sum(axis=1)[:, 1]
+
+    @staticmethod
+    def of_wavefronts():
+        """The same, but for where it is: the lamp is met one time in a hundred."""
+        count, seen, random = 64 * 64, [], np.random.default_rng(3)
+        states = random.integers(1 << 63, size=count).astype(np.uint64)
+        paths = Paths.begun(np.zeros((count, 3)), np.ones((count, 3)), 1, states, np.arange(count))
+        while paths.count:
+            meets = random.random(paths.count) < 0.01
+            seen.append(paths.throughput[meets, 0])
+            paths = paths.of(~meets)
+            paths.bounces[:] += 1
+            paths = steps.thinned(paths, 64)
+        seen = np.concatenate(seen)
+        return np.concatenate([seen, np.zeros(count - len(seen))])
+
+
+@pytest.mark.parametrize("kind", ["over_surfaces", "through_media", "of_wavefronts"])
+def test_what_light_that_is_caught_in_glass_counts(tmp_path, kind):
+    """All of it comes to the lamp, after a hundred bounces; no path is made much brighter by those that end on their way.
+
+    Were one in twenty to end at each bounce, one of the four thousand would count some hundred times.
+    """
+    light = getattr(Caught(tmp_path), kind)()
+    assert light.max() < 40
+    assert light.mean() == pytest.approx(1, abs=sigmas() * light.std() / np.sqrt(len(light)))
+    assert light.std() < 1
 
 
 def test_light_that_rounding_takes(tmp_path):
