@@ -143,12 +143,13 @@ def camera_paths(scene, pixel, drawn, random, alive, number):
     origin, direction = scene.camera_ray(pixel, offset)
     width = dr.width(pixel)
     zero = dr.zeros(mi.UInt32, width)
-    since = scene.lamps.none(width) if scene.lamps else {"departure": None, "chance": None, "entry": None}
+    looked_for = scene.lamps.none(width) if scene.lamps else {"departure": None, "chance": None, "entry": None}
     return Path(random=random, pixel=pixel, number=number, alive=alive, origin=origin, direction=direction,
                 throughput=[dr.full(mi.Float, 1, width) for _ in range(scene.waves)], squared_index=dr.full(mi.Float, 1, width),
-                inside=scene.around_camera + zero, order=mi.UInt32(zero), bounces=mi.UInt32(zero), drawn=mi.Point3f(origin),
+                inside=scene.around_camera + zero, order=mi.UInt32(zero), bounces=mi.UInt32(zero),
+                since=None if scene.most is None else mi.UInt32(zero), drawn=mi.Point3f(origin),
                 density=dr.zeros(mi.Float, width), single=dr.full(mi.Bool, True, width), choice=choice, counts=None,
-                before=scene.airlight and scene.airlight.none(width), **since)
+                before=scene.airlight and scene.airlight.none(width), **looked_for)
 
 
 def _add(sums, number, light, active=True):
@@ -262,6 +263,8 @@ def scattered(scene, path, medium, position, active, records=None):
     path.density = dr.select(active, density, path.density)
     path.single = dr.select(active, ~scene.takes_samples(medium), path.single)
     path.bounces += dr.select(active, mi.UInt32(1), mi.UInt32(0))
+    if scene.most is not None:
+        path.since += dr.select(active, mi.UInt32(1), mi.UInt32(0))
     path.alive &= ~active | scene.holds(medium, position)
     return roulette(path, False, share, path.random.next_float32(), active)
 
@@ -292,6 +295,8 @@ def turned(scene, path, event, records=None):
     path.density = dr.select(shades, sample.pdf, path.density)
     path.drawn = dr.select(shades, path.origin, path.drawn)
     path.bounces += dr.select(shades, mi.UInt32(1), mi.UInt32(0))
+    if scene.most is not None:
+        path.since = dr.select(event.meets, 0, path.since)
     path.alive &= ~event.misses
     path = roulette(path, shades & (path.bounces > _FAR), mi.Float(1), random.next_float32(), event.meets)
     if scene.samples:

@@ -23,7 +23,7 @@ _ON_GPU = 4  # times as many there: what processors do for a pass, a tenth of a 
 _SAMPLES = 16  # a pixel and pass, at most: the noise of small pictures is known from several passes
 
 
-def part(name, world, entries, colours, seed, by_light=False, far=MappingProxyType({})) -> Part:
+def part(name, world, entries, colours, seed, by_light=False, far=MappingProxyType({}), most=None) -> Part:
     """Passes of paths through continuous media, bodies among them, and over the surfaces and lights of a scene.
 
     Parameters
@@ -40,6 +40,7 @@ def part(name, world, entries, colours, seed, by_light=False, far=MappingProxyTy
     seed : of the random numbers of all passes
     by_light : whether passes have layers light.NAME, too, of each of `world.light_names`
     far : `far.Far` of bodies that are surfaces far from the camera, by their numbers among the entries
+    most : of each entry, all of them bodies, how often light may scatter between two surfaces; None: as often as it does
 
     Returns
     -------
@@ -51,7 +52,7 @@ def part(name, world, entries, colours, seed, by_light=False, far=MappingProxyTy
     Lights without extent are found from media without a boundary, from matched bodies and from surfaces, but not through
     boundaries that turn light, as no ray meets them.
     """
-    scene = cache(lambda: Scene(world, entries, colours, far=far))  # with the first pass
+    scene = cache(lambda: Scene(world, entries, colours, far=far, most=most))  # with the first pass
     return of_loop(name, world, partial(_traced, scene), seed, by_light)
 
 

@@ -33,10 +33,11 @@ class View:
     around_camera : what the camera stands in, as a path's `inside`
     airlight : `airlight.Airlight`, along flights through thin media; None where there are none
     lamps : `samples.Samples`, which go through smooth boundaries of bodies; None where there are none
+    most : of each medium, scatterings between two surfaces that a path may have; None: any number
     """
 
     around_camera = 0
-    lamps = airlight = None
+    lamps = airlight = most = None
 
     def __init__(self, world, scene, colours):
         """
@@ -96,7 +97,7 @@ class Scene(View):
     splitting : `splitting.Splitting`, of smooth boundaries that the camera sees; None where there are none
     """
 
-    def __init__(self, world, entries, colours, drawn=True, far=MappingProxyType({})):
+    def __init__(self, world, entries, colours, drawn=True, far=MappingProxyType({}), most=None):
         """
         Parameters
         ----------
@@ -106,6 +107,8 @@ class Scene(View):
         far : `far.Far` of bodies that are surfaces far from the camera, by their numbers among the entries
         entries : at most `MOST`, of the same wavelengths: `regions.Medium`, or bodies, shapes of the Mitsuba scene, with name,
             vertices, faces, medium, matched as a `renderers.materials.bodies.bodies.Body` has them
+        most : of each entry, all of them bodies, scatterings between two surfaces that a path may have, after which it goes
+            straight to the next with what the medium leaves of it; None: any number
         """
         super().__init__(world, world.scene, colours)
         self.entries = sorted(range(len(entries)), key=lambda number: _place(entries[number]))
@@ -119,6 +122,7 @@ class Scene(View):
         self.regions = Regions([(1 << number, entry.region) for number, entry in unbounded.items()], unit)
         self.voxels = Voxels({number: entry.region for number, entry in unbounded.items() if isinstance(entry.region, Grid)},
                              len(numbered), unit)
+        self.most = None if most is None else mi.UInt32([most[number] for number in self.entries])
         self.far = FarSurfaces(self.boundaries, [far.get(number) for number in self.entries], self.origin, unit) if far else None
         self._is_body = mi.UInt32([int(number in bodies) for number in numbered])
         sampled = [number in unbounded or entry.matched for number, entry in numbered.items()]
@@ -142,6 +146,10 @@ class Scene(View):
     def takes_samples(self, medium):
         """Whether light samples reach scatterings in a medium: its boundary lets them through."""
         return dr.gather(mi.UInt32, self._sampled, medium) != 0
+
+    def goes_straight(self, path, medium):
+        """Whether paths in a medium have no more scatterings up to the next surface."""
+        return mi.Bool(False) if self.most is None else path.since >= dr.gather(mi.UInt32, self.most, medium)
 
     def holds(self, medium, point):
         """Whether points may be in a medium; rounding can lose a path through an edge of a body."""

@@ -14,10 +14,12 @@ from bakery.physics.medium import phase
 from renderers import colour
 from renderers.materials.bodies import methods
 from renderers.materials.bodies.bodies import rounding, untabled
+from renderers.materials.bodies.declaration import FEW
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
 from renderers.transport import boundaries, loop, steps, surfaces
 from renderers.transport.media import Media, scattered
+from renderers.transport.passes import LAYERS
 from renderers.transport.paths import Paths
 from renderers.transport.scene import Scene, View
 from tests.odds import ODDS, sigmas
@@ -70,12 +72,11 @@ def passes(how, numbers, layer="", seed=0):
     return np.array([part.render(number)[layer] for number in numbers])
 
 
-def walked(how, monkeypatch):
-    """Passes by the compiled walk, which follows paths where the loop cannot."""
+def walked(how, monkeypatch, method="paths"):
+    """Passes of paths by the compiled walk, which follows them where the loop cannot."""
     with monkeypatch.context() as patch:
         patch.setattr(methods, "in_one_loop", lambda how: False)
-        (part,) = methods.parts(how, "paths", "negative", 1)
-    return part
+        return methods.parts(how, method, "negative", 1)[0]
 
 
 @pytest.fixture
@@ -156,6 +157,20 @@ def test_what_the_loop_leaves_to_the_walk(tmp_path):
     assert not methods.in_one_loop(glass) and methods.in_one_loop(rough)
 
 
+@pytest.mark.parametrize("method, orders", [("vrl+tables", 3), ("vrl", 2), ("dipole", 2)])
+def test_light_of_few_events_is_that_of_paths(tmp_path, method, orders):
+    """Order by order, in a body that light enters once, and none of more: the rest is for beams and tables."""
+    how = transport(tmp_path, {"ball": (BALL, asset([0.9, 0.8, 0.5], 0.3, (1.0, 0.8, 0.6)))}, SKY + PANEL, [1.0], size=8)
+    (few, *_), (paths,) = methods.parts(how, method, "negative", 1), methods.parts(how, "paths", "negative", 0)
+    assert few.name == FEW and few.samples == paths.samples
+    ours, theirs = ([part.render(number) for number in range(12)] for part in (few, paths))
+    for layer in LAYERS[:orders]:
+        assert same(*(blocks(np.array([layers[layer] for layers in images]), (2, 2)) for images in (ours, theirs))) > ODDS, layer
+    for layers in ours:
+        assert not any(layers[layer].any() for layer in LAYERS[orders:])
+        assert np.allclose(layers[""], sum(layers[layer] for layer in LAYERS), rtol=1e-6, atol=1e-12)
+
+
 WARM, COOL = asset([0.9, 0.8, 0.5], 0.0, (1.0, 0.8, 0.6)), asset([0.99, 0.5, 0.9], 0.3, (0.4, 2.0, 1.0))
 
 
@@ -196,6 +211,22 @@ def test_as_the_compiled_walk(tmp_path, monkeypatch, meshes, around, indices, or
     for layer in ("order1", "orders", ""):
         pictures = (blocks(np.array([one[layer] for one in images]), (2, 2)) for images in (ours, theirs))
         assert same(*pictures) > ODDS, layer
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("meshes, around, indices", [
+    ({"ball": (BALL, asset([0.9, 0.8, 0.5], [0.5, 0.4, 0.3]))}, SKY + PANEL + FLOOR, [1.4]),
+    ({"ball": (BALL, WARM), "inner": ((0.5 * BALL[0], BALL[1]), COOL)}, SKY + PANEL, [1.4, 1.0]),
+    ({"left": (box((-4, -2, -2), (0, 2, 2)), WARM), "right": (box((0, -2, -2), (4, 2, 2)), COOL)}, PANEL + FLOOR, [1.0, 1.0]),
+], ids=["glass", "nested", "beside"])
+def test_few_events_between_two_surfaces_as_in_the_compiled_walk(tmp_path, monkeypatch, meshes, around, indices):
+    """Each surface that turns light back, and each boundary, lets it scatter anew: so it has three events and more."""
+    how = transport(tmp_path, meshes, around, indices)
+    (few, *_), walk = methods.parts(how, "vrl+tables", "negative", 0), walked(how, monkeypatch, "vrl+tables")
+    ours, theirs = [few.render(number) for number in range(16)], [walk.render(number) for number in range(60)]
+    for layer in (*LAYERS, ""):
+        pictures = [blocks(np.array([layers[layer] for layers in images]), (2, 2)) for images in (ours, theirs)]
+        assert pictures[1].mean() > 0 and same(*pictures) > ODDS, layer
 
 
 @pytest.mark.slow
