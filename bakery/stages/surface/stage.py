@@ -134,7 +134,8 @@ def compute(inputs: dict, context) -> Result:
 
 def _spread(inputs: dict, cases: list, shape: tuple[int, int], context) -> dict:
     """Arrays of how far light spreads in the layers."""
-    spreads = context.map(spread.spread_of, [(case, context.seed, *divmod(k, shape[1])) for k, case in enumerate(cases)])
+    spreads = context.map(spread.spread_of, [(case, context.tolerance, context.seed, *divmod(k, shape[1]))
+                                             for k, case in enumerate(cases)])
     return spread.stored(spreads, spread.units(cases, inputs["sigma_t"], inputs["thickness"]), shape)
 
 
@@ -232,7 +233,7 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
 
 STAGE = Stage(
     name="surface",
-    version=5,
+    version=6,
     title="reflectance of a plane layer",
     reads=("wavelengths", "seed", "surface"),
     needs=("medium",),
