@@ -120,6 +120,9 @@ def without_aureole(theta, phase):
 
 def _of(edges, walks: int, light, square, beyond) -> Spread:
     """From sums (BLOCKS, ...) over walks of each class and block."""
+    # weights of returns from the deep are 1 only on average: what is above 1 in a class is noise
+    surplus = np.maximum((light.sum(axis=(2, 3)) + beyond).mean(axis=0) / walks, 1.0)
+    light, beyond, square = light / surplus[:, None, None], beyond / surplus, square / surplus[:, None]
     shares = light / walks
     returned = light.sum(axis=3)
     squares, square_error = _ratio(square, returned)
