@@ -8,6 +8,8 @@ the camera on (`SceneMethod.far_share`), where that is much of what the camera s
 
 from __future__ import annotations
 
+import math
+
 from renderers.scene import budget, candidates, entries
 from renderers.scene.budget import percent
 from renderers.scene.candidates import Candidate
@@ -20,11 +22,11 @@ def beside(opened, world, listed: tuple[Candidate, ...]) -> tuple[tuple[Candidat
 
     opened : `renderers.choice.Opened`;  listed : the candidates without surfaces, () where there is nothing to choose
     """
-    scene = opened.scene
+    scene, (listed, unlike) = opened.scene, _of_grains(opened, world, listed)
     able = [number for number in candidates.surfaces(scene) if not _of(scene, number, "surface").unfit(
         scene, number, opened.assets[number], world)]
     if not able:
-        return listed, {}
+        return listed, unlike
     listed = listed or (candidates.with_surfaces(scene, (), 0.0),)
     expected = {number: _of(scene, number, "surface").deviation(scene, number, opened.assets[number], world) for number in able}
     empty = {number: reason for number in able if (reason := _of(scene, number, "first").unfit(
@@ -40,11 +42,34 @@ def beside(opened, world, listed: tuple[Candidate, ...]) -> tuple[tuple[Candidat
         offered = (*offered, candidates.with_surfaces(scene, beside_them, error, tuple(changing)))
     refused = {f"materials[{number}] by surface": "as far as light spreads in it, over pixels and the body's radius, an error "
                f"of {percent(expected[number])} is expected, and {percent(allowed)} allowed"
-               for number in able if number not in fitting and number not in empty}
+               for number in able if number not in fitting and number not in empty} | unlike
     if not empty:
         return (listed[0], *offered, *listed[1:]), refused
     why = "; ".join(f"materials[{number}]: {reason}" for number, reason in empty.items())
     return offered, {candidate.name: why for candidate in listed} | refused
+
+
+def _of_grains(opened, world, listed):
+    """Candidates, without those by which entries are surfaces from some distance on where that is not worth while, or too far
+    off, and why; the others with the error that is expected of it.  Grains have such ones among their methods."""
+    scene, kept, refused = opened.scene, [], {}
+    allowed = budget.ROOM * (scene.values.tolerance or budget.DEFAULT)
+    for candidate in listed:
+        stated = [(entries.declared(scene.values.materials[number].kind)[candidate.methods[number]],
+                   (scene, number, opened.assets[number], world)) for number in candidate.surfaces]
+        if fault := next(filter(None, (method.unfit(*about) for method, about in stated)), ""):
+            refused[candidate.name] = fault
+        elif stated and max(method.far_share(*about) for method, about in stated) < _WORTH:
+            refused[candidate.name] = "little of what the camera sees is far enough to be a surface"
+        elif (error := max((method.deviation(*about) for method, about in stated), default=0.0)) > allowed:
+            refused[candidate.name] = f"an error of {percent(error)} is expected of the surface, and {percent(allowed)} allowed"
+        else:
+            kept.append(candidate._replace(stated=_besides(candidate.stated, error)))
+    return tuple(kept), refused
+
+
+def _besides(stated, error):
+    return lambda tolerance: math.hypot(stated(tolerance), error)
 
 
 def _changing(opened, world, able) -> dict[int, float]:

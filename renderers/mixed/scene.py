@@ -20,6 +20,7 @@ CHOICE = "method", ("auto",)  # the key of the method of all entries, and what i
 EXACT, KEPT = ("auto",), ("auto",)  # of `bake trade`: without an error of their own; within a scene's tolerance
 PACE = 5e-4  # s of a core that a pixel takes to a relative variance of 1
 POINTS = ("auto",)
+_OF_GRAINS = {"surface_from": "grains beside other materials are no surfaces"}
 _UNUSED = {"spread": "no method here switches from grains to their medium", "footprint": "method query is not there",
            "boundary.tables": "method paths reads no tables"}  # keys of entries that other renderers use
 
@@ -46,6 +47,9 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
             yield owner(stated or entry).problem(message, expected, key=f"{key}.method")
         surface = is_surface(kind, method)
         for name, reason in _NOT_OF_SURFACES.items() if surface else {}:
+            if name in entry:
+                yield entry.names[name].problem(f"found {name}, and {reason}", "expected none")
+        for name, reason in _OF_GRAINS.items() if kind == "grains" else ():
             if name in entry:
                 yield entry.names[name].problem(f"found {name}, and {reason}", "expected none")
         for name in _OF_SURFACES if kind == "body" and method in (*METHODS[kind], "auto") else ():

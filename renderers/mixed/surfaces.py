@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from renderers.materials.bodies import far as spreading
-from renderers.materials.bodies import onset
+from renderers.materials.surface import far as spreading
+from renderers.materials.surface import onset
 from renderers.mixed.scene import chosen
-from renderers.scene.budget import percent
 from renderers.scene.entries import declared, is_surface
 from renderers.transport.far import Far
 
@@ -43,7 +42,7 @@ def put(scene, world, assets) -> dict[int, Placed]:
             nearest = onset.reach(world, entry.where.shape)[0]
             if nearest > 0 and 2 * begins.near <= nearest:  # else the camera may stand in it
                 put_there = _put(scene, world, asset, number)
-                placed[number] = put_there._replace(reasons=(_in_words(number, begins), *put_there.reasons))
+                placed[number] = put_there._replace(reasons=(onset.in_words(number, begins), *put_there.reasons))
     return placed
 
 
@@ -62,12 +61,12 @@ def _changing(scene, world, asset, number) -> Changing:
     entry, key = scene.values.materials[number], f"materials[{number}]"
     begins = _onset(scene, world, asset, number)
     if begins.near >= onset.reach(world, entry.where.shape)[1]:
-        return Changing(None, (_in_words(number, begins),))
+        return Changing(None, (onset.in_words(number, begins),))
     bsdf = mi.load_dict({"type": "bakedbsdf", "filename": str(asset.path), "layer": entry.layer or 0})
     error = layers.load(str(asset.path), entry.layer or 0).error
     stated = declared(entry.kind)[entry.method].leaves_out
     return Changing(Far(bsdf, begins.near), (
-        _in_words(number, begins), f"{key}: {stated}",
+        onset.in_words(number, begins), f"{key}: {stated}",
         f"{key}: the reflectance of its surface is looked up within {100 * error:.2g} %, at angles to 89.9 degrees"))
 
 
@@ -78,16 +77,6 @@ def _onset(scene, world, asset, number):
     if fault := onset.unfit(entry, asset, world):
         raise scene.wrong(f"materials[{number}].method", f"found {entry.method}, but {fault}; use paths, or another asset")
     return onset.of(scene, number, asset, world)
-
-
-def _in_words(number, begins) -> str:
-    """At which distance a body changes, and how far off that is expected to be."""
-    if begins.near == np.inf:
-        return f"materials[{number}]: all of it is by paths: nowhere would its surface keep the tolerance"
-    where = f"from {_length(begins.near)} to {_length(2 * begins.near)} from the camera" if begins.near else "at the camera"
-    return (f"materials[{number}]: paths go into it near the camera, and its surface sends light on far from it; it changes "
-            f"{where}. {percent(begins.share)} of what the camera sees of it is its surface, and an error of "
-            f"{percent(begins.error)} of its light is expected of that")
 
 
 def _put(scene, world, asset, number) -> Placed:
@@ -122,21 +111,14 @@ def _refuse_without(scene, asset, number) -> None:
 def _spread_in_words(scene, world, asset, layer, shape, size) -> str:
     far = float(np.max(spreading.spread(asset, layer)))
     source = "by walks" if spreading.baked(asset) else "by diffusion"
-    words = f"light leaves it up to {_length(far)} (root mean square, {source}) from where it came in"
+    words = f"light leaves it up to {onset.length(far)} (root mean square, {source}) from where it came in"
     if world.camera is None:
         return words
     box = world.unit * np.array([shape.bbox().min, shape.bbox().max], float).reshape(2, 3)
     nearest = float(np.linalg.norm(np.clip(world.camera.origin, box[0], box[1]) - world.camera.origin))
     angle = float(np.sqrt(np.linalg.norm(world.camera.right) * np.linalg.norm(world.camera.down)))
     pixel = nearest * angle
-    compared = (f"a pixel is {_length(pixel)} wide at the nearest of its box, and that {_length(size)}: regions of a ball as "
-                f"wide would be off by {100 * spreading.OFF * far / (0.5 * size):.2g} % or less")
+    compared = (f"a pixel is {onset.length(pixel)} wide at the nearest of its box, and that {onset.length(size)}: regions of a "
+                f"ball as wide would be off by {100 * spreading.OFF * far / (0.5 * size):.2g} % or less")
     verdict = "; use another method where it is near" if far > pixel else ""
     return f"{words}; {compared}{verdict}"
-
-
-def _length(metres: float) -> str:
-    for unit, scale in (("um", 1e-6), ("mm", 1e-3)):
-        if metres < 1e3 * scale:
-            return f"{float(f'{metres / scale:.2g}'):g} {unit}"
-    return f"{metres:.3g} m"

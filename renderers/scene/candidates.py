@@ -77,7 +77,8 @@ def _of_one_kind(scene):
     declared = entries.declared(scene.values.materials[0].kind)
     count = len(scene.values.materials)
     return tuple(Candidate(name, (name,) * count, declared[name].exact, declared[name].error, declared[name].pilot,
-                           declared[name].lacks) for name in declared[scene.values.method].candidates)
+                           declared[name].lacks, surfaces=tuple(range(count)) if declared[name].surface_far else ())
+                 for name in declared[scene.values.method].candidates)
 
 
 # ---- bodies as surfaces

@@ -46,8 +46,8 @@ DENOISE = ("auto", "yes", "no")
 BOUNDARIES = ("negative", "mirrored", "none")  # how tables see the boundary of a body
 PLACES = {"particles": ("box", "mesh", "grid", ""), "grains": ("mesh",), "medium": ("everywhere", "box", "mesh", "shape", "grid"),
           "body": ("shape",)}  # kind -> keys of `where`; "" where it may be absent
-KEYS = {"particles": ("velocity", "time", "footprint", "peak"), "grains": ("spread", "fraction", "mixture"), "medium": (),
-        "body": ("boundary", "layer", "surface_from")}  # kind -> keys that no other kind has
+KEYS = {"particles": ("velocity", "time", "footprint", "peak"), "grains": ("spread", "fraction", "mixture", "surface_from"),
+        "medium": (), "body": ("boundary", "layer", "surface_from")}  # kind -> keys that not all kinds have
 SPEED = Quantity("speed", "speeds", "m/s", {"um/s": -6, "mm/s": -3, "cm/s": -2, "m/s": 0, "km/s": 3}, "m/s")
 
 # ---- where a material is
@@ -160,8 +160,8 @@ class _Entry(Section):
         None, description="For method surface: index of the asset's thickness, from 0; default 0."
     )
     surface_from: number(LENGTH, least=0, most=1e12) | None = Field(
-        None, description="For method paths+surface: distance to the camera up to which paths go into the body; from twice that "
-        "on it is its baked surface; default: by the tolerance."
+        None, description="For methods paths+surface and ept+vpt+surface: distance to the camera up to which paths go into the "
+        "body or its grains; from twice that on it is its baked surface; default: by the tolerance."
     )
 
     @property
@@ -224,9 +224,10 @@ def is_surface(kind: str, method: str) -> bool:
 
 
 def has_surface(kind: str, method: str) -> bool:
-    """Whether a material is a surface of the Mitsuba scene by a method, all of it or what is far from the camera."""
+    """Whether a material is a surface of the Mitsuba scene by a method, all of it or what is far from the camera: grains, which
+    are no shape of it, look their own one up."""
     stated = declared(kind).get(method)
-    return stated is not None and (stated.surface or stated.surface_far)
+    return stated is not None and (stated.surface or stated.surface_far) and stated.beside
 
 
 def stages(kind: str, method: str = "auto") -> tuple[str, ...]:
@@ -341,12 +342,12 @@ def _of_kind(root: Mapping, entry: Mapping, of: Known, key: str) -> Iterator[Pro
         yield owner(node).problem(f"found {called} in a place of kind {volume}", f"expected {fields.one_of(_words(of.kind))}")
     elif node is None and "" not in PLACES[of.kind]:
         yield owner(entry).problem("missing", f"expected where: {fields.one_of(_words(of.kind))}", key=f"{key}.where")
-    for kind, names in KEYS.items():
-        for name in names:
-            if kind != of.kind and name in entry:
-                does = "does" if called.startswith("a ") else "do"
-                yield entry.names[name].problem(f"found {name}, which {called} {does} not have",
-                                                f"expected it with {KINDS[kind]}")
+    for name in dict.fromkeys(name for names in KEYS.values() for name in names):
+        kinds = [kind for kind, names in KEYS.items() if name in names]
+        if of.kind not in kinds and name in entry:
+            does = "does" if called.startswith("a ") else "do"
+            yield entry.names[name].problem(f"found {name}, which {called} {does} not have",
+                                            f"expected it with {fields.one_of([KINDS[kind] for kind in kinds])}")
     if of.method not in (accepted := methods(of.kind)):
         node = next((asking["method"] for asking in (entry, root) if _text(asking, "method") == of.method), None)
         reason = f"found {show(of.method)}"

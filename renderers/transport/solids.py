@@ -18,3 +18,15 @@ def volume(vertices, faces):
     """Of a closed mesh; below 0 where its faces are turned inward."""
     corner = (vertices - vertices.mean(axis=0))[faces]
     return float(np.einsum("fk,fk->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2]))) / 6
+
+
+def area(vertices, faces) -> float:
+    """Of a mesh."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return float(np.sum(np.linalg.norm(np.cross(b - a, c - a), axis=1))) / 2
+
+
+def chord(vertices, faces) -> float:
+    """Mean chord of a closed mesh, in the unit of its vertices (V, 3): 4 V/S of isotropic lines (Cauchy)."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return 4 * (abs(float(np.sum(a * np.cross(b, c)))) / 6) / area(vertices, faces)

@@ -60,8 +60,10 @@ ROOMS = {"camera": set(), "colour": set(), "progress": set(), "threads": set(),
          "fog": {"camera", "colour", "mitsuba", "pictures", "progress", "scene", "threads"},
          "preview": {"camera", "colour", "mitsuba", "pictures", "progress", "threads", "transport.wavefront"}}
 GROUND = {"camera", "choice", "colour", "mitsuba", "pictures", "progress", "scene", "threads", "transport"}
-# materials stand on all of that and know nothing of each other, but that a medium fills bodies; `mixed` knows all of them
-MATERIALS = {"medium": set(), "particles": set(), "grains": set(), "bodies": {"materials.medium"}}
+# materials stand on all of that and know nothing of each other, but that a medium fills bodies, and that bodies and grains are
+# surfaces far away; `mixed` knows all of them
+MATERIALS = {"medium": set(), "particles": set(), "surface": set(), "grains": {"materials.surface"},
+             "bodies": {"materials.medium", "materials.surface"}}
 
 
 LATER = re.compile(r"((?:bakery|renderers)(?:\.\w+)+):\w+")  # a place that is imported when it is asked for

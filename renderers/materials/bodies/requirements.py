@@ -8,12 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 
 from bakery import kernels
-from renderers.materials.bodies import far, thin
+from renderers.materials.bodies import thin
 from renderers.materials.bodies.bodies import refusal
 from renderers.materials.bodies.declared import methods
+from renderers.materials.surface import far
 from renderers.mitsuba.shapes import index_fault
 from renderers.scene.budget import DEFAULT, ROOM, as_much, percent
 from renderers.scene.requirements import Knob, Need
+from renderers.transport import solids
 
 # The stated error of tables over the tolerance that they were asked for, 10 %: 0.40 (bumpy_sphere), 0.22 (wax), 0.11 (skin); the
 # true error is half of that (docs/multiple-tables.md)
@@ -62,7 +64,7 @@ def surface(about) -> list[Need]:
     reason = f"an error of {_percent(least)} is expected where light leaves as by a layer"
     if least <= _UNSURE * allowed:
         return [Need("surface", True, reason)]
-    from renderers.materials.bodies import onset  # loads Dr.Jit
+    from renderers.materials.surface import onset  # loads Dr.Jit
 
     share = max(onset.of(about.scene, number, unbaked, about.world).share for number in about.bodies)
     return [Need("surface", True, f"{_percent(share)} of its picture is far enough to be that of a layer")] if share > 0 else []
@@ -97,7 +99,7 @@ def _sizes(about):
     """Optical depth (L,) of the mean chord of the largest body, and of the longest way through any, the diagonal of its box."""
     chords, longest = [], []
     for shape in about.measured(_shapes):
-        chords.append(thin.chord(shape.vertices, shape.faces))
+        chords.append(solids.chord(shape.vertices, shape.faces))
         longest.append(float(np.linalg.norm(shape.box[1] - shape.box[0])))
     return max(chords) * about.medium.sigma_t, max(longest) * about.medium.sigma_t
 

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from renderers.transport.solids import area
+
 FEW = 0.01  # share of light below which it is as good as none
 WALKS = 8192  # of light, in a pass
 _OUTSIDE = 0.1  # of diffuse light, what a boundary reflects from outside: 0.09 at index 1.5, 0.07 at 1.33
-
-
-def chord(vertices, faces) -> float:
-    """Mean chord of a closed mesh, in the unit of its vertices (V, 3): 4 V/S of isotropic lines (Cauchy)."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    volume = abs(float(np.sum(a * np.cross(b, c)))) / 6
-    return 4 * volume / _area(vertices, faces)
 
 
 def density(vertices, faces, reduced) -> float:
@@ -21,13 +16,8 @@ def density(vertices, faces, reduced) -> float:
 
     vertices, faces : (V, 3) m, (F, 3), of a closed mesh;  reduced : (L,) 1/m, over transport mean free paths
     """
-    squares = _area(vertices, faces) * np.max(reduced) ** 2
+    squares = area(vertices, faces) * np.max(reduced) ** 2
     return WALKS / squares if squares > 0 else np.inf
-
-
-def _area(vertices, faces):
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return float(np.sum(np.linalg.norm(np.cross(b - a, c - a), axis=1))) / 2
 
 
 def again(depth, albedo, index):

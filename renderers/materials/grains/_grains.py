@@ -21,6 +21,7 @@ from bakery.kernels import (
 from bakery.system.compiled import njit
 
 NOWHERE, UNKNOWN = -1, -2  # in place of a sphere: a ray starts in none; it is not known where it starts
+OFF = -3  # it starts on a baked surface (`far`), and meets grains only where it comes into a mesh
 _AHEAD = 1.0 / 128  # radii that a ray starts outside of a sphere: a grain may touch it
 
 

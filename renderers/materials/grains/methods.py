@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bakery import kernels
-from renderers.materials.grains import bundles, local, material, medium, transport
+from renderers.materials.grains import bundles, far, local, material, medium, transport
 from renderers.materials.grains.declared import methods
 from renderers.materials.grains.transport import GRAINS, MEDIUM, Body, Transport
 from renderers.pictures.engine import Part
@@ -36,19 +36,23 @@ def prepare(job, world, seed) -> Method:
         outer, inner, deep = reaching
         raise job.scene.wrong(f"materials[{inner}].where.mesh", f"reaches {deep:.2g} m into the mesh of materials[{outer}]; "
                               "meshes that do not overlap, but may touch, would do")
-    tolerance = values.tolerance or budget.DEFAULT
-    return of(values.method, world, assets, meshes, grains, seed, values.materials[0].spread, tolerance)
+    tolerance, surfaces = values.tolerance or budget.DEFAULT, (None, [])
+    if methods()[values.method].surface_far:
+        surfaces = far.surfaces_of(job.scene, world, assets, grains, meshes, methods()[values.method].leaves_out)
+    return of(values.method, world, assets, meshes, grains, seed, values.materials[0].spread, tolerance, surfaces)
 
 
-def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.DEFAULT) -> Method:
+def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.DEFAULT, surfaces=(None, ())) -> Method:
     """The method of a name, which is another where that chooses.
 
     assets, meshes, grains : of the bodies, in their order; meshes of vertices (V, 3) m and triangles (F, 3)
     spread, tolerance : as in a scene
+    surfaces : `transport.Transport.surfaces`, and sentences about them
     """
     name = settled(methods(), name)
     declared = methods()[name]
     scene, reasons = transport_of(name, world, assets, meshes, grains, spread)
+    scene, reasons = scene._replace(surfaces=surfaces[0]), [*reasons, *surfaces[1]]
     if stated := declared.error(tolerance):
         reasons.append(f"how far {name} is off is not measured: in eight scenes by up to {percent(stated)}")
     if scene.switch is not None and declared.diffuses and any(body.medium.varies for body in scene.bodies):
@@ -92,7 +96,8 @@ def transport_of(name, world, assets, meshes, grains, spread=4.0):
         reasons += material.reasons_of_medium(asset) if declared.continuous else material.reasons_of(asset)
     switch = bundles.Switch(spread) if declared.switches else None
     start = MEDIUM if declared.continuous else GRAINS
-    return Transport(tuple(bodies), colours, start, switch), list(dict.fromkeys([*filter(None, [declared.leaves_out]), *reasons]))
+    leaves_out = [] if declared.surface_far else filter(None, [declared.leaves_out])  # of which parts `far` tells
+    return Transport(tuple(bodies), colours, start, switch), list(dict.fromkeys([*leaves_out, *reasons]))
 
 
 def medium_part(bodies, meshes, colours, world, seed):

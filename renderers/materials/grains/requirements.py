@@ -41,7 +41,20 @@ def needs(about) -> list[Need]:
                       f"{as_much(_BEST / (_BETTER * about.tables))}"
     paths = Knob("scatterometer.tolerance", statistics, f"{100 * statistics:.3g}%", why, larger=False)
     return [Need("packing", True, "grains lie as in its tiles", tuple(_tiles(about))),
-            Need("grains", True, apart, (paths, *triangles), lacking), Need("medium", True, _of_medium(method), (_walk(about),))]
+            Need("grains", True, apart, (paths, *triangles), lacking), Need("medium", True, _of_medium(method), (_walk(about),)),
+            *_surface(about, method)]
+
+
+def _surface(about, method) -> list[Need]:
+    """The surface of grains: asked for, or in the recipe, where `auto` may take it, as single grains are not seen far off."""
+    if method.surface_far:
+        return [Need("surface", True, "light leaves what is far as by a plane of grains")]
+    if not method.candidates or getattr(about.recipe, "surface", None) is None or about.dark:
+        return []
+    farthest = about.measured(_pixels_farthest)
+    if farthest > ROOM * about.tolerance:
+        return [Need("surface", False, f"grains are {farthest:.2g} pixels wide and more: single ones are seen everywhere")]
+    return [Need("surface", True, f"at the farthest grains are {farthest:.2g} pixels wide: light may leave them as by a plane")]
 
 
 def _walk(about) -> Knob:
@@ -74,11 +87,27 @@ def _triangles(about, method):
     return (Knob("scatterometer.triangles", number, str(number), why),), f"grains are {pixels:.2g} pixels wide at most"
 
 
+def _radius(about):
+    """Of the largest grain, m."""
+    return 1e-6 * float(about.recipe.grains.radius) * _largest(about.recipe.packing.radii)
+
+
+def _pixels_farthest(about):
+    """Diameter of the largest grain at the farthest corner of its bodies, pixels."""
+    from renderers.materials.grains import material, seen
+
+    if about.world.camera is None:
+        raise about.scene.no_camera()
+    corners = np.concatenate([material.mesh_of(about.scene, number)[0] for number in about.bodies])
+    farthest = float(np.max(np.linalg.norm(corners - about.world.camera.origin, axis=1)))
+    return 2 * _radius(about) / max(seen.angle_of_pixel(about.world) * farthest, 1e-30)
+
+
 def _pixels(about):
     """Diameter of the largest grain at the nearest point of its bodies, pixels."""
     from renderers.materials.grains import local, seen
 
-    radius = 1e-6 * float(about.recipe.grains.radius) * _largest(about.recipe.packing.radii)
+    radius = _radius(about)
     bodies, widest = [entry.where for entry in about.scene.values.materials], 0.0
     if about.world.camera is None:
         raise about.scene.no_camera()

@@ -7,8 +7,12 @@ import numpy as np
 
 def pixels_wide(world, triangles, radius) -> float:
     """Diameter of grains of a radius, m, at the nearest point of a mesh, triangles (F, 3, 3) m, in pixels."""
-    pixel = float(np.sqrt(np.linalg.norm(world.camera.right) * np.linalg.norm(world.camera.down)))
-    return 2 * radius / (pixel * max(distance(world.camera.origin, triangles), radius))
+    return 2 * radius / (angle_of_pixel(world) * max(distance(world.camera.origin, triangles), radius))
+
+
+def angle_of_pixel(world) -> float:
+    """Width of a pixel over its distance, rad."""
+    return float(np.sqrt(np.linalg.norm(world.camera.right) * np.linalg.norm(world.camera.down)))
 
 
 def distance(point, triangles) -> float:

@@ -17,15 +17,17 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.materials.grains import _paths, bundles
-from renderers.materials.grains._grains import UNKNOWN
+from renderers.materials.grains import _paths, bundles, far
+from renderers.materials.grains._grains import OFF, UNKNOWN
 from renderers.materials.grains._paths import GRAINS, MEDIUM
 from renderers.materials.grains.paths import NEVER, Colours, Explicit, Paths
+from renderers.materials.surface import lobes
 from renderers.transport import steps, wavefront
 from renderers.transport.paths import joined, of_camera
 
 _ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 _MANY, _SHARE = 4096, 1 / 16  # where fewer paths than that, and than that share of them, are left, lights are sampled less often
+_TURNED = -2  # less the number of a body: of paths that its baked surface turns, in place of that
 ALL, BEFORE, AFTER = range(3)  # which light a pass brings: all, that before the switch, that after it
 
 
@@ -46,12 +48,14 @@ class Transport(NamedTuple):
     bodies : tuple of `Body`;  colours : `Colours`
     technique : with which paths begin, GRAINS or MEDIUM
     switch : `bundles.Switch`, or None where paths do not switch
+    surfaces : `far.Surface` of each body; None where no body is one far from the camera
     """
 
     bodies: tuple[Body, ...]
     colours: Colours
     technique: int = GRAINS
     switch: bundles.Switch | None = None
+    surfaces: tuple[far.Surface, ...] | None = None
 
     def interactor(self, body, technique):
         """The loops of a body: those of its grains or those of its medium."""
@@ -156,7 +160,8 @@ def _until_switched(world, transport, paths, size, sums):
 
 def _on(world, transport, paths, sums):
     """Paths after what each needed next, those that go on, and those that wait."""
-    _look_ahead(world, transport, paths, np.flatnonzero(np.isnan(paths.far) & (paths.sphere[:, 0] == UNKNOWN)))
+    look = _look_ahead if transport.surfaces is None else _look_from_the_open
+    look(world, transport, paths, np.flatnonzero(np.isnan(paths.far) & (paths.sphere[:, 0] <= UNKNOWN)))
     onward, waiting = [], []
     for body, technique in _groups(paths):
         group = paths if technique is None else paths.of(
@@ -175,6 +180,8 @@ def _groups(paths):
 
 def _through(world, transport, paths, body, sums):
     """Parts of the paths of one body and technique after what each needed next, and those that wait."""
+    if body < -1:
+        return [_at_baked_surface(world, transport, paths, _TURNED - body, sums)], paths.of(slice(0, 0))
     if body < 0:  # nothing but surfaces of the scene ahead
         return [_at_surfaces(world, transport, paths, sums)], paths.of(slice(0, 0))
     interactor = transport.interactor(body, paths.technique[0])
@@ -204,6 +211,30 @@ def _look_ahead(world, transport, paths, at):
         paths.far[at], paths.body[at] = surface, 0
         return
     _choose(paths, at, surface, _entries(transport, paths, at, surface), paths.body[at] < 0)
+
+
+def _look_from_the_open(world, transport, paths, at):
+    """As `_look_ahead`, of paths in the open, which baked surfaces may turn: `_TURNED` less its number is their body then."""
+    surface = world.trace(paths.origin[at], paths.direction[at], np.inf)
+    comes_in, turned, first = far.meetings(transport.surfaces, paths, at, surface)
+    off = paths.sphere[at, 0] == OFF
+    paths.sphere[at, 0] = UNKNOWN
+    away = off & ~np.isfinite(comes_in).any(axis=1)
+    paths.far[at[away]], paths.body[at[away]], paths.beyond[at[away]] = surface[away], -1, -1
+    at, off, surface, turned, first = (values[~away] for values in (at, off, surface, turned, first))
+    skipped = np.where(off, first, 0.0)
+    paths.origin[at] += skipped[:, None] * paths.direction[at]
+    surface, turned = surface - skipped, turned - skipped[:, None]
+    if len(transport.bodies) == 1:
+        paths.far[at], paths.body[at] = surface, 0
+    else:
+        entries = np.where(np.isfinite(turned), turned, _entries(transport, paths, at, surface))
+        _choose(paths, at, surface, entries, np.ones(len(at), bool))
+    inside = np.flatnonzero(paths.body[at] >= 0)
+    body = paths.body[at[inside]]
+    distance = turned[inside, body]
+    rows = np.isfinite(distance)
+    paths.far[at[inside[rows]]], paths.body[at[inside[rows]]] = distance[rows], _TURNED - body[rows]
 
 
 def _entries(transport, paths, at, limit):
@@ -259,6 +290,22 @@ def transmittance(transport, technique, point, direction, distance, apart=-1):
     return share
 
 
+def _let_in(transport, technique, point, direction, distance, off=False):
+    """Share (n, L) of light on ways through the open that gets through all bodies, for paths of a technique.
+
+    off : ways begin at baked surfaces, whose own grains are not in the way
+    """
+    if transport.surfaces is None:
+        return transmittance(transport, technique, point, direction, distance)
+    share, first = far.lets_in(transport.surfaces, point, direction, distance)
+    passed = np.repeat(share[:, None], len(transport.colours.to_waves), axis=1)
+    ahead = np.flatnonzero((share > 0) & (np.isfinite(first) if off else True))
+    start = first[ahead] if off else np.zeros(len(ahead))
+    passed[ahead] *= transmittance(transport, technique, point[ahead] + start[:, None] * direction[ahead], direction[ahead],
+                                   distance[ahead] - start)
+    return passed
+
+
 # ---- events
 
 
@@ -304,6 +351,28 @@ def _turned(interactor, paths, event):
     return paths.of(event.alive)
 
 
+def _at_baked_surface(world, transport, paths, body, sums):
+    """Paths that go on from the baked surface of a body, after light samples have been added."""
+    surface, n = transport.surfaces[body], paths.count
+    distance, normal = surface.entries(paths.origin, paths.direction, np.full(n, np.inf))
+    paths.origin[:] += distance[:, None] * paths.direction
+    if n and not sums.skips(paths):
+        numbers = np.empty((n, 3))
+        wavefront.draw(paths.states, numbers)
+        sample = world.lights(paths.origin, numbers)
+        rows = np.flatnonzero((sample.radiance > 0).any(axis=1) & (np.sum(sample.direction * normal, axis=1) > 0))
+        lit, sample = paths.of(rows), sample.of(rows)
+        towards = sample.direction.astype(float)
+        passed = _let_in(transport, paths.technique[0], lit.origin, towards, sample.distance, off=True)
+        sums.add(lit, sample.light, lobes.next_event(surface.lobes, transport.colours, lit, normal[rows], sample, passed))
+    lobes.scatter(surface.lobes, paths, normal)
+    paths.bounces[:] += 1
+    paths.sphere[:], paths.triangle[:], paths.far[:], paths.body[:], paths.beyond[:] = OFF, -1, np.nan, -1, -1
+    # nobody tells grains apart in light that a surface has scattered
+    paths.switching[:] |= (transport.switch is not None) & (paths.technique == GRAINS)
+    return steps.survivors(paths)
+
+
 def _at_surfaces(world, transport, paths, sums):
     """Paths that go on from surfaces of the scene, after their light has been added."""
     colours = transport.colours
@@ -330,5 +399,5 @@ def _next_event(transport, paths, point, sample, sums):
     for technique in np.unique(paths.technique[bright]):
         rows = np.flatnonzero(bright & (paths.technique == technique))
         group, light = paths.of(rows), sample.of(rows)
-        passed = transmittance(transport, technique, point[rows], light.direction, light.distance)
+        passed = _let_in(transport, technique, point[rows], light.direction, light.distance)
         steps.add_light(transport.colours, group.throughput * passed, group.order, light.radiance, light.light, group, sums)

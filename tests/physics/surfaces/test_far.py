@@ -15,7 +15,7 @@ pytest.importorskip("renderers.mitsuba", exc_type=ImportError)
 from renderers import choice
 from renderers import scene as scenes
 from renderers.choice import surfaces
-from renderers.materials.bodies import far, onset
+from renderers.materials.surface import far, onset
 from renderers.mitsuba.shapes import Shape
 from renderers.mitsuba.world import World
 from renderers.scene import assets, budget, candidates

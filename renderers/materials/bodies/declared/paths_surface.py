@@ -8,21 +8,21 @@ from renderers.materials.bodies.declaration import unfit as unfilled
 
 def deviation(scene, number, asset, world) -> float:
     """Of the far part, as far as light spreads, over pixels and over the radius of the body."""
-    from renderers.materials.bodies import onset
+    from renderers.materials.surface import onset
 
     return onset.of(scene, number, asset, world).error
 
 
 def far_share(scene, number, asset, world) -> float:
     """Of what the camera sees of the body."""
-    from renderers.materials.bodies import onset
+    from renderers.materials.surface import onset
 
     return onset.of(scene, number, asset, world).share
 
 
 def unfit(scene, number, asset, world) -> str:
     """Nothing can fill the shape, or no baked surface is that of what does."""
-    from renderers.materials.bodies import onset
+    from renderers.materials.surface import onset
 
     return unfilled(scene, number, asset, world) or onset.unfit(scene.values.materials[number], asset, world)
 

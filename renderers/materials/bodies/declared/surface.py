@@ -7,14 +7,14 @@ from renderers.materials.bodies.declaration import BodyMethod
 
 def deviation(scene, number, asset, world) -> float:
     """As far as light spreads, over pixels and over the radius of the body."""
-    from renderers.materials.bodies import far
+    from renderers.materials.surface import far
 
     return far.deviation(scene, number, asset, world)
 
 
 def unfit(scene, number, asset, world) -> str:
     """No baked surface, or that of something else than what fills the shape."""
-    from renderers.materials.bodies import far
+    from renderers.materials.surface import far
 
     return far.unfit(scene.values.materials[number], asset, world)
 

@@ -13,6 +13,7 @@ METHODS = (
     "renderers.materials.grains.declared.vpt:METHOD",
     "renderers.materials.grains.declared.ept_vpt:METHOD",
     "renderers.materials.grains.declared.ept_vpt_da:METHOD",
+    "renderers.materials.grains.declared.ept_vpt_surface:METHOD",
     "renderers.materials.grains.declared.teleport:METHOD",
 )
 

@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from renderers.materials.bodies import far
+from renderers.materials.surface import far
 from renderers.scene import budget
+from renderers.scene.budget import percent
 from renderers.transport import solids
 from renderers.transport.far import chance
 
@@ -29,40 +30,79 @@ class Onset(NamedTuple):
     share: float
 
 
+class Look(NamedTuple):
+    """What tells how far off the surface of a material is.
+
+    bent : (L,) error where its boundary bends;  mean : (L,) m, distance that light spreads
+    seen : `far.Seen`;  single : (N,) error of pixels at the places of `seen` by what may be told apart in them
+    """
+
+    bent: np.ndarray
+    mean: np.ndarray
+    seen: far.Seen
+    single: np.ndarray | float = 0.0
+
+
 def of(scene, number, asset, world) -> Onset:
-    """Of an entry of a scene, by its number: as it says, or else the nearest where the error is what a method may have.
+    """Of a body of a scene, by its number."""
+    entry = scene.values.materials[number]
+    (shape,) = (shape for shape in world.shapes() if shape.name == entry.where.shape)
+    layer = entry.layer or 0
+    look = Look(far.bent(shape, far.spread(asset, layer)), far.mean_distance(asset, layer), far.seen_by(world, shape))
+    return begins(scene, number, look)
+
+
+def begins(scene, number, look: Look) -> Onset:
+    """Of an entry of a scene: as it says, or else the nearest where the error is what a method may have.
 
     Notes
     -----
     Nearer than where a pixel is as wide as light spreads in the mean, edges of shadows would be seen to be sharper; and a
     boundary that bends too much is nowhere a surface.
     """
-    entry = scene.values.materials[number]
-    (shape,) = (shape for shape in world.shapes() if shape.name == entry.where.shape)
-    spread, mean = far.spread(asset, entry.layer or 0), far.mean_distance(asset, entry.layer or 0)
-    bent, seen = far.bent(shape, spread), far.seen_by(world, shape)
-    if entry.surface_from is not None:
-        return _at(entry.surface_from, bent, mean, seen)
+    stated = scene.values.materials[number].surface_from
+    if stated is not None:
+        return _at(stated, look)
     allowed = budget.ROOM * (scene.values.tolerance or budget.DEFAULT)
-    if math.sqrt(float(np.mean(bent**2))) > allowed:
+    if math.sqrt(float(np.mean(look.bent**2))) > allowed:
         return Onset(math.inf, 0.0, 0.0)
-    least = float(np.max(mean)) / seen.angle
+    seen = look.seen
+    least = float(np.max(look.mean)) / seen.angle
     nearest, farthest = float(seen.width.min()) / seen.angle, float(seen.width.max()) / seen.angle
     tried = np.geomspace(max(least, nearest / 2, 1e-9), max(least, farthest, 1e-9), _STEPS)
-    return next((onset for near in tried if (onset := _at(near, bent, mean, seen)).error <= allowed and onset.share > 0),
+    return next((onset for near in tried if (onset := _at(near, look)).error <= allowed and onset.share > 0),
                 Onset(math.inf, 0.0, 0.0))
 
 
-def _at(near, bent, mean, seen) -> Onset:
-    """Of a distance; bent, mean : (L,) as of `far`;  seen : `far.Seen`"""
+def _at(near, look) -> Onset:
+    """Of a distance."""
+    seen = look.seen
     if near <= 0:
         chances = np.ones(len(seen.width))
     else:
         chances = chance(seen.width / seen.angle, near, np)
     share = float(chances.mean())
-    edges = far.at_edges(mean, seen.width) * far.crossed_by_edges(share * seen.pixels)
-    square = (chances**2 * (edges + bent[:, None] ** 2)).mean()
+    edges = far.at_edges(look.mean, seen.width) * far.crossed_by_edges(share * seen.pixels)
+    square = (chances**2 * (edges + look.bent[:, None] ** 2 + np.square(look.single))).mean()
     return Onset(float(near), min(1.0, math.sqrt(float(square))), share)
+
+
+def in_words(number, begins: Onset, paths="paths", into="it") -> str:
+    """At which distance a material changes, and how far off that is expected to be; paths, into : what is near, and goes where"""
+    if begins.near == np.inf:
+        return f"materials[{number}]: all of it is by {paths}: nowhere would its surface keep the tolerance"
+    where = f"from {length(begins.near)} to {length(2 * begins.near)} from the camera" if begins.near else "at the camera"
+    return (f"materials[{number}]: paths go into {into} near the camera, and its surface sends light on far from it; it changes "
+            f"{where}. {percent(begins.share)} of what the camera sees of it is its surface, and an error of "
+            f"{percent(begins.error)} of its light is expected of that")
+
+
+def length(metres: float) -> str:
+    """For people."""
+    for unit, scale in (("um", 1e-6), ("mm", 1e-3)):
+        if metres < 1e3 * scale:
+            return f"{float(f'{metres / scale:.2g}'):g} {unit}"
+    return f"{metres:.3g} m"
 
 
 def unfit(entry, asset, world) -> str:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery import kernels
-from renderers.materials.bodies import thin
+from renderers.transport import solids
 
 # Root mean square error of regions over the spread of light over the radius of a ball, over the mean: 0.55, 0.27 to 0.45 and 0.22
 # at albedo 0.9, 0.99 and 0.999 (docs/surface.md)
@@ -158,7 +158,7 @@ def bent(shape, far) -> np.ndarray:
         size = np.ptp(shape.box, axis=0)
         return OFF * far / max(float(size[size > 0].min(initial=np.inf)) / 2, 1e-30)
     try:
-        inside = _BALL / thin.chord(*kernels.solid(shape.vertices, shape.faces))
+        inside = _BALL / solids.chord(*kernels.solid(shape.vertices, shape.faces))
     except ValueError:
         inside = 0.0  # an open one is a layer, however thick
     return OFF * np.maximum(far * inside, _between_triangles(shape, far))
@@ -181,13 +181,19 @@ def _between_triangles(shape, far):
 
 def seen_by(world, shape) -> Seen:
     """How wide pixels are at a shape, as the camera sees it first; of one that it does not, at the nearest of its box."""
+    return seen(world, shape.box, lambda origin, direction: world.first_shape(origin, direction, shape.name))
+
+
+def seen(world, box, first) -> Seen:
+    """The same of what is in a box (2, 3) m; first : of origins and directions of rays, (n, 3) each -> (n,) distances, and
+    whether they meet it first"""
     height, width = world.size
     shrink = min(1.0, math.sqrt(_RAYS / (height * width)))
     rows, columns = max(2, round(shrink * height)), max(2, round(shrink * width))
     direction = world.camera.refitted(height, width, rows, columns).rays(rows, columns).reshape(-1, 3)
-    distance, meets = world.first_shape(np.full(direction.shape, world.camera.origin), direction, shape.name)
+    distance, meets = first(np.full(direction.shape, world.camera.origin), direction)
     angle = float(np.sqrt(np.linalg.norm(world.camera.right) * np.linalg.norm(world.camera.down)))
     if not meets.any():
-        nearest = np.clip(world.camera.origin, *shape.box) - world.camera.origin
+        nearest = np.clip(world.camera.origin, *box) - world.camera.origin
         return Seen(np.array([angle * float(np.linalg.norm(nearest))]), 1.0, angle)
     return Seen(angle * distance[meets], height * width * float(meets.mean()), angle)
