@@ -19,6 +19,7 @@ import numpy as np
 from bakery.physics.beam import build, kernels, moments, named, photons, planar, small_angle, table
 from bakery.physics.medium import analytic
 from benchmarks.sizes import docs, sized
+from tests.oracles import beam as oracle
 
 DEPTH, EDGES = np.arange(1, 11) / 2, np.linspace(0, 5, 51)
 ALBEDOS = sized((0.1, 0.5, 0.9, 1.0), (0.9,))
@@ -66,7 +67,7 @@ def closed_forms(albedo, B):
 
     def printed(constant):
         def kernel(z, r, M0, q):
-            return kernels.erf_kernel(*kernels.erf_parameters(M0, constant / 1.5 * kernels.printed_mean_square(z, albedo, B)), r)
+            return kernels.erf_kernel(*kernels.erf_parameters(M0, constant / 1.5 * oracle.printed_mean_square(z, albedo, B)), r)
         return of(kernel)
 
     def absorbed(z, r, M0, q):
@@ -76,9 +77,9 @@ def closed_forms(albedo, B):
     def erf(z, r, M0, q):
         return kernels.erf_kernel(*kernels.erf_parameters(M0, q), r)
 
-    return {"single": of(lambda z, r, M0, q: kernels.single_kernel(z, albedo, z, B, r)),
+    return {"single": of(lambda z, r, M0, q: oracle.single_kernel(z, albedo, z, B, r)),
             "printed M2, 3/2": printed(1.5), "printed M2, 3": printed(3.0), "erf": of(erf), "erf, absorption": of(absorbed),
-            "single + Gaussian": of(lambda z, r, M0, q: kernels.single_and_gaussian(z, albedo, loss, B, r)),
+            "single + Gaussian": of(lambda z, r, M0, q: oracle.single_and_gaussian(z, albedo, loss, B, r)),
             "path integral": of(lambda z, r, M0, q: kernels.path_integral(z, albedo, loss, B, M0, r)),
             "Elek": of(lambda z, r, M0, q: kernels.elek(z, albedo, B, M0, r)),
             "Gaussian": of(lambda z, r, M0, q: kernels.gaussian_kernel(M0, q, r))}
@@ -86,8 +87,8 @@ def closed_forms(albedo, B):
 
 def compare(theta, phase, albedo, count, B=None, of=None, everything=True):
     """Errors (flux, fluence) of every kernel, and the noise of the photons."""
-    counted = photons.count(albedo, theta, phase, DEPTH, EDGES, count, back=False)
-    everything = photons.count(albedo, theta, phase, DEPTH, EDGES, count) if everything else None
+    counted = oracle.count(albedo, theta, phase, DEPTH, EDGES, count, back=False)
+    everything = oracle.count(albedo, theta, phase, DEPTH, EDGES, count) if everything else None
     medium = build.prepare(theta, phase)
     of = of or medium.planar
     B = of.B if B is None else B
@@ -149,7 +150,7 @@ def layers(count):
     for density in STACKS:
         density = np.array(density, float)
         S = moments.layered_levers(edges, albedo * density)
-        value, error, _, _ = photons.count_small_angle(
+        value, error, _, _ = oracle.count_small_angle(
             S[0][-1], lambda random, n: np.sqrt(-4 * B * np.log1p(-random.random(n))), edges, density, 4.0, EDGES, count)
         tau = density.sum()
         exact = behind(lambda r, d=density: small_angle.layered(planar.gaussian(B), albedo, edges, d, r.ravel()).reshape(r.shape))
@@ -181,7 +182,7 @@ def stacks(count):
             kernel = named.Kernels(albedo, theta, phase, medium.planar.B, True, tables.__getitem__)
             for density in STACKS:
                 planes = np.arange(1.0, 5.0)[np.cumsum(density) > 0]
-                counted = photons.count(albedo, theta, phase, planes, EDGES, count, back=False, layers=(np.arange(4.0), density))
+                counted = oracle.count(albedo, theta, phase, planes, EDGES, count, back=False, layers=(np.arange(4.0), density))
                 found = {}
                 for measure, name in (("flux", "flux"), ("fluence", "forward")):
                     rows = [[], [], [], []]

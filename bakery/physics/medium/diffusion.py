@@ -1,4 +1,4 @@
-"""Diffusion: parameters of the classical and the improved approximation, and their closed forms for a point source.
+"""Diffusion: parameters of the improved approximation, and their closed forms for a point source.
 
 Index-matched boundaries.  Any unit of length; coefficients are 1 over it.  Arrays broadcast.
 """
@@ -40,17 +40,6 @@ class Diffusion:
     strength: np.ndarray
 
 
-def classical(sigma_s, sigma_a, g) -> Diffusion:
-    """D = 1/(3 sigma_t'), strength alpha'/D: light that has been scattered once is a source of diffuse light.
-
-    Parameters
-    ----------
-    sigma_s, sigma_a, g : coefficients of the medium, as in `similarity.reduced`
-    """
-    sigma_t, albedo, sigma_tr = reduced(sigma_s, sigma_a, g)
-    return _parameters(sigma_t, albedo, sigma_a, np.ones_like(sigma_t), sigma_tr)
-
-
 def improved(sigma_s, sigma_a, g) -> Diffusion:
     """D = (2 sigma_a + sigma_s')/(3 sigma_t'^2), strength alpha'/D.
 
@@ -69,12 +58,6 @@ def _parameters(sigma_t, albedo, sigma_a, excess, sigma_tr):
         D = excess / (3 * sigma_t)
     return Diffusion(sigma_t, albedo, np.broadcast_to(np.asarray(sigma_a, float), sigma_t.shape), D, sigma_tr, 2 * D,
                      3 * albedo * sigma_t / excess)
-
-
-def uncollided(medium: Diffusion, r):
-    """Fluence that has not been scattered, e^(-sigma_t' r)/(4 pi r^2), of a point source of unit power at distances r."""
-    with np.errstate(divide="ignore"):
-        return np.exp(-medium.sigma_t * r) / (4 * math.pi * np.square(r))
 
 
 def fluence(medium: Diffusion, r):
