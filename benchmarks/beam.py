@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-from bakery.physics.beam import build, kernels, moments, named, photons, planar, small_angle, table
+from bakery.physics.beam import build, kernels, moments, named, photons, small_angle, table
 from bakery.physics.medium import analytic
 from benchmarks.sizes import docs, sized
 from tests.oracles import beam as oracle
@@ -115,7 +115,7 @@ def accuracy(count):
     names = None
     print("Percent, forward light, flux | fluence\n")
     for label, theta, phase, B, albedo in rows:
-        result, *noise = compare(theta, phase, albedo, count, B, planar.gaussian(B))
+        result, *noise = compare(theta, phase, albedo, count, B, oracle.gaussian(B))
         names = names or _head("spread, albedo", result)
         _row(label, result, noise)
     print()
@@ -143,7 +143,7 @@ def layers(count):
     """Layers in the small-angle model, by its own photons: the exact kernel and the homogeneous one with the same moments."""
     B, albedo, edges = math.radians(30) ** 2 / 4, 0.9, np.linspace(0, 4, 5)
     z, ratio = table.grid(8, math.sqrt(B))
-    kernel = small_angle.homogeneous(planar.gaussian(B), albedo, z, ratio)
+    kernel = small_angle.homogeneous(oracle.gaussian(B), albedo, z, ratio)
     homogeneous = table.Table(z, ratio, kernel * z[:, None] ** 2 * ratio)
     print("\nSmall-angle photons (nothing absorbed), spread 30 degrees, four layers of 1 mfp: percent\n")
     print("| density | exact | homogeneous, stretched | noise |\n|---|---|---|---|")
@@ -153,7 +153,7 @@ def layers(count):
         value, error, _, _ = oracle.count_small_angle(
             S[0][-1], lambda random, n: np.sqrt(-4 * B * np.log1p(-random.random(n))), edges, density, 4.0, EDGES, count)
         tau = density.sum()
-        exact = behind(lambda r, d=density: small_angle.layered(planar.gaussian(B), albedo, edges, d, r.ravel()).reshape(r.shape))
+        exact = behind(lambda r, d=density: small_angle.layered(oracle.gaussian(B), albedo, edges, d, r.ravel()).reshape(r.shape))
         stretched = behind(lambda r, S=S, tau=tau: homogeneous.stretched(tau, math.sqrt(3 * S[1][-1] / S[0][-1]), r))
         r = (EDGES[1:] + EDGES[:-1]) / 2
         whole = np.sum((r * value) ** 2)
@@ -220,7 +220,7 @@ def pictures(count):
         for value in values:
             spread, albedo = (30, value) if name == "beam_albedo" else (value, 0.9)
             theta, phase, B = gaussian(spread)
-            rows.append(compare(theta, phase, float(albedo), count, B, planar.gaussian(B), everything=False))
+            rows.append(compare(theta, phase, float(albedo), count, B, oracle.gaussian(B), everything=False))
         behind = [(label, value) for value, (result, *_) in zip(values, rows, strict=True) for k in (0, 1)
                   for other in ("erf", "path integral") if "transport" in result and result["transport"][k] >= result[other][k]]
         print(f"{name}: transport is " + (f"not ahead at {behind}" if behind else "ahead of error function and path integral"))

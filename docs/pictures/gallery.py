@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
-from bakery.draw.files import reduced
+from bakery.draw.files import as_jpeg
+from bakery.errors import UsageError
 from bakery.grammar import text
 from bakery.report.html import document, image, paragraph, section
 from bakery.store.outputs import PAGE, check_outputs
@@ -67,6 +68,22 @@ def _figure(entry: Entry) -> str:
     text = f"{escape(entry.text)}<br>\n" if entry.text else ""
     return (f"<figure>{shown}<figcaption><strong>{escape(entry.name)}</strong> {text}<code>{escape(entry.place)}</code>"
             "</figcaption></figure>\n")
+
+
+def reduced(path: Path, width: int) -> bytes:
+    """A picture file as JPEG, no more than so many pixels wide and high.
+
+    Raises UsageError where it is no picture.
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(path) as image:
+            image = image.convert("RGB")
+    except (OSError, UnidentifiedImageError):
+        raise UsageError(f"{path}: cannot be read as a picture; a whole PNG or JPEG would do") from None
+    image.thumbnail((width, width))
+    return as_jpeg(image)
 
 
 def shipped(folder: str, headings, build: Path, command: str, shown=None) -> dict[str, list[Entry]]:

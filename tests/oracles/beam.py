@@ -1,4 +1,4 @@
-"""Light of narrow beams counted photon by photon, and closed forms that the bakery does not use; all for comparison.
+"""Light of narrow beams counted photon by photon, and closed forms that the bakery does not use.
 
 Closed forms take what `bakery.physics.beam.moments` gives and a distance r > 0 from the axis (mfp), and return mfp^-2.
 """
@@ -8,10 +8,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy import special
 
 from bakery import rng
 from bakery.physics.beam.kernels import G, gaussian_kernel
 from bakery.physics.beam.photons import BLOCKS, Counted, Counting
+from bakery.physics.beam.planar import Planar
 
 
 def count(albedo, theta, phase, depth, edges, photons, *, seed=0, stream=0, first=1, last=None, back=True, threads=1,
@@ -109,3 +111,31 @@ def printed_mean_square(depth, sigma_s, B):
     # three leading orders cancel
     series = S / 3 * (1 + S * (5 / 4 - S * (9 / 20 - S * 7 / 60)))
     return 4 * B * depth**2 * np.where(S < 0.01, series, whole) / np.where(S > 0, -np.expm1(-S), 1.0)
+
+
+def gaussian(B) -> Planar:
+    """p = e^(-s^2/4B)/(4 pi B), mean square angle 4 B; P = e^(-B q^2)."""
+    root = math.sqrt(B)
+
+    def mean(q):
+        x = root * np.asarray(q, float)
+        return np.where(x < 1e-4, 1 - x * x / 3, 0.5 * math.sqrt(math.pi) * special.erf(x) / np.where(x > 0, x, 1.0))
+
+    return Planar(mean, lambda t: special.erfc(np.asarray(t) / (2 * root)) / (4 * root * math.sqrt(math.pi)), root)
+
+
+def henyey_greenstein(g) -> Planar:
+    """p = c/(2 pi) (c^2 + s^2)^(-3/2) with c = (1 - g)/sqrt(g), 0 < g < 1; P = e^(-c q): the tail never ends."""
+    if not 0 < g < 1:
+        raise ValueError(f"the small-angle model of Henyey-Greenstein needs 0 < g < 1, not {g}")
+    c = (1 - g) / math.sqrt(g)
+
+    def mean(q):
+        x = c * np.asarray(q, float)
+        return np.where(x < 1e-8, 1 - x / 2, -np.expm1(-x) / np.where(x > 0, x, 1.0))
+
+    def beyond(t):
+        far = np.hypot(c, t)
+        return c / (2 * math.pi * far * (far + t))
+
+    return Planar(mean, beyond, c)

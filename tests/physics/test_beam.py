@@ -160,7 +160,7 @@ def twin(S, mean, ratio):
     return total[-1] / (2 * math.pi)
 
 
-@pytest.mark.parametrize("phase", [planar.gaussian(B30), planar.henyey_greenstein(0.9)], ids=["gaussian", "hg"])
+@pytest.mark.parametrize("phase", [oracle.gaussian(B30), oracle.henyey_greenstein(0.9)], ids=["gaussian", "hg"])
 def test_small_angle_kernel_is_its_hankel_transform(phase):
     for depth in (0.5, 2.0, 8.0):
         ratio = phase.width * np.array([0.3, 1.0, 3.0])
@@ -174,7 +174,7 @@ def test_small_angle_kernel_is_its_hankel_transform(phase):
 def test_small_angle_tables_hold_the_moments():
     z, ratio = table.grid(40.0, math.sqrt(B30))
     for albedo in (0.1, 0.9, 1.0):
-        kernel = small_angle.homogeneous(planar.gaussian(B30), albedo, z, ratio)
+        kernel = small_angle.homogeneous(oracle.gaussian(B30), albedo, z, ratio)
         made = table.Table(z, ratio, kernel * z[:, None] ** 2 * ratio)
         M0, M2, _ = moments.moments(*moments.levers(z, albedo), (1 - albedo) * z, B30)
         assert made.within(z, np.inf) == pytest.approx(M0, rel=5e-4)
@@ -191,11 +191,11 @@ def test_kernels_whose_longer_paths_are_absorbed_have_the_moments_of_their_event
     power = np.sum(chance / np.cosh(x))
     square = np.sum(chance / np.cosh(x) * 4 / 3 * B30 * n * depth**2 * 3 * (x - np.tanh(x)) / x**3)
     z, ratio = table.grid(20.0, math.sqrt(B30))
-    plain = small_angle.homogeneous(planar.gaussian(B30), albedo, z, ratio)
+    plain = small_angle.homogeneous(oracle.gaussian(B30), albedo, z, ratio)
     named_kernel = named.Kernels(albedo, *gaussian(30), B30, False,
                                  lambda name: table.Table(z, ratio, plain * z[:, None] ** 2 * ratio))
     r, step = depth * ratio, math.log(ratio[1] / ratio[0])
-    for kernel in (small_angle.homogeneous(planar.gaussian(B30), albedo, depth, ratio, absorb=True)[0],
+    for kernel in (small_angle.homogeneous(oracle.gaussian(B30), albedo, depth, ratio, absorb=True)[0],
                    named_kernel.kernel(depth, r, "small_angle_absorbing")):
         assert np.sum(2 * math.pi * kernel * r**2) * step == pytest.approx(power, rel=1e-3)
         assert np.sum(2 * math.pi * kernel * r**4) * step == pytest.approx(square, rel=2e-3)
@@ -204,22 +204,22 @@ def test_kernels_whose_longer_paths_are_absorbed_have_the_moments_of_their_event
 def test_a_phase_table_is_its_closed_transform_where_angles_are_small():
     q = np.geomspace(1, 3e4, 30)
     narrow = planar.table(*gaussian(1))
-    exact = planar.gaussian(math.radians(1) ** 2 / 4)
+    exact = oracle.gaussian(math.radians(1) ** 2 / 4)
     # the sphere is not flat: relative corrections of the order of the squared width, 1e-4; the table's own error is 1e-3
     assert narrow.mean(q) == pytest.approx(exact.mean(q), rel=1e-3)
     assert narrow.width == pytest.approx(exact.width, rel=1e-3)
     assert narrow.beyond(0.01) == pytest.approx(exact.beyond(0.01), rel=2e-3)
     tail = planar.table(*tabulated("hg", g=[0.99]))
-    assert tail.mean(q) == pytest.approx(planar.henyey_greenstein(0.99).mean(q), rel=0.01)  # cut at s = 2: 1 - g of the light
+    assert tail.mean(q) == pytest.approx(oracle.henyey_greenstein(0.99).mean(q), rel=0.01)  # cut at s = 2: 1 - g of the light
     with pytest.raises(ValueError, match="0 < g < 1"):
-        planar.henyey_greenstein(-0.3)
+        oracle.henyey_greenstein(-0.3)
 
 
 def test_constant_layers_are_the_homogeneous_kernel():
     r = np.array([0.02, 0.3, 2.0])
-    layered = small_angle.layered(planar.gaussian(B30), 0.9, np.array([0, 0.7, 1.1, 3.0]), np.ones(3), r)
-    assert layered == pytest.approx(small_angle.homogeneous(planar.gaussian(B30), 0.9, 3.0, r / 3)[0], rel=1e-4)
-    assert (small_angle.layered(planar.gaussian(B30), 0.9, np.array([0, 1.0]), np.zeros(1), r) == 0).all()
+    layered = small_angle.layered(oracle.gaussian(B30), 0.9, np.array([0, 0.7, 1.1, 3.0]), np.ones(3), r)
+    assert layered == pytest.approx(small_angle.homogeneous(oracle.gaussian(B30), 0.9, 3.0, r / 3)[0], rel=1e-4)
+    assert (small_angle.layered(oracle.gaussian(B30), 0.9, np.array([0, 1.0]), np.zeros(1), r) == 0).all()
 
 
 def test_layered_kernel_and_moments_are_what_small_angle_photons_count():
@@ -235,7 +235,7 @@ def test_layered_kernel_and_moments_are_what_small_angle_photons_count():
     assert (np.abs(counted - moments.moments(*levers, 0.0, B30)) < 6 * counted_error).all()
     x, w = np.polynomial.legendre.leggauss(6)
     at = (rings[:-1, None] + rings[1:, None] + np.diff(rings)[:, None] * x) / 2
-    kernel = small_angle.layered(planar.gaussian(B30), albedo, edges, density, at.ravel()).reshape(at.shape)
+    kernel = small_angle.layered(oracle.gaussian(B30), albedo, edges, density, at.ravel()).reshape(at.shape)
     kernel *= math.exp((1 - albedo) * density.sum())  # photons are not absorbed
     mean = np.sum(kernel * w * at, axis=1) / np.sum(w * at, axis=1)
     assert (np.abs(value - mean) < 6 * error).all()
