@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from bakery import kernels
 from renderers.materials.grains.declared import methods
+from renderers.scene import meshes
 from renderers.scene.budget import ROOM, as_much
 from renderers.scene.requirements import Knob, Need
 
@@ -76,20 +76,16 @@ def _triangles(about, method):
 
 def _pixels(about):
     """Diameter of the largest grain at the nearest point of its bodies, pixels."""
-    from renderers.materials.grains import local, seen
+    from renderers.materials.grains import local, material
 
     radius = 1e-6 * float(about.recipe.grains.radius) * _largest(about.recipe.packing.radii)
-    bodies, widest = [entry.where for entry in about.scene.values.materials], 0.0
+    widest = 0.0
     if about.world.camera is None:
         raise about.scene.no_camera()
     for number in about.bodies:
-        path = about.scene.file(bodies[number].mesh)
-        try:
-            vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
-        except ValueError as fault:
-            raise about.scene.wrong(f"materials[{number}].where.mesh", fault) from None
-        local.check(about.scene, number, bodies[number].unit * vertices)
-        widest = max(widest, seen.pixels_wide(about.world, bodies[number].unit * vertices[faces], radius))
+        vertices, faces = meshes.of_entry(about.scene, number)
+        local.check(about.scene, number, vertices)
+        widest = max(widest, material.pixels_wide(about.world, vertices[faces], radius))
     return widest
 
 
