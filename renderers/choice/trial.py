@@ -17,11 +17,12 @@ import numpy as np
 from bakery.errors import Interrupted
 from renderers import colour
 from renderers.mitsuba import variants
+from renderers.pictures import engine
 from renderers.pictures.engine import Passes, Stop
 from renderers.pictures.means import LEAST, tiled
 
 TINY, SMALL = 24**2, 64**2  # pixels of the two pictures
-ORDERS = ("", "order0", "order1", "order2", "orders")  # layers that are compared; "" is the picture
+ORDERS = ("", *engine.ORDERS)  # layers that are compared; "" is the picture
 LAMP = "light."  # layers of light from each lamp, by this and its name
 _SEED = 0x9170  # of all pilots: no seed of a picture decides how it is made
 _BLACK = 1e-6  # of the light that others have found; less counts as that

@@ -28,6 +28,13 @@ _DARK = 32  # passes that have to be black for a picture to be so: chance may fi
 # Of the time: every part gets it, also one that found nothing yet and hence seems to be without noise.
 _SHARE = 0.05
 _SECONDS = 16.0  # of passes: shorter renders have smaller ones
+ORDERS = ("order0", "order1", "order2", "orders")  # layers: light that was scattered so often; three times and more
+
+
+def layers_of(by_order, by_light=(), lights=()):
+    """Layers of a pass by name: "", the picture, and its parts by order (4, H, W, 3) and by lights of some names."""
+    return {"": by_order.sum(axis=0)} | dict(zip(ORDERS, by_order)) | {
+        f"light.{name}": image for name, image in zip(lights, by_light)}
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.pictures.engine import Part
+from renderers.pictures.engine import Part, layers_of
 from renderers.transport import _metropolis, primary, wavefront
-from renderers.transport.passes import LAYERS
 from renderers.transport.wavefront import ORDERS
 
 _PATHS, _FEWEST, _SAMPLES = 1 << 20, 1 << 18, 16  # of a pass: at most, at least; in between so many a pixel
@@ -123,8 +122,7 @@ class Metropolis:
         self._normalisations[number] = normalisation
         if normalisation > 0:
             self._accepted[number] = self._moved(self._from_candidates(candidates, streams), streams, normalisation, by_order)
-        images = (pixels * by_order).reshape(ORDERS, *self._size, 3)
-        return {"": images.sum(axis=0)} | dict(zip(LAYERS, images))
+        return layers_of((pixels * by_order).reshape(ORDERS, *self._size, 3))
 
     def figures(self) -> Figures:
         """Of the passes so far."""

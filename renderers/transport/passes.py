@@ -11,13 +11,12 @@ import numpy as np
 from bakery.kernels import stream_key
 from renderers.mitsuba import variants
 from renderers.mitsuba.recording import undisturbed
-from renderers.pictures.engine import Part
+from renderers.pictures.engine import Part, layers_of
 from renderers.transport import loop
 from renderers.transport.scene import Scene
 from renderers.transport.state import Numbers
 from renderers.transport.wavefront import ORDERS
 
-LAYERS = ("order0", "order1", "order2", "orders")
 _PATHS = 1 << 20  # of a pass, at most, where a pixel has several: one to three seconds of a core
 _ON_GPU = 4  # times as many there: what processors do for a pass, a tenth of a second, has nothing to do with their number
 _SAMPLES = 16  # a pixel and pass, at most: the noise of small pictures is known from several passes
@@ -44,8 +43,8 @@ def part(name, world, entries, colours, seed, by_light=False, far=MappingProxyTy
 
     Returns
     -------
-    part : its passes have layers "", the picture (H, W, 3) of linear sRGB, and `LAYERS`, by how often light has scattered in
-        media.  The first pass compiles.
+    part : its passes have layers "", the picture (H, W, 3) of linear sRGB, and `engine.ORDERS`, by how often light has scattered
+        in media.  The first pass compiles.
 
     Notes
     -----
@@ -120,8 +119,6 @@ def _rendered(traced, size, samples, seed, lights, number):
     """Layers of a pass."""
     by_order, by_light = traced(halves(stream_key(seed, "render.paths", number)), size[0] * size[1], samples, len(lights) > 0)
     by_order = np.moveaxis(by_order.reshape(*size, ORDERS, 3), 2, 0) / samples
-    layers = {"": by_order.sum(axis=0)} | dict(zip(LAYERS, by_order))
     if lights:
-        by_light = by_light.reshape(*size, len(lights), 3) / samples
-        layers |= {f"light.{name}": by_light[:, :, number] for number, name in enumerate(lights)}
-    return layers
+        by_light = np.moveaxis(by_light.reshape(*size, len(lights), 3), 2, 0) / samples
+    return layers_of(by_order, by_light, lights)

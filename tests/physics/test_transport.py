@@ -17,9 +17,9 @@ from renderers.materials.bodies.bodies import rounding, untabled
 from renderers.materials.bodies.declaration import FEW
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
+from renderers.pictures.engine import ORDERS
 from renderers.transport import boundaries, loop, steps, surfaces
 from renderers.transport.media import Media, scattered
-from renderers.transport.passes import LAYERS
 from renderers.transport.paths import Paths
 from renderers.transport.scene import Scene, View
 from tests.odds import ODDS, sigmas
@@ -164,11 +164,11 @@ def test_light_of_few_events_is_that_of_paths(tmp_path, method, orders):
     (few, *_), (paths,) = methods.parts(how, method, "negative", 1), methods.parts(how, "paths", "negative", 0)
     assert few.name == FEW and few.samples == paths.samples
     ours, theirs = ([part.render(number) for number in range(12)] for part in (few, paths))
-    for layer in LAYERS[:orders]:
+    for layer in ORDERS[:orders]:
         assert same(*(blocks(np.array([layers[layer] for layers in images]), (2, 2)) for images in (ours, theirs))) > ODDS, layer
     for layers in ours:
-        assert not any(layers[layer].any() for layer in LAYERS[orders:])
-        assert np.allclose(layers[""], sum(layers[layer] for layer in LAYERS), rtol=1e-6, atol=1e-12)
+        assert not any(layers[layer].any() for layer in ORDERS[orders:])
+        assert np.allclose(layers[""], sum(layers[layer] for layer in ORDERS), rtol=1e-6, atol=1e-12)
 
 
 WARM, COOL = asset([0.9, 0.8, 0.5], 0.0, (1.0, 0.8, 0.6)), asset([0.99, 0.5, 0.9], 0.3, (0.4, 2.0, 1.0))
@@ -224,7 +224,7 @@ def test_few_events_between_two_surfaces_as_in_the_compiled_walk(tmp_path, monke
     how = transport(tmp_path, meshes, around, indices)
     (few, *_), walk = methods.parts(how, "vrl+tables", "negative", 0), walked(how, monkeypatch, "vrl+tables")
     ours, theirs = [few.render(number) for number in range(16)], [walk.render(number) for number in range(60)]
-    for layer in (*LAYERS, ""):
+    for layer in (*ORDERS, ""):
         pictures = [blocks(np.array([layers[layer] for layers in images]), (2, 2)) for images in (ours, theirs)]
         assert pictures[1].mean() > 0 and same(*pictures) > ODDS, layer
 

@@ -207,7 +207,8 @@ def _exponents(name: str, group: Group) -> Iterable[str]:
     """Whether integers have their powers of two."""
     scaled, exponent = (group.members.get(part) for part in (name, f"{name}_exponent"))
     if (exponent is not None) != (scaled is not None and scaled.data.dtype.kind in "iu"):
-        yield f"{name} holds integers without {name}_exponent" if exponent is None else f"{name}_exponent without integers in {name}"
+        absent = f"{name} holds integers without {name}_exponent", f"{name}_exponent without integers in {name}"
+        yield absent[exponent is not None]
     if exponent is None or scaled is None:
         return
     exponent = exponent.data

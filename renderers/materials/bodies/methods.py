@@ -20,7 +20,7 @@ from renderers.materials.bodies.gather import Gather
 from renderers.materials.bodies.paths import UNLIMITED
 from renderers.materials.bodies.setup import Sums, Transport
 from renderers.materials.bodies.thin import WALKS, density
-from renderers.pictures.engine import Part
+from renderers.pictures.engine import ORDERS, Part
 from renderers.pictures.passes import Method
 from renderers.scene.budget import percent
 from renderers.scene.declaration import settled
@@ -37,7 +37,6 @@ _BEYOND = 1e-3  # share of the light beyond the tables that is worth a word
 _NOISES = ("noise", "noise_mean", "noise_region")  # of a report
 _UNLIT = "lights shine, and no pass found any: how far the picture is off is not known"
 _UNLIT_METHOD = "paths"  # of scenes in which nothing shines: needs neither beams nor tables
-_LAYERS = ("order0", "order1", "order2", "orders")
 
 
 def prepare(job, world, seed) -> Method:
@@ -193,7 +192,7 @@ def _without_later(part) -> Part:
     """The part without light of two and more events."""
     def render(number):
         layers = part.render(number)
-        for name in _LAYERS[2:]:
+        for name in ORDERS[2:]:
             layers[""] -= layers[name]
             layers[name] = np.zeros_like(layers[name])
         return layers
@@ -299,7 +298,7 @@ class _Passes:
 
     def _images(self, sums):
         by_order = [image.reshape(*self._size, 3) for image in sums.by_order]
-        return {"": sum(by_order)} | dict(zip(_LAYERS, by_order))
+        return {"": sum(by_order)} | dict(zip(ORDERS, by_order))
 
     def _beams(self, number, *, negative=False, by_events=False):
         return light.beams(self._setup, self._entries, self._counts.places, self._counts.walks, negative, by_events, number,

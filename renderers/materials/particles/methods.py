@@ -12,12 +12,10 @@ from renderers import colour
 from renderers.materials.particles import place, walk
 from renderers.materials.particles.declared import methods
 from renderers.materials.particles.medium import Classes, Medium, classes_of, in_bands, medium, peak_of, without_peak
-from renderers.pictures.engine import Part
+from renderers.pictures.engine import Part, layers_of
 from renderers.pictures.passes import Method
 from renderers.scene import budget
 from renderers.scene.declaration import settled
-
-_LAYERS = ("order0", "order1", "order2", "orders")
 
 
 class Setup(NamedTuple):
@@ -104,10 +102,9 @@ def _pass(function, method, world, height, width, seed, depth, lights):
     def one(number):
         by_order, by_light = function(world, method, world.camera, height, width, number, seed, discrete=depth,
                                       lights=len(lights))
-        layers = {"": by_order.sum(axis=0)} | dict(zip(_LAYERS, by_order)) \
-            | {f"light.{name}": image for name, image in zip(lights, by_light)}
         # walks have all layers; what splats leave black takes memory for nothing
-        return {name: image for name, image in layers.items() if not name or function is walk.one_pass or image.any()}
+        return {name: image for name, image in layers_of(by_order, by_light, lights).items()
+                if not name or function is walk.one_pass or image.any()}
 
     return one
 
