@@ -182,12 +182,12 @@ def _extrapolated(pilot, samples: Mapping[str, int], pixels, stop) -> dict[str, 
     """Parts of a picture of so many pixels, whose passes have so many samples of each, by a `trial.Trial`."""
     parts = {}
     for (name, of_pass), cost in zip(samples.items(), pilot.costs, strict=True):
-        more = of_pass / cost.samples
+        ratio = of_pass / cost.samples
         passes = cost.passes(pixels, stop.noise, None if stop.time is None else stop.time / pilot.clock)
         variance, shared = cost.of_pixel(pixels, pilot.pixels, passes), cost.of_region(pixels, pilot.pixels)
         parts[name] = {"samples": of_pass, "passes": _PASSES, "concentration": cost.spread,
-                       "seconds": (cost.fixed + cost.by_pixel * pixels * more) * pilot.clock,
-                       "noise": math.sqrt(variance / more / _PASSES), "region": math.sqrt(shared / more / _PASSES)}
+                       "seconds": (cost.fixed + cost.by_pixel * pixels * ratio) * pilot.clock,
+                       "noise": math.sqrt(variance / ratio / _PASSES), "region": math.sqrt(shared / ratio / _PASSES)}
     return parts
 
 

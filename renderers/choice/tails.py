@@ -69,9 +69,8 @@ def of_passes(passes, among: float | None = None) -> tuple[Tail, float]:
     tail = _fitted(np.concatenate(largest), sums.sum(), counts.sum())
     if len(regions) < 2 or not sums.sum() > 0:
         return tail, 0.0
-    each = np.arange(len(regions))
-    without = [_fitted(np.concatenate([largest[other] for other in each[each != left_out]]), *(
-        values.sum() - values[left_out] for values in (sums, counts))) for left_out in each]
+    without = [_fitted(np.concatenate(largest[:region] + largest[region + 1:]), sums.sum() - sums[region],
+                       counts.sum() - counts[region]) for region in range(len(regions))]
     logs = np.log([max(part.variance(among or tail.count), 1e-300) for part in without])
     return tail, float(np.sqrt((1 - 1 / len(logs)) * np.sum((logs - logs.mean()) ** 2)))
 
