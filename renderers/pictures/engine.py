@@ -76,12 +76,15 @@ class Part(NamedTuple):
         name, of which "" is the picture.  An interruption waits for its end: some seconds at most
     samples : a pixel and pass
     fewer : function of a number of samples, which gives the same part by passes of that many; None: they cannot be smaller
+    steps : of a chain of samples that go one from the other; 1: each is by itself.  Of chains there are as many as go with the
+        pixels, so that what pixels of a pass share goes down with them, as what they share of beams and the like does not
     """
 
     name: str
     render: Callable[[int], dict[str, np.ndarray]]
     samples: int = 1
     fewer: Callable[[int], Part] | None = None
+    steps: int = 1
 
 
 def in_time(parts, seconds) -> tuple[Part, ...]:
