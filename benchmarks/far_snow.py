@@ -7,10 +7,11 @@ grains with the surface of their medium, which is what both show.  A row a metho
 the mean of the lower half of the picture over that of paths, with its standard error; processor seconds to a noise of 1 % of a
 pixel over the picture's mean, and that over paths'.  Before that the table of `auto` and the processor seconds of its pilots.
 --eye: from its edge, at the height of eyes, from 2 m before them to the horizon, with a post where near changes into far; then
-paths+surface, too, and no table of `auto`.  --grains: so, with the field a mesh that grains fill, ept+vpt in place of paths, and
-the surface counted among the grains, as snow_field.yaml says; times are those of both parts of such a method, before paths switch
-to the medium and after, each with its best share.  --pictures: means of the methods, and their differences from paths in standard
-errors of blocks of pixels, as PNG.  --small: 32 pixels wide, 2 seconds.
+paths+surface, too, and no table of `auto`.  --grains: so, with the field a mesh that grains fill, ept+vpt in place of paths,
+the surface counted among the grains, as snow_field.yaml says, and a wide sun; times are those of both parts of such a method,
+before paths switch to the medium and after, each with its best share.
+--pictures: means of the methods, and their differences from paths in standard errors of blocks of pixels, as PNG.
+--small: 32 pixels wide, 2 seconds.
 """
 
 from __future__ import annotations
@@ -54,6 +55,10 @@ BLOCK_OF_SNOW = (np.array([[x, y, z] for x in (-100.0, 100.0) for y in (-100.0, 
                  np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6],
                            [0, 6, 4], [1, 5, 7], [1, 7, 3]]))  # m
 GRAINS = ("ept+vpt", "ept+vpt+surface")
+# as far up and as bright, 11 degrees wide: light of a sun without extent does not show in clear grains
+WIDE_SUN = """<shape type="sphere"> <point name="center" x="2600" y="1138" z="975"/> <float name="radius" value="300"/>
+<emitter type="area"> <rgb name="radiance" value="134, 108, 80"/> </emitter> </shape>"""
+_LEAST = 4  # passes of each part
 ROUNDS = 4  # in which methods take turns
 BLOCK = 8  # pixels a side, of the blocks whose differences are shown
 
@@ -71,6 +76,7 @@ def written(folder, width, asset, time=3600.0, eye=False, tolerance="5%", grains
         text = re.sub(r'(?s)<shape type="cube" id="plain">.*?</shape>', "", text)
         vertices, faces = BLOCK_OF_SNOW
         (folder / "plain.ply").write_bytes(ply.mesh(vertices, faces))
+        text = re.sub(r'(?s)<emitter type="directional".*?</emitter>', WIDE_SUN, text)
     (folder / "far_snow.xml").write_text(text, encoding="utf-8")
     path = folder / "far_snow.yaml"
     height = 3 * width // 4
@@ -135,8 +141,8 @@ class Run:
     def on(self, seconds):
         """More passes, for so many more processor seconds."""
         end = self.seconds + seconds
-        while self.seconds < end or min(part.count for part in self.parts) < 4:
-            min(self.parts, key=lambda part: (part.count >= 4, part.seconds)).again()
+        while self.seconds < end or min(part.count for part in self.parts) < _LEAST:
+            min(self.parts, key=lambda part: (part.count >= _LEAST, part.seconds)).again()
 
     @property
     def mean(self):
