@@ -143,7 +143,7 @@ def test_noise_of_the_mean_holds_after_few_passes(passes):
 
 
 def test_few_passes_do_not_claim_a_mean_without_noise():
-    """Two passes whose means are the same by chance, of pixels that are not: as if pixels were independent, in report and error."""
+    """Two passes whose means are the same by chance, of pixels that are not: noise as if pixels were independent."""
     scatter = np.random.default_rng(3).standard_normal((*SHAPE[:2], 1))
     scatter -= scatter.mean()
     estimate = Estimate([Part("walk", lambda index: {"": np.broadcast_to(5 + scatter * (-1) ** index, SHAPE)})], {})
