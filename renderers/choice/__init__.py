@@ -287,7 +287,7 @@ class _Pilots:
                 spent += self._trials[name].seconds
                 whole = min(whole, self._at_most(name))
             except (AssetError, UsageError) as fault:
-                self._why[name] = f"not possible: {fault}"
+                self._why[name] = f"not possible: {getattr(fault, 'brief', '') or fault}"
         self._tell_more(_SHARE * whole - spent)
 
     def _at_most(self, name) -> float:

@@ -160,9 +160,12 @@ class Passes:
     def noise_mean(self):
         """Standard error of the mean luminance over it, by the scatter of the passes' means; None as above.
 
-        Noise that pixels share is in it, which few passes tell badly: times `renderers.pictures.means.student`.
+        Noise that pixels share is in it, which few passes tell badly: times `renderers.pictures.means.student`.  Means of two
+        passes may be the same by chance, of a thousand pixels that are not: few passes count as independent pixels at least.
         """
-        return self._of_few({name: mean.spread[3] for name, mean in self.means.items()})
+        noise = self._of_few({name: mean.spread[3] for name, mean in self.means.items()})
+        few = noise is not None and min(mean.count for mean in self.means.values()) < _TRUSTED_SHARED
+        return max(noise, self.noise / math.sqrt(self.rgb[..., 0].size)) if few else noise
 
     @property
     def noise_region(self):
