@@ -1,14 +1,17 @@
 """A field of snow, 200 m wide: what `auto` takes beside paths through the medium that stands for the grains.
 
-    python -m benchmarks.far_snow [--small] [--seconds 60] [--width 200] [--eye] [--tolerance 5%] [--pictures FOLDER]
+    python -m benchmarks.far_snow [--small] [--seconds 60] [--width 200] [--eye] [--grains] [--tolerance 5%] [--pictures FOLDER]
 
 The scene is assets/scenes/field_of_snow with the field as a closed body, so that paths can go into it, and snow of the same
 grains with the surface of their medium, which is what both show.  A row a method, which take turns: processor seconds a pass;
 the mean of the lower half of the picture over that of paths, with its standard error; processor seconds to a noise of 1 % of a
 pixel over the picture's mean, and that over paths'.  Before that the table of `auto` and the processor seconds of its pilots.
 --eye: from its edge, at the height of eyes, from 2 m before them to the horizon, with a post where near changes into far; then
-paths+surface, too, and no table of `auto`.  --pictures: means of the methods, and their differences from paths in standard
-errors of blocks of pixels, as PNG.  --small: 32 pixels wide, 2 seconds.
+paths+surface, too, and no table of `auto`.  --grains: so, with the field a mesh that grains fill, ept+vpt in place of paths,
+the surface counted among the grains, as snow_field.yaml says, and a wide sun; times are those of both parts of such a method,
+before paths switch to the medium and after, each with its best share.
+--pictures: means of the methods, and their differences from paths in standard errors of blocks of pixels, as PNG.
+--small: 32 pixels wide, 2 seconds.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from pathlib import Path
 import numpy as np
 
 import bakery
+from bakery.store import ply
 from benchmarks.sizes import sized
 from renderers import choice, colour
 from renderers import scene as scenes
@@ -40,19 +44,27 @@ tolerance: {tolerance}
 stop: {{noise: 1%, time: {time} s}}
 film: {{width: {width}, height: {height}}}
 materials:
-  - {{where: {{shape: plain}}, asset: {asset}}}
+  - {{where: {{{where}}}, asset: {asset}}}
 """
 # 1.7 m over the snow, 58 degrees down to 4 degrees up; a post 12 m off, whose shadow lies from 12 to 15 m off
 EYE = """<sensor type="perspective"> <float name="fov" value="62"/> <string name="fov_axis" value="y"/>
 <transform name="to_world"> <lookat origin="0, -99, -1.3" target="0, -98.1, -1.76" up="0, 0, 1"/> </transform> </sensor>
 <shape type="cylinder"> <float name="radius" value="0.1"/> <point name="p0" x="3" y="-87" z="-2.95"/>
 <point name="p1" x="3" y="-87" z="-1"/> <ref id="wood"/> </shape>"""
+BLOCK_OF_SNOW = (np.array([[x, y, z] for x in (-100.0, 100.0) for y in (-100.0, 100.0) for z in (-23.0, -3.0)]),
+                 np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6],
+                           [0, 6, 4], [1, 5, 7], [1, 7, 3]]))  # m
+GRAINS = ("ept+vpt", "ept+vpt+surface")
+# as far up and as bright, 11 degrees wide: light of a sun without extent does not show in clear grains
+WIDE_SUN = """<shape type="sphere"> <point name="center" x="2600" y="1138" z="975"/> <float name="radius" value="300"/>
+<emitter type="area"> <rgb name="radiance" value="134, 108, 80"/> </emitter> </shape>"""
+_LEAST = 4  # passes of each part
 ROUNDS = 4  # in which methods take turns
 BLOCK = 8  # pixels a side, of the blocks whose differences are shown
 
 
-def written(folder, width, asset, time=3600.0, eye=False, tolerance="5%"):
-    """The scene in a folder: the field a body, and no drift or posts in it; eye : from its edge."""
+def written(folder, width, asset, time=3600.0, eye=False, tolerance="5%", grains=False):
+    """The scene in a folder: the field a body, and no drift or posts in it; eye : from its edge;  grains : it is full of them"""
     text = (ROOT / "assets/scenes/field_of_snow.xml").read_text(encoding="utf-8")
     text = re.sub(r'<shape type="rectangle" id="plain">.*?</shape>', FIELD, text)
     text = re.sub(r'<shape type="ply" id="drift">.*?</shape>', "", text)
@@ -60,59 +72,95 @@ def written(folder, width, asset, time=3600.0, eye=False, tolerance="5%"):
     if eye:
         text = re.sub(r'(?s)<sensor.*?</sensor>', "", text).replace("</scene>", f"{EYE}</scene>")
         text = text.replace('100, 100, 1"/> <translate z="-4"', '100, 100, 10"/> <translate z="-13"')  # 20 m deep
+    if grains:
+        text = re.sub(r'(?s)<shape type="cube" id="plain">.*?</shape>', "", text)
+        vertices, faces = BLOCK_OF_SNOW
+        (folder / "plain.ply").write_bytes(ply.mesh(vertices, faces))
+        text = re.sub(r'(?s)<emitter type="directional".*?</emitter>', WIDE_SUN, text)
     (folder / "far_snow.xml").write_text(text, encoding="utf-8")
     path = folder / "far_snow.yaml"
     height = 3 * width // 4
-    path.write_text(SCENE.format(width=width, height=height, asset=asset, time=time, tolerance=tolerance), encoding="utf-8")
+    where = "mesh: plain.ply" if grains else "shape: plain"
+    path.write_text(SCENE.format(width=width, height=height, asset=asset, time=time, tolerance=tolerance, where=where),
+                    encoding="utf-8")
     return path
 
 
-def baked(folder):
-    """Snow of the shipped grains, its surface that of their medium."""
+def baked(folder, grains=False):
+    """Snow of the shipped grains, its surface that of their medium, or counted among them."""
     text = (ROOT / "recipes/snow_field.yaml").read_text(encoding="utf-8")
-    recipe = folder / "snow.yaml"
-    recipe.write_text(re.sub(r"(?m)^surface: .*$", "surface: {method: medium, tolerance: 1%}", text), encoding="utf-8")
-    bakery.bake(recipe, output=folder / "snow.h5")
-    return "snow.h5"
+    name = "snow_grains" if grains else "snow"
+    recipe = folder / f"{name}.yaml"
+    recipe.write_text(text if grains else re.sub(r"(?m)^surface: .*$", "surface: {method: medium, tolerance: 1%}", text),
+                      encoding="utf-8")
+    bakery.bake(recipe, output=folder / f"{name}.h5")
+    return f"{name}.h5"
+
+
+class Passes:
+    """Passes of a part of a method: luminance of the lower half, sums of pixels and of their squares, processor seconds."""
+
+    def __init__(self, part):
+        self.part = part.fewer(1) if part.fewer else part
+        self.part.render(1 << 20)  # compiles
+        self.lower, self.seconds, self.count, self.sum, self.square = [], 0.0, 0, 0.0, 0.0
+
+    def again(self):
+        """One more."""
+        begin = time.process_time()
+        image = np.asarray(self.part.render(self.count)[""], float) @ colour.LUMINANCE
+        self.seconds += time.process_time() - begin
+        self.lower.append(image[len(image) // 2:].mean())
+        self.sum, self.square, self.count = self.sum + image, self.square + image**2, self.count + 1
+
+    @property
+    def variance(self):
+        """Of a pixel of one pass, (H, W)."""
+        mean = self.sum / self.count
+        return np.maximum(self.square / self.count - mean**2, 0) * self.count / (self.count - 1)
 
 
 class Run:
-    """Passes of a method: luminance of the lower half, sums of pixels and of their squares, processor seconds."""
+    """Passes of all parts of a method, which have as long each."""
 
     def __init__(self, opened, candidate):
         scene = candidates.applied(opened.scene, candidate)
         method = scene.prepare(opened._replace(scene=scene), World.of(scene), 0)  # surfaces change shapes of their world
-        (part,) = method.parts
-        self.part, self.reasons = part.fewer(1), method.reasons
-        self.part.render(1 << 20)  # compiles
-        self.lower, self.seconds, self.count, self.sum, self.square = [], 0.0, 0, 0.0, 0.0
+        self.parts, self.reasons = [Passes(part) for part in method.parts], method.reasons
+
+    @property
+    def seconds(self):
+        """Of all passes."""
+        return sum(part.seconds for part in self.parts)
+
+    @property
+    def of_a_pass(self):
+        """Processor seconds of one of each part."""
+        return sum(part.seconds / part.count for part in self.parts)
 
     def on(self, seconds):
         """More passes, for so many more processor seconds."""
         end = self.seconds + seconds
-        while self.seconds < end or self.count < 4:
-            begin = time.process_time()
-            image = np.asarray(self.part.render(self.count)[""], float) @ colour.LUMINANCE
-            self.seconds += time.process_time() - begin
-            self.lower.append(image[len(image) // 2:].mean())
-            self.sum, self.square, self.count = self.sum + image, self.square + image**2, self.count + 1
+        while self.seconds < end or min(part.count for part in self.parts) < _LEAST:
+            min(self.parts, key=lambda part: (part.count >= _LEAST, part.seconds)).again()
 
     @property
     def mean(self):
         """Of the lower half, and its standard error."""
-        return float(np.mean(self.lower)), float(np.std(self.lower, ddof=1) / np.sqrt(self.count))
+        errors = [np.std(part.lower, ddof=1) / np.sqrt(part.count) for part in self.parts]
+        return float(sum(np.mean(part.lower) for part in self.parts)), float(np.hypot.reduce(errors))
 
     @property
     def picture(self):
         """Luminance (H, W), and its standard error."""
-        mean = self.sum / self.count
-        return mean, np.sqrt(np.maximum(self.square / self.count - mean**2, 0) / (self.count - 1))
+        return (sum(part.sum / part.count for part in self.parts),
+                np.sqrt(sum(part.variance / part.count for part in self.parts)))
 
     @property
     def to_noise(self):
-        """Processor seconds until the noise of a pixel is 1 % of the picture's mean."""
-        variance = np.mean(self.square / self.count - (self.sum / self.count) ** 2) * self.count / (self.count - 1)
-        return float(variance / np.mean(self.sum / self.count) ** 2 * self.seconds / self.count / 1e-4)
+        """Processor seconds until the noise of a pixel is 1 % of the picture's mean, each part with its best share of them."""
+        root = sum(np.sqrt(np.mean(part.variance) * part.seconds / part.count) for part in self.parts)
+        return float(root**2 / np.mean(self.picture[0]) ** 2 / 1e-4)
 
 
 def table(runs):
@@ -122,7 +170,7 @@ def table(runs):
     for name, run in runs.items():
         ratio = run.mean[0] / reference.mean[0]
         error = np.hypot(run.mean[1], reference.mean[1] * (run is not reference)) / reference.mean[0]
-        print(f"| {name} | {run.seconds / run.count:.2g} | {ratio:.3f} +- {error:.3f} | {run.to_noise:.3g} | "
+        print(f"| {name} | {run.of_a_pass:.2g} | {ratio:.3f} +- {error:.3f} | {run.to_noise:.3g} | "
               f"{run.to_noise / reference.to_noise:.2g} |")
 
 
@@ -159,34 +207,42 @@ def shown(runs, folder):
         (folder / f"{name}-paths.png").write_bytes(images.png(images.eight_bits(np.repeat(grey[..., None], 3, axis=2))))
 
 
+def methods(scene, eye):
+    """Candidates by name; the first is what others are held against."""
+    if scene.values.materials[0].kind == "grains":
+        return {candidate.name: candidate for candidate in candidates.of(scene) if candidate.name in GRAINS}
+    near = {"paths": candidates.with_surfaces(scene, (), 0.0)}
+    between = {"paths+surface": candidates.with_surfaces(scene, (), 0.0, (0,))} if eye else {}
+    return near | between | {"surface": candidates.with_surfaces(scene, (0,), 0.0)}
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--width", type=int, default=sized(200, 32))
     parser.add_argument("--seconds", type=float, default=sized(60.0, 2.0), help="of paths, of processors; surfaces have a tenth")
     parser.add_argument("--folder", type=Path, help="where the asset is kept")
     parser.add_argument("--eye", action="store_true", help="from the height of eyes")
+    parser.add_argument("--grains", action="store_true", help="from there, and full of grains")
     parser.add_argument("--tolerance", default="5%", help="of the scene")
     parser.add_argument("--pictures", type=Path, help="a folder for PNG files")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = args.folder or Path(temporary)
-        path = written(folder, args.width, baked(folder), eye=args.eye, tolerance=args.tolerance)
+        path = written(folder, args.width, baked(folder, args.grains), eye=args.eye or args.grains, tolerance=args.tolerance,
+                       grains=args.grains)
         scene = assets.together([scenes.load(path)])[0]
         opened = choice.Opened.of(scene)
-        offered = {"paths": candidates.with_surfaces(scene, (), 0.0)}
-        if args.eye:
-            offered["paths+surface"] = candidates.with_surfaces(scene, (), 0.0, (0,))
-        else:
+        offered = methods(scene, args.eye)
+        if "surface" in offered and not args.eye:
             begin = time.process_time()
             taken = choice.chosen(opened, World.of(scene))
             print(f"pilots: {time.process_time() - begin:.1f} s of processors", *taken.reasons, sep="\n", flush=True)
-        offered["surface"] = candidates.with_surfaces(scene, (0,), 0.0)
         runs = {name: Run(opened, candidate) for name, candidate in offered.items()}
         for _ in range(ROUNDS):
             for name, run in runs.items():
                 run.on(args.seconds / ROUNDS / (10 if name == "surface" else 1))
-        if args.eye:
-            print(runs["paths+surface"].reasons[0])
+        for name in {"paths+surface", "ept+vpt+surface"} & runs.keys():
+            print(*runs[name].reasons, sep="\n")
         table(runs)
         by_rows(runs)
         if args.pictures:

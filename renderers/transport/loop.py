@@ -253,7 +253,12 @@ def next_event(scene, path, event):
 def scattered(scene, path, medium, position, active, records=None):
     """Paths after scatterings at positions in media, which their orders have counted."""
     u = [path.random.next_float32() for _ in range(3)]
-    direction, density, throughput = media.scattered(scene.media, medium, path.direction, path.throughput, u)
+    after = media.scattered(scene.media, medium, path.direction, path.throughput, u)
+    if scene.aureoles:
+        before = path.direction, media.product(path.throughput, scene.media.albedo(medium))
+        after = scene.aureoles.scattered(path, scene.media, medium, position, before, after,
+                                         active & scene.airlight.takes(medium, path.inside))
+    direction, density, throughput = after
     if scene.lamps:
         scene.lamps.departs(path, medium, position, density, active, records)
     share = flights.return_share(scene, path.origin, position) if scene.regions.always else mi.Float(1)
@@ -281,6 +286,8 @@ def turned(scene, path, event, records=None):
         factor *= dr.select(chance_of_lobe > 0, sample.pdf / chance_of_lobe, 1)
     if scene.far:
         factor = scene.far.outside(event, surface.to_world(sample.wo), factor)
+    if scene.aureoles:
+        sample, factor = scene.aureoles.turned(path, surface, scene.bsdf(event), sample, factor, shades & event.stretch.active)
     factor = scene.reflectance(dr.select(dr.all(dr.isfinite(factor)), factor, 0))
     path.throughput = [dr.select(shades, w * f, w) for w, f in zip(path.throughput, factor)]
     path.squared_index *= dr.select(shades, squared_index(sample), 1)

@@ -11,6 +11,7 @@ import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba.recording import pointers
 from renderers.mitsuba.shading import single
 from renderers.transport import regions, thin
+from renderers.transport.aureoles import Aureoles
 from renderers.transport.boundaries import Boundaries
 from renderers.transport.far import FarSurfaces
 from renderers.transport.media import Media
@@ -32,12 +33,13 @@ class View:
     light_number : of emitters, their places among `lights` lights, -1 for none
     around_camera : what the camera stands in, as a path's `inside`
     airlight : `airlight.Airlight`, along flights through thin media; None where there are none
+    aureoles : `aureoles.Aureoles`, of small lamps in these
     lamps : `samples.Samples`, which go through smooth boundaries of bodies; None where there are none
     most : of each medium, scatterings between two surfaces that a path may have; None: any number
     """
 
     around_camera = 0
-    lamps = airlight = most = None
+    lamps = airlight = aureoles = most = None
 
     def __init__(self, world, scene, colours):
         """
@@ -133,6 +135,7 @@ class Scene(View):
         self.splitting = Splitting(self.scene) if drawn and smooth(self.scene) else None
         self.lamps = samples(self, world, bodies) if drawn else None
         self.airlight = thin.airlight(self, numbered, world) if drawn else None
+        self.aureoles = Aureoles(*thin.small_lamps(self, world)) if self.airlight and not self.far else None
 
     def bsdf(self, event):
         """Of the surface that paths have come to, `state.Event`."""

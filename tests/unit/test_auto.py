@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from bakery.errors import UsageError
+from bakery.stages.members import MissingStage
 from renderers import choice
 from renderers.camera import Camera
 from renderers.choice import trial
@@ -161,6 +162,10 @@ def test_what_is_not_possible_or_not_worth_it_is_said(monkeypatch):
     first = method("paths", exact=True), tried(1e-3)
     best = taken(monkeypatch, first, (method("tables"), UsageError("no tables")), stop=Stop(noise=0.01, time=60.0))
     assert best.method == "paths" and best.table[1]["why"] == "not possible: no tables"
+    missing = MissingStage("/cache/0123.h5: holds no stage 'multiple'; bake it again: `bake RECIPE -o /cache/0123.h5`")
+    missing.brief = "the asset holds no stage 'multiple'"
+    best = taken(monkeypatch, first, (method("tables"), missing), stop=Stop(noise=0.01, time=60.0))
+    assert best.table[1]["why"] == "not possible: the asset holds no stage 'multiple'"
     best = taken(monkeypatch, first, (method("tables", pilot=2.0), tried(1e-6)), stop=Stop(noise=0.1, time=60.0))
     assert best.method == "paths" and "not tried: a pilot takes 2 s, and the picture 0.4 s" in best.table[1]["why"]
 

@@ -193,9 +193,9 @@ def test_broken_groups_are_told(thin):
     shorter = {name: group[name].data[..., 1:] for name in ("reflected", "reflected_exponent")}
     assert broken(**shorter) == ["reflected does not hold one value a pair of directions"]
     exponent = group["reflected_exponent"].data
-    three = "reflected_exponent does not hold three values a pair of directions"
-    assert broken(reflected_exponent=exponent[..., 1:, :]) == [three]
-    assert broken(reflected=group["reflected"].data.astype(float)) == ["reflected_exponent without integers in reflected"]
+    fault = "reflected_exponent does not hold three values a pair of directions"
+    assert broken(reflected_exponent=exponent[..., 1:, :]) == [fault]
+    assert broken(reflected=group["reflected"].data.astype(float)) == ["reflected_exponent without integers"]
     members = {name: member for name, member in group.members.items() if name != "reflected_exponent"}
     assert list(surface.check(Group(members, {}))) == ["reflected holds integers without reflected_exponent"]
 

@@ -153,7 +153,7 @@ def optics(components: Sequence[Component], by_component: Sequence[Classes], wav
     theta : (A,) rad
     optics : one for each component
     """
-    theta, averaged = averages(spheres(components, by_component), wavelength, host, Aim(tolerance, integrated=True, rays=rays),
+    theta, averaged = averages(spheres(components, by_component), wavelength, host, _aim(tolerance, rays),
                                map, report, remember=remember)
     out, start = [], 0
     for classes_of in by_component:
@@ -169,8 +169,13 @@ def optics(components: Sequence[Component], by_component: Sequence[Classes], wav
     return theta, out
 
 
+def _aim(tolerance, rays):
+    # eight classes of snowflakes asked for at 30 % took 11.6 s and were off by 4.9 %; begun with fewer 4.1 s, and 14 %
+    return Aim(tolerance, integrated=True, rays=rays, sparse=True)
+
+
 def predicted(components, by_component, wavelength, host, tolerance, *, rays: Rays = SERIES,
               remember: Callable = at_once):
     """What `optics` will take (`bakery.physics.averages.predicted.Prediction`)."""
-    return expected(spheres(components, by_component), wavelength, host, Aim(tolerance, integrated=True, rays=rays),
+    return expected(spheres(components, by_component), wavelength, host, _aim(tolerance, rays),
                     remember=remember)[0]

@@ -14,9 +14,8 @@ from bakery.system.compiled import njit
 
 CLASSES = 3  # of directions, of equal flux: thirds of the square of the sine
 _LOW, _KEPT = 0.1, 0.3  # weight below which Russian roulette is played, and the weight of the survivors
-# transport mean free paths from a face: where spheres begin, and how far they keep from it; where light diffuses back to a plane,
-# how deep that is, and how far above a plane that lets all light out the density of diffuse light would be 0 (Milne)
-_DEEP, _REST = 13.0, 3.0
+# transport mean free paths: from where light is taken to diffuse, how near to a face it comes so, and how far above a plane that
+# lets all light out the density of diffuse light would be 0 (Milne)
 _DIFFUSE, _PLANE, _MILNE = 6.0, 2.0, 0.7104
 _FAINT = 1e-3  # importance below which Russian roulette is played
 _ATTENUATED = 6.0  # attenuation lengths within which far returns are drawn evenly
@@ -80,17 +79,36 @@ def _cross(stream, ux, uy, uz, index, alpha):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _leapt(stream, weight, px, py, pz, radius, decay):
-    """Weight and position where diffuse light leaves a sphere, and a direction."""
+def _roulette(stream, weight):
+    """The weight with which a walk goes on; 0: it ends."""
+    if weight >= _LOW:
+        return weight
+    return _KEPT if stream.random() * _KEPT < weight else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _anywhere(stream):
+    """A direction with even odds."""
+    up, turn = 2.0 * stream.random() - 1.0, 2.0 * math.pi * stream.random()
+    across = math.sqrt(1.0 - up * up)
+    return across * math.cos(turn), across * math.sin(turn), up
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _leapt(stream, weight, position, direction, thickness, transport, decay, far):
+    """Weight and position where diffuse light leaves a sphere, and a direction; and what is lost for good, deeper than `far`."""
+    (px, py, pz), (ux, uy, uz) = position, direction
+    # on average light goes on by a transport mean free path before it has forgotten its direction
+    px, py, pz = px + transport * ux, py + transport * uy, pz + transport * uz
+    radius = min(pz, thickness - pz) - _PLANE * transport
     if decay > 0.0:
         x = decay * radius
         weight *= x / math.sinh(x) if x < 300.0 else 0.0
-    up, turn = 2.0 * stream.random() - 1.0, 2.0 * math.pi * stream.random()
-    across = math.sqrt(1.0 - up * up)
-    px, py, pz = px + radius * across * math.cos(turn), py + radius * across * math.sin(turn), pz + radius * up
-    up, turn = 2.0 * stream.random() - 1.0, 2.0 * math.pi * stream.random()
-    across = math.sqrt(1.0 - up * up)
-    return weight, px, py, pz, across * math.cos(turn), across * math.sin(turn), up
+    dx, dy, dz = _anywhere(stream)
+    position, direction = (px + radius * dx, py + radius * dy, pz + radius * dz), _anywhere(stream)
+    if position[2] > far:
+        return 0.0, position, direction, weight
+    return _roulette(stream, weight), position, direction, 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -123,11 +141,18 @@ def _leaves_diffuse(stream):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _roulette(stream, weight):
-    """The weight with which a walk goes on; 0: it ends."""
-    if weight >= _LOW:
-        return weight
-    return _KEPT if stream.random() * _KEPT < weight else 0.0
+def _from_the_deep(stream, weight, importance, position, direction, transport, decay, far):
+    """Weight, importance, position and direction of a walk back at the plane; and what is lost for good, deeper than `far`."""
+    (px, py, pz), (ux, uy, uz) = position, direction
+    # on average light goes on by a transport mean free path before it has forgotten its direction
+    height = pz + (uz - _PLANE + _MILNE) * transport
+    if height > far:
+        return 0.0, importance, position, direction, weight
+    weight, share, px, py = _return_to_plane(stream, weight, px + transport * ux, py + transport * uy, height, far, decay)
+    weight, importance = _roulette(stream, weight), importance * share
+    if importance < _FAINT:
+        importance = _FAINT if stream.random() * _FAINT < importance else 0.0
+    return weight, importance, (px, py, _PLANE * transport), _leaves_diffuse(stream), 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -184,46 +209,31 @@ def follow(stream, walks, layer, table, edges, light, square, beyond):
         px, py, pz, weight, importance = 0.0, 0.0, 0.0, 1.0, 1.0
         while True:
             clearance = min(pz, thickness - pz)
-            if thickness == math.inf and pz > _DIFFUSE * transport:
-                # on average light goes on by a transport mean free path before it has forgotten its direction
-                height = pz + (uz - _PLANE + _MILNE) * transport
-                if height > edges[-1]:
-                    beyond[into] += weight * importance
-                    break
-                weight, share, px, py = _return_to_plane(
-                    stream, weight, px + transport * ux, py + transport * uy, height, edges[-1], decay)
-                weight, importance = _roulette(stream, weight), importance * share
-                if importance < _FAINT:
-                    importance = _FAINT if stream.random() * _FAINT < importance else 0.0
+            if clearance > _DIFFUSE * transport:
+                if thickness == math.inf:
+                    weight, importance, (px, py, pz), (ux, uy, uz), lost = _from_the_deep(
+                        stream, weight, importance, (px, py, pz), (ux, uy, uz), transport, decay, edges[-1])
+                else:
+                    weight, (px, py, pz), (ux, uy, uz), lost = _leapt(
+                        stream, weight, (px, py, pz), (ux, uy, uz), thickness, transport, decay, edges[-1])
+                beyond[into] += lost * importance
                 if weight == 0.0 or importance == 0.0:
-                    break
-                (ux, uy, uz), pz = _leaves_diffuse(stream), _PLANE * transport
-                continue
-            if thickness < math.inf and clearance > _DEEP * transport:
-                weight, px, py, pz, ux, uy, uz = _leapt(stream, weight, px, py, pz, clearance - _REST * transport, decay)
-                if pz > edges[-1]:
-                    beyond[into] += weight
-                    break
-                weight = _roulette(stream, weight)
-                if weight == 0.0:
                     break
                 continue
             flight = -math.log1p(-stream.random()) / sigma_t if sigma_t > 0.0 else math.inf
             wall = math.inf if uz == 0.0 else -pz / uz if uz < 0.0 else (thickness - pz) / uz
             if flight < wall:
                 px, py, pz = px + flight * ux, py + flight * uy, pz + flight * uz
-                weight = _roulette(stream, weight * albedo)
+                weight, v = _roulette(stream, weight * albedo), phase_sample(v_nodes, steps, f, cdf, stream.random())
                 if weight == 0.0:
                     break
-                v = phase_sample(v_nodes, steps, f, cdf, stream.random())
                 ux, uy, uz = turned_direction(ux, uy, uz, v, 2.0 * math.pi * stream.random())
                 continue
             if wall == math.inf:
                 break
             px, py = px + wall * ux, py + wall * uy
             if uz > 0.0 and base >= 0.0:
-                (ux, uy, uz), pz = _off_base(stream), thickness
-                weight = _roulette(stream, weight * base)
+                (ux, uy, uz), pz, weight = _off_base(stream), thickness, _roulette(stream, weight * base)
                 if weight == 0.0:
                     break
                 continue

@@ -95,7 +95,7 @@ def spread(slab: Slab, seed: int, *stream: int, tolerance: float = TOLERANCE) ->
         if total >= MOST_WALKS or result.mean_square_error <= tolerance * result.mean_square:
             return result
         missing = _MORE * (result.mean_square_error / (tolerance * result.mean_square)) ** 2 - 1
-        walks = min(math.ceil(min(max(missing, 0.25), 1.0) * total), MOST_WALKS - total)
+        walks = min(total * math.ceil(4 * min(missing, 1.0)) // 4, MOST_WALKS - total)
 
 
 def without_aureole(theta, phase):

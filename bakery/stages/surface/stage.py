@@ -207,8 +207,7 @@ def _exponents(name: str, group: Group) -> Iterable[str]:
     """Whether integers have their powers of two."""
     scaled, exponent = (group.members.get(part) for part in (name, f"{name}_exponent"))
     if (exponent is not None) != (scaled is not None and scaled.data.dtype.kind in "iu"):
-        absent = f"{name} holds integers without {name}_exponent", f"{name}_exponent without integers in {name}"
-        yield absent[exponent is not None]
+        yield f"{name} holds integers without {name}_exponent" if exponent is None else f"{name}_exponent without integers"
     if exponent is None or scaled is None:
         return
     exponent = exponent.data
@@ -261,7 +260,7 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
 
 STAGE = Stage(
     name="surface",
-    version=7,
+    version=9,
     title="reflectance of a plane layer",
     reads=("wavelengths", "seed", "surface"),
     needs=("medium",),

@@ -68,7 +68,7 @@ def prepare(job, world, seed) -> Method:
         chained = _of_chains(kinds[-1].render.figures()) if declared.metropolis or declared.mutated else {}
         return {"bias": bias, "left_out": sentences} | chained | unlit
 
-    return Method(name, kinds, [*reasons, *sentences], after, features=lambda: features_of(setup, seed))
+    return Method(name, kinds, [*reasons, *sentences], after, features=lambda quality: features_of(setup, seed))
 
 
 def _of_chains(figures):

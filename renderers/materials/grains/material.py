@@ -226,7 +226,8 @@ def occupied_by(world, aggregate, unit, others=()):
     others : of the bodies, triples of vertices (V, 3) m, triangles (F, 3), radius of the largest sphere, m
     """
     voxels = np.zeros(aggregate.voxels.shape, np.uint8)
-    triangles, boxes = (extent / unit for extent in world.extents())
+    low, size = aggregate.low, aggregate.edge * voxels.shape
+    triangles, boxes = (extent / unit for extent in world.extents(within=unit * np.array([low, low + size])))
     faces = np.arange(3 * len(triangles)).reshape(-1, 3)
     meshes = [(triangles.reshape(-1, 3), faces, 1e-6 * float(aggregate.edge.max()))]
     meshes += [(vertices / unit, faces, radius / unit) for vertices, faces, radius in others]

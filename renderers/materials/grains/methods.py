@@ -68,7 +68,7 @@ def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.D
     def after(estimate):
         return {"grains": number, "layers": _switches(estimate.means.values()), "bias": None}
 
-    return Method(name, parts, reasons, after, features=lambda: _features(world, scene, assets, meshes, seed),
+    return Method(name, parts, reasons, after, features=lambda quality: _features(world, scene, assets, meshes, seed, quality),
                   apart=(kinds[0][0],) if scene.technique == GRAINS else (), entry=scene.entry)
 
 

@@ -58,7 +58,7 @@ def prepare(job, world, seed, tolerance=None) -> Method:
                   Part(listed[0], _pass(*listed[1:], world, height, width, seed, everywhere, lights)) for listed in passes)
     figures = _figures(setup, depth) | {"layers": _layers(depth)}
     return Method(name, parts, [peak_sentence(setup.classes, angle), *filter(None, [declared.leaves_out]), *reasons],
-                  lambda estimate: figures, features=None if depth is None else lambda: _features(setup, seed),
+                  lambda estimate: figures, features=None if depth is None else lambda quality: _features(setup, seed),
                   apart=("walk",) if depth is None else ("splat",))  # without a depth particles show in all of their light
 
 
