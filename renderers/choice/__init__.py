@@ -37,7 +37,9 @@ _LONGER = 30.0  # times as long are pilots at most that have to tell an error
 _LEAST_PIXELS, _LEAST_SAMPLES = 128**2, 1 << 21  # of pictures; smaller ones take no longer than pilots
 _CHEAPER = 1.25  # times, that a later candidate has to be: clocks differ
 _UNTRIED = "taken without a pilot"
-_SURE = 2.0  # standard errors, by which a candidate may take longer than its pilot tells
+# Standard errors, by which a candidate may take longer than its pilot tells, and times as long at most: of what few passes hardly
+# tell (dots of particles), their standard error tells nothing either, and candidates are compared by what they tell
+_SURE, _DOUBT = 2.0, 10.0
 _ORDER_SURE = 4.0  # standard errors, of a difference in one of four orders
 
 
@@ -363,7 +365,7 @@ class _Pilots:
                 table.append(self._row(name, None, None, self._why.get(name, _untried(candidate, self._tolerance))))
                 continue
             cost = self._seconds(self._trials[name], missing[name])
-            at_most = cost * math.exp(_SURE * self._trials[name].spread)
+            at_most = cost * min(math.exp(_SURE * self._trials[name].spread), _DOUBT)
             fits, bias, why, allowed[name] = self._fits(name, exact)
             asked = why if candidate.eligible else f"{why}; other methods are asked for"
             table.append(self._row(name, cost, bias, asked, at_most))

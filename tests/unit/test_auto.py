@@ -141,6 +141,20 @@ def test_clocks_that_differ_little_leave_the_first(monkeypatch):
     assert taken(monkeypatch, (first, tried(1.0)), (second, tried(0.75))).method == "shells"
 
 
+def test_what_is_hardly_known_is_not_preferred(monkeypatch):
+    """A fifth of the seconds, known to a factor of e: so at most 1.5 times those of a rival that is known well."""
+    known, doubtful = tried(1.0), tried(0.2)
+    doubtful = doubtful._replace(costs=(doubtful.costs[0]._replace(spread=1.0),))
+    paths, chains = method("paths", exact=True), method("metropolis", exact=True)
+    best = taken(monkeypatch, (paths, known), (chains, doubtful))
+    assert best.method == "paths" and best.table[1]["at_most"] == pytest.approx(math.e**2 * best.table[1]["seconds"])
+    assert taken(monkeypatch, (chains, doubtful), (paths, known)).method == "paths"
+    assert taken(monkeypatch, (paths, known), (chains, tried(0.2))).method == "metropolis"
+    unknown = doubtful._replace(costs=(doubtful.costs[0]._replace(spread=5.0),))
+    row = taken(monkeypatch, (paths, unknown), (chains, unknown)).table[0]
+    assert row["at_most"] == pytest.approx(10 * row["seconds"])
+
+
 def test_what_few_passes_cannot_tell_goes_by_what_is_declared(monkeypatch):
     exact = method("paths", exact=True), tried(1.0, error=1.0)
     best = taken(monkeypatch, exact, (method("tables", stated=0.01), tried(0.1, error=1.0)))
