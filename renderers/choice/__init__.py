@@ -29,7 +29,7 @@ from renderers.scene.budget import percent
 from renderers.scene.candidates import Candidate
 
 TEXT = "bakery_method"  # attribute of the pictures
-_VERSION = 2  # of the rules below; another one does not go by what was kept
+_VERSION = 3  # of the rules below; another one does not go by what was kept
 _SHARE = 0.1  # of the render, that pilots of others than the first may take together
 _LONGEST = 1.5  # s of passes of a pilot
 _LONGER = 30.0  # times as long are pilots at most that have to tell an error
