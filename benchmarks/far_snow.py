@@ -1,6 +1,7 @@
 """A field of snow, 200 m wide: what `auto` takes beside paths through the medium that stands for the grains.
 
-    python -m benchmarks.far_snow [--small] [--seconds 60] [--width 200] [--eye] [--grains] [--tolerance 5%] [--pictures FOLDER]
+    python -m benchmarks.far_snow [--small] [--seconds 60] [--width 200] [--eye] [--grains snow|sand] [--tolerance 5%]
+                                  [--pictures FOLDER]
 
 The scene is assets/scenes/field_of_snow with the field as a closed body, so that paths can go into it, and snow of the same
 grains with the surface of their medium, which is what both show.  A row a method, which take turns: processor seconds a pass;
@@ -8,8 +9,8 @@ the mean of the lower half of the picture over that of paths, with its standard 
 pixel over the picture's mean, and that over paths'.  Before that the table of `auto` and the processor seconds of its pilots.
 --eye: from its edge, at the height of eyes, from 2 m before them to the horizon, with a post where near changes into far; then
 paths+surface, too, and no table of `auto`.  --grains: so, with the field a mesh that grains fill, ept+vpt in place of paths,
-the surface counted among the grains, as snow_field.yaml says, and a wide sun; times are those of both parts of such a method,
-before paths switch to the medium and after, each with its best share.
+the surface counted among the grains, as snow_field.yaml or beach_sand.yaml says, and a wide sun; times are those of both parts
+of such a method, before paths switch to the medium and after, each with its best share.
 --pictures: means of the methods, and their differences from paths in standard errors of blocks of pixels, as PNG.
 --small: 32 pixels wide, 2 seconds.
 """
@@ -54,6 +55,7 @@ EYE = """<sensor type="perspective"> <float name="fov" value="62"/> <string name
 BLOCK_OF_SNOW = (np.array([[x, y, z] for x in (-100.0, 100.0) for y in (-100.0, 100.0) for z in (-23.0, -3.0)]),
                  np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6],
                            [0, 6, 4], [1, 5, 7], [1, 7, 3]]))  # m
+RECIPES = {None: "snow_field", "snow": "snow_field", "sand": "beach_sand"}
 GRAINS = ("ept+vpt", "ept+vpt+surface")
 # as far up and as bright, 11 degrees wide: light of a sun without extent does not show in clear grains
 WIDE_SUN = """<shape type="sphere"> <point name="center" x="2600" y="1138" z="975"/> <float name="radius" value="300"/>
@@ -86,10 +88,10 @@ def written(folder, width, asset, time=3600.0, eye=False, tolerance="5%", grains
     return path
 
 
-def baked(folder, grains=False):
-    """Snow of the shipped grains, its surface that of their medium, or counted among them."""
-    text = (ROOT / "recipes/snow_field.yaml").read_text(encoding="utf-8")
-    name = "snow_grains" if grains else "snow"
+def baked(folder, grains=None):
+    """Snow of the shipped grains, its surface that of their medium; or snow or sand, its surface counted among the grains."""
+    text = (ROOT / f"recipes/{RECIPES[grains]}.yaml").read_text(encoding="utf-8")
+    name = f"{grains}_grains" if grains else "snow"
     recipe = folder / f"{name}.yaml"
     recipe.write_text(text if grains else re.sub(r"(?m)^surface: .*$", "surface: {method: medium, tolerance: 1%}", text),
                       encoding="utf-8")
@@ -222,14 +224,14 @@ def main():
     parser.add_argument("--seconds", type=float, default=sized(60.0, 2.0), help="of paths, of processors; surfaces have a tenth")
     parser.add_argument("--folder", type=Path, help="where the asset is kept")
     parser.add_argument("--eye", action="store_true", help="from the height of eyes")
-    parser.add_argument("--grains", action="store_true", help="from there, and full of grains")
+    parser.add_argument("--grains", choices=("snow", "sand"), help="from there, and full of grains")
     parser.add_argument("--tolerance", default="5%", help="of the scene")
     parser.add_argument("--pictures", type=Path, help="a folder for PNG files")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = args.folder or Path(temporary)
-        path = written(folder, args.width, baked(folder, args.grains), eye=args.eye or args.grains, tolerance=args.tolerance,
-                       grains=args.grains)
+        path = written(folder, args.width, baked(folder, args.grains), eye=args.eye or args.grains is not None,
+                       tolerance=args.tolerance, grains=args.grains is not None)
         scene = assets.together([scenes.load(path)])[0]
         opened = choice.Opened.of(scene)
         offered = methods(scene, args.eye)

@@ -3,8 +3,8 @@
 Of light that a few bright paths bring, few passes show too little noise: brighter paths come that are rarer.  So the squares of
 what passes differ by have a heavy tail, and their mean over more of them is larger.  The largest squares of a pilot tell how
 heavy: they are taken for those of a Pareto law, whose index is by Hill's estimator (Hill 1975), and the law gives what the same
-tail holds among as many squares as a picture has.  The law stands for the largest squares also among those of the pilot, so that
-no single path decides, however bright.
+tail holds among as many squares as a picture has.  The law stands for the largest squares also among those of the pilot, and of
+the two largest it counts only that they are larger than the third: no single path decides, however bright.
 
 How well all that is known is told by leaving out regions of the picture, one at a time (the jackknife, Tukey 1958): paths that
 are bright together, such as the steps of a chain that stays at a place, lie in one region.
@@ -20,6 +20,8 @@ import numpy as np
 from renderers.pictures.means import tiles
 
 _LARGEST = 32  # squares that the law stands for
+_BEYOND = 2  # of them, that are only known to be brighter than the next
+_BRIGHT = 0.01  # share of the pixels, that do not tell how squares from the median are to be scaled
 _FEWEST = 4  # squares that a law is read off; one or two far above the rest are the law's brightest
 # ln(square) rises by the power times ln(1 / odds): at 1 the variance is infinite, at 2 the mean luminance would be
 _STEEPEST = 1.9
@@ -79,9 +81,12 @@ def _squares(passes):
     """(n, H, W) whose mean is the variance, of passes from their median, which a bright path in one of them leaves as it is: from
     their mean all squares of the pixel would be large.  Those of two passes are alike: (1, H, W)."""
     squares = (passes - np.median(passes, axis=0)) ** 2
-    variance, mean = float(passes.var(axis=0, ddof=1).mean()), float(squares.mean())
-    squares = squares * (variance / mean if mean > 0 else 0.0)
-    return squares if len(passes) > 2 else squares[:1]
+    if len(passes) == 2:
+        return 2 * squares[:1]
+    variance, mean = passes.var(axis=0, ddof=1), squares.mean(axis=0)
+    dim = mean <= np.quantile(mean, 1 - _BRIGHT)
+    pixels = dim if np.any(mean[dim] > 0) else mean > 0
+    return squares * (variance[pixels].sum() / mean[pixels].sum() if pixels.any() else 0.0)
 
 
 def _alike(largest) -> int:
@@ -100,5 +105,8 @@ def _fitted(largest, total, count) -> Tail:
         return Tail(float(total / count), count=count)
     number = _alike(largest[:number + 1])
     first, least = largest[:number], float(largest[number])
-    power = float((np.log(first / least).sum() + _WEIGHT * _USUAL) / (number + _WEIGHT))
+    # how far the brightest are above the next does not count (an estimate of censored numbers): they may be one path
+    beyond = min(_BEYOND, number - 1)
+    counted = np.log(np.minimum(first, first[beyond]) / least).sum()
+    power = float((counted + _WEIGHT * _USUAL) / (number - beyond + _WEIGHT))
     return Tail(float(max(total - first.sum(), 0.0) / count), number * least / count, min(power, _STEEPEST), number, count)

@@ -18,7 +18,7 @@ from renderers.materials.bodies.declaration import FEW
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
 from renderers.pictures.engine import ORDERS
-from renderers.transport import boundaries, loop, steps, surfaces
+from renderers.transport import boundaries, loop, steps, surfaces, wavefront
 from renderers.transport.media import Media, scattered
 from renderers.transport.paths import Paths
 from renderers.transport.scene import Scene, View
@@ -313,6 +313,20 @@ def test_what_light_that_is_caught_in_glass_counts(tmp_path, kind):
     assert light.max() < 40
     assert light.mean() == pytest.approx(1, abs=sigmas() * light.std() / np.sqrt(len(light)))
     assert light.std() < 1
+
+
+def test_the_longest_paths_count_as_the_fourth_power_of_their_bounces():
+    """From 100,000 to 110,000: 1.1^-4 of them are left, and count 1.1^4."""
+    count = 1000
+    weight, alive = np.ones((count, 1)), np.ones(count, bool)
+    states = np.random.default_rng(4).integers(1 << 63, size=count).astype(np.uint64)
+    for bounces in range(100_000, 110_000):
+        wavefront.roulette(weight, states, np.full(len(states), bounces), alive, 0, len(states))
+        if not alive.all():
+            weight, states, alive = weight[alive], states[alive], alive[alive]
+    assert np.allclose(weight, 1.1**4, rtol=1e-4)
+    share = 1.1**-4
+    assert len(states) == pytest.approx(count * share, abs=sigmas() * np.sqrt(count * share * (1 - share)))
 
 
 def test_light_that_rounding_takes(tmp_path):

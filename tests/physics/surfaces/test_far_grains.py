@@ -17,12 +17,13 @@ from bakery.errors import RecipeError
 from bakery.store import ply
 from renderers import choice
 from renderers import scene as scenes
+from renderers.choice import surfaces
 from renderers.materials.grains import far
 from renderers.materials.surface import lobes
 from renderers.mitsuba import layers
 from renderers.mitsuba.shading import LightSample
 from renderers.mitsuba.world import World
-from renderers.scene import assets
+from renderers.scene import assets, candidates
 from renderers.transport.paths import Colours, Paths
 from tests.physics.surfaces.layers import RGB, table
 from tests.physics.test_aggregate import CUBE
@@ -154,12 +155,17 @@ def test_white_grains_stay_white(folder, baked, from_):
 
 
 def test_grains_are_their_surface_from_where_pixels_are_wide_against_them(folder, baked):
-    """Farther off by narrower pixels, and nowhere where no tolerance is kept."""
-    near = []
-    for width, tolerance in (("16", "50%"), ("64", "50%"), ("16", "5%")):
-        scene, world = opened(folder, baked(0.6), settings={
-            "materials[0].method": "ept+vpt+surface", "tolerance": tolerance, "film.width": width})
-        near.append(far.onset_of(scene.scene, 0, scene.asset, world).near)
+    """Farther off by narrower pixels, and nowhere where no tolerance is kept; there `auto` does not try it."""
+    near, offered = [], []
+    for width, tolerance in (("16", "50%"), ("64", "50%"), ("16", "0.1%")):
+        scene, world = opened(folder, baked(0.6), settings={"tolerance": tolerance, "film.width": width})
+        begins = far.onset_of(scene.scene, 0, scene.asset, world)
+        kept, refused = surfaces.beside(scene, world, candidates.of(scene.scene))
+        near.append(begins.near)
+        offered.append({candidate.name: candidate.stated(float(tolerance[:-1]) / 100) for candidate in kept})
     assert 0 < near[0] < near[1] < near[2] == math.inf
+    assert list(offered[0]) == ["ept", "ept+vpt+da", "ept+vpt", "ept+vpt+surface"]
+    assert offered[0]["ept+vpt+surface"] > offered[0]["ept+vpt"] > 0
+    assert list(offered[2]) == ["ept", "ept+vpt+da", "ept+vpt"] and "little of what the camera sees" in refused["ept+vpt+surface"]
     with pytest.raises(RecipeError, match="surface_from, which method ept does not use.*ept[+]vpt[+]surface"):
         opened(folder, baked(0.6), settings={"materials[0].method": "ept", "materials[0].surface_from": "1 m"})
