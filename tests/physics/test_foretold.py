@@ -41,7 +41,8 @@ def rendered(prepare, world):
 
 
 @pytest.mark.slow
-def test_paths_by_the_plan_of_a_scene(prepared):
+def test_paths_by_the_plan_of_a_scene(prepared, monkeypatch):
+    monkeypatch.setattr(pilot, "SECONDS", 0.5)
     scene, world, prepare = prepared("paths")
     forecast = pilot.forecast(scene)
     picture = rendered(prepare, world)

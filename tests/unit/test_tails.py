@@ -11,6 +11,7 @@ import pytest
 from renderers.camera import Camera
 from renderers.choice import tails, trial
 from renderers.pictures.engine import Part
+from renderers.transport import metropolis
 
 SIDE = 64
 PICTURE = 1024  # its side: 256 times the pixels of a pilot's
@@ -21,8 +22,8 @@ def normal(random, shape):
 
 
 def bright(random, shape):
-    """Rare light of a Pareto law, whose variance is infinite: the index of squares is 0.8."""
-    return random.random(shape) ** (-1 / 1.6) - 1.6 / 0.6
+    """Rare light of a Pareto law, whose variance just is infinite."""
+    return random.random(shape) ** (-1 / 2.0) - 2.0
 
 
 def variance(draw, random, count):
@@ -30,13 +31,16 @@ def variance(draw, random, count):
     return float(np.mean(draw(random, count) ** 2))
 
 
-@pytest.mark.parametrize("draw, within", [(normal, 1.1), (bright, 2.5)])
+@pytest.mark.parametrize("draw, within", [(normal, 1.1), (bright, 2.0)])
 def test_variance_of_a_picture_is_foretold_by_a_pilot_of_two_passes(draw, within):
-    """The median of 25 pilots is that of 25 pictures: its logarithm is known to 0.27, as that of each is to 1.1."""
+    """The median of 25 pilots is that of pictures: its logarithm is known to 0.1, as that of each is to 0.4.  Of bright paths it
+    is at most two standard errors above that of most pilots."""
     random = np.random.default_rng(0)
-    foretold = [tails.of_passes(1 + draw(random, (2, SIDE, SIDE)))[0].variance(PICTURE**2) for _ in range(25)]
-    shown = [variance(draw, random, PICTURE**2) for _ in range(25)]
-    assert np.median(shown) / within < np.median(foretold) < within * np.median(shown)
+    pilots = [tails.of_passes(1 + draw(random, (2, SIDE, SIDE)), PICTURE**2) for _ in range(25)]
+    foretold = [tail.variance(PICTURE**2) for tail, _ in pilots]
+    shown = np.median([variance(draw, random, PICTURE**2) for _ in range(9)])
+    assert shown / within < np.median(foretold) < within * shown
+    assert np.mean([figure * math.exp(2 * spread) > 0.9 * shown for figure, (_, spread) in zip(foretold, pilots)]) > 0.6
 
 
 def test_no_single_path_decides():
@@ -60,11 +64,11 @@ def test_chains_that_stay_are_known_less_well():
 
 
 def test_dots_of_one_brightness_are_no_tail():
-    """Twenty of them, far above all else: their share is known, and none is brighter."""
+    """Twenty of them, far above all else, are foretold within a factor of 1.7 where they are the picture's."""
     random, passes = np.random.default_rng(3), 1e-3 * np.random.default_rng(4).normal(size=(8, SIDE, SIDE))
     passes.reshape(-1)[random.choice(passes.size, 20, replace=False)] += 10.0
     tail, _ = tails.of_passes(passes, PICTURE**2)
-    assert tail.variance(PICTURE**2) == pytest.approx(20 * 10.0**2 / passes.size, rel=0.5)
+    assert tail.variance(PICTURE**2) == pytest.approx(20 * 10.0**2 / passes.size, rel=0.7)
 
 
 def test_extremes():
@@ -98,19 +102,22 @@ def world(side):
     return SimpleNamespace(size=(side, side), camera=camera, dark=False, variant="llvm_ad_rgb")
 
 
-def test_noise_of_bright_paths_at_sixteen_times_the_side():
-    """A pilot's rate over the seconds of its passes is the variance, which the mean of its own squares misses."""
-    random, foretold, own = np.random.default_rng(4), [], []
-    for number in range(25):
-        def draw(random, shape, number=number):
-            return bright(np.random.default_rng((number, int(random.integers(1 << 60)))), shape)
+def test_a_bright_path_of_a_pilot_does_not_decide():
+    """One sample of half a million, which has 99.9 % of the squares that the pilot shows."""
 
-        tried = trial.of(prepared(draw), world(PICTURE), None, 2)
+    def spoilt(random, shape):
+        image = normal(random, shape)
+        image[0, 9, 9] += 1e4 * (shape[1:] == (SIDE, SIDE) and not spoilt.seen)
+        spoilt.seen |= shape[1:] == (SIDE, SIDE)
+        return image
+
+    spoilt.seen = False
+    rates = []
+    for draw in (normal, spoilt):
+        tried = trial.of(prepared(draw, 16), world(PICTURE), None, 128)
         (cost,) = tried.costs
-        foretold.append(tried.rate(PICTURE**2) / (cost.fixed + cost.by_pixel * PICTURE**2))
-        own.append(cost.pixel)
-    shown = np.median([variance(bright, random, PICTURE**2) for _ in range(25)])
-    assert shown / 2.5 < np.median(foretold) < 2.5 * shown and np.median(own) < shown / 2.5
+        rates.append(tried.level**2 * tried.rate(PICTURE**2) / cost.seconds(PICTURE**2))
+    assert spoilt.seen and rates[1] == pytest.approx(rates[0], rel=0.2) == pytest.approx(1 / 16, rel=0.2)
 
 
 def shared(noise):
@@ -125,3 +132,12 @@ def test_what_pixels_share_of_chains_goes_down_with_their_number():
     pilots = [trial.of(prepared(shared(0.5), steps=steps), world(PICTURE), None, 64) for steps in (1, 12)]
     beams, chains = (tried.costs[0].of_region(PICTURE**2, tried.pixels) for tried in pilots)
     assert beams == pytest.approx(0.25, rel=5 * math.sqrt(2 / 64)) and chains == pytest.approx(beams / 256)
+
+
+def test_pilots_of_chains_have_as_many_paths_a_pixel_as_others_have():
+    """However few a pass of a large picture has: of 1 a pixel, 256 chains told nothing of what a path takes."""
+    size = SimpleNamespace(size=(PICTURE, PICTURE), whole=None)
+    picture = metropolis.part("metropolis", size, [], None, 0, np.ones(3))
+    pilot = metropolis.part("metropolis", SimpleNamespace(size=(SIDE, SIDE), whole=size), [], None, 0, np.ones(3))
+    assert (picture.samples, pilot.samples, pilot.fewer(4).samples) == (1, 16, 4) and picture.fewer is None
+    assert pilot.render.group.chains == SIDE**2 and picture.steps == pilot.steps == pilot.fewer(4).steps > 1
