@@ -46,9 +46,9 @@ class Surface(NamedTuple):
         """Distances (n,) m to where rays come into the mesh before limit (n,) m, inf where they do not, and normals (n, 3)."""
         return _entries_of(self.boundary, origin, direction, limit)
 
-    def chance(self, place):
-        """That a path is turned at places (n, 3) m."""
-        distance = np.sqrt(np.sum((place - self.camera) ** 2, axis=1))
+    def chance(self, point):
+        """That a path is turned at points (n, 3) m."""
+        distance = np.sqrt(np.sum((point - self.camera) ** 2, axis=1))
         return chance(np.maximum(distance, _LEAST), min(max(self.near, _LEAST), _NEVER), np)
 
     def beside(self, t, direction, normal):
