@@ -412,9 +412,11 @@ class _Pilots:
     def _as_surfaces(self, name, bias, stated, allowed):
         """The same of a candidate with surfaces: within pixels of the picture, which are narrower than the pilots', its error is
         known by what is expected."""
-        words = f"by how far light spreads {percent(stated)} is expected"
+        expected = self._offered[name].expected
+        expected = stated if expected is None else expected
+        words = f"by how far light spreads {percent(expected)} is expected"
         if bias.size + bias.error <= allowed:
-            fits, why = stated <= allowed, f"within the {percent(allowed)} allowed; {words}"
+            fits, why = expected <= allowed, f"within the {percent(allowed)} allowed; {words}"
         elif bias.resolved:
             fits, why = False, f"off by more than the {percent(allowed)} allowed; {words}"
         else:

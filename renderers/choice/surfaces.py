@@ -50,21 +50,20 @@ def beside(opened, world, listed: tuple[Candidate, ...]) -> tuple[tuple[Candidat
 
 
 def _of_grains(opened, world, listed):
-    """Candidates, without those by which entries are surfaces from some distance on where that is not worth while, or too far
-    off, and why; the others with the error that is expected of it.  Grains have such ones among their methods."""
+    """Candidates, without those by which entries are surfaces from some distance on where that cannot be or is not worth while;
+    and those that are too far off, by name with the reason.  Grains have such ones among their methods."""
     scene, kept, refused = opened.scene, [], {}
     allowed = budget.ROOM * (scene.values.tolerance or budget.DEFAULT)
     for candidate in listed:
         stated = [(entries.declared(scene.values.materials[number].kind)[candidate.methods[number]],
                    (scene, number, opened.assets[number], world)) for number in candidate.surfaces]
-        if fault := next(filter(None, (method.unfit(*about) for method, about in stated)), ""):
-            refused[candidate.name] = fault
-        elif stated and max(method.far_share(*about) for method, about in stated) < _WORTH:
-            refused[candidate.name] = "little of what the camera sees is far enough to be a surface"
-        elif (error := max((method.deviation(*about) for method, about in stated), default=0.0)) > allowed:
+        if stated and (any(method.unfit(*about) for method, about in stated)
+                       or max(method.far_share(*about) for method, about in stated) < _WORTH):
+            continue
+        if (error := max((method.deviation(*about) for method, about in stated), default=0.0)) > allowed:
             refused[candidate.name] = f"an error of {percent(error)} is expected of the surface, and {percent(allowed)} allowed"
         else:
-            kept.append(candidate._replace(stated=_besides(candidate.stated, error)))
+            kept.append(candidate._replace(stated=_besides(candidate.stated, error), expected=error) if stated else candidate)
     return tuple(kept), refused
 
 

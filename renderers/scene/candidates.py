@@ -32,6 +32,7 @@ class Candidate(NamedTuple):
     media : numbers of the entries for which media stand
     replaced : of these, those that nobody asked for: `auto` does not take them where the materials themselves are seen
     surfaces : numbers of the bodies that are surfaces, or are far from the camera, because `auto` may have them so
+    expected : the error that is expected of those; None: what is stated
     eligible : whether it may be taken; another one only measures how far those are off
     """
 
@@ -44,6 +45,7 @@ class Candidate(NamedTuple):
     media: tuple[int, ...] = ()
     replaced: tuple[int, ...] = ()
     surfaces: tuple[int, ...] = ()
+    expected: float | None = None
     eligible: bool = True
 
 

@@ -21,7 +21,7 @@ from renderers.materials.grains._entries import Boundary, entries
 from renderers.materials.surface import far, lobes, onset
 from renderers.mitsuba import layers
 from renderers.mitsuba.shapes import Shape
-from renderers.scene import meshes
+from renderers.scene import budget, meshes
 from renderers.threads import run
 from renderers.transport import wavefront
 from renderers.transport.far import chance
@@ -47,9 +47,9 @@ class Surface(NamedTuple):
         """Distances (n,) m to where rays come into the mesh before limit (n,) m, inf where they do not, and normals (n, 3)."""
         return _entries_of(self.boundary, origin, direction, limit)
 
-    def chance(self, place):
-        """That a path is turned at places (n, 3) m."""
-        distance = np.sqrt(np.sum((place - self.camera) ** 2, axis=1))
+    def chance(self, point):
+        """That a path is turned at points (n, 3) m."""
+        distance = np.sqrt(np.sum((point - self.camera) ** 2, axis=1))
         return chance(np.maximum(distance, _LEAST), min(max(self.near, _LEAST), _NEVER), np)
 
     def beside(self, t, direction, normal):
@@ -67,10 +67,10 @@ def _entries_of(boundary, origin, direction, limit):
 # ---- the surfaces of a scene
 
 
-def surfaces_of(scene, world, assets, grains, meshes, leaves_out):
+def surfaces_of(scene, world, assets, grains, meshes, method):
     """`Surface` of each body, None where no path of a picture would be turned; and sentences about them.
 
-    grains, meshes : as of `methods.of`;  leaves_out : of the method;  UsageError where a body cannot be a surface
+    grains, meshes : as of `methods.of`;  method : `declaration.GrainMethod`;  UsageError where a body cannot be a surface
     """
     whole, listed, reasons, reached = world.whole or world, [], [], False
     for number, (asset, packed, (vertices, faces)) in enumerate(zip(assets, grains, meshes, strict=True)):
@@ -78,14 +78,14 @@ def surfaces_of(scene, world, assets, grains, meshes, leaves_out):
         if fault := unfit(entry, asset):
             raise scene.wrong(f"materials[{number}].method", f"found {entry.method}, but {fault}; use ept+vpt, or an asset with "
                               "such a surface")
-        begins = onset_of(scene, number, asset, whole)
+        begins = onset_of(scene, number, asset, whole, method)
         layer = layers.load(str(asset.path), 0)
         corners = np.array(np.meshgrid(*np.array([vertices.min(axis=0), vertices.max(axis=0)]).T)).reshape(3, -1).T
         reached |= begins.near < np.max(np.linalg.norm(corners - world.camera.origin, axis=1))
         listed.append(Surface(Boundary.of(vertices, faces), material.radius_of(packed), lobes.of_layer(layer),
                               np.asarray(world.camera.origin, float), begins.near))
         reasons += [onset.in_words(number, begins, "ept+vpt", "its grains"),
-                    f"materials[{number}]: {leaves_out}",
+                    f"materials[{number}]: {method.leaves_out}",
                     f"materials[{number}]: the reflectance of its surface is looked up within {100 * layer.error:.2g} %, at "
                     "angles to 89.9 degrees"]
     return (tuple(listed), reasons) if reached else (None, reasons[::3])
@@ -103,14 +103,16 @@ def unfit(entry, asset) -> str:
     return "" if index == 1 else f"its surface is baked under a boundary of index {index:g}, and grains have none"
 
 
-def onset_of(scene, number, asset, world) -> onset.Onset:
-    """From where on an entry is its surface, by how far light spreads and how wide grains are in pixels."""
+def onset_of(scene, number, asset, world, method) -> onset.Onset:
+    """From where on an entry is its surface, by how far light spreads and how wide grains are in pixels; method : as above"""
+    near_error = method.error(scene.values.tolerance or budget.DEFAULT)
     vertices, faces = meshes.of_entry(scene, number)
     shape = Shape("", vertices, faces, np.array([vertices.min(axis=0), vertices.max(axis=0)]), 1.0, True)
     boundary = Boundary.of(vertices, faces)
     seen = far.seen(world, shape.box, lambda origin, direction: _first(world, boundary, origin, direction))
     single = np.minimum(2 * material.largest_of(asset) / np.maximum(seen.width, _LEAST), 1.0)
-    return onset.begins(scene, number, onset.Look(far.bent(shape, far.spread(asset)), far.mean_distance(asset), seen, single))
+    look = onset.Look(far.bent(shape, far.spread(asset)), far.mean_distance(asset), seen, single)
+    return onset.begins(scene, number, look, near_error)
 
 
 def _first(world, boundary, origin, direction):

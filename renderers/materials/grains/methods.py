@@ -37,7 +37,7 @@ def prepare(job, world, seed) -> Method:
                               "meshes that do not overlap, but may touch, would do")
     tolerance, surfaces = values.tolerance or budget.DEFAULT, (None, [])
     if methods()[values.method].surface_far:
-        surfaces = far.surfaces_of(job.scene, world, assets, grains, meshes, methods()[values.method].leaves_out)
+        surfaces = far.surfaces_of(job.scene, world, assets, grains, meshes, methods()[values.method])
     return of(values.method, world, assets, meshes, grains, seed, values.materials[0].spread, tolerance, surfaces)
 
 

@@ -52,8 +52,9 @@ def of(scene, number, asset, world) -> Onset:
     return begins(scene, number, look)
 
 
-def begins(scene, number, look: Look) -> Onset:
-    """Of an entry of a scene: as it says, or else the nearest where the error is what a method may have.
+def begins(scene, number, look: Look, near_error=0.0) -> Onset:
+    """Of an entry of a scene: as it says, or else the nearest where the error is what a method may have, near_error : that of
+    what is near included, where that is less.
 
     Notes
     -----
@@ -64,6 +65,7 @@ def begins(scene, number, look: Look) -> Onset:
     if stated is not None:
         return _at(stated, look)
     allowed = budget.ROOM * (scene.values.tolerance or budget.DEFAULT)
+    allowed = math.sqrt(allowed**2 - near_error**2) if near_error < allowed else allowed
     if math.sqrt(float(np.mean(look.bent**2))) > allowed:
         return Onset(math.inf, 0.0, 0.0)
     seen = look.seen

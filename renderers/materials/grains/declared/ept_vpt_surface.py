@@ -10,14 +10,14 @@ def deviation(scene, number, asset, world) -> float:
     """Of the far part, as far as light spreads, over pixels and over the radius of the body, and as grains are seen singly."""
     from renderers.materials.grains import far
 
-    return far.onset_of(scene, number, asset, world).error
+    return far.onset_of(scene, number, asset, world, METHOD).error
 
 
 def far_share(scene, number, asset, world) -> float:
     """Of what the camera sees of the body."""
     from renderers.materials.grains import far
 
-    return far.onset_of(scene, number, asset, world).share
+    return far.onset_of(scene, number, asset, world, METHOD).share
 
 
 def unfit(scene, number, asset, world) -> str:
