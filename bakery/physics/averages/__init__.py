@@ -28,7 +28,7 @@ __all__ = ["Aim", "Average", "Coat", "Component", "Rays", "averages", "expected"
 
 _RIPPLE = 0.03  # steps of this over x are a hundredth of a ripple
 _TRIES = 4
-_WIDEST = 4.0  # of sparse steps over others
+_WIDER = 4.0  # sparse steps between angles over others, which suit 1 %: linear interpolation misses by the square
 _MARGIN = 0.8  # of the tolerance, for quadrature (its SHARE) and interpolant together; the rest is the normalisation's
 
 
@@ -207,17 +207,12 @@ def first_grid(channels, tolerance, count=None, sparse=False):
     features = sorted({f for c in channels for f in features_of(c)})
     bows = [(angle, x ** (-2 / 3)) for c in channels for x, _ in features_of(c) if x > 20 for angle in grid.bows(c.m.real)]
     try:
-        theta = grid.start(features, bows, _wider(tolerance) if sparse else 1.0)
+        theta = grid.start(features, bows, _WIDER if sparse else 1.0)
     except grid.TooManyAngles:
         raise StageError(_too_many(channels, tolerance)) from None
     if count is None:
         return theta
     return np.interp(np.linspace(0, len(theta) - 1, count), np.arange(len(theta)), theta)
-
-
-def _wider(tolerance):
-    """Steps over those that suit 1 %: linear interpolation misses by their square."""
-    return min(max(math.sqrt(tolerance / 0.01), 1.0), _WIDEST)
 
 
 def _too_many(channels, tolerance):

@@ -128,8 +128,8 @@ class Aim(NamedTuple):
     radii, angles : fixed numbers of sizes and of angles, whatever error they leave: it is measured all the same; None: as many as
         the tolerance takes
     rays : whether and how rays stand for the series of large spheres
-    sparse : begin with half as many sizes, and with steps between angles as wide as the tolerance lets expect; errors are
-        measured and refined all the same
+    sparse : begin with half as many sizes, and with steps between angles four times as wide; errors are measured and refined all
+        the same
     """
 
     tolerance: float
