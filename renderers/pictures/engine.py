@@ -164,8 +164,8 @@ class Passes:
         passes may be the same by chance, of a thousand pixels that are not: few passes count as independent pixels at least.
         """
         noise = self._of_few({name: mean.spread[3] for name, mean in self.means.items()})
-        few = noise is not None and min(mean.count for mean in self.means.values()) < _TRUSTED_SHARED
-        return max(noise, self.noise / math.sqrt(self.rgb[..., 0].size)) if few else noise
+        trusts_pixels = noise is not None and min(mean.count for mean in self.means.values()) < _TRUSTED_SHARED
+        return max(noise, self.noise / math.sqrt(self.rgb[..., 0].size)) if trusts_pixels else noise
 
     @property
     def noise_region(self):
