@@ -179,7 +179,7 @@ lint: $(VENV)/.ready-test
 	$(BIN)/ruff check bakery renderers tests benchmarks
 
 docs: $(VENV)/.ready
-	$(BIN)/python -m bakery.asset.tables docs/asset-format.md
+	$(BIN)/python docs/asset_tables.py docs/asset-format.md
 
 # notebooks are run where they, or the sources that they run, have changed
 .PHONY: site man

@@ -16,9 +16,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-from bakery.physics.beam import build, kernels, moments, named, photons, planar, small_angle, table
+from bakery.physics.beam import build, kernels, moments, named, photons, small_angle, table
 from bakery.physics.medium import analytic
 from benchmarks.sizes import docs, sized
+from tests.oracles import beam as oracle
 
 DEPTH, EDGES = np.arange(1, 11) / 2, np.linspace(0, 5, 51)
 ALBEDOS = sized((0.1, 0.5, 0.9, 1.0), (0.9,))
@@ -66,7 +67,7 @@ def closed_forms(albedo, B):
 
     def printed(constant):
         def kernel(z, r, M0, q):
-            return kernels.erf_kernel(*kernels.erf_parameters(M0, constant / 1.5 * kernels.printed_mean_square(z, albedo, B)), r)
+            return kernels.erf_kernel(*kernels.erf_parameters(M0, constant / 1.5 * oracle.printed_mean_square(z, albedo, B)), r)
         return of(kernel)
 
     def absorbed(z, r, M0, q):
@@ -76,9 +77,9 @@ def closed_forms(albedo, B):
     def erf(z, r, M0, q):
         return kernels.erf_kernel(*kernels.erf_parameters(M0, q), r)
 
-    return {"single": of(lambda z, r, M0, q: kernels.single_kernel(z, albedo, z, B, r)),
+    return {"single": of(lambda z, r, M0, q: oracle.single_kernel(z, albedo, z, B, r)),
             "printed M2, 3/2": printed(1.5), "printed M2, 3": printed(3.0), "erf": of(erf), "erf, absorption": of(absorbed),
-            "single + Gaussian": of(lambda z, r, M0, q: kernels.single_and_gaussian(z, albedo, loss, B, r)),
+            "single + Gaussian": of(lambda z, r, M0, q: oracle.single_and_gaussian(z, albedo, loss, B, r)),
             "path integral": of(lambda z, r, M0, q: kernels.path_integral(z, albedo, loss, B, M0, r)),
             "Elek": of(lambda z, r, M0, q: kernels.elek(z, albedo, B, M0, r)),
             "Gaussian": of(lambda z, r, M0, q: kernels.gaussian_kernel(M0, q, r))}
@@ -86,8 +87,8 @@ def closed_forms(albedo, B):
 
 def compare(theta, phase, albedo, count, B=None, of=None, everything=True):
     """Errors (flux, fluence) of every kernel, and the noise of the photons."""
-    counted = photons.count(albedo, theta, phase, DEPTH, EDGES, count, back=False)
-    everything = photons.count(albedo, theta, phase, DEPTH, EDGES, count) if everything else None
+    counted = oracle.count(albedo, theta, phase, DEPTH, EDGES, count, back=False)
+    everything = oracle.count(albedo, theta, phase, DEPTH, EDGES, count) if everything else None
     medium = build.prepare(theta, phase)
     of = of or medium.planar
     B = of.B if B is None else B
@@ -114,7 +115,7 @@ def accuracy(count):
     names = None
     print("Percent, forward light, flux | fluence\n")
     for label, theta, phase, B, albedo in rows:
-        result, *noise = compare(theta, phase, albedo, count, B, planar.gaussian(B))
+        result, *noise = compare(theta, phase, albedo, count, B, oracle.gaussian(B))
         names = names or _head("spread, albedo", result)
         _row(label, result, noise)
     print()
@@ -142,17 +143,17 @@ def layers(count):
     """Layers in the small-angle model, by its own photons: the exact kernel and the homogeneous one with the same moments."""
     B, albedo, edges = math.radians(30) ** 2 / 4, 0.9, np.linspace(0, 4, 5)
     z, ratio = table.grid(8, math.sqrt(B))
-    kernel = small_angle.homogeneous(planar.gaussian(B), albedo, z, ratio)
+    kernel = small_angle.homogeneous(oracle.gaussian(B), albedo, z, ratio)
     homogeneous = table.Table(z, ratio, kernel * z[:, None] ** 2 * ratio)
     print("\nSmall-angle photons (nothing absorbed), spread 30 degrees, four layers of 1 mfp: percent\n")
     print("| density | exact | homogeneous, stretched | noise |\n|---|---|---|---|")
     for density in STACKS:
         density = np.array(density, float)
         S = moments.layered_levers(edges, albedo * density)
-        value, error, _, _ = photons.count_small_angle(
+        value, error, _, _ = oracle.count_small_angle(
             S[0][-1], lambda random, n: np.sqrt(-4 * B * np.log1p(-random.random(n))), edges, density, 4.0, EDGES, count)
         tau = density.sum()
-        exact = behind(lambda r, d=density: small_angle.layered(planar.gaussian(B), albedo, edges, d, r.ravel()).reshape(r.shape))
+        exact = behind(lambda r, d=density: small_angle.layered(oracle.gaussian(B), albedo, edges, d, r.ravel()).reshape(r.shape))
         stretched = behind(lambda r, S=S, tau=tau: homogeneous.stretched(tau, math.sqrt(3 * S[1][-1] / S[0][-1]), r))
         r = (EDGES[1:] + EDGES[:-1]) / 2
         whole = np.sum((r * value) ** 2)
@@ -181,7 +182,7 @@ def stacks(count):
             kernel = named.Kernels(albedo, theta, phase, medium.planar.B, True, tables.__getitem__)
             for density in STACKS:
                 planes = np.arange(1.0, 5.0)[np.cumsum(density) > 0]
-                counted = photons.count(albedo, theta, phase, planes, EDGES, count, back=False, layers=(np.arange(4.0), density))
+                counted = oracle.count(albedo, theta, phase, planes, EDGES, count, back=False, layers=(np.arange(4.0), density))
                 found = {}
                 for measure, name in (("flux", "flux"), ("fluence", "forward")):
                     rows = [[], [], [], []]
@@ -219,7 +220,7 @@ def pictures(count):
         for value in values:
             spread, albedo = (30, value) if name == "beam_albedo" else (value, 0.9)
             theta, phase, B = gaussian(spread)
-            rows.append(compare(theta, phase, float(albedo), count, B, planar.gaussian(B), everything=False))
+            rows.append(compare(theta, phase, float(albedo), count, B, oracle.gaussian(B), everything=False))
         behind = [(label, value) for value, (result, *_) in zip(values, rows, strict=True) for k in (0, 1)
                   for other in ("erf", "path integral") if "transport" in result and result["transport"][k] >= result[other][k]]
         print(f"{name}: transport is " + (f"not ahead at {behind}" if behind else "ahead of error function and path integral"))

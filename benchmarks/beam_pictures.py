@@ -21,6 +21,7 @@ from bakery.physics.beam import named, photons, single
 from bakery.stages.beam.view import kernels_of
 from bakery.store.tree import Group
 from benchmarks.sizes import sized
+from tests.oracles import beam as oracle
 
 _FARTHEST, _CELLS, _EVERY = 5.0, 50, 5  # mfp; planes, and rings, of a map; every fifth plane is one of errors
 _PHOTONS = sized(100_000, 3200)
@@ -87,7 +88,7 @@ def counted(um: float, kernels: named.Kernels, planes: int) -> Shown:
     within = table.within(deepest, radius)
     reach = float(np.interp(_HELD, within / within[-1], radius))
     reach = deepest if reach > deepest / 2 else reach
-    found = photons.count(kernels.albedo, kernels.theta, kernels.phase, deepest * np.arange(1, planes + 1) / planes,
+    found = oracle.count(kernels.albedo, kernels.theta, kernels.phase, deepest * np.arange(1, planes + 1) / planes,
                           np.linspace(0, reach, _CELLS + 1), _PHOTONS, seed=_SEED, back=False)
     return Shown(um, kernels, found)
 

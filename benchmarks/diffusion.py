@@ -27,10 +27,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from bakery.physics.granular.diffusion import decay
-from bakery.physics.medium.diffusion import JENSEN, exitance, improved
 from bakery.physics.shapes.radial import icosphere
 from benchmarks.sizes import sized
 from renderers.materials.grains import medium
+from tests.oracles.diffusion import JENSEN, exitance, improved
 from tests.physics.particles import Sky, camera
 from tests.physics.test_aggregate import CUBE
 from tests.physics.test_granular_medium import continuous

@@ -27,13 +27,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from bakery import kernels
-from bakery.physics.packing.instances import instances, rotation_matrix
+from bakery.physics.packing.instances import rotation_matrix
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from benchmarks.sizes import sized
 from renderers.materials.grains import methods
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
+from tests.oracles.instances import instances
 from tests.physics.test_aggregate import CUBE, listed, tile
 from tests.physics.test_granular_render import Kind, grains, place, through
 

@@ -1,4 +1,4 @@
-"""What a person sees after a minute: shipped scenes, without their noise, beside long references.
+"""What a person sees after a minute: scenes, without their noise, beside long references.
 
     python benchmarks/first_picture.py [SCENE …] [--longest 512] [--seconds 60] [--cores 2] [--reference 600]
                                        [-o build/first_picture]
@@ -110,7 +110,7 @@ def measured(path, options) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("scenes", nargs="*", help="names; all but those of the fog filter if none is given")
+    parser.add_argument("scenes", nargs="*", help="names, or files NAME.yaml; all but those of the fog filter if none is given")
     parser.add_argument("--longest", type=int, default=sized(512, 24), help="pixels of the longer side")
     parser.add_argument("--seconds", type=float, default=sized(60.0, 8.0), help="of the whole process, on so many cores")
     parser.add_argument("--cores", type=float, default=2.0, help="processor seconds in a second")
@@ -129,7 +129,7 @@ def main() -> None:
     print("| scene | method | processor s | samples | noise | FLIP | without the reference's noise | reference | its noise | "
           "FLIP of that |\n|---|---|---|---|---|---|---|---|---|---|")
     for name in names:
-        path = SCENES / f"{name}.yaml"
+        path = Path(name).resolve() if name.endswith(".yaml") else SCENES / f"{name}.yaml"
         if load(path, assets=False).section != "fog":
             print(measured(path, options), flush=True)
 

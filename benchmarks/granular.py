@@ -24,7 +24,6 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 import numpy as np  # noqa: E402
 
-from bakery.physics.grains.balls import statistics  # noqa: E402
 from bakery.physics.grains.bvh import Mesh  # noqa: E402
 from bakery.physics.grains.scatterometer import measure  # noqa: E402
 from bakery.physics.grains.sphere import ball  # noqa: E402
@@ -36,6 +35,7 @@ from bakery.physics.packing.structure import fraction as filled  # noqa: E402
 from bakery.physics.shapes import build as shapes  # noqa: E402
 from bakery.physics.shapes.examples import EXAMPLES  # noqa: E402
 from benchmarks.sizes import sized  # noqa: E402
+from tests.oracles.balls import statistics  # noqa: E402
 
 PUBLISHED = {("glass ball", 0.3): 120.3, ("glass ball", 0.63): 33.34, ("glass cube", 0.63): 37.88}  # good to 1 %
 HEAD = ("grains", "fraction", "N", "M", "published", "window", "drift, %", "lambda_t", "its theory", "chord, sigma from exact",

@@ -1,28 +1,34 @@
 """Chains with tables: mutations a second, and noise in light of three and more events beside other methods.
 
-    python -m benchmarks.metropolis_tables [--small] [--scenes wax wax_glass bumpy_ball] [--size 48] [--seconds 6]
+    python -m benchmarks.metropolis_tables [--small] [--scenes wax wax_glass bumpy_ball] [--size 48] [--seconds 6] [--pilots]
 
 Scenes: a ball of published wax (Wang, Ge and Holzschuch 2018) of 8 mean free paths in radius under a panel, matched or of glass,
 and shipped ones.  A row a method, which take turns, for so many processor seconds each: light of three and more events over that
 of the first, with its standard error; paths or mutations a second of two cores, of the kind of passes alone; processor seconds to
 a noise of 1 % of a pixel, root mean square, over the picture's mean, in all light and in that of three and more events; and the
 error in the latter over `metropolis` at equal time.  --small: 16 pixels wide, a second.
+
+--pilots: what pilots of so many seconds tell `auto` of a picture of so many pixels a side: processor seconds to a noise of 1 % in
+all light, and how the kinds of passes share them.
 """
 
 from __future__ import annotations
 
 import argparse
+from types import SimpleNamespace
 
 import numpy as np
 
 from benchmarks.figures_translucent import stand
 from benchmarks.sizes import sized
 from benchmarks.transport import WAX
+from renderers.choice import trial
+from renderers.materials.bodies import methods
 from renderers.mitsuba import variants
 
 METHODS = "metropolis", "vrl+tables", "metropolis+tables", "metropolis+tables, none"
-BALLS = {"wax": 1.0, "wax_glass": 1.4}  # refractive indices
-RADIUS = 8  # mean free paths
+PILOTED = "paths", "vrl+tables", "metropolis", "metropolis+tables"
+BALLS = {"wax": (1.0, 8), "wax_glass": (1.4, 8), "wax_large": (1.0, 32)}  # refractive index, radius in mean free paths
 ROUNDS, CORES = 2, 2
 
 
@@ -31,8 +37,9 @@ def setup(scene, size):
     if scene not in BALLS:
         return stand.shipped(scene, size)
     albedo, free_path, g = WAX
-    how = stand.ball(stand.medium(albedo, g), BALLS[scene], size, stand.PANEL)
-    return stand.thicker(how, RADIUS * free_path[1] / np.array(free_path))
+    index, radius = BALLS[scene]
+    how = stand.ball(stand.medium(albedo, g), index, size, stand.PANEL)
+    return stand.thicker(how, radius * free_path[1] / np.array(free_path))
 
 
 def a_second(run):
@@ -63,13 +70,30 @@ def rows(scene, size, seconds):
               f"{np.sqrt(later[method].seconds / first.seconds):.2g} |", flush=True)
 
 
+def pilots(scene, size, seconds):
+    """Tries methods in a scene as `auto` does and prints a row of each."""
+    whole = setup(scene, size)
+    for method in PILOTED:
+        piloted = trial.of(lambda world, seed, method=method: SimpleNamespace(
+            parts=methods.parts(whole._replace(world=world), method, "negative", seed)), whole.world, seconds)
+        by_kind = np.sqrt([cost.pixel * (cost.fixed + cost.by_pixel * size**2) for cost in piloted.costs])
+        shares = ", ".join(f"{share:.2f}" for share in by_kind / by_kind.sum())
+        print(f"| {scene} | `{method}` | {stand.of_seconds(1e4 * piloted.rate(size**2))} | {shares} |", flush=True)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", nargs="+", default=sized(["wax", "wax_glass", "bumpy_ball"], ["bumpy_ball"]))
     parser.add_argument("--size", type=int, default=sized(48, 16), help="pixels a side, a multiple of 8")
     parser.add_argument("--seconds", type=float, default=sized(6.0, 1.0))
+    parser.add_argument("--pilots", action="store_true")
     args = parser.parse_args()
     print(variants.activate("rgb"))
+    if args.pilots:
+        print("| scene | method | noise 1 % after, s | shares of its kinds of passes |\n|" + "---|" * 4, flush=True)
+        for scene in args.scenes:
+            pilots(scene, args.size, args.seconds)
+        return
     print("| scene | method | three and more events over `metropolis` | a second of two cores | noise 1 % after, s | of three "
           "and more events | error over `metropolis`, equal time |\n|" + "---|" * 7, flush=True)
     for scene in args.scenes:

@@ -16,8 +16,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from bakery.physics.medium import analytic
-from bakery.physics.multiple import fourier, legendre, photons, point, segment, solution
+from bakery.physics.multiple import fourier, legendre, point, segment, solution
 from benchmarks.sizes import sized
+from tests.oracles import photons
 
 # name, albedo of three colours, g, published seconds (segment + point)
 MATERIALS = (("B.S.", (0.955, 0.677, 0.457), 0.9, 20), ("wax", (0.980, 0.962, 0.750), 0.8, 30),

@@ -19,12 +19,13 @@ import numpy as np
 
 from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
-from bakery.physics.multiple import build, choice, frame, lookup, photons, table
+from bakery.physics.multiple import build, choice, frame, lookup, table
 from bakery.physics.multiple.kinds import KINDS
 from bakery.stages.multiple.pictures import Shown as Drawn
 from bakery.stages.multiple.view import tables_of
 from bakery.store.tree import Dataset, Group
 from benchmarks.sizes import sized
+from tests.oracles import photons
 
 _LEAST_STEP, _RATIO = 0.05, 1.5  # edge of the first cell of photons, mfp, and from one to the next
 _REACH = 30.0  # mfp that photons are counted to

@@ -23,10 +23,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 import bakery
-from bakery.physics.beam import photons
 from benchmarks.sizes import sized
 from renderers.fog import filter as screen
 from renderers.fog import kernels
+from tests.oracles import beam as oracle
+from tests.oracles.fog import direct
 
 RECIPE = """\
 bakery: 1
@@ -130,7 +131,7 @@ def radii(fog, height, width):
     for _ in range(ROUNDS):
         rows.append([timed(screen.fogged, image, z, angle * (unit / r), column, lever, fog, threads=1) for r in wanted])
     for k, r in enumerate(wanted):
-        expected = screen.direct(image, z, angle * (unit / r), column, lever, fog, threads=1, pixels=some)
+        expected = direct(image, z, angle * (unit / r), column, lever, fog, threads=1, pixels=some)
         through = (np.exp(-column[..., None] * fog.sigma_t) * image).reshape(-1, 3)[some]
         error = errors(rows[0][k][1].reshape(-1, 3)[some], expected, through)
         seconds = np.min([row[k][0] for row in rows])
@@ -186,7 +187,7 @@ def arrivals(folder, count=sized(400_000, 6400)):
             c, power, shape = len(tables) - 1 - k, [], []
             for tau in DEPTHS:
                 edges = tau * np.r_[0, np.geomspace(0.01, 10, 31), 1e9]
-                found = photons.count(float(albedo), theta, tables[k], [tau], edges, count, layers=((0.0, tau), (1.0, 0.0)))
+                found = oracle.count(float(albedo), theta, tables[k], [tau], edges, count, layers=((0.0, tau), (1.0, 0.0)))
                 light = found.flux[0] * math.pi * np.diff(edges**2)
                 i = fog.place(tau, fog.depth)
                 within = (1 - i % 1) * fog.within[c, int(i)] + i % 1 * fog.within[c, int(i) + 1]
@@ -209,7 +210,7 @@ def main():
     fog = kernels.fog_of(asset)
     print(f"kernels from an asset: {time.process_time() - start:.2f} s, {fog.shape.shape}, {fog.shape.nbytes / 1e6:.1f} MB")
     small = scene(24, 32)
-    screen.direct(*small, fog, pixels=np.arange(4)), screen.fogged(*small, fog)  # compiles
+    direct(*small, fog, pixels=np.arange(4)), screen.fogged(*small, fog)  # compiles
     frame(fog, height, width)
     print("kernel's size:")
     radii(fog, height, width)
@@ -222,7 +223,7 @@ def main():
     for name in ("fluence", "small_angle", "erf", "path_integral", "elek", "single"):
         other = kernels.fog_of(asset, kernel=name)
         some = np.random.default_rng(6).choice(height * width, sized(200, 4), replace=False)
-        found, expected = screen.fogged(*arguments, other), screen.direct(*arguments, other, pixels=some)
+        found, expected = screen.fogged(*arguments, other), direct(*arguments, other, pixels=some)
         through = (np.exp(-arguments[3][..., None] * fog.sigma_t) * arguments[0]).reshape(-1, 3)[some]
         print(f"  {name}: error {errors(found.reshape(-1, 3)[some], expected, through)[0]:.2%}")
 

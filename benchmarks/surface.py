@@ -1,8 +1,8 @@
 """Plane layers: python -m benchmarks.surface [--small]
 
 Isotropic half spaces against Chandrasekhar's H functions; energy of lossless layers; moments, processor time and bytes that three
-half spaces take at 1 %, and the change that is stated against the true error; PythonicDISORT beside, where it is installed; how
-far light spreads; what half spaces of packed balls take.
+half spaces take at 1 %, and the change that is stated against the true error; PythonicDISORT at equal error, where it is
+installed; how far light spreads; what half spaces of packed balls take.
 """
 
 from __future__ import annotations
@@ -10,13 +10,16 @@ from __future__ import annotations
 import importlib.util
 import math
 import sys
+import tempfile
 import time
+import warnings
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
+import bakery
 from bakery.physics.medium import analytic
 from bakery.physics.multiple.legendre import moments
 from bakery.physics.surfaces.refine import refined
@@ -25,6 +28,7 @@ from bakery.physics.surfaces.solution import solve
 from bakery.physics.surfaces.spread import profile, spread
 from benchmarks.sizes import sized
 
+ROOT = Path(__file__).resolve().parents[1]
 ALBEDOS = sized((0.1, 0.5, 0.9, 0.99, 0.9999, 1.0), (0.9, 1.0))
 DEPTHS = sized((1e-6, 0.01, 1.0, 100.0, 1e6, math.inf), (1.0,))
 INDICES = sized((0.8, 1.0, 1.33, 1.5), (1.33,))
@@ -34,6 +38,8 @@ SPREADS = sized(((0.9, 0.5, 1.0), (0.99, 0.5, 1.0), (0.999, 0.5, 1.0), (0.9999, 
                  (8.5 / 8.5011, 0.7, 1.33), (12.57 / 12.584, 0.7, 1.33)), ((0.9, 0.5, 1.0),))
 GRAINS = sized({"matt 0.1": 0.1, "matt 0.8": 0.8, "matt 1": 1.0, "glass 1.5": 1.5}, {"matt 0.8": 0.8})
 ERRORS = sized((0.02, 0.01), (0.1,))
+AZIMUTHS = np.linspace(0, math.pi, 5)
+FAR = 1e5  # optical depth of a half space of PythonicDISORT
 COSINES = np.array([math.cos(math.radians(89.9)), 0.05, 0.2, 0.5, 0.8, 1.0])
 
 
@@ -85,7 +91,7 @@ def cost():
         seconds = time.process_time() - start
         solution, change = solutions[-1]
         count = len(solution.cut.moments)
-        at = np.meshgrid(COSINES, COSINES, np.linspace(0, math.pi, 5), indexing="ij")
+        at = np.meshgrid(COSINES, COSINES, AZIMUTHS, indexing="ij")
         finer = solve(slabs[-1], moments(theta, phase, 2 * count + 1), 2 * count, 1e-4).reflection(*at)
         error = np.abs(solution.reflection(*at) / finer - 1).max()
         nodes = len(solution.albedo)
@@ -93,29 +99,49 @@ def cost():
         print(f"  g {g:<5g} {count:4d} {len(solution.reflected):4d}  {change:.1e}  {error:.1e}  {seconds:6.2f}  {size:.2f}")
 
 
+def fog():
+    """Angles, phase function and single-scattering albedo of the shipped fog at 0.55 um."""
+    with tempfile.TemporaryDirectory() as folder:
+        medium = bakery.open(bakery.bake(ROOT / "recipes" / "fog.yaml", output=Path(folder) / "fog.h5")).medium
+    return medium["theta"], medium["phase"][1], float(medium["sigma_s"][1] / medium["sigma_t"][1])
+
+
 def peer():
     if importlib.util.find_spec("PythonicDISORT") is None:
         print("PythonicDISORT is not installed: left out")
         return
-    from PythonicDISORT import pydisort
-
-    print("HG 0.75, albedo 0.9, depth 1, all azimuths, six incidences: CPU s, and plane albedo at 60 degrees")
-    theta, phase = henyey_greenstein(0.75)
-    lobe = 0.75 ** np.arange(65.0)
-    for count in sized((16, 32, 64), (16,)):
+    print("half spaces to 1 %: bakery's CPU s for every incidence and true error to 89.9 degrees; by streams, PythonicDISORT's")
+    print("CPU s an incidence and error to 87 degrees; bakery's time over that for eight incidences where it is 1 % or below")
+    for name, (theta, phase, albedo), streams in (
+            ("HG 0.75, 0.99", (*henyey_greenstein(0.75), 0.99), sized((32, 48, 64), (16, 32))),
+            *sized((("HG 0.9, 0.99", (*henyey_greenstein(0.9), 0.99), (64, 96, 128)), ("fog", fog(), (128, 192, 256))), ())):
+        slab = Slab(theta, phase, albedo, math.inf)
+        refined(slab, 0.01)  # compiles
         start = time.process_time()
-        solution = solve(Slab(theta, phase, 0.9, 1.0), lobe, count, 1e-4)
-        middle = time.process_time()
-        for mu in COSINES[::-1]:
-            _, upward, *_ = pydisort(np.ones(1), np.full(1, 0.9), count, lobe[None, :count], mu, 1.0, 0.0, f_arr=lobe[[count]])
-            if mu == 0.5:
-                theirs = float(upward(0.0)) / mu
-        end = time.process_time()
-        from bakery.physics.surfaces.nodes import interpolation
+        solution, _ = refined(slab, 0.01)
+        seconds, count = time.process_time() - start, len(solution.cut.moments)
+        lobe = moments(theta, phase, 2 * count + 200)
+        at = np.meshgrid(COSINES, COSINES, AZIMUTHS, indexing="ij")
+        exact = solve(slab, lobe, 2 * count, 1e-4).reflection(*at)
+        print(f"  {name}: {seconds:.2f} s, {np.abs(solution.reflection(*at) / exact - 1).max():.2%}")
+        for number in streams:
+            theirs, error = zip(*(disort(slab, lobe, number, k, exact[1:-1, k]) for k in range(1, len(COSINES) - 1)), strict=True)
+            ratio = f", {seconds / (8 * np.mean(theirs)):.3f}" if max(error) <= 0.01 else ""
+            print(f"    {number} streams: {np.mean(theirs):.2f} s, {max(error):.2%}{ratio}")
 
-        own = interpolation(solution.nodes.at, math.sqrt(0.5)) @ solution.albedo
-        print(f"  {count:3d} moments: bakery {middle - start:.3f} (every incidence), {own:.7f}; "
-              f"PythonicDISORT {end - middle:.3f}, {theirs:.7f}")
+
+def disort(slab: Slab, lobe, streams: int, incident: int, exact):
+    """Processor time, and largest error of the reflectance at COSINES but for the first and last, of PythonicDISORT."""
+    from PythonicDISORT import pydisort, subroutines
+
+    mu = COSINES[incident]
+    start = time.process_time()
+    with warnings.catch_warnings(action="ignore"):  # an albedo near 1, many Fourier orders
+        *_, radiance = pydisort(np.array([FAR]), np.array([slab.albedo]), streams, lobe[None] / lobe[0], mu, 1.0, 0.0,
+                                NLeg=streams, NFourier=streams, f_arr=np.maximum(lobe[[streams]], 0), NT_cor=True)
+        at = subroutines.interpolate(radiance)
+        values = np.stack([at(COSINES[1:-1], 0.0, phi) for phi in AZIMUTHS], axis=1) * math.pi / mu
+    return time.process_time() - start, float(np.abs(values / exact - 1).max())
 
 
 def spreads():

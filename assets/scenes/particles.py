@@ -10,6 +10,8 @@ import math
 from pathlib import Path
 from random import Random
 
+import numpy as np
+
 HERE = Path(__file__).parent
 FRAME = """<!-- {what}  Written by {program}.  Lengths in m, z is up. -->
 <scene version="3.0.0">
@@ -241,13 +243,22 @@ SCENES = {"lamp_in_dust": lamp, "beads_in_box": beads, "stairs_in_a_beam": stair
 
 
 def write_cone(path, sides=24):
-    """A closed cone of radius and height 1 on the plane z = 0."""
-    ring = [(math.cos(2 * math.pi * k / sides), math.sin(2 * math.pi * k / sides), 0) for k in range(sides)]
-    places = [*ring, (0, 0, 1), (0, 0, 0)]
-    faces = [face for k in range(sides) for face in ((k, (k + 1) % sides, sides), ((k + 1) % sides, k, sides + 1))]
-    head = ["ply", "format ascii 1.0", f"element vertex {len(places)}", *(f"property float {axis}" for axis in "xyz"),
+    """A closed cone of radius and height 1 on the plane z = 0, with normals that are smooth around it and end at its rim."""
+    around = 2 * np.pi * np.arange(2 * sides) / (2 * sides)  # rim and, between its vertices, the tip of each side
+    out = np.stack([np.cos(around), np.sin(around), np.zeros(2 * sides)], axis=1)
+    slanted = (out + [0, 0, 1]) / math.sqrt(2)
+    rim, tips, down = out[::2], np.tile([0, 0, 1], (sides, 1)), np.tile([0, 0, -1], (sides + 1, 1))
+    vertices = np.concatenate([rim, tips, rim, [[0, 0, 0]]])
+    normals = np.concatenate([slanted[::2], slanted[1::2], down])
+    after = (np.arange(sides) + 1) % sides
+    k = np.arange(sides)
+    faces = np.concatenate([np.stack([k, after, sides + k], axis=1),
+                            np.stack([2 * sides + after, 2 * sides + k, np.full(sides, 3 * sides)], axis=1)])
+    head = ["ply", "format ascii 1.0", f"element vertex {len(vertices)}",
+            *(f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")),
             f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
-    lines = [*head, *(" ".join(f"{c:.5g}" for c in place) for place in places), *(f"3 {a} {b} {c}" for a, b, c in faces)]
+    lines = [*head, *(" ".join(f"{number:.5g}" for number in row) for row in np.concatenate([vertices, normals], axis=1)),
+             *(f"3 {a} {b} {c}" for a, b, c in faces)]
     path.write_text("\n".join(lines) + "\n")
 
 

@@ -85,9 +85,11 @@ class Asset:
             return groups[name]
         if sections := sections_for(name):
             wanted = " or ".join(dict.fromkeys(" and ".join(f"`{section}`" for section in group) for group in sections))
-            raise MissingStage(f"{self.path}: holds no stage {name!r} (it holds {', '.join(self.stages) or 'none'}); give its "
-                               f"recipe a section {wanted} and bake it again: `bake RECIPE -o {self.path}`, or "
-                               f"`bake RECIPE --scene SCENE -o {self.path}` of a scene that needs the stage")
+            missing = MissingStage(f"{self.path}: holds no stage {name!r} (it holds {', '.join(self.stages) or 'none'}); give "
+                                   f"its recipe a section {wanted} and bake it again: `bake RECIPE -o {self.path}`, or "
+                                   f"`bake RECIPE --scene SCENE -o {self.path}` of a scene that needs the stage")
+            missing.brief = f"the asset holds no stage {name!r}"
+            raise missing
         raise AttributeError(f"an asset has no attribute {name!r}; {self.path} holds the groups {', '.join(groups)}")
 
     def __fspath__(self) -> str:

@@ -31,8 +31,9 @@ def command(kind, output, mesh, mitsuba, as_list, overwrite, force, as_json, **s
     """Write a recipe to start from: of a KIND (fog, sand, family, scene, …), of a published material (espresso, opac_fog, …), or
     a shipped recipe or scene.
 
-    --mesh and --mitsuba also write a scene: `bake new milk --mesh drink.ply`, then `bake render milk.scene.yaml`.  Without KIND
-    all are listed.  The recipe is named after its file; tables and other files that it needs are written beside it.
+    --mesh and --mitsuba also write a scene: `bake new milk --mesh drink.ply`, then `bake render milk.scene.yaml`.  With --mesh
+    KIND may be a recipe of your own, tea.yaml.  Without KIND all are listed.  The recipe is named after its file; tables and
+    other files that it needs are written beside it.
     """
     from bakery.store.put import put_all
     from bakery.system.terminal import remark
@@ -43,13 +44,14 @@ def command(kind, output, mesh, mitsuba, as_list, overwrite, force, as_json, **s
         return
     if force:
         remark("--force is called --overwrite here, as everywhere")
+    recipe = Path(kind) if mesh and Path(kind).suffix in (".yaml", ".yml") and Path(kind).is_file() else None
     kind = kind.removesuffix(".yaml")
-    target = _target(kind, output)
+    target = _target(kind if recipe is None else str(recipe.with_suffix("")), output)
     if mesh:
         from bakery.starting.studio import in_studio
 
-        files, remarks = in_studio(kind, Path(mesh), target.stem, unit=size["unit"], height=_metres(size["height"]),
-                                   up=size["up"] or "z")
+        files, remarks = in_studio(recipe or kind, Path(mesh), target.stem, target.parent, unit=size["unit"],
+                                   height=_metres(size["height"]), up=size["up"] or "z")
     elif mitsuba:
         files, remarks = _in_fog(kind, Path(mitsuba), target, size["unit"])
     else:

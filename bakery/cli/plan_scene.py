@@ -82,7 +82,7 @@ def _show_forecast(plan) -> None:
         say(f"         {line}")
     samples = f", {pilot['samples']} samples a pixel" if pilot["samples"] is not None else ""
     scatter = f", noise {percent(pilot['noise'])}" if pilot["noise"] is not None else ""
-    spread = f"; seconds to a noise to {percent(forecast.spread)} at best" if forecast.spread else ""
+    spread = f"; seconds are known to {percent(forecast.spread)} at best" if forecast.spread else ""
     say(f"         pilot: {pilot['size'][0]} x {pilot['size'][1]}{samples} in {duration(pilot['seconds'])}{scatter}{spread}")
     for line in forecast.missed:
         say(f"         would be missed: {line}")

@@ -39,22 +39,6 @@ def preview_beside(asset: Path, content_hash: str) -> bytes:
     return as_jpeg(image)
 
 
-def reduced(path: Path, width: int) -> bytes:
-    """A picture file as JPEG, no more than so many pixels wide and high.
-
-    Raises UsageError where it is no picture.
-    """
-    from PIL import Image, UnidentifiedImageError
-
-    try:
-        with Image.open(path) as image:
-            image = image.convert("RGB")
-    except (OSError, UnidentifiedImageError):
-        raise UsageError(f"{path}: cannot be read as a picture; a whole PNG or JPEG would do") from None
-    image.thumbnail((width, width))
-    return as_jpeg(image)
-
-
 def as_jpeg(image) -> bytes:
     """A picture of PIL, or the bytes of a PNG, as JPEG: a tenth of the bytes where it is shaded."""
     import io

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from bakery.recipe.model import Recipe
 
-__all__ = ["json_schema", "load", "swept"]
+__all__ = ["json_schema", "load"]
 
 
 def load(path: str | os.PathLike, overrides: Mapping[str, str] | None = None, *, keep_going: bool = False) -> Recipe:
@@ -50,17 +50,6 @@ def load(path: str | os.PathLike, overrides: Mapping[str, str] | None = None, *,
     if sweeps(tree):
         return checked(path, source, tree, edited, problems, keep_going)
     return check(path, source, tree, edited, problems)
-
-
-def swept(path: str | os.PathLike, overrides: Mapping[str, str] | None = None) -> bool:
-    """Whether a recipe with these overrides sweeps keys, as far as it can be read; its values are not looked at."""
-    from bakery.errors import RecipeError
-    from bakery.recipe.sweep import sweeps
-
-    try:
-        return sweeps(_parsed(path, overrides or {})[1])
-    except RecipeError:
-        return False  # `load` says what is wrong with it
 
 
 def _parsed(path: str | os.PathLike, overrides: Mapping[str, str]):

@@ -234,7 +234,8 @@ def _declared(dataset: Dataset, output: Output, known_lengths: Mapping[str, int]
     if dataset.choices != output.choices:
         yield f"an enumeration of {', '.join(dataset.choices) or 'nothing'}, not of {', '.join(output.choices) or 'nothing'}"
         return
-    if data.dtype.kind not in ("iu" if output.whole or output.choices else "f") or data.dtype.str[1:] == "f2":
+    kinds = "iu" if output.whole or output.choices else "fi" if output.scaled else "f"
+    if data.dtype.kind not in kinds or data.dtype.str[1:] == "f2":
         yield f"its type is {data.dtype}; {'integers' if output.whole or output.choices else 'float32 or float64'} belong there"
         return
     fault = _shape(data.shape, output.shape, known_lengths, shared)

@@ -39,6 +39,7 @@ class Output:
     choices : names of the values of an integer array
     within : smallest and largest value; the largest may be a length, such as `V - 1`
     whole : integers, as indices are
+    scaled : may be integers, to be multiplied with powers of two that another dataset of the group holds
     """
 
     path: str
@@ -49,6 +50,7 @@ class Output:
     choices: tuple[str, ...] = ()
     within: tuple[float, float | str] = (0.0, math.inf)
     whole: bool = False
+    scaled: bool = False
 
 
 def datasets(outputs: Iterable[Output], values: Mapping[str, Any], prefix: str = "") -> dict[str, Dataset]:

@@ -31,7 +31,12 @@ _drawing = later("bakery.stages.medium.pictures:phase_function")
 
 
 class MissingStage(AssetError, AttributeError):
-    """The asset is sound but was baked without the stage that is asked for."""
+    """The asset is sound but was baked without the stage that is asked for.
+
+    brief : the same where it is known which asset is meant, and nothing has to be done
+    """
+
+    brief = ""
 
 
 class Members(Mapping):

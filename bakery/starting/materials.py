@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
 
 from bakery.errors import UsageError
 from bakery.grammar.fields import nearest
+from bakery.recipe import load
 from bakery.recipe.starting import Start, start, starts
 
 
@@ -15,14 +19,14 @@ class Filling:
 
     Attributes
     ----------
-    recipe : name of the recipe, as `bake new` knows it
+    recipe : name of the recipe, as `bake new` knows it; the file of somebody's own
     height : m, of what is usually seen of it; decides the unit of a mesh that says none
-    index : refractive index of a body; None of grains
+    index : refractive index of a body; None of grains, and of what floats in air
     roughness : alpha of the boundary of a body (GGX); 0 is smooth
     floor : reflectance in red, green and blue of what it stands on
     """
 
-    recipe: str
+    recipe: str | Path
     height: float
     index: float | None = None
     roughness: float = 0.0
@@ -43,7 +47,8 @@ FILLINGS = {
     "grapefruit_juice": Filling("grapefruit_juice", 0.1, 1.34), "gatorade": Filling("gatorade", 0.1, 1.34),
     "shampoo": Filling("shampoo", 0.1, 1.37), "ketchup": Filling("ketchup", 0.1, 1.35, 0.1),
     "apple": Filling("apple", 0.08, 1.3, 0.2), "potato": Filling("potato", 0.08, 1.3, 0.3),
-    "chicken": Filling("chicken", 0.1, 1.3, 0.3),
+    "chicken": Filling("chicken", 0.1, 1.3, 0.3), "bleach": Filling("bleach", 0.1, 1.34),
+    "bubbly_ice": Filling("bubbly_ice", 0.05, 1.31), "bubbles": Filling("bubbles", 0.1, 1.33),
     "wax": Filling("wax", 0.1, 1.446, 0.1), "soap": Filling("soap", 0.08, 1.47, 0.1),
     "translucent": Filling("translucent", 0.1, 1.446, 0.1),
     "marble": Filling("marble", 0.3, 1.5, 0.2, _WARM), "white_marble": Filling("white_marble", 0.3, 1.5, 0.2, _WARM),
@@ -57,6 +62,8 @@ FILLINGS = {
     "copper_shot": Filling("copper_shot", 0.03),
 }
 # what fills air, by the number density of its recipe
+ASSUMED = 1.33  # index of what is known by its coefficients: that of water
+_AIR = 1.001  # index of a host below which it has no surface
 AIRS = ("fog", "haze", "cloud", "smoke", "dust", "street_fog", "thick_fog", "opac_fog", "drizzle", "cirrus", "soot")
 
 
@@ -65,6 +72,20 @@ def filling(name: str) -> Filling:
     if name not in FILLINGS:
         raise _refused("--mesh", name, "fills no mesh", FILLINGS, "--mitsuba SCENE.xml" if name in AIRS else "")
     return FILLINGS[name]
+
+
+def own(path: Path) -> Filling:
+    """How the material of somebody's own recipe fills a mesh; UsageError where it has none that does."""
+    recipe = load(path)
+    if recipe.grains is not None and recipe.packing is not None:
+        return Filling(path, 0.03)
+    if recipe.particles is not None:
+        index = float(np.mean(recipe.particles.host.n))
+        return Filling(path, 0.1, index if index > _AIR else None)
+    if recipe.medium is None:
+        raise UsageError(f"{path}: found a recipe without a medium, particles or packed grains, which fills no mesh; "
+                         "expected a recipe with a section medium or particles, or with grains and packing")
+    return Filling(path, 0.1, ASSUMED)
 
 
 def air(name: str) -> Start:
@@ -77,4 +98,6 @@ def air(name: str) -> Start:
 def _refused(option, name, why, accepted, other_option):
     hint = f": {name} takes {other_option}" if other_option else "" if name in starts() else nearest(name, accepted)
     named = ", ".join(list(accepted)[:: max(len(accepted) // 6, 1)])
-    return UsageError(f'{option}: found "{name}", which {why}{hint}; expected {named} and others, `bake new --list` names them')
+    file = ", or the file of a recipe" if option == "--mesh" else ""
+    return UsageError(f'{option}: found "{name}", which {why}{hint}; expected {named} and others, `bake new --list` names them'
+                      f"{file}")

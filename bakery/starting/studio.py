@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,9 @@ import numpy as np
 from bakery.errors import UsageError
 from bakery.recipe import load
 from bakery.recipe.starting import start
-from bakery.starting.materials import Filling, filling
+from bakery.run import draft
+from bakery.run.cache import Cache
+from bakery.starting.materials import Filling, filling, own
 from bakery.starting.meshes import Solid, length, solid
 from bakery.store import ply
 
@@ -25,13 +28,13 @@ _WINDOW_LIGHT, _SKY = (4.0, 3.8, 3.5), (0.10, 0.115, 0.135)
 _FEW, _MANY = 300, 1e9  # grains
 
 
-def in_studio(material: str, mesh: Path, name: str, *, unit=None, height=None, up="z"):
+def in_studio(material: str | Path, mesh: Path, name: str, folder: Path, *, unit=None, height=None, up="z"):
     """A recipe and a scene of a mesh that a material fills.
 
     Parameters
     ----------
-    material : one of `materials.FILLINGS`
-    name : of the recipe, and of the picture
+    material : one of `materials.FILLINGS`, or the file of a recipe, which stays as it is
+    name : of the recipe, and of the picture;  folder : where the files will lie
     mesh, unit, height, up : as `meshes.solid` takes them
 
     Returns
@@ -41,15 +44,18 @@ def in_studio(material: str, mesh: Path, name: str, *, unit=None, height=None, u
 
     Raises UsageError : there is no such material, or the mesh cannot be filled with it
     """
-    fill = filling(material)
+    fill = own(material) if isinstance(material, Path) else filling(material)
     body = solid(mesh, fill.height, unit, height, up)
-    source = start(fill.recipe)
-    recipe = load(source.path)
-    gap, *about = _body(fill, body, recipe) if fill.index else _grains(body, mesh, recipe)
+    if isinstance(material, Path):
+        path, files, written = material, {}, Path(os.path.relpath(material.resolve(), folder.resolve())).as_posix()
+    else:
+        source, written = start(fill.recipe), f"{name}.yaml"
+        path, files = source.path, source.files(name)
+    recipe = load(path)
+    gap, *about = _grains(body, mesh, recipe) if fill.index is None and recipe.grains is not None else _body(fill, body, recipe)
     scale, inside = (1e3, "1 mm") if body.extent.max() < 1 else (1.0, "1 m")
-    files = source.files(name)
-    entry = f"{{where: {{shape: body}}, recipe: {name}.yaml, boundary: {{index: {fill.index:g}}}}}" if fill.index else \
-        f"{{where: {{mesh: {name}.scene.ply, unit: {inside}}}, recipe: {name}.yaml}}"
+    entry = f"{{where: {{shape: body}}, recipe: {written}, boundary: {{index: {fill.index:g}}}}}" if fill.index else \
+        f"{{where: {{mesh: {name}.scene.ply, unit: {inside}}}, recipe: {written}}}"
     remarks = [f"{mesh.name}: {body.size}", f"{up} of the file points up (change it with --up)", *about]
     files[f"{name}.scene.yaml"] = _scene(name, material, mesh, inside, entry, remarks)
     files[f"{name}.scene.xml"] = _surroundings(name, body, scale, fill, gap)
@@ -61,15 +67,22 @@ def _body(fill, body, recipe):
     """How far above the floor a body stands, m, and remarks."""
     path = _mean_free_path(recipe)
     across = float(body.extent.min())
-    thin = [] if across > 3 * path else [f"light goes {length(path)} between two scatterings, and the mesh is {length(across)} "
-                                         "across: it will look clear; use a larger --height"]
+    thin = [] if across > 3 * path else [f"light of some colour goes {length(path)} until it is scattered or absorbed, and the "
+                                         f"mesh is {length(across)} across: one sees through it, less with a larger --height"]
+    gap = 2e-3 * float(body.extent.max())
+    if fill.index is None:
+        return gap, "without a surface, as it floats in air", *thin
     surface = f"roughness {fill.roughness:g}" if fill.roughness else "smooth"
-    return 2e-3 * float(body.extent.max()), f"refractive index {fill.index:g} against air, {surface}", *thin
+    assumed = recipe.particles is None and isinstance(fill.recipe, Path)
+    why = ", ASSUMED, as coefficients do not tell (boundary.index of the scene, and int_ior of its .xml, change it)" * assumed
+    return gap, f"refractive index {fill.index:.4g} against air, {surface}{why}", *thin
 
 
 def _mean_free_path(recipe) -> float:
-    """m, the longest of all wavelengths, of a recipe with a section medium."""
+    """m, the longest of all wavelengths."""
     medium = recipe.medium
+    if medium is None:
+        return 1 / float(np.min(draft.medium(recipe, {}, Cache()).sigma_t))
     if medium.mean_free_path is not None:
         return 1e-6 * float(np.max(medium.mean_free_path))
     return 1 / float(np.min(np.add(medium.sigma_s, medium.sigma_a)))
@@ -98,6 +111,7 @@ def _rounded(count: float) -> str:
 
 def _scene(name, material, mesh, unit, entry, remarks) -> str:
     facts = "\n".join(f"# - {remark}" for remark in remarks)
+    material = material.stem if isinstance(material, Path) else material
     return f"""# {material.replace("_", " ").capitalize()} in the shape of {mesh.name}, on a floor beside a window.
 {facts}
 bakery_scene: 2

@@ -7,11 +7,15 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 
-from bakery.draw.files import reduced
+from bakery.draw.files import as_jpeg
+from bakery.errors import UsageError
 from bakery.grammar import text
-from bakery.report.gallery import Entry, page
+from bakery.report.html import document, image, paragraph, section
 from bakery.store.outputs import PAGE, check_outputs
 from bakery.store.put import put
 from renderers.scene import load
@@ -27,6 +31,59 @@ LEAD = ("Everything that ships with bakery. Recipes are shown as blocks of their
         "exemplars on the left, or in a scene.")
 COMMENT = re.compile(r"(?:^# (?!yaml-language-server).*\n)+", re.MULTILINE)
 MATERIAL = re.compile(r"(?:recipes|build)/(\w+)\.(?:yaml|h5)")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One picture.
+
+    Attributes
+    ----------
+    name : what stands below it
+    text : a sentence, or ""
+    place : path of the file that it was made of
+    command : what makes it
+    picture : PNG or JPEG; b"" where there is none yet
+    """
+
+    name: str
+    text: str
+    place: str
+    command: str
+    picture: bytes
+
+
+def page(title: str, lead: str, sections: Mapping[str, Sequence[Entry]]) -> str:
+    """The whole page, UTF-8; sections by their headings, those without entries are left out."""
+    parts = [f"<h1>{escape(title)}</h1>\n", paragraph(lead, "lead")]
+    for heading, entries in sections.items():
+        figures = "".join(map(_figure, entries))
+        parts += section(heading, [f'<div class="grid">\n{figures}</div>\n'] if figures else [])
+    return document(title, parts, broad=True)
+
+
+def _figure(entry: Entry) -> str:
+    shown = image(entry.picture, entry.name) if entry.picture else (
+        f'<div class="empty">No picture yet: <code>{escape(entry.command)}</code> renders one.</div>')
+    text = f"{escape(entry.text)}<br>\n" if entry.text else ""
+    return (f"<figure>{shown}<figcaption><strong>{escape(entry.name)}</strong> {text}<code>{escape(entry.place)}</code>"
+            "</figcaption></figure>\n")
+
+
+def reduced(path: Path, width: int) -> bytes:
+    """A picture file as JPEG, no more than so many pixels wide and high.
+
+    Raises UsageError where it is no picture.
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(path) as image:
+            image = image.convert("RGB")
+    except (OSError, UnidentifiedImageError):
+        raise UsageError(f"{path}: cannot be read as a picture; a whole PNG or JPEG would do") from None
+    image.thumbnail((width, width))
+    return as_jpeg(image)
 
 
 def shipped(folder: str, headings, build: Path, command: str, shown=None) -> dict[str, list[Entry]]:

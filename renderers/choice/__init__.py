@@ -1,11 +1,12 @@
 """What `auto` is for a scene: the cheapest of its candidates (`renderers.scene.candidates`), by pilots of each.
 
 The first candidate is the one that is taken where no pilots are worth their time.  The others are tried while pilots together
-take less than a tenth of the render, that of the first, whose kernels the render needs most likely, apart.  A candidate with an
-error of its own has to fit the share of the tolerance that such errors have (`renderers.scene.budget.ROOM`): by its pilot,
-against one without an error, or, where so few passes cannot tell, by what it declares.  A choice is kept in the cache of bakes
-by all that it was made of, so that the same scene is rendered alike as long as that is there: clocks decide, and another
-machine may choose otherwise.
+take less than a tenth of the render, that of the first, whose kernels the render needs most likely, apart.  Cheapest is that
+whose seconds are at most fewest, by standard errors of what its pilot tells: one of which little is known is not preferred to one
+that is well known.  A candidate with an error of its own has to fit the share of the tolerance that such errors have
+(`renderers.scene.budget.ROOM`): by its pilot, against one without an error, or, where so few passes cannot tell, by what it
+declares.  A choice is kept in the cache of bakes by all that it was made of, so that the same scene is rendered alike as long as
+that is there: clocks decide, and another machine may choose otherwise.
 """
 
 from __future__ import annotations
@@ -29,13 +30,16 @@ from renderers.scene.budget import percent
 from renderers.scene.candidates import Candidate
 
 TEXT = "bakery_method"  # attribute of the pictures
-_VERSION = 2  # of the rules below; another one does not go by what was kept
+_VERSION = 3  # of the rules below; another one does not go by what was kept
 _SHARE = 0.1  # of the render, that pilots of others than the first may take together
 _LONGEST = 1.5  # s of passes of a pilot
 _LONGER = 30.0  # times as long are pilots at most that have to tell an error
 _LEAST_PIXELS, _LEAST_SAMPLES = 128**2, 1 << 21  # of pictures; smaller ones take no longer than pilots
 _CHEAPER = 1.25  # times, that a later candidate has to be: clocks differ
 _UNTRIED = "taken without a pilot"
+# Standard errors, by which a candidate may take longer than its pilot tells, and times as long at most: of what few passes hardly
+# tell (dots of particles), their standard error tells nothing either, and candidates are compared by what they tell
+_SURE, _DOUBT = 2.0, 10.0
 _ORDER_SURE = 4.0  # standard errors, of a difference in one of four orders
 
 
@@ -46,8 +50,9 @@ class Choice(NamedTuple):
     ----------
     method : name
     methods : of each entry
-    table : of each candidate a dict: `method`, `seconds` (of processors, to the noise that is asked for), `bias` and `error`
-        (over the picture's mean; 0 of one without), `chosen`, `why`; None of what is not known
+    table : of each candidate a dict: `method`, `seconds` (of processors, to the noise that is asked for), `at_most` (the same,
+        with what standard errors may add), `bias` and `error` (over the picture's mean; 0 of one without), `chosen`, `why`; None
+        of what is not known
     approximations : error of the method in this scene with what two standard errors may add; None where the pilots do not tell
     sentence : how it was chosen
     """
@@ -208,7 +213,8 @@ def _without_pilots(world, offered, stop) -> str:
 
 def _taken(offered, name, why, tolerance) -> Choice:
     candidate = next(candidate for candidate in offered if candidate.name == name)
-    row = {"method": name, "seconds": None, "bias": None, "error": None, "chosen": True, "why": _untried(candidate, tolerance)}
+    row = {"method": name, "seconds": None, "at_most": None, "bias": None, "error": None, "chosen": True,
+           "why": _untried(candidate, tolerance)}
     return Choice(name, list(candidate.methods), [row], None, f"{_said(offered, name)}: {why}")
 
 
@@ -249,7 +255,8 @@ def _figures(row):
     if row["seconds"] is None:
         return ""
     bias = "" if not row["bias"] and not row["error"] else f", bias {percent(row['bias'])} +- {percent(row['error'])}"
-    return f"{row['seconds']:.3g} s{bias}; "
+    at_most = f" (at most {row['at_most']:.3g} s)" if row.get("at_most", row["seconds"]) != row["seconds"] else ""
+    return f"{row['seconds']:.3g} s{at_most}{bias}; "
 
 
 class _Pilots:
@@ -282,7 +289,7 @@ class _Pilots:
                 spent += self._trials[name].seconds
                 whole = min(whole, self._at_most(name))
             except (AssetError, UsageError) as fault:
-                self._why[name] = f"not possible: {fault}"
+                self._why[name] = f"not possible: {getattr(fault, 'brief', '') or fault}"
         self._tell_more(_SHARE * whole - spent)
 
     def _at_most(self, name) -> float:
@@ -324,7 +331,7 @@ class _Pilots:
 
     def _seconds(self, tried, missing=0.0) -> float:
         """Processor seconds of a render to the noise that is asked for."""
-        return tried.setup + tried.rate(self._pixels, missing) / self._noise**2
+        return tried.setup + tried.rate(self._pixels, missing, self._noise, self._stop.time) / self._noise**2
 
     def _missing(self) -> dict[str, float]:
         """What each lacks of the light that the others have found."""
@@ -358,10 +365,12 @@ class _Pilots:
                 table.append(self._row(name, None, None, self._why.get(name, _untried(candidate, self._tolerance))))
                 continue
             cost = self._seconds(self._trials[name], missing[name])
+            at_most = cost * min(math.exp(_SURE * self._trials[name].spread), _DOUBT)
             fits, bias, why, allowed[name] = self._fits(name, exact)
-            table.append(self._row(name, cost, bias, why if candidate.eligible else f"{why}; other methods are asked for"))
-            if fits and candidate.eligible and (math.isinf(best[1]) or cost * self._margin(name, best[0]) < best[1]):
-                best = name, cost
+            asked = why if candidate.eligible else f"{why}; other methods are asked for"
+            table.append(self._row(name, cost, bias, asked, at_most))
+            if fits and candidate.eligible and (math.isinf(best[1]) or at_most * _CHEAPER < best[1]):
+                best = name, at_most
         for row in table:
             row["chosen"] = row["method"] == best[0]
         by = "there is no other candidate"
@@ -369,14 +378,11 @@ class _Pilots:
             by = f"by pilots: seconds of a processor to a noise of {percent(self._noise)}"
         return Choice(best[0], list(self._offered[best[0]].methods), table, allowed.get(best[0]), by)
 
-    def _margin(self, name, rival) -> float:
-        """By how much a candidate has to be cheaper than one before it."""
-        return _CHEAPER * math.exp(math.hypot(self._trials[name].spread, self._trials[rival].spread))
-
-    def _row(self, name, seconds, bias, why) -> dict:
+    def _row(self, name, seconds, bias, why, at_most=None) -> dict:
         size, error = (None, None) if bias is None else (bias.size, bias.error)
-        seconds = seconds if seconds is not None and math.isfinite(seconds) else None  # JSON has no infinity
-        return {"method": name, "seconds": seconds, "bias": size, "error": error, "chosen": False, "why": why}
+        # JSON has no infinity
+        seconds, at_most = (value if value is not None and math.isfinite(value) else None for value in (seconds, at_most))
+        return {"method": name, "seconds": seconds, "at_most": at_most, "bias": size, "error": error, "chosen": False, "why": why}
 
     def _fits(self, name, exact: Mapping[str, Trial]):
         """Whether a candidate's own error fits, `trial.Bias` or None, in words, and the error to make room for, or None."""

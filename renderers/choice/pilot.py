@@ -1,8 +1,8 @@
 """What a render of a scene will take and give, by pilots: small pictures of a few passes, or a few passes of a filter's picture.
 
-A pass takes a time that is nearly linear in the number of pixels: two sizes give it.  What comes before the passes takes as long
-as in the larger pilot, and noise is its, at as many samples a pixel: where it goes by the width of a pixel, or where light is
-found late, the forecast is off.  Memory is at most what the larger pilot held a pixel, and what the process had.
+What passes take and the noise that they leave are those by which `auto` chooses (`renderers.choice.trial`); of a renderer that
+is no material's, seconds of two sizes, and noise at as many samples a pixel.  What comes before the passes takes as long as in a
+small picture.  Memory is at most what that held a pixel, and what the process had.
 """
 
 from __future__ import annotations
@@ -17,12 +17,15 @@ from typing import NamedTuple
 
 from bakery.system import resources
 from renderers import choice
+from renderers.choice import trial
 from renderers.pictures import denoise, reached
-from renderers.pictures.engine import TRUSTED
+from renderers.pictures.engine import TRUSTED, in_time
 from renderers.pictures.pace import shared_out
+from renderers.scene import OF_MATERIALS
 
 TINY, SMALL, LARGE = 16**2, 48**2, 96**2  # pixels: to compile, and of the pilots; smaller ones are not linear yet
 SECONDS = 2.0  # of the passes of each
+_PASSES = 16  # that extrapolated parts have: as many as tell the concentration of their noise (`renderers.pictures.pace`)
 
 
 class Forecast(NamedTuple):
@@ -104,10 +107,14 @@ def _by_passes(scene, stop, quality, options, picture_path):
     tiny, middle, larger = (_smaller(width, height, pixels) for pixels in (TINY, SMALL, LARGE))
     shortest = {"samples": 1}
     _drawn(scene, tiny, shortest, options, picture_path)  # compiles
-    small, large = (_drawn(scene, size, {"time": SECONDS}, options, picture_path) for size in (middle, larger))
+    if of_materials := scene.section in OF_MATERIALS:
+        tried = _tried(scene, stop, options["variant"])
+    else:
+        small = _drawn(scene, middle, {"time": SECONDS}, options, picture_path)
+    large = _drawn(scene, larger, {"time": SECONDS}, options, picture_path)
     each_pixel = _held(scene, larger, shortest, options, picture_path)
     memory = resources.peak_memory() + each_pixel * max(width * height - large.pixels, 0)
-    report, parts = large.report, _scaled(small, large, width * height)
+    report, parts = large.report, tried if of_materials else _scaled(small, large, width * height)
     ends = _ends(parts, stop, report)
     stopped_by, (passes, noise) = min(ends.items(), key=lambda end: end[1][0])
     noise *= _of_pixels(report) if stop.pixels else 1.0
@@ -159,6 +166,31 @@ def _held(scene, size, stop, options, picture_path) -> float:
         tracemalloc.stop()
 
 
+def _tried(scene, stop, variant) -> dict[str, Mapping]:
+    """What the passes of a picture of materials will report of its parts, by a pilot such as those of `auto`."""
+    from renderers.mitsuba.world import World
+
+    opened, world = choice.Opened.of(scene), World.of(scene, variant)
+    with world.as_it_is():
+        pilot = trial.of(lambda smaller, seed: scene.prepare(opened, smaller, seed), world, SECONDS)
+    with world.as_it_is():
+        parts = in_time(scene.prepare(opened, world, 0).parts, stop.time)
+    return _extrapolated(pilot, {part.name: part.samples for part in parts}, world.size[0] * world.size[1], stop)
+
+
+def _extrapolated(pilot, samples: Mapping[str, int], pixels, stop) -> dict[str, Mapping]:
+    """Parts of a picture of so many pixels, whose passes have so many samples of each, by a `trial.Trial`."""
+    parts = {}
+    for (name, of_pass), cost in zip(samples.items(), pilot.costs, strict=True):
+        ratio = of_pass / cost.samples
+        passes = cost.passes(pixels, stop.noise, None if stop.time is None else stop.time / pilot.clock)
+        variance, shared = cost.of_pixel(pixels, pilot.pixels, passes), cost.of_region(pixels, pilot.pixels)
+        parts[name] = {"samples": of_pass, "passes": _PASSES, "concentration": cost.spread,
+                       "seconds": (cost.fixed + cost.by_pixel * pixels * ratio) * pilot.clock,
+                       "noise": math.sqrt(variance / ratio / _PASSES), "region": math.sqrt(shared / ratio / _PASSES)}
+    return parts
+
+
 def _scaled(small, large, pixels) -> dict[str, Mapping]:
     """What `renderers.pictures.progressive` reports of its parts, as if the larger pilot had so many pixels."""
     scale = (pixels - large.pixels) / (large.pixels - small.pixels) if pixels > large.pixels > small.pixels else 0.0
@@ -185,7 +217,9 @@ def _ends(parts, stop, report) -> dict[str, tuple[float, float]]:
         return seconds, math.sqrt(rate / max(seconds, least))
 
     noise = stop.noise / (_of_pixels(report) if stop.pixels else 1.0)
-    ends = {"noise": after(max(rate / noise**2 if noise else math.inf, TRUSTED * one_each))}
+    regions = {name: part | {"noise": part.get("region", 0.0)} for name, part in parts.items()}
+    slowest = max(rate, shared_out(regions, _spent(parts))[1])
+    ends = {"noise": after(max(slowest / noise**2 if noise else math.inf, TRUSTED * one_each))}
     if stop.time is not None:
         ends["time"] = after(max(stop.time, least))
     if stop.samples is not None:

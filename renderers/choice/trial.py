@@ -1,7 +1,9 @@
 """Pilots of methods: a few passes of two small pictures of a scene, and what they say of the picture that is asked for.
 
-A pass costs a fixed time and a time for each pixel, which two sizes tell apart.  Noise that pixels share is told from their own
-by the means of regions.  Light is compared by regions and by orders of scattering, each with its standard error.
+A pass costs a fixed time and a time for each pixel, which two sizes tell apart.  Variance times time of pixels is that of the
+picture, but for paths so bright that few passes do not come upon one (`renderers.choice.tails`).  Noise that pixels share is told
+from their own by the means of regions; that of chains goes down with the number of pixels, that of beams does not.  Light is
+compared by regions and by orders of scattering, each with its standard error.
 """
 
 from __future__ import annotations
@@ -16,18 +18,20 @@ import numpy as np
 
 from bakery.errors import Interrupted
 from renderers import colour
+from renderers.choice import tails
+from renderers.choice.tails import Tail
 from renderers.mitsuba import variants
+from renderers.pictures import engine
 from renderers.pictures.engine import Passes, Stop
 from renderers.pictures.means import LEAST, tiled
 
 TINY, SMALL = 24**2, 64**2  # pixels of the two pictures
-ORDERS = ("", "order0", "order1", "order2", "orders")  # layers that are compared; "" is the picture
+ORDERS = ("", *engine.ORDERS)  # layers that are compared; "" is the picture
 LAMP = "light."  # layers of light from each lamp, by this and its name
 _SEED = 0x9170  # of all pilots: no seed of a picture decides how it is made
 _BLACK = 1e-6  # of the light that others have found; less counts as that
 _COMPILES, _LAUNCHES = 1 << 30, 0.05  # a pass that is not counted; s that a pass takes at most without paths
 _PATIENCE = 3.0  # times the seconds of a pilot that two passes may take
-_MANY = 16  # passes of which a bright spot is no chance any more (`renderers.pictures.pace`)
 
 
 class Cost(NamedTuple):
@@ -39,9 +43,11 @@ class Cost(NamedTuple):
     samples : of a pixel, in a pass
     pixel : variance of a pixel by a pass over the squared mean of the picture, mean over pixels
     region : the same of what the means of regions have beyond that of independent pixels
-    spread : relative standard error of `pixel`
+    spread : standard error of the logarithm of `pixel` as it is in the picture
     grows : power of the number of pixels with which `pixel` grows: 0, or up to 1 of light that comes from places smaller than a
         pixel, such as particles
+    tail : of what `pixel` is the mean of; None: it is the same however many passes there are
+    chains : whether `region` is of chains, of which there are as many as go with the pixels
     """
 
     fixed: float
@@ -51,6 +57,27 @@ class Cost(NamedTuple):
     region: float
     spread: float
     grows: float = 0.0
+    tail: Tail | None = None
+    chains: bool = False
+
+    def seconds(self, pixels: int) -> float:
+        """Of a pass of so many pixels."""
+        return self.fixed + self.by_pixel * pixels
+
+    def of_pixel(self, pixels: int, of_pilot: int, passes: float) -> float:
+        """`pixel` of a picture of so many passes and pixels, by a pilot of so many."""
+        pixel = self.pixel if self.tail is None else max(self.pixel, self.tail.variance(pixels * passes))
+        return pixel * max(pixels / of_pilot, 1.0) ** self.grows
+
+    def of_region(self, pixels: int, of_pilot: int) -> float:
+        """`region` of a picture."""
+        return self.region * min(of_pilot / pixels, 1.0) if self.chains else self.region
+
+    def passes(self, pixels: int, noise: float | None, limit: float | None) -> float:
+        """How many a picture has about: two and more, until it has that noise or its time is over."""
+        ends = [self.pixel / noise**2] if noise else []
+        ends += [limit / max(self.seconds(pixels), 1e-9)] if limit is not None else []
+        return max(min(ends, default=LEAST), LEAST)
 
 
 class Light(NamedTuple):
@@ -70,6 +97,7 @@ class Trial(NamedTuple):
     light : by layer, of `ORDERS` and of lamps
     pixels, passes : of the larger picture, and of the kind that has fewest
     seconds : of the clock, that the pilot took but for compiling
+    clock : seconds of it to one of processors, in passes
     """
 
     setup: float
@@ -78,6 +106,7 @@ class Trial(NamedTuple):
     pixels: int
     passes: int
     seconds: float
+    clock: float = 1.0
 
     @property
     def level(self) -> float:
@@ -90,21 +119,23 @@ class Trial(NamedTuple):
         roots = np.sqrt([cost.pixel * (cost.fixed + cost.by_pixel * self.pixels) for cost in self.costs])
         return float(np.linalg.norm(roots * [cost.spread for cost in self.costs])) / max(float(roots.sum()), 1e-300)
 
-    def rate(self, pixels: int, missing: float = 0.0) -> float:
+    def rate(self, pixels: int, missing: float = 0.0, noise: float | None = None, limit: float | None = None) -> float:
         """Processor seconds of passes, times noise^2, of a picture of so many pixels, its kinds of passes shared out best.
 
         missing : light, over that of the picture, that others have found and this has not: it counts as if the next pass brought
             it, in one pixel
+        noise, limit : and seconds that end its passes: the more there are, the brighter the brightest paths; None: they do not
         """
-        seconds = np.array([cost.fixed + cost.by_pixel * pixels for cost in self.costs])
-        of_pixels = np.array([cost.pixel * max(pixels / self.pixels, 1.0) ** cost.grows for cost in self.costs])
+        seconds = np.array([cost.seconds(pixels) for cost in self.costs])
+        of_pixels = np.array([cost.of_pixel(pixels, self.pixels, cost.passes(pixels, noise, limit)) for cost in self.costs])
+        of_regions = np.array([cost.of_region(pixels, self.pixels) for cost in self.costs])
         unseen = missing**2 * self.passes / len(self.costs)
         return max(float(np.sqrt((of_pixels + unseen * self.pixels) * seconds).sum()),
-                   float(np.sqrt((np.array([part_cost.region for part_cost in self.costs]) + unseen) * seconds).sum())) ** 2
+                   float(np.sqrt((of_regions + unseen) * seconds).sum())) ** 2
 
     def of_samples(self, pixels: int, samples: int) -> float:
         """Processor seconds of passes with so many samples a pixel."""
-        return sum((cost.fixed + cost.by_pixel * pixels) * max(samples / cost.samples, 2.0) for cost in self.costs)
+        return sum(cost.seconds(pixels) * max(samples / cost.samples, float(LEAST)) for cost in self.costs)
 
 
 class Bias(NamedTuple):
@@ -156,19 +187,24 @@ def of(prepare: Callable, world, seconds: float | None, samples: int | None = No
     small = _Run(prepare, tiny, Stop(time=seconds and 0.3 * seconds, samples=samples), share)
     large = _Run(prepare, middle, Stop(time=seconds and 0.7 * seconds, samples=samples), share)
     level = max(float(large.light[""].mean.mean()), 1e-100)
-    costs = []
-    for part in large.passes.parts:
-        mean, first, second = large.passes.means[part.name], small.of_pass(part), large.of_pass(part)
-        (pixel, spread), coarse = _of_pixels(mean), _of_pixels(small.passes.means[part.name])
-        regions = mean.regions / (mean.count - 1)
-        shared = max(float(np.mean(regions)) - pixel * regions.size / large.pixels, 0.0)
-        more_pixels = large.pixels - small.pixels
-        by_pixel = (max(second - first, 0.0) / more_pixels if more_pixels else 0.0) or second / large.pixels
-        costs.append(Cost(max(second - by_pixel * large.pixels, 0.0), by_pixel, part.samples, pixel / level**2, shared / level**2,
-                          spread, _growth(pixel / max(coarse[0], 1e-300), math.hypot(spread, coarse[1]),
-                                          large.pixels / small.pixels)))
+    costs = tuple(_cost(part, small, large, level, world.size[0] * world.size[1]) for part in large.passes.parts)
     passes = min(mean.count for mean in large.passes.means.values())
-    return Trial(large.setup, tuple(costs), large.light, large.pixels, passes, small.clock + large.clock)
+    return Trial(large.setup, costs, large.light, large.pixels, passes, small.clock + large.clock, large.pace)
+
+
+def _cost(part, small, large, level, pixels) -> Cost:
+    """Of a kind of pass, by its two pictures, for one of so many pixels whose mean luminance is `level`."""
+    first, second, more_pixels = small.of_pass(part), large.of_pass(part), large.pixels - small.pixels
+    by_pixel = (max(second - first, 0.0) / more_pixels if more_pixels else 0.0) or second / large.pixels
+    mean = large.passes.means[part.name]
+    tail, spread = tails.of_passes(large.luminance(part) / level, pixels * mean.count)
+    coarse, of_coarse = tails.of_passes(small.luminance(part) / level)
+    pixel, regions = tail.variance(), mean.regions / (mean.count - 1) / level**2
+    shared = max(float(np.mean(regions)) - float(np.mean(mean.square[..., 3])) / (mean.count - 1) / level**2
+                 * regions.size / large.pixels, 0.0)
+    grows = _growth(pixel / max(coarse.variance(), 1e-300), math.hypot(spread, of_coarse), large.pixels / small.pixels)
+    return Cost(max(second - by_pixel * large.pixels, 0.0), by_pixel, part.samples, pixel, shared, spread, grows, tail,
+                part.steps > 1)
 
 
 def _share(parts, world, seconds) -> float:
@@ -181,15 +217,8 @@ def _share(parts, world, seconds) -> float:
         if part.fewer:
             begin = spent()
             single.render(_COMPILES + 1)
-            needed += part.samples * max(spent() - begin - _LAUNCHES, 0.0) * LEAST * SMALL / TINY
+            needed += part.samples * max(spent() - begin - _LAUNCHES * part.steps, 0.0) * LEAST * SMALL / TINY
     return 1.0 if not seconds or needed <= _PATIENCE * seconds else _PATIENCE * seconds / needed
-
-
-def _of_pixels(mean):
-    """Mean variance of a pixel by a pass, and its relative standard error."""
-    pixel = mean.square[..., 3] / (mean.count - 1)
-    even = float(np.linalg.norm(pixel)) / max(float(pixel.sum()), 1e-300)
-    return float(pixel.mean()), even * math.sqrt(min(1.0, _MANY / mean.count))
 
 
 def _growth(times, spread, pixels) -> float:
@@ -210,14 +239,10 @@ class _Run:
         if share < 1:
             parts = tuple(part.fewer(max(1, int(share * part.samples))) if part.fewer else part for part in parts)
         begin = time.monotonic()
-        self._regions: dict[str, list] = {part.name: [] for part in parts}
-        self.passes = Passes([part._replace(render=self._noted(part)) for part in parts])
-        clock = spent()
+        self._regions, self._luminance, self._seconds = ({part.name: [] for part in parts} for _ in range(3))
+        self.passes = Passes([part._replace(render=self._noted(part, spent)) for part in parts])
         self.passes.run(stop)
-        seconds = spent() - clock
         self.clock += time.monotonic() - begin
-        counted = sum(mean.count * mean.expected for mean in self.passes.means.values())
-        self._processors = seconds / max(counted, 1e-9)  # passes run on several
         if self.passes.signal:
             fault = Interrupted("interrupted before there was a picture; nothing was written")
             fault.exit_status = 128 + self.passes.signal
@@ -226,12 +251,24 @@ class _Run:
         self.light = {layer: self._light(layer) for layer in every}
 
     def of_pass(self, part) -> float:
-        """Processor seconds of a pass."""
-        return self.passes.means[part.name].expected * self._processors
+        """Processor seconds of a pass: the first one of a size also traces what the others go by."""
+        return float(np.median(self._seconds[part.name][1:]))
 
-    def _noted(self, part):
+    @property
+    def pace(self) -> float:
+        """Seconds of the clock to one of processors, in passes."""
+        return self.passes.spent / max(sum(map(sum, self._seconds.values())), 1e-9)
+
+    def luminance(self, part):
+        """(n, H, W) of the passes."""
+        return np.array(self._luminance[part.name])
+
+    def _noted(self, part, spent):
         def render(number):
+            begin = spent()
             layers = part.render(number)
+            self._seconds[part.name].append(spent() - begin)
+            self._luminance[part.name].append(np.nan_to_num(np.asarray(layers[""], float) @ colour.LUMINANCE, posinf=0, neginf=0))
             self._regions[part.name].append({name: tiled(np.asarray(image, float) @ colour.LUMINANCE) for name, image
                                              in layers.items() if name in ORDERS or name.startswith(LAMP)})
             return layers

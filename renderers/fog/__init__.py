@@ -166,19 +166,18 @@ def _picture(scene, quality, variant, seed, progress, view_of=None):
     from renderers.pictures import reached
     from renderers.scene import budget
 
-    section, camera = scene.values.picture, scene.values.camera
+    section = scene.values.picture
     if hasattr(section, "mitsuba"):
         stop = scene.values.stop
         noise = budget.of(scene).noise if reached.asked(scene.values) else None
-        return picture.from_mitsuba(scene.file(section.mitsuba), samples=section.samples, noise=noise,
-                                    time=reached.limit(stop.time, quality), unit=section.unit, variant=variant,
+        until = picture.Until(section.samples, noise, reached.limit(stop.time, quality))
+        return picture.from_mitsuba(scene.file(section.mitsuba), until, unit=section.unit, variant=variant,
                                     quality=quality or "final", seed=seed or 0, view_of=view_of, progress=progress)
     if not ((variant is None or variant.startswith("cuda")) and seed is None):
         raise UsageError(f"{scene.path}: found a variant or seed, which are those of Mitsuba scenes; none would do, as this "
                          "picture comes from files, or a variant cuda_… for a filter on the graphics card")
-    return picture.from_files(scene.file(section.color), scene.file(section.depth), origin=camera.origin, target=camera.target,
-                              up=camera.up, fov=camera.fov, layer=section.layer, channel=section.channel, measure=section.measure,
-                              unit=section.unit, sky=section.sky)
+    return picture.from_files(scene.file(section.color), scene.file(section.depth), scene.values.camera, layer=section.layer,
+                              channel=section.channel, measure=section.measure, unit=section.unit, sky=section.sky)
 
 
 def _sunlight(scene, asset, medium, density, origin, rays, distance):
@@ -199,8 +198,9 @@ def _sunlight(scene, asset, medium, density, origin, rays, distance):
         return values[np.argsort(-np.asarray(asset.wavelength))] if len(values) == 3 else np.repeat(values, 3, axis=0)
 
     try:
-        values = external.scattered(density, origin, rays.reshape(-1, 3), distance.ravel(), spread(medium.sigma_t),
-                                    spread(medium.sigma_s), phase, suns, diffuse=scene.values.fog.diffuse)
+        fog = external.Medium(spread(medium.sigma_t), spread(medium.sigma_s), phase)
+        values = external.scattered(density, origin, rays.reshape(-1, 3), distance.ravel(), fog, suns,
+                                    diffuse=scene.values.fog.diffuse)
     except UsageError as error:
         raise scene.wrong("fog.light", error) from None
     return values.reshape(rays.shape)

@@ -83,14 +83,6 @@ class Prepared:
                          for x in range(-reach, reach + 1) if y * y + x * x < 4 * INNER**2])
         return _filter.Nearest(taps, (1 - _rise(np.hypot(*self._offsets.T) / INNER)).astype(np.float32))
 
-    def offset_number(self):
-        """Of the means over pixels at |dy|, |dx|, -1 where there is none."""
-        side = 1 + int(self._offsets.max())
-        offset = np.full((side, side), -1)
-        for o, (dy, dx) in enumerate(self._offsets):
-            offset[dy, dx] = offset[dx, dy] = o
-        return offset
-
     def targets(self):
         """The pixels as places where sums are wanted."""
         y, x = np.indices(self.z.shape) + 0.5

@@ -45,8 +45,26 @@ class Sun:
     irradiance: Sequence[float]
 
 
-def scattered(density, origin, direction, distance, sigma_t, sigma_s, phase: Callable, lights, *, diffuse: bool = True,
-              tolerance: float = TOLERANCE):
+class Medium:
+    """What scatters: coefficients, moments of the phase function, and what delta scaling leaves of them, all (C,).
+
+    Parameters
+    ----------
+    sigma_t, sigma_s : (C,) 1/m at density 1
+    phase : theta (...) rad -> (C, ...) 1/sr, integral 1 over the sphere
+
+    Raises
+    ------
+    ValueError : a phase function whose integral is not 1 to 2 %
+    """
+
+    def __init__(self, sigma_t, sigma_s, phase: Callable):
+        self.sigma_t, sigma_s, self.phase = np.array(sigma_t, float), np.asarray(sigma_s, float), phase
+        self.albedo = np.divide(sigma_s, self.sigma_t, out=np.zeros_like(self.sigma_t), where=self.sigma_t > 0)
+        self.g, self.peak = _columns.moments(phase)
+
+
+def scattered(density, origin, direction, distance, medium: Medium, lights, *, diffuse=True, tolerance=TOLERANCE):
     """Radiance that fog scatters into viewing rays.
 
     Parameters
@@ -55,8 +73,7 @@ def scattered(density, origin, direction, distance, sigma_t, sigma_s, phase: Cal
         `lo`, `hi` (3,) m where it fills a box, none of these where it has no end
     origin, direction : (N, 3) m and unit vectors, away from the camera
     distance : (N,) m, of the surface, finite
-    sigma_t, sigma_s : (C,) 1/m at density 1
-    phase : theta (...) rad -> (C, ...) 1/sr, integral 1 over the sphere
+    medium : `Medium`
     lights : of `Sun`
     diffuse : whether light that is scattered more than once is added
     tolerance : largest relative error of the integral along a ray, in each channel (where that is below 1e-3 of the ray's
@@ -70,7 +87,7 @@ def scattered(density, origin, direction, distance, sigma_t, sigma_s, phase: Cal
     ------
     UsageError : a sun over fog without an end, where its light never arrives
     StageError : the tolerance was not reached
-    ValueError : distances that are not finite; a phase function whose integral is not 1 to 2 %
+    ValueError : distances that are not finite
 
     Notes
     -----
@@ -80,15 +97,13 @@ def scattered(density, origin, direction, distance, sigma_t, sigma_s, phase: Cal
     distance = np.broadcast_to(np.asarray(distance, float), origin.shape[:-1])
     if not np.isfinite(distance).all():
         raise ValueError("distances of surfaces are finite; cut the sky off at a far distance")
-    sigma_t, sigma_s = np.array(sigma_t, float), np.asarray(sigma_s, float)
-    medium = _Medium(sigma_t, np.divide(sigma_s, sigma_t, out=np.zeros_like(sigma_t), where=sigma_t > 0), phase)
     sources = [_source(light, density, medium, origin, direction, distance, diffuse) for light in lights]
-    out = np.zeros((len(origin), len(sigma_t)))
+    out = np.zeros((len(origin), len(medium.sigma_t)))
     for start in range(0, len(origin) if sources else 0, _BLOCK):
         rays = slice(start, start + _BLOCK)
-        source_rays = [source.rays(direction[rays]) for source in sources]
+        directed = [source.rays(direction[rays]) for source in sources]
         # half: steps that are given up as fine leave less for the others
-        out[rays], error = march(density, origin[rays], direction[rays], distance[rays], sigma_t, source_rays, tolerance / 2)
+        out[rays], error = march(density, origin[rays], direction[rays], distance[rays], medium.sigma_t, directed, tolerance / 2)
         if (error > tolerance * _least(out[rays])).any():
             raise StageError(f"external light: an error of {tolerance:g} along viewing rays is out of reach; the density may "
                              "jump too often: smooth it, or ask for a larger tolerance")
@@ -185,14 +200,6 @@ def _steps(density, origin, direction, sigma_t, sources, ray, t, before, pieces)
 # ---- what a collision sends towards the camera
 
 
-class _Medium:
-    """Albedo, moments of the phase function, and what delta scaling leaves of them, all (C,)."""
-
-    def __init__(self, sigma_t, albedo, phase):
-        self.sigma_t, self.albedo, self.phase = sigma_t, albedo, phase
-        self.g, self.peak = _columns.moments(phase)
-
-
 def _source(light, density, medium, origin, direction, distance, diffuse):
     irradiance = np.array(np.broadcast_to(np.asarray(light.irradiance, float), (len(medium.sigma_t),)))
     travel = np.asarray(light.direction, float) / np.linalg.norm(light.direction)
@@ -212,7 +219,7 @@ class _Light:
     """A light over columns along `axis`, which leads away from the lit face; `mu` is the cosine between the two."""
 
     density: object
-    medium: _Medium
+    medium: Medium
     travel: np.ndarray
     axis: np.ndarray
     mu: float

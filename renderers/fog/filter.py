@@ -10,7 +10,7 @@ A viewing ray spreads like a narrow beam that starts at the camera (`kernels`). 
 so a nearer thing is blurred by its own, shorter path (Shinya et al. 2016, section 5), each pair of pixels counts once, and a
 constant picture without absorption stays constant for any distances.
 
-The sums go over all pixels.  `direct` does so; `fogged` takes near pixels one by one and others in blocks of 2, 4, 8 ... pixels,
+The sums go over all pixels.  `fogged` takes near pixels one by one and others in blocks of 2, 4, 8 ... pixels,
 whose side is a fifth to four fifths of their distance: the kernel is split into smooth bands, K = sum K w_l, and band l is summed
 over blocks of 2^l pixels, at the centre of their light.  A block keeps its sums in classes of distance from the camera.
 
@@ -29,15 +29,16 @@ from contextlib import contextmanager
 import numpy as np
 
 from bakery.errors import UsageError
-from renderers.fog import _blocks, _filter, _pairs, kernels
+from renderers.fog import _blocks, _filter, kernels
 from renderers.fog._lanes import LANES
 from renderers.fog._prepared import INNER, Prepared
 
 # A band is summed at points as close as the blocks of so many levels below
 POINTS = {"draft": 0, "preview": 1, "final": 2, "every pixel": math.inf}
-# Root mean square difference from `direct` over the picture's mean, 640 x 480 with lamps and edges (benchmarks/screen.py)
+# Root mean square difference from the sum over every pair of pixels (tests/oracles/fog.py), over the picture's mean, 640 x 480
+# with lamps and edges (benchmarks/screen.py)
 ERRORS = {"draft": 0.0054, "preview": 0.0048, "final": 0.0046, "every pixel": 0.0046}
-_ROWS, _TARGETS, _SOME = 16, 4096, 64  # rows, targets, pixels of a task
+_ROWS, _TARGETS = 16, 4096  # rows, targets of a task
 
 
 def fogged(image, distance, angle, column, lever, medium, *, points="final", threads=None, progress=None, **options):
@@ -69,8 +70,9 @@ def fogged(image, distance, angle, column, lever, medium, *, points="final", thr
 
     Notes
     -----
-    Root mean square difference from `direct`: ERRORS for a scene with lamps and edges (benchmarks/screen.py); around a single
-    bright pixel in the dark 12, 4, 1.8 and 1.6 % of the mean.  Time: 2, 3 and 4 us a pixel.  Memory: some 700 bytes a pixel.
+    Root mean square difference from the sum over every pair of pixels: ERRORS for a scene with lamps and edges
+    (benchmarks/screen.py); around a single bright pixel in the dark 12, 4, 1.8 and 1.6 % of the mean.  Time: 2, 3 and 4 us a
+    pixel.  Memory: some 700 bytes a pixel.
     """
     if points not in POINTS:
         raise UsageError(f"filter: points {points!r}; {', '.join(POINTS)} would do")
@@ -154,36 +156,6 @@ def _by_lanes(image, medium):
         raise UsageError(f"image: shape {image.shape}; (height, width, {kinds if kinds > 1 else 'any'}) would do")
     return [(image[..., first:first + LANES], medium.channels(first, first + LANES) if kinds > LANES else medium)
             for first in range(0, image.shape[2], LANES)]
-
-
-def direct(image, distance, angle, column, lever, medium, *, threads=None, pixels=None, reach=None, **options):
-    """`fogged` by its definition, every pair of pixels: the reference, and slow.
-
-    Parameters
-    ----------
-    image ... threads, options : as of `fogged`
-    pixels : (N,) flat indices of pixels that are wanted, or None for all
-    reach : pixels; what is farther away along a row or a column is left out
-
-    Returns
-    -------
-    (H, W, C), or (N, C) of the wanted pixels
-    """
-    image = np.asarray(image, float)
-    results = []
-    for part, kind in _by_lanes(image, medium):
-        p = Prepared(part, (distance, angle, column, lever), kind, **options)
-        chosen = np.arange(p.z.size) if pixels is None else np.asarray(pixels, np.int64)
-        sums = np.zeros((len(chosen), _filter.SUMS, LANES))
-        farthest = max(p.z.shape) if reach is None else int(reach)
-        table = _pairs.Table(p.kernels, p.offset_number())
-        with _workers(threads) as pool:
-            for task in [pool.submit(_pairs.every_pair, chosen[k:k + _SOME], farthest, p.pixels, table, p.outside == "black",
-                                     sums[k:k + _SOME]) for k in range(0, len(chosen), _SOME)]:
-                task.result()
-        results.append(p.finished(sums, chosen))
-    result = np.concatenate(results, axis=1)
-    return result.reshape(image.shape) if pixels is None else result
 
 
 @contextmanager

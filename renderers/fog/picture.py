@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,14 +44,14 @@ class Picture:
 # ---- from files
 
 
-def from_files(color, depth, *, origin, target, up, fov, layer=None, channel=None, measure="distance", unit=1.0, sky=None):
+def from_files(color, depth, look, *, layer=None, channel=None, measure="distance", unit=1.0, sky=None):
     """A picture from a file of radiance and a file of distances.
 
     Parameters
     ----------
     color : .exr (linear) or .png (sRGB); alpha is not looked at in EXR files and has to be 1 in PNG files
     depth : .exr, .npy (H, W) or .png of 16 bits
-    origin, target, up, fov : of the camera, m and rad
+    look : origin, target, up (m) and fov (rad) of the camera, such as the section `camera` of a scene
     layer, channel : of EXR files with several
     measure : `distance` from the camera, or `z`, along its axis
     unit : m, of the depth's numbers
@@ -70,7 +71,7 @@ def from_files(color, depth, *, origin, target, up, fov, layer=None, channel=Non
         distance[np.isclose(raw, sky, rtol=1e-6, atol=0)] = np.inf
     _refuse(~(distance > 0), f"{depth}: found the depth {{:g}} at {{}}; numbers above 0 would do "
             "(`sky:` names the number that means no surface)", raw)
-    camera = Camera.looking(origin, target, up, fov, *raw.shape)
+    camera = Camera.looking(look.origin, look.target, look.up, look.fov, *raw.shape)
     if measure == "z":
         distance = distance * length(camera.points(*raw.shape))
     return Picture(rgb, distance, camera, {"from": "files", "color": str(color), "depth": str(depth)})
@@ -180,17 +181,30 @@ def _refuse(wrong, message, values):
 # ---- from a Mitsuba scene
 
 
-def from_mitsuba(path, *, samples=None, noise=None, time=None, unit=1.0, quality="final", variant=None, seed=0, view_of=None,
-                 progress=None):
+class Until(NamedTuple):
+    """What ends a picture of a Mitsuba scene.
+
+    samples : a pixel, at most; the quality takes a share of them.  If None as many as the noise takes, or where that is None what
+        the scene asks for
+    noise : relative, at which to stop; several times as much by quality.  In the fog, where `view_of` is given
+    time : s, after which no pass is begun
+    """
+
+    samples: int | None = None
+    noise: float | None = None
+    time: float | None = None
+
+
+_AS_ASKED = Until()
+
+
+def from_mitsuba(path, until=_AS_ASKED, *, unit=1.0, quality="final", variant=None, seed=0, view_of=None, progress=None):
     """A picture of a Mitsuba scene, by the scene's own integrator, and the distances along rays through its sensor.
 
     Parameters
     ----------
     path : Mitsuba XML, without fog; its first sensor is a perspective camera
-    samples : a pixel, at most; `quality` takes a share of them.  If None as many as the noise takes, or where that is None what
-        the scene asks for
-    noise : relative, at which to stop; several times as much by `quality`.  In the fog, where `view_of` is given
-    time : s, after which no pass is begun
+    until : `Until`
     unit : m, of the scene's lengths
     view_of : function of (camera, distance) that gives a `renderers.fog.view.View`
     quality, variant, seed, progress : as in `renderers.mitsuba.render_scene`
@@ -211,10 +225,11 @@ def from_mitsuba(path, *, samples=None, noise=None, time=None, unit=1.0, quality
     distance = unit * sensor.distances(scene, first, camera, height, width)
     camera = Camera(camera.origin * unit, camera.corner, camera.right, camera.down)
     asked = first.sampler().sample_count()
-    at_most = samples or (asked if noise is None else _MOST)
+    noise = until.noise
+    at_most = until.samples or (asked if noise is None else _MOST)
     samples = max(1, round(at_most / coarser**2))
     picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-min(samples, asked) // 8)), seed=seed,
-                            tolerance=0.0 if noise is None else noise * coarser, time_limit=time,
+                            tolerance=0.0 if noise is None else noise * coarser, time_limit=until.time,
                             measure=view_of(camera, distance).noise if noise and view_of else None, progress=progress)
     origin = {"from": "mitsuba", "scene": str(path), "variant": chosen, "reason": reason, "samples": picture.samples,
             "noise": picture.noise, "stopped_by": picture.stopped_by, "at_most": at_most}

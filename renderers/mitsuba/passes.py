@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import signal
 import time
 from contextlib import contextmanager
@@ -10,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from renderers.mitsuba.recording import undisturbed
 from renderers.pictures.engine import Part, Passes, Stop
 
 
@@ -116,15 +116,13 @@ def _undisturbed(mi):
     Python's collector of cycles waits: freeing Dr.Jit objects of an earlier scene while Mitsuba traces a new one has crashed
     (seen once in some hundred renders).
     """
-    collecting, level = gc.isenabled(), mi.log_level()
-    gc.disable()
+    level = mi.log_level()
     mi.set_log_level(mi.LogLevel.Error)
     try:
-        yield
+        with undisturbed():
+            yield
     finally:
         mi.set_log_level(level)
-        if collecting:
-            gc.enable()
 
 
 def _colour(image):

@@ -21,6 +21,7 @@ class Shape(NamedTuple):
     specular : whether it is a mirror or a smooth pane: it sends light on in single directions alone
     normals : (V, 3) unit, from which light takes those of the mesh; None where these are its triangles'
     flipped : whether normals are turned against the order of the faces
+    sphere : whether it is a sphere, of which there is nothing within
     """
 
     name: str
@@ -32,6 +33,7 @@ class Shape(NamedTuple):
     normals: np.ndarray | None = None
     specular: bool = False
     flipped: bool = False
+    sphere: bool = False
 
 
 def of_scene(scene, unit) -> list[Shape]:
@@ -50,8 +52,19 @@ def of_scene(scene, unit) -> list[Shape]:
         box = unit * np.array([box.min, box.max], float).reshape(2, 3)
         smooth = not mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.GlossyTransmission)
         shapes.append(Shape(shape.id(), vertices, faces, box, _index(shape.bsdf()), smooth, normals, _specular(shape.bsdf()),
-                           shape.has_flipped_normals()))
+                           shape.has_flipped_normals(), is_sphere(shape)))
     return shapes
+
+
+def is_sphere(shape) -> bool:
+    """Whether a shape of Mitsuba's is a sphere."""
+    return shape.class_name() == "Sphere"
+
+
+def encloses(sphere, box) -> bool:
+    """Whether a box is inside of a sphere and does not touch it; both by their corners (2, 3) m."""
+    middle, radius = sphere.mean(axis=0), float(np.ptp(sphere, axis=0).min()) / 2
+    return float(np.linalg.norm(np.abs(box - middle).max(axis=0))) < (1 - 1e-5) * radius
 
 
 def index_fault(shape: str, index: float | None, bsdf: float) -> str:

@@ -142,12 +142,16 @@ class World:
         """All surfaces of the scene."""
         return shapes.of_scene(self._scene, self._unit)
 
-    def extents(self):
-        """Where surfaces are, m: triangles (T, 3, 3) of the meshes, and boxes (B, 2, 3) around the other shapes."""
+    def extents(self, within=None):
+        """Where surfaces are, m: triangles (T, 3, 3) of the meshes, and boxes (B, 2, 3) around the other shapes.
+
+        within : (2, 3) m, corners of a box: of spheres around it there is nothing in it, and they are left out; None: of none
+        """
         triangles, boxes = [np.zeros((0, 3, 3))], [np.zeros((0, 2, 3))]
         for shape in self.shapes():
             if shape.faces is None:
-                boxes.append(shape.box[None])
+                if within is None or not (shape.sphere and shapes.encloses(shape.box, within)):
+                    boxes.append(shape.box[None])
             else:
                 triangles.append(shape.vertices[shape.faces])
         return np.concatenate(triangles), np.concatenate(boxes)
@@ -265,14 +269,19 @@ class World:
         return lights.dark(self._scene)
 
     def lights_in(self, boxes) -> list[int]:
-        """Positions in `light_names` of lights that stand in one of some boxes (2, 3) m, or reach into it."""
+        """Positions in `light_names` of lights that stand in one of some boxes (2, 3) m, or reach into it.
+
+        A sphere around a box does not: light of a sky that is one would be sampled from inside of glass.
+        """
         positions = []
         for position, emitter in enumerate(self._scene.emitters()):
             if self._infinite[position]:
                 continue
-            its = (emitter.get_shape() or emitter).bbox()
+            shape = emitter.get_shape() or emitter
+            its, sphere = shape.bbox(), shapes.is_sphere(shape)
             its = self._unit * np.array([its.min, its.max], float).reshape(2, 3)
-            if any(np.all((its[0] <= box[1]) & (its[1] >= box[0])) for box in boxes):
+            near = (box for box in boxes if np.all((its[0] <= box[1]) & (its[1] >= box[0])))
+            if not all(sphere and shapes.encloses(its, box) for box in near):
                 positions.append(position)
         return positions
 

@@ -13,7 +13,7 @@ from renderers.materials.particles import continuum, place
 from renderers.materials.particles.medium import classes_of, medium, without_peak
 from renderers.materials.particles.methods import peak_angle, peak_sentence
 from renderers.mixed.scene import chosen
-from renderers.scene import grids
+from renderers.scene import grids, meshes
 from renderers.scene.entries import declared
 from renderers.transport import regions
 from renderers.transport.scattering import Scatterer
@@ -106,7 +106,7 @@ def _particles(scene, world, asset, spectra, number, method):
 
 
 def _grains(scene, asset, spectra, number, method):
-    vertices, faces = material.mesh_of(scene, number)
+    vertices, faces = meshes.of_entry(scene, number)
     region = regions.Mesh(vertices, faces)
     values = (np.asarray(asset.medium[name], float) for name in ("sigma_t", "albedo", "theta", "phase"))
     sigma_t, albedo, phase = material.without_peak(*values)
@@ -127,10 +127,7 @@ def _region(scene, number):
     if hasattr(where, "box"):
         return regions.Box(np.array(where.box.lo), np.array(where.box.hi))
     if hasattr(where, "mesh"):
-        return regions.Mesh(*material.mesh_of(scene, number))
+        return regions.Mesh(*meshes.of_entry(scene, number))
     key = f"materials[{number}].where"
-    values, lo, hi = grids.placed(scene, key, where)
-    most = float(np.max(values))
-    if not most > 0:
-        raise scene.wrong(f"{key}.grid", "found densities that are 0 everywhere; expected a cloud")
-    return regions.Grid(lo, hi, np.asarray(values, float) / most)
+    values, lo, hi = grids.relative(scene, key, where, float)
+    return regions.Grid(lo, hi, values)

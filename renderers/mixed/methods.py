@@ -58,11 +58,11 @@ def prepare(job, world, seed) -> Method:
         shares.append(wavefronts.first_shares(estimate.means.values()))
         return figures | {"layers": {"material": _of_entries(wavefronts.material_layer(shares[0]), inside)}}
 
-    def features():
+    def features(quality):
         # what is told apart looks like noise: there the network does not see the picture
         seen = _features(world, [filled[number].stands for number in inside], spectra.colours, seed)
         packed = [content for content in filled if isinstance(content.what, contents.Grains)]
-        seen = _with_grains(world, packed, spectra.colours, seen) if packed else seen
+        seen = _with_grains(world, packed, spectra.colours, seen, quality) if packed else seen
         particles = [number for number in explicit if isinstance(materials[number], contents.Particles)]
         of_grains = 0.0 if seen.detail is None else seen.detail
         return seen._replace(detail=np.minimum(of_grains + shares[0][..., particles].sum(axis=-1), 1.0))
@@ -88,12 +88,13 @@ def _features(world, entries, colours, seed):
     return features.first_hits(world, entries, colours, seed)
 
 
-def _with_grains(world, packed, colours, around):
-    """Features with those of grains, `contents.Content`, in place of what stands for them."""
+def _with_grains(world, packed, colours, around, quality):
+    """Features for a quality with those of grains, `contents.Content`, in place of what stands for them."""
     from renderers.materials.grains import features, material
 
     bodies = [(partial(first_grain, content.what.grains), material.radius_of(content.what.grains)) for content in packed]
-    return features.of_grains(world, bodies, features.albedos([content.stands for content in packed], colours), around)
+    albedo = features.albedos([content.stands for content in packed], colours)
+    return features.of_grains(world, bodies, albedo, around, features.places_for(quality))
 
 
 def _of_entries(layer, inside):
@@ -113,7 +114,7 @@ def _in_one_loop(name, world, materials, colours, seed, reasons, figures, inside
         numbers = passes.materials(world, materials, colours, seed, _MATERIAL)
         return figures | {"layers": {"material": _of_entries(numbers, inside)}}
 
-    return Method(name, (part,), reasons, after, features=lambda: _features(world, materials, colours, seed))
+    return Method(name, (part,), reasons, after, features=lambda quality: _features(world, materials, colours, seed))
 
 
 def _refuse_twins(scene, filled):

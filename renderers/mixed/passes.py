@@ -6,10 +6,9 @@ from functools import partial
 
 import numpy as np
 
-from renderers.pictures.engine import Part
+from renderers.pictures.engine import Part, layers_of
 from renderers.transport import waves
 
-LAYERS = ("order0", "order1", "order2", "orders")
 _PATHS, _SAMPLES = 1 << 17, 16  # of a pass, at most, where a pixel has several; and of a pixel
 _OF_PILOTS = 4  # samples of a pixel: two passes of each of their pictures are rendered in any case
 _FIRST = "first"  # layers: shares of a pixel's paths that materials were the first to scatter, three a layer
@@ -30,8 +29,7 @@ def _of_samples(name, scene, size, seed, samples):
 def _rendered(scene, size, samples, seed, number):
     """Layers of a pass."""
     sums = waves.one_pass(scene, size, number, seed, samples)
-    images = {"": sums.by_order.sum(axis=0)} | dict(zip(LAYERS, sums.by_order))
-    images |= {f"light.{light}": image for light, image in zip(scene.world.light_names, sums.by_light)}
+    images = layers_of(sums.by_order, sums.by_light, scene.world.light_names)
     shares = np.zeros((-(-len(sums.first) // 3) * 3, sums.first.shape[1]))
     shares[:len(sums.first)] = sums.first
     images |= {f"{_FIRST}{k}": np.ascontiguousarray(three.T) for k, three in enumerate(shares.reshape(-1, 3, shares.shape[1]))}

@@ -28,6 +28,13 @@ _DARK = 32  # passes that have to be black for a picture to be so: chance may fi
 # Of the time: every part gets it, also one that found nothing yet and hence seems to be without noise.
 _SHARE = 0.05
 _SECONDS = 16.0  # of passes: shorter renders have smaller ones
+ORDERS = ("order0", "order1", "order2", "orders")  # layers: light that was scattered so often; three times and more
+
+
+def layers_of(by_order, by_light=(), lights=()):
+    """Layers of a pass by name: "", the picture, and its parts by order (4, H, W, 3) and by lights of some names."""
+    return {"": by_order.sum(axis=0)} | dict(zip(ORDERS, by_order)) | {
+        f"light.{name}": image for name, image in zip(lights, by_light)}
 
 
 @dataclass(frozen=True)
@@ -69,12 +76,15 @@ class Part(NamedTuple):
         name, of which "" is the picture.  An interruption waits for its end: some seconds at most
     samples : a pixel and pass
     fewer : function of a number of samples, which gives the same part by passes of that many; None: they cannot be smaller
+    steps : of a chain of samples that go one from the other; 1: each is by itself.  Of chains there are as many as go with the
+        pixels, so that what pixels of a pass share goes down with them, as what they share of beams and the like does not
     """
 
     name: str
     render: Callable[[int], dict[str, np.ndarray]]
     samples: int = 1
     fewer: Callable[[int], Part] | None = None
+    steps: int = 1
 
 
 def in_time(parts, seconds) -> tuple[Part, ...]:
@@ -150,9 +160,12 @@ class Passes:
     def noise_mean(self):
         """Standard error of the mean luminance over it, by the scatter of the passes' means; None as above.
 
-        Noise that pixels share is in it, which few passes tell badly: times `renderers.pictures.means.student`.
+        Noise that pixels share is in it, which few passes tell badly: times `renderers.pictures.means.student`.  Means of two
+        passes may be the same by chance, of a thousand pixels that are not: few passes count as independent pixels at least.
         """
-        return self._of_few({name: mean.spread[3] for name, mean in self.means.items()})
+        noise = self._of_few({name: mean.spread[3] for name, mean in self.means.items()})
+        few = noise is not None and min(mean.count for mean in self.means.values()) < _TRUSTED_SHARED
+        return max(noise, self.noise / math.sqrt(self.rgb[..., 0].size)) if few else noise
 
     @property
     def noise_region(self):

@@ -79,11 +79,22 @@ class Mean:
 
 def tiled(image):
     """Means (rows, columns) of an image (H, W) over tiles of it, 8 x 8 of a large one."""
-    starts = [np.arange(count) * side // count for side in image.shape[:2]
-              for count in [max(1, min(_TILES, side // _SMALLEST))]]
+    starts = _starts(*image.shape[:2])
     sums, counts = (np.add.reduceat(np.add.reduceat(values, starts[0], axis=0), starts[1], axis=1)
                     for values in (image, np.ones(image.shape)))
     return sums / counts
+
+
+def tiles(height: int, width: int):
+    """(height, width), numbers of the tiles in which pixels are."""
+    rows, columns = (np.searchsorted(first, np.arange(side), side="right") - 1
+                     for first, side in zip(_starts(height, width), (height, width)))
+    return rows[:, None] * (columns[-1] + 1) + columns
+
+
+def _starts(height, width):
+    """First rows and first columns of tiles."""
+    return [np.arange(count) * side // count for side in (height, width) for count in [max(1, min(_TILES, side // _SMALLEST))]]
 
 
 def student(variances: Iterable[float], counts: Iterable[int]) -> float:

@@ -38,7 +38,8 @@ class Method(NamedTuple):
     after : function of the `Estimate` after the last pass, what `Estimate.finish` gets: layers, bias, figures of the renderer;
         further reasons
     approximations : error of the method as it was measured in this scene; None: what the renderer states
-    features : what gives the `renderers.pictures.denoise.Features` of the scene; None: nothing does
+    features : function of a quality, as `render` takes it, which gives the `renderers.pictures.denoise.Features` of the scene, of
+        a draft by fewer rays; None: nothing does
     apart : names of parts whose detail looks like noise: they are not filtered
     entry : what `World.depth` takes: to what hides surfaces and is none of the Mitsuba scene; None: nothing does
     unmeasured : whether it is also off by what no comparison of methods tells
@@ -49,7 +50,7 @@ class Method(NamedTuple):
     reasons: list[str]
     after: Callable[[Estimate], dict]
     approximations: float | None = None
-    features: Callable[[], denoise.Features | None] | None = None
+    features: Callable[[str | None], denoise.Features | None] | None = None
     apart: tuple[str, ...] = ()
     entry: Callable | None = None
     unmeasured: bool = False
@@ -184,7 +185,7 @@ class Rendering:
     def cleared(self, features=None):
         """The picture so far as `renderers.pictures.denoise.Denoised`, None where its noise stays, and sentences.
 
-        features : function that gives the `renderers.pictures.denoise.Features` of the scene, or None
+        features : as of a `Method`
         """
         if self._world.dark:
             return None, []
@@ -218,7 +219,7 @@ def _denoised(values, quality, method, estimate, features):
         return None, [f"the noise is not taken out: a filter takes the detail of method {method.name} for noise"]
     parts = {name: (mean.layers[""], mean.variance) for name, mean in estimate.means.items()}
     widened = {name: student([1.0], [mean.count]) for name, mean in estimate.means.items() if mean.variance is not None}
-    smoothed = denoise.denoised(parts, [name for name in parts if name in method.apart], features and features(), widened)
+    smoothed = denoise.denoised(parts, [name for name in parts if name in method.apart], features and features(quality), widened)
     return smoothed, [*sentences, denoise.sentence(smoothed.figures)]
 
 

@@ -72,6 +72,15 @@ def placed(scene, key, where):
     return values, lo, hi
 
 
+def relative(scene, key, where, kind=None):
+    """As `placed`, values, as numbers of a kind, over the largest of them; UsageError where all are 0."""
+    values, lo, hi = placed(scene, key, where)
+    most = float(np.max(values))
+    if not most > 0:
+        raise scene.wrong(f"{key}.grid", "found densities that are 0 everywhere; expected a cloud")
+    return np.asarray(values, kind) / most, lo, hi
+
+
 def write_vol(path, values, lo=(0.0, 0.0, 0.0), hi=(1.0, 1.0, 1.0)):
     """Writes densities (X, Y, Z) as the VOL file of one channel that `gridvolume` of Mitsuba reads; box from `lo` to `hi`."""
     values = np.asarray(values)

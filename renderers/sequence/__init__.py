@@ -41,7 +41,7 @@ def render(path, output=None, numbers=None, *, overrides=None, options=None, ove
     Interrupted : frames that are finished stay
     BakeryError : as the renderer
     """
-    from renderers.sequence import film, outputs, prepared, sheet
+    from renderers.sequence import film, prepared, sheet
 
     begin, progress = time.monotonic(), progress or _Silent()
     sequence = prepared.of(path, output, numbers, overrides=overrides, options=options or {}, overwrite=overwrite,
@@ -60,7 +60,7 @@ def render(path, output=None, numbers=None, *, overrides=None, options=None, ove
     written = dict.fromkeys(("film", "sheet"))
     if len(rows) > 1:
         pictures = [frame.pair[0] for frame in sequence.frames]
-        names = outputs.beside(sequence.output)
+        names = prepared.beside(sequence.output)
         with progress.during("film and contact sheet"):
             written["sheet"] = sheet.write(names["sheet"], pictures, [frame.number for frame in sequence.frames])
             written["film"], words = film.write(names["film"], pictures, sequence.rate)
@@ -92,11 +92,12 @@ def describe(report) -> list[str]:
 
 def _rows(sequence, resume, progress, cluster):
     """(number, row of the report) of each frame, as they are finished."""
-    from renderers.sequence import kept, rendered
+    from renderers.sequence import rendered
+    from renderers.sequence.frame import kept
 
     due = []
     for frame in sequence.frames:
-        row = kept.row(frame)
+        row = kept(frame)
         if row is None:
             due.append(frame)
         else:

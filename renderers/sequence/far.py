@@ -79,11 +79,10 @@ def rendered(common: Mapping[str, bytes], besides: Mapping[str, bytes], task: Ta
 
 
 def _drawn(folder, task, picture):
-    from renderers.sequence import kept
-    from renderers.sequence.frame import drawn
+    from renderers.sequence.frame import FIGURES, drawn
 
     shot = files.scene_below(folder, task.path, task.settings, task.handed, task.number)
     if task.before is not None:
         picture.with_suffix(".exr").write_bytes(task.before)
     report, resumed = drawn(shot, picture, task.options, task.before is not None)
-    return {name: report[name] for name in kept.FIGURES}, resumed
+    return {name: report[name] for name in FIGURES}, resumed

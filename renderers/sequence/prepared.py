@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+from collections.abc import Iterable
 from collections.abc import Sequence as Several
 from pathlib import Path
 from typing import NamedTuple
@@ -12,14 +13,15 @@ import numpy as np
 
 import bakery
 from bakery.errors import Problem, RecipeError, UsageError
+from bakery.store.outputs import FileKind, by_suffix, check_outputs
 from renderers import choice, scene
-from renderers.pictures import denoise, running
+from renderers.pictures import denoise, images, running
 from renderers.pictures.progressive import fingerprint, made_of
 from renderers.pictures.versions import versions
 from renderers.scene import assets, candidates
 from renderers.scene.frames import NOISE
-from renderers.sequence import outputs
 
+_FILM = FileKind("film (MP4)", lambda head: head[4:8] == b"ftyp")
 MEASURED = 3  # frames that say what an asset has to hold: the first, the last, and between
 CHECKED = 500  # frames of sequences that are checked whole, a second for 100; of longer ones those that are asked for
 
@@ -79,7 +81,7 @@ def of(path, output, numbers: Several[int] | None, *, overrides, options, overwr
     numbers = tuple(range(1, section.count + 1)) if numbers is None else tuple(numbers)
     first, asked = loaded[1], [loaded[number] for number in numbers]
     output = Path(output or first.picture)
-    pairs = outputs.pairs(output, numbers, {file: None for frame in loaded.values() for file in frame.inputs}, overwrite)
+    pairs = pairs_of(output, numbers, {file: None for frame in loaded.values() for file in frame.inputs}, overwrite)
     running.refuse_too_large(first)
     for frame in asked:
         denoise.refuse_absent(frame)
@@ -97,6 +99,24 @@ def of(path, output, numbers: Several[int] | None, *, overrides, options, overwr
         if section.count > MEASURED and any(assets.recipe_of(first, entry)[0] for entry in first.materials) else []
     remarks += [f"{taken.sentence}; decided in frame 1, for all frames"] if taken else []
     return Sequence(Path(path), settings, tuple(frames), output, section.rate, section.noise, overwrite, tuple(remarks))
+
+
+def pairs_of(output, numbers: Several[int], inputs: Iterable[Path], overwrite: bool) -> list[tuple[Path, Path]]:
+    """Paths (PNG, EXR) of each frame, `X.0001.png` of `X.png`.
+
+    Raises UsageError, as `images.output_pair`; of the film and the contact sheet too.
+    """
+    pair, inputs = images.output_pair(output, overwrite=True), list(inputs)
+    frames = [tuple(path.with_name(f"{path.stem}.{number:04d}{path.suffix}") for path in pair) for number in numbers]
+    others = list(beside(output).values()) if len(frames) > 1 else []
+    check_outputs(by_suffix([path for pair in frames for path in pair] + others, {".mp4": _FILM}), inputs, overwrite)
+    return frames
+
+
+def beside(output) -> dict[str, Path]:
+    """Paths of the film and of the contact sheet."""
+    output = Path(output)
+    return {"film": output.with_suffix(".mp4"), "sheet": output.with_name(f"{output.stem}.frames.png")}
 
 
 def _loaded(path, settings, numbers):

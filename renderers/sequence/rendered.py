@@ -11,8 +11,8 @@ from renderers.cluster import files
 from renderers.cluster.passes import workers
 from renderers.pictures import images
 from renderers.pictures.versions import versions
-from renderers.sequence import far, kept
-from renderers.sequence.frame import drawn
+from renderers.sequence import far
+from renderers.sequence.frame import drawn, row_of
 from renderers.sequence.prepared import variant_of
 
 
@@ -28,7 +28,7 @@ def one_by_one(sequence, frames, resume, progress, cluster) -> Iterator[tuple[in
         options |= {"elsewhere": workers(cluster)} if cluster is not None and frame.scene.rules.RESUMES else {}
         report, resumed = drawn(frame.scene, frame.pair[0], options,
                                 resume and frame.pair[1].is_file(), progress.update)
-        yield frame.number, kept.of(frame, report, "resumed" if resumed else "rendered", time.monotonic() - began)
+        yield frame.number, row_of(frame, report, "resumed" if resumed else "rendered", time.monotonic() - began)
 
 
 def on_cluster(sequence, frames, resume, progress, cluster) -> Iterator[tuple[int, dict]]:
@@ -47,7 +47,7 @@ def on_cluster(sequence, frames, resume, progress, cluster) -> Iterator[tuple[in
         images.write([(path, lambda temporary, data=data: Path(temporary).write_bytes(data))
                       for path, data in zip(frame.pair, answer.pictures)])
         progress.update(finished / len(frames), None, f"{finished} of {len(frames)}")
-        yield frame.number, kept.of(frame, answer.figures, "resumed" if answer.resumed else "rendered", answer.seconds)
+        yield frame.number, row_of(frame, answer.figures, "resumed" if answer.resumed else "rendered", answer.seconds)
 
 
 def _options(frame) -> dict:

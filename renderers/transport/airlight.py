@@ -25,6 +25,7 @@ import mitsuba as mi  # isort: skip
 # share of the distances, of lamps that have a place.  Variance of scattered light: small lamp 1, 0.64, 0.57 at 0.5, 0.75, 0.9;
 # point lamp above a floor 1, 0.9, 1.1, in haze alone 1, 0.7, 0.6
 _EQUIANGULAR = 0.75
+_FORWARD = 0.5  # share of those, evenly in the logarithm of the angle: droplets scatter forward, within a degree or two
 _NEARLY_NONE = 0.01  # optical depth below which collisions are forced evenly: there 1 - exp(-x) has few digits
 _LEAST = 1e-6  # of the distance to a lamp: how near to it flights pass at least
 
@@ -174,7 +175,8 @@ class Airlight:
         """Distances for lamps: a number chooses how each is drawn."""
         share = dr.select(anchor.w >= 0, mi.Float(_EQUIANGULAR), 0)
         which_wave = (which - share) / (1 - share)
-        drawn = dr.select(which < share, _equiangular(flight, anchor, u), self._collision(flight, which_wave, u))
+        around = dr.select(which < (1 - _FORWARD) * share, _equiangular(flight, anchor, u), _forward(flight, anchor, u))
+        drawn = dr.select(which < share, around, self._collision(flight, which_wave, u))
         return dr.clip(drawn, flight.near, flight.far)
 
     def _collision(self, flight, which, u):
@@ -196,8 +198,17 @@ class Airlight:
     def _mixed(flight, anchor, distance, forced):
         """Densities of distances for lamps, of which those of forced collisions are one part."""
         nearest, width, angle = _angles(flight, anchor)
-        equiangular = width / (angle * (dr.square(width) + dr.square(distance - nearest)))
-        return dr.select(anchor.w >= 0, dr.lerp(forced, equiangular, _EQUIANGULAR), forced)
+        first, folds = _scattering_angles(flight, nearest, width, angle)
+        by_angle = dr.lerp(1 / angle, 1 / (folds * dr.maximum(dr.atan2(width, nearest - distance), first)), _FORWARD)
+        around = by_angle * width / (dr.square(width) + dr.square(distance - nearest))
+        return dr.select(anchor.w >= 0, dr.lerp(forced, around, _EQUIANGULAR), forced)
+
+
+def _scattering_angles(flight, nearest, width, angle):
+    """By which light of a lamp is scattered where rays begin, and the natural logarithm of how much more where they end."""
+    first = dr.atan2(width, nearest - flight.near)
+    ratio = angle / first
+    return first, dr.select(ratio < 1e-3, ratio, dr.log(1 + ratio))
 
 
 def _angles(flight, anchor):
@@ -218,6 +229,13 @@ def _equiangular(flight, anchor, u):
     sine, cosine = dr.sincos(u * angle)
     begin = (flight.near - nearest) / width
     return nearest + width * (begin * cosine + sine) / (cosine - begin * sine)
+
+
+def _forward(flight, anchor, u):
+    """Distances on rays, evenly in the logarithm of the angle by which a lamp's light is scattered there."""
+    nearest, width, angle = _angles(flight, anchor)
+    first, folds = _scattering_angles(flight, nearest, width, angle)
+    return nearest - width / dr.tan(first * dr.exp(u * folds))
 
 
 def _anchor(emitter):

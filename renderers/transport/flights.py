@@ -36,7 +36,9 @@ def flight(scene, path, ray):
     within, medium = scene.innermost(path.inside | scene.regions.always)
     sigma_t = [dr.select(within, sigma, 0) for sigma in scene.media.sigma_t(medium)]
     distance = media.flight(path.throughput, sigma_t, path.random.next_float32(), path.random.next_float32())
-    takes = path.alive & within & scene.airlight.takes(medium, path.inside) if scene.airlight else False
+    straight = within & scene.goes_straight(path, medium)
+    distance = dr.select(straight, dr.inf, distance)
+    takes = path.alive & within & ~straight & scene.airlight.takes(medium, path.inside) if scene.airlight else False
     ray.maxt = dr.select(takes, dr.inf, distance) if scene.airlight else distance
     hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=path.alive)
     meets = path.alive & hit.is_valid()
@@ -45,11 +47,12 @@ def flight(scene, path, ray):
         stretch = scene.airlight.stretch(path, ray, takes, (0, dr.select(meets, hit.t, _FAR)))
         meets &= hit.t <= distance
     scatters = path.alive & ~meets & (distance < dr.inf)
-    # what neither scatters nor meets a surface is in no medium, unless there is one everywhere
-    distance = dr.select(meets, hit.t, dr.select(scatters, distance, _FAR if scene.regions.always else 0))
+    # what neither scatters nor meets a surface is in no medium, unless there is one everywhere, or rounding has lost it in a body
+    nowhere = _FAR if scene.regions.always else dr.select(straight, mi.Float(_FAR), mi.Float(0))
+    distance = dr.select(meets, hit.t, dr.select(scatters, distance, nowhere))
     if scene.airlight:
         stretch.chance = media.chance(path.throughput, sigma_t, distance, scatters)
-    path.throughput = media.flown(path.throughput, sigma_t, distance, scatters)
+    path.throughput = media.flown(path.throughput, sigma_t, distance, scatters, straight)
     return Flight(scatters, medium, meets, hit, distance, stretch)
 
 

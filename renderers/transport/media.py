@@ -95,11 +95,12 @@ def flight(throughput, sigma_t, u, v):
     return dr.select(sigma > 0, -dr.log(1 - v) / sigma, dr.inf)
 
 
-def flown(throughput, sigma_t, distance, scatters):
-    """Throughput after flights of lengths `distance` that end with a scattering, where one `scatters`, or go on."""
+def flown(throughput, sigma_t, distance, scatters, straight=False):
+    """Throughput after flights of lengths `distance` that end with a scattering, where one `scatters`, or go on; for sure where
+    they are `straight`."""
     passed = [dr.exp(-sigma * distance) * dr.select(scatters, sigma, 1) for sigma in sigma_t]
     density = dot(throughput, passed)
-    scale = dr.select(density > 0, total(throughput) / density, 0)
+    scale = dr.select(straight, 1, dr.select(density > 0, total(throughput) / density, 0))
     return [weight * factor * scale for weight, factor in zip(throughput, passed)]
 
 

@@ -23,9 +23,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.pictures.engine import Part
+from renderers.pictures.engine import Part, layers_of
 from renderers.transport import _metropolis, primary, wavefront
-from renderers.transport.passes import LAYERS
 from renderers.transport.wavefront import ORDERS
 
 _PATHS, _FEWEST, _SAMPLES = 1 << 20, 1 << 18, 16  # of a pass: at most, at least; in between so many a pixel
@@ -43,12 +42,16 @@ class Group(NamedTuple):
     steps: int
 
     @classmethod
-    def of(cls, pixels, whole=None):
-        """For a picture of so many pixels; for the pilot of one of `whole` pixels as many paths a pixel as for that."""
-        whole = max(pixels, whole or pixels)
-        paths = max(whole, min(_PATHS, max(_FEWEST, _SAMPLES * whole)))
-        chains = math.ceil(paths * pixels / whole / (_STEPS + _LARGE))
+    def of(cls, pixels, samples=None):
+        """For a picture of so many pixels, or one with so many samples of each."""
+        paths = samples * pixels if samples else max(pixels, min(_PATHS, max(_FEWEST, _SAMPLES * pixels)))
+        chains = math.ceil(paths / (_STEPS + _LARGE))
         return cls(_LARGE * chains, chains, _STEPS)
+
+    @property
+    def paths(self):
+        """That are followed."""
+        return self.candidates + self.chains * self.steps
 
     @property
     def drawn(self):
@@ -97,9 +100,10 @@ class Metropolis:
     Attributes
     ----------
     group : `Group`
+    size : height and width, pixels
     """
 
-    def __init__(self, light, size, seed, luminance, whole=None):
+    def __init__(self, light, size, seed, luminance, samples=None):
         """
         Parameters
         ----------
@@ -107,14 +111,14 @@ class Metropolis:
         size : height and width, pixels
         seed : of the random numbers of all passes
         luminance : (3,) of linear sRGB
-        whole : pixels of the picture whose pilot this is; None: of none
+        samples : of a pixel; None: as many as a picture of that size has
         """
-        self._light, self._size, self._seed, self._to_luminance = light, size, seed, luminance
-        self.group = Group.of(size[0] * size[1], whole)
+        self._light, self.size, self._seed, self._to_luminance = light, size, seed, luminance
+        self.group = Group.of(size[0] * size[1], samples)
         self._normalisations, self._accepted = {}, {}
 
     def __call__(self, number):
-        pixels = self._size[0] * self._size[1]
+        pixels = self.size[0] * self.size[1]
         by_order = np.zeros((ORDERS, pixels, 3))
         light, pixel, words, streams = self._candidates(number)
         candidates = States(light, self._luminance(light), pixel, None, words)
@@ -123,8 +127,7 @@ class Metropolis:
         self._normalisations[number] = normalisation
         if normalisation > 0:
             self._accepted[number] = self._moved(self._from_candidates(candidates, streams), streams, normalisation, by_order)
-        images = (pixels * by_order).reshape(ORDERS, *self._size, 3)
-        return {"": images.sum(axis=0)} | dict(zip(LAYERS, images))
+        return layers_of((pixels * by_order).reshape(ORDERS, *self.size, 3))
 
     def figures(self) -> Figures:
         """Of the passes so far."""
@@ -135,11 +138,11 @@ class Metropolis:
         states = np.empty(self.group.chains + 1 + self.group.candidates, np.uint64)
         wavefront.begin_streams(stream_key(self._seed, "render.metropolis", number), 0, states)
         pixel, words = self._places(states[self.group.chains + 1:], 0.0)
-        return *self._light(primary.Source(self._size, pixel, words)), words, states[:self.group.chains + 1]
+        return *self._light(primary.Source(self.size, pixel, words)), words, states[:self.group.chains + 1]
 
     def _places(self, states, shift):
         """Pixels (n,), spread evenly over the picture but for a shift, 0 to 1 of it, and words (2, n) of streams."""
-        n, pixels = len(states), self._size[0] * self._size[1]
+        n, pixels = len(states), self.size[0] * self.size[1]
         numbers = np.empty((n, 3))
         wavefront.draw(states, numbers)
         share = ((np.arange(n) + numbers[:, 0]) / n + shift) % 1.0
@@ -154,7 +157,7 @@ class Metropolis:
         chosen = np.minimum(chosen, np.flatnonzero(candidates.luminance)[-1])
         light, luminance, pixel, words = (values[chosen] for values in (candidates.light, candidates.luminance, candidates.pixel,
                                                                     candidates.words.T))
-        table = primary.Source(self._size, pixel, words.T).drawn(primary.FILM + _TURNS * _OF_TURN)
+        table = primary.Source(self.size, pixel, words.T).drawn(primary.FILM + _TURNS * _OF_TURN)
         return States(light, luminance, pixel, table, words.T.copy())
 
     def _moved(self, chains, streams, normalisation, by_order):
@@ -180,16 +183,16 @@ class Metropolis:
         wavefront.draw(streams[:1], numbers)
         pixel, words = self._places(streams[1:], numbers[0, 0])
         if large:
-            light, pixel = self._light(primary.Source(self._size, pixel, words))
+            light, pixel = self._light(primary.Source(self.size, pixel, words))
             return States(light, self._luminance(light), pixel, None, words)
-        table = primary.moved(chains.table, self._size, (numbers[0, 1:] * 2.0**32).astype(np.uint32).tolist())
+        table = primary.moved(chains.table, self.size, (numbers[0, 1:] * 2.0**32).astype(np.uint32).tolist())
         words = words if new else chains.words
-        light, pixel = self._light(primary.Source(self._size, pixel, words, table))
+        light, pixel = self._light(primary.Source(self.size, pixel, words, table))
         return States(light, self._luminance(light), pixel, table, words)
 
     def _taken(self, accepted, proposed, chains):
         """Chains after a step."""
-        table = proposed.table or primary.Source(self._size, proposed.pixel, proposed.words).drawn(chains.table.count)
+        table = proposed.table or primary.Source(self.size, proposed.pixel, proposed.words).drawn(chains.table.count)
         light, luminance, pixel, words = (np.where(accepted.reshape(-1, *[1] * (new.ndim - 1)), new, old) for new, old in (
             (proposed.light, chains.light), (proposed.luminance, chains.luminance), (proposed.pixel, chains.pixel),
             (proposed.words.T, chains.words.T)))
@@ -236,7 +239,17 @@ def part(name, world, entries, colours, seed, luminance) -> Part:
             scene.append(Scene(world, entries, colours))  # with the first pass
         return primary.light(scene[0], source)
 
-    whole = None if world.whole is None else math.prod(world.whole.size)
-    chains = Metropolis(light, world.size, seed, luminance, whole)
-    paths = chains.group.candidates + chains.group.chains * chains.group.steps
-    return Part(name, chains, max(1, paths // (world.size[0] * world.size[1])))
+    if world.whole is None:
+        return _of_chains(name, Metropolis(light, world.size, seed, luminance))
+
+    # Each path of a pilot brings as much variance as in the picture, however many chains there are: by few of a pixel, as large
+    # pictures have, neither what they cost nor how far the brightest go would be known
+    def with_samples(samples):
+        return _of_chains(name, Metropolis(light, world.size, seed, luminance, samples))._replace(fewer=with_samples)
+
+    return with_samples(_SAMPLES)
+
+
+def _of_chains(name, chains) -> Part:
+    pixels = chains.size[0] * chains.size[1]
+    return Part(name, chains, max(1, chains.group.paths // pixels), steps=_STEPS)

@@ -11,19 +11,18 @@ import numpy as np
 from bakery.kernels import stream_key
 from renderers.mitsuba import variants
 from renderers.mitsuba.recording import undisturbed
-from renderers.pictures.engine import Part
+from renderers.pictures.engine import Part, layers_of
 from renderers.transport import loop
 from renderers.transport.scene import Scene
 from renderers.transport.state import Numbers
 from renderers.transport.wavefront import ORDERS
 
-LAYERS = ("order0", "order1", "order2", "orders")
 _PATHS = 1 << 20  # of a pass, at most, where a pixel has several: one to three seconds of a core
 _ON_GPU = 4  # times as many there: what processors do for a pass, a tenth of a second, has nothing to do with their number
 _SAMPLES = 16  # a pixel and pass, at most: the noise of small pictures is known from several passes
 
 
-def part(name, world, entries, colours, seed, by_light=False, far=MappingProxyType({})) -> Part:
+def part(name, world, entries, colours, seed, by_light=False, far=MappingProxyType({}), most=None) -> Part:
     """Passes of paths through continuous media, bodies among them, and over the surfaces and lights of a scene.
 
     Parameters
@@ -40,18 +39,19 @@ def part(name, world, entries, colours, seed, by_light=False, far=MappingProxyTy
     seed : of the random numbers of all passes
     by_light : whether passes have layers light.NAME, too, of each of `world.light_names`
     far : `far.Far` of bodies that are surfaces far from the camera, by their numbers among the entries
+    most : of each entry, all of them bodies, how often light may scatter between two surfaces; None: as often as it does
 
     Returns
     -------
-    part : its passes have layers "", the picture (H, W, 3) of linear sRGB, and `LAYERS`, by how often light has scattered in
-        media.  The first pass compiles.
+    part : its passes have layers "", the picture (H, W, 3) of linear sRGB, and `engine.ORDERS`, by how often light has scattered
+        in media.  The first pass compiles.
 
     Notes
     -----
     Lights without extent are found from media without a boundary, from matched bodies and from surfaces, but not through
     boundaries that turn light, as no ray meets them.
     """
-    scene = cache(lambda: Scene(world, entries, colours, far=far))  # with the first pass
+    scene = cache(lambda: Scene(world, entries, colours, far=far, most=most))  # with the first pass
     return of_loop(name, world, partial(_traced, scene), seed, by_light)
 
 
@@ -119,8 +119,6 @@ def _rendered(traced, size, samples, seed, lights, number):
     """Layers of a pass."""
     by_order, by_light = traced(halves(stream_key(seed, "render.paths", number)), size[0] * size[1], samples, len(lights) > 0)
     by_order = np.moveaxis(by_order.reshape(*size, ORDERS, 3), 2, 0) / samples
-    layers = {"": by_order.sum(axis=0)} | dict(zip(LAYERS, by_order))
     if lights:
-        by_light = by_light.reshape(*size, len(lights), 3) / samples
-        layers |= {f"light.{name}": by_light[:, :, number] for number, name in enumerate(lights)}
-    return layers
+        by_light = np.moveaxis(by_light.reshape(*size, len(lights), 3), 2, 0) / samples
+    return layers_of(by_order, by_light, lights)

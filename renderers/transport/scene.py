@@ -11,6 +11,7 @@ import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba.recording import pointers
 from renderers.mitsuba.shading import single
 from renderers.transport import regions, thin
+from renderers.transport.aureoles import Aureoles
 from renderers.transport.boundaries import Boundaries
 from renderers.transport.far import FarSurfaces
 from renderers.transport.media import Media
@@ -32,11 +33,13 @@ class View:
     light_number : of emitters, their places among `lights` lights, -1 for none
     around_camera : what the camera stands in, as a path's `inside`
     airlight : `airlight.Airlight`, along flights through thin media; None where there are none
+    aureoles : `aureoles.Aureoles`, of small lamps in these
     lamps : `samples.Samples`, which go through smooth boundaries of bodies; None where there are none
+    most : of each medium, scatterings between two surfaces that a path may have; None: any number
     """
 
     around_camera = 0
-    lamps = airlight = None
+    lamps = airlight = aureoles = most = None
 
     def __init__(self, world, scene, colours):
         """
@@ -96,7 +99,7 @@ class Scene(View):
     splitting : `splitting.Splitting`, of smooth boundaries that the camera sees; None where there are none
     """
 
-    def __init__(self, world, entries, colours, drawn=True, far=MappingProxyType({})):
+    def __init__(self, world, entries, colours, drawn=True, far=MappingProxyType({}), most=None):
         """
         Parameters
         ----------
@@ -106,6 +109,8 @@ class Scene(View):
         far : `far.Far` of bodies that are surfaces far from the camera, by their numbers among the entries
         entries : at most `MOST`, of the same wavelengths: `regions.Medium`, or bodies, shapes of the Mitsuba scene, with name,
             vertices, faces, medium, matched as a `renderers.materials.bodies.bodies.Body` has them
+        most : of each entry, all of them bodies, scatterings between two surfaces that a path may have, after which it goes
+            straight to the next with what the medium leaves of it; None: any number
         """
         super().__init__(world, world.scene, colours)
         self.entries = sorted(range(len(entries)), key=lambda number: _place(entries[number]))
@@ -119,6 +124,7 @@ class Scene(View):
         self.regions = Regions([(1 << number, entry.region) for number, entry in unbounded.items()], unit)
         self.voxels = Voxels({number: entry.region for number, entry in unbounded.items() if isinstance(entry.region, Grid)},
                              len(numbered), unit)
+        self.most = None if most is None else mi.UInt32([most[number] for number in self.entries])
         self.far = FarSurfaces(self.boundaries, [far.get(number) for number in self.entries], self.origin, unit) if far else None
         self._is_body = mi.UInt32([int(number in bodies) for number in numbered])
         sampled = [number in unbounded or entry.matched for number, entry in numbered.items()]
@@ -129,6 +135,7 @@ class Scene(View):
         self.splitting = Splitting(self.scene) if drawn and smooth(self.scene) else None
         self.lamps = samples(self, world, bodies) if drawn else None
         self.airlight = thin.airlight(self, numbered, world) if drawn else None
+        self.aureoles = Aureoles(*thin.small_lamps(self, world)) if self.airlight and not self.far else None
 
     def bsdf(self, event):
         """Of the surface that paths have come to, `state.Event`."""
@@ -142,6 +149,10 @@ class Scene(View):
     def takes_samples(self, medium):
         """Whether light samples reach scatterings in a medium: its boundary lets them through."""
         return dr.gather(mi.UInt32, self._sampled, medium) != 0
+
+    def goes_straight(self, path, medium):
+        """Whether paths in a medium have no more scatterings up to the next surface."""
+        return mi.Bool(False) if self.most is None else path.since >= dr.gather(mi.UInt32, self.most, medium)
 
     def holds(self, medium, point):
         """Whether points may be in a medium; rounding can lose a path through an edge of a body."""

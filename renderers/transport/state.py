@@ -30,6 +30,7 @@ class Path:
     squared_index : of where it is over that around the camera, by which refraction has divided the throughput
     inside : bodies in which it is, a bit each, the innermost one first
     order, bounces : scatterings in bodies; those and surfaces
+    since : scatterings since the last surface, where the scene limits them; else None
     drawn, density : where the direction was drawn, and its density (1/sr);  single : no light sample could have found it
     choice : uniform number, of what the first smooth boundary does
     departure, chance : since the last scattering, where small lamps are sampled through smooth boundaries, and where wide ones
@@ -49,6 +50,7 @@ class Path:
     inside: mi.UInt32
     order: mi.UInt32
     bounces: mi.UInt32
+    since: mi.UInt32 | None
     drawn: mi.Point3f
     density: mi.Float
     single: mi.Bool

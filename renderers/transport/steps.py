@@ -11,8 +11,6 @@ import numpy as np
 from renderers.threads import run
 from renderers.transport import wavefront
 
-_GOES_ON = 0.95  # share of the paths that have come far which goes on
-
 
 class Sums:
     """Light that a pass has brought, linear sRGB.
@@ -60,13 +58,14 @@ def survivors(paths):
 
 
 def thinned(paths, most):
-    """Without some of the paths of more bounces than `most`: light that is caught in glass loses nothing on its way."""
+    """Without some of the paths of more bounces than `most`, as `renderers.transport.loop.roulette`."""
     far = np.flatnonzero(paths.bounces > most)
     if not len(far):
         return paths
     numbers, states, goes = np.empty((len(far), 1)), paths.states[far], np.ones(paths.count, bool)
     wavefront.draw(states, numbers)
     paths.states[far] = states
-    paths.throughput[far] /= _GOES_ON
-    goes[far] = numbers[:, 0] < _GOES_ON
+    chance = 1 - 1 / paths.bounces[far]
+    paths.throughput[far] /= chance[:, None]
+    goes[far] = numbers[:, 0] < chance
     return paths.of(goes)

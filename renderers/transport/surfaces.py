@@ -13,7 +13,7 @@ from renderers.transport.scene import View
 
 import mitsuba as mi  # isort: skip
 
-_FAR = 64  # bounces after which paths end one time in twenty: of mirrors that lose nothing there may be no end
+_FAR = 256  # bounces after which some paths end: of mirrors that lose nothing there may be no end
 
 
 @dataclass

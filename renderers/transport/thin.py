@@ -34,6 +34,15 @@ def airlight(scene, entries, world):
     return Airlight(scene, thin, hidden) if any(thin) else None
 
 
+def small_lamps(scene, world):
+    """Small lamps of a scene, and (n, 4) their middles and half-diagonals, in its unit; parameters as of `airlight`."""
+    emitters = scene.scene.emitters()
+    spheres = Airlight.anchors(emitters)
+    away = np.linalg.norm(spheres[:, :3] - np.asarray(world.camera.origin, float) / world.unit, axis=1)
+    small = np.flatnonzero((spheres[:, 3] >= 0) & (spheres[:, 3] <= LARGEST * away))
+    return [emitters[number] for number in small], spheres[small]
+
+
 def _thin(entry, lamps, away):
     """Whether light samples reach scatterings in a medium of one density, and it is thin as seen from the camera.
 

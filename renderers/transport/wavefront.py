@@ -90,15 +90,16 @@ def accumulate(added, order, index, pixel, by_order, by_light):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def goes_on(weight, states, bounces, i):
-    """Whether Russian roulette leaves path i: those of little weight end, and those of more than 100,000 bounces do so one time
-    in a thousand.  Changes the weight of those that go on.
+    """Whether Russian roulette leaves path i: those of little weight end, and of those of n > 100,000 bounces some 4 / n do so at
+    each.  Changes the weight of those that go on.
 
-    Many paths in a large lossless body are as long as that; what ends them earlier makes the others bright.
+    Many paths in a large lossless body are as long as that; what ends them earlier, or as quickly as one in a thousand, makes the
+    others bright.
     """
     most = 0.0
     for w in range(weight.shape[1]):
         most = max(most, weight[i, w])
-    chance = min(most, 1.0 if bounces[i] < 100_000 else 0.999)
+    chance = min(most, 1.0 if bounces[i] < 100_000 else (1 - 1 / bounces[i]) ** 4)
     if most > 0 and bounces[i] < 4:
         chance = 1.0
     alive = chance > 0 and (chance >= 1.0 or uniform(states, i) < chance)

@@ -103,7 +103,27 @@ def test_grains_keep_their_size(call, tmp_path):
     assert "{where: {mesh: heap.scene.ply, unit: 1 m}, recipe: heap.yaml}" in (tmp_path / "heap.scene.yaml").read_text()
 
 
+@pytest.mark.parametrize(("source", "said", "entry"), [
+    ("coefficients", "refractive index 1.33 against air, smooth, ASSUMED",
+     "shape: body}, recipe: ../own.yaml, boundary: {index: 1.33}"),
+    ("bubbles", "refractive index 1.33", "shape: body}, recipe: ../own.yaml, boundary: {index: 1.33"),
+    ("soot", "without a surface, as it floats in air", "mesh: cup.scene.ply, unit: 1 mm}, recipe: ../own.yaml}"),
+    ("salt", "grains, ", "mesh: cup.scene.ply, unit: 1 mm}, recipe: ../own.yaml}"),
+])
+def test_a_recipe_of_ones_own_fills_a_mesh(source, said, entry, call, tmp_path):
+    """It stays as it is, and the scene, in another folder, refers to it."""
+    assert call("new", source, "-o", tmp_path / "own.yaml")[0] == 0
+    before = (tmp_path / "own.yaml").read_bytes()
+    (tmp_path / "scenes").mkdir()
+    status, out, err = call("new", tmp_path / "own.yaml", "--mesh", mesh(tmp_path / "mine.ply"), "--height", "12 cm",
+                            "-o", tmp_path / "scenes" / "cup.yaml")
+    assert status == 0 and said in err and entry in (tmp_path / "scenes" / "cup.scene.yaml").read_text(), err
+    assert written(tmp_path / "scenes") == ["cup.scene.ply", "cup.scene.xml", "cup.scene.yaml"]
+    assert (tmp_path / "own.yaml").read_bytes() == before and len(out.split()) == 3
+
+
 @pytest.mark.parametrize(("args", "said"), [
+    (("tile.yaml", "--mesh", "good.ply"), "tile.yaml: found a recipe without a medium, particles or packed grains"),
     (("milk", "--mesh", "missing.ply"), "missing.ply: cannot be read: No such file"),
     (("milk", "--mesh", "empty.obj"), "empty.obj: the file is empty"),
     (("milk", "--mesh", "open.ply"), "open.ply: no closed mesh: not closed: face"),
@@ -139,6 +159,7 @@ def test_what_cannot_start_a_scene_is_told(args, said, call, tmp_path, monkeypat
     for name in ("empty.obj", "mine.txt", "wax.scene.yaml"):
         (tmp_path / name).write_text("")
     (tmp_path / "mine.3mf").write_text("no archive")
+    (tmp_path / "tile.yaml").write_text((ROOT / "recipes" / "tile.yaml").read_text())
     before = written(tmp_path)
     status, out, err = call("new", *args)
     assert status == 2 and not out and said in err and len(err.splitlines()) == 1 and written(tmp_path) == before
@@ -208,4 +229,4 @@ def test_the_page_runs(render, call, tmp_path, monkeypatch):
                 assert status == (2 if "already" in printed else 0), err
             assert all(line in (out + err).splitlines() for line in printed.splitlines()), out + err
             ran += 1
-    assert ran == (8 if render else 5)
+    assert ran == (10 if render else 7)

@@ -16,6 +16,7 @@ from bakery.physics.beam import build, kernels, layers, moments, named, photons,
 from bakery.physics.beam.kinds import MEASURES
 from bakery.physics.medium import analytic
 from bakery.physics.medium import phase as tables
+from tests.oracles import beam as oracle
 
 B30 = (math.pi / 6) ** 2 / 4  # spread of 30 degrees
 DEPTH, EDGES = np.arange(1, 11) / 2, np.linspace(0, 5, 51)
@@ -68,8 +69,8 @@ def test_moments_and_closed_kernels_have_the_known_values(albedo, depth):
     assert q == pytest.approx(M2 / M0, rel=1e-5)
     r = np.array([0.5, 1.0])
     assert kernels.erf_kernel(*kernels.erf_parameters(got[0], q), r) == pytest.approx(erf, rel=5e-6)
-    assert kernels.single_kernel(depth, albedo, depth, B30, r) == pytest.approx(once, rel=5e-6)
-    assert kernels.printed_mean_square(depth, albedo, B30) * M0 == pytest.approx(printed, rel=1e-5)
+    assert oracle.single_kernel(depth, albedo, depth, B30, r) == pytest.approx(once, rel=5e-6)
+    assert oracle.printed_mean_square(depth, albedo, B30) * M0 == pytest.approx(printed, rel=1e-5)
 
 
 def test_layers_of_one_density_are_the_homogeneous_medium_at_every_depth():
@@ -90,7 +91,7 @@ def test_shallow_moments_keep_their_digits():
     depth = 1e-8
     (M0, M2, _), q = of_medium(0.9, depth)
     single_scattering = 4 / 3 * B30 * depth**2
-    assert [M0, M2 / M0, q, kernels.printed_mean_square(depth, 0.9, B30)] == pytest.approx(
+    assert [M0, M2 / M0, q, oracle.printed_mean_square(depth, 0.9, B30)] == pytest.approx(
         [0.9e-8, single_scattering, single_scattering, single_scattering], rel=1e-7)
     assert of_medium(0.0, 1.0)[1] == 0.0
 
@@ -121,10 +122,10 @@ def test_the_error_function_kernel_has_the_moments_it_was_made_from():
 
 def test_the_other_kernels_hold_the_power():
     (M0, M2, _), q = of_medium(0.9, 2.0)
-    for kernel in (lambda r: kernels.gaussian_kernel(M0, q, r), lambda r: kernels.single_and_gaussian(2.0, 0.9, 0.1, B30, r),
+    for kernel in (lambda r: kernels.gaussian_kernel(M0, q, r), lambda r: oracle.single_and_gaussian(2.0, 0.9, 0.1, B30, r),
                    lambda r: kernels.path_integral(2.0, 0.9, 0.1, B30, M0, r), lambda r: kernels.elek(2.0, 0.9, B30, M0, r)):
         assert integrate.quad(lambda r: 2 * math.pi * r * kernel(r), 0, 30)[0] == pytest.approx(M0, rel=1e-7)
-    both = integrate.quad(lambda r: 2 * math.pi * r**3 * kernels.single_and_gaussian(2.0, 0.9, 0.1, B30, r), 0, 30)[0]
+    both = integrate.quad(lambda r: 2 * math.pi * r**3 * oracle.single_and_gaussian(2.0, 0.9, 0.1, B30, r), 0, 30)[0]
     assert both == pytest.approx(M2, rel=1e-7)
 
 
@@ -159,7 +160,7 @@ def twin(S, mean, ratio):
     return total[-1] / (2 * math.pi)
 
 
-@pytest.mark.parametrize("phase", [planar.gaussian(B30), planar.henyey_greenstein(0.9)], ids=["gaussian", "hg"])
+@pytest.mark.parametrize("phase", [oracle.gaussian(B30), oracle.henyey_greenstein(0.9)], ids=["gaussian", "hg"])
 def test_small_angle_kernel_is_its_hankel_transform(phase):
     for depth in (0.5, 2.0, 8.0):
         ratio = phase.width * np.array([0.3, 1.0, 3.0])
@@ -173,7 +174,7 @@ def test_small_angle_kernel_is_its_hankel_transform(phase):
 def test_small_angle_tables_hold_the_moments():
     z, ratio = table.grid(40.0, math.sqrt(B30))
     for albedo in (0.1, 0.9, 1.0):
-        kernel = small_angle.homogeneous(planar.gaussian(B30), albedo, z, ratio)
+        kernel = small_angle.homogeneous(oracle.gaussian(B30), albedo, z, ratio)
         made = table.Table(z, ratio, kernel * z[:, None] ** 2 * ratio)
         M0, M2, _ = moments.moments(*moments.levers(z, albedo), (1 - albedo) * z, B30)
         assert made.within(z, np.inf) == pytest.approx(M0, rel=5e-4)
@@ -190,11 +191,11 @@ def test_kernels_whose_longer_paths_are_absorbed_have_the_moments_of_their_event
     power = np.sum(chance / np.cosh(x))
     square = np.sum(chance / np.cosh(x) * 4 / 3 * B30 * n * depth**2 * 3 * (x - np.tanh(x)) / x**3)
     z, ratio = table.grid(20.0, math.sqrt(B30))
-    plain = small_angle.homogeneous(planar.gaussian(B30), albedo, z, ratio)
+    plain = small_angle.homogeneous(oracle.gaussian(B30), albedo, z, ratio)
     named_kernel = named.Kernels(albedo, *gaussian(30), B30, False,
                                  lambda name: table.Table(z, ratio, plain * z[:, None] ** 2 * ratio))
     r, step = depth * ratio, math.log(ratio[1] / ratio[0])
-    for kernel in (small_angle.homogeneous(planar.gaussian(B30), albedo, depth, ratio, absorb=True)[0],
+    for kernel in (small_angle.homogeneous(oracle.gaussian(B30), albedo, depth, ratio, absorb=True)[0],
                    named_kernel.kernel(depth, r, "small_angle_absorbing")):
         assert np.sum(2 * math.pi * kernel * r**2) * step == pytest.approx(power, rel=1e-3)
         assert np.sum(2 * math.pi * kernel * r**4) * step == pytest.approx(square, rel=2e-3)
@@ -203,22 +204,22 @@ def test_kernels_whose_longer_paths_are_absorbed_have_the_moments_of_their_event
 def test_a_phase_table_is_its_closed_transform_where_angles_are_small():
     q = np.geomspace(1, 3e4, 30)
     narrow = planar.table(*gaussian(1))
-    exact = planar.gaussian(math.radians(1) ** 2 / 4)
+    exact = oracle.gaussian(math.radians(1) ** 2 / 4)
     # the sphere is not flat: relative corrections of the order of the squared width, 1e-4; the table's own error is 1e-3
     assert narrow.mean(q) == pytest.approx(exact.mean(q), rel=1e-3)
     assert narrow.width == pytest.approx(exact.width, rel=1e-3)
     assert narrow.beyond(0.01) == pytest.approx(exact.beyond(0.01), rel=2e-3)
     tail = planar.table(*tabulated("hg", g=[0.99]))
-    assert tail.mean(q) == pytest.approx(planar.henyey_greenstein(0.99).mean(q), rel=0.01)  # cut at s = 2: 1 - g of the light
+    assert tail.mean(q) == pytest.approx(oracle.henyey_greenstein(0.99).mean(q), rel=0.01)  # cut at s = 2: 1 - g of the light
     with pytest.raises(ValueError, match="0 < g < 1"):
-        planar.henyey_greenstein(-0.3)
+        oracle.henyey_greenstein(-0.3)
 
 
 def test_constant_layers_are_the_homogeneous_kernel():
     r = np.array([0.02, 0.3, 2.0])
-    layered = small_angle.layered(planar.gaussian(B30), 0.9, np.array([0, 0.7, 1.1, 3.0]), np.ones(3), r)
-    assert layered == pytest.approx(small_angle.homogeneous(planar.gaussian(B30), 0.9, 3.0, r / 3)[0], rel=1e-4)
-    assert (small_angle.layered(planar.gaussian(B30), 0.9, np.array([0, 1.0]), np.zeros(1), r) == 0).all()
+    layered = small_angle.layered(oracle.gaussian(B30), 0.9, np.array([0, 0.7, 1.1, 3.0]), np.ones(3), r)
+    assert layered == pytest.approx(small_angle.homogeneous(oracle.gaussian(B30), 0.9, 3.0, r / 3)[0], rel=1e-4)
+    assert (small_angle.layered(oracle.gaussian(B30), 0.9, np.array([0, 1.0]), np.zeros(1), r) == 0).all()
 
 
 def test_layered_kernel_and_moments_are_what_small_angle_photons_count():
@@ -229,12 +230,12 @@ def test_layered_kernel_and_moments_are_what_small_angle_photons_count():
     def sample(random, n):
         return np.sqrt(-4 * B30 * np.log1p(-random.random(n)))
 
-    value, error, counted, counted_error = photons.count_small_angle(S, sample, edges, density, 4.0, rings, 60_000, seed=3)
+    value, error, counted, counted_error = oracle.count_small_angle(S, sample, edges, density, 4.0, rings, 60_000, seed=3)
     levers = [x[-1] for x in moments.layered_levers(edges, albedo * density)]
     assert (np.abs(counted - moments.moments(*levers, 0.0, B30)) < 6 * counted_error).all()
     x, w = np.polynomial.legendre.leggauss(6)
     at = (rings[:-1, None] + rings[1:, None] + np.diff(rings)[:, None] * x) / 2
-    kernel = small_angle.layered(planar.gaussian(B30), albedo, edges, density, at.ravel()).reshape(at.shape)
+    kernel = small_angle.layered(oracle.gaussian(B30), albedo, edges, density, at.ravel()).reshape(at.shape)
     kernel *= math.exp((1 - albedo) * density.sum())  # photons are not absorbed
     mean = np.sum(kernel * w * at, axis=1) / np.sum(w * at, axis=1)
     assert (np.abs(value - mean) < 6 * error).all()
@@ -317,7 +318,7 @@ def test_forward_and_backward_light_between_beam_and_isotropy():
 def counted():
     """Spread 30 degrees, albedo 0.9; forward light, and all."""
     theta, phase = gaussian(30)
-    return [photons.count(0.9, theta, phase, DEPTH, EDGES, 60_000, back=back) for back in (False, True)]
+    return [oracle.count(0.9, theta, phase, DEPTH, EDGES, 60_000, back=back) for back in (False, True)]
 
 
 @pytest.fixture(scope="module")
@@ -365,7 +366,7 @@ def test_transport_keeps_up_where_angles_are_not_small(degrees, albedo, limits):
 def test_transport_is_no_worse_than_the_best_kernel_known_before(degrees, albedo, flux, fluence):
     """Percent, the least of eight kernels in each medium; and better than the error function and the path integral."""
     theta, phase = gaussian(degrees)
-    counted = photons.count(albedo, theta, phase, DEPTH, EDGES, 30_000, back=False)
+    counted = oracle.count(albedo, theta, phase, DEPTH, EDGES, 30_000, back=False)
     tables = transported(degrees, albedo, 8.0)
     B = math.radians(degrees) ** 2 / 4
     (M0, _, _), q = of_medium(albedo, DEPTH[:, None, None], B)
@@ -389,7 +390,7 @@ def test_layered_kernel_is_what_photons_count_in_space(stack):
     medium = medium_of(30)
     tables = transported(30, 0.9, 8.0) | {"small_angle": small_angled(30, 0.9, 8.0)}
     kernel = named.Kernels(0.9, theta, phase, medium.planar.B, True, tables.__getitem__)
-    counted = photons.count(0.9, theta, phase, planes, EDGES, 40_000, back=False, layers=(np.arange(4.0), density))
+    counted = oracle.count(0.9, theta, phase, planes, EDGES, 40_000, back=False, layers=(np.arange(4.0), density))
     for measure, name, limit in (("flux", "flux", 0.06), ("fluence", "forward", 0.1)):
         def averages(of):
             return np.concatenate([named.ring_averages(lambda _, r, z=z: of(int(z), r), [0.0], EDGES) for z in planes])
@@ -402,7 +403,7 @@ def test_layered_kernel_is_what_photons_count_in_space(stack):
 
 def test_photons_in_layers_are_those_of_the_medium():
     theta, phase = gaussian(30)
-    plain, split, empty, dense = (photons.count(0.9, theta, phase, scale * np.array([1.0, 2.5]) + shift, scale * EDGES[:11], 3200,
+    plain, split, empty, dense = (oracle.count(0.9, theta, phase, scale * np.array([1.0, 2.5]) + shift, scale * EDGES[:11], 3200,
                                                 layers=stack)
                                   for scale, shift, stack in ((1, 0, ((0,), (1,))), (1, 0, ((0, 0.3, 2), (1, 1, 1))),
                                                               (1, 5, ((0, 5), (0, 1))), (0.5, 0, ((0,), (2,)))))
@@ -412,7 +413,7 @@ def test_photons_in_layers_are_those_of_the_medium():
     # emptiness before the medium: what comes back into it is lost there all the same
     assert empty.flux == pytest.approx(plain.flux, rel=1e-9)
     with pytest.raises(ValueError, match="begin at 0"):
-        photons.count(0.9, theta, phase, DEPTH, EDGES, 32, layers=((1,), (1,)))
+        oracle.count(0.9, theta, phase, DEPTH, EDGES, 32, layers=((1,), (1,)))
 
 
 def test_single_scattering_in_layers():
@@ -420,7 +421,7 @@ def test_single_scattering_in_layers():
     theta, phase = gaussian(45)
     begins, density = np.array([0, 0.5, 1.0, 2.0]), np.array([2.0, 0.0, 0.3, 1.0])
     edges = np.linspace(0.2, 2.2, 6)
-    got = photons.count(0.8, theta, phase, np.array([3.0]), edges, 60_000, last=1, seed=5, back=False, layers=(begins, density))
+    got = oracle.count(0.8, theta, phase, np.array([3.0]), edges, 60_000, last=1, seed=5, back=False, layers=(begins, density))
     mean = [named.ring_averages(lambda _, r, k=k: layers.single(0.8, theta, phase, np.append(begins, 3.0), density,
                                                                 r.ravel())[k].reshape(r.shape), [0.0], edges)[0]
             for k in (0, 1)]
@@ -437,7 +438,7 @@ def test_single_scattering_in_layers():
 def test_photons_of_one_event_are_single_scattering():
     theta, phase = gaussian(30)
     edges = np.array([0.5, 0.6, 1.0, 1.1])
-    got = photons.count(0.7, theta, phase, np.array([1.0, 3.0]), edges, 40_000, last=1, seed=2, back=False)
+    got = oracle.count(0.7, theta, phase, np.array([1.0, 3.0]), edges, 40_000, last=1, seed=2, back=False)
     r = np.linspace(0.5, 0.6, 41)
     for ring, at in ((0, r), (2, r + 0.5)):
         for plane, z in enumerate((1.0, 3.0)):
@@ -500,14 +501,14 @@ def test_more_photons_are_those_of_one_count():
         counting.follow(number)
         assert counting.photons == max(number, 320)
     for back in (True, False):
-        once, more = photons.count(0.9, theta, phase, DEPTH[:2], EDGES[:5], 3200, seed=3, back=back), counting.counted(back)
+        once, more = oracle.count(0.9, theta, phase, DEPTH[:2], EDGES[:5], 3200, seed=3, back=back), counting.counted(back)
         assert (once.fluence == more.fluence).all()
         assert (once.flux_error == more.flux_error).all()
 
 
 def test_photons_do_not_depend_on_threads():
     theta, phase = gaussian(30)
-    one, two = (photons.count(0.9, theta, phase, DEPTH[:2], EDGES[:5], 640, threads=n) for n in (1, 2))
+    one, two = (oracle.count(0.9, theta, phase, DEPTH[:2], EDGES[:5], 640, threads=n) for n in (1, 2))
     assert (one.flux == two.flux).all()
     assert (one.fluence == two.fluence).all()
 

@@ -13,13 +13,15 @@ import pytest
 from scipy import integrate, ndimage, special, stats
 from scipy.spatial import ConvexHull, cKDTree
 
-from bakery.physics.averages import Component
+from bakery.physics.averages import Aim, Component, averages
 from bakery.physics.discrete import classes, graininess, realise, statistics
 from bakery.physics.discrete.realise import Region
+from bakery.physics.medium.phase import phase_at
 from bakery.physics.shapes.build import build
 from bakery.physics.shapes.radial import icosphere
 from bakery.physics.sizes import Gamma, Lognormal, Population, Single, Table
 from bakery.physics.sizes.distributions import Part
+from bakery.stages.measures import integrated_difference
 from tests.odds import ODDS, SIGMAS
 
 BOX = Region((0.3, 0.2, 0.1))
@@ -265,6 +267,24 @@ def test_a_class_scatters_as_its_particles_do():
         assert absorbed == pytest.approx(4 * math.pi * k * polarisability.imag * of.moment(3), rel=0.01)
     spread = made.sizes[1].moment(6) / made.sizes[1].moment(3) ** 2 - 1  # of what absorbs, which is nearly all of the extinction
     assert found.spread[0, 1] == pytest.approx(spread, rel=0.02)
+
+
+@pytest.mark.parametrize(("m", "radius"), [(1.31 + 1e-8j, 40.0), (1.55 + 0.003j, 4.0)])
+@pytest.mark.parametrize("tolerance", [0.3, 0.21])
+def test_classes_from_few_sizes_and_angles_are_as_good_as_they_say(m, radius, tolerance):
+    """Against averages of the same class that begin with as many angles and sizes as others do, at 1 %."""
+    of = classes.classes(Population((Part(Lognormal(radius, 1.3), 1.0),)), exactly=3)
+    middle = classes.Classes(of.edge[1:3], of.radius[1:2], np.ones(1), of.sizes[1:2])
+    component = Component("grains", np.array([m]), middle.sizes[0])
+    theta, (coarse,) = classes.optics([component], [middle], [0.55], [1.0], tolerance)
+    angles, (fine,) = averages([component], [0.55], [1.0], Aim(0.01, integrated=True))
+    every = np.union1d(theta, angles)
+    tables = (phase_at(theta, coarse.phase[:, 0].astype(float), every), phase_at(angles, fine.elements[:, 0], every))
+    assert integrated_difference(every, *tables).max() <= coarse.error.max() + fine.error.max()
+    assert coarse.error.max() <= tolerance
+    assert len(theta) < 0.75 * len(classes.optics([component], [middle], [0.55], [1.0], 0.2)[0])
+    extinction = np.sum((fine.scattering + fine.absorption) * fine.weight)
+    assert coarse.extinction[0, 0] == pytest.approx(extinction, rel=coarse.error.max())
 
 
 # ---- graininess

@@ -20,9 +20,9 @@ from bakery.physics.grains.scatterometer import measure
 from bakery.physics.grains.sphere import ball
 from bakery.physics.grains.surface import conductor, dielectric, diffuse
 from bakery.physics.granular.effective import Means, effective, flight, mixed, void_chord
-from bakery.physics.medium.diffusion import JENSEN, ROBUST, classical, exitance, fluence, improved, layer, uncollided
 from bakery.physics.packing.theory import mean_chord
 from tests.conftest import slow
+from tests.oracles.diffusion import JENSEN, ROBUST, classical, exitance, fluence, improved, layer, uncollided
 
 
 @cache

@@ -10,10 +10,11 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from bakery import kernels
-from bakery.physics.packing.instances import instances, left_out
+from bakery.physics.packing.instances import left_out
 from renderers.materials.grains import medium, transport
 from renderers.materials.grains.teleport import Teleports
 from tests.odds import ODDS, SIGMAS
+from tests.oracles.instances import instances
 from tests.physics.particles import Sky, camera, same
 from tests.physics.test_aggregate import bumpy, check, listed, rays, tile
 from tests.physics.test_granular_medium import MESH, continuous

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from bakery import kernels
-from bakery.physics.packing.instances import instances, rotation_matrix
+from bakery.physics.packing.instances import rotation_matrix
 from bakery.store import ply
 from renderers.materials.grains import material, medium, paths, transport
 from renderers.materials.grains._grains import Grains
 from renderers.mitsuba.world import World
 from tests.conftest import slow
 from tests.odds import ODDS, SIGMAS
+from tests.oracles.instances import instances
 from tests.physics.particles import Sky, blocks, camera, same
 from tests.physics.test_aggregate import CUBE, bumpy, listed, tile
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from bakery import kernels
-from bakery.physics.packing.instances import instances
 from renderers.choice import trial
 from renderers.materials.grains import bundles, methods, paths, shapes, transport
 from renderers.materials.grains.listed import listed
 from renderers.mitsuba.world import World
 from tests.conftest import slow
 from tests.odds import SIGMAS
+from tests.oracles.instances import instances
 from tests.physics.test_aggregate import bumpy, tile
 from tests.physics.test_aggregate import listed as reference
 from tests.physics.test_granular_medium import agree

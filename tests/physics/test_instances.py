@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bakery.physics.packing.instances import cumulated_shares, hashed, instances, rotation_matrix, uniforms
+from bakery.physics.packing.instances import cumulated_shares, hashed, rotation_matrix, uniforms
 from tests.odds import sigmas
+from tests.oracles.instances import instances
 
 MASK = (1 << 64) - 1
 GOLDEN = 0x9E3779B97F4A7C15

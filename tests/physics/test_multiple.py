@@ -10,8 +10,9 @@ import pytest
 from scipy.integrate import quad
 
 from bakery.physics.medium import analytic, phase
-from bakery.physics.multiple import _kernels, _plane, _products, fourier, legendre, photons, point, segment, solution
+from bakery.physics.multiple import _kernels, _plane, _products, fourier, legendre, point, segment, solution
 from tests.odds import sigmas
+from tests.oracles import photons
 
 HG = legendre.henyey_greenstein
 

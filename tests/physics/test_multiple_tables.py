@@ -19,7 +19,6 @@ from bakery.physics.multiple import (
     legendre,
     locate,
     lookup,
-    photons,
     plain,
     point,
     queries,
@@ -30,6 +29,7 @@ from bakery.physics.multiple import (
 )
 from bakery.physics.multiple.kinds import POINT, SEGMENT
 from tests.conftest import slow
+from tests.oracles import photons
 
 ALBEDO, G = 0.9, 0.7
 

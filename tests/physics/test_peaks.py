@@ -9,9 +9,10 @@ import pytest
 from numba import njit
 
 from bakery.physics.medium import analytic, kernels, phase
-from bakery.physics.multiple import build, fourier, legendre, peaks, photons, point
+from bakery.physics.multiple import build, fourier, legendre, peaks, point
 from bakery.physics.multiple.kinds import POINT
 from tests.conftest import slow
+from tests.oracles import photons
 
 BLOCKS = 32
 

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 from bakery.physics.grains import walk
-from bakery.physics.grains.balls import BallWalker, statistics
+from bakery.physics.grains.balls import BallWalker
 from bakery.physics.grains.points import points, scrambled
 from bakery.physics.grains.scatterometer import Statistics, measure
 from bakery.physics.grains.sphere import Ball, ball
 from bakery.physics.grains.surface import conductor, dielectric, diffuse, fresnel, fresnel_conductor
 from tests.odds import sigmas
+from tests.oracles.balls import statistics
 
 SIGMAS = sigmas(32, 1e-6)
 KEY = (1, 2)

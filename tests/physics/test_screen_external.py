@@ -98,8 +98,8 @@ def cast(density, origin, direction, albedo, sigma_t, lights, g=0.0, distance=FA
     direction = np.atleast_2d(direction) / np.linalg.norm(np.atleast_2d(direction), axis=1)[:, None]
     origin = np.broadcast_to(np.asarray(origin, float), direction.shape)
     sigma_t = np.atleast_1d(np.asarray(sigma_t, float))
-    return external.scattered(density, origin, direction, np.full(len(direction), distance), sigma_t, sigma_t * albedo,
-                              hg(np.broadcast_to(g, sigma_t.shape)), lights, **more)
+    return external.scattered(density, origin, direction, np.full(len(direction), distance),
+                              external.Medium(sigma_t, sigma_t * albedo, hg(np.broadcast_to(g, sigma_t.shape))), lights, **more)
 
 
 # ---- the column
@@ -358,5 +358,4 @@ def test_sun_that_does_not_arrive():
     with pytest.raises(ValueError, match="finite"):
         cast(Box(), (0, 0, 2), (0, 0, -1), 1, [1.0], [], distance=np.inf)
     with pytest.raises(ValueError, match="phase function"):
-        external.scattered(Box(), np.zeros((1, 3)), np.array([[0, 0, 1.0]]), np.ones(1), np.ones(1), np.ones(1),
-                           lambda theta: np.ones((1, *np.shape(theta))), [external.Sun((0, 0, 1), [1.0])])
+        external.Medium(np.ones(1), np.ones(1), lambda theta: np.ones((1, *np.shape(theta))))

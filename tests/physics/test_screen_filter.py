@@ -10,11 +10,12 @@ import pytest
 
 import bakery
 from bakery.errors import UsageError
-from bakery.physics.beam import photons
 from benchmarks.screen import scene
 from renderers.fog import filter as screen
 from renderers.fog import kernels
 from tests.conftest import slow
+from tests.oracles import beam as oracle
+from tests.oracles.fog import direct
 
 RECIPE = """\
 bakery: 1
@@ -106,7 +107,7 @@ def test_light_that_arrives(asset, fog):
     for k, albedo in ((0, 1.0), (2, 0.9)):
         for tau, bound in ((0.5, 0.09), (3.0, 0.2)):
             edges = tau * np.r_[0, np.geomspace(0.03, 10, 15), 1e9]
-            found = photons.count(albedo, theta, phase[k], [tau], edges, 100_000, layers=((0.0, tau), (1.0, 0.0)))
+            found = oracle.count(albedo, theta, phase[k], [tau], edges, 100_000, layers=((0.0, tau), (1.0, 0.0)))
             power = found.flux[0] * math.pi * np.diff(edges**2)
             c = 2 - k
             own = fog.powers(np.array(tau / fog.sigma_t[c]), "lost")[0][c]
@@ -211,7 +212,7 @@ def test_against_every_pair(fog, options, narrow):
     """With points as close as the blocks 4 % at worst (a small dark picture), with closer ones 1 %."""
     image, z, angle, column, lever = scene(54, 72)
     some = np.random.default_rng(3).choice(z.size, 500, replace=False)
-    expected = screen.direct(image, z, angle * narrow, column, lever, fog, pixels=some, **options)
+    expected = direct(image, z, angle * narrow, column, lever, fog, pixels=some, **options)
     off = {points: rms(screen.fogged(image, z, angle * narrow, column, lever, fog, points=points, **options).reshape(-1, 3)[some],
                        expected) for points in screen.POINTS}
     assert off["final"] < 0.01 and off["every pixel"] < 0.01 and off["preview"] < 0.015 and off["draft"] < 0.04
@@ -224,7 +225,7 @@ def test_points_around_a_lamp(fog, points, bound):
     image[41, 63] = 100
     some = np.random.default_rng(1).choice(14000, 300, replace=False)
     arguments = image, 20.0, 0.0025, 20.0, 20.0, fog
-    expected = screen.direct(*arguments, pixels=some)
+    expected = direct(*arguments, pixels=some)
     assert rms(screen.fogged(*arguments, points=points).reshape(-1, 3)[some], expected) < bound
 
 
@@ -381,7 +382,7 @@ def test_one_wavelength_for_all_channels(fog):
         assert (found == screen.fogged(image, z, angle, column, lever, three, **options)).all()
         two = screen.fogged(image[..., :2], z, angle, column, lever, one, **options)
         assert rms(two, found[..., :2]) < 0.003  # a block's light is centred by all channels together
-    exact = [screen.direct(image, z, angle, column, lever, kind, pixels=np.arange(0, 2000, 60)) for kind in (one, three)]
+    exact = [direct(image, z, angle, column, lever, kind, pixels=np.arange(0, 2000, 60)) for kind in (one, three)]
     assert (exact[0] == exact[1]).all()
 
 
@@ -419,7 +420,7 @@ def test_other_kernels(asset, kernel):
     image, z, angle, column, lever = scene(30, 40)
     some = np.arange(0, z.size, 7)
     found = screen.fogged(image, z, angle, column, lever, other)
-    assert rms(found.reshape(-1, 3)[some], screen.direct(image, z, angle, column, lever, other, pixels=some)) < 0.015
+    assert rms(found.reshape(-1, 3)[some], direct(image, z, angle, column, lever, other, pixels=some)) < 0.015
     assert screen.fogged(np.ones_like(image), z, angle, column, lever, other)[..., 2] == pytest.approx(1, rel=1e-7)
 
 

@@ -8,9 +8,11 @@ import mpmath
 import numpy as np
 import pytest
 
-from bakery.physics.packing import structure, theory
+from bakery.physics.packing import structure
 from bakery.physics.packing.radii import lognormal, room, species
+from bakery.physics.packing.theory import mean_chord
 from tests.conftest import slow
+from tests.oracles import packing as theory
 
 CORNERS = np.array([[0, 0, 0], [0.5, 0.5, 0], [0.5, 0, 0.5], [0, 0.5, 0.5]])
 
@@ -281,7 +283,7 @@ def test_mean_chord_is_four_volumes_over_surface(radii, edge):
     middle = 0.5 * (found.edges[1:] + found.edges[:-1])
     assert np.sum(found.density * np.diff(found.edges) * middle) == pytest.approx(found.mean, rel=0.03)
     # a seeded defect: one radius of the 200 forgotten shifts the mean far beyond its error
-    wrong = theory.mean_chord(structure.fraction(0.98 * radii, cell), 0.98 * radii)
+    wrong = mean_chord(structure.fraction(0.98 * radii, cell), 0.98 * radii)
     assert abs(found.mean - wrong) > 5 * found.mean_error
 
 

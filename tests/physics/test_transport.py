@@ -14,11 +14,14 @@ from bakery.physics.medium import phase
 from renderers import colour
 from renderers.materials.bodies import methods
 from renderers.materials.bodies.bodies import rounding, untabled
+from renderers.materials.bodies.declaration import FEW
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
-from renderers.transport import boundaries, loop
+from renderers.pictures.engine import ORDERS
+from renderers.transport import boundaries, loop, steps, surfaces, wavefront
 from renderers.transport.media import Media, scattered
-from renderers.transport.scene import Scene
+from renderers.transport.paths import Paths
+from renderers.transport.scene import Scene, View
 from tests.odds import ODDS, sigmas
 from tests.physics import test_translucent as bodies
 from tests.physics.particles import blocks, same
@@ -69,12 +72,11 @@ def passes(how, numbers, layer="", seed=0):
     return np.array([part.render(number)[layer] for number in numbers])
 
 
-def walked(how, monkeypatch):
-    """Passes by the compiled walk, which follows paths where the loop cannot."""
+def walked(how, monkeypatch, method="paths"):
+    """Passes of paths by the compiled walk, which follows them where the loop cannot."""
     with monkeypatch.context() as patch:
         patch.setattr(methods, "in_one_loop", lambda how: False)
-        (part,) = methods.parts(how, "paths", "negative", 1)
-    return part
+        return methods.parts(how, method, "negative", 1)[0]
 
 
 @pytest.fixture
@@ -155,6 +157,20 @@ def test_what_the_loop_leaves_to_the_walk(tmp_path):
     assert not methods.in_one_loop(glass) and methods.in_one_loop(rough)
 
 
+@pytest.mark.parametrize("method, orders", [("vrl+tables", 3), ("vrl", 2), ("dipole", 2)])
+def test_light_of_few_events_is_that_of_paths(tmp_path, method, orders):
+    """Order by order, in a body that light enters once, and none of more: the rest is for beams and tables."""
+    how = transport(tmp_path, {"ball": (BALL, asset([0.9, 0.8, 0.5], 0.3, (1.0, 0.8, 0.6)))}, SKY + PANEL, [1.0], size=8)
+    (few, *_), (paths,) = methods.parts(how, method, "negative", 1), methods.parts(how, "paths", "negative", 0)
+    assert few.name == FEW and few.samples == paths.samples
+    ours, theirs = ([part.render(number) for number in range(12)] for part in (few, paths))
+    for layer in ORDERS[:orders]:
+        assert same(*(blocks(np.array([layers[layer] for layers in images]), (2, 2)) for images in (ours, theirs))) > ODDS, layer
+    for layers in ours:
+        assert not any(layers[layer].any() for layer in ORDERS[orders:])
+        assert np.allclose(layers[""], sum(layers[layer] for layer in ORDERS), rtol=1e-6, atol=1e-12)
+
+
 WARM, COOL = asset([0.9, 0.8, 0.5], 0.0, (1.0, 0.8, 0.6)), asset([0.99, 0.5, 0.9], 0.3, (0.4, 2.0, 1.0))
 
 
@@ -198,6 +214,22 @@ def test_as_the_compiled_walk(tmp_path, monkeypatch, meshes, around, indices, or
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("meshes, around, indices", [
+    ({"ball": (BALL, asset([0.9, 0.8, 0.5], [0.5, 0.4, 0.3]))}, SKY + PANEL + FLOOR, [1.4]),
+    ({"ball": (BALL, WARM), "inner": ((0.5 * BALL[0], BALL[1]), COOL)}, SKY + PANEL, [1.4, 1.0]),
+    ({"left": (box((-4, -2, -2), (0, 2, 2)), WARM), "right": (box((0, -2, -2), (4, 2, 2)), COOL)}, PANEL + FLOOR, [1.0, 1.0]),
+], ids=["glass", "nested", "beside"])
+def test_few_events_between_two_surfaces_as_in_the_compiled_walk(tmp_path, monkeypatch, meshes, around, indices):
+    """Each surface that turns light back, and each boundary, lets it scatter anew: so it has three events and more."""
+    how = transport(tmp_path, meshes, around, indices)
+    (few, *_), walk = methods.parts(how, "vrl+tables", "negative", 0), walked(how, monkeypatch, "vrl+tables")
+    ours, theirs = [few.render(number) for number in range(16)], [walk.render(number) for number in range(60)]
+    for layer in (*ORDERS, ""):
+        pictures = [blocks(np.array([layers[layer] for layers in images]), (2, 2)) for images in (ours, theirs)]
+        assert pictures[1].mean() > 0 and same(*pictures) > ODDS, layer
+
+
+@pytest.mark.slow
 def test_bodies_that_share_a_face(tmp_path, monkeypatch):
     """As those with a gap between them that is hardly there; a path that takes a crossing for what it meets goes wrong."""
     def later(gap):
@@ -223,11 +255,78 @@ def test_wavelengths_as_their_means(tmp_path):
 def test_refraction_is_no_loss_to_roulette(tmp_path, monkeypatch):
     """In an even sky every path of a glass body that loses no light brings exactly its radiance: none ends, or is made brighter,
     because refraction into glass divides radiance.  But for a few at the edges of the ball's triangles, which lose their side."""
-    monkeypatch.setattr(loop, "_FAR", 1 << 20)  # else paths that are caught for 64 bounces end one time in twenty
+    monkeypatch.setattr(loop, "_FAR", 1 << 20)  # else some paths that are caught for long end
     even = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
     how = transport(tmp_path, {"ball": (BALL, asset(1.0, 0.0))}, even, [1.4], size=16)
     by_order, _ = loop.trace(Scene(how.world, how.bodies, how.colours, drawn=False), (1, 2), 256, 1, False)
     assert np.quantile(abs(by_order.sum(axis=1) - 1), 0.95) < 1e-4
+
+
+class Caught:
+    """Light caught by total reflection in a cube of glass, in which the camera stands, until it meets a small black lamp."""
+
+    CAMERA = ("""<sensor type="perspective"><float name="fov" value="12"/><transform name="to_world">
+<lookat origin="0.1, -0.2, 0.05" target="1.1, 0.75, 1" up="0, 0, 1"/></transform><film type="hdrfilm">
+<integer name="width" value="64"/> <integer name="height" value="64"/> <rfilter type="box"/></film></sensor>""")
+    GLASS = '<bsdf type="dielectric"/><boolean name="face_normals" value="true"/>'
+    LAMP = f"""<shape type="rectangle"><transform name="to_world"><scale value="0.25"/><rotate x="1" angle="180"/>
+<translate x="0.3" y="-0.2" z="0.9999"/></transform>{bodies.BLACK}<emitter type="area"><rgb name="radiance" value="1"/></emitter>
+</shape>"""
+
+    def __init__(self, folder):
+        glass = bodies.shape(folder, "glass", box((-1, -1, -1), (1, 1, 1)), self.GLASS)
+        ball = bodies.shape(folder, "ball", (0.1 * BALL[0] + 9, BALL[1]), bodies.BOUNDARIES[1.0])
+        (folder / "scene.xml").write_text(f'<scene version="3.0.0">{self.CAMERA}{glass}{self.LAMP}{ball}</scene>')
+        self.how = methods.transport_of(World(folder / "scene.xml"), ["ball"], [asset(0.5, 0.0)], [None], None, "paths")
+
+    def over_surfaces(self):
+        view = View(self.how.world, self.how.world.scene, self.how.colours)
+        return loop.trace(view, (1, 2), 64 * 64, 1, False, surfaces.TURN)[0].sum(axis=1)[:, 1]
+
+    def through_media(self):
+        scene = Scene(self.how.world, self.how.bodies, self.how.colours)
+        return loop.trace(scene, (1, 2), 64 * 64, 1, False)[0].sum(axis=1)[:, 1]
+
+    @staticmethod
+    def of_wavefronts():
+        """The same, but for where it is: the lamp is met one time in a hundred."""
+        count, seen, random = 64 * 64, [], np.random.default_rng(3)
+        states = random.integers(1 << 63, size=count).astype(np.uint64)
+        paths = Paths.begun(np.zeros((count, 3)), np.ones((count, 3)), 1, states, np.arange(count))
+        while paths.count:
+            meets = random.random(paths.count) < 0.01
+            seen.append(paths.throughput[meets, 0])
+            paths = paths.of(~meets)
+            paths.bounces[:] += 1
+            paths = steps.thinned(paths, 64)
+        seen = np.concatenate(seen)
+        return np.concatenate([seen, np.zeros(count - len(seen))])
+
+
+@pytest.mark.parametrize("kind", ["over_surfaces", "through_media", "of_wavefronts"])
+def test_what_light_that_is_caught_in_glass_counts(tmp_path, kind):
+    """All of it comes to the lamp, after a hundred bounces; no path is made much brighter by those that end on their way.
+
+    Were one in twenty to end at each bounce, one of the four thousand would count some hundred times.
+    """
+    light = getattr(Caught(tmp_path), kind)()
+    assert light.max() < 40
+    assert light.mean() == pytest.approx(1, abs=sigmas() * light.std() / np.sqrt(len(light)))
+    assert light.std() < 1
+
+
+def test_the_longest_paths_count_as_the_fourth_power_of_their_bounces():
+    """From 100,000 to 110,000: 1.1^-4 of them are left, and count 1.1^4."""
+    count = 1000
+    weight, alive = np.ones((count, 1)), np.ones(count, bool)
+    states = np.random.default_rng(4).integers(1 << 63, size=count).astype(np.uint64)
+    for bounces in range(100_000, 110_000):
+        wavefront.roulette(weight, states, np.full(len(states), bounces), alive, 0, len(states))
+        if not alive.all():
+            weight, states, alive = weight[alive], states[alive], alive[alive]
+    assert np.allclose(weight, 1.1**4, rtol=1e-4)
+    share = 1.1**-4
+    assert len(states) == pytest.approx(count * share, abs=sigmas() * np.sqrt(count * share * (1 - share)))
 
 
 def test_light_that_rounding_takes(tmp_path):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from renderers.mitsuba.world import World
-from renderers.transport import thin
+from renderers.transport import scene, thin
 from renderers.transport.regions import Box, Everywhere, Mesh
 from renderers.transport.scene import Scene
 from tests.odds import ODDS, sigmas
@@ -129,3 +129,22 @@ def test_as_scatterings_alone(tmp_path, monkeypatch, where):
     first, second = (rendered.mean(axis=(1, 2)) for rendered in (along, alone))
     error = np.hypot(*(rendered.std(axis=0, ddof=1) / len(rendered) ** 0.5 for rendered in (first, second)))
     assert np.all(abs(first.mean(axis=0) - second.mean(axis=0)) < sigmas(16, ODDS, 6) * error)
+
+
+@pytest.mark.slow
+def test_aureoles_of_a_lamp(tmp_path, monkeypatch):
+    """Light that haze scatters forward is found by surfaces that look for it: the same mean (1e-7 by chance), less noise.
+
+    Variance is 0.3 of that without; that of 24 passes is known to some 20 %.
+    """
+    def rendered(seeds):
+        peaked = [medium(Everywhere(), [0.99] * 3, 0.95, (40.0, 40.0, 40.0))]
+        return pictures(tmp_path, sensor(size=16) + FLOOR + LAMP.replace("3 3 3", "90 90 90"), peaked, seeds).mean(axis=3)
+
+    with_lamps = rendered(range(24))
+    monkeypatch.setattr(scene, "Aureoles", lambda *lamps: None)
+    without = rendered(range(100, 124))
+    first, second = (picture.mean(axis=(1, 2)) for picture in (with_lamps, without))
+    error = np.hypot(*(means.std(ddof=1) / len(means) ** 0.5 for means in (first, second)))
+    assert abs(first.mean() - second.mean()) < sigmas(24) * error
+    assert with_lamps.var(axis=0, ddof=1).mean() < 0.6 * without.var(axis=0, ddof=1).mean()

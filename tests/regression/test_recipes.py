@@ -17,7 +17,7 @@ import pytest
 import bakery
 from bakery.asset import read_checked
 from bakery.asset.verify import _broken
-from bakery.recipe import load, swept
+from bakery.recipe import load
 from bakery.stages import all_stages
 from tests.conftest import ROOT, slow
 from tests.regression import golden
@@ -34,6 +34,10 @@ KEPT = {"blowing_snow_particles", "bubbles", "bumpy_sphere", "clouds", "coated_s
         "glass_beads_particles", "marble", "milk", "stairs_particles", "white_paint"} | set(SMALL)
 CHAOTIC = {"tile", "grains"}
 EXAMPLES = {"fog", "cirrus", "blowing_snow", "drizzle", "dust", "soot", "bubbles", "haze", "milk", "wax"}
+
+
+def swept(path) -> bool:
+    return any(line.startswith("sweep:") for line in path.read_text(encoding="utf-8").splitlines())
 
 
 def baked(case: str, path, **settings) -> dict:

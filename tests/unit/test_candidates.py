@@ -9,7 +9,7 @@ import pytest
 
 from renderers.materials.grains import material
 from renderers.materials.grains.declared import methods
-from renderers.scene import candidates
+from renderers.scene import candidates, meshes
 
 
 def entry(kind, method="auto", recipe="a.yaml", **more):
@@ -55,7 +55,7 @@ def test_grains_that_can_be_told_apart_deviate_from_their_medium(monkeypatch, di
     """Of 2 mm, in a pixel of 1 mrad: 2 pixels wide, and 0.002."""
     vertices = np.array([[distance, 0, 0], [distance + 1, 0, 0], [distance + 1, 1, 0], [distance + 1, 0, 1]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-    monkeypatch.setattr(material, "mesh_of", lambda scene, number: (vertices, faces))
+    monkeypatch.setattr(meshes, "of_entry", lambda scene, number: (vertices, faces))
     monkeypatch.setattr(material, "largest_of", lambda asset: 1e-3)
     camera = SimpleNamespace(origin=np.zeros(3), right=np.array([0, 1e-3, 0]), down=np.array([0, 0, 1e-3]))
     assert methods()["vpt"].deviation(None, 0, None, SimpleNamespace(camera=camera)) == pytest.approx(deviation)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import runpy
 
-from bakery.report.gallery import Entry, page
 from tests.conftest import ROOT
+
+PROGRAM = str(ROOT / "docs/pictures/gallery.py")
 
 
 def test_every_recipe_and_scene_is_on_the_page(tmp_path, monkeypatch):
-    program = runpy.run_path(str(ROOT / "docs/pictures/gallery.py"))
+    program = runpy.run_path(PROGRAM)
     monkeypatch.setitem(program["main"].__globals__, "reduced", lambda place, width: b"\xff\xd8" + place.stem.encode())
     program["main"](tmp_path / "gallery.html")
     text = (tmp_path / "gallery.html").read_text(encoding="utf-8")
@@ -21,7 +22,7 @@ def test_every_recipe_and_scene_is_on_the_page(tmp_path, monkeypatch):
 
 
 def test_what_has_no_picture_says_what_makes_one(tmp_path, monkeypatch):
-    program = runpy.run_path(str(ROOT / "docs/pictures/gallery.py"))
+    program = runpy.run_path(PROGRAM)
     monkeypatch.setitem(program["main"].__globals__, "_picture", lambda name, build: b"")
     program["main"](tmp_path / "gallery.html")
     text = (tmp_path / "gallery.html").read_text(encoding="utf-8")
@@ -32,5 +33,7 @@ def test_what_has_no_picture_says_what_makes_one(tmp_path, monkeypatch):
 
 
 def test_texts_of_files_stay_texts():
+    program = runpy.run_path(PROGRAM)
+    page, Entry = program["page"], program["Entry"]
     text = page("A & B", "<lead>", {"one": [Entry("a<b", "<script>", "p&q", "make <c>", b"")], "two": []})
     assert "<script>" not in text and "a&lt;b" in text and "p&amp;q" in text and "make &lt;c&gt;" in text and "two" not in text

@@ -355,8 +355,8 @@ def test_a_sphere_covers_its_disc():
 
 
 def test_pictures_of_a_tile_and_of_a_dictionary(two):
-    from bakery.physics.packing import theory
     from bakery.stages.packing.pictures import pictures
+    from tests.oracles import packing as theory
 
     many = {picture.name: picture for picture in pictures(two.tree)}
     assert list(many) == ["tiles", "pair_correlation", "chord_length"]

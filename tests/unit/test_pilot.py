@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from renderers.choice import pilot
+from renderers.choice.trial import Cost, Trial
 from renderers.pictures.engine import Stop
 
 
@@ -33,6 +34,31 @@ def test_what_ends_the_passes():
     # four passes of each before a noise is relied upon, two before a time ends them
     early = pilot._ends(parts, Stop(noise=1e9, time=1e-3), {"noise": 1.0, "pixel_noise": 3.0})
     assert early["noise"][0] == pytest.approx(20.0) and early["time"] == pytest.approx((10.0, math.sqrt(25 / 10)))
+
+
+def extrapolated(samples, **cost):
+    """Part of a picture of 1024 x 1024, of a pilot of 64 x 64 whose passes of 16 samples take 1 ms a pixel."""
+    known = Cost(0.5, 1e-3, 16, 1.0, 0.04, 0.2)._replace(**cost)
+    tried = Trial(0.0, (known,), {}, 64**2, 2, 1.0, clock=0.5)
+    (part,) = pilot._extrapolated(tried, {"walk": samples}, 1024**2, Stop(noise=0.1, time=60.0)).values()
+    return part
+
+
+def test_passes_of_the_picture_have_its_samples():
+    """A pass of one sample takes a sixteenth of the time and has sixteen times the variance; the clock goes half as fast as two
+    processors."""
+    many, single = extrapolated(16), extrapolated(1)
+    assert many["passes"] * many["noise"] ** 2 == pytest.approx(1.0) and single["noise"] == pytest.approx(4 * many["noise"])
+    assert many["seconds"] == pytest.approx(0.5 * (0.5 + 1024**2 * 1e-3))
+    assert single["seconds"] == pytest.approx(0.25 + 1024**2 * 1e-3 / 32)
+    assert pilot.shared_out({"walk": single}, single["seconds"])[2] == pytest.approx(0.2)
+
+
+def test_regions_end_the_passes_where_they_have_more_noise():
+    """Of beams; of chains there are 256 times as many in the picture."""
+    parts = [{"walk": extrapolated(16, region=4.0, chains=chains)} for chains in (False, True)]
+    beams, chains = (pilot._ends(part_of_kind, Stop(noise=0.1), {"noise": 1.0})["noise"][0] for part_of_kind in parts)
+    assert beams == pytest.approx(4 * chains)
 
 
 @pytest.mark.parametrize("size, pixels, smaller", [((640, 360), 2304, (64, 36)), ((8, 6), 2304, (8, 6)),

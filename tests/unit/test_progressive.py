@@ -142,6 +142,15 @@ def test_noise_of_the_mean_holds_after_few_passes(passes):
     assert abs(np.mean(within) - 0.683) < 4.5 * np.sqrt(0.683 * 0.317 / 600)
 
 
+def test_few_passes_do_not_claim_a_mean_without_noise():
+    """Two passes whose means are the same by chance, of pixels that are not: noise as if pixels were independent."""
+    scatter = np.random.default_rng(3).standard_normal((*SHAPE[:2], 1))
+    scatter -= scatter.mean()
+    estimate = Estimate([Part("walk", lambda index: {"": np.broadcast_to(5 + scatter * (-1) ** index, SHAPE)})], {})
+    estimate.run(Stop(samples=2))
+    assert estimate.noise_mean == pytest.approx(estimate.noise / np.sqrt(scatter.size), rel=1e-9) and estimate.noise > 0.05
+
+
 def test_noise_of_regions_is_what_their_means_are_off():
     """Half of the picture sways in common, the rest pixel by pixel: against the true error of the tiles' means over 200 pictures
     of 16 passes, which is known to 5 %, and to 5.5 times that here; independent pixels would have a quarter of it."""

@@ -14,8 +14,8 @@ from bakery.run.ensure import told
 from bakery.stages.packing.stage import _schedule
 from renderers.materials.bodies import requirements as translucent
 from renderers.materials.bodies import thin
+from renderers.materials.grains import material
 from renderers.materials.grains import requirements as granular
-from renderers.materials.grains import seen
 from renderers.materials.particles import requirements as discrete
 from renderers.scene import budget, requirements
 from renderers.scene.requirements import Knob, Need, Required, merged
@@ -131,8 +131,8 @@ def test_tiles_are_the_same_up_to_the_tolerance_that_grains_may_get():
 def test_grains_are_as_large_as_at_the_nearest_point_of_a_face():
     """Not of a vertex: a camera above the middle of a large floor, and one beside it."""
     floor = np.array([[[-9.0, -9, 0], [9, -9, 0], [9, 9, 0]], [[-9.0, -9, 0], [9, 9, 0], [-9, 9, 0]]])
-    assert seen.distance(np.array([1.0, 2, 0.5]), floor) == pytest.approx(0.5)
-    assert seen.distance(np.array([13.0, 2, 3]), floor) == pytest.approx(5.0)
+    assert material.distance(np.array([1.0, 2, 0.5]), floor) == pytest.approx(0.5)
+    assert material.distance(np.array([13.0, 2, 3]), floor) == pytest.approx(5.0)
 
 
 def test_what_few_wavelengths_change():

@@ -11,7 +11,7 @@ import pytest
 from bakery import rng
 from tests.conftest import ROOT
 
-SOURCES = sorted([*(ROOT / "bakery").rglob("*.py"), *(ROOT / "renderers").rglob("*.py")])
+SOURCES = sorted(path for folder in ("bakery", "renderers", "tests/oracles") for path in (ROOT / folder).rglob("*.py"))
 
 
 def test_words_are_unique_and_of_32_bits():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import struct
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -192,7 +193,7 @@ def test_depth_becomes_distance(tmp_path):
     z = np.full((6, 8), 3.0)
     z[0, 0], z[0, 1] = 1e10, np.inf
     exr(tmp_path / "a.exr", R=np.full((6, 8), 0.1), G=np.zeros((6, 8)), B=np.zeros((6, 8)), depth_Z=z)
-    files = {"color": tmp_path / "a.exr", "depth": tmp_path / "a.exr", "channel": "depth.Z", **LOOK}
+    files = {"color": tmp_path / "a.exr", "depth": tmp_path / "a.exr", "channel": "depth.Z", "look": SimpleNamespace(**LOOK)}
     flat = picture.from_files(**files, measure="z", unit=0.01, sky=1e10)
     points = flat.camera.points(6, 8)
     assert np.isinf(flat.distance[0, :2]).all() and np.isfinite(flat.distance).sum() == 46
@@ -240,7 +241,7 @@ def test_pictures_that_will_not_do(tmp_path, color, depth, said):
     exr(tmp_path / "a.exr", R=color, G=color, B=color)
     np.save(tmp_path / "d.npy", depth)
     with pytest.raises(UsageError, match=said):
-        picture.from_files(tmp_path / "a.exr", tmp_path / "d.npy", **LOOK)
+        picture.from_files(tmp_path / "a.exr", tmp_path / "d.npy", SimpleNamespace(**LOOK))
 
 
 @pytest.mark.parametrize("name", ["a.exr", "a.png", "a.npy", "a.txt"])

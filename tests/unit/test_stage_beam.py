@@ -11,6 +11,7 @@ from bakery.physics.beam import kernels, named, photons
 from bakery.recipe import load
 from bakery.stages.beam import stage as beam
 from bakery.store.tree import Dataset, Group
+from tests.oracles import beam as oracle
 
 RECIPE = """\
 bakery: 1
@@ -62,7 +63,7 @@ def test_the_stored_errors_cover_the_true_ones(asset):
     for k, albedo in enumerate((0.9, 0.5)):
         row = medium["phase"][k]
         table = beam.tables_of(asset.tree["beam"], "fluence")[k]
-        counted = photons.count(albedo, medium["theta"], row, planes, edges, 100_000, seed=99)
+        counted = oracle.count(albedo, medium["theta"], row, planes, edges, 100_000, seed=99)
         true = photons.rms(table.rings(planes, edges), counted, "fluence")[0]
         assert true < asset.beam.fluence_rms[k] + asset.beam.fluence_noise[k] <= asset.beam.attributes["achieved_error"]
         wrong = photons.rms(1.08 * table.rings(planes, edges), counted, "fluence")[0]

@@ -17,6 +17,7 @@ from bakery.recipe import load
 from bakery.stages.surface import costs
 from bakery.stages.surface import stage as surface
 from bakery.stages.surface.files import csv_tables
+from bakery.stages.surface.triangles import integers, numbers
 from bakery.store.tree import Dataset, Group
 from tests.conftest import ROOT
 
@@ -189,7 +190,28 @@ def test_broken_groups_are_told(thin):
     assert broken(albedo=np.minimum(group["albedo"].data + 0.1, 1)) == ["more light leaves than enters",
                                                                        "spherical_albedo is not the mean of albedo"]
     assert broken(cosine=group["cosine"].data[::-1]) == ["cosine does not ascend from 0"]
-    assert broken(reflected=group["reflected"].data[..., 1:]) == ["reflected does not hold one value a pair of directions"]
+    shorter = {name: group[name].data[..., 1:] for name in ("reflected", "reflected_exponent")}
+    assert broken(**shorter) == ["reflected does not hold one value a pair of directions"]
+    exponent = group["reflected_exponent"].data
+    fault = "reflected_exponent does not hold three values a pair of directions"
+    assert broken(reflected_exponent=exponent[..., 1:, :]) == [fault]
+    assert broken(reflected=group["reflected"].data.astype(float)) == ["reflected_exponent without integers"]
+    members = {name: member for name, member in group.members.items() if name != "reflected_exponent"}
+    assert list(surface.check(Group(members, {}))) == ["reflected holds integers without reflected_exponent"]
+
+
+def test_rounded_orders_are_integers_times_powers_of_two():
+    """Exactly; numbers that are not rounded, or too far apart, stay as they are."""
+    rng = np.random.default_rng(1)
+    values = np.ldexp(rng.integers(-2000, 2000, (2, 7, 5)), rng.integers(-90, 20, (2, 1, 5))).astype(float)
+    values[:, 0] = rng.standard_normal((2, 5)).astype(np.float32)
+    values[0, :, 0] = values[1, 1::2, 1] = 0
+    multiples, exponents = integers(values)
+    assert multiples.dtype == np.int32 and exponents.dtype == np.int8 and exponents.shape == (2, 3, 5)
+    np.testing.assert_array_equal(numbers(multiples, exponents), values)
+    assert integers(rng.standard_normal((1, 9, 50))) is None
+    assert integers(np.array([[1.0], [1.0], [1.0], [2.0**-40]])) is None
+    assert integers(np.full((3, 1), 2.0**-140)) is None
 
 
 def test_spread(deep, thin, based, bake):

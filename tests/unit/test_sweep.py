@@ -6,7 +6,7 @@ import pytest
 
 from bakery.errors import RecipeError
 from bakery.family.axes import file_name, in_words, settings
-from bakery.recipe import json_schema, load, swept
+from bakery.recipe import json_schema, load
 
 FOG = """\
 bakery: 1
@@ -78,7 +78,6 @@ def test_keys_in_step(recipe):
 
 def test_a_sweep_is_set_and_unset(recipe):
     path = recipe(f"{RADIUS}: [2, 4] um")
-    assert swept(path) and not swept(path, {"sweep": "none"})
     assert load(path, {"sweep": "none"}).particles.components[0].size.radius == 5.0
     assert values(load(path, {f"sweep.{OTHER}": "[0.1, 0.2]"}).sweep) == [[[2e-6, 4e-6]], [[0.1, 0.2]]]
 

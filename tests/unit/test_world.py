@@ -343,3 +343,16 @@ def test_where_surfaces_are(tmp_path):
     assert triangles.shape == (12, 3, 3) and np.allclose(np.abs(triangles), 0.2)
     assert np.allclose(boxes, [[[0.05, 0.15, 0.25], [0.15, 0.25, 0.35]]])
     assert [len(one) for one in World().extents()] == [0, 0]
+
+
+def test_a_sphere_around_a_box_is_not_in_it(tmp_path):
+    """A sky that is a sphere: neither surface nor lamp stands in what it is around; in a box that it passes through both do."""
+    sky = ('<shape type="sphere" id="sky"><point name="center" x="1" y="2" z="3"/><float name="radius" value="5"/>'
+           '<emitter type="area"/></shape>')
+    world, middle = World(written(tmp_path, SENSOR, sky)), np.array([1.0, 2.0, 3.0])
+    for half, passes in ((2.8, False), (2.9, True), (6.0, True)):  # its corners are at 4.85, 5.02 and 10.4
+        box = np.array([middle - half, middle + half])
+        assert (len(world.extents(within=box)[1]) == 1) == passes
+        assert (len(world.lights_in([box])) == 1) == passes
+    assert len(world.lights_in([box, np.array([middle - 1, middle + 1])])) == 1
+    assert world.lights_in([np.array([middle + 20, middle + 21])]) == []

@@ -128,6 +128,8 @@ class Aim(NamedTuple):
     radii, angles : fixed numbers of sizes and of angles, whatever error they leave: it is measured all the same; None: as many as
         the tolerance takes
     rays : whether and how rays stand for the series of large spheres
+    sparse : begin with half as many sizes, and with steps between angles four times as wide; errors are measured and refined all
+        the same
     """
 
     tolerance: float
@@ -136,13 +138,14 @@ class Aim(NamedTuple):
     radii: int | None = None
     angles: int | None = None
     rays: Rays = SERIES
+    sparse: bool = False
 
 
 def channels_of(components: Sequence[Component], wavelength, host, tolerance: float, radii: int | None = None,
-                coarse: bool = False) -> list[Channel]:
-    """Every component at every wavelength, component by component; `radii` (its `count`) and `coarse` as in `Nodes`."""
+                steps: int | None = None) -> list[Channel]:
+    """Every component at every wavelength, component by component; `radii` (its `count`) and `steps` as in `Nodes`."""
     k = 2 * np.pi * np.asarray(host, float) / np.asarray(wavelength, float)
-    nodes = [Nodes(component.sizes, k, tolerance, radii, coarse) for component in components]
+    nodes = [Nodes(component.sizes, k, tolerance, radii, steps) for component in components]
     return [Channel(c.name, float(w), complex(m), float(q), n, sphere)
             for c, n in zip(components, nodes) for w, m, q, sphere in zip(wavelength, c.mean_index(), k, c.spheres(k))]
 

@@ -32,26 +32,9 @@ def erf_kernel(alpha, beta, r):
     return alpha / r * G(np.divide(r, beta))
 
 
-def single_kernel(depth, sigma_s, tau, B, r):
-    """Light scattered once by a Gaussian phase function at small angles: sigma_s e^-tau/(2 sqrt(pi B) r) G(r/(z sqrt(2 B)))."""
-    B = np.asarray(B, float)
-    return sigma_s * np.exp(-np.asarray(tau, float)) / (2 * np.sqrt(math.pi * B) * r) * G(r / (depth * np.sqrt(2 * B)))
-
-
 def gaussian_kernel(M0, mean_square, r):
     """M0/(pi q) e^(-r^2/q), q the mean square radius."""
     return M0 / (math.pi * mean_square) * np.exp(-np.square(r) / mean_square)
-
-
-def single_and_gaussian(depth, sigma_s, sigma_a, B, r):
-    """Single scattering as it is, all that is left of M0 and M2 as a Gaussian; homogeneous medium."""
-    depth, S = np.asarray(depth, float), np.asarray(sigma_s * np.asarray(depth, float))
-    transmitted, single = np.exp(-sigma_a * depth), S * np.exp(-S)
-    weight = np.where(S < 1e-3, S * S / 2 * (1 - 2 * S / 3), -np.expm1(-S) - single)
-    # 4 B S_2 less what single scattering has of it, 4/3 B z^2 S (1 - e^-S)
-    square = 4 / 3 * B * depth**2 * S * -np.expm1(-S)
-    q = np.divide(square, weight, out=np.ones_like(square), where=weight > 0)
-    return single_kernel(depth, sigma_s, (sigma_s + sigma_a) * depth, B, r) + transmitted * gaussian_kernel(weight, q, r)
 
 
 def path_integral(depth, sigma_s, sigma_a, B, M0, r):
@@ -71,17 +54,3 @@ def path_integral(depth, sigma_s, sigma_a, B, M0, r):
 def elek(depth, sigma_s, B, M0, r):
     """Stands for the kernel of Elek et al. 2013, approximately (its constants are unknown to us): no absorption in the width."""
     return path_integral(depth, sigma_s, 0.0, B, M0, r)
-
-
-def printed_mean_square(depth, sigma_s, B):
-    """M2/M0 as eq. 26 of Shinya et al. 2016 has it, for comparison; 1.3 to 2.9 times too large.  Homogeneous, without absorption.
-
-    4 B z^2 (e^-S (1 - 2/S^2) + 2/S^2 - 2/S + S)/(1 - e^-S), S = sigma_s z.
-    """
-    depth = np.asarray(depth, float)
-    S = np.asarray(sigma_s * depth, float)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        whole = np.exp(-S) * (1 - 2 / S**2) + 2 / S**2 - 2 / S + S
-    # three leading orders cancel
-    series = S / 3 * (1 + S * (5 / 4 - S * (9 / 20 - S * 7 / 60)))
-    return 4 * B * depth**2 * np.where(S < 0.01, series, whole) / np.where(S > 0, -np.expm1(-S), 1.0)

@@ -104,35 +104,6 @@ class Counting:
         return Counted(self.depth, self.edges, mean[0], error[0], mean[1], error[1], self.photons)
 
 
-def count(albedo, theta, phase, depth, edges, photons, *, seed=0, stream=0, first=1, last=None, back=True, threads=1,
-          layers=((0.0,), (1.0,))) -> Counted:
-    """Follows photons of a narrow beam.
-
-    Parameters
-    ----------
-    albedo : 0 to 1
-    theta, phase : (A,) rad, 1/sr, linear in cos theta, normalised
-    depth : (D,) mfp, of the planes, ascending, > 0
-    edges : (R + 1,) mfp, ascending from >= 0
-    photons : number
-    back : whether light that goes back through a plane counts too
-    threads : the values do not depend on it
-    seed, stream : whole numbers >= 0; the same ones give the same values
-    first, last : numbers of scattering events of the light that counts (None: any more)
-    layers : begins (N,) ascending from 0, density (N,) >= 0; the last one never ends.  Lengths are mean free paths at density 1
-
-    Notes
-    -----
-    Every flight adds to each plane ahead what would reach it: the expected value of the crossing, with less noise than the
-    crossing itself.  `_GRAZING` biases the fluence by the change of radiance within 0.6 degrees of the plane, well below 0.1 %.
-    A photon is dropped where it is more than 20 mfp beyond the last plane, or 20 from the axis beyond the last ring
-    (with albedo 1 and wide rings that is a bias; it is below 1e-3 for depths and rings up to 5 mfp).
-    """
-    counting = Counting(albedo, theta, phase, depth, edges, (seed, stream), (first, last), layers)
-    counting.follow(photons, threads)
-    return counting.counted(back)
-
-
 def rms(estimate, counted: Counted, measure="flux"):
     """Relative root mean square of a kernel against photons, of 2 pi r Psi over all planes and rings.
 
@@ -152,43 +123,6 @@ def rms(estimate, counted: Counted, measure="flux"):
     noise = np.sum((r * sigma) ** 2) / whole
     square = np.sum((r * (np.asarray(estimate) - value)) ** 2) / whole - noise
     return math.sqrt(max(square, 0.0)), math.sqrt(noise)
-
-
-def count_small_angle(scatterings, sample, escaping, density, depth, edges, photons, *, seed=0):
-    """The small-angle model by brute force: planar angles that add up, depth as the length of all paths; nothing is absorbed.
-
-    Parameters
-    ----------
-    scatterings : mean number of scattering events (a Poisson variable)
-    sample : (random generator, n) -> (n,) planar scattering angles
-    left, density : (N + 1,) edges of layers from 0 to `depth`, (N,) share of the density in each, any scale
-    depth : of the plane
-    edges : (R + 1,) of the rings
-    photons : number, in `BLOCKS` blocks
-
-    Returns
-    -------
-    value, error : (R,) share of the beam that is scattered and lands in each ring, over its area
-    moments, moments_error : (3,) of M0, M2, M4
-    """
-    escaping, density, edges = np.asarray(escaping, float), np.asarray(density, float), np.asarray(edges, float)
-    cumulative = np.concatenate([[0.0], np.cumsum(density * np.diff(escaping))])
-    per_block = -(-int(photons) // BLOCKS)
-    rings, moments = np.empty((BLOCKS, len(edges) - 1)), np.empty((BLOCKS, 3))
-    for index in range(BLOCKS):
-        stream = rng.generator(seed, "beam.small_angle", index)
-        events = stream.poisson(scatterings, per_block)
-        photon = np.repeat(np.arange(per_block), events)
-        at = np.interp(stream.random(len(photon)) * cumulative[-1], cumulative, escaping)
-        lever = sample(stream, len(photon)) * (depth - at)
-        turn = 2 * math.pi * stream.random(len(photon))
-        x, y = (np.bincount(photon, lever * f(turn), per_block) for f in (np.cos, np.sin))
-        r2 = (x * x + y * y)[events > 0]
-        rings[index] = np.histogram(np.sqrt(r2), edges)[0] / per_block
-        moments[index] = len(r2) / per_block, r2.sum() / per_block, (r2 * r2).sum() / per_block
-    rings /= math.pi * np.diff(edges**2)
-    root = math.sqrt(BLOCKS)
-    return rings.mean(0), rings.std(0, ddof=1) / root, moments.mean(0), moments.std(0, ddof=1) / root
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -35,34 +35,6 @@ class Planar:
         return self.width**2
 
 
-def gaussian(B) -> Planar:
-    """p = e^(-s^2/4B)/(4 pi B), mean square angle 4 B; P = e^(-B q^2)."""
-    root = math.sqrt(B)
-
-    def mean(q):
-        x = root * np.asarray(q, float)
-        return np.where(x < 1e-4, 1 - x * x / 3, 0.5 * math.sqrt(math.pi) * special.erf(x) / np.where(x > 0, x, 1.0))
-
-    return Planar(mean, lambda t: special.erfc(np.asarray(t) / (2 * root)) / (4 * root * math.sqrt(math.pi)), root)
-
-
-def henyey_greenstein(g) -> Planar:
-    """p = c/(2 pi) (c^2 + s^2)^(-3/2) with c = (1 - g)/sqrt(g), 0 < g < 1; P = e^(-c q): the tail never ends."""
-    if not 0 < g < 1:
-        raise ValueError(f"the small-angle model of Henyey-Greenstein needs 0 < g < 1, not {g}")
-    c = (1 - g) / math.sqrt(g)
-
-    def mean(q):
-        x = c * np.asarray(q, float)
-        return np.where(x < 1e-8, 1 - x / 2, -np.expm1(-x) / np.where(x > 0, x, 1.0))
-
-    def beyond(t):
-        far = np.hypot(c, t)
-        return c / (2 * math.pi * far * (far + t))
-
-    return Planar(mean, beyond, c)
-
-
 def table(theta, phase) -> Planar:
     """Any phase table.
 

@@ -25,6 +25,10 @@ MOST = 64  # classes of all components together
 RATIO = 1.25  # of the edges of a class
 _SMALL, _LARGE = 0.01, 1e-3  # share of the number below, and of r^4 above, that the outermost classes take with their own range
 _LEAST = 1e-15  # share of the number that counts as none
+# Tolerance above which averages begin with few sizes and angles.  Eight classes of snowflakes asked for at 30 % took 11.6 s and
+# said 4.9 %; begun with fewer 4.1 s, and 14 %.  At 10 % 5 degrees of a class are off by 5 % in place of 2, which scenes in light
+# from one direction were not measured with
+_LOOSE = 0.2
 
 
 @dataclass(frozen=True)
@@ -153,7 +157,7 @@ def optics(components: Sequence[Component], by_component: Sequence[Classes], wav
     theta : (A,) rad
     optics : one for each component
     """
-    theta, averaged = averages(spheres(components, by_component), wavelength, host, Aim(tolerance, integrated=True, rays=rays),
+    theta, averaged = averages(spheres(components, by_component), wavelength, host, _aim(tolerance, rays),
                                map, report, remember=remember)
     out, start = [], 0
     for classes_of in by_component:
@@ -169,8 +173,12 @@ def optics(components: Sequence[Component], by_component: Sequence[Classes], wav
     return theta, out
 
 
+def _aim(tolerance, rays):
+    return Aim(tolerance, integrated=True, rays=rays, sparse=tolerance > _LOOSE)
+
+
 def predicted(components, by_component, wavelength, host, tolerance, *, rays: Rays = SERIES,
               remember: Callable = at_once):
     """What `optics` will take (`bakery.physics.averages.predicted.Prediction`)."""
-    return expected(spheres(components, by_component), wavelength, host, Aim(tolerance, integrated=True, rays=rays),
+    return expected(spheres(components, by_component), wavelength, host, _aim(tolerance, rays),
                     remember=remember)[0]

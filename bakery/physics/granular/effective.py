@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-_OPTIONAL = ("phase", "missed_square", "errors")
 _NAMES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "forward_delta", "phase")
 
 

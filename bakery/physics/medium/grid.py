@@ -40,13 +40,14 @@ class Refined:
     relative: np.ndarray
 
 
-def start(features, bows=()):
+def start(features, bows=(), wider=1.0):
     """First angles for spheres.
 
     Parameters
     ----------
     features : pairs (size parameter, relative width of its distribution); width 0 for spheres of one size
     bows : angles (rad) near which a rainbow stands, with its width (rad)
+    wider : factor of all steps but those in ripples
 
     Returns
     -------
@@ -57,10 +58,11 @@ def start(features, bows=()):
     Steps grow in proportion to the distance from 0, pi and the bows, from a fraction of 1/x, to 1 degree.  Narrow distributions
     keep interference ripples of period pi/x up to an angle of about 4/(x width) from the axis: there the steps resolve them.
     """
-    places = [(angle, width / 2) for angle, width in bows]
+    places = [(angle, wider * width / 2) for angle, width in bows]
+    ratio, widest = wider * _RATIO, wider * _WIDEST
     combs = []
     for x, width in features:
-        places += [(0.0, 0.15 / x), (math.pi, 0.15 / x)]
+        places += [(0.0, wider * 0.15 / x), (math.pi, wider * 0.15 / x)]
         if x > 1:
             combs.append((_SMEARED / (x * width) if x * width * math.pi > _SMEARED else math.pi, math.pi / (_PER_RIPPLE * x)))
     steepest = {}
@@ -70,7 +72,7 @@ def start(features, bows=()):
     combs = [c for c in combs if not any(o[0] >= c[0] and o[1] <= c[1] and o != c for o in combs)]
 
     def step(t):
-        h = min(_WIDEST, min((max(fine, _RATIO * abs(t - a)) for a, fine in places), default=_WIDEST))
+        h = min(widest, min((max(fine, ratio * abs(t - a)) for a, fine in places), default=widest))
         edge = min(t, math.pi - t)
         return min([h] + [period for reach, period in combs if edge <= reach])
 

@@ -115,38 +115,3 @@ def phase_at(theta, f, at):
     a, b = theta[i], theta[i + 1]
     t = np.sin((at + a) / 2) * np.sin((at - a) / 2) / (np.sin((a + b) / 2) * np.sin((b - a) / 2))
     return f[..., i] * (1 - t) + f[..., i + 1] * t
-
-
-def sample(theta, f, cdf, xi):
-    """Scattering angles distributed as the table.
-
-    Parameters
-    ----------
-    theta : (A,) rad
-    f : (A,) 1/sr, normalised
-    cdf : (A,) from `cumulative`
-    xi : uniform numbers in [0, 1), any shape
-
-    Returns
-    -------
-    angles : like xi, rad
-    density : like xi, 1/sr; f at these angles
-
-    Notes
-    -----
-    On a cell where f is linear in v the cumulative distribution is a quadratic; its root as 2c/(b + sqrt(b^2 + 2ac))
-    does not cancel when f is nearly constant, and gives 0 where f is 0 at the cell's start.
-    """
-    theta, f, cdf, xi = (np.asarray(value, float) for value in (theta, f, cdf, xi))
-    i = np.clip(np.searchsorted(cdf, xi, side="right") - 1, 0, len(theta) - 2)
-    step = steps(theta)[i]
-    slope = (f[i + 1] - f[i]) / step
-    c = (xi - cdf[i]) / (2 * math.pi)
-    root = f[i] + np.sqrt(np.maximum(f[i] ** 2 + 2 * slope * c, 0.0))
-    d = np.clip(np.divide(2 * c, root, out=np.zeros_like(c), where=root > 0), 0.0, step)
-    sine, cosine = np.sin(theta[i] / 2), np.cos(theta[i] / 2)
-    # whichever of sin(theta/2), cos(theta/2) is small keeps its relative precision
-    forward = 2 * np.arcsin(np.sqrt(np.clip(sine**2 + d / 2, 0.0, 1.0)))
-    backward = math.pi - 2 * np.arcsin(np.sqrt(np.clip(cosine**2 - d / 2, 0.0, 1.0)))
-    angles = np.clip(np.where(theta[i] + theta[i + 1] < math.pi, forward, backward), theta[i], theta[i + 1])
-    return angles, np.maximum(f[i] + slope * d, 0.0)

@@ -19,7 +19,7 @@ from bakery.physics.sizes.distributions import Part, Population
 
 LAST_NODES = 2**18  # nodes of a part at the last level; in a mixture the finest part may have four times as many
 _FIRST_STEP = 4.0  # step in size parameter, at the sizes that scatter most, of the first level: a coarser one is useless
-_COARSE = 16
+COARSE, SPARSE = 16, 8  # steps to begin with where errors are judged over all angles together
 _KEPT = 2**14  # nodes that a level may add and be kept
 _FEWEST, _MOST = 64, 4096  # nodes of the first level
 
@@ -51,7 +51,7 @@ class Nodes:
     population : Population
     wavenumber : (L,) 1/um, in the host; the longest decides how far the tails reach, the shortest how fine the first level is
     tolerance : the neglected part of the number, and of the r^4-weighted number (r^6 below x = 1), is under a hundredth of it
-    coarse : begin with `_COARSE` steps whatever they resolve, for errors that are judged over all angles together
+    steps : begin with at most so many, whatever they resolve, for errors that are judged over all angles together
     count : about so many sizes for each part in all three levels, whatever they resolve; None: as fine as the ripples ask, and
         levels to refine
 
@@ -61,7 +61,8 @@ class Nodes:
     `C_j = C_(j-1)/2 + sum over fresh(j)`, the average at level j is `(F + C_j(f)) / (F + C_j(1))`.
     """
 
-    def __init__(self, population: Population, wavenumber, tolerance: float, count: int | None = None, coarse: bool = False):
+    def __init__(self, population: Population, wavenumber, tolerance: float, count: int | None = None,
+                 steps: int | None = None):
         k = np.atleast_1d(np.asarray(wavenumber, float))
         single = [part for part in population.parts if part.law.discrete]
         self._fixed = (np.array([part.law.radius for part in single], float), np.array([part.share for part in single], float))
@@ -75,7 +76,7 @@ class Nodes:
         for part in self._parts:
             grid, first, feature = _prepare(part, k, tolerance)
             self._maps.append(grid)
-            self.first.append(max(1, round((count - 1) / 4)) if count is not None else min(first, _COARSE) if coarse else first)
+            self.first.append(max(1, round((count - 1) / 4)) if count is not None else min(first, steps or first))
             self.features.append(feature)
         self.levels = 1
         if self._parts and self.counted:

@@ -1,7 +1,8 @@
 """Walks of light in a plane layer: how far from where it went in it comes out.
 
-Far from both faces light diffuses, and a walk goes at once to where it first meets a sphere about it: anywhere with equal odds,
-with the share of the light that is not absorbed on the way.  So light that comes back late takes tens of steps, not millions.
+Far from the faces light diffuses.  In a layer without end a walk that is deep goes at once to where it first meets a plane nearer
+to the face, in a layer of a thickness to where it first meets a sphere about it; with the share of the light that is not absorbed
+on the way.  So light that comes back late takes tens of steps, not millions.
 """
 
 from __future__ import annotations
@@ -13,7 +14,11 @@ from bakery.system.compiled import njit
 
 CLASSES = 3  # of directions, of equal flux: thirds of the square of the sine
 _LOW, _KEPT = 0.1, 0.3  # weight below which Russian roulette is played, and the weight of the survivors
-_DEEP, _REST = 13.0, 3.0  # transport mean free paths from a face: where spheres begin, and how far they keep from it
+# transport mean free paths: from where light is taken to diffuse, how near to a face it comes so, and how far above a plane that
+# lets all light out the density of diffuse light would be 0 (Milne)
+_DIFFUSE, _PLANE, _MILNE = 6.0, 2.0, 0.7104
+_FAINT = 1e-3  # importance below which Russian roulette is played
+_ATTENUATED = 6.0  # attenuation lengths within which far returns are drawn evenly
 _TRIES = 32  # of facets, until one sends light to where it can be seen
 
 
@@ -74,25 +79,80 @@ def _cross(stream, ux, uy, uz, index, alpha):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _leapt(stream, weight, px, py, pz, radius, decay):
-    """Weight and position where diffuse light leaves a sphere, and a direction."""
-    if decay > 0.0:
-        x = decay * radius
-        weight *= x / math.sinh(x) if x < 300.0 else 0.0
-    up, turn = 2.0 * stream.random() - 1.0, 2.0 * math.pi * stream.random()
-    across = math.sqrt(1.0 - up * up)
-    px, py, pz = px + radius * across * math.cos(turn), py + radius * across * math.sin(turn), pz + radius * up
-    up, turn = 2.0 * stream.random() - 1.0, 2.0 * math.pi * stream.random()
-    across = math.sqrt(1.0 - up * up)
-    return weight, px, py, pz, across * math.cos(turn), across * math.sin(turn), up
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def _roulette(stream, weight):
     """The weight with which a walk goes on; 0: it ends."""
     if weight >= _LOW:
         return weight
     return _KEPT if stream.random() * _KEPT < weight else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _anywhere(stream):
+    """A direction with even odds."""
+    up, turn = 2.0 * stream.random() - 1.0, 2.0 * math.pi * stream.random()
+    across = math.sqrt(1.0 - up * up)
+    return across * math.cos(turn), across * math.sin(turn), up
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _leapt(stream, weight, position, direction, thickness, transport, decay, far):
+    """Weight and position where diffuse light leaves a sphere, and a direction; and what is lost for good, deeper than `far`."""
+    (px, py, pz), (ux, uy, uz) = position, direction
+    # on average light goes on by a transport mean free path before it has forgotten its direction
+    px, py, pz = px + transport * ux, py + transport * uy, pz + transport * uz
+    radius = min(pz, thickness - pz) - _PLANE * transport
+    if decay > 0.0:
+        x = decay * radius
+        weight *= x / math.sinh(x) if x < 300.0 else 0.0
+    dx, dy, dz = _anywhere(stream)
+    position, direction = (px + radius * dx, py + radius * dy, pz + radius * dz), _anywhere(stream)
+    if position[2] > far:
+        return 0.0, position, direction, weight
+    return _roulette(stream, weight), position, direction, 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _return_to_plane(stream, weight, px, py, height, far, decay):
+    """Weight, importance and position where diffuse light first meets a plane at a distance `height`, decay per length.
+
+    Of light at rho (distance from the start) or further, height exp(-decay rho) / rho arrives.  Half of the draws follow that
+    without the exponential, half lie evenly between height and `far`, where most of the mean squared distance comes from: the
+    quotient of the densities is the importance.
+    """
+    reach = min(far, height + _ATTENUATED / decay) if decay > 0.0 else far
+    if reach <= 2.0 * height:
+        rho, share = height / (1.0 - stream.random()), 1.0
+    else:
+        even = stream.random() < 0.5
+        rho = height + (reach - height) * stream.random() if even else height / (1.0 - stream.random())
+        share = 0.5 + (0.5 * rho * rho / (height * (reach - height)) if rho < reach else 0.0)
+    importance = (1.0 + decay * rho) * math.exp(-decay * (rho - height)) / share
+    r, turn = math.sqrt((rho - height) * (rho + height)), 2.0 * math.pi * stream.random()
+    return weight * math.exp(-decay * height), importance, px + r * math.cos(turn), py + r * math.sin(turn)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _leaves_diffuse(stream):
+    """A direction upwards of diffuse light that leaves a plane: flux as cosine (1 + 2 cosine), within 3 % of Milne's problem."""
+    up, turn = stream.random(), 2.0 * math.pi * stream.random()
+    up = math.sqrt(up) if stream.random() < 3.0 / 7.0 else up ** (1.0 / 3.0)
+    across = math.sqrt(1.0 - up * up)
+    return across * math.cos(turn), across * math.sin(turn), -up
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _from_the_deep(stream, weight, importance, position, direction, transport, decay, far):
+    """Weight, importance, position and direction of a walk back at the plane; and what is lost for good, deeper than `far`."""
+    (px, py, pz), (ux, uy, uz) = position, direction
+    # on average light goes on by a transport mean free path before it has forgotten its direction
+    height = pz + (uz - _PLANE + _MILNE) * transport
+    if height > far:
+        return 0.0, importance, position, direction, weight
+    weight, share, px, py = _return_to_plane(stream, weight, px + transport * ux, py + transport * uy, height, far, decay)
+    weight, importance = _roulette(stream, weight), importance * share
+    if importance < _FAINT:
+        importance = _FAINT if stream.random() * _FAINT < importance else 0.0
+    return weight, importance, (px, py, _PLANE * transport), _leaves_diffuse(stream), 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -142,38 +202,38 @@ def follow(stream, walks, layer, table, edges, light, square, beyond):
     (sigma_t, albedo, thickness, index, alpha, base, transport, decay), (v_nodes, steps, f, cdf) = layer, table
     for n in range(CLASSES * walks):
         into = n % CLASSES
-        sine = math.sqrt((into + stream.random()) / CLASSES)
+        sine = math.sqrt((into + (n // CLASSES + stream.random()) / walks) / CLASSES)
         passes, ux, uy, uz = _cross(stream, sine, 0.0, math.sqrt(1.0 - sine * sine), index, alpha)
         if not passes:
             continue
-        px, py, pz, weight = 0.0, 0.0, 0.0, 1.0
+        px, py, pz, weight, importance = 0.0, 0.0, 0.0, 1.0, 1.0
         while True:
             clearance = min(pz, thickness - pz)
-            if clearance > _DEEP * transport:
-                weight, px, py, pz, ux, uy, uz = _leapt(stream, weight, px, py, pz, clearance - _REST * transport, decay)
-                if pz > edges[-1]:
-                    beyond[into] += weight
-                    break
-                weight = _roulette(stream, weight)
-                if weight == 0.0:
+            if clearance > _DIFFUSE * transport:
+                if thickness == math.inf:
+                    weight, importance, (px, py, pz), (ux, uy, uz), lost = _from_the_deep(
+                        stream, weight, importance, (px, py, pz), (ux, uy, uz), transport, decay, edges[-1])
+                else:
+                    weight, (px, py, pz), (ux, uy, uz), lost = _leapt(
+                        stream, weight, (px, py, pz), (ux, uy, uz), thickness, transport, decay, edges[-1])
+                beyond[into] += lost * importance
+                if weight == 0.0 or importance == 0.0:
                     break
                 continue
             flight = -math.log1p(-stream.random()) / sigma_t if sigma_t > 0.0 else math.inf
             wall = math.inf if uz == 0.0 else -pz / uz if uz < 0.0 else (thickness - pz) / uz
             if flight < wall:
                 px, py, pz = px + flight * ux, py + flight * uy, pz + flight * uz
-                weight = _roulette(stream, weight * albedo)
+                weight, v = _roulette(stream, weight * albedo), phase_sample(v_nodes, steps, f, cdf, stream.random())
                 if weight == 0.0:
                     break
-                v = phase_sample(v_nodes, steps, f, cdf, stream.random())
                 ux, uy, uz = turned_direction(ux, uy, uz, v, 2.0 * math.pi * stream.random())
                 continue
             if wall == math.inf:
                 break
             px, py = px + wall * ux, py + wall * uy
             if uz > 0.0 and base >= 0.0:
-                (ux, uy, uz), pz = _off_base(stream), thickness
-                weight = _roulette(stream, weight * base)
+                (ux, uy, uz), pz, weight = _off_base(stream), thickness, _roulette(stream, weight * base)
                 if weight == 0.0:
                     break
                 continue
@@ -183,5 +243,5 @@ def follow(stream, walks, layer, table, edges, light, square, beyond):
                 uz, pz = (across, 0.0) if top else (-across, thickness)
                 continue
             if top:
-                _tally(px * px + py * py, across, weight, edges, light[into], square[into], beyond[into:into + 1])
+                _tally(px * px + py * py, across, weight * importance, edges, light[into], square[into], beyond[into:into + 1])
             break

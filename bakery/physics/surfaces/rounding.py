@@ -38,7 +38,7 @@ def _rounded(solution, name: str, side: int, step: float):
     symmetric = side < 0 or solution.slab.under is None
     row, column = np.triu_indices(len(air)) if symmetric else np.indices((len(air), len(air))).reshape(2, -1)
     at = air[row][:, None], air[column][:, None], _AZIMUTHS
-    exact = replace(solution, **{name: np.zeros((1, *orders.shape[1:]))})
+    exact = replace(solution, **{name: orders[:0]})
     factor = solution.factor(*at[:2], side)[:, 0]
     waves = np.where(np.arange(len(orders)) == 0, 1.0, 2.0)[:, None] * np.cos(np.arange(len(orders))[:, None] * _AZIMUTHS)
     values, odd = orders[:, row, column], sines(air[row], air[column], solution.nodes.index)

@@ -12,15 +12,20 @@ import numpy as np
 
 from bakery import rng
 from bakery.physics.medium.kernels import phase_layout
+from bakery.physics.medium.phase import normalised, phase_at
+from bakery.physics.multiple.legendre import moments
 from bakery.physics.surfaces._spread import CLASSES, follow
+from bakery.physics.surfaces.cut import without_peak
 from bakery.physics.surfaces.slab import Slab
 
 BINS = 48  # of distance; the first begins at 0
+AUREOLE = 0.3  # rad; what scatters light by less counts as even in angle
 BLOCKS = 16  # random streams, and samples of each mean
 # ends of the first and of the last bin: in the shorter of transport path and thickness, and in the former
 NEAREST, FARTHEST = 0.02, 1e3
-WALKS, MOST_WALKS = 1 << 7, 1 << 10  # of each class and block, first and last
-TOLERANCE = 0.04  # relative standard error of the mean square of the distance, which the last walks may miss
+WALKS, MOST_WALKS = 1 << 7, 1 << 11  # of each class and block, first and last
+_MORE = 1.2  # walks over those that the error asks for
+TOLERANCE, COARSEST = 0.02, 0.08  # relative standard error of the mean square of the distance, which the last walks may miss
 
 
 @dataclass(frozen=True)
@@ -65,16 +70,20 @@ def spread(slab: Slab, seed: int, *stream: int, tolerance: float = TOLERANCE) ->
     ----------
     seed, stream : of the random numbers, `surface.spread`
     """
-    table = phase_layout(slab.theta, slab.phase)
-    g = float(1 - np.sum(0.5 * (table[0][1:] + table[0][:-1]) * np.diff(table[3])))
+    g, second = moments(slab.theta, slab.phase, 2)[1:]
+    table, share = without_aureole(slab.theta, slab.phase)
     transport = 1 / (1 - slab.albedo * g) if slab.albedo > 0 else math.inf
     clear = slab.depth == 0
     thickness = 1.0 if clear else slab.depth
     if transport == thickness == math.inf:
         return _nothing()
     edges = edges_of(math.inf if clear else transport, thickness)
-    layer = (0.0 if clear else 1.0, slab.albedo, thickness, slab.index, slab.roughness,
-             -1.0 if slab.base is None else float(slab.base), transport, math.sqrt(3 * (1 - slab.albedo) / transport))
+    lost = 1 - slab.albedo
+    # the second term of the decay of diffuse light, by the equations of three orders of Legendre
+    decay = math.sqrt(3 * lost / transport) * (1 - 0.4 * lost / (1 - slab.albedo * second))
+    without = without_peak(slab.albedo, share)
+    layer = (0.0 if clear else without.shrinks, without.albedo, thickness, slab.index, slab.roughness,
+             -1.0 if slab.base is None else float(slab.base), transport, decay)
     sums = [np.zeros((BLOCKS, CLASSES, CLASSES, BINS)), np.zeros((BLOCKS, CLASSES, CLASSES)), np.zeros((BLOCKS, CLASSES))]
     streams = [rng.generator(seed, "surface.spread", *stream, block) for block in range(BLOCKS)]
     walks, total = WALKS, 0
@@ -85,11 +94,35 @@ def spread(slab: Slab, seed: int, *stream: int, tolerance: float = TOLERANCE) ->
         result = _of(edges, total, *sums)
         if total >= MOST_WALKS or result.mean_square_error <= tolerance * result.mean_square:
             return result
-        walks = total
+        missing = _MORE * (result.mean_square_error / (tolerance * result.mean_square)) ** 2 - 1
+        walks = min(total * math.ceil(4 * min(missing, 1.0)) // 4, MOST_WALKS - total)
+
+
+def without_aureole(theta, phase):
+    """Table of a phase function (`phase_layout`) whose forward peak is even within `AUREOLE`, and the share of light taken out.
+
+    That share counts as light that goes straight on; g, of all light, stays.  Where there is no peak nothing changes.
+    """
+    theta = np.asarray(theta, float)
+    angles = np.unique(np.concatenate([theta[theta < AUREOLE], [AUREOLE * (1 - 1e-9), AUREOLE], theta[theta > AUREOLE]]))
+    values = phase_at(theta, phase, angles)
+    v, inner = 2 * np.sin(angles / 2) ** 2, angles < AUREOLE
+    low, high, step = values[inner][:-1], values[inner][1:], np.diff(v[inner])
+    light = float(np.sum(0.5 * (low + high) * step))
+    turned = float(np.sum(step * (v[inner][:-1] * 0.5 * (low + high) + step * (low / 6 + high / 3))))
+    even = turned / (0.5 * v[inner][-1] ** 2)
+    share = 2 * math.pi * (light - even * v[inner][-1])
+    if not share > 0:
+        return phase_layout(theta, phase), 0.0
+    values = np.where(inner, even, values)
+    return phase_layout(angles, normalised(angles, values)[0]), share
 
 
 def _of(edges, walks: int, light, square, beyond) -> Spread:
     """From sums (BLOCKS, ...) over walks of each class and block."""
+    # weights of returns from the deep are 1 only on average: what is above 1 in a class is noise
+    surplus = np.maximum((light.sum(axis=(2, 3)) + beyond).mean(axis=0) / walks, 1.0)
+    light, beyond, square = light / surplus[:, None, None], beyond / surplus, square / surplus[:, None]
     shares = light / walks
     returned = light.sum(axis=3)
     squares, square_error = _ratio(square, returned)

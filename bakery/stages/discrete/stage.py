@@ -363,7 +363,7 @@ def _check_places(group: Group) -> Iterable[str]:
 
 STAGE = Stage(
     name="discrete",
-    version=2,
+    version=3,
     title="separate particles, and what each does to light",
     reads=("wavelengths", "seed", "discrete", "phase", "particles"),
     needs=("optics", "medium"),

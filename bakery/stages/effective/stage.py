@@ -156,8 +156,7 @@ def compute(inputs: dict, context) -> Result:
         values[name], values[name + "_error"] = getattr(means, name), means.errors[name]
     for name, (value, error) in match.each.items():
         values["sigma_t_" + name], values[f"sigma_t_{name}_error"] = value, error
-    diffuse = diffusion.improved(sigma_s, sigma_a, members["g"].data)
-    values |= {"diffusion_coefficient": diffuse.D, "sigma_tr_improved": diffuse.sigma_tr}
+    values["diffusion_coefficient"], values["sigma_tr_improved"] = diffusion.improved(sigma_s, sigma_a, members["g"].data)
     members |= datasets(OUTPUTS, values)
     if match.walked:
         members["random_walk"] = Group(_walk_members(walks, R, inputs["wavelength"][at]))

@@ -15,8 +15,10 @@ from bakery.stages.medium.section import phase_keys
 _FEWEST, _MOST, _MOST_NODES = 24, 640, 256  # moments that are carried
 _PEAK = 0.6  # share of light that may be left out, over the tolerance (`refine`)
 _ORDER, _PRODUCT, _MODES = 3e-4, 1.3e-7, 1.7e-8  # seconds of a Fourier order, over the directions' square, over their cube
+_STACKED = 1.6  # layers under one take their share
 _ROUNDING = 3e-5  # seconds over the directions' square
-_WALKS, _LOSSLESS = 4e-3, 1.6  # seconds of walks over the root of what is absorbed, and at most
+# seconds of walks to 1 %: over the root of what is absorbed, at most, and of layers of a thickness
+_WALKS, _LOSSLESS, _FINITE = 1e-2, 0.35, 0.4
 
 
 class Expected(NamedTuple):
@@ -42,8 +44,9 @@ def expected(recipe) -> Expected:
         step = 2 * step // 3
     nodes = _nodes(count, rough or open_below)
     stacked = surface.base is not None and surface.base.albedo is None
+    seconds *= _STACKED if stacked else 1.0
     seconds += _ROUNDING * nodes**2 + (0.0 if stacked else walks(recipe))
-    size = 2.0 * count * nodes**2 * min(0.9, 8 / nodes) * (2 if open_below else 1)
+    size = 1.4 * count * nodes**2 * min(0.9, 8 / nodes) * (2 if open_below else 1)
     return Expected(seconds, size)
 
 
@@ -77,5 +80,7 @@ def walks(recipe) -> float:
     else:
         scattered, absorbed = np.asarray(medium.sigma_s, float), np.asarray(medium.sigma_a, float)
         lost = float(np.min(absorbed / np.maximum(absorbed + scattered, 1e-300)))
-    seconds = min(_LOSSLESS, _WALKS / math.sqrt(lost)) if lost > 0 else _LOSSLESS
-    return seconds if recipe.surface.thickness == "infinite" else min(seconds, 0.3)
+    coarser = min(max(recipe.surface.tolerance / 0.01, 1.0), 4.0)
+    if recipe.surface.thickness != "infinite":
+        return _FINITE / max(coarser / 2, 1.0)
+    return (min(_LOSSLESS, _WALKS / math.sqrt(lost)) if lost > 0 else _LOSSLESS) / coarser**1.3

@@ -30,11 +30,17 @@ OUTPUTS = (
 NAMES = tuple(output.path for output in OUTPUTS)
 
 
-def spread_of(slab, seed: int, wave: int, layer: int):
-    """Of a layer at a wavelength: a task that any worker may run."""
-    from bakery.physics.surfaces.spread import spread
+def spread_of(slab, tolerance: float, seed: int, wave: int, layer: int):
+    """Of a layer at a wavelength: a task that any worker may run.
 
-    return spread(slab, seed, wave, layer)
+    Parameters
+    ----------
+    tolerance : of the root mean square distance: 1 % at best without end, 2 % of a thickness, where far light is dearer
+    """
+    from bakery.physics.surfaces.spread import COARSEST, TOLERANCE, spread
+
+    finest = TOLERANCE if slab.depth == math.inf else 2 * TOLERANCE
+    return spread(slab, seed, wave, layer, tolerance=min(max(2 * tolerance, finest), COARSEST))
 
 
 def stored(spreads: list, unit, shape: tuple[int, int]) -> dict:

@@ -14,11 +14,12 @@ from bakery.stages.declaration import ANY, Cost, Output, Result, Stage, datasets
 from bakery.stages.surface import base as bases
 from bakery.stages.surface import costs, spread, under
 from bakery.stages.surface.section import INFINITE, SURFACE
-from bakery.stages.surface.triangles import packed, whole
+from bakery.stages.surface.triangles import KINDS, integers, packed, whole
 from bakery.stages.surface.view import QUERIES
 from bakery.store.tree import Group
 
 _ORDERS = "of light scattered more than once: values at pairs of directions, row by row of an upper triangle"
+_EXPONENT = "times 2 to this power, for order 0, odd orders, and even ones from 2 on, and each pair of directions"
 OUTPUTS = (
     Output("thickness", "(T,)", "um", "of the layers; absent where the layer is infinite", optional=True),
     Output("depth", "(L, T)", "1", "optical depth of the layers; absent where they are infinite", optional=True),
@@ -29,9 +30,13 @@ OUTPUTS = (
     Output("peak", "(L,)", "1", "share of the scattered light in a forward peak that the solver leaves out", within=(0, 1)),
     Output("cosine", "(N,)", "1", "of the solver's directions in air, with the normal", within=(0, 1)),
     Output("flux", "(N,)", "1", "share of the flux of isotropic light that each stands for, at most 1 in all", within=(0, 1)),
-    Output("reflected", "(L, T, M, P)", "1", f"Fourier orders {_ORDERS}", within=ANY),
+    Output("reflected", "(L, T, M, P)", "1", f"Fourier orders {_ORDERS}", within=ANY, scaled=True),
     Output("transmitted", "(L, T, M, Y)", "1", f"the same below the layer, {_ORDERS}; of layers on each other, of the whole "
-           "square, whose rows are directions of exitance", optional=True, within=ANY),
+           "square, whose rows are directions of exitance", optional=True, within=ANY, scaled=True),
+    Output("reflected_exponent", "(L, T, 3, P)", "1", f"reflected counts {_EXPONENT}; absent where it holds no integers",
+           optional=True, within=ANY, whole=True),
+    Output("transmitted_exponent", "(L, T, 3, Y)", "1", f"transmitted counts {_EXPONENT}; absent where it holds no integers",
+           optional=True, within=ANY, whole=True),
     Output("albedo", "(L, T, N)", "1", "share of the light from each direction that comes back", within=(0, 1)),
     Output("passed", "(L, T, N)", "1", "share that leaves below the layer, unscattered light included", within=(0, 1)),
     Output("spherical_albedo", "(L, T)", "1", "share of the light from all sides that comes back", within=(0, 1)),
@@ -134,7 +139,8 @@ def compute(inputs: dict, context) -> Result:
 
 def _spread(inputs: dict, cases: list, shape: tuple[int, int], context) -> dict:
     """Arrays of how far light spreads in the layers."""
-    spreads = context.map(spread.spread_of, [(case, context.seed, *divmod(k, shape[1])) for k, case in enumerate(cases)])
+    spreads = context.map(spread.spread_of, [(case, context.tolerance, context.seed, *divmod(k, shape[1]))
+                                             for k, case in enumerate(cases)])
     return spread.stored(spreads, spread.units(cases, inputs["sigma_t"], inputs["thickness"]), shape)
 
 
@@ -158,13 +164,19 @@ def stored(inputs: dict, solutions: list, shape: tuple[int, int]) -> dict:
     for name in names:
         pack = packed if name == "reflected" or first.slab.under is None else whole
         orders = [pack(getattr(solution, name), most) for solution in solutions]
-        values[name] = np.stack(orders).astype(np.float32).reshape(*shape, *orders[0].shape)
+        values |= _compressed(name, np.stack(orders).reshape(*shape, *orders[0].shape))
     if inputs["thickness"] is not None:
         values["thickness"] = inputs["thickness"]
         values["depth"] = np.outer(1e-6 * inputs["sigma_t"], inputs["thickness"])
     if inputs["base"] is not None:
         values["base"] = inputs["base"]
     return values
+
+
+def _compressed(name: str, orders) -> dict:
+    """Arrays of Fourier orders: as integers and exponents where they are rounded."""
+    exact = integers(orders)
+    return {name: orders.astype(np.float32)} if exact is None else {name: exact[0], f"{name}_exponent": exact[1]}
 
 
 # ---- rules and plan
@@ -179,6 +191,8 @@ def sound(group: Group) -> Iterable[str]:
     counts = {"reflected": pairs, "transmitted": len(cosine) ** 2 if "under_index" in group.members else pairs}
     yield from (f"{name} does not hold one value a pair of directions" for name, count in counts.items()
                 if name in group.members and group[name].data.shape[-1] != count)
+    for name in counts:
+        yield from _exponents(name, group)
     if not group["index"].data[0] > 0:
         yield "index is not above 0"
     if ("depth" in group.members) != ("thickness" in group.members):
@@ -187,6 +201,20 @@ def sound(group: Group) -> Iterable[str]:
     several = [name for name in spread.NAMES if name in group.members]
     if several and len(several) < len(spread.NAMES):
         yield "of " + ", ".join(spread.NAMES) + f" there is only {', '.join(several)}"
+
+
+def _exponents(name: str, group: Group) -> Iterable[str]:
+    """Whether integers have their powers of two."""
+    scaled, exponent = (group.members.get(part) for part in (name, f"{name}_exponent"))
+    if (exponent is not None) != (scaled is not None and scaled.data.dtype.kind in "iu"):
+        yield f"{name} holds integers without {name}_exponent" if exponent is None else f"{name}_exponent without integers"
+    if exponent is None or scaled is None:
+        return
+    exponent = exponent.data
+    if exponent.shape != (*group[name].data.shape[:2], len(KINDS), group[name].data.shape[-1]):
+        yield f"{name}_exponent does not hold three values a pair of directions"
+    elif exponent.dtype.kind not in "iu" or (np.abs(exponent.astype(int)) > 127).any():
+        yield f"{name}_exponent holds other values than integers of -127 to 127"
 
 
 def check(group: Group) -> Iterable[str]:
@@ -232,7 +260,7 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
 
 STAGE = Stage(
     name="surface",
-    version=5,
+    version=9,
     title="reflectance of a plane layer",
     reads=("wavelengths", "seed", "surface"),
     needs=("medium",),

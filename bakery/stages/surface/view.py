@@ -12,7 +12,7 @@ from bakery.grammar.units import ANGLE, LENGTH
 from bakery.stages.declaration import Answer, Query, Remark
 from bakery.stages.members import Members, MissingStage
 from bakery.stages.surface import under
-from bakery.stages.surface.triangles import unpacked
+from bakery.stages.surface.triangles import numbers, unpacked
 from bakery.store.tree import Group
 
 _TOLD = {"reflected": Remark("pi times the BRDF: 1 for a white Lambertian surface; without light that a smooth boundary mirrors"),
@@ -190,7 +190,8 @@ def solutions_of(group: Group, medium: Group) -> list[list]:
         sigma_t, sigma_s, phase = without_delta(sigma_t, sigma_s, theta, phase, np.asarray(medium["forward_delta"].data, float))
     directions, index, roughness = _nodes(group), float(group["index"].data[0]), float(group["roughness"].data[0])
     count, rows = len(directions.air), []
-    for k, layers in enumerate(group["reflected"].data):
+    above, below = (_orders(group, name) for name in ("reflected", "transmitted"))
+    for k, layers in enumerate(above):
         albedo = float(sigma_s[k] / sigma_t[k]) if sigma_t[k] > 0 else 0.0
         base = float(group["base"].data[k]) if "base" in group.members else None
         stack = under.rebuilt(group, k)
@@ -204,26 +205,32 @@ def solutions_of(group: Group, medium: Group) -> list[list]:
                 row.append(Covered(slab, directions, (cut, *_cuts(slab, group, k)), reflected, back))
                 continue
             if stack is not None:
-                row.append(_stacked(slab, directions, cut, reflected, back, group, k, t))
+                down = np.zeros_like(reflected[:1]) if below is None else below[k, t].reshape(-1, *reflected.shape[1:])
+                row.append(_stacked(slab, directions, cut, (reflected, down), back, group, k, t))
                 continue
-            below = unpacked(group["transmitted"].data[k, t], count) if "transmitted" in group.members else 0 * reflected
+            down = 0 * reflected if below is None else unpacked(below[k, t], count)
             passed = np.asarray(group["passed"].data[k, t], float)
-            solution = Solution(slab, directions, cut, reflected, below, back, passed)
+            solution = Solution(slab, directions, cut, reflected, down, back, passed)
             row.append(_corrected(solution, group, k) if "first" in group.members else solution)
         rows.append(row)
     return rows
 
 
-def _stacked(slab, directions, cut, reflected, albedo, group: Group, k: int, t: int):
-    """A stack, at wavelength number k and thickness number t."""
+def _orders(group: Group, name: str):
+    """(L, T, M, P) Fourier orders of light; None where the group has none."""
+    if name not in group.members:
+        return None
+    exponent = group.members.get(f"{name}_exponent")
+    return np.asarray(group[name].data, float) if exponent is None else numbers(group[name].data, exponent.data)
+
+
+def _stacked(slab, directions, cut, orders, albedo, group: Group, k: int, t: int):
+    """A stack, at wavelength number k and thickness number t; orders : of reflected and of transmitted light."""
     from bakery.physics.surfaces.stack import Stacked
 
     cuts = (cut, *_cuts(slab, group, k))
-    below = np.zeros_like(reflected[:1])
-    if "transmitted" in group.members:
-        below = np.asarray(group["transmitted"].data[k, t], float).reshape(-1, *reflected.shape[1:])
     mirrored, passed = (np.asarray(group[name].data[k, t], float) for name in ("mirrored", "passed"))
-    return Stacked(slab, directions, cuts, reflected, albedo, mirrored, below, passed)
+    return Stacked(slab, directions, cuts, orders[0], albedo, mirrored, orders[1], passed)
 
 
 def _cuts(slab, group: Group, k: int) -> list:

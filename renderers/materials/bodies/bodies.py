@@ -12,7 +12,7 @@ from bakery.errors import UsageError
 from renderers.materials.bodies import _geometry
 from renderers.materials.bodies._geometry import Geometry
 from renderers.materials.bodies._shells import Shells
-from renderers.mitsuba.shapes import index_fault
+from renderers.mitsuba.shapes import encloses, index_fault
 from renderers.threads import run
 from renderers.transport import solids
 from renderers.transport.scattering import Scatterer, scatterer
@@ -129,7 +129,7 @@ def laid_out(world, bodies, wrong) -> tuple[list[Body], Geometry]:
             continue
         triangles = None if shape.faces is None else shape.vertices[shape.faces]
         for number, box in enumerate(boxes):
-            if not np.all((shape.box[0] <= box[1]) & (shape.box[1] >= box[0])):
+            if not np.all((shape.box[0] <= box[1]) & (shape.box[1] >= box[0])) or shape.sphere and encloses(shape.box, box):
                 continue
             if triangles is None:
                 if _reaches(shape.box, bodies[number]):

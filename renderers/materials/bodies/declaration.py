@@ -48,7 +48,6 @@ class BodyMethod(SceneMethod):
     reads_tables : whether it looks up the tables of multiple scattering, if only how light decays with distance
     tabled : whether later events are from the tables
     parts : kinds of its passes; () where it follows all events from the eye
-    in_one_loop : whether `renderers.transport` may follow them
     metropolis : whether it does so by chains of paths (`renderers.transport.metropolis`), which nothing else follows
     spheres : whether light jumps through empty spheres
     second : (world, body) -> whether second events are gathered from beams, not sampled
@@ -63,7 +62,6 @@ class BodyMethod(SceneMethod):
     reads_tables: bool = False
     tabled: bool = False
     parts: tuple[str, ...] = ()
-    in_one_loop: bool = False
     metropolis: bool = False
     spheres: bool = False
     second: Callable[[Any, Any], bool] = of_points_behind_glass

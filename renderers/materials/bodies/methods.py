@@ -20,7 +20,7 @@ from renderers.materials.bodies.gather import Gather
 from renderers.materials.bodies.paths import UNLIMITED
 from renderers.materials.bodies.setup import Sums, Transport
 from renderers.materials.bodies.thin import WALKS, density
-from renderers.pictures.engine import Part
+from renderers.pictures.engine import ORDERS, Part
 from renderers.pictures.passes import Method
 from renderers.scene.budget import percent
 from renderers.scene.declaration import settled
@@ -37,7 +37,6 @@ _BEYOND = 1e-3  # share of the light beyond the tables that is worth a word
 _NOISES = ("noise", "noise_mean", "noise_region")  # of a report
 _UNLIT = "lights shine, and no pass found any: how far the picture is off is not known"
 _UNLIT_METHOD = "paths"  # of scenes in which nothing shines: needs neither beams nor tables
-_LAYERS = ("order0", "order1", "order2", "orders")
 
 
 def prepare(job, world, seed) -> Method:
@@ -53,10 +52,11 @@ def prepare(job, world, seed) -> Method:
     if world.dark:
         return Method(name, kinds, [], lambda estimate: {"bias": None})
     declared = methods()[name]
-    reasons = _reasons(assets, setup.bodies, declared, declared.in_one_loop and in_one_loop(setup))
+    looped = _looped(setup, declared)
+    reasons = _reasons(assets, setup.bodies, declared, looped)
     reasons += shells.reasons(shells.laid(setup)) if declared.spheres else []
     missing, sentences = chains.left_out(setup, seed)
-    rounded = _rounded(setup.bodies) if declared.in_one_loop and in_one_loop(setup) else []
+    rounded = _rounded(setup.bodies) if looped else []
     if rounded:
         missing, sentences = None, [*sentences, *rounded]
 
@@ -68,7 +68,7 @@ def prepare(job, world, seed) -> Method:
         chained = _of_chains(kinds[-1].render.figures()) if declared.metropolis or declared.mutated else {}
         return {"bias": bias, "left_out": sentences} | chained | unlit
 
-    return Method(name, kinds, [*reasons, *sentences], after, features=lambda: features_of(setup, seed))
+    return Method(name, kinds, [*reasons, *sentences], after, features=lambda quality: features_of(setup, seed))
 
 
 def _of_chains(figures):
@@ -162,20 +162,42 @@ def parts(setup, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS)
         with tables `_ALONE` by those that do not
     """
     method = methods()[name]
-    if method.in_one_loop and in_one_loop(setup):
-        from renderers.transport import metropolis, passes
-
-        asked = name, setup.world, setup.bodies, setup.colours, seed
-        return (metropolis.part(*asked, colour.LUMINANCE) if method.metropolis else passes.part(*asked),)
-    if method.metropolis:
+    looped = _looped(setup, method)
+    if method.metropolis and not looped:
         raise ValueError(f"method {name} has no paths but those of the loop")
+    if looped and not method.parts:
+        return (_by_loop(setup, name, method, seed),)
     if method.joined:
         # they bring lights without extent, too
         setup = setup._replace(bent=[[] for _ in setup.bodies])
     kinds = _Passes(setup, method, boundary, seed, _Counts(places, walks, picks))
     passes_of = {FEW: kinds.by_paths, GATHERED: kinds.gathered, DIFFUSED: kinds.diffused, JOINED: kinds.joined,
                  MUTATED: kinds.mutations}
-    return tuple(Part(kind, passes_of[kind]) for kind in method.parts) or (Part(name, kinds.by_paths),)
+    return tuple(_by_loop(setup, FEW, method, seed, kinds.most) if kind == FEW and looped else Part(kind, passes_of[kind])
+                 for kind in method.parts) or (Part(name, kinds.by_paths),)
+
+
+def _by_loop(setup, name, method, seed, most=None) -> Part:
+    """Paths of a method in the loop; most : of each body, events between two surfaces, None: any number"""
+    from renderers.transport import metropolis, passes
+
+    asked = name, setup.world, setup.bodies, setup.colours, seed
+    if method.metropolis:
+        return metropolis.part(*asked, colour.LUMINANCE)
+    part = passes.part(*asked, most=most)
+    return _without_later(part) if method.diffused else part
+
+
+def _without_later(part) -> Part:
+    """The part without light of two and more events."""
+    def render(number):
+        layers = part.render(number)
+        for name in ORDERS[2:]:
+            layers[""] -= layers[name]
+            layers[name] = np.zeros_like(layers[name])
+        return layers
+
+    return part._replace(render=render, fewer=lambda samples: _without_later(part.fewer(samples)))
 
 
 class _Counts(NamedTuple):
@@ -187,14 +209,17 @@ class _Counts(NamedTuple):
 
 
 class _Passes:
-    """Passes of a method: functions of their number, which give layers (H, W, 3) by name."""
+    """Passes of a method: functions of their number, which give layers (H, W, 3) by name.
+
+    most : of each body, events between two surfaces that a path may have
+    """
 
     def __init__(self, setup, method, boundary, seed, counts):
         self._setup, self._method, self._seed, self._counts = setup, method, seed, counts
         self._size = setup.world.size
         self._negative, self._mirrored = (method.tabled and boundary == kind for kind in ("negative", "mirrored"))
         self._second = [method.second(setup.world, body) for body in setup.bodies]
-        self._most = [UNLIMITED if not method.parts else 1 if joins else 2 for joins in self._second]
+        self.most = [UNLIMITED if not method.parts else 1 if joins else 2 for joins in self._second]
 
     def by_paths(self, number):
         """Light that paths find by themselves, and that of lights without extent which they cannot find."""
@@ -203,7 +228,7 @@ class _Passes:
             if setup.chained else None
         if method.joined:
             setup = setup._replace(rivals=self._rivals)
-        sums = transport.from_eye(setup, self._most, gather, number, self._seed)
+        sums = transport.from_eye(setup, self.most, gather, number, self._seed)
         if gather:
             sums.by_order += gather.wide.by_order
         if method.diffused:
@@ -237,7 +262,7 @@ class _Passes:
         else:
             nobody = np.full(self._size[0] * self._size[1], -1)
             gather = Gather(beams_in, False, self._second, picks, [picks] * len(setup.bodies), nobody, beyond)
-        sums = transport.from_eye(setup, self._most, gather, number, self._seed, by_paths=False, chosen=gathers)
+        sums = transport.from_eye(setup, self.most, gather, number, self._seed, by_paths=False, chosen=gathers)
         layers, later = self._images(sums), sums.gathered.reshape(*self._size, 3)
         if tabled:
             half, later = smooth.smoothed(later, gathers, view, 0.5), smooth.smoothed(later, gathers, view)
@@ -249,7 +274,7 @@ class _Passes:
     def mutations(self):
         """`mutations.Mutations`: light of beams by the tables, as chains find it."""
         beyond = [_beyond(body, self._mirrored) for body in self._setup.bodies]
-        asked = mutations.Settings(self._negative, self._second, self._most, beyond, self._counts.places, self._counts.walks)
+        asked = mutations.Settings(self._negative, self._second, self.most, beyond, self._counts.places, self._counts.walks)
         return mutations.Mutations(self._setup, lambda: self._entries, asked, self._seed)
 
     def joined(self, number):
@@ -268,12 +293,12 @@ class _Passes:
             discs, against = events.discs(width[1])
             others = walked.beams, beams.spread(width[1], against=against)
             gather = beams.joins(setup, [first, others], [(walked.points, discs)], changed=changed)
-        layers = self._images(transport.from_eye(setup, self._most, gather, number + _BESIDE, self._seed, by_paths=False))
+        layers = self._images(transport.from_eye(setup, self.most, gather, number + _BESIDE, self._seed, by_paths=False))
         return layers | {TURNS[number % 2]: changed.by_order.sum(axis=0).reshape(*self._size, 3)}
 
     def _images(self, sums):
         by_order = [image.reshape(*self._size, 3) for image in sums.by_order]
-        return {"": sum(by_order)} | dict(zip(_LAYERS, by_order))
+        return {"": sum(by_order)} | dict(zip(ORDERS, by_order))
 
     def _beams(self, number, *, negative=False, by_events=False):
         return light.beams(self._setup, self._entries, self._counts.places, self._counts.walks, negative, by_events, number,
@@ -313,6 +338,11 @@ class _Passes:
 def in_one_loop(setup) -> bool:
     """Whether `renderers.transport` can follow the paths of a scene: it finds no lights without extent through glass."""
     return not (setup.chained or any(setup.bent)) and setup.rivals is None and len(setup.bodies) <= _MOST
+
+
+def _looped(setup, method) -> bool:
+    """Whether it follows a method's paths: without jumps, and where no beams bring what they find through boundaries, too."""
+    return not method.spheres and in_one_loop(setup) and not (method.joined and not all(setup.matched))
 
 
 def _beyond(body, mirrored):

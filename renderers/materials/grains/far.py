@@ -21,7 +21,7 @@ from renderers.materials.grains._entries import Boundary, entries
 from renderers.materials.surface import far, lobes, onset
 from renderers.mitsuba import layers
 from renderers.mitsuba.shapes import Shape
-from renderers.scene import budget
+from renderers.scene import budget, meshes
 from renderers.threads import run
 from renderers.transport import wavefront
 from renderers.transport.far import chance
@@ -106,7 +106,7 @@ def unfit(entry, asset) -> str:
 def onset_of(scene, number, asset, world, method) -> onset.Onset:
     """From where on an entry is its surface, by how far light spreads and how wide grains are in pixels; method : as above"""
     near_error = method.error(scene.values.tolerance or budget.DEFAULT)
-    vertices, faces = material.mesh_of(scene, number)
+    vertices, faces = meshes.of_entry(scene, number)
     shape = Shape("", vertices, faces, np.array([vertices.min(axis=0), vertices.max(axis=0)]), 1.0, True)
     boundary = Boundary.of(vertices, faces)
     seen = far.seen(world, shape.box, lambda origin, direction: _first(world, boundary, origin, direction))

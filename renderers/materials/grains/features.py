@@ -10,12 +10,18 @@ from renderers.transport import features, regions
 from renderers.transport.scattering import scatterer
 
 _PLACES = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])  # in a pixel, row and column
+_OF_DRAFTS = np.array([[0.5, 0.5]])  # a quarter of the rays, and edges between grains as rough as the picture's own
 _STEP = 1.0 / 64  # pixels: between rays whose ends tell how a surface is turned
 _NARROW, _WIDE = 1.0, 4.0  # pixels: grains of less width are seen as their mean;  of more each by itself
 _SIDES = np.array([[0.0, 0.0], [_STEP, 0.0], [0.0, _STEP]])
 
 
-def first_hits(world, scene, assets, meshes, seed) -> Features:
+def places_for(quality) -> np.ndarray:
+    """(n, 2) where in a pixel its grains are looked at, row and column."""
+    return _OF_DRAFTS if quality == "draft" else _PLACES
+
+
+def first_hits(world, scene, assets, meshes, seed, quality=None) -> Features:
     """Of the grain that each ray meets first, or of the mesh, where a medium stands for the grains from the beginning.
 
     Parameters
@@ -24,6 +30,7 @@ def first_hits(world, scene, assets, meshes, seed) -> Features:
     scene : `renderers.materials.grains.transport.Transport`
     assets, meshes : of its bodies
     seed : of the surfaces around
+    quality : of the picture
 
     Notes
     -----
@@ -36,10 +43,10 @@ def first_hits(world, scene, assets, meshes, seed) -> Features:
     # the medium is seen in its place
     around = features.first_hits(world, [] if variants.on_gpu(world.variant) else media, scene.colours, seed)
     bodies = [(scene.interactor(body, scene.technique).entry, filled.radius) for body, filled in enumerate(scene.bodies)]
-    return of_grains(world, bodies, albedos(media, scene.colours), around)
+    return of_grains(world, bodies, albedos(media, scene.colours), around, places_for(quality))
 
 
-def of_grains(world, bodies, albedo, around) -> Features:
+def of_grains(world, bodies, albedo, around, at=_PLACES) -> Features:
     """Of grains, where a ray meets any, else of what is around them.
 
     Parameters
@@ -49,8 +56,9 @@ def of_grains(world, bodies, albedo, around) -> Features:
         before that or inf, and the radius of the largest grain, m
     albedo : (bodies, 3)
     around : `Features` without grains
+    at : as `places_for` gives them
     """
-    seen = [_at(world, [entry for entry, _ in bodies], offset) for offset in _PLACES]
+    seen = [_at(world, [entry for entry, _ in bodies], offset) for offset in at]
     share = np.mean([body >= 0 for body, _, _ in seen], axis=0)
     colours = np.mean([np.where((body >= 0)[..., None], albedo[body], 0) for body, _, _ in seen], axis=0)
     normal = np.mean([normal for _, normal, _ in seen], axis=0)

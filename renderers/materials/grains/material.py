@@ -10,6 +10,7 @@ from renderers.materials.grains._grains import Grains
 from renderers.materials.grains._medium import Medium
 from renderers.materials.grains.local import UNIFORM
 from renderers.materials.grains.paths import SELDOM, Colours
+from renderers.scene import meshes
 
 _FIGURES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "forward_delta", "phase")
 _PEAK = np.radians(5.0)  # light that a grain turns by less may count as not turned: it meets ten more
@@ -22,18 +23,7 @@ def meshes_of(scene):
 
     Raises UsageError, with the key, where one is no closed mesh, what is wrong, and where; or where two of them overlap.
     """
-    return [mesh_of(scene, number) for number in range(len(scene.values.materials))]
-
-
-def mesh_of(scene, number):
-    """Vertices (V, 3) m and triangles (F, 3) of the mesh of an entry; UsageError with the key where it is no closed mesh."""
-    where = scene.values.materials[number].where
-    path = scene.file(where.mesh)
-    try:
-        vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
-    except ValueError as fault:
-        raise scene.wrong(f"materials[{number}].where.mesh", fault) from None
-    return where.unit * vertices, faces
+    return [meshes.of_entry(scene, number) for number in range(len(scene.values.materials))]
 
 
 def overlap(grains, meshes):
@@ -56,6 +46,19 @@ def radius_of(grains) -> float:
 def largest_of(asset) -> float:
     """Radius of the largest sphere of an asset's tile, m."""
     return _unit(asset) * float(np.max(_tile(asset)[1]))
+
+
+def pixels_wide(world, triangles, radius) -> float:
+    """Diameter of grains of a radius, m, at the nearest point of a mesh, triangles (F, 3, 3) m, in pixels."""
+    pixel = float(np.sqrt(np.linalg.norm(world.camera.right) * np.linalg.norm(world.camera.down)))
+    return 2 * radius / (pixel * max(distance(world.camera.origin, triangles), radius))
+
+
+def distance(point, triangles) -> float:
+    """From a point (3,) to the nearest of triangles (F, 3, 3)."""
+    from trimesh.triangles import closest_point
+
+    return float(np.linalg.norm(closest_point(triangles, np.broadcast_to(point, (len(triangles), 3))) - point, axis=1).min())
 
 
 def _unit(asset) -> float:
@@ -223,7 +226,8 @@ def occupied_by(world, aggregate, unit, others=()):
     others : of the bodies, triples of vertices (V, 3) m, triangles (F, 3), radius of the largest sphere, m
     """
     voxels = np.zeros(aggregate.voxels.shape, np.uint8)
-    triangles, boxes = (extent / unit for extent in world.extents())
+    low, size = aggregate.low, aggregate.edge * voxels.shape
+    triangles, boxes = (extent / unit for extent in world.extents(within=unit * np.array([low, low + size])))
     faces = np.arange(3 * len(triangles)).reshape(-1, 3)
     meshes = [(triangles.reshape(-1, 3), faces, 1e-6 * float(aggregate.edge.max()))]
     meshes += [(vertices / unit, faces, radius / unit) for vertices, faces, radius in others]

@@ -8,14 +8,13 @@ from bakery import kernels
 from renderers.materials.grains import bundles, far, local, material, medium, transport
 from renderers.materials.grains.declared import methods
 from renderers.materials.grains.transport import GRAINS, MEDIUM, Body, Transport
-from renderers.pictures.engine import Part
+from renderers.pictures.engine import Part, layers_of
 from renderers.pictures.passes import Method
 from renderers.scene import budget
 from renderers.scene.budget import percent
 from renderers.scene.declaration import settled
 from renderers.transport.scattering import Scatterer
 
-_LAYERS = ("order0", "order1", "order2", "orders")
 _TECHNIQUES = ("ept", "vpt", "da")
 _MOST = 32  # media of the loop: `renderers.transport.scene.MOST`, which cannot be imported before Mitsuba is there
 _PATHS = 1 << 16  # of a pass, at most, where a pixel has several: those that go on together
@@ -69,7 +68,7 @@ def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.D
     def after(estimate):
         return {"grains": number, "layers": _switches(estimate.means.values()), "bias": None}
 
-    return Method(name, parts, reasons, after, features=lambda: _features(world, scene, assets, meshes, seed),
+    return Method(name, parts, reasons, after, features=lambda quality: _features(world, scene, assets, meshes, seed, quality),
                   apart=(kinds[0][0],) if scene.technique == GRAINS else (), entry=scene.entry)
 
 
@@ -146,8 +145,7 @@ def part(world, scene, name, seed, which=transport.ALL) -> Part:
 def _layers(sums, world, scene):
     """Layers of a pass by name, as `Part` takes them."""
     height, width = world.size
-    images = {"": sums.by_order.sum(axis=0)} | dict(zip(_LAYERS, sums.by_order))
-    images |= {f"light.{name}": image for name, image in zip(world.light_names, sums.by_light)}
+    images = layers_of(sums.by_order, sums.by_light, world.light_names)
     if scene.switch is not None:
         images |= {SWITCHED: sums.switched}
         images |= {name: image for name, image in zip(_TECHNIQUES, sums.by_technique) if image.any()}

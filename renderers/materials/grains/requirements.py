@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from bakery import kernels
 from renderers.materials.grains.declared import methods
+from renderers.scene import meshes
 from renderers.scene.budget import ROOM, as_much
 from renderers.scene.requirements import Knob, Need
 
@@ -94,31 +94,26 @@ def _radius(about):
 
 def _pixels_farthest(about):
     """Diameter of the largest grain at the farthest corner of its bodies, pixels."""
-    from renderers.materials.grains import material, seen
+    from renderers.materials.grains import seen
 
     if about.world.camera is None:
         raise about.scene.no_camera()
-    corners = np.concatenate([material.mesh_of(about.scene, number)[0] for number in about.bodies])
+    corners = np.concatenate([meshes.of_entry(about.scene, number)[0] for number in about.bodies])
     farthest = float(np.max(np.linalg.norm(corners - about.world.camera.origin, axis=1)))
     return 2 * _radius(about) / max(seen.angle_of_pixel(about.world) * farthest, 1e-30)
 
 
 def _pixels(about):
     """Diameter of the largest grain at the nearest point of its bodies, pixels."""
-    from renderers.materials.grains import local, seen
+    from renderers.materials.grains import local, material
 
-    radius = _radius(about)
-    bodies, widest = [entry.where for entry in about.scene.values.materials], 0.0
+    radius, widest = _radius(about), 0.0
     if about.world.camera is None:
         raise about.scene.no_camera()
     for number in about.bodies:
-        path = about.scene.file(bodies[number].mesh)
-        try:
-            vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
-        except ValueError as fault:
-            raise about.scene.wrong(f"materials[{number}].where.mesh", fault) from None
-        local.check(about.scene, number, bodies[number].unit * vertices)
-        widest = max(widest, seen.pixels_wide(about.world, bodies[number].unit * vertices[faces], radius))
+        vertices, faces = meshes.of_entry(about.scene, number)
+        local.check(about.scene, number, vertices)
+        widest = max(widest, material.pixels_wide(about.world, vertices[faces], radius))
     return widest
 
 

@@ -22,8 +22,8 @@ from renderers.transport.scene import View
 
 import mitsuba as mi  # isort: skip
 
-# bounces after which paths end one time in twenty: in heaps of clear grains many are as long as some hundred grains, and what
-# ends them earlier makes the others bright
+# bounces after which some paths end: in heaps of clear grains many are as long as some hundred grains, and what ends them earlier
+# makes the others bright
 _FAR = 1024
 # Of all bodies: balls, listed in a second; clear ones, among whom short paths wait for long ones, so that beyond many
 # the compiled loops are quicker; triangles, some 300 bytes each

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bakery import kernels
+from renderers.scene import meshes
 from renderers.transport.scattering import Scatterer
 
 
@@ -43,6 +44,4 @@ def region_of(scene, number, region, group):
         return Grid(region.lo, region.hi, region.values)
     if as_baked:
         return Mesh(np.asarray(group.mesh_vertices, float) + region.lo - np.min(group.mesh_vertices, axis=0), group.mesh_faces)
-    path = scene.file(where.mesh)
-    vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
-    return Mesh(where.unit * vertices, faces)
+    return Mesh(*meshes.of_entry(scene, number))

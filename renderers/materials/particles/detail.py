@@ -79,7 +79,7 @@ def _probed(world, medium, camera, height, width, seed) -> _Probes:
     wavefront.draw(states, numbers)
     shading = world.shade(origin, direction, numbers, np.zeros(len(pixel)), np.ones(len(pixel), bool))
     behind = np.maximum((shading.emitted + shading.light.radiance) @ colour.LUMINANCE, 0.0).astype(float)
-    edges = _edges(begin, end)
+    edges = edges_of(begin, end, _DEPTHS)
     middle = (edges[:, 1:] + edges[:, :-1]) / 2
     solid = float(np.linalg.norm(np.cross(camera.right, camera.down))) \
         * (direction @ _axis(camera)) ** 3
@@ -114,11 +114,11 @@ def inside(region, origin, direction, far):
     return np.maximum(np.minimum(a, b).max(axis=1), 0.0), np.minimum(np.maximum(a, b).min(axis=1), far)
 
 
-def _edges(begin, end):
-    """Depths (n, _DEPTHS + 1), equal in ratio, from the box's near to its far side."""
+def edges_of(begin, end, depths):
+    """Depths (n, depths + 1), equal in ratio, from the box's near to its far side."""
     end = np.maximum(end, begin * (1 + 1e-9) + 1e-300)
     near = np.maximum(begin, _NEAREST * end)
-    return near[:, None] * (end / near)[:, None] ** np.linspace(0, 1, _DEPTHS + 1)
+    return near[:, None] * (end / near)[:, None] ** np.linspace(0, 1, depths + 1)
 
 
 def _along(world, medium, origin, direction, middle, thick, behind, solid, states):

@@ -12,12 +12,10 @@ from renderers import colour
 from renderers.materials.particles import place, walk
 from renderers.materials.particles.declared import methods
 from renderers.materials.particles.medium import Classes, Medium, classes_of, in_bands, medium, peak_of, without_peak
-from renderers.pictures.engine import Part
+from renderers.pictures.engine import Part, layers_of
 from renderers.pictures.passes import Method
 from renderers.scene import budget
 from renderers.scene.declaration import settled
-
-_LAYERS = ("order0", "order1", "order2", "orders")
 
 
 class Setup(NamedTuple):
@@ -60,7 +58,7 @@ def prepare(job, world, seed, tolerance=None) -> Method:
                   Part(listed[0], _pass(*listed[1:], world, height, width, seed, everywhere, lights)) for listed in passes)
     figures = _figures(setup, depth) | {"layers": _layers(depth)}
     return Method(name, parts, [peak_sentence(setup.classes, angle), *filter(None, [declared.leaves_out]), *reasons],
-                  lambda estimate: figures, features=None if depth is None else lambda: _features(setup, seed),
+                  lambda estimate: figures, features=None if depth is None else lambda quality: _features(setup, seed),
                   apart=("walk",) if depth is None else ("splat",))  # without a depth particles show in all of their light
 
 
@@ -104,10 +102,9 @@ def _pass(function, method, world, height, width, seed, depth, lights):
     def one(number):
         by_order, by_light = function(world, method, world.camera, height, width, number, seed, discrete=depth,
                                       lights=len(lights))
-        layers = {"": by_order.sum(axis=0)} | dict(zip(_LAYERS, by_order)) \
-            | {f"light.{name}": image for name, image in zip(lights, by_light)}
         # walks have all layers; what splats leave black takes memory for nothing
-        return {name: image for name, image in layers.items() if not name or function is walk.one_pass or image.any()}
+        return {name: image for name, image in layers_of(by_order, by_light, lights).items()
+                if not name or function is walk.one_pass or image.any()}
 
     return one
 

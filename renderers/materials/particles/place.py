@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bakery import kernels
+from renderers.scene import grids, meshes
 
 _SAME = 1e-6  # relative difference of boxes that count as equal
 
@@ -33,7 +34,10 @@ def region_of(scene, group, number=0) -> kernels.Region:
     if stored:
         raise scene.wrong(key, "found a mesh or a grid, but the asset's places are stored; an asset with "
                           "method: procedural would do, or a recipe whose discrete section has the mesh or the grid")
-    return _of_mesh(scene, key, where) if hasattr(where, "mesh") else _of_grid(scene, key, where)
+    if hasattr(where, "mesh"):
+        return _of_mesh(scene, key, number)
+    values, lo, hi = grids.relative(scene, key, where)
+    return kernels.region_grid(lo, hi, values)
 
 
 def _edges(edges):
@@ -50,23 +54,11 @@ def _own(group):
     return kernels.region_box(zero, box)
 
 
-def _of_mesh(scene, key, where):
-    path = scene.file(where.mesh)
+def _of_mesh(scene, key, number):
     try:
-        vertices, faces = kernels.closed_mesh(path.read_bytes(), path.suffix.lstrip(".").lower())
-        return kernels.region_mesh(where.unit * vertices, faces)
+        return kernels.region_mesh(*meshes.of_entry(scene, number))
     except ValueError as fault:
         raise scene.wrong(f"{key}.mesh", fault) from None
-
-
-def _of_grid(scene, key, where):
-    from renderers.scene import grids
-
-    values, lo, hi = grids.placed(scene, key, where)
-    most = float(np.max(values))
-    if not most > 0:
-        raise scene.wrong(f"{key}.grid", "found densities that are 0 everywhere; a cloud would do")
-    return kernels.region_grid(lo, hi, np.asarray(values) / most)
 
 
 def check_motion(scene, group, region, number=0):

@@ -9,11 +9,10 @@ import numpy as np
 
 from bakery.kernels import phase_at, stream_key
 from renderers import colour
-from renderers.materials.particles.detail import inside
+from renderers.materials.particles.detail import edges_of, inside
 from renderers.transport import wavefront
 
 _PROBES, _DEPTHS = 1024, 24
-_NEAREST = 1e-4  # of the farthest depth, as in `renderers/materials/particles/detail.py`
 
 
 class Box(NamedTuple):
@@ -69,9 +68,7 @@ def _scattered(world, medium, box, peak, origin, direction, numbers):
     n, middle = len(origin), len(medium.wavelength) // 2
     sigma_t, albedo = float(medium.sigma_t[middle]), float(medium.albedo[middle])
     begin, end = inside(box, origin, direction, world.trace(origin, direction, np.full(n, np.inf)))
-    end = np.maximum(end, begin * (1 + 1e-9) + 1e-300)
-    near = np.maximum(begin, _NEAREST * end)
-    edges = near[:, None] * (end / near)[:, None] ** np.linspace(0, 1, _DEPTHS + 1)
+    edges = edges_of(begin, end, _DEPTHS)
     depth = (edges[:, 1:] + edges[:, :-1]) / 2
     point = (origin[:, None] + depth[..., None] * direction[:, None]).reshape(-1, 3)
     light = world.lights(point, numbers)

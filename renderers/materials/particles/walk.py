@@ -18,6 +18,7 @@ from renderers.materials.particles import _transport, shadow
 from renderers.materials.particles._transport import Events, Guide
 from renderers.mitsuba.world import FAR
 from renderers.threads import run
+from renderers.transport import paths as wavefront_paths
 from renderers.transport import steps, wavefront
 from renderers.transport.paths import of_camera
 
@@ -56,14 +57,7 @@ class Paths(NamedTuple):
     seen: np.ndarray
     ways: np.ndarray
 
-    def of(self, chosen):
-        """Some of the paths."""
-        return Paths(*(field[chosen] for field in self))
-
-    @property
-    def count(self):
-        """Of paths."""
-        return len(self.pixel)
+    count, of = wavefront_paths.Paths.count, wavefront_paths.Paths.of
 
 
 class Discs:

@@ -8,10 +8,11 @@ from renderers.materials.grains.declaration import GrainMethod
 def deviation(scene, number, asset, world) -> float:
     """N grains that a pixel sees, whose brightness differs as much as it is, deviate by one over the root of N: by their width in
     pixels, and single ones that are wider by no more than that of one."""
-    from renderers.materials.grains import material, seen
+    from renderers.materials.grains import material
+    from renderers.scene import meshes
 
-    vertices, faces = material.mesh_of(scene, number)
-    return min(seen.pixels_wide(world, vertices[faces], material.largest_of(asset)), 1.0)
+    vertices, faces = meshes.of_entry(scene, number)
+    return min(material.pixels_wide(world, vertices[faces], material.largest_of(asset)), 1.0)
 
 
 METHOD = GrainMethod(

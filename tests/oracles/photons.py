@@ -1,4 +1,4 @@
-"""The same light by following photons: independent of the solver, for any phase table and albedo, with standard errors.
+"""Light of point and segment sources by following photons: for any phase table and albedo, with standard errors.
 
 Photons fly and scatter in an infinite medium; cells are rings around the axis of the source.  At each event that counts, what
 is scattered into the chosen directions is added to the cell.  A direction (theta, phi) has its phi from the azimuth of the event.

@@ -1,0 +1,143 @@
+"""What pilots say of noise that few passes show too little of: made-up passes whose variance among more is known."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from renderers.camera import Camera
+from renderers.choice import tails, trial
+from renderers.pictures.engine import Part
+from renderers.transport import metropolis
+
+SIDE = 64
+PICTURE = 1024  # its side: 256 times the pixels of a pilot's
+
+
+def normal(random, shape):
+    return random.normal(size=shape)
+
+
+def bright(random, shape):
+    """Rare light of a Pareto law, whose variance just is infinite."""
+    return random.random(shape) ** (-1 / 2.0) - 2.0
+
+
+def variance(draw, random, count):
+    """Of so many numbers, as they show it."""
+    return float(np.mean(draw(random, count) ** 2))
+
+
+@pytest.mark.parametrize("draw, within", [(normal, 1.1), (bright, 2.0)])
+def test_variance_of_a_picture_is_foretold_by_a_pilot_of_two_passes(draw, within):
+    """The median of 25 pilots is that of pictures: its logarithm is known to 0.1, as that of each is to 0.4.  Of bright paths it
+    is at most two standard errors above that of most pilots."""
+    random = np.random.default_rng(0)
+    pilots = [tails.of_passes(1 + draw(random, (2, SIDE, SIDE)), PICTURE**2) for _ in range(25)]
+    foretold = [tail.variance(PICTURE**2) for tail, _ in pilots]
+    shown = np.median([variance(draw, random, PICTURE**2) for _ in range(9)])
+    assert shown / within < np.median(foretold) < within * shown
+    assert np.mean([figure * math.exp(2 * spread) > 0.9 * shown for figure, (_, spread) in zip(foretold, pilots)]) > 0.6
+
+
+def test_no_single_path_decides():
+    """One that is a thousand times brighter than the rest has 99.6 % of the squares."""
+    passes = np.random.default_rng(1).normal(size=(4, SIDE, SIDE))
+    (before, sure), brighter = tails.of_passes(passes, PICTURE**2), passes.copy()
+    brighter[2, 30, 30] += 1e4
+    after, known = tails.of_passes(brighter, PICTURE**2)
+    assert np.var(brighter) > 1e3 * np.var(passes)
+    assert before.variance(PICTURE**2) == pytest.approx(1, rel=0.1)
+    assert after.variance(PICTURE**2) == pytest.approx(1, rel=0.1) and known < sure + 0.05
+
+
+def test_chains_that_stay_are_known_less_well():
+    """Of squares that are alike over 8 x 8 pixels there are 64 times fewer."""
+    random = np.random.default_rng(2)
+    alone = random.exponential(size=(3, SIDE, SIDE))
+    together = np.kron(random.exponential(size=(3, SIDE // 8, SIDE // 8)), np.ones((8, 8)))
+    spreads = [tails.of_passes(passes)[1] for passes in (alone, together)]
+    assert spreads[1] > 3 * spreads[0] > 0
+
+
+def test_dots_of_one_brightness_are_no_tail():
+    """Twenty of them, far above all else, are foretold within a factor of 1.7 where they are the picture's."""
+    random, passes = np.random.default_rng(3), 1e-3 * np.random.default_rng(4).normal(size=(8, SIDE, SIDE))
+    passes.reshape(-1)[random.choice(passes.size, 20, replace=False)] += 10.0
+    tail, _ = tails.of_passes(passes, PICTURE**2)
+    assert tail.variance(PICTURE**2) == pytest.approx(20 * 10.0**2 / passes.size, rel=0.7)
+
+
+def test_extremes():
+    """No noise, one tile, one pixel that is not dark, and pictures that are no larger than the pilot."""
+    tail, spread = tails.of_passes(np.ones((2, SIDE, SIDE)), 1e6)
+    assert tail.variance(1e6) == 0 and spread == 0
+    tail, spread = tails.of_passes(np.array([[[1.0, 2.0], [3.0, 4.0]], [[2.0, 2.0], [3.0, 4.0]]]), 16.0)
+    assert tail.variance(16.0) == pytest.approx(0.5 / 4) and spread == 0
+    single = np.zeros((2, SIDE, SIDE))
+    single[0, 3, 3] = 1.0
+    tail, spread = tails.of_passes(single)
+    assert tail.variance() == pytest.approx(0.5 / SIDE**2) and spread >= 1
+    steep = tails.Tail(0.0, 1.0, 1.0, 16, 1000)
+    assert steep.variance(1e-9) == 0 and steep.variance(1e4) == pytest.approx(math.log(160))
+
+
+def prepared(draw, samples=1, steps=1):
+    def prepare(small, seed):
+        def render(number):
+            random = np.random.default_rng((seed, number))
+            image = 1 + draw(random, (samples, *small.size)).mean(axis=0)
+            return {"": np.repeat(image[..., None], 3, axis=2)}
+
+        return SimpleNamespace(parts=(Part("walk", render, samples, steps=steps),))
+
+    return prepare
+
+
+def world(side):
+    camera = Camera.looking((0, 0, 0), (1, 0, 0), (0, 0, 1), 1.0, side, side)
+    return SimpleNamespace(size=(side, side), camera=camera, dark=False, variant="llvm_ad_rgb")
+
+
+def test_a_bright_path_of_a_pilot_does_not_decide():
+    """One sample of half a million, which has 99.9 % of the squares that the pilot shows."""
+
+    def spoilt(random, shape):
+        image = normal(random, shape)
+        image[0, 9, 9] += 1e4 * (shape[1:] == (SIDE, SIDE) and not spoilt.seen)
+        spoilt.seen |= shape[1:] == (SIDE, SIDE)
+        return image
+
+    spoilt.seen = False
+    rates = []
+    for draw in (normal, spoilt):
+        tried = trial.of(prepared(draw, 16), world(PICTURE), None, 128)
+        (cost,) = tried.costs
+        rates.append(tried.level**2 * tried.rate(PICTURE**2) / cost.seconds(PICTURE**2))
+    assert spoilt.seen and rates[1] == pytest.approx(rates[0], rel=0.2) == pytest.approx(1 / 16, rel=0.2)
+
+
+def shared(noise):
+    def draw(random, shape):
+        return 0.1 * random.normal(size=shape) + noise * random.normal()
+
+    return draw
+
+
+def test_what_pixels_share_of_chains_goes_down_with_their_number():
+    """Of beams, of which there are as many however many pixels gather from them, it does not."""
+    pilots = [trial.of(prepared(shared(0.5), steps=steps), world(PICTURE), None, 64) for steps in (1, 12)]
+    beams, chains = (tried.costs[0].of_region(PICTURE**2, tried.pixels) for tried in pilots)
+    assert beams == pytest.approx(0.25, rel=5 * math.sqrt(2 / 64)) and chains == pytest.approx(beams / 256)
+
+
+def test_pilots_of_chains_have_as_many_paths_a_pixel_as_others_have():
+    """However few a pass of a large picture has: of 1 a pixel, 256 chains told nothing of what a path takes."""
+    size = SimpleNamespace(size=(PICTURE, PICTURE), whole=None)
+    picture = metropolis.part("metropolis", size, [], None, 0, np.ones(3))
+    pilot = metropolis.part("metropolis", SimpleNamespace(size=(SIDE, SIDE), whole=size), [], None, 0, np.ones(3))
+    assert (picture.samples, pilot.samples, pilot.fewer(4).samples) == (1, 16, 4) and picture.fewer is None
+    assert pilot.render.group.chains == SIDE**2 and picture.steps == pilot.steps == pilot.fewer(4).steps > 1
