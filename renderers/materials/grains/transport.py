@@ -361,10 +361,10 @@ def _at_baked_surface(world, transport, paths, body, sums):
         wavefront.draw(paths.states, numbers)
         sample = world.lights(paths.origin, numbers)
         rows = np.flatnonzero((sample.radiance > 0).any(axis=1) & (np.sum(sample.direction * normal, axis=1) > 0))
-        lit, sample = paths.of(rows), sample.of(rows)
+        facing, sample = paths.of(rows), sample.of(rows)
         towards = sample.direction.astype(float)
-        passed = _let_in(transport, paths.technique[0], lit.origin, towards, sample.distance, off=True)
-        sums.add(lit, sample.light, lobes.next_event(surface.lobes, transport.colours, lit, normal[rows], sample, passed))
+        passed = _let_in(transport, paths.technique[0], facing.origin, towards, sample.distance, off=True)
+        sums.add(facing, sample.light, lobes.next_event(surface.lobes, transport.colours, facing, normal[rows], sample, passed))
     lobes.scatter(surface.lobes, paths, normal)
     paths.bounces[:] += 1
     paths.sphere[:], paths.triangle[:], paths.far[:], paths.body[:], paths.beyond[:] = OFF, -1, np.nan, -1, -1
