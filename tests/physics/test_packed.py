@@ -22,9 +22,10 @@ from bakery.physics.granular import packed
 from bakery.physics.granular.packed import Grain, walk
 from bakery.physics.packing import pack
 from bakery.physics.packing.cells import tile_grid
-from bakery.physics.packing.instances import instances, rotation_matrix
+from bakery.physics.packing.instances import rotation_matrix
 from bakery.physics.shapes import build as shapes
 from tests.odds import sigmas
+from tests.oracles.instances import instances
 
 SIGMAS = sigmas(32, 1e-6)
 GLASS, MATT, MIRROR = dielectric(1.5), diffuse(1.0), conductor(np.inf)

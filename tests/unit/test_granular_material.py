@@ -44,8 +44,9 @@ def test_voxels_with_surfaces():
     low, edge, count = aggregate.low, aggregate.edge, np.array(aggregate.voxels.shape)
 
     def occupied(triangles, boxes):
-        return material.occupied_by(SimpleNamespace(extents=lambda: (0.01 * np.array(triangles).reshape(-1, 3, 3),
-                                                                     0.01 * np.array(boxes).reshape(-1, 2, 3))), aggregate, 0.01)
+        return material.occupied_by(SimpleNamespace(extents=lambda within: (0.01 * np.array(triangles).reshape(-1, 3, 3),
+                                                                            0.01 * np.array(boxes).reshape(-1, 2, 3))),
+                                    aggregate, 0.01)
 
     middle = low + (count // 2 + 0.5) * edge
     floor = middle + 100 * np.array([[-1.0, -1.0, 0], [1.0, -1.0, 0], [0.0, 2.0, 0]])

@@ -14,9 +14,10 @@ from numba import njit
 import bakery
 from bakery import kernels
 from bakery.errors import UsageError
-from bakery.physics.packing.instances import instances, rotation_matrix
+from bakery.physics.packing.instances import rotation_matrix
 from bakery.system import llvm
 from tests.conftest import slow
+from tests.oracles.instances import instances
 
 
 def test_all_is_documented():
