@@ -88,7 +88,7 @@ def frame(fog, height, width):
     for _ in range(ROUNDS):
         alone, _ = timed(screen.fogged, *arguments, grey, threads=1)
         fast, found = timed(screen.fogged, *arguments, fog, threads=1)
-        slow, expected = timed(screen.direct, *arguments, fog, threads=1, pixels=some)
+        slow, expected = timed(direct, *arguments, fog, threads=1, pixels=some)
         times.append((fast, slow * height * width / PIXELS, alone))
         for name, rounds in quicker.items():
             rounds.append(timed(screen.fogged, *arguments, fog, threads=1, points=name))
@@ -103,7 +103,7 @@ def frame(fog, height, width):
               "scattered light's mean")
     # gathering may stop where it is 1 % wrong, too
     for reach in (25, 50, 100, 200, 400):
-        near, cut = timed(screen.direct, *arguments, fog, threads=1, pixels=some, reach=reach)
+        near, cut = timed(direct, *arguments, fog, threads=1, pixels=some, reach=reach)
         off = errors(cut, expected, through)[0]
         if off < 0.01 or reach >= 400:
             print(f"  gathering within {reach} pixels: error {off:.2%}, {near * height * width / PIXELS:.0f} s: "

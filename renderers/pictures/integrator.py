@@ -77,12 +77,12 @@ def register(name, inside) -> None:
 def _picture(inside, scene, sensor, seed, samples):
     """(H, W, 3) linear sRGB, the mean of `samples` a pixel, and nothing below 0, as in the pictures of scenes."""
     from renderers.mitsuba.world import World
-    from renderers.pictures.means import Mean
+    from renderers.pictures.means import LEAST, Mean
 
     picture = 0.0
     for part in inside.parts(World(scene, inside.unit, sensor=sensor), seed):
         mean = Mean()
-        for number in range(-(-samples // part.samples)):
+        for number in range(max(LEAST, -(-samples // part.samples))):  # as scenes have, for their noise
             mean.add(part.render(number))
         picture = picture + mean.layers[""]
     return np.maximum(picture, 0.0)

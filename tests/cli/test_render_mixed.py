@@ -167,7 +167,7 @@ def test_auto_measures_and_remembers(call, folder, measured, monkeypatch, capsys
     assert f"materials[1] by {entries[1]['method']}; materials[2] by {entries[2]['method']}" == taken
     assert [entry["pilot"] is None for entry in entries] == [True, False, False, True]
     assert any("auto is" in line and "by pilots" in line for line in report["reasons"])
-    monkeypatch.setattr(choice.trial, "of", None)
+    monkeypatch.setattr(choice, "_Pilots", None)
     again, _ = rendered(call, "found.png", *SPRAY)
     assert any("of an earlier render" in line for line in again["reasons"])
     assert (folder / "auto.exr").read_bytes() == (folder / "found.exr").read_bytes()
