@@ -23,7 +23,7 @@ SCENES = ROOT / "assets" / "scenes"
 # (height, width), samples a pixel and seed, pixels squared whose means count
 _BODY, _HEAP = ((24, 32), 2, 4), ((24, 32), 8, 4)
 SHIPPED = {
-    "beads_in_box": ((16, 16), 2, 1), "bust": _BODY, "candle": _BODY, "candle_ball": _BODY, "candle_hollow": _BODY,
+    "beads_in_box": ((16, 16), 16, 4), "bust": _BODY, "candle": _BODY, "candle_ball": _BODY, "candle_hollow": _BODY,
     "cube_of_beads": _HEAP, "head": _BODY, "layers_of_sand": _HEAP, "soap_and_lamp": _BODY,
     "square_emitter": (None, 16, 1),
 }
