@@ -23,13 +23,12 @@ def airlight(scene, entries, world):
 
     entries : of `scene.Scene`, by the numbers of their media;  world : `renderers.mitsuba.world.World`
     """
-    emitters = scene.scene.emitters()
-    lamps = Airlight.anchors(emitters) * world.unit if emitters else np.empty((0, 4))
-    away = np.linalg.norm(lamps[:, :3] - np.asarray(world.camera.origin, float), axis=1)
-    small = (lamps[:, 3] >= 0) & (lamps[:, 3] <= LARGEST * away)
-    if not small.any() or len(emitters) > MOST:
+    emitters, spheres = small_lamps(scene, world)
+    if not emitters or len(scene.scene.emitters()) > MOST:
         return None
-    thin = [_thin(entry, lamps[small, :3], away[small]) for entry in entries.values()]
+    middles = world.unit * spheres[:, :3]
+    away = np.linalg.norm(middles - np.asarray(world.camera.origin, float), axis=1)
+    thin = [_thin(entry, middles, away) for entry in entries.values()]
     hidden = sum(1 << number for number, entry in entries.items() if not isinstance(entry, Medium) and not entry.matched)
     return Airlight(scene, thin, hidden) if any(thin) else None
 
@@ -37,7 +36,7 @@ def airlight(scene, entries, world):
 def small_lamps(scene, world):
     """Small lamps of a scene, and (n, 4) their middles and half-diagonals, in its unit; parameters as of `airlight`."""
     emitters = scene.scene.emitters()
-    spheres = Airlight.anchors(emitters)
+    spheres = Airlight.anchors(emitters).reshape(-1, 4)
     away = np.linalg.norm(spheres[:, :3] - np.asarray(world.camera.origin, float) / world.unit, axis=1)
     small = np.flatnonzero((spheres[:, 3] >= 0) & (spheres[:, 3] <= LARGEST * away))
     return [emitters[number] for number in small], spheres[small]
