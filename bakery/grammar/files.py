@@ -74,7 +74,8 @@ def _read(path: str | os.PathLike, limit: int, flags: int = 0) -> bytes:
     # O_NONBLOCK: opening a named pipe without a writer would otherwise wait for ever
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | flags)
     try:
-        mode = os.fstat(descriptor).st_mode
+        status = os.fstat(descriptor)
+        mode = status.st_mode
         if not stat.S_ISREG(mode):
             kinds = (
                 (stat.S_ISDIR, "a folder"),
@@ -85,7 +86,8 @@ def _read(path: str | os.PathLike, limit: int, flags: int = 0) -> bytes:
             kind = next((name for test, name in kinds if test(mode)), "no regular file")
             raise Wrong(f"found {kind}", "expected a regular file")
         with open(descriptor, "rb", closefd=False) as file:
-            return file.read(limit)
+            # read(n) takes n bytes of memory before it looks; a file of the system's own state, as of /proc, says it has none
+            return file.read(min(limit, status.st_size + 1) if status.st_size else limit)
     finally:
         os.close(descriptor)
 

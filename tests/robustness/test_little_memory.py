@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import resource
+import tracemalloc
 
 import pytest
 
@@ -17,6 +18,18 @@ def test_a_library_that_does_not_fit_is_not_begun(command, drops, tmp_path, limi
                    preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (size, size)))
     assert (done.returncode, done.stdout) == (3, "") and "Traceback" not in done.stderr
     assert done.stderr.startswith(f"out of memory ({library} takes ")
+
+
+def test_a_small_file_takes_little_memory(drops):
+    """Whatever the most that a file may have: 67 MB were asked for, and an address limit of 256 MB has them or not."""
+    from bakery.grammar.files import read_recipe
+
+    tracemalloc.start()
+    try:
+        assert read_recipe(drops) == drops.read_bytes()
+        assert tracemalloc.get_traced_memory()[1] < 1e5
+    finally:
+        tracemalloc.stop()
 
 
 def test_without_a_limit_nothing_is_refused(monkeypatch):
