@@ -30,7 +30,7 @@ from renderers.scene.budget import percent
 from renderers.scene.candidates import Candidate
 
 TEXT = "bakery_method"  # attribute of the pictures
-_VERSION = 3  # of the rules below; another one does not go by what was kept
+_VERSION = 4  # of the rules below; another one does not go by what was kept
 _SHARE = 0.1  # of the render, that pilots of others than the first may take together
 _LONGEST = 1.5  # s of passes of a pilot
 _LONGER = 30.0  # times as long are pilots at most that have to tell an error
@@ -55,6 +55,7 @@ class Choice(NamedTuple):
         of what is not known
     approximations : error of the method in this scene with what two standard errors may add; None where the pilots do not tell
     sentence : how it was chosen
+    foretold : of the picture by the method, as `foretold_by` gives it; None without a pilot
     """
 
     method: str
@@ -62,6 +63,7 @@ class Choice(NamedTuple):
     table: list[dict]
     approximations: float | None
     sentence: str
+    foretold: dict | None = None
 
     @property
     def row(self) -> dict:
@@ -229,6 +231,16 @@ def _said(offered, name) -> str:
     return f"auto is {name} here" if open_to_choice else f"{name}, as asked for"
 
 
+def foretold_by(tried: Trial, pixels: int, stop: Stop, missing: float = 0.0) -> dict:
+    """What a pilot tells of a picture of so many pixels, for JSON: `clock`, seconds of it to one of processors; `passes`, of each
+    kind a `renderers.choice.trial.Foretold` as a dict.
+
+    missing : light that others have found and this has not, over its own
+    """
+    kinds = tried.foretold(pixels, missing, stop.noise, stop.time)
+    return {"clock": tried.clock, "passes": [kind._asdict() for kind in kinds]}
+
+
 def _eligible(offered) -> list[str]:
     return [candidate.name for candidate in offered if candidate.eligible]
 
@@ -376,7 +388,9 @@ class _Pilots:
         by = "there is no other candidate"
         if self._trials:
             by = f"by pilots: seconds of a processor to a noise of {percent(self._noise)}"
-        return Choice(best[0], list(self._offered[best[0]].methods), table, allowed.get(best[0]), by)
+        taken = best[0]
+        foretold = foretold_by(self._trials[taken], self._pixels, self._stop, missing[taken]) if taken in self._trials else None
+        return Choice(taken, list(self._offered[taken].methods), table, allowed.get(taken), by, foretold)
 
     def _row(self, name, seconds, bias, why, at_most=None) -> dict:
         size, error = (None, None) if bias is None else (bias.size, bias.error)
