@@ -155,6 +155,30 @@ def test_what_is_hardly_known_is_not_preferred(monkeypatch):
     assert row["at_most"] == pytest.approx(10 * row["seconds"])
 
 
+def test_of_what_nothing_is_known_the_first_stays(monkeypatch):
+    """Half of the seconds by a pilot that tells them to a factor of e^5, beside one that tells no more: a lamp in dust was taken
+    particle by particle so, which is 1.7 times as dear.  A twentieth is enough."""
+    first, second = method("particles+continuous", exact=True), method("particles", exact=True)
+    of = [tried(seconds) for seconds in (1.0, 0.5, 0.05)]
+    dear, half, little = (one._replace(costs=(one.costs[0]._replace(spread=5.0),)) for one in of)
+    assert taken(monkeypatch, (first, dear), (second, half)).method == "particles+continuous"
+    assert taken(monkeypatch, (first, dear), (second, little)).method == "particles"
+    assert taken(monkeypatch, (first, dear), (second, of[1])).method == "particles"
+
+
+def test_pilots_take_a_small_share_of_a_minute(monkeypatch):
+    """Of others than the first at most 4 %, the first's own seconds less than half of that."""
+    asked = []
+
+    def of(seconds):
+        asked.append(seconds)
+        return tried(1.0)._replace(seconds=seconds)
+
+    names = ("paths", "tables", "shells", "vrl", "chains")
+    taken(monkeypatch, *((method(name, exact=True, pilot=0.5), of) for name in names), stop=Stop(noise=0.01, time=60.0))
+    assert len(asked) > 2 and asked[0] <= 0.02 * 60 and sum(asked[1:]) <= 0.04 * 60
+
+
 def test_what_few_passes_cannot_tell_goes_by_what_is_declared(monkeypatch):
     exact = method("paths", exact=True), tried(1.0, error=1.0)
     best = taken(monkeypatch, exact, (method("tables", stated=0.01), tried(0.1, error=1.0)))
