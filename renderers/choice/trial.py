@@ -232,7 +232,8 @@ def _cost(part, small, large, level, pixels) -> Cost:
     pixel, regions = tail.variance(), mean.regions / (mean.count - 1) / level**2
     shared = max(float(np.mean(regions)) - float(np.mean(mean.square[..., 3])) / (mean.count - 1) / level**2
                  * regions.size / large.pixels, 0.0)
-    grows = _growth(pixel / max(coarse.variance(), 1e-300), math.hypot(spread, of_coarse), large.pixels / small.pixels)
+    # without the largest squares: of rare bright paths more are seen among more samples, and none by chance among few
+    grows = _growth(tail.dim / max(coarse.variance(), 1e-300), math.hypot(spread, of_coarse), large.pixels / small.pixels)
     return Cost(max(second - by_pixel * large.pixels, 0.0), by_pixel, part.samples, pixel, shared, spread, grows, tail,
                 part.steps > 1)
 

@@ -70,7 +70,7 @@ def test_noise_that_grows_as_pixels_get_smaller_is_carried_on():
 
         return SimpleNamespace(parts=(Part("splat", render),))
 
-    dots, even = trial.of(prepare, world(), None, 64), trial.of(passes(own=0.5), world(), None, 64)
+    dots, even = trial.of(prepare, world(), None, 256), trial.of(passes(own=0.5), world(), None, 64)
     assert dots.costs[0].grows > 0.2 and even.costs[0].grows < 0.1
     rates = [one._replace(costs=(one.costs[0]._replace(fixed=0.0),)) for one in (dots, even)]
     growth = [one.rate(2**20) / one.rate(2**16) for one in rates]
