@@ -318,25 +318,30 @@ class _Pilots:
             self._trials[name] = trial.of(lambda world, seed: self._prepare(opened, world, seed), self._world, seconds)
 
     def _tell_more(self, seconds_left):
-        """Longer pilots, in what is left of their time, of a candidate that may be taken by what a pilot tells alone, where that
-        does not tell enough and would then do so."""
+        """Longer pilots, in what is left of their time, of a candidate that may be taken by what a pilot tells alone, or would be
+        by what it declares of all scenes, where that does not tell enough and would then do so."""
         exact, allowed = self._exact(), budget.ROOM * self._tolerance
-        untold = [name for name in self._trials if self._offered[name].stated(self._tolerance) > allowed]
-        if not exact or not untold:
+        if not exact:
+            return
+        cheapest = min(map(self._seconds, exact.values()))
+        stated = {name: self._offered[name].stated(self._tolerance) for name in self._trials if not self._offered[name].exact}
+        untold = [name for name in stated if stated[name] > allowed or self._seconds(self._trials[name]) < cheapest]
+        if not untold:
             return
         name = min(untold, key=lambda name: self._seconds(self._trials[name]))
         reference = min(exact, key=lambda name: self._variance(exact[name]))
         bias, trials = trial.bias(self._trials[name], exact[reference]), (self._trials[name], exact[reference])
-        if bias.resolved or bias.size + bias.error <= allowed or bias.size >= allowed:
+        if bias.resolved or bias.size + bias.error <= allowed or stated[name] > allowed and bias.size >= allowed:
             return
         # the error goes with the root of the variance
-        times = 1.3 * (bias.error / (allowed - bias.size)) ** 2
+        times = 1.3 * (bias.error / max(abs(allowed - bias.size), 1e-9)) ** 2
         needed = times * sum(pilot.seconds for pilot in trials)
         if needed > seconds_left or times > _LONGER:
-            self._why[name] = f"measuring its error takes {needed:.2g} s, and pilots have {seconds_left:.2g} s left"
+            if stated[name] > allowed:
+                self._why[name] = f"measuring its error takes {needed:.2g} s, and pilots have {seconds_left:.2g} s left"
             return
         for again, pilot in zip((name, reference), trials):
-            self._try(again, times * pilot.seconds)
+            self._try(again, max(times, 1.0) * pilot.seconds)
 
     def _seconds_to_end(self, tried) -> float:
         """Until noise or samples end the passes."""
