@@ -1,12 +1,12 @@
 """What `auto` is for a scene: the cheapest of its candidates (`renderers.scene.candidates`), by pilots of each.
 
 The first candidate is the one that is taken where no pilots are worth their time.  The others are tried while pilots together
-take less than a tenth of the render, that of the first, whose kernels the render needs most likely, apart.  Cheapest is that
-whose seconds are at most fewest, by standard errors of what its pilot tells: one of which little is known is not preferred to one
-that is well known.  A candidate with an error of its own has to fit the share of the tolerance that such errors have
-(`renderers.scene.budget.ROOM`): by its pilot, against one without an error, or, where so few passes cannot tell, by what it
-declares.  A choice is kept in the cache of bakes by all that it was made of, so that the same scene is rendered alike as long as
-that is there: clocks decide, and another machine may choose otherwise.
+take less than a twenty-fifth of the render, that of the first, whose kernels the render needs most likely, apart.  Cheapest is
+that whose seconds are at most fewest, by standard errors of what its pilot tells: one of which little is known is not preferred
+to one that is well known, nor to an earlier one of which as little is known. A candidate with an error of its own has to fit the
+share of the tolerance that such errors have (`renderers.scene.budget.ROOM`): by its pilot, against one without an error, or,
+where so few passes cannot tell, by what it declares. A choice is kept in the cache of bakes by all that it was made of, so that
+the same scene is rendered alike as long as that is there: clocks decide, and another machine may choose otherwise.
 """
 
 from __future__ import annotations
@@ -30,15 +30,18 @@ from renderers.scene.budget import percent
 from renderers.scene.candidates import Candidate
 
 TEXT = "bakery_method"  # attribute of the pictures
-_VERSION = 3  # of the rules below; another one does not go by what was kept
-_SHARE = 0.1  # of the render, that pilots of others than the first may take together
+_VERSION = 4  # of the rules below; another one does not go by what was kept
+# Of the render, that pilots of others than the first may take together.  A tenth was more than they saved: in a minute, a jelly
+# whose first candidate is the cheapest took 10 % longer
+_SHARE = 0.04
 _LONGEST = 1.5  # s of passes of a pilot
 _LONGER = 30.0  # times as long are pilots at most that have to tell an error
 _LEAST_PIXELS, _LEAST_SAMPLES = 128**2, 1 << 21  # of pictures; smaller ones take no longer than pilots
 _CHEAPER = 1.25  # times, that a later candidate has to be: clocks differ
 _UNTRIED = "taken without a pilot"
 # Standard errors, by which a candidate may take longer than its pilot tells, and times as long at most: of what few passes hardly
-# tell (dots of particles), their standard error tells nothing either, and candidates are compared by what they tell
+# tell (dots of particles), their standard error tells nothing either; such a candidate has to be as much cheaper than an earlier
+# one is by its pilot, whatever is not known of that
 _SURE, _DOUBT = 2.0, 10.0
 _ORDER_SURE = 4.0  # standard errors, of a difference in one of four orders
 
@@ -55,6 +58,7 @@ class Choice(NamedTuple):
         of what is not known
     approximations : error of the method in this scene with what two standard errors may add; None where the pilots do not tell
     sentence : how it was chosen
+    foretold : of the picture by the method, as `foretold_by` gives it; None without a pilot
     """
 
     method: str
@@ -62,6 +66,7 @@ class Choice(NamedTuple):
     table: list[dict]
     approximations: float | None
     sentence: str
+    foretold: dict | None = None
 
     @property
     def row(self) -> dict:
@@ -229,6 +234,16 @@ def _said(offered, name) -> str:
     return f"auto is {name} here" if open_to_choice else f"{name}, as asked for"
 
 
+def foretold_by(tried: Trial, pixels: int, stop: Stop, missing: float = 0.0) -> dict:
+    """What a pilot tells of a picture of so many pixels, for JSON: `clock`, seconds of it to one of processors; `passes`, of each
+    kind a `renderers.choice.trial.Foretold` as a dict.
+
+    missing : light that others have found and this has not, over its own
+    """
+    kinds = tried.foretold(pixels, missing, stop.noise, stop.time)
+    return {"clock": tried.clock, "passes": [kind._asdict() for kind in kinds]}
+
+
 def _eligible(offered) -> list[str]:
     return [candidate.name for candidate in offered if candidate.eligible]
 
@@ -303,25 +318,30 @@ class _Pilots:
             self._trials[name] = trial.of(lambda world, seed: self._prepare(opened, world, seed), self._world, seconds)
 
     def _tell_more(self, seconds_left):
-        """Longer pilots, in what is left of their time, of a candidate that may be taken by what a pilot tells alone, where that
-        does not tell enough and would then do so."""
+        """Longer pilots, in what is left of their time, of a candidate that may be taken by what a pilot tells alone, or would be
+        by what it declares of all scenes, where that does not tell enough and would then do so."""
         exact, allowed = self._exact(), budget.ROOM * self._tolerance
-        untold = [name for name in self._trials if self._offered[name].stated(self._tolerance) > allowed]
-        if not exact or not untold:
+        if not exact:
+            return
+        cheapest = min(map(self._seconds, exact.values()))
+        stated = {name: self._offered[name].stated(self._tolerance) for name in self._trials if not self._offered[name].exact}
+        untold = [name for name in stated if stated[name] > allowed or self._seconds(self._trials[name]) < cheapest]
+        if not untold:
             return
         name = min(untold, key=lambda name: self._seconds(self._trials[name]))
         reference = min(exact, key=lambda name: self._variance(exact[name]))
         bias, trials = trial.bias(self._trials[name], exact[reference]), (self._trials[name], exact[reference])
-        if bias.resolved or bias.size + bias.error <= allowed or bias.size >= allowed:
+        if bias.resolved or bias.size + bias.error <= allowed or stated[name] > allowed and bias.size >= allowed:
             return
         # the error goes with the root of the variance
-        times = 1.3 * (bias.error / (allowed - bias.size)) ** 2
+        times = 1.3 * (bias.error / max(abs(allowed - bias.size), 1e-9)) ** 2
         needed = times * sum(pilot.seconds for pilot in trials)
         if needed > seconds_left or times > _LONGER:
-            self._why[name] = f"measuring its error takes {needed:.2g} s, and pilots have {seconds_left:.2g} s left"
+            if stated[name] > allowed:
+                self._why[name] = f"measuring its error takes {needed:.2g} s, and pilots have {seconds_left:.2g} s left"
             return
         for again, pilot in zip((name, reference), trials):
-            self._try(again, times * pilot.seconds)
+            self._try(again, max(times, 1.0) * pilot.seconds)
 
     def _seconds_to_end(self, tried) -> float:
         """Until noise or samples end the passes."""
@@ -359,24 +379,26 @@ class _Pilots:
         """The cheapest that fits."""
         missing, exact = self._missing(), self._exact()
         table = [self._row(name, None, None, f"not possible: {why}") for name, why in self._lacks.items()]
-        best, allowed = (next(iter(self._offered)), math.inf), {}
+        taken, best, allowed = next(iter(self._offered)), (math.inf, math.inf), {}
         for name, candidate in self._offered.items():
             if name not in self._trials:
                 table.append(self._row(name, None, None, self._why.get(name, _untried(candidate, self._tolerance))))
                 continue
             cost = self._seconds(self._trials[name], missing[name])
-            at_most = cost * min(math.exp(_SURE * self._trials[name].spread), _DOUBT)
+            doubt = min(math.exp(_SURE * self._trials[name].spread), _DOUBT)
+            at_most = doubt * cost
             fits, bias, why, allowed[name] = self._fits(name, exact)
             asked = why if candidate.eligible else f"{why}; other methods are asked for"
             table.append(self._row(name, cost, bias, asked, at_most))
-            if fits and candidate.eligible and (math.isinf(best[1]) or at_most * _CHEAPER < best[1]):
-                best = name, at_most
+            if fits and candidate.eligible and (math.isinf(best[0]) or at_most * _CHEAPER < best[doubt < _DOUBT]):
+                taken, best = name, (cost, at_most)
         for row in table:
-            row["chosen"] = row["method"] == best[0]
+            row["chosen"] = row["method"] == taken
         by = "there is no other candidate"
         if self._trials:
             by = f"by pilots: seconds of a processor to a noise of {percent(self._noise)}"
-        return Choice(best[0], list(self._offered[best[0]].methods), table, allowed.get(best[0]), by)
+        foretold = foretold_by(self._trials[taken], self._pixels, self._stop, missing[taken]) if taken in self._trials else None
+        return Choice(taken, list(self._offered[taken].methods), table, allowed.get(taken), by, foretold)
 
     def _row(self, name, seconds, bias, why, at_most=None) -> dict:
         size, error = (None, None) if bias is None else (bias.size, bias.error)

@@ -1,7 +1,7 @@
 """What a render of a scene will take and give, by pilots: small pictures of a few passes, or a few passes of a filter's picture.
 
-What passes take and the noise that they leave are those by which `auto` chooses (`renderers.choice.trial`); of a renderer that
-is no material's, seconds of two sizes, and noise at as many samples a pixel.  What comes before the passes takes as long as in a
+What passes take and the noise that they leave are those by which `auto` chose, of the same pilot; of a renderer that is no
+material's, seconds of two sizes, and noise at as many samples a pixel.  What comes before the passes takes as long as in a
 small picture.  Memory is at most what that held a pixel, and what the process had.
 """
 
@@ -167,27 +167,28 @@ def _held(scene, size, stop, options, picture_path) -> float:
 
 
 def _tried(scene, stop, variant) -> dict[str, Mapping]:
-    """What the passes of a picture of materials will report of its parts, by a pilot such as those of `auto`."""
+    """What the passes of a picture of materials will report of its parts, by the pilot of its choice or one like it."""
     from renderers.mitsuba.world import World
 
     opened, world = choice.Opened.of(scene), World.of(scene, variant)
-    with world.as_it_is():
-        pilot = trial.of(lambda smaller, seed: scene.prepare(opened, smaller, seed), world, SECONDS)
+    foretold = scene.choice and scene.choice.foretold
+    if not foretold:
+        with world.as_it_is():
+            pilot = trial.of(lambda smaller, seed: scene.prepare(opened, smaller, seed), world, SECONDS)
+        foretold = choice.foretold_by(pilot, world.size[0] * world.size[1], stop)
     with world.as_it_is():
         parts = in_time(scene.prepare(opened, world, 0).parts, stop.time)
-    return _extrapolated(pilot, {part.name: part.samples for part in parts}, world.size[0] * world.size[1], stop)
+    return _extrapolated(foretold, {part.name: part.samples for part in parts})
 
 
-def _extrapolated(pilot, samples: Mapping[str, int], pixels, stop) -> dict[str, Mapping]:
-    """Parts of a picture of so many pixels, whose passes have so many samples of each, by a `trial.Trial`."""
+def _extrapolated(foretold, samples: Mapping[str, int]) -> dict[str, Mapping]:
+    """Parts of a picture whose passes have so many samples of each, by `renderers.choice.foretold_by`."""
     parts = {}
-    for (name, of_pass), cost in zip(samples.items(), pilot.costs, strict=True):
-        ratio = of_pass / cost.samples
-        passes = cost.passes(pixels, stop.noise, None if stop.time is None else stop.time / pilot.clock)
-        variance, shared = cost.of_pixel(pixels, pilot.pixels, passes), cost.of_region(pixels, pilot.pixels)
-        parts[name] = {"samples": of_pass, "passes": _PASSES, "concentration": cost.spread,
-                       "seconds": (cost.fixed + cost.by_pixel * pixels * ratio) * pilot.clock,
-                       "noise": math.sqrt(variance / ratio / _PASSES), "region": math.sqrt(shared / ratio / _PASSES)}
+    for (name, of_pass), kind in zip(samples.items(), foretold["passes"], strict=True):
+        ratio = of_pass / kind["samples"]
+        parts[name] = {"samples": of_pass, "passes": _PASSES, "concentration": kind["spread"],
+                       "seconds": (kind["fixed"] + kind["pixels"] * ratio) * foretold["clock"],
+                       "noise": math.sqrt(kind["pixel"] / ratio / _PASSES), "region": math.sqrt(kind["region"] / ratio / _PASSES)}
     return parts
 
 

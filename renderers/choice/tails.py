@@ -41,6 +41,7 @@ class Tail(NamedTuple):
     power : inverse of the index of the law
     number : of squares that the law stands for; 0: of none
     count : of all
+    dim : sum of all but a fixed number of the largest, over `count`
     """
 
     body: float
@@ -48,6 +49,7 @@ class Tail(NamedTuple):
     power: float = 0.0
     number: int = 0
     count: int = 1
+    dim: float = 0.0
 
     def variance(self, among: float | None = None) -> float:
         """Mean of so many squares, by the law up to the largest that they have usually; None: of as many as these are."""
@@ -103,13 +105,13 @@ def _alike(largest) -> int:
 
 def _fitted(largest, total, count) -> Tail:
     largest, count = np.sort(largest)[::-1][:_LARGEST + 1], max(int(count), 1)
-    number = min(int(np.count_nonzero(largest > 0)), len(largest)) - 1
+    number, dim = min(int(np.count_nonzero(largest > 0)), len(largest)) - 1, float(max(total - largest.sum(), 0.0) / count)
     if number < 2:
-        return Tail(float(total / count), count=count)
+        return Tail(float(total / count), count=count, dim=dim)
     number = _alike(largest[:number + 1])
     first, least = largest[:number], float(largest[number])
     # how far the brightest are above the next does not count (an estimate of censored numbers): they may be one path
     beyond = min(_BEYOND, number - 1)
     counted = np.log(np.minimum(first, first[beyond]) / least).sum()
     power = float((counted + _WEIGHT * _USUAL) / (number - beyond + _WEIGHT))
-    return Tail(float(max(total - first.sum(), 0.0) / count), number * least / count, min(power, _STEEPEST), number, count)
+    return Tail(float(max(total - first.sum(), 0.0) / count), number * least / count, min(power, _STEEPEST), number, count, dim)

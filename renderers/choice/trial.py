@@ -80,6 +80,30 @@ class Cost(NamedTuple):
         return max(min(ends, default=LEAST), LEAST)
 
 
+class Foretold(NamedTuple):
+    """Passes of a kind in a picture, as a pilot foretells them.
+
+    Attributes
+    ----------
+    samples : of a pixel, in a pass
+    fixed, pixels : processor seconds of a pass, and of all of its pixels
+    pixel, region : variances by a pass over the squared mean of the picture, as those of `Cost`
+    spread : standard error of the logarithm of `pixel`
+    """
+
+    samples: int
+    fixed: float
+    pixels: float
+    pixel: float
+    region: float
+    spread: float
+
+    @property
+    def seconds(self) -> float:
+        """Of a pass."""
+        return self.fixed + self.pixels
+
+
 class Light(NamedTuple):
     """Means (rows, columns) of the luminance over regions, and their variances."""
 
@@ -119,19 +143,25 @@ class Trial(NamedTuple):
         roots = np.sqrt([cost.pixel * (cost.fixed + cost.by_pixel * self.pixels) for cost in self.costs])
         return float(np.linalg.norm(roots * [cost.spread for cost in self.costs])) / max(float(roots.sum()), 1e-300)
 
-    def rate(self, pixels: int, missing: float = 0.0, noise: float | None = None, limit: float | None = None) -> float:
-        """Processor seconds of passes, times noise^2, of a picture of so many pixels, its kinds of passes shared out best.
+    def foretold(self, pixels: int, missing: float = 0.0, noise: float | None = None,
+                 limit: float | None = None) -> tuple[Foretold, ...]:
+        """Of a picture of so many pixels, its passes of each kind as those of the pilot.
 
         missing : light, over that of the picture, that others have found and this has not: it counts as if the next pass brought
             it, in one pixel
-        noise, limit : and seconds that end its passes: the more there are, the brighter the brightest paths; None: they do not
+        noise, limit : and seconds of the clock that end its passes: the more there are, the brighter the brightest paths; None:
+            they do not
         """
-        seconds = np.array([cost.seconds(pixels) for cost in self.costs])
-        of_pixels = np.array([cost.of_pixel(pixels, self.pixels, cost.passes(pixels, noise, limit)) for cost in self.costs])
-        of_regions = np.array([cost.of_region(pixels, self.pixels) for cost in self.costs])
-        unseen = missing**2 * self.passes / len(self.costs)
-        return max(float(np.sqrt((of_pixels + unseen * self.pixels) * seconds).sum()),
-                   float(np.sqrt((of_regions + unseen) * seconds).sum())) ** 2
+        ends, unseen = limit and limit / self.clock, missing**2 * self.passes / len(self.costs)
+        return tuple(Foretold(cost.samples, cost.fixed, cost.by_pixel * pixels,
+                              cost.of_pixel(pixels, self.pixels, cost.passes(pixels, noise, ends)) + unseen * self.pixels,
+                              cost.of_region(pixels, self.pixels) + unseen, cost.spread) for cost in self.costs)
+
+    def rate(self, pixels: int, missing: float = 0.0, noise: float | None = None, limit: float | None = None) -> float:
+        """Processor seconds of passes, times noise^2, of the same picture, its kinds of passes shared out best."""
+        kinds = self.foretold(pixels, missing, noise, limit)
+        return max(sum(math.sqrt(kind.pixel * kind.seconds) for kind in kinds),
+                   sum(math.sqrt(kind.region * kind.seconds) for kind in kinds)) ** 2
 
     def of_samples(self, pixels: int, samples: int) -> float:
         """Processor seconds of passes with so many samples a pixel."""
@@ -202,7 +232,8 @@ def _cost(part, small, large, level, pixels) -> Cost:
     pixel, regions = tail.variance(), mean.regions / (mean.count - 1) / level**2
     shared = max(float(np.mean(regions)) - float(np.mean(mean.square[..., 3])) / (mean.count - 1) / level**2
                  * regions.size / large.pixels, 0.0)
-    grows = _growth(pixel / max(coarse.variance(), 1e-300), math.hypot(spread, of_coarse), large.pixels / small.pixels)
+    # without the largest squares: of rare bright paths more are seen among more samples, and none by chance among few
+    grows = _growth(tail.dim / max(coarse.variance(), 1e-300), math.hypot(spread, of_coarse), large.pixels / small.pixels)
     return Cost(max(second - by_pixel * large.pixels, 0.0), by_pixel, part.samples, pixel, shared, spread, grows, tail,
                 part.steps > 1)
 

@@ -263,6 +263,13 @@ class World:
         """Whether a light is at infinity."""
         return bool(self._infinite.any())
 
+    @cached_property
+    def extended(self) -> bool:
+        """Whether a light has an extent, so that directions may meet it by chance."""
+        import mitsuba as mi
+
+        return any(not mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta) for emitter in self._scene.emitters())
+
     @property
     def dark(self) -> bool:
         """Whether no light shines: there is none, or each is 0 everywhere."""

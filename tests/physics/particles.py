@@ -79,6 +79,7 @@ class Sky:
 
     light_names = ("sun", "sky")
     camera = None
+    extended = True
 
     def __init__(self, sun=None, above=0.0, below=0.0):
         self.sun = None if sun is None else np.array(sun) / np.linalg.norm(sun)

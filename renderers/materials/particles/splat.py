@@ -3,7 +3,8 @@
 A camera pencil is stopped by a particle if it passes the centre, at distance D, under an angle whose sine is below rho / D: the
 cone of such directions is what the particle takes of the picture.  Pencils are drawn in that cone, evenly: a particle is spread
 over the pixels that its disc covers, and one smaller than a pixel needs one pencil.  Chance decides only which parts of discs
-others hide, and on places on lights.  The sum is the mean of `walk` over camera paths that scatter once.
+others hide, on places on lights, and on where some pencils go on.  The sum is the mean of `walk` over camera paths that scatter
+once.
 """
 
 from __future__ import annotations
@@ -27,9 +28,11 @@ from bakery.kernels import (
 )
 from bakery.system.compiled import njit
 from renderers.materials.particles import _transport, shadow
-from renderers.materials.particles._transport import Events
+from renderers.materials.particles._transport import Events, Guide
+from renderers.materials.particles.walk import Paths
+from renderers.mitsuba.world import FAR, LightSample
 from renderers.threads import run
-from renderers.transport import wavefront
+from renderers.transport import steps, wavefront
 
 CHUNK = 1 << 17  # particles at a time
 _MOST = 4096  # pencils to one particle in a pass
@@ -254,17 +257,42 @@ def _light(world, discs, view, events, pencils, chance, picture, by_light):
         return
     pencils.throughput[:] /= plan.samples
     for _ in range(plan.samples):
-        numbers = np.empty((m, 3))
+        numbers = np.empty((m, 4))
         wavefront.draw(pencils.states, numbers)
-        sample = world.lights(events.place, numbers)
-        added = np.zeros((m, 3))
-        together = np.ones(pencils.throughput.shape)
-        if np.isfinite(chance).any():
-            ends = view.origin + pencils.far[:, None] * pencils.direction
-            together = shadow.factors(medium, view.origin, ends, sample.direction.astype(float), sample.distance,
-                                      events.place - ends)
-        run(_transport.light_alone, m, medium, events, pencils, chance, together, sample, added)
-        _sum(added, pencils.pixel, sample.light, picture, by_light)
+        samples = [(slice(None), world.lights(events.place, numbers[:, :3]))]
+        if world.extended and len(chosen := np.flatnonzero(numbers[:, 3] < _transport.FOLLOWED)):
+            samples.append((chosen, _followed(world, medium, events, pencils, chosen)))
+        for rows, sample in samples:
+            light = Events(events.kind[rows], events.place[rows], events.discrete), pencils.of(rows), chance[rows], sample
+            _arrives(medium, view, *light, picture, by_light)
+
+
+def _followed(world, medium, events, pencils, chosen) -> LightSample:
+    """What some pencils come upon that go on as their particles scatter, as places on lights: a lamp behind a particle sends
+    nearly all of its light by way of a narrow peak, which places on it seldom are in."""
+    n, none, whole = len(chosen), np.zeros(len(chosen), bool), np.zeros(len(chosen), np.int64)
+    place, density = events.place[chosen], np.zeros(n)
+    paths = Paths(place, pencils.direction[chosen], pencils.throughput[chosen], pencils.states[chosen], pencils.pixel[chosen],
+                  place, density, none, whole, whole, np.zeros(n), none, whole)
+    run(_transport.scatter, n, medium, events.kind[chosen], paths, Guide(paths.direction.copy(), none))
+    pencils.states[chosen] = paths.states
+    density *= _transport.FOLLOWED
+    shading, _ = steps.met(world, paths)
+    far = np.where(shading.hit, np.linalg.norm(shading.point - place, axis=1), FAR)
+    radiance = shading.emitted / np.maximum(density, 1e-30)[:, None]
+    return LightSample(paths.direction.astype(np.float32), far, radiance.astype(np.float32), density.astype(np.float32),
+                       ~none, shading.source)
+
+
+def _arrives(medium, view, events, pencils, chance, sample, picture, by_light):
+    """Adds what one place on a light sends by way of each particle."""
+    added, together = np.zeros((len(chance), 3)), np.ones(pencils.throughput.shape)
+    if np.isfinite(chance).any():
+        ends = view.origin + pencils.far[:, None] * pencils.direction
+        together = shadow.factors(medium, view.origin, ends, sample.direction.astype(float), sample.distance,
+                                  events.place - ends)
+    run(_transport.light_alone, len(chance), medium, events, pencils, chance, together, sample, added)
+    _sum(added, pencils.pixel, sample.light, picture, by_light)
 
 
 def _chances(medium, plan, view, pencils, numbers):
