@@ -319,6 +319,11 @@ def _switched(world, transport, paths, sums):
     parts = []
     if not paths.count or sums.which == BEFORE:
         return parts
+    if sums.which == AFTER and transport.switch.share < 1:
+        numbers = np.empty((paths.count, 1))
+        wavefront.draw(paths.states, numbers)
+        paths = paths.of(numbers[:, 0] < transport.switch.share)
+        paths.throughput[:] /= transport.switch.share
     paths.technique[:], paths.stage[:], paths.switching[:] = MEDIUM, NEVER, False
     for body in np.unique(paths.body):
         group, interactor = paths.of(paths.body == body), transport.interactor(body, MEDIUM)
