@@ -29,7 +29,7 @@ class Candidate(NamedTuple):
     stated : tolerance -> the error that its methods state, relative to the picture's mean
     pilot : seconds that a pilot of it takes at least
     lacks : (assets, world) -> what of the light it cannot find there
-    slow : (scene, assets) -> why its passes take long there
+    slow : (scene, assets, world) -> why its passes take long there
     media : numbers of the entries for which media stand
     replaced : of these, those that nobody asked for: `auto` does not take them where the materials themselves are seen
     surfaces : numbers of the bodies that are surfaces, or are far from the camera, because `auto` may have them so
@@ -43,7 +43,7 @@ class Candidate(NamedTuple):
     stated: Callable[[float], float] = lambda tolerance: 0.0
     pilot: float = 1.0
     lacks: Callable[[Sequence[Any], Any], str] = lambda assets, world: ""
-    slow: Callable[[Any, Sequence[Any]], str] = lambda scene, assets: ""
+    slow: Callable[[Any, Sequence[Any], Any], str] = lambda scene, assets, world: ""
     media: tuple[int, ...] = ()
     replaced: tuple[int, ...] = ()
     surfaces: tuple[int, ...] = ()

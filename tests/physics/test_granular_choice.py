@@ -142,13 +142,13 @@ def unit(vectors):
                                                     (None, 0.03, "exact")])
 def test_a_draft_takes_no_long_passes(quality, stated, taken):
     """Without pilots, where another candidate is within half of what a draft may be off by; others take the first one."""
-    offered = [Candidate("exact", ("exact",), True, slow=lambda scene, assets: "it takes long"),
+    offered = [Candidate("exact", ("exact",), True, slow=lambda scene, assets, world: "it takes long"),
                Candidate("quick", ("quick",), stated=lambda tolerance: stated)]
-    opened = choice.Opened(None, [], None)
-    name, why = choice._unpiloted(opened, offered, "no pilots", quality, 0.05)
+    opened = choice.Opened(SimpleNamespace(values=SimpleNamespace(tolerance=None)), [], None)
+    name, why = choice._unpiloted(opened, None, offered, "no pilots", quality)
     assert name == taken and ("it takes long" in why) == (taken == "quick")
-    offered[0] = offered[0]._replace(slow=lambda scene, assets: "")
-    assert choice._unpiloted(opened, offered, "no pilots", quality, 0.05) == ("exact", "no pilots")
+    offered[0] = offered[0]._replace(slow=lambda scene, assets, world: "")
+    assert choice._unpiloted(opened, None, offered, "no pilots", quality) == ("exact", "no pilots")
 
 
 def test_a_method_error_above_the_tolerance_is_said():

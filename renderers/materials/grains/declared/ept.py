@@ -16,7 +16,7 @@ def lacks(assets, world) -> str:
     return "smooth grains cannot show the light of lamps without extent one by one" if smooth and world.without_extent else ""
 
 
-def slow(scene, assets) -> str:
+def slow(scene, assets, world) -> str:
     """Each grain that a path meets takes about as long."""
     from renderers.materials.grains import material
 
