@@ -1,7 +1,7 @@
 """Renders the shipped scenes as docs/ shows them: `python docs/pictures/stills.py [NAME …] [--time 90] [--keep]`.
 
 The longer side gets so many pixels.  A render ends after the time, or once its pixels have a noise of 4 %, and has its noise
-taken out.  Noise, samples and seconds of each are printed.  `--keep` puts the PNG into this folder, with colours as coarse as it
+taken out; the picture beneath a filter of fog ends after the time, or its samples.  Noise, samples and seconds of each are printed.  `--keep` puts the PNG into this folder, with colours as coarse as it
 takes to stay below 450 kB; `--only-keep` does that with what an earlier call has rendered.
 """
 
@@ -46,7 +46,7 @@ def settings(path: Path, folder: Path, longest: int, seconds: float) -> list[str
     """Options of `bake render` for a scene."""
     scene = load(path, assets=False)
     if scene.section == "fog":
-        return of_fog(scene, folder, longest)
+        return [*of_fog(scene, folder, longest), "--set", f"stop.time={seconds:g} s"]
     height, width = World.of(scene).size
     scale = longest / max(height, width)
     chosen = {"film.width": round(width * scale), "film.height": round(height * scale), "stop.noise": NOISE,

@@ -23,6 +23,7 @@ from bakery.errors import AssetError, UsageError
 from renderers.choice import remembered, surfaces, trial
 from renderers.choice.trial import Trial
 from renderers.mitsuba import bitmaps
+from renderers.pictures import reached
 from renderers.pictures.engine import Stop
 from renderers.pictures.progressive import fingerprint, made_of
 from renderers.scene import budget, candidates, entries
@@ -170,7 +171,7 @@ def chosen(opened, world, quality: str | None = None, picture: Path | None = Non
     if earlier is not None and (kept is None or kept.method != earlier):
         return _taken(offered, earlier, "the picture that is continued used it", tolerance)
     if alone := _without_pilots(world, offered, stop):
-        return _taken(offered, offered[0].name, alone, tolerance)
+        return _taken(offered, *_unpiloted(opened, world, offered, alone, quality), tolerance)
     if kept:
         return kept._replace(sentence=f"{kept.sentence} (of an earlier render)")
     possible, seen = _unseen(opened, offered, world)
@@ -214,6 +215,16 @@ def _without_pilots(world, offered, stop) -> str:
     if stop.time is not None and _SHARE * stop.time < shortest:
         return f"pilots of other methods take {shortest:.2g} s and more, and the picture {stop.time:.3g} s"
     return ""
+
+
+def _unpiloted(opened, world, offered, alone, quality) -> tuple[str, str]:
+    """The candidate that is taken without a pilot, and why: the first one, or of a draft, where that takes long, the
+    first other one, if what it states is within what a draft may be off by."""
+    slow = offered[0].slow(opened.scene, opened.assets, world) if quality == "draft" else ""
+    tolerance = opened.scene.values.tolerance or budget.DEFAULT
+    allowed = budget.ROOM * reached.coarser(quality) * tolerance
+    within = [candidate.name for candidate in offered[1:] if candidate.eligible and candidate.stated(tolerance) <= allowed]
+    return (within[0], f"{alone}, which is a draft, and {slow}") if slow and within else (offered[0].name, alone)
 
 
 def _taken(offered, name, why, tolerance) -> Choice:

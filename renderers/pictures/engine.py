@@ -78,6 +78,7 @@ class Part(NamedTuple):
     fewer : function of a number of samples, which gives the same part by passes of that many; None: they cannot be smaller
     steps : of a chain of samples that go one from the other; 1: each is by itself.  Of chains there are as many as go with the
         pixels, so that what pixels of a pass share goes down with them, as what they share of beams and the like does not
+    fewest : samples that `fewer` takes; below 1 a pass has only so much of its longest paths, by chance
     """
 
     name: str
@@ -85,6 +86,7 @@ class Part(NamedTuple):
     samples: int = 1
     fewer: Callable[[int], Part] | None = None
     steps: int = 1
+    fewest: float = 1
 
 
 def in_time(parts, seconds) -> tuple[Part, ...]:
@@ -97,8 +99,14 @@ def in_time(parts, seconds) -> tuple[Part, ...]:
     """
     if seconds is None or seconds >= _SECONDS:
         return tuple(parts)
-    return tuple(part.fewer(1 << max(0, int(part.samples * seconds / _SECONDS).bit_length() - 1)) if part.fewer else part
+    return tuple(part.fewer(_power_of_two(max(part.samples * seconds / _SECONDS, part.fewest))) if part.fewer else part
                  for part in parts)
+
+
+def _power_of_two(samples):
+    """The largest one that is not above; a whole number from 1 on."""
+    power = 2.0 ** math.floor(math.log2(samples))
+    return int(power) if power >= 1 else power
 
 
 def rendered_here(part, number):

@@ -29,6 +29,7 @@ class Candidate(NamedTuple):
     stated : tolerance -> the error that its methods state, relative to the picture's mean
     pilot : seconds that a pilot of it takes at least
     lacks : (assets, world) -> what of the light it cannot find there
+    slow : (scene, assets, world) -> why its passes take long there
     media : numbers of the entries for which media stand
     replaced : of these, those that nobody asked for: `auto` does not take them where the materials themselves are seen
     surfaces : numbers of the bodies that are surfaces, or are far from the camera, because `auto` may have them so
@@ -42,6 +43,7 @@ class Candidate(NamedTuple):
     stated: Callable[[float], float] = lambda tolerance: 0.0
     pilot: float = 1.0
     lacks: Callable[[Sequence[Any], Any], str] = lambda assets, world: ""
+    slow: Callable[[Any, Sequence[Any], Any], str] = lambda scene, assets, world: ""
     media: tuple[int, ...] = ()
     replaced: tuple[int, ...] = ()
     surfaces: tuple[int, ...] = ()
@@ -79,7 +81,8 @@ def _of_one_kind(scene):
     declared = entries.declared(scene.values.materials[0].kind)
     count = len(scene.values.materials)
     return tuple(Candidate(name, (name,) * count, declared[name].exact, declared[name].error, declared[name].pilot,
-                           declared[name].lacks, surfaces=tuple(range(count)) if declared[name].surface_far else ())
+                           declared[name].lacks, declared[name].slow,
+                           surfaces=tuple(range(count)) if declared[name].surface_far else ())
                  for name in declared[scene.values.method].candidates)
 
 

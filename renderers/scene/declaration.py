@@ -38,6 +38,8 @@ class SceneMethod:
     points : settings with which `bake trade` tries it, "" for those of the scene; () where it does not
     candidates : names of the methods that it chooses from (`renderers.choice`); the first one without pilots
     lacks : (assets, world) -> what of the light it cannot find there, so that it is no candidate; "" where it finds all
+    slow : (scene, assets, world) -> why its passes take long there, so that a draft without pilots has another one; "" where they
+        do not
     unfit : (scene, number, asset, world) -> why an entry, by its number, cannot be rendered so, or would be another material; ""
     pilot : seconds that a pilot of it takes at least, with what it loads
     continuous : whether a medium stands for the material, of which nothing is told apart
@@ -65,6 +67,7 @@ class SceneMethod:
     points: tuple[str, ...] = ("",)
     candidates: tuple[str, ...] = ()
     lacks: Callable[[Sequence[Any], Any], str] = lambda assets, world: ""
+    slow: Callable[[Any, Sequence[Any], Any], str] = lambda scene, assets, world: ""
     unfit: Callable[..., str] = lambda scene, number, asset, world: ""
     pilot: float = 1.0
     continuous: bool = False

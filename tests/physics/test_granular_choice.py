@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import trimesh
 
 import bakery
 from bakery.cli import status_of
@@ -104,6 +105,50 @@ def test_light_that_explicit_grains_do_not_find(asset, tmp_path, monkeypatch):
     assert not lacks([asset("grey")], seen(tmp_path, SUN, 1.0))
     best = chosen(monkeypatch, seen(tmp_path, DISC, 1.0), balls, 16)
     assert best.method == "ept+vpt+da" and best.approximations is None and "unknown" in best.row["why"], best.table
+
+
+@pytest.mark.parametrize("sigma_t, radius, albedo", [(1.0, 6.0, 1.0), (3.0, 3.0, 1.0), (1.0, 1e9, 0.9), (1.0, 1e9, 0.99)])
+def test_how_many_grains_light_meets(sigma_t, radius, albedo):
+    """In large and small bodies, as random walks of points that scatter evenly in balls and half-spaces find it."""
+    ball = trimesh.creation.icosphere(4, radius)
+    medium = {name: np.full(1, value) for name, value in (("sigma_t", sigma_t), ("albedo", albedo), ("g", 0.0))}
+    walked = walks(sigma_t * radius, albedo)
+    # at 0.9 the half-space's number, that of little absorption, is 5 % too large; walks are good to 1 %
+    assert material.meetings(SimpleNamespace(medium=medium), ball.vertices, ball.faces) == pytest.approx(walked, rel=0.08)
+
+
+def walks(radius, albedo, count=20_000):
+    """Mean number of scatterings of light that leaves a ball in free paths, in light from everywhere."""
+    rng, number, light, met = np.random.default_rng(1), 0, 0.0, 0.0
+    cosine = np.sqrt(rng.random(count))
+    across = np.sqrt(1 - cosine**2)[:, None] * unit(rng.normal(size=(count, 2)))
+    # from the surface: of a large ball distances to the middle would be rounded
+    place, direction = np.zeros((count, 3)), np.column_stack([across, cosine])
+    while len(place) and albedo**number > 1e-5:
+        place += rng.exponential(size=(len(place), 1)) * direction
+        inside = np.sum(place[:, :2] ** 2, axis=1) + place[:, 2] * (place[:, 2] - 2 * radius) < 0
+        gone = albedo**number * np.count_nonzero(~inside)
+        light, met = light + gone, met + number * gone
+        place, number = place[inside], number + 1
+        direction = unit(rng.normal(size=place.shape))
+    return met / light
+
+
+def unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("quality, stated, taken", [("draft", 0.03, "quick"), ("draft", 0.11, "exact"), ("final", 0.03, "exact"),
+                                                    (None, 0.03, "exact")])
+def test_a_draft_takes_no_long_passes(quality, stated, taken):
+    """Without pilots, where another candidate is within half of what a draft may be off by; others take the first one."""
+    offered = [Candidate("exact", ("exact",), True, slow=lambda scene, assets, world: "it takes long"),
+               Candidate("quick", ("quick",), stated=lambda tolerance: stated)]
+    opened = choice.Opened(SimpleNamespace(values=SimpleNamespace(tolerance=None)), [], None)
+    name, why = choice._unpiloted(opened, None, offered, "no pilots", quality)
+    assert name == taken and ("it takes long" in why) == (taken == "quick")
+    offered[0] = offered[0]._replace(slow=lambda scene, assets, world: "")
+    assert choice._unpiloted(opened, None, offered, "no pilots", quality) == ("exact", "no pilots")
 
 
 def test_a_method_error_above_the_tolerance_is_said():

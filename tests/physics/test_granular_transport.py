@@ -77,10 +77,13 @@ def test_nothing_is_lost_where_paths_switch():
     kinds = [Kind(GLASS), Kind(MATT, STONE)]
     how = joined([grains(kinds, bumpy(9.0), tile(0.5, 40))])
     sky = Sky(above=1, below=1)
-    found, *apart = [[transport.one_pass(sky, how, VIEW, (24, 24), number, which, which) for number in range(24)]
-                     for which in (transport.ALL, transport.BEFORE, transport.AFTER)]
-    whole, *parts = [np.array([one.by_order.mean() * len(one.by_order) for one in part]) for part in (found, *apart)]
-    for mean in (whole, sum(parts)):
+    rarer = how._replace(switch=how.switch._replace(share=0.25))
+    ways = (how, transport.ALL), (how, transport.BEFORE), (how, transport.AFTER), (rarer, transport.AFTER)
+    found, *apart, few = [[transport.one_pass(sky, way, VIEW, (24, 24), number, which, which) for number in range(24)]
+                          for way, which in ways]
+    whole, before, after, by_chance = [np.array([one.by_order.mean() * len(one.by_order) for one in part])
+                                       for part in (found, *apart, few)]
+    for mean in (whole, before + after, before + by_chance):
         error = mean.std(ddof=1) / np.sqrt(len(mean))
         assert error < 0.03 and abs(mean.mean() - 1) < SIGMAS * error
     assert not any(one.by_technique[1:].any() for one in apart[0]) and not any(one.by_technique[0].any() for one in apart[1])
@@ -97,6 +100,17 @@ def test_the_first_grain_is_explicit():
     sums = transport.one_pass(Sky(above=1, below=1), joined([one]), far, (24, 24), 0, 0)
     count = sums.switched[sums.switched[:, 1] > 0, 0]
     assert len(count) > 10 and np.all(count >= 1)
+
+
+def test_paths_that_go_on_by_chance():
+    """A share of those that switch, each of which counts the more."""
+    how, n = joined([grains([Kind(GLASS)], bumpy(9.0))]), 4000
+    how = how._replace(switch=how.switch._replace(share=0.25))
+    states = np.arange(n, dtype=np.uint64) * np.uint64(7919)
+    some = paths.Paths.begun(np.zeros((n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1)), 3, states, np.arange(n), transport.GRAINS)
+    some.body[:] = 0
+    onward = transport.joined(transport._switched(Sky(), how, some, transport.Sums(n, 0, transport.AFTER)))
+    assert np.all(onward.throughput == 4) and abs(onward.count / n - 0.25) < SIGMAS * np.sqrt(0.25 * 0.75 / n)
 
 
 def test_what_grains_do_not_turn_goes_on():

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from renderers.materials.bodies import declared as bodies
 from renderers.materials.grains import material
 from renderers.materials.grains.declared import methods
 from renderers.scene import candidates, meshes
@@ -59,3 +60,13 @@ def test_grains_that_can_be_told_apart_deviate_from_their_medium(monkeypatch, di
     monkeypatch.setattr(material, "largest_of", lambda asset: 1e-3)
     camera = SimpleNamespace(origin=np.zeros(3), right=np.array([0, 1e-3, 0]), down=np.array([0, 0, 1e-3]))
     assert methods()["vpt"].deviation(None, 0, None, SimpleNamespace(camera=camera)) == pytest.approx(deviation)
+
+
+@pytest.mark.parametrize("points, index, stages, slow", [(True, 1.5, ["multiple"], True), (False, 1.5, ["multiple"], False),
+                                                         (True, 1.0, ["multiple"], False), (True, 1.5, ["medium"], False)])
+def test_paths_in_bodies_take_long(points, index, stages, slow):
+    """For light of points that a boundary refracts; without tables nothing stands in."""
+    scene = SimpleNamespace(values=SimpleNamespace(materials=[SimpleNamespace(where=SimpleNamespace(shape="ball"))]))
+    shapes = [SimpleNamespace(name="ball", index=index), SimpleNamespace(name="pane", index=1.5)]
+    world = SimpleNamespace(without_extent=points, shapes=lambda: shapes)
+    assert bool(bodies.methods()["paths"].slow(scene, [SimpleNamespace(stages=stages)], world)) == slow

@@ -98,6 +98,15 @@ def test_passes_of_a_short_render_are_smaller(seconds, samples):
     assert [part.samples for part in parts] == [samples, 2] and parts[1] is fixed
 
 
+@pytest.mark.parametrize("seconds, share", [(None, 1), (16.0, 1), (9.0, 0.5), (4.0, 0.25), (0.9, 0.25), (0.0, 0.25)])
+def test_longest_paths_by_chance(seconds, share):
+    """A part whose passes can do with a share of their longest paths has no less than that."""
+    def of(samples):
+        return Part("medium", noisy(1), samples, of, fewest=0.25)
+
+    assert engine.in_time([of(1)], seconds)[0].samples == share
+
+
 def test_going_on_from_passes_of_another_size(tmp_path):
     """Samples are counted as they were, and the noise is that of all of them; of a file that does not say, passes were alike."""
     job, short = Job(tmp_path), Estimate([loop(1)], {})

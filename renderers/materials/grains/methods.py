@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from bakery import kernels
@@ -19,6 +21,7 @@ _TECHNIQUES = ("ept", "vpt", "da")
 _MOST = 32  # media of the loop: `renderers.transport.scene.MOST`, which cannot be imported before Mitsuba is there
 _PATHS = 1 << 16  # of a pass, at most, where a pixel has several: those that go on together
 _SAMPLES = 16  # a pixel and pass, at most: the noise of small pictures is known from several passes
+_FEWEST = 1 / 4  # of the paths, that go on after the switch in the passes of a short render: they take five times as long
 _LATER = 1 << 31  # passes of the light after the switch are numbered from here
 
 
@@ -119,11 +122,13 @@ def medium_part(bodies, meshes, colours, world, seed):
     return passes.part("vpt", world, entries, colours, seed, by_light=True)
 
 
-def part(world, scene, name, seed, which=transport.ALL) -> Part:
+def part(world, scene, name, seed, which=transport.ALL, samples=None) -> Part:
     """Passes by a `Transport`, with layers of orders, lights and techniques.
 
     Paths from grain to grain alone go through shapes of a Mitsuba scene where the grains are few enough (`shapes`), else in
     wavefronts.  Small pictures have several samples a pass: each call of Mitsuba's takes a ms of its own, for however few paths.
+
+    samples : of a pixel, in a pass; below 1: the chance of light after the switch; None: as many as go together
     """
     height, width = world.size
     if scene.switch is None and scene.technique == GRAINS:
@@ -131,7 +136,10 @@ def part(world, scene, name, seed, which=transport.ALL) -> Part:
 
         if shapes.fit(world, [body.grains for body in scene.bodies]):
             return shapes.part(name, world, [body.grains.grains for body in scene.bodies], scene.colours, seed)
-    samples = 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
+    fewer = partial(part, world, scene, name, seed, which)
+    samples = samples or 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
+    if samples < 1:
+        scene, samples = scene._replace(switch=scene.switch._replace(share=samples)), 1
 
     def one(number):
         # other paths than those of the other part
@@ -139,7 +147,7 @@ def part(world, scene, name, seed, which=transport.ALL) -> Part:
         sums = transport.one_pass(world, scene, world.camera, world.size, number, seed, which, world.corners, samples)
         return _layers(sums, world, scene)
 
-    return Part(name, one, samples)
+    return Part(name, one, samples, fewer, fewest=_FEWEST if which == transport.AFTER else 1)
 
 
 def _layers(sums, world, scene):

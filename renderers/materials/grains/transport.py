@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.kernels import stream_key
+from renderers import threads
 from renderers.materials.grains import _paths, bundles, far
 from renderers.materials.grains._grains import OFF, UNKNOWN
 from renderers.materials.grains._paths import GRAINS, MEDIUM
@@ -123,14 +124,17 @@ def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=No
     if corners is None:
         corners = np.stack([np.arange(height * width) % width, np.arange(height * width) // width], axis=1)
     started, paths = 0, _begin(transport, camera, corners, order[:0], number, seed, 0)
-    while started < len(order) or paths.count:
-        if started < len(order) and paths.count < _ALL // 2:
-            new = _begin(transport, camera, corners, order[started : started + _ALL], number, seed, started)
-            started += new.count
-            ready = new if transport.switch is None else _until_switched(world, transport, new, size, sums)
-            paths = joined([paths, ready])
-        if paths.count:
-            paths, _ = _on(world, transport, paths, sums)
+    with threads.of_drjit() as expect:
+        while started < len(order) or paths.count:
+            if started < len(order) and paths.count < _ALL // 2:
+                new = _begin(transport, camera, corners, order[started : started + _ALL], number, seed, started)
+                started += new.count
+                expect(new.count)
+                ready = new if transport.switch is None else _until_switched(world, transport, new, size, sums)
+                paths = joined([paths, ready])
+            if paths.count:
+                expect(paths.count)
+                paths, _ = _on(world, transport, paths, sums)
     sums.average()
     return sums
 
@@ -315,6 +319,11 @@ def _switched(world, transport, paths, sums):
     parts = []
     if not paths.count or sums.which == BEFORE:
         return parts
+    if sums.which == AFTER and transport.switch.share < 1:
+        numbers = np.empty((paths.count, 1))
+        wavefront.draw(paths.states, numbers)
+        paths = paths.of(numbers[:, 0] < transport.switch.share)
+        paths.throughput[:] /= transport.switch.share
     paths.technique[:], paths.stage[:], paths.switching[:] = MEDIUM, NEVER, False
     for body in np.unique(paths.body):
         group, interactor = paths.of(paths.body == body), transport.interactor(body, MEDIUM)
