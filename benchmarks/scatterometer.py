@@ -20,8 +20,7 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 import numpy as np  # noqa: E402
 from peers import optional  # noqa: E402
 
-from bakery.physics.grains.bvh import Mesh  # noqa: E402
-from bakery.physics.grains.grid import laid  # noqa: E402
+from bakery.physics.grains.bvh import Mesh, triangle_tree  # noqa: E402
 from bakery.physics.grains.points import points, scrambled  # noqa: E402
 from bakery.physics.grains.scatterometer import FIGURES, measure  # noqa: E402
 from bakery.physics.grains.sphere import ball  # noqa: E402
@@ -176,16 +175,17 @@ def speed():
                   f"{hits:.4f} | {met:.3f} | {g:.4f} | {wrong:.1e} |", flush=True)
 
 
-def grids():
-    print("\n| triangles | grid, s | MB |\n|---|---|---|")
+def trees():
+    print("\n| triangles | tree, s | MB |\n|---|---|---|")
     for n in sized((4, 32, 100, 316), (4,)):
-        vertices, faces = rock(n)
+        mesh = Mesh(*rock(n))
         seconds = []
         for _ in range(3):
             begin = time.perf_counter()
-            grid = laid(vertices, faces)
+            nodes, _, blocks, names = triangle_tree(mesh.vertices, mesh.faces)
             seconds.append(time.perf_counter() - begin)
-        print(f"| {len(faces)} | {median(seconds):.3f} | {grid.nbytes / 1e6:.0f} |", flush=True)
+        size = nodes.nbytes + blocks.nbytes + names.nbytes
+        print(f"| {len(mesh.faces)} | {median(seconds):.3f} | {size / 1e6:.0f} |", flush=True)
 
 
 def shown(found, name, digits=4):
@@ -196,7 +196,7 @@ def shown(found, name, digits=4):
 def defaults():
     print("\n| grain, tolerance | s, one core | paths | " + " | ".join(FIGURES) + " |\n|" + "---|" * (3 + len(FIGURES)))
     mesh = Mesh(*rock(sized(100, 8)))
-    measure(mesh, diffuse(0.0), seed=0, tolerance=1.0)  # lays the grid
+    measure(mesh, diffuse(0.0), seed=0, tolerance=1.0)  # makes the tree
     jobs = (("glass", dielectric(1.5), 0.005), ("glass", dielectric(1.5), sized(0.001, 0.005)), ("white", diffuse(1.0), 0.005))
     for name, surface, tolerance in jobs:
         begin = time.perf_counter()
@@ -231,5 +231,5 @@ if __name__ == "__main__":
         accuracy()
     else:
         speed()
-        grids()
+        trees()
         defaults()

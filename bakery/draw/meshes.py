@@ -8,17 +8,14 @@ Why not matplotlib's polygons: quicker, but with seams and facets, and without t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 
+from bakery.draw.light import shaded
 from bakery.draw.view import along, blocks, finished, looking_from, nearest, runs
 
 CREASE = math.cos(math.radians(32.0))  # faces that meet at less are shaded as one surface
 _SHADOW = 240  # pixels of a light's depth buffer
-_SUN, _SUN_SHARE, _SPREAD = (-0.55, 0.66, 0.51), 0.62, 0.20  # towards it; share of the lights in it; its radius, sine
-_SUNS, _SKIES = 5, 9  # directions
-_GOLDEN = 2.399963  # angle between one and the next
 _ROUNDING = 1e-9  # pixels
 
 
@@ -45,22 +42,14 @@ def rendered(vertices, faces, colour, pixels: int = 500, gloss: float = 0.2) -> 
         seen = _turned(np.asarray(vertices, float), looking_from(np.array([1.0, 0.72, 0.62])))
         index, depth = depths(seen, faces, low, pixel, pixels, pixels)
         covered, position, normal = surfaces(index, depth, seen, faces, smooth_normals(seen, faces, CREASE), low, pixel)
-    light, step = np.zeros((len(position), 3)), 2.04 / _SHADOW
-    upwards = np.array([0.0, 0.0, 1.0])
-    position, normal = (np.ascontiguousarray(values.T, np.float32) for values in (position, normal))
-    for rgb, towards, strength, shine in _lights():
-        received, glint = np.zeros((2, position.shape[1]), np.float32)
-        for direction, share in zip(towards, strength, strict=True):
-            frame = looking_from(direction)
-            shadow = None if ball else depths(_turned(seen, frame), faces, low, step, _SHADOW, _SHADOW)[1]
-            facing = share * lit(position, normal, direction, frame, shadow, low, step)
-            received += facing
-            if shine > 0:
-                half = direction + upwards
-                glint += share * (facing > 0) * _to_48(np.maximum(along(half / np.linalg.norm(half), normal), 0))
-        light += received[:, None] * (rgb * colour) + gloss * shine * glint[:, None] * rgb
+
+    def shadow(frame):
+        step = 2.04 / _SHADOW
+        return None if ball else (depths(_turned(seen, frame), faces, low, step, _SHADOW, _SHADOW)[1], low, step)
+
+    light = shaded(position.T, normal.T, colour, gloss, shadow)
     image = np.zeros((pixels, pixels, 3))
-    image[covered] = light + 0.10 * (1 - np.clip(normal[2, :, None], 0, 1)) ** 3
+    image[covered] = light
     return finished(image, np.where(covered, 0, -1), 1.3)
 
 
@@ -145,42 +134,8 @@ def surfaces(index, depth, position, faces, normals, low, pixel):
     return covered, np.stack([x, y, depth[covered]], axis=1), n
 
 
-def lit(position, normal, towards, frame, shadow, low, pixel):
-    """Cosines (P,) at which light from a direction meets places (3, P) with normals (3, P), 0 where something stands in it.
-
-    shadow : what is nearest to the light, in its frame; None where nothing stands in it
-    """
-    facing = np.maximum(along(towards, normal), 0)
-    if shadow is None:
-        return facing
-    x, y, z = (along(axis, position) for axis in frame)
-    sine = np.sqrt(1 - np.minimum(facing, 1) ** 2)
-    limit = z + np.float32(0.012) + np.float32(1.5 * pixel) * sine / np.maximum(facing, np.float32(0.15))
-    u, v = (np.clip((at - np.float32(edge)) * np.float32(1 / pixel), 0, shadow.shape[0] - 1).astype(np.int32)
-            for at, edge in ((x, low[0]), (y, low[1])))
-    return facing * (shadow.astype(np.float32).ravel()[v * shadow.shape[1] + u] <= limit)
-
-
 def _turned(position, frame):
     return np.stack([along(axis, position.T) for axis in frame], axis=1)
-
-
-def _to_48(x):
-    x = (x * x) ** 2
-    x = (x * x) ** 2  # to the power of 16; NumPy's own power takes many times as long
-    return x * x * x
-
-
-def _lights() -> Iterator:
-    """A sun of some width and a sky that is brighter above: (colour (3,), directions towards them, strengths, highlights)."""
-    sun = np.array(_SUN) / np.linalg.norm(_SUN)
-    radius, turn = _SPREAD * np.sqrt((np.arange(_SUNS) + 0.5) / _SUNS), _GOLDEN * np.arange(_SUNS)
-    towards = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - radius**2)], axis=1) @ looking_from(sun)
-    yield 1.9 * _SUN_SHARE * np.array([1.0, 0.96, 0.88]), towards, np.full(_SUNS, 1 / _SUNS), 1.0
-    z, turn = 1 - 2 * (np.arange(_SKIES) + 0.5) / _SKIES, _GOLDEN * np.arange(_SKIES)
-    radius = np.sqrt(1 - z * z)
-    towards = np.stack([radius * np.cos(turn), z, radius * np.sin(turn)], axis=1)
-    yield 2.6 * (1 - _SUN_SHARE) * np.array([0.90, 0.97, 1.10]), towards, (0.55 + 0.45 * z) / _SKIES, 0.0
 
 
 def _ball(low, pixel, size):

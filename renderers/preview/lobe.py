@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import textwrap
-from dataclasses import dataclass
 
 import numpy as np
 
 from renderers import colour
 
-_LETTER, _LINE = 11.0, 14.5  # pixels: size of letters and distance of lines, the least that is legible; wide strips scale them up
-_SMALLEST, _FULL = 320, 576  # pixels of width: of the least strip with letters of that size, and from which on they scale
-_LINES = 11.5  # above the curves
+_LETTER, _LINE, _LINES = 11.0, 14.5, 11.5  # pixels: size of letters, distance of lines; lines above the curves
+_SMALLEST, _FULL = 320, 576  # pixels of width: narrower strips are drawn larger and shrunk; wider ones have larger letters
 _CURVES, _LEAST = 0.24, 115  # height of the curves in widths, and the least in pixels
 _BACKGROUND, _TEXT, _DIM, _GRID = "#15171b", "#e8e8e6", "#9a9da3", "#33373e"
 _GRAINS = ("#f0c05a", "#6cc3f0", "#f08a7a", "#8fd694", "#c9a2f2", "#e0dfd5")  # one a component
@@ -35,21 +33,22 @@ def strip(asset, tables, width, words=()):
     asset : opened asset, or anything with `wavelength` and `medium`
     tables : Tables of the same asset
     width : pixels
-    words : lines for the foot of the text
+    words : lines for the foot
 
     Returns
     -------
     display : (H, width, 3) 0 to 1, sRGB encoded; H depends on the width only
     """
-    def paint(page):
-        _text(page, asset, words)
-        colours = _line_colours(asset.wavelength)
-        first = int(forward_delta(asset) > 0)  # the peak of unscattered light would press everything else against the axis
-        theta, value = 2 * np.arcsin(np.sqrt(tables.s[first:])), tables.value[:, first:]
-        _polar(page, theta, value, colours)
-        _plot(page, 0.52, theta, value, colours)
+    medium, colours = asset.medium, _line_colours(asset.wavelength)
+    rows = [("um", "albedo", "g", "mean free path")]
+    rows += [(f"{asset.wavelength[k]:.3f}", _albedo(medium.albedo[k]), f"{medium.g[k]:.3f}",
+              length(1 / medium.sigma_t[k]) if medium.sigma_t[k] > 0 else "none") for k in _spread(len(asset.wavelength), 4)]
+    first = int(forward_delta(asset) > 0)  # the peak of unscattered light would press everything else against the axis
+    theta, value = 2 * np.arcsin(np.sqrt(tables.s[first:])), tables.value[:, first:]
+    shown = [_DIM, *(colours[k] for k in _spread(len(asset.wavelength), 4))]
 
-    return _drawn(width, paint)
+    return _drawn(width, str(getattr(asset, "name", "medium")), zip(rows, shown, strict=True), words,
+                  lambda *room: _polar(*room, theta, value, colours))
 
 
 def grain_strip(asset, grains, width, words=()):
@@ -65,32 +64,21 @@ def grain_strip(asset, grains, width, words=()):
     -------
     display : as `strip`
     """
-    k_middle = middle(asset)
+    k_middle, narrow = middle(asset), width < _FULL  # fewer columns
+    shown = _spread(len(asset.wavelength), 1 if narrow else 3, k_middle)
+    rows = [["", "share", "hits", *(f"{asset.wavelength[k]:.3f}" for k in shown), "g", "path", "delta"]]
+    for grain in grains:
+        part = asset.grains[grain.name]
+        rows.append([grain.name.replace("_", " ")[:8 if narrow else 14], f"{100 * grain.share:.3g} %",
+                     _at(part, "hit_probability", 0, ".3f"),
+                     *(_close(float(np.ravel(part["albedo"])[k])) if "albedo" in part else "" for k in shown),
+                     _at(part, "g", k_middle, ".3f"), _at(part, "lambda_s", k_middle, ".2f", " R"), _delta(part, k_middle)])
+    rows = [row[:1] + row[2:] if narrow else row for row in rows]
+    inks = [_DIM, *(_GRAINS[line % len(_GRAINS)] for line in range(len(grains)))]
     theta = np.asarray(asset.grains["theta"], float)
-
-    def paint(page):
-        page.text(0.025, 0, "grains", _TEXT, bold=True)
-        narrow = page.width < _FULL  # fewer columns
-        shown, colours = _spread(len(asset.wavelength), 1 if narrow else 3, k_middle), _line_colours(asset.wavelength)
-        page.text(0.45, 0, "albedo at", _DIM)
-        heads = ["share", "hits", *[f"{asset.wavelength[k]:.3f}" for k in shown], "g", "path", "delta"][narrow:]
-        lefts = np.linspace(0.22, 0.83 if narrow else 0.88, len(heads))
-        for x, word in zip(lefts, heads):
-            page.text(x, 1, word, _DIM)
-        for line, grain in enumerate(grains):
-            part, tint = asset.grains[grain.name], _GRAINS[line % len(_GRAINS)]
-            page.text(0.025, 2 + line, grain.name.replace("_", " ")[:round(0.19 * page.width / (0.6 * page.letter))], tint)
-            row = [(f"{100 * grain.share:.3g} %", _TEXT), (_at(part, "hit_probability", 0, ".3f"), _TEXT)]
-            row += [(_close(float(np.ravel(part["albedo"])[k])) if "albedo" in part else "", colours[k]) for k in shown]
-            row += [(word, _TEXT) for word in (_at(part, "g", k_middle, ".3f"), _at(part, "lambda_s", k_middle, ".2f", " R"),
-                                               _delta(part, k_middle))]
-            for x, (word, strip) in zip(lefts, row[narrow:]):
-                page.text(x, 2 + line, word, strip)
-        page.foot(words)
-        rows = [np.atleast_2d(asset.grains[grain.name]["phase"])[k_middle] for grain in grains]
-        _plot(page, 0.13, theta, np.array(rows), _GRAINS)
-
-    return _drawn(width, paint)
+    value = np.array([np.atleast_2d(asset.grains[grain.name]["phase"])[k_middle] for grain in grains])
+    return _drawn(width, "grains (albedo at a wavelength in um)", zip(rows, inks, strict=True), words,
+                  lambda *room: _plot(*room, theta, value, _GRAINS))
 
 
 def forward_delta(asset) -> float:
@@ -123,66 +111,15 @@ def _delta(part, k):
     return f"{100 * share:.3g} %" if share > 0 else "none"
 
 
-@dataclass(frozen=True)
-class _Page:
-    """An empty strip: lines of text, below them room for curves.  Sizes in pixels, places from left and top."""
-
-    figure: object
-    width: int
-    height: int
-
-    @property
-    def letter(self) -> float:
-        return _LETTER * _scale(self.width)
-
-    def text(self, x, line, word, tint, bold=False):
-        """One line: `x` as a share of the width, `line` counted from 0."""
-        y = (line + 0.9) * _LINE * _scale(self.width)
-        self.figure.text(x, 1 - y / self.height, word, color=tint, fontsize=self.points((1.3 if bold else 1) * self.letter),
-                         weight="bold" if bold else "normal", va="center", parse_math=False)
-
-    def foot(self, words):
-        """The last lines above the curves, each as many as it needs."""
-        letters = int(0.95 * self.width / (0.57 * self.letter))
-        lines = [line for word in words for line in textwrap.wrap(word, letters)]
-        for i, line in enumerate(lines):
-            self.text(0.025, _LINES - 0.5 - len(lines) + i, line, _DIM)
-
-    def axes(self, x, width, below=0.0):
-        """Axes over the room for curves: `x` and `width` as shares of the width, `below` pixels free."""
-        high = _curves(self.width)
-        return self.figure.add_axes((x, (below + 4) / self.height, width, (high - below - 10) / self.height),
-                                    facecolor=_BACKGROUND)
-
-    def points(self, pixels) -> float:
-        return pixels * 6.4 * 72 / self.width
+def _albedo(value):
+    return "1" if value == 1 else f"1 - {1 - value:.1e}" if value > 0.9995 else f"{value:.4f}"
 
 
-def _scale(width) -> float:
-    return max(1.0, width / _FULL)
-
-
-def _curves(width) -> float:
-    return max(_CURVES * width, _LEAST)
-
-
-def _drawn(width, paint):
-    """A strip as an array (H, width, 3), painted on a dark figure 6.4 inches wide."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    times = -(-_SMALLEST // width)  # smaller strips are shrunk: no letter is legible there
-    high = round((_LINES * _LINE * _scale(times * width) + _curves(times * width)) / times)
-    width, height = times * width, times * high
-    figure = Figure(figsize=(6.4, 6.4 * height / width), dpi=width / 6.4, facecolor=_BACKGROUND)
-    canvas = FigureCanvasAgg(figure)
-    paint(_Page(figure, width, height))
-    canvas.draw()
-    drawn = np.asarray(canvas.buffer_rgba())[..., :3] / 255.0
-    # Matplotlib may round the size down by a pixel.
-    missing = [(0, max(0, size - drawn_size)) for size, drawn_size in zip((height, width), drawn.shape)]
-    drawn = np.pad(drawn, [*missing, (0, 0)], mode="edge")[:height, :width]
-    return drawn.reshape(high, times, width // times, times, 3).mean(axis=(1, 3))
+def _spread(count, most, only=0):
+    """Which of `count` wavelengths are shown; `only` one of them where there is room for no more."""
+    if most == 1:
+        return [only]
+    return list(range(count)) if count <= most else sorted({round(k * (count - 1) / (most - 1)) for k in range(most)})
 
 
 def _line_colours(wavelength):
@@ -194,81 +131,80 @@ def _line_colours(wavelength):
     return 0.25 + 0.75 * colour.encode(0.08 + 0.92 * hue)
 
 
-def _text(page, asset, words):
-    medium = asset.medium
-    page.text(0.025, 0, str(getattr(asset, "name", "medium")).replace("_", " "), _TEXT, bold=True)
-    shown = _spread(len(asset.wavelength), 4)
-    colours = _line_colours(asset.wavelength)
-    rows = [("um", "albedo", "g", "mean free path")]
-    for k in shown:
-        path = length(1 / medium.sigma_t[k]) if medium.sigma_t[k] > 0 else "none"
-        rows.append((f"{asset.wavelength[k]:.3f}", _albedo(medium.albedo[k]), f"{medium.g[k]:.3f}", path))
-    for line, row in enumerate(rows):
-        tint = _DIM if line == 0 else colours[shown[line - 1]]
-        for x, word in zip((0.025, 0.20, 0.48, 0.68), row):
-            page.text(x, 1.4 + line, word, tint)
-    page.foot(words)
+def _drawn(width, title, rows, words, curves):
+    """The strip as an array (H, width, 3).
+
+    Parameters
+    ----------
+    rows : (cells, colour) of a table below the title
+    words : lines below the table, each as many as it needs
+    curves : draws below, takes the figure, the upper right corner of that room, and margins for labels left and below
+    """
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    times = -(-_SMALLEST // width)
+    wide, scale = times * width, max(1.0, times * width / _FULL)
+    high = round((_LINES * _LINE * scale + max(_CURVES * wide, _LEAST)) / times) * times
+    with rc_context({"font.size": 0.72 * _LETTER * scale, "figure.facecolor": _BACKGROUND, "axes.facecolor": _BACKGROUND,
+                     "text.color": _DIM, "axes.labelcolor": _DIM, "xtick.color": _DIM, "ytick.color": _DIM,
+                     "axes.edgecolor": _GRID, "grid.color": _GRID, "grid.linewidth": 0.4, "lines.linewidth": 0.8 * scale}):
+        figure = _page(wide, high, scale, title, rows, words)
+        curves(figure, (0.965, 1 - (_LINES * _LINE * scale + 4) / high), (44 * scale / wide, 30 * scale / high))
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+    # the canvas may be rounded down by a pixel
+    drawn = np.pad(np.asarray(canvas.buffer_rgba())[..., :3] / 255.0, [(0, 1), (0, 1), (0, 0)], mode="edge")[:high, :wide]
+    return drawn.reshape(high // times, times, width, times, 3).mean(axis=(1, 3))
 
 
-def _albedo(value):
-    return "1" if value == 1 else f"1 - {1 - value:.1e}" if value > 0.9995 else f"{value:.4f}"
+def _page(wide, high, scale, title, rows, words):
+    """A figure with the text at its top, in pixels of 1/100 inch."""
+    from matplotlib.figure import Figure
+
+    figure = Figure((wide / 100, high / 100), dpi=100)
+    cells, inks = zip(*rows, strict=True)
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lines = [(title.replace("_", " "), {"color": _TEXT, "weight": "bold"})]
+    lines += [((" " * (1 + (wide >= _FULL))).join(map(str.ljust, row, widths)), {"color": ink, "family": "monospace"})
+              for row, ink in zip(cells, inks, strict=True)]
+    letters = int(0.95 * wide / (0.57 * _LETTER * scale))
+    foot = [(line, {}) for word in words for line in textwrap.wrap(word, letters)]
+    for number, (line, style) in enumerate(lines + foot):
+        figure.text(0.025, 1 - (number + 0.9) * _LINE * scale / high, line, va="center", parse_math=False, **style)
+    return figure
 
 
-def _spread(count, most, one=0):
-    """Which of `count` wavelengths are shown; `one` of them where there is room for no more."""
-    if most == 1:
-        return [one]
-    return list(range(count)) if count <= most else sorted({round(k * (count - 1) / (most - 1)) for k in range(most)})
-
-
-def _polar(page, theta, value, colours):
-    """The lobe as a figure of revolution: radius grows with the logarithm, a decade a ring."""
-    axes = page.axes(0.02, 0.36)
-    isotropic = 1 / (4 * np.pi)
+def _polar(figure, corner, margins, theta, value, colours):
+    """The lobe as a figure of revolution, its radius a decade a ring, and beside it the curves over the angle."""
+    axes = figure.add_axes((0.02, 0.04, 0.36, corner[1] - 0.04), projection="polar")
     sides = value[:, theta > 0.01]
-    bottom = np.floor(np.log10(max(sides[sides > 0].min(), 1e-6 * isotropic)))
+    bottom = np.floor(np.log10(max(sides[sides > 0].min(), 1e-6 / (4 * np.pi))))
     top = max(np.ceil(np.log10(value.max())), bottom + 2)
-    ring = np.linspace(0, 2 * np.pi, 200)
-    for decade in np.arange(bottom + 1, top + 1):
-        radius = (decade - bottom) / (top - bottom)
-        axes.plot(radius * np.cos(ring), radius * np.sin(ring), color=_GRID, lw=0.4)
     # a table of few angles, such as the two of an isotropic medium, is linear between them in the cosine: arcs, not chords
     every = np.union1d(theta, np.radians(np.arange(np.ceil(np.degrees(theta[0])), 180)))
-    value = np.array([np.interp(-np.cos(every), -np.cos(theta), row) for row in value])
-    theta = every
-    for row, tint in zip(value, colours):
-        radius = np.maximum(np.log10(np.maximum(row, 1e-300)) - bottom, 0.0) / (top - bottom)
-        x, y = radius * np.cos(theta), radius * np.sin(theta)
-        axes.fill(np.r_[x, x[::-1]], np.r_[y, -y[::-1]], facecolor=tint, alpha=0.10, lw=0)
-        axes.plot(np.r_[x, x[::-1]], np.r_[y, -y[::-1]], color=tint, lw=0.8)
-    axes.annotate("", (-0.06, 0), (-0.5, 0), arrowprops={"arrowstyle": "->", "color": _TEXT, "lw": 0.7})
-    axes.plot([0], [0], ".", color=_TEXT, ms=2)
-    axes.text(-1.05, -1.05, "a decade\na ring", color=_DIM, fontsize=page.points(page.letter), va="bottom")
-    axes.set(xlim=(-1.05, 1.05), ylim=(-1.05, 1.05), aspect="equal")
-    axes.axis("off")
+    for row, ink in zip(value, colours):
+        decades = np.log10(np.maximum(np.interp(-np.cos(every), -np.cos(theta), row), 1e-300)).clip(bottom)
+        axes.fill(np.r_[every, -every[::-1]], np.r_[decades, decades[::-1]], facecolor=(*ink, 0.1), edgecolor=ink)
+    axes.set(ylim=(bottom, top), yticks=np.arange(bottom, top + 1), yticklabels=[], xticks=[])
+    axes.annotate("", (np.pi, bottom), (np.pi, 0.5 * (bottom + top)), arrowprops={"arrowstyle": "->", "color": _TEXT, "lw": 0.7})
+    figure.text(0.02, 0.04, "a decade\na ring")
+    _plot(figure, corner, (0.42 + margins[0], margins[1]), theta, value, colours)
 
 
-def _plot(page, x, theta, value, colours):
-    """Phase functions (1/sr) over the angle, from `x` to the right edge."""
-    size = page.points(page.letter)
-    axes = page.axes(x, 0.965 - x, 2.6 * page.letter)
-    for row, tint in zip(value, colours):
-        axes.semilogy(np.degrees(theta), np.maximum(row, 1e-300), color=tint, lw=page.points(1.3))
-    axes.axhline(1 / (4 * np.pi), color=_DIM, lw=page.points(0.8), ls=":")
-    low, high = value[value > 0].min(), value.max()
-    axes.set(xlim=(0, 180), ylim=(max(low, 1e-10 * high) / 1.6, high * 1.6), xticks=(0, 45, 90, 135, 180))
-    axes.set_xlabel("scattering angle (degrees)", color=_DIM, fontsize=size, labelpad=1)
-    axes.set_ylabel("1/sr", color=_DIM, fontsize=size, labelpad=1)
-    axes.tick_params(colors=_DIM, labelsize=size, width=0.4, length=2, pad=1.5, which="both")
-    axes.yaxis.set_major_locator(_few_decades(axes))
-    axes.minorticks_off()
-    axes.grid(color=_GRID, lw=0.4)
-    for spine in axes.spines.values():
-        spine.set_color(_GRID)
-
-
-def _few_decades(axes):
-    """At most four ticks: letters are large for the little room."""
+def _plot(figure, corner, margins, theta, value, colours):
+    """Phase functions (1/sr) over the angle."""
     from matplotlib.ticker import LogLocator
 
-    return LogLocator(numticks=4)
+    axes = figure.add_axes((*margins, corner[0] - margins[0], corner[1] - margins[1]))
+    for row, ink in zip(value, colours):
+        axes.semilogy(np.degrees(theta), np.maximum(row, 1e-300), color=ink)
+    axes.axhline(1 / (4 * np.pi), color=_DIM, ls=":")
+    low, high = value[value > 0].min(), value.max()
+    axes.set(xlim=(0, 180), ylim=(max(low, 1e-10 * high) / 1.6, high * 1.6), xticks=(0, 45, 90, 135, 180), ylabel="1/sr",
+             xlabel="scattering angle (degrees)")
+    axes.xaxis.labelpad = axes.yaxis.labelpad = 1
+    axes.tick_params(length=2, pad=1.5, which="both")
+    axes.yaxis.set_major_locator(LogLocator(numticks=4))  # letters are large for the little room
+    axes.minorticks_off()
+    axes.grid()

@@ -6,36 +6,23 @@ comparison, 2e-4 for the file, should random numbers be drawn anew.
 
 from __future__ import annotations
 
-import os
-import pickle
-import subprocess
-import sys
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import pytest
 
-from bakery.errors import UsageError
-from bakery.physics.grains import mitsuba_walk, points
+from bakery.physics.grains import points
 from bakery.physics.grains.bvh import Mesh
-from bakery.physics.grains.mitsuba_walk import MitsubaWalker
 from bakery.physics.grains.scatterometer import CONTRADICTED_MAX, FIGURES, measure
 from bakery.physics.grains.surface import conductor, dielectric, diffuse
 from bakery.physics.grains.walk import CONTRADICTED, CUT, LEFT, MISSED, Walker
 from bakery.physics.shapes import build as shapes
 from bakery.physics.shapes.examples import EXAMPLES
-from bakery.system import llvm
-from tests.conftest import ROOT, slow
+from tests.conftest import slow
 from tests.odds import sigmas
+from tests.oracles import mitsuba_walk
+from tests.oracles.mitsuba_walk import MitsubaWalker
 from tests.physics.test_scatterometer import CUBE, STONE, box, torus
-from tests.renders import undisturbed_by_scenes
 
-try:
-    mitsuba_walk.require()
-    MISSING = ""
-except UsageError as error:
-    MISSING = str(error)
-runs = pytest.mark.skipif(bool(MISSING), reason=MISSING)
+pytestmark = pytest.mark.skipif(bool(mitsuba_walk.missing()), reason=mitsuba_walk.missing())
 
 SIGMAS = sigmas(32, 1e-6)
 KEY = (1, 2)
@@ -58,10 +45,6 @@ def example(name, triangles):
     return Mesh(grain.vertices, grain.faces)
 
 
-def same(a, b):
-    return all(map(np.array_equal, a, b))
-
-
 def close(a, b, which):
     """Rays leave on the same lines, to some roundings of float32 (on the sphere, one that grazes it is farther off)."""
     away = np.linalg.norm(a.leave - b.leave, axis=1) * np.einsum("ij,ij->i", a.leave, a.outgoing)
@@ -71,7 +54,6 @@ def close(a, b, which):
 # path by path
 
 
-@runs
 @pytest.mark.parametrize("mesh", [CUBE, STONE, RING])
 def test_mirrors_take_the_same_paths(mesh):
     """Nothing is left to chance: every record agrees to the rounding of float32, but for rays at an edge."""
@@ -87,7 +69,6 @@ def test_mirrors_take_the_same_paths(mesh):
     close(here, there, near & (here.status <= LEFT))
 
 
-@runs
 def test_a_glass_that_is_not_there_changes_nothing():
     _, walker = walkers(STONE, dielectric(1.0), mu=(0.0, 2.0))
     paths = walker.trace(uniform(20_000), 0, 0, KEY)
@@ -99,7 +80,6 @@ def test_a_glass_that_is_not_there_changes_nothing():
     np.testing.assert_allclose(paths.weight[hit, 1], np.exp(-2 * paths.inside[hit]), rtol=1e-6)
 
 
-@runs
 def test_light_leaves_on_the_sphere_and_absorption_is_beers():
     _, walker = walkers(RING, dielectric(1.5), mu=(0.0, 0.3, 5.0))
     paths = walker.trace(uniform(20_000), 0, 0, KEY)
@@ -111,7 +91,6 @@ def test_light_leaves_on_the_sphere_and_absorption_is_beers():
     np.testing.assert_allclose(paths.weight[left], np.exp(-np.outer(paths.inside[left], walker.mu)), rtol=1e-12)
 
 
-@runs
 def test_diffuse_weights_are_powers_of_the_reflectance():
     _, walker = walkers(RING, diffuse([0.3, 0.8, 1.0]))
     paths = walker.trace(uniform(20_000), 0, 0, KEY)
@@ -119,14 +98,12 @@ def test_diffuse_weights_are_powers_of_the_reflectance():
     np.testing.assert_allclose(paths.weight[left], np.array([0.3, 0.8, 1.0]) ** paths.events[left, None], rtol=1e-12)
 
 
-@runs
 def test_one_colour_serves_all_channels():
     here, there = (w.trace(uniform(5000), 0, 0, KEY) for w in walkers(CUBE, conductor(COPPER[0]), mu=(0.0, 1.0)))
     assert there.weight.shape == (5000, 2)
     np.testing.assert_allclose(there.weight, here.weight, rtol=1e-5)
 
 
-@runs
 def test_paths_that_are_cut_keep_their_light():
     here, there = (w.trace(uniform(20_000), 0, 0, KEY) for w in walkers(CUBE, dielectric(1.5), mu=(0.5,), events_max=1))
     assert np.count_nonzero(there.status == CUT) > 1000 and np.all(there.events <= 1)
@@ -134,7 +111,6 @@ def test_paths_that_are_cut_keep_their_light():
     np.testing.assert_allclose(there.weight[both], here.weight[both], rtol=1e-5)
 
 
-@runs
 def test_an_open_mesh_is_noticed():
     mesh = Mesh(CUBE.vertices, CUBE.faces[:-1])
     for walker in walkers(mesh, dielectric(1.5)):
@@ -157,7 +133,6 @@ GRAINS = {
 }
 
 
-@runs
 @pytest.mark.parametrize("name", [slow(name) if name.startswith("dark") else name for name in GRAINS])
 def test_figures_are_numbas(name):
     mesh, surface, mu = GRAINS[name][0](), *GRAINS[name][1:]
@@ -171,7 +146,6 @@ def test_figures_are_numbas(name):
     assert there.contradicted < CONTRADICTED_MAX and np.all(there.lost == 0)
 
 
-@runs
 def test_closed_forms_of_the_glass_cube():
     """2 / pi by Cauchy's formula, mean chord 4/3 of the sphere, and the inner path of index^2 4V/S without trapped modes."""
     found = measure(CUBE, dielectric(1.5), seed=3, tolerance=0.003, tracer=walkers(CUBE, dielectric(1.5))[1])
@@ -185,7 +159,6 @@ def test_closed_forms_of_the_glass_cube():
         found.lambda_s_error[0], found.lambda_o_error[0])
 
 
-@runs
 def test_unchanged_directions_stand_apart():
     """Parallel faces give the direction back: what float32 blurs lies below `FORWARD`, and nothing else does."""
     _, walker = walkers(CUBE, dielectric(1.5))
@@ -193,106 +166,3 @@ def test_unchanged_directions_stand_apart():
     turned = np.linalg.norm(paths.outgoing - paths.incoming, axis=1)[paths.status == LEFT]
     assert 0.37 < np.mean(turned == 0) < 0.4
     assert np.mean((turned > 0) & (turned < 100 * mitsuba_walk.FORWARD)) < 2e-4
-
-
-# the way it works
-
-TOGETHER = """
-import threading
-from concurrent.futures import ThreadPoolExecutor
-import numpy as np
-from bakery.physics.grains.mitsuba_walk import MitsubaWalker, require
-from bakery.physics.grains.surface import dielectric
-corners, faces = np.eye(4)[:, :3] - 0.2, [(0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)]
-walker, gate = MitsubaWalker(corners, faces, dielectric(1.5), 0.0), threading.Barrier(4)
-def run(_):
-    gate.wait()
-    require()
-    return walker.trace(np.linspace(0.1, 0.9, 256).reshape(64, 4), 0, 0, (1, 2)).events.sum()
-with ThreadPoolExecutor(4) as pool:
-    made = list(pool.map(run, range(4)))
-assert len(set(made)) == 1 and made[0] > 0
-"""
-
-
-@runs
-@pytest.mark.slow
-def test_a_path_depends_on_nothing_but_its_number():
-    entries = uniform(3000)
-    for surface in (dielectric(1.4, 0.3), conductor(COPPER, 0.2)):
-        _, walker = walkers(STONE, surface)
-        whole = walker.trace(entries, 10, 3, KEY)
-        assert not np.array_equal(whole.outgoing, walker.trace(entries, 10, 3, (1, 3)).outgoing)
-        assert not np.array_equal(whole.outgoing, walker.trace(entries, 10, 4, KEY).outgoing)
-        assert same(whole, walker.trace_many([(entries[:1000], 10, 3), (entries[1000:], 1010, 3)], KEY))
-        with ThreadPoolExecutor(3) as pool:
-            pieces = list(pool.map(lambda k: pickle.loads(pickle.dumps(walker)).trace(entries[k : k + 500], 10 + k, 3, KEY),
-                                   range(0, 3000, 500)))
-        for name in whole._fields:
-            assert np.array_equal(np.concatenate([getattr(piece, name) for piece in pieces]), getattr(whole, name))
-
-
-@runs
-@pytest.mark.parametrize("surfaces", [(dielectric(1.5), dielectric(1.5)), (dielectric(1.4, 0.3), dielectric(1.6, 0.1)),
-                                      (diffuse([0.1, 0.2]), diffuse([0.7, 0.5])),
-                                      (conductor([0.2 + 3j, 1 + 2j], 0.3), conductor([np.inf, 1 + 3j], 0.1))])
-def test_one_compiled_kernel_serves_all_grains(surfaces):
-    """Of a kind of surface; a smooth dielectric's index is a constant of Mitsuba's kernel."""
-    cube, stone = undisturbed_by_scenes(kernels_of_grains, surfaces)
-    assert len(stone) == 1 and stone == cube
-
-
-def kernels_of_grains(surfaces):
-    """Hashes of the kernels that take rays through two grains, whose meshes, absorption and numbers of rays differ."""
-    import drjit as dr
-
-    compiled = []
-    for mesh, surface, more, rays in ((CUBE, surfaces[0], {"mu": (0.0,)}, (uniform(2000), 0, 0, KEY)),
-                                      (STONE, surfaces[1], {"mu": (0.7,), "events_max": 50}, (uniform(777), 5, 6, (7, 8)))):
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-            dr.kernel_history_clear()
-            walkers(mesh, surface, **more)[1].trace(*rays)
-            kernels = dr.kernel_history([dr.KernelType.JIT])
-        compiled.append([kernel["hash"] for kernel in kernels if kernel["operation_count"] > 100])
-    return compiled
-
-
-@runs
-@pytest.mark.slow
-def test_threads_may_start_it_together():
-    """In a process that has not imported Mitsuba yet."""
-    subprocess.run([sys.executable, "-c", TOGETHER], cwd=ROOT, check=True, timeout=60,
-                   env={**os.environ, "PYTHONPATH": str(ROOT)})
-
-
-@runs
-def test_the_variant_that_others_set_stays():
-    import mitsuba as mi
-
-    mi.set_variant("scalar_rgb")
-    walkers(CUBE, dielectric(1.5))[1].trace(uniform(100), 0, 0, KEY)
-    assert mi.variant() == "scalar_rgb"
-
-
-# without LLVM
-
-
-@pytest.mark.parametrize("version", [(-1, -1, -1), (14, 0, 6), (15, 0, 7), (16, 0, 0), (18, 1, 8)])
-def test_unusable_llvm_is_named(version):
-    fault = llvm.fault(version)
-    assert "pip install" in fault and (version[0] < 0 or str(version[0]) in fault)
-
-
-@pytest.mark.parametrize("version", [(19, 0, 0), (23, 1, 4)])
-def test_usable_llvm(version):
-    assert llvm.fault(version) is None
-
-
-@runs
-def test_no_llvm_is_one_clear_error(tmp_path):
-    code = "from bakery.errors import UsageError\nfrom bakery.physics.grains import mitsuba_walk\n" \
-           "try:\n    mitsuba_walk.require()\nexcept UsageError as error:\n    print(error)"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60,
-                          env={**os.environ, "PYTHONPATH": str(ROOT), "DRJIT_LIBLLVM_PATH": str(tmp_path / "none.so")})
-    assert done.returncode == 0 and done.stdout.startswith("engine mitsuba: no usable LLVM"), done.stderr
-    assert "pip install" in done.stdout and "engine: numba" in done.stdout

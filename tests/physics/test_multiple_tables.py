@@ -19,7 +19,6 @@ from bakery.physics.multiple import (
     legendre,
     locate,
     lookup,
-    plain,
     point,
     queries,
     segment,
@@ -28,6 +27,7 @@ from bakery.physics.multiple import (
     tree,
 )
 from bakery.physics.multiple.kinds import POINT, SEGMENT
+from bakery.stages.multiple.pictures import Shown
 from tests.conftest import slow
 from tests.oracles import photons
 
@@ -248,19 +248,18 @@ def test_lobes_are_look_ups(ready, kind):
 
 
 @pytest.mark.parametrize("kind", [POINT, SEGMENT])
-def test_plain_look_ups_are_those_of_the_kernels(tables, ready, kind):
-    """Within and beyond the extent; but for the splines of the basis: 2e-3, and the directions that an integral leaves out."""
-    made, laid_out = tables[kind], plain.plain(tables[kind])
+def test_pictures_show_the_look_ups(tables, ready, kind):
+    """Within and beyond the extent; integrals but for the directions that pictures leave out."""
+    shown = Shown("point" if kind == POINT else "segment", 0.55, tables[kind], 0.9)
     random = np.random.default_rng(9)
-    m, angle = made.extent * 10 ** random.uniform(-2, 0.3, 60), random.uniform(0, math.pi, 60)
+    m, angle = shown.table.extent * 10 ** random.uniform(-2, 0.3, 60), random.uniform(0, math.pi, 60)
     rho, z, turn = m * np.sin(angle), m * np.cos(angle), np.linspace(0, 2 * math.pi, 41)
-    np.testing.assert_allclose(plain.singular(made, rho, z), locate.measure(kind, made.length, rho, z)[1], rtol=1e-12)
     folded, azimuth = np.where(turn < math.pi, turn, 2 * math.pi - turn), np.where(turn < math.pi, 0, math.pi)
     expected = lookup.lobes(ready[kind], rho, z, frame.polar(np.linspace(0, 1, 60)), np.linspace(0, math.pi, 25))
     expected = (expected * frame.solid_angles((60, 25))).sum(axis=(1, 2))
-    np.testing.assert_allclose(plain.integral(laid_out, rho, z), expected, rtol=2e-3)
+    np.testing.assert_allclose(shown.integral(rho, z), expected, rtol=2e-3)
     expected = lookup.point(ready[kind], rho[:, None], z[:, None], folded, azimuth)
-    np.testing.assert_allclose(plain.in_plane(laid_out, rho, z, turn), expected, rtol=5e-3)
+    np.testing.assert_allclose(shown.in_plane(rho, z, turn), expected, rtol=3e-5)
 
 
 @pytest.mark.parametrize("kind", [POINT, SEGMENT])

@@ -20,7 +20,7 @@ import bakery
 from bakery.draw.files import PREVIEW_OF
 from bakery.errors import AssetError, UsageError
 from bakery.grammar.qualities import Panel
-from renderers.mitsuba import passes
+from renderers.mitsuba import passes, tables
 from renderers.preview import describe, lobe, preview, studio
 from renderers.preview.picture import block_edge
 from tests.physics.media import RGB, angles, asset_file, henyey_greenstein
@@ -248,17 +248,23 @@ def test_interruption_is_handed_on(variant, wax, tmp_path, no_strip):
 
 
 @pytest.mark.parametrize("width", [320, 576, 1280])
-def test_letters_of_the_strip_are_legible(width, wax):
+@pytest.mark.parametrize("kind", ["medium", "grains"])
+def test_letters_of_the_strip_are_legible(width, kind, wax, monkeypatch):
     """As drawn: at least 11 pixels, and no line leaves the picture."""
-    from matplotlib.figure import Figure
-
-    asset = bakery.open(wax)
-    figure = Figure(figsize=(6.4, 6.4), dpi=width / 6.4)
-    lobe._text(lobe._Page(figure, width, width), asset, ["block edge 899 m = 3 reduced mean free paths at 0.610 um"])
-    assert len(figure.texts) > 8
-    for text in figure.texts:
+    figures, page = [], lobe._page
+    monkeypatch.setattr(lobe, "_page", lambda *arguments: figures.append(page(*arguments)) or figures[-1])
+    if kind == "medium":
+        words = ["block edge 899 m = 3 reduced mean free paths at 0.610 um"]
+        strip = lobe.strip(bakery.open(wax), tables.load(wax), width, words)
+    else:
+        part = {"hit_probability": [0.7], "albedo": [0.99995] * 3, "g": [-0.85] * 3, "lambda_s": [1.25] * 3,
+                "forward_delta": [0.0113] * 3, "phase": np.full((3, 91), 1 / (4 * np.pi))}
+        asset = types.SimpleNamespace(wavelength=RGB, grains={"long_crystals": part, "theta": np.linspace(0, np.pi, 91)})
+        strip = lobe.grain_strip(asset, [types.SimpleNamespace(name="long_crystals", share=0.125)], width, ["R = 1 mm"])
+    assert strip.shape[1] == width and figures[0].texts
+    for text in figures[0].texts:
         box = text.get_window_extent()
-        assert text.get_fontsize() * width / 6.4 / 72 >= 10.999 and box.x0 >= 0 and box.x1 <= width, text
+        assert text.get_fontsize() * 100 / 72 >= 10.999 and box.x0 >= 0 and box.x1 <= width, text
 
 
 def test_albedos_are_as_narrow_as_four_decimals():

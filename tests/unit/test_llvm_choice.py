@@ -124,3 +124,9 @@ def test_missing_mitsuba_names_the_extra():
             "    print(isinstance(error, BakeryError), isinstance(error, ImportError), error)\n")
     done = run("none", code)
     assert done.stdout.startswith("True True") and 'pip install ".[mitsuba,llvm]"' in done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("version", [(-1, -1, -1), (14, 0, 6), (18, 1, 8)])
+def test_an_unusable_llvm_is_named(version):
+    fault = llvm.fault(version)
+    assert "pip install" in fault and (version[0] < 0 or str(version[0]) in fault)

@@ -15,10 +15,10 @@ from tests.unit.test_imports import imports, modules
 
 # what a picture may take of physics: look-ups in the tables of an asset, and what closed formulas say of a few of its figures
 LOOKUPS = {"beam.kinds.MEASURES", "discrete.graininess", "medium.phase.phase_at", "medium.phase.phase_integral", "multiple.frame",
-           "multiple.kinds.KINDS", "multiple.plain", "surfaces.spread.profile_within"}
+           "multiple.kinds.KINDS", "multiple.locate", "multiple.lookup", "surfaces.spread.profile_within"}
 # files of physics whose functions may run while pictures are made
-FILES = {"medium/phase.py", "multiple/frame.py", "multiple/plain.py", "multiple/table.py", "multiple/tree.py",
-         "beam/table.py", "discrete/graininess.py"}
+FILES = {"medium/phase.py", "multiple/frame.py", "multiple/locate.py", "multiple/lookup.py", "multiple/_products.py",
+         "multiple/table.py", "multiple/tree.py", "beam/table.py", "discrete/graininess.py"}
 HAZE = """\
 bakery: 1
 name: haze
@@ -73,4 +73,4 @@ def baked(tmp_path_factory):
 def test_drawing_looks_up_and_computes_nothing(baked):
     ran = set().union(*map(called, baked))
     assert ran <= FILES, f"bake plot calls {sorted(ran - FILES)}"
-    assert {"medium/phase.py", "multiple/plain.py", "beam/table.py"} <= ran  # calls are seen at all
+    assert {"medium/phase.py", "multiple/lookup.py", "beam/table.py"} <= ran  # calls are seen at all

@@ -114,11 +114,11 @@ def test_options_have_defaults(write):
     s = recipe.scatterometer
     assert (s.tolerance, s.triangles, s.paths, s.depth, s.engine) == (0.01, 20_000, None, 100_000, "numba")
     assert (recipe.effective_medium.sigma_t, recipe.effective_medium.walks) == ("auto", None)
-    more = "scatterometer: {tolerance: 0.3%, triangles: fine, paths: 5000, depth: 7, engine: mitsuba}\n"
+    more = "scatterometer: {tolerance: 0.3%, triangles: fine, paths: 5000, depth: 7, engine: numba}\n"
     more += "effective_medium: {sigma_t: random_walk, walks: 5000}\n"
     recipe = load(write(GRAINS + more))
     s = recipe.scatterometer
-    assert (s.tolerance, s.triangles, s.paths, s.depth, s.engine) == (0.003, 200_000, 5000, 7, "mitsuba")
+    assert (s.tolerance, s.triangles, s.paths, s.depth, s.engine) == (0.003, 200_000, 5000, 7, "numba")
     assert (recipe.effective_medium.sigma_t, recipe.effective_medium.walks) == ("random_walk", 5000)
     fog = load(ROOT / "recipes" / "fog.yaml")
     assert fog.grains is None and fog.scatterometer.triangles == 20_000

@@ -17,7 +17,7 @@ from bakery.physics.grains.bvh import Mesh
 from bakery.physics.grains.figures import WithErrors, in_order
 from bakery.physics.grains.points import points, scrambled
 from bakery.physics.grains.surface import Surface
-from bakery.physics.grains.walk import ABSORBED, CONTRADICTED, CUT, MISSED, Paths, Walker
+from bakery.physics.grains.walk import ABSORBED, CONTRADICTED, CUT, MISSED, Walker
 from bakery.system.compiled import njit
 
 REPLICATES = 32
@@ -102,8 +102,7 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
     paths_max : after about so many paths it ends, `reached` False
     map : `map(function, tasks)` returns [function(*task) for task in tasks]
     report : called with the share of the work that is done and the error reached so far
-    tracer : stands in for `walk.Walker(mesh, surface, mu)`: picklable, with its `trace`; one that is best given many paths at
-        once says how many, `batch`, and has `trace_many`
+    tracer : stands in for `walk.Walker(mesh, surface, mu)`: picklable, with its `trace`
 
     Raises
     ------
@@ -133,9 +132,8 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
     while True:
         parts = [(replicate, start, min(_BLOCK, first + count - start))
                  for replicate in range(REPLICATES) for start in range(first, first + count, _BLOCK)]
-        together = max(1, getattr(tracer, "batch", 1) // parts[0][2])
-        tasks = [(tracer, edges, (seed, stream), key, parts[i : i + together]) for i in range(0, len(parts), together)]
-        sums += in_order(np.concatenate(map(blocks, tasks)).reshape(REPLICATES, -1, *sums.shape[1:]))
+        blocks = map(block, [(tracer, edges, (seed, stream), key, part) for part in parts])
+        sums += in_order(np.reshape(blocks, (REPLICATES, -1, *sums.shape[1:])))
         first += count
         result = _result(sums, edges, tolerance, asked)
         if report is not None:
@@ -157,36 +155,14 @@ _WEIGHT, _INCOMING, _OUTGOING, _SQUARE, _COSINE, _FORWARD, _INSIDE, _LOST = rang
 _BINS = 8
 
 
-def blocks(tracer, edges, names, key, parts):
-    """Sums (P, C + 1, 8 + B) of the paths first ... first + count - 1 of each part (replicate, first, count)."""
-    entries = []
-    for replicate, first, count in parts:
-        seed, stream = names
-        random = rng.generator(seed, "grains.entries", stream, replicate)
-        entries.append((points(*scrambled(random), first, count), first, replicate))
-    out = None
-    for k, paths in enumerate(_traced(tracer, entries, key)):
-        if out is None:
-            out = np.zeros((len(parts), paths.weight.shape[1] + 1, _BINS + len(edges) - 1))
-        tally(paths, edges, out[k])
-    return out
-
-
-def _traced(tracer, entries, key):
-    """The paths of each entry (uniform, first, replicate), all at once where the tracer likes many (`batch`, `trace_many`)."""
-    if not hasattr(tracer, "batch"):
-        yield from (tracer.trace(*entry, key) for entry in entries)
-        return
-    whole, start = tracer.trace_many(entries, key), 0
-    for uniform, _, _ in entries:
-        part = slice(start, start + len(uniform))
-        yield Paths(*(column[part] for column in whole))
-        start = part.stop
-
-
-def tally(paths: Paths, edges, out):
-    """Add the records of paths to sums."""
+def block(tracer, edges, names, key, part):
+    """Sums (C + 1, 8 + B) of the paths first ... first + count - 1 of a part (replicate, first, count)."""
+    (seed, stream), (replicate, first, count) = names, part
+    random = rng.generator(seed, "grains.entries", stream, replicate)
+    paths = tracer.trace(points(*scrambled(random), first, count), first, replicate, key)
+    out = np.zeros((paths.weight.shape[1] + 1, _BINS + len(edges) - 1))
     _tally(paths, edges, out)
+    return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -81,7 +81,7 @@ def nodes() -> tuple[np.ndarray, np.ndarray]:
     return theta, edges
 
 
-def tracer_of(grain, trace: Trace, depth: int, engine: str, tree=None):
+def tracer_of(grain, trace: Trace, depth: int, tree=None):
     """What follows rays through a grain, or None where a closed form knows the answer."""
     if grain.analytic == "sphere":
         if trace.surface.roughness == 0:
@@ -89,10 +89,6 @@ def tracer_of(grain, trace: Trace, depth: int, engine: str, tree=None):
         from bakery.physics.grains.balls import BallWalker
 
         return BallWalker(trace.surface, trace.mu, events_max=depth)
-    if engine == "mitsuba":
-        from bakery.physics.grains.mitsuba_walk import MitsubaWalker
-
-        return MitsubaWalker(grain.vertices, grain.faces, trace.surface, trace.mu, events_max=depth)
     from bakery.physics.grains.walk import Walker
 
     return Walker(tree, trace.surface, trace.mu, events_max=depth)

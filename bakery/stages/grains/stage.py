@@ -25,7 +25,7 @@ _LOADING = 0.3
 _TRIANGLE, _ROUND = 17.0, 7.0  # bytes of a triangle as stored: of a grain, of a sphere
 _OF_BALLS = ("grains.sphere", "grains.surface")
 _OF_WALKS = ("grains._walk", "grains.surface", "grains.scatterometer", "grains.points")
-_OF_MESHES, _OF_SHAPES = ("grains.bvh", "grains.grid"), ("shapes._triangles", "shapes.simplify")
+_OF_MESHES, _OF_SHAPES = ("grains.bvh",), ("shapes._triangles", "shapes.simplify")
 _SPREAD = 6.0  # times 1/sqrt(paths): error of the phase function
 
 
@@ -52,7 +52,7 @@ def inputs(recipe, upstream) -> dict:
     options = recipe.scatterometer
     return {"components": components, "radius": 1e-6 * grains.radius, "classes": classes, "shares": shares,
             "wavelengths": len(recipe.wavelength), "triangles": options.triangles, "paths": options.paths,
-            "depth": options.depth, "engine": options.engine}
+            "depth": options.depth}
 
 
 # ---- work
@@ -66,10 +66,6 @@ def compute(inputs: dict, context) -> Result:
     classes = np.unique(np.append(1.0, inputs["classes"])) * inputs["radius"]
     # places of the recipe's own radius and of the law's among all that are traced
     index, at = int(np.searchsorted(classes, inputs["radius"])), np.searchsorted(classes, inputs["classes"] * inputs["radius"])
-    if inputs["engine"] == "mitsuba":
-        from bakery.physics.grains.mitsuba_walk import require
-
-        require()
     if any("repair" in component["shape"] for component in inputs["components"]):
         from bakery.physics.shapes.repair import require
 
@@ -83,7 +79,7 @@ def compute(inputs: dict, context) -> Result:
         name = component["name"]
         grain = _mesh_of(component, inputs["triangles"])
         notes += [f"{name}: {note}" for note in grain.notes]
-        tree = _tree(grain, inputs["engine"])
+        tree = _tree(grain)
         measured = []
         for i, trace in enumerate(traced):
             context.report(done / number, None, name)
@@ -111,8 +107,8 @@ def _mesh_of(component: dict, triangles: int):
         raise StageError(f"grain {component['name']}: {source}: {error}") from None
 
 
-def _tree(grain, engine):
-    if grain.analytic == "sphere" or engine != "numba":
+def _tree(grain):
+    if grain.analytic == "sphere":
         return None
     from bakery.physics.grains.bvh import Mesh
 
@@ -128,7 +124,7 @@ def _measured(grain, tree, trace, inputs, context, stream, done, number, name):
     from bakery.physics.grains import scatterometer, sphere, traces
 
     _, edges = traces.nodes()
-    tracer = traces.tracer_of(grain, trace, inputs["depth"], inputs["engine"], tree)
+    tracer = traces.tracer_of(grain, trace, inputs["depth"], tree)
     if tracer is None:
         return sphere.ball(trace.surface, trace.mu, edges)
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from bakery.draw.picture import Picture
 from bakery.draw.style import INK, NEUTRAL, QUIET
-from bakery.physics.multiple import frame, plain
+from bakery.physics.multiple import frame, locate, lookup
 from bakery.physics.multiple.kinds import KINDS
 from bakery.stages.multiple.view import tables_of
 from bakery.store.tree import Group
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from bakery.physics.multiple import table
 
 _PIXELS = 96  # of the plane's height
+_DIRECTIONS = (24, 11)  # rings and half meridians that an integral sums: at worst 1 % off, 0.1 % as a rule
 _STATED = {"error": "table", "error_with_solver": "table and solver", "error_worst": "table, worst position"}
 
 
@@ -37,8 +38,8 @@ class Shown:
     albedo: float
 
     @cached_property
-    def ready(self) -> plain.Plain:
-        return plain.plain(self.table)
+    def ready(self) -> lookup.Ready:
+        return lookup.ready(self.table)
 
     @property
     def middle(self) -> float:
@@ -53,7 +54,21 @@ class Shown:
     def integral(self, rho, z):
         """The integral of the table's own source over directions, mfp^-3."""
         rho, z = np.broadcast_arrays(rho, z)
-        return plain.integral(self.ready, rho.ravel(), z.ravel()).reshape(rho.shape)
+        polar, azimuth = frame.polar(np.linspace(0, 1, _DIRECTIONS[0])), np.linspace(0, np.pi, _DIRECTIONS[1])
+        lobes = lookup.lobes(self.ready, rho.ravel(), z.ravel(), polar, azimuth)
+        return np.tensordot(lobes, frame.solid_angles(_DIRECTIONS), 2).reshape(rho.shape)
+
+    def in_plane(self, rho, z, turn):
+        """The source at positions (N,) into directions (T,) in the plane of source and position, mfp^-3 sr^-1, (N, T).
+
+        turn : rad, from +z towards growing rho
+        """
+        values = []
+        for across, along in zip(rho, z, strict=True):
+            polar = (np.arctan2(across, along) - turn + np.pi) % (2 * np.pi) - np.pi
+            (lobes,) = lookup.lobes(self.ready, np.array([across]), np.array([along]), np.abs(polar), np.array([0.0, np.pi]))
+            values.append(np.where(polar >= 0, *lobes.T))  # at azimuth 0 of a position's frame is +z
+        return np.array(values)
 
 
 def pictures(root: Group) -> Iterator:
@@ -136,7 +151,7 @@ def _image(shown: Shown, size: float):
     at = (np.arange(_PIXELS // 2) + 0.5) / (_PIXELS // 2) * size
     z, rho = np.meshgrid(shown.middle + np.concatenate([-at[::-1], at]), at)
     value = shown.integral(rho, z)
-    return z, rho, value, value / plain.singular(shown.table, rho, z)
+    return z, rho, value, value / locate.measure(shown.table.kind, shown.table.length, rho, z)[1]
 
 
 def _edges(shown: Shown, u, v, points: int = 4):
@@ -153,7 +168,7 @@ def _lobes(shown: Shown, size: float):
     places = [(share * size, np.radians(angle)) for share, angles in ((0.32, (25, 90, 155)), (0.75, (12, 45, 78, 102, 135, 168)))
               for angle in angles]
     z, rho = np.array([(shown.middle + away * np.cos(angle), away * np.sin(angle)) for away, angle in places]).T
-    values = plain.in_plane(shown.ready, rho, z, turn)
+    values = shown.in_plane(rho, z, turn)
     across = values[:, :-1] + np.roll(values[:, :-1], 90, axis=1)
     radius = 0.21 * size * values / across.max(axis=1, keepdims=True)  # all equally long
     outlines = np.stack([z[:, None] + radius * np.cos(turn), -rho[:, None] - radius * np.sin(turn)], axis=-1)

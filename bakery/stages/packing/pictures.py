@@ -8,13 +8,12 @@ import numpy as np
 
 from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
-from bakery.draw.view import finished, looking_from
+from bakery.draw.view import looking_from
 from bakery.stages.packing.view import tiles
 from bakery.store.tree import Group
 
 EQUAL = 1e-9  # relative spread below which radii count as equal
 _SAND, _PALE = np.array([0.80, 0.33, 0.06]), np.array([0.68, 0.74, 0.82])
-_NEAR = 8  # spheres that take light of the sky from another
 _SMALL, _LARGE = np.array([0.04, 0.30, 0.42]), np.array([0.85, 0.36, 0.07])
 
 
@@ -48,38 +47,17 @@ def rendered(centers, radii, cell, pixels: int = 640) -> tuple[np.ndarray, tuple
 
     centers, radii, cell = (np.asarray(a, float) for a in (centers, radii, cell))
     shifts = np.array([(0, 0, 0), (-1, 0, 0), (0, -1, 0), (-1, -1, 0)]) * cell
-    position = (np.mod(centers, cell) + shifts[:, None]).reshape(-1, 3)
-    radius = np.tile(radii, 4)
-    colour = np.concatenate([_colours(radii), np.tile(0.9 * _PALE + 0.1 * _colours(radii), (3, 1))])
     view = looking_from(np.array([1.0, 0.72, 0.62]))
-    seen = position @ view.T
-    order = np.argsort(seen[:, 2], kind="stable")
-    seen, radius, colour = seen[order], radius[order], colour[order]
+    seen, radius = (np.mod(centers, cell) + shifts[:, None]).reshape(-1, 3) @ view.T, np.tile(radii, 4)
+    colour = np.concatenate([_colours(radii), np.tile(0.9 * _PALE + 0.1 * _colours(radii), (3, 1))])
     low, high = (seen[:, :2] - radius[:, None]).min(0), (seen[:, :2] + radius[:, None]).max(0)
     margin = 0.02 * (high - low).max()
     low, high = low - margin, high + margin
     pixel = (high[0] - low[0]) / pixels
     height = int(np.ceil((high[1] - low[1]) / pixel))
-    picture = drawing.Buffer(*drawing.depths(seen, radius, low, pixel, pixels, height), low, pixel)
-
-    sun = np.array([-0.42, 0.62, 0.66])
-    sun /= np.linalg.norm(sun)
-    to_sun = looking_from(sun)
-    from_sun = seen @ to_sun.T
-    shadow_low = (from_sun[:, :2] - radius[:, None]).min(0)
-    shadow_high = (from_sun[:, :2] + radius[:, None]).max(0)
-    shadow_pixel = (shadow_high - shadow_low).max() / pixels
-    size = np.ceil((shadow_high - shadow_low) / shadow_pixel).astype(int) + 1
-    shadow = drawing.Buffer(*drawing.depths(from_sun, radius, shadow_low, shadow_pixel, int(size[0]), int(size[1])), shadow_low,
-                            shadow_pixel)
-
-    visible = np.zeros(len(radius), bool)
-    visible[picture.index[picture.index >= 0]] = True
-    near = drawing.neighbours(seen, visible, 6 * radius.max(), _NEAR)
-    image = drawing.shaded(drawing.Spheres(seen, radius, colour, near), picture, sun, to_sun, shadow)
-    top = low[1] + height * pixel
+    image = drawing.rendered(seen, radius, colour, low, pixel, pixels, height)
     box = np.array(np.meshgrid(*[(0, 1)] * 3, indexing="ij")).reshape(3, -1).T * cell
-    return finished(image, picture.index, 1.25), (low[0], high[0], low[1], top), (box @ view.T)[:, :2]
+    return image, (low[0], high[0], low[1], low[1] + height * pixel), (box @ view.T)[:, :2]
 
 
 def spheres(tile: Group):

@@ -1,40 +1,36 @@
 """Rays through a grain by Mitsuba 3: its BSDFs and its ray tracing (Embree) in one compiled loop: `MitsubaWalker`.
 
-Stands in for `walk.Walker` with the same entries, other random numbers and float32 below: figures agree within their errors.
-Mitsuba is imported where it is used, so the package works without it.
+Stands in for `walk.Walker` with other random numbers and float32 below: figures agree within their errors.
 """
 
 from __future__ import annotations
 
 import functools
-import hashlib
-import threading
-from collections import OrderedDict
 from dataclasses import dataclass
 
 import numpy as np
 
-from bakery.errors import UsageError
 from bakery.physics.grains.sampling import AHEAD, FAINT, enter
 from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, Surface
 from bakery.physics.grains.walk import ABSORBED, CONTRADICTED, CUT, EVENTS_MAX, LEFT, MISSED, Paths
 from bakery.system import llvm
-from bakery.system.compiled import njit
 
 VARIANT = "llvm_ad_mono"
-BATCH = 1 << 18  # paths a call from which on starting the kernel (2 ms) is no longer seen
 FORWARD = 1e-5  # rad: changes of direction below count as none; float32 makes up to 3e-6 where there is none
 _OFF = 2.0**-21  # R, how far off the surface a ray starts, on the side to which it goes: five roundings of a float32 near 1
 _COUNT = 28  # bits for the number of meetings in a path's mark; its status follows
 _LANES = 1 << 12  # rays under way at once; each takes the next path when its own has ended
-_LOCK = threading.RLock()  # Mitsuba has one variant a process, and is called from one thread at a time
-_SCENES: OrderedDict[bytes, tuple] = OrderedDict()
-_SCENES_MAX = 4
 
 
-def require() -> None:
-    """Raises UsageError, saying what to install, where this engine cannot run."""
-    _modules()
+def missing() -> str:
+    """Why Mitsuba cannot run here; empty where it can."""
+    llvm.find()
+    try:
+        import drjit
+        import mitsuba  # noqa: F401
+    except ImportError as error:
+        return str(error)
+    return llvm.fault(tuple(drjit.detail.llvm_version())) or ""
 
 
 class MitsubaWalker:
@@ -46,85 +42,45 @@ class MitsubaWalker:
     surface : of the grain; its channels are one or as many as mu's
     mu : (C,) 1/R, absorption coefficient of the interior
     events_max : meetings with the surface after which a path is cut
-    threads : of Dr.Jit's pool, which the whole process shares; None leaves it as it is (one a core)
-
-    Raises
-    ------
-    UsageError : `trace`, where Mitsuba or an LLVM that it can use is missing
 
     Notes
     -----
     Positions and directions under way are float32: a place on the surface is good to 1e-7 R, a ray starts 5e-7 R off it, and
-    directions that turn by less than `FORWARD` count as unscattered.  Safe to call from several threads, which take turns.
-    A path's result depends on its entry and on (key, replicate, number) alone.
+    directions that turn by less than `FORWARD` count as unscattered.
     """
 
-    batch = BATCH
-
-    def __init__(self, vertices, faces, surface: Surface, mu, events_max: int = EVENTS_MAX, threads: int | None = None):
+    def __init__(self, vertices, faces, surface: Surface, mu, events_max: int = EVENTS_MAX):
         self.vertices, self.faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int64)
         mu = np.atleast_1d(np.asarray(mu, float))
         self.surface, self.mu = surface, np.array(np.broadcast_to(mu, max(len(mu), surface.channels.shape[1])))
-        self.events_max, self.threads = min(int(events_max), (1 << _COUNT) - 1), threads
-        self._ready = None
-
-    def __getstate__(self):
-        return {**self.__dict__, "_ready": None}
+        self.events_max, self._loop = min(int(events_max), (1 << _COUNT) - 1), None
 
     def trace(self, uniform, first, replicate, key) -> Paths:
         """As `walk.Walker.trace`: rays of `uniform` (n, 4), path i with the stream (first + i, replicate) of the key."""
-        return self.trace_many([(uniform, first, replicate)], key)
+        import drjit as dr
 
-    def trace_many(self, parts, key) -> Paths:
-        """The paths of several (uniform, first, replicate), part after part, followed in one go: best `batch` or more."""
-        count, surface = sum(len(uniform) for uniform, _, _ in parts), self.surface
-        paths = Paths.empty(count, len(self.mu))
-        rays, at = _aligned(count, 8), 0
-        for uniform, first, replicate in parts:
-            part = slice(at, at + len(uniform))
-            _begin(uniform, np.uint32(first), np.uint32(replicate), paths.start[part], paths.incoming[part], rays[part],
-                   rays.view(np.uint32)[part])
-            at += len(uniform)
-        ends, marks, carried = self._run(rays, key)
-        rho = np.array(np.broadcast_to(surface.channels[0] if surface.kind == DIFFUSE else 1.0, self.mu.shape), float)
-        _finish(ends, marks, carried, rho, self.mu, paths)
-        return paths
-
-    def _run(self, rays, key):
-        """What became of rays (n, 8), as `_finish` takes it: ends (n, 8), marks (n,), weights (n, C) or (n, 0)."""
-        _, dr = _modules()
-        with _LOCK, _variant():
-            if self.threads is not None and dr.thread_count() != self.threads:
-                dr.set_thread_count(self.threads)
-            if self._ready is None:
-                self._ready = _Loop(*_scene(self.vertices, self.faces), self.surface)
-            ends, marks, carried = self._ready.launch(float(np.min(self.mu)), self.events_max, rays, key)
+        paths, rays = Paths.empty(len(uniform), len(self.mu)), _aligned(len(uniform), 8)
+        for numbers, start, incoming in zip(uniform, paths.start, paths.incoming, strict=True):
+            enter(numbers, start, incoming)
+        rays[:, :3], rays[:, 4:7] = paths.start - AHEAD * paths.incoming, paths.incoming
+        words = rays.view(np.uint32)
+        words[:, 3], words[:, 7] = np.uint32(first) + np.arange(len(uniform), dtype=np.uint32), replicate
+        with _variant():
+            self._loop = self._loop or _Loop(*_scene(self.vertices, self.faces), self.surface)
+            ends, marks, carried = self._loop.launch(float(np.min(self.mu)), self.events_max, rays, key)
             dr.eval(ends, marks, *carried)
-            dr.sync_thread()
-            carried = np.stack([c.numpy() for c in carried], axis=-1) if carried else np.empty((len(rays), 0), np.float32)
-            return ends.numpy().reshape(-1, 8), marks.numpy(), carried
+            carried = np.stack([c.numpy() for c in carried], axis=-1) if carried else np.ones((len(rays), 1), np.float32)
+            _finish(ends.numpy().reshape(-1, 8), marks.numpy(), carried, self, paths)
+        return paths
 
 
 # ---- Mitsuba
 
 
 def _modules():
-    """The modules mitsuba and drjit, with an LLVM that they can use."""
-    with _LOCK:  # mitsuba takes its own place while it is imported: a second thread would see it unfinished
-        return _loaded()
+    import drjit
+    import mitsuba
 
-
-@functools.cache
-def _loaded():
-    llvm.find()
-    try:
-        import drjit
-        import mitsuba
-    except ImportError as error:
-        raise UsageError(f"engine mitsuba: {error}; get it by: {llvm.INSTALL}, or take engine: numba") from None
-    fault = llvm.fault(tuple(drjit.detail.llvm_version()))
-    if fault:
-        raise UsageError(f"engine mitsuba: {fault}, or take engine: numba")
     return mitsuba, drjit
 
 
@@ -145,26 +101,20 @@ class _variant:
 def _scene(vertices, faces):
     """Scene of a mesh, and a table (T, 4, 4) of corner, two edges and, in the last column, the normal of each triangle."""
     mi, _ = _modules()
-    digest = hashlib.sha256(vertices.tobytes() + faces.tobytes()).digest()
-    if digest not in _SCENES:
-        mesh = mi.Mesh("grain", len(vertices), len(faces))
-        values = mi.traverse(mesh)
-        values["vertex_positions"] = mi.Float(vertices.astype(np.float32).ravel())
-        values["faces"] = mi.UInt32(faces.astype(np.uint32).ravel())
-        values.update()
-        # robust: without it 1e-6 to 4e-6 of the paths slip through edges, for 15 % less time
-        scene = mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "grain": mesh})
-        a, b, c = (vertices.astype(np.float32).astype(float)[faces[:, k]] for k in range(3))
-        normal = np.cross(b - a, c - a)
-        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
-        table = _aligned(len(faces), 4, 4)
-        table[:, 0, :3], table[:, 1, :3], table[:, 2, :3], table[:, :3, 3] = a, b - a, c - a, normal
-        table[:, 3] = 0
-        _SCENES[digest] = scene, mi.Float(table.ravel())
-        while len(_SCENES) > _SCENES_MAX:
-            _SCENES.popitem(last=False)
-    _SCENES.move_to_end(digest)
-    return _SCENES[digest]
+    mesh = mi.Mesh("grain", len(vertices), len(faces))
+    values = mi.traverse(mesh)
+    values["vertex_positions"] = mi.Float(vertices.astype(np.float32).ravel())
+    values["faces"] = mi.UInt32(faces.astype(np.uint32).ravel())
+    values.update()
+    # robust: without it 1e-6 to 4e-6 of the paths slip through edges, for 15 % less time
+    scene = mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "grain": mesh})
+    a, b, c = (vertices.astype(np.float32).astype(float)[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+    table = _aligned(len(faces), 4, 4)
+    table[:, 0, :3], table[:, 1, :3], table[:, 2, :3], table[:, :3, 3] = a, b - a, c - a, normal
+    table[:, 3] = 0
+    return scene, mi.Float(table.ravel())
 
 
 def _bsdf(surface: Surface):
@@ -320,57 +270,20 @@ def _aligned(*shape):
     return whole[start : start + size].reshape(shape)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _begin(uniform, first, replicate, start, incoming, rays, words):
-    """Entries, and for the kernel (n, 8): starts a little outside with the path's number, directions with the replicate's."""
-    for i in range(len(uniform)):
-        enter(uniform[i], start[i], incoming[i])
-        for k in range(3):
-            rays[i, k] = start[i, k] - AHEAD * incoming[i, k]
-            rays[i, 4 + k] = incoming[i, k]
-        words[i, 3], words[i, 7] = first + np.uint32(i), replicate
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _finish(ends, marks, carried, rho, mu, paths):
-    """Fill `Paths` from ends (n, 8): place, way inside, direction, weight; and marks (n,): status and meetings.
-
-    rho : (C,) weight of a meeting;  carried : (n, C) or (n, 1) weights, or (n, 0)
-    """
-    status, start, leave, incoming, outgoing, inside, weight, events = paths
-    point, outgoing_direction, ahead = np.empty(3), np.empty(3), np.empty(3)
-    for i in range(len(status)):
-        state, count = marks[i] >> np.uint32(_COUNT), np.int64(marks[i] & np.uint32((1 << _COUNT) - 1))
-        length, factor = np.float64(ends[i, 3]), np.float64(ends[i, 7])
-        status[i], events[i], inside[i] = state, count, length
-        square = along = outside = turned = 0.0
-        for k in range(3):
-            point[k], outgoing_direction[k], ahead[k] = ends[i, k], ends[i, 4 + k], incoming[i, k]
-            square += outgoing_direction[k] * outgoing_direction[k]
-        over = 1.0 / np.sqrt(square)
-        for k in range(3):
-            outgoing_direction[k] *= over
-            turned += (outgoing_direction[k] - ahead[k]) ** 2
-        if turned < FORWARD * FORWARD:
-            outgoing_direction[:] = ahead
-        if state == MISSED:
-            point[:] = start[i]
-        for k in range(3):
-            along += point[k] * outgoing_direction[k]
-            outside += point[k] * point[k]
-        t = np.sqrt(along * along + max(1.0 - outside, 0.0)) - along
-        for k in range(3):
-            outgoing[i, k] = outgoing_direction[k]
-            leave[i, k] = point[k] + t * outgoing_direction[k]
-        for c in range(len(mu)):
-            if state in (ABSORBED, CONTRADICTED):
-                weight[i, c] = 0.0
-            elif state == MISSED:
-                weight[i, c] = 1.0
-            else:
-                light = factor * np.exp(-mu[c] * length) if mu[c] > 0.0 else factor
-                if carried.shape[1]:
-                    light *= carried[i, c % carried.shape[1]]
-                elif rho[c] < 1.0:
-                    light *= rho[c] ** count
-                weight[i, c] = light
+def _finish(ends, marks, carried, walker, paths):
+    """Fill `Paths` from ends (n, 8): place, way inside, direction, weight; marks (n,): status, meetings; carried (n, C or 1)."""
+    paths.status[:], paths.events[:], paths.inside[:] = marks >> _COUNT, marks & ((1 << _COUNT) - 1), ends[:, 3]
+    direction = ends[:, 4:7].astype(float)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    unchanged = np.linalg.norm(direction - paths.incoming, axis=1, keepdims=True) < FORWARD
+    paths.outgoing[:] = np.where(unchanged, paths.incoming, direction)
+    missed = paths.status == MISSED
+    point = np.where(missed[:, None], paths.start, ends[:, :3])
+    along = np.sum(point * paths.outgoing, axis=1)
+    t = np.sqrt(along**2 + np.maximum(1.0 - np.sum(point**2, axis=1), 0.0)) - along
+    paths.leave[:] = point + t[:, None] * paths.outgoing
+    light = ends[:, 7:].astype(float) * np.exp(-np.outer(paths.inside, walker.mu)) * carried
+    if walker.surface.kind == DIFFUSE:
+        light = ends[:, 7:].astype(float) * walker.surface.channels[0] ** paths.events[:, None]
+    lost = np.isin(paths.status, (ABSORBED, CONTRADICTED))
+    paths.weight[:] = np.where(missed[:, None], 1.0, np.where(lost[:, None], 0.0, light))
