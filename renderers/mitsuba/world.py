@@ -30,6 +30,7 @@ from renderers.mitsuba.scene import load
 from renderers.mitsuba.sensor import camera_of
 from renderers.mitsuba.shading import FAR, LOBE, LightSample, Shading
 
+SMALL = np.radians(20.0)  # across, of lamps that rays meet seldom
 SIZE = (480, 640)  # (height, width) of pictures of scenes without a Mitsuba file
 
 
@@ -257,6 +258,11 @@ class World:
     @cached_property
     def _no_light(self):
         return shading.empty(self.lights(np.zeros((1, 3)), np.zeros((1, 2))))
+
+    @property
+    def small_lamps(self) -> bool:
+        """Whether there may be lamps that a ray meets seldom, such as a picture of the sky, in which a sun may be."""
+        return bool(np.any(self.light_angles(self.box.mean(axis=0) if self.box is not None else np.zeros(3)) < SMALL))
 
     @property
     def sky(self) -> bool:
