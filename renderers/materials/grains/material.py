@@ -255,7 +255,8 @@ def reasons_of(asset, angle=0.0) -> list[str]:
         sentences.append(f"smooth grains show small lamps as discs of {math.degrees(angle):.2g} degrees around them, which "
                          "shrink with samples (widen: 0 deg shows them as they are)")
     elif smooth:
-        sentences.append("light reaches smooth grains by chance: lights without extent do not show in them")
+        sentences.append("light reaches smooth grains by chance: lights without extent do not show in them, and small ones "
+                         "in rare bright pixels, or, after few samples, in none")
     return sentences
 
 

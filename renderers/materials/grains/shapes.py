@@ -330,17 +330,18 @@ def next_event(scene, path, meeting):
     towards = surface.to_local(light.d)
     value, by_bsdf, meeting.sample, meeting.factor = bsdf.eval_pdf_sample(mi.BSDFContext(), surface, towards, u[2],
                                                                           mi.Point2f(*u[3:]), meeting.meets)
-    ahead = light.dist * (1 - mi.math.ShadowEpsilon)
+    onward, ahead = light.d, light.dist * (1 - mi.math.ShadowEpsilon)
     if scene.chord is not None:  # as `regularised.add_light`
         widened = scene.widens(path, meeting)
         within = dr.squared_norm(meeting.sample.wo - towards) < dr.square(scene.chord)
         by_bsdf = dr.select(widened, scene.cone, by_bsdf)
         value = dr.select(widened, dr.select(within, meeting.factor * scene.cone, 0), value)
         towards = dr.select(widened, meeting.sample.wo, towards)
+        onward = dr.select(widened, surface.to_world(towards), onward)
         ahead *= dr.select(widened, 1 - scene.chord, 1)
     radiance *= value * dr.select(light.delta, 1, loop.balance(light.pdf, by_bsdf))
     active &= dr.any(radiance > 0)
-    ray = mi.Ray3f(scene.beside(meeting, towards), surface.to_world(towards))
+    ray = mi.Ray3f(scene.beside(meeting, towards), onward)
     ray.maxt = ahead
     active &= ahead < scene.way_out(scene.around(path, meeting, towards), ray.o, ray.d)
     active &= ~scene.scene.ray_test(ray, active)
@@ -376,8 +377,8 @@ def part(name, world, bodies, colours, seed, angle=0.0):
     angle : half that of the cone in which small lamps are seen at first, rad."""
     scene = cache(lambda: Scene(world, bodies, colours))
     traced = cache(lambda: passes.recorded(scene(), TURN))  # with the first pass
-    one = passes.of_loop(name, world, lambda *arguments: traced()(*arguments), seed, True, _SAMPLES, _PATHS)
-    return _widened(one, scene, angle) if angle > 0 else one
+    plain = passes.of_loop(name, world, lambda *arguments: traced()(*arguments), seed, True, _SAMPLES, _PATHS)
+    return _widened(plain, scene, angle) if angle > 0 else plain
 
 
 def _widened(part, scene, angle):
