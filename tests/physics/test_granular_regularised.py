@@ -81,3 +81,20 @@ def test_a_lamp_without_extent_is_a_disc(tmp_path, monkeypatch):
     for ours in (waves, [part.render(number)[""] for number in range(PASSES)]):
         ours = blocks(np.array(ours), (3, 3))
         assert same(ours, theirs) > ODDS and same(1.25 * ours, theirs) < ODDS
+
+
+LIGHTS = {"sun": '<emitter type="sunsky"><vector name="sun_direction" value="0.5, -0.6, 0.7"/></emitter>',
+          "sky": '<emitter type="constant"/>',
+          "window": '<shape type="rectangle"><transform name="to_world"><rotate x="1" angle="180"/><translate z="4"/></transform>'
+                    '<emitter type="area"/></shape>',
+          "bulb": '<shape type="sphere"><point name="center" x="0" y="0" z="9"/><float name="radius" value="0.1"/>'
+                  '<emitter type="area"/></shape>'}
+
+
+@pytest.mark.parametrize("lights, least, most", [(["sun"], 0.5, 0.9), (["sky"], 0.0, 1e-3), (["window"], 0.0, 0.02),
+                                                 (["bulb"], 0.7, 1.0), (["bulb", "sky"], 0.0, 1e-3), ([], 0.0, 0.0)])
+def test_how_much_light_is_of_small_lamps(tmp_path, lights, least, most):
+    """Of the sun and its sky most, of a bulb all but what is wider than a degree; of a bulb in a bright room next to nothing."""
+    (tmp_path / "scene.xml").write_text('<scene version="3.0.0">' + "".join(LIGHTS[light] for light in lights)
+                                        + '<sensor type="perspective"/></scene>')
+    assert least <= World(tmp_path / "scene.xml").small_share <= most

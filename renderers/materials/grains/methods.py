@@ -9,7 +9,7 @@ import numpy as np
 from bakery import kernels
 from renderers.materials.grains import bundles, far, local, material, medium, regularised, transport
 from renderers.materials.grains.declared import methods
-from renderers.materials.grains.declared.ept import smooth
+from renderers.materials.grains.declared.ept import LITTLE, smooth
 from renderers.materials.grains.transport import GRAINS, MEDIUM, Body, Transport
 from renderers.pictures.engine import Part, layers_of
 from renderers.pictures.passes import Method
@@ -88,7 +88,7 @@ def of(name, world, assets, meshes, grains, seed, asked=PLAIN, tolerance=budget.
 
 def _cone(declared, asked, world, assets, meshes):
     """Half angle, rad, of the cone in which smooth grains show small lamps; 0 where they show them as they are."""
-    if not (declared.widens and smooth(assets) and world.small_lamps):
+    if not (declared.widens and smooth(assets) and world.small_share > LITTLE):
         return 0.0
     if asked.widen is not None:
         return asked.widen

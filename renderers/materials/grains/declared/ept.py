@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from renderers.materials.grains.declaration import GrainMethod
 
+LITTLE, MUCH = 0.02, 0.5  # of the light, from small lamps: it may be left to chance; it may not
+
 
 def smooth(assets) -> bool:
     """Whether light samples do not reach some of the grains of assets."""
@@ -12,9 +14,12 @@ def smooth(assets) -> bool:
 
 
 def lacks(assets, world) -> str:
-    """Light samples do not reach smooth grains, and no ray meets a light without extent."""
-    return ("smooth grains cannot show the light of lamps without extent one by one"
-            if smooth(assets) and world.without_extent else "")
+    """Light samples do not reach smooth grains, no ray meets a light without extent, and hardly one a small lamp."""
+    if not smooth(assets):
+        return ""
+    if world.without_extent:
+        return "smooth grains cannot show the light of lamps without extent one by one"
+    return "" if world.small_share < MUCH else "hardly a path meets small lamps by way of smooth grains, and most light is theirs"
 
 
 METHOD = GrainMethod(name="ept", words="paths from grain to grain", exact=True, beside=True, lacks=lacks,

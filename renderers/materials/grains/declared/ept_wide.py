@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from renderers.materials.grains.declaration import GrainMethod
-from renderers.materials.grains.declared.ept import smooth
+from renderers.materials.grains.declared.ept import LITTLE, smooth
 
 
 def lacks(assets, world) -> str:
     """What is the same as ept takes no pilot."""
-    return "" if smooth(assets) and world.small_lamps else "it is ept where no small lamp shines on smooth grains"
+    return "" if smooth(assets) and world.small_share > LITTLE else "it is ept where no small lamp shines on smooth grains"
 
 
 METHOD = GrainMethod(
