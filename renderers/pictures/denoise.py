@@ -152,8 +152,9 @@ def denoised(parts, apart=(), features=None, widened=MappingProxyType({})) -> De
 
 def sentence(figures) -> str:
     """What is said of a picture without its noise; figures : of `Denoised`."""
-    change = f"{'-' * (figures['mean_change'] < 0)}{percent(abs(figures['mean_change']))}"
-    shown = f"the PNG has its noise taken out ({figures['filter']}), which changes the mean by {change}"
+    change = percent(abs(figures["mean_change"]))
+    changes = f"takes {change} of its light away" if figures["mean_change"] < 0 else f"adds {change} to its light"
+    shown = f"the PNG has its noise taken out ({figures['filter']}), which {changes}"
     if figures["apart"]:
         filtered = "filtered grain by grain" if figures["grains"] else "not filtered"
         shown += f"; {', '.join(figures['apart'])}, whose detail looks like noise, is {filtered} where that is seen"

@@ -46,8 +46,9 @@ DENOISE = ("auto", "yes", "no")
 BOUNDARIES = ("negative", "mirrored", "none")  # how tables see the boundary of a body
 PLACES = {"particles": ("box", "mesh", "grid", ""), "grains": ("mesh",), "medium": ("everywhere", "box", "mesh", "shape", "grid"),
           "body": ("shape",)}  # kind -> keys of `where`; "" where it may be absent
-KEYS = {"particles": ("velocity", "time", "footprint", "peak"), "grains": ("spread", "fraction", "mixture", "surface_from"),
-        "medium": (), "body": ("boundary", "layer", "surface_from")}  # kind -> keys that not all kinds have
+# kind -> keys that not all kinds have
+KEYS = {"particles": ("velocity", "time", "footprint", "peak"), "medium": (), "body": ("boundary", "layer", "surface_from"),
+        "grains": ("spread", "widen", "fraction", "mixture", "surface_from")}
 SPEED = Quantity("speed", "speeds", "m/s", {"um/s": -6, "mm/s": -3, "cm/s": -2, "m/s": 0, "km/s": 3}, "m/s")
 
 # ---- where a material is
@@ -150,6 +151,10 @@ class _Entry(Section):
     )
     spread: number(above=0, most=1e6) = Field(
         4.0, description="Radii of the largest sphere by which paths of neighbouring pixels separate before they switch."
+    )
+    widen: number(ANGLE, least=0, most=math.radians(30)) | None = Field(
+        None, description="Radius of the disc as which smooth grains show small lamps at the first sample; 0: as they are; "
+        "default: as wide as pixels do not tell, 20 deg at most."
     )
     fraction: Grid | None = Field(None, description="Local packing fraction, by volume; default: the asset's everywhere.")
     mixture: Annotated[dict[str, Grid], Field(min_length=1)] | None = Field(

@@ -97,7 +97,7 @@ class Sky:
     def _radiance(self, direction):
         return np.repeat(np.where(direction[:, 2] > 0, self.above, self.below)[:, None], 3, axis=1)
 
-    def lights(self, point, random):
+    def lights(self, point, random, *, hidden=True):
         n, random = len(point), np.asarray(random)
         delta = random[:, 2] < self._chance
         z, turn = 2 * random[:, 0] - 1, 2 * math.pi * random[:, 1]
@@ -129,7 +129,7 @@ class Lamp(Sky):
         super().__init__()
         self.place = np.array(place, float)
 
-    def lights(self, point, random):
+    def lights(self, point, random, *, hidden=True):
         towards = self.place - point
         distance = np.linalg.norm(towards, axis=1)
         n = len(point)

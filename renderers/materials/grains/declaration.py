@@ -25,12 +25,14 @@ class GrainMethod(SceneMethod):
     grains : what makes the interactor of a body's grains, of grains, occupied voxels and colours
     medium : whether light goes on in the medium that stands for the grains; where it is `continuous` it begins there
     diffuses : whether it diffuses far inside of the medium
+    widens : whether smooth grains show small lamps wider than they are, by `regularised`
     """
 
     kind: str = "grains"
     grains: Callable[..., Any] = explicit
     medium: bool = False
     diffuses: bool = False
+    widens: bool = False
 
     @property
     def switches(self) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from bakery import kernels
@@ -258,14 +260,19 @@ def occupied_by(world, aggregate, unit, others=()):
     return voxels if voxels.any() else np.zeros((0, 0, 0), np.uint8)
 
 
-def reasons_of(asset) -> list[str]:
-    """Sentences about what paths among its grains leave out."""
+def reasons_of(asset, angle=0.0) -> list[str]:
+    """Sentences about what paths among its grains leave out; angle : `renderers.materials.grains.transport.Transport.angle`."""
     surfaces = [exemplar.surface for exemplar in asset.grains.exemplars.values()]
     sentences = []
     if any(surface["type"] == "dielectric" and len(set(surface["index"])) > 1 for surface in surfaces):
         sentences.append("grains refract all wavelengths as the middle one")
-    if any(surface["type"] != "diffuse" and surface["roughness"] == 0 for surface in surfaces):
-        sentences.append("light reaches smooth grains by chance: lights without extent do not show in them")
+    smooth = any(surface["type"] != "diffuse" and surface["roughness"] == 0 for surface in surfaces)
+    if smooth and angle > 0:
+        sentences.append(f"smooth grains show small lamps as discs of {math.degrees(angle):.2g} degrees around them, which "
+                         "shrink with samples (widen: 0 deg shows them as they are)")
+    elif smooth:
+        sentences.append("light reaches smooth grains by chance: lights without extent do not show in them, and small ones "
+                         "in rare bright pixels, or, after few samples, in none")
     return sentences
 
 

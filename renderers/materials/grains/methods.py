@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from bakery import kernels
-from renderers.materials.grains import bundles, far, local, material, medium, transport
+from renderers.materials.grains import bundles, far, local, material, medium, regularised, transport
 from renderers.materials.grains.declared import methods
+from renderers.materials.grains.declared.ept import LITTLE, smooth
 from renderers.materials.grains.transport import GRAINS, MEDIUM, Body, Transport
 from renderers.pictures.engine import Part, layers_of
 from renderers.pictures.passes import Method
@@ -41,22 +43,33 @@ def prepare(job, world, seed) -> Method:
     tolerance, surfaces = values.tolerance or budget.DEFAULT, (None, [])
     if methods()[values.method].surface_far:
         surfaces = far.surfaces_of(job.scene, world, assets, grains, meshes, methods()[values.method])
-    return of(values.method, world, assets, meshes, grains, seed, values.materials[0].spread, tolerance, surfaces)
+    asked = Asked(values.materials[0].spread, values.materials[0].widen)
+    return of(values.method, world, assets, meshes, grains, seed, asked, tolerance, surfaces)
 
 
-def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.DEFAULT, surfaces=(None, ())) -> Method:
+class Asked(NamedTuple):
+    """What a scene says of methods: `spread` and `widen`, as there."""
+
+    spread: float = 4.0
+    widen: float | None = None
+
+
+PLAIN = Asked()
+
+
+def of(name, world, assets, meshes, grains, seed, asked=PLAIN, tolerance=budget.DEFAULT, surfaces=(None, ())) -> Method:
     """The method of a name, which is another where that chooses.
 
     assets, meshes, grains : of the bodies, in their order; meshes of vertices (V, 3) m and triangles (F, 3)
-    spread, tolerance : as in a scene
+    asked : `Asked`;  tolerance : as in a scene
     surfaces : `transport.Transport.surfaces`, and sentences about them
     """
     name = settled(methods(), name)
     declared = methods()[name]
-    scene, reasons = transport_of(name, world, assets, meshes, grains, spread)
+    scene, reasons = transport_of(name, world, assets, meshes, grains, asked)
     scene, reasons = scene._replace(surfaces=surfaces[0]), [*reasons, *surfaces[1]]
     if stated := declared.error(tolerance):
-        reasons.append(f"how far {name} is off is not measured: in eight scenes by up to {percent(stated)}")
+        reasons.append(f"how far {name} is off is not measured: in the scenes of docs/granular.md by up to {percent(stated)}")
     if scene.switch is not None and declared.diffuses and any(body.medium.varies for body in scene.bodies):
         reasons.append("no light diffuses in bodies whose fraction or mixture varies")
     number = sum(_expected(packed.aggregate, vertices / packed.unit, faces) for packed, (vertices, faces) in zip(grains, meshes))
@@ -75,13 +88,24 @@ def of(name, world, assets, meshes, grains, seed, spread=4.0, tolerance=budget.D
                   apart=(kinds[0][0],) if scene.technique == GRAINS else (), entry=scene.entry)
 
 
+def _cone(declared, asked, world, assets, meshes):
+    """Half angle, rad, of the cone in which smooth grains show small lamps; 0 where they show them as they are."""
+    if not (declared.widens and smooth(assets) and world.small_share > LITTLE):
+        return 0.0
+    if asked.widen is not None:
+        return asked.widen
+    view = world.whole or world
+    return regularised.angle_of(max(material.pixels_wide(view, vertices[faces], material.largest_of(asset))
+                             for asset, (vertices, faces) in zip(assets, meshes)))
+
+
 def _features(*scene):
     from renderers.materials.grains import features
 
     return features.first_hits(*scene)
 
 
-def transport_of(name, world, assets, meshes, grains, spread=4.0):
+def transport_of(name, world, assets, meshes, grains, asked=PLAIN):
     """How light goes by a method, a `Transport`, and sentences about it; parameters as those of `of`."""
     declared = methods()[name]
     colours, reasons, bodies = material.colours_of(assets[0]), [], []
@@ -94,12 +118,13 @@ def transport_of(name, world, assets, meshes, grains, spread=4.0):
             stands, varied, met_by = material.medium_of(asset, packed)
             ways = ways[0], medium.Continuous(stands, *around, declared.diffuses, varied, met_by)
         bodies.append(Body(*ways, reach[number]))
+    angle = _cone(declared, asked, world, assets, meshes)
     for asset in assets:
-        reasons += material.reasons_of_medium(asset) if declared.continuous else material.reasons_of(asset)
-    switch = bundles.Switch(spread) if declared.switches else None
+        reasons += material.reasons_of_medium(asset) if declared.continuous else material.reasons_of(asset, angle)
+    switch = bundles.Switch(asked.spread) if declared.switches else None
     start = MEDIUM if declared.continuous else GRAINS
     leaves_out = [] if declared.surface_far else filter(None, [declared.leaves_out])  # of which parts `far` tells
-    return Transport(tuple(bodies), colours, start, switch), list(dict.fromkeys([*leaves_out, *reasons]))
+    return Transport(tuple(bodies), colours, start, switch, angle=angle), list(dict.fromkeys([*leaves_out, *reasons]))
 
 
 def medium_part(bodies, meshes, colours, world, seed):
@@ -135,7 +160,7 @@ def part(world, scene, name, seed, which=transport.ALL, samples=None) -> Part:
         from renderers.materials.grains import shapes
 
         if shapes.fit(world, [body.grains for body in scene.bodies]):
-            return shapes.part(name, world, [body.grains.grains for body in scene.bodies], scene.colours, seed)
+            return shapes.part(name, world, [body.grains.grains for body in scene.bodies], scene.colours, seed, scene.angle)
     fewer = partial(part, world, scene, name, seed, which)
     samples = samples or 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
     if samples < 1:
@@ -144,7 +169,8 @@ def part(world, scene, name, seed, which=transport.ALL, samples=None) -> Part:
     def one(number):
         # other paths than those of the other part
         number += _LATER if which == transport.AFTER else 0
-        sums = transport.one_pass(world, scene, world.camera, world.size, number, seed, which, world.corners, samples)
+        begins = scene._replace(chord=regularised.chord(scene.angle, samples * (number % _LATER + 1)))
+        sums = transport.one_pass(world, begins, world.camera, world.size, number, seed, which, world.corners, samples)
         return _layers(sums, world, scene)
 
     return Part(name, one, samples, fewer, fewest=_FEWEST if which == transport.AFTER else 1)

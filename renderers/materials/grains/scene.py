@@ -29,3 +29,4 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
     """What has to hold between keys of the entries, which have one method."""
     yield from declaration.unused(root, values, METHODS)
     yield from differing(root, values, "spread", 4.0)
+    yield from differing(root, values, "widen", None)

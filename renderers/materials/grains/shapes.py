@@ -15,6 +15,7 @@ import drjit as dr
 import numpy as np
 
 from bakery.kernels import CONDUCTOR, DIELECTRIC, DIFFUSE
+from renderers.materials.grains import regularised
 from renderers.materials.grains.listed import exemplar_mesh, listed
 from renderers.materials.grains.paths import Explicit
 from renderers.transport import loop, passes, state
@@ -74,7 +75,12 @@ class Meeting:
 
 
 class Scene(View):
-    """A view with bodies of grains; types of grain are counted through all of them."""
+    """A view with bodies of grains; types of grain are counted through all of them.
+
+    chord : `regularised.chord` of the pass by which smooth grains see small lamps wider; None: as they are
+    """
+
+    chord = None
 
     def __init__(self, world, bodies, colours):
         """world : `renderers.mitsuba.world.World`;  bodies : list of `renderers.materials.grains._grains.Grains`;  colours :
@@ -173,6 +179,15 @@ class Scene(View):
             return throughput
         return [weight * dr.exp(-dr.gather(mi.Float, column, kind - 1, kind > 0) * distance)
                 for weight, column in zip(throughput, self._absorption)]
+
+    @property
+    def cone(self):
+        """1/sr, of directions that have no density, by `regularised.chord`."""
+        return dr.inv_pi / dr.square(self.chord)
+
+    def widens(self, path, meeting):
+        """Whether the next direction at a meeting is one in which small lamps are seen wider, as `regularised.begin`."""
+        return meeting.meets & (path.order > 0) & ~mi.has_flag(meeting.surface.bsdf().flags(), mi.BSDFFlags.Smooth)
 
     def shares(self, meeting, towards):
         """What surfaces of grains leave of light at each wavelength besides what their white BSDFs say; towards : in the frame
@@ -308,18 +323,27 @@ def advance(scene, path, records=None):
 def next_event(scene, path, meeting):
     """Light of light samples by way of surfaces, linear sRGB, and its emitters; draws the next directions of the paths, too."""
     surface, bsdf = meeting.surface, meeting.surface.bsdf()
-    active = meeting.meets & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    active = meeting.meets & (mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) | (scene.chord is not None))
     u = [path.random.next_float32() for _ in range(5)]
     light, radiance = scene.scene.sample_emitter_direction(surface, mi.Point2f(*u[:2]), False, active)
     active &= (light.pdf > 0) & dr.any(radiance > 0)
     towards = surface.to_local(light.d)
     value, by_bsdf, meeting.sample, meeting.factor = bsdf.eval_pdf_sample(mi.BSDFContext(), surface, towards, u[2],
                                                                           mi.Point2f(*u[3:]), meeting.meets)
+    onward, ahead = light.d, light.dist * (1 - mi.math.ShadowEpsilon)
+    if scene.chord is not None:  # as `regularised.add_light`
+        widened = scene.widens(path, meeting)
+        within = dr.squared_norm(meeting.sample.wo - towards) < dr.square(scene.chord)
+        by_bsdf = dr.select(widened, scene.cone, by_bsdf)
+        value = dr.select(widened, dr.select(within, meeting.factor * scene.cone, 0), value)
+        towards = dr.select(widened, meeting.sample.wo, towards)
+        onward = dr.select(widened, surface.to_world(towards), onward)
+        ahead *= dr.select(widened, 1 - scene.chord, 1)
     radiance *= value * dr.select(light.delta, 1, loop.balance(light.pdf, by_bsdf))
     active &= dr.any(radiance > 0)
-    ray = mi.Ray3f(scene.beside(meeting, towards), light.d)
-    ray.maxt = light.dist * (1 - mi.math.ShadowEpsilon)
-    active &= light.dist < scene.way_out(scene.around(path, meeting, towards), ray.o, ray.d)
+    ray = mi.Ray3f(scene.beside(meeting, towards), onward)
+    ray.maxt = ahead
+    active &= ahead < scene.way_out(scene.around(path, meeting, towards), ray.o, ray.d)
     active &= ~scene.scene.ray_test(ray, active)
     weight = [share * throughput for share, throughput in zip(scene.shares(meeting, towards), path.throughput)]
     return scene.seen(weight, radiance, active), light.emitter
@@ -335,6 +359,9 @@ def turned(scene, path, meeting, records=None):
     path.origin, path.direction = scene.beside(meeting, sample.wo), surface.to_world(sample.wo)
     path.drawn, path.inside = mi.Point3f(path.origin), scene.around(path, meeting, sample.wo)
     path.single, path.density = ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Smooth), sample.pdf
+    if scene.chord is not None:
+        widened = scene.widens(path, meeting)
+        path.single, path.density = path.single & ~widened, dr.select(widened, scene.cone, path.density)
     path.bounces += mi.UInt32(1)
     path.alive &= meeting.meets
     path = loop.roulette(path, path.bounces > _FAR, mi.Float(1), path.random.next_float32())
@@ -345,7 +372,18 @@ def turned(scene, path, meeting, records=None):
 TURN = state.Turn(begin, advance, next_event, turned)
 
 
-def part(name, world, bodies, colours, seed):
-    """Passes of paths among grains that are shapes; parameters as those of `Scene`, seed of the random numbers of all passes."""
-    traced = cache(lambda: passes.recorded(Scene(world, bodies, colours), TURN))  # with the first pass
-    return passes.of_loop(name, world, lambda *arguments: traced()(*arguments), seed, True, _SAMPLES, _PATHS)
+def part(name, world, bodies, colours, seed, angle=0.0):
+    """Passes of paths among grains that are shapes; parameters as those of `Scene`, seed of the random numbers of all passes;
+    angle : half that of the cone in which small lamps are seen at first, rad."""
+    scene = cache(lambda: Scene(world, bodies, colours))
+    traced = cache(lambda: passes.recorded(scene(), TURN))  # with the first pass
+    plain = passes.of_loop(name, world, lambda *arguments: traced()(*arguments), seed, True, _SAMPLES, _PATHS)
+    return _widened(plain, scene, angle) if angle > 0 else plain
+
+
+def _widened(part, scene, angle):
+    def render(number):
+        scene().chord = dr.opaque(mi.Float, regularised.chord(angle, (number + 1) * part.samples))
+        return part.render(number)
+
+    return part._replace(render=render, fewer=part.fewer and (lambda samples: _widened(part.fewer(samples), scene, angle)))

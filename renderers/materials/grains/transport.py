@@ -18,7 +18,7 @@ import numpy as np
 
 from bakery.kernels import stream_key
 from renderers import threads
-from renderers.materials.grains import _paths, bundles, far
+from renderers.materials.grains import _paths, bundles, far, regularised
 from renderers.materials.grains._grains import OFF, UNKNOWN
 from renderers.materials.grains._paths import GRAINS, MEDIUM
 from renderers.materials.grains.paths import NEVER, Colours, Explicit, Paths
@@ -50,6 +50,7 @@ class Transport(NamedTuple):
     technique : with which paths begin, GRAINS or MEDIUM
     switch : `bundles.Switch`, or None where paths do not switch
     surfaces : `far.Surface` of each body; None where no body is one far from the camera
+    angle, chord : of `regularised`, by which smooth grains show small lamps wider: at the first sample, of a pass; 0: as they are
     """
 
     bodies: tuple[Body, ...]
@@ -57,6 +58,8 @@ class Transport(NamedTuple):
     technique: int = GRAINS
     switch: bundles.Switch | None = None
     surfaces: tuple[far.Surface, ...] | None = None
+    angle: float = 0.0
+    chord: float = 0.0
 
     def interactor(self, body, technique):
         """The loops of a body: those of its grains or those of its medium."""
@@ -387,8 +390,11 @@ def _at_surfaces(world, transport, paths, sums):
     colours = transport.colours
     if paths.count == 0:
         return paths
+    widened = regularised.begin(paths, transport.chord)
     shading, _ = steps.met(world, paths)
     steps.add_light(colours, paths.throughput, paths.order, shading.emitted, shading.source, paths, sums)
+    if len(widened):
+        _add_regularised(world, transport, paths, shading, widened, sums)
     hit = np.flatnonzero(shading.hit)
     paths = paths.of(hit)
     paths.bounces[:] += 1
@@ -398,6 +404,14 @@ def _at_surfaces(world, transport, paths, sums):
     # nobody tells grains apart in light that a matt surface has scattered
     paths.switching[:] |= (transport.switch is not None) & (paths.technique == GRAINS) & (paths.order > 0) & ~paths.single
     return steps.survivors(paths)
+
+
+def _add_regularised(world, transport, paths, shading, rows, sums):
+    """Adds light of small lamps to some paths that saw them wider, up to the surfaces that they met."""
+    group = paths.of(rows)
+    distance = np.where(shading.hit[rows], np.linalg.norm(shading.point[rows] - group.origin, axis=1), np.inf)
+    regularised.add_light(world, transport.colours, group, distance, transport.chord, sums)
+    paths.states[rows] = group.states
 
 
 def _next_event(transport, paths, point, sample, sums):

@@ -164,8 +164,8 @@ def test_grains_are_their_surface_from_where_pixels_are_wide_against_them(folder
         near.append(begins.near)
         offered.append({candidate.name: candidate.stated(float(tolerance[:-1]) / 100) for candidate in kept})
     assert 0 < near[0] < near[1] < near[2] == math.inf
-    assert list(offered[0]) == ["ept", "ept+vpt+da", "ept+vpt", "ept+vpt+surface"]
+    assert list(offered[0]) == ["ept", "ept+vpt+da", "ept+vpt", "ept+vpt+surface", "ept+wide"]
     assert offered[0]["ept+vpt+surface"] > offered[0]["ept+vpt"] > 0
-    assert list(offered[2]) == ["ept", "ept+vpt+da", "ept+vpt"] and not refused
+    assert list(offered[2]) == ["ept", "ept+vpt+da", "ept+vpt", "ept+wide"] and not refused
     with pytest.raises(RecipeError, match="surface_from, which method ept does not use.*ept[+]vpt[+]surface"):
         opened(folder, baked(0.6), settings={"materials[0].method": "ept", "materials[0].surface_from": "1 m"})

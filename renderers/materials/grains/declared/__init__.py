@@ -14,6 +14,7 @@ METHODS = (
     "renderers.materials.grains.declared.ept_vpt:METHOD",
     "renderers.materials.grains.declared.ept_vpt_da:METHOD",
     "renderers.materials.grains.declared.ept_vpt_surface:METHOD",
+    "renderers.materials.grains.declared.ept_wide:METHOD",
     "renderers.materials.grains.declared.teleport:METHOD",
 )
 

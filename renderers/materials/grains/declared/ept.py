@@ -7,13 +7,22 @@ from renderers.materials.grains.declaration import GrainMethod
 # Grains that light meets, from which on a draft takes less in the medium: two passes among 22 took 14 s of a core (medium 17 s),
 # among 183 more than 118 s (25 s)
 _MANY = 80
+LITTLE, MUCH = 0.02, 0.5  # of the light, from small lamps: it may be left to chance; it may not
+
+
+def smooth(assets) -> bool:
+    """Whether light samples do not reach some of the grains of assets."""
+    surfaces = [exemplar.surface for asset in assets for exemplar in asset.grains.exemplars.values()]
+    return any(surface["type"] != "diffuse" and surface["roughness"] == 0 for surface in surfaces)
 
 
 def lacks(assets, world) -> str:
-    """Light samples do not reach smooth grains, and no ray meets a light without extent."""
-    surfaces = [exemplar.surface for asset in assets for exemplar in asset.grains.exemplars.values()]
-    smooth = any(surface["type"] != "diffuse" and surface["roughness"] == 0 for surface in surfaces)
-    return "smooth grains cannot show the light of lamps without extent one by one" if smooth and world.without_extent else ""
+    """Light samples do not reach smooth grains, no ray meets a light without extent, and hardly one a small lamp."""
+    if not smooth(assets):
+        return ""
+    if world.without_extent:
+        return "smooth grains cannot show the light of lamps without extent one by one"
+    return "" if world.small_share < MUCH else "hardly a path meets small lamps by way of smooth grains, and most light is theirs"
 
 
 def slow(scene, assets, world) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from renderers.materials.grains.declaration import GrainMethod
 
 METHOD = GrainMethod(
-    name="ept+vpt+da", words="the same, and by diffusion far inside", medium=True, diffuses=True, keys=("spread",),
+    name="ept+vpt+da", words="the same, and by diffusion far inside", medium=True, widens=True, diffuses=True,
+    keys=("spread", "widen"),
     points=("", "spread=1"),
     error=lambda tolerance: 0.024,  # largest of eight scenes
     brings="as ept+vpt, with diffusion in spheres that lie in the medium")

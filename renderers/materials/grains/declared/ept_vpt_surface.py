@@ -31,8 +31,8 @@ METHOD = GrainMethod(
     name="ept+vpt+surface",
     words="near the camera from grain to grain, then in the medium; far from it the mesh's surface by the reflectance of a plane "
           "of grains",
-    medium=True, keys=("spread", "surface_from"), points=(), surface_far=True, deviation=deviation, unfit=unfit,
-    far_share=far_share, error=ept_vpt.METHOD.error,
+    medium=True, widens=True, keys=("spread", "widen", "surface_from"), points=(), surface_far=True, deviation=deviation,
+    unfit=unfit, far_share=far_share, error=ept_vpt.METHOD.error,
     stages=("grains", "packing", "medium", "surface"),
     brings="as ept+vpt in what is near the camera; what is far sends light on as a plane of grains does (stage surface); between "
            "both, each path goes one of both ways, by chance",
