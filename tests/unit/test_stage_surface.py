@@ -17,7 +17,9 @@ from bakery.recipe import load
 from bakery.stages.surface import costs
 from bakery.stages.surface import stage as surface
 from bakery.stages.surface.files import csv_tables
+from bakery.stages.surface.spread import has_spread
 from bakery.stages.surface.triangles import integers, numbers
+from bakery.stages.surface.view import solutions_of
 from bakery.store.tree import Dataset, Group
 from tests.conftest import ROOT
 
@@ -280,8 +282,24 @@ def test_the_base_of_another_asset_is_its_layer(soil):
     other = bakery.bake(soil / "above.yaml", output=soil / "above.h5")
     np.testing.assert_array_equal(other.surface.reflectance(*at), value)
     np.testing.assert_allclose(value, asset.surface.reflectance(THETA, THETA[:, None], 1.0), rtol=1e-6)
-    assert "spread" not in asset.surface and (asset.surface["passed"] == 0).all()
+    assert (asset.surface["passed"] == 0).all()
     assert not list(surface.check(asset.tree["surface"]))
+
+
+def test_spread_of_layers_on_each_other(soil):
+    """Lengths are those of each medium: soil's are ten times as short.  Walks are checked in physics/surfaces/test_spread.py."""
+    from bakery.physics.surfaces.spread import spread
+
+    asset = bakery.open(soil / "top.h5")
+    np.testing.assert_allclose(asset.surface["under_length"], 100, rtol=1e-6)
+    row = asset.surface._rows()[1][0]
+    assert row.slab.length == pytest.approx(1000, rel=1e-6)
+    walked = spread(row.slab, 0, 1, 0, tolerance=0.04)
+    np.testing.assert_allclose(asset.surface["mean_square"][1, 0], walked.mean_square, rtol=1e-3)
+    assert asset.surface.spread_within(1e9)[1] == pytest.approx(1, abs=1e-3)
+    members = {name: member for name, member in asset.tree["surface"].members.items() if name != "under_length"}
+    former = solutions_of(Group(members, {}), asset.tree["medium"])[0][0].slab
+    assert math.isnan(former.under.length) and not has_spread(former)
 
 
 def test_a_third_layer_needs_no_file_but_that_under_it(soil):

@@ -43,7 +43,7 @@ def layers(slab: Slab) -> tuple[list[Slab], Reflector | float | None]:
     while isinstance(parts[-1].under, Slab):
         parts.append(parts[-1].under)
     last = parts[-1]
-    if any(part.index < 1 for part in parts):
+    if len(parts) > 1 and any(part.index < 1 for part in parts):
         raise ValueError("media of a stack have an index of 1 or more")
     if any(part.roughness > 0 and part.index != 1 for part in parts[1:]):
         raise ValueError("boundaries between the media of a stack are smooth")
