@@ -15,6 +15,8 @@ INFINITE_DEPTH = -1.0  # how an infinite optical depth is stored
 OUTPUTS = (
     Output("under_index", "(J,)", "1", "refractive index of each layer under this one, from the top, over that of the air",
            optional=True),
+    Output("under_roughness", "(J,)", "1", "of the facets on top of each (GGX), 0: smooth; absent where all are smooth",
+           optional=True, within=(0, 1)),
     Output("under_depth", "(L, J)", "1", "optical depth of each; -1: infinite", optional=True, within=(-1, math.inf)),
     Output("under_albedo", "(L, J)", "1", "single-scattering albedo of each", optional=True, within=(0, 1)),
     Output("under_peak", "(L, J)", "1", "share of the scattered light of each in a forward peak that the solver leaves out",
@@ -29,7 +31,8 @@ OUTPUTS = (
     Output("mirrored", "(L, T, N)", "1", "share of the light from each direction that boundaries between layers mirror",
            optional=True, within=(0, 1)),
 )
-NAMES = tuple(output.path for output in OUTPUTS if output.path not in ("under_length", "under_reflected", "mirrored"))
+_APART = "under_length", "under_roughness", "under_reflected", "mirrored"
+NAMES = tuple(output.path for output in OUTPUTS if output.path not in _APART)
 
 
 def stored(slabs: list, solutions: list, shape: tuple[int, int]) -> dict:
@@ -50,6 +53,8 @@ def stored(slabs: list, solutions: list, shape: tuple[int, int]) -> dict:
               "under_theta": theta, "under_phase": np.array([[_resampled(part, theta) for part in stack] for stack in below])}
     values = {name: value.reshape(len(below), 0, *value.shape[2:]) if not below[0] and name != "under_index" else value
               for name, value in values.items() if below[0]}
+    if any(part.roughness > 0 for part in below[0]):
+        values["under_roughness"] = np.array([part.roughness for part in below[0]])
     if isinstance(bottoms[0], Reflector):
         values["under_reflected"] = np.stack([packed(bottom.orders, len(bottom.orders)) for bottom in bottoms]).astype(np.float32)
     elif bottoms[0] is not None:
@@ -75,12 +80,13 @@ def rebuilt(group: Group, k: int):
     if "under_index" not in group.members:
         return bottom
     theta, index = np.asarray(group["under_theta"].data, float), group["under_index"].data
+    roughness = group["under_roughness"].data if "under_roughness" in group.members else np.zeros(len(index))
     length = group["under_length"].data if "under_length" in group.members else np.full_like(group["under_depth"].data, math.nan)
     for j in range(len(index))[::-1]:
         depth, albedo, last = float(group["under_depth"].data[k, j]), float(group["under_albedo"].data[k, j]), bottom is None
         bottom = Slab(theta, np.asarray(group["under_phase"].data[k, j], float), albedo,
-                      math.inf if depth == INFINITE_DEPTH else depth, float(index[j]), base if last else None, 0.0, bottom,
-                      float(length[k, j]))
+                      math.inf if depth == INFINITE_DEPTH else depth, float(index[j]), base if last else None,
+                      float(roughness[j]), bottom, float(length[k, j]))
     return bottom
 
 

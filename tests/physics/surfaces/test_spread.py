@@ -167,7 +167,7 @@ def test_facets_let_as_much_out():
     slab = layer(0.95, 0.5, math.inf, 1.4, None, 0.3)
     result, solution = spread(slab, 1, 0, 0), solve(slab, 0.5 ** np.arange(17.0), 16, 1e-3)
     directions = solution.nodes
-    mirrored = rough.facets(directions.mu, directions.flux, directions.at, 1.4, 0.3, 1).mirrored
+    mirrored = rough.facets(directions, directions, 1.4, 0.3, 1).mirrored
     back, error = directions.flux @ (solution.albedo - mirrored), math.sqrt((result.light_error**2).sum()) / CLASSES
     assert abs(result.light.sum() / CLASSES - back) < sigmas(blocks=16) * error + 0.02 * back
 
