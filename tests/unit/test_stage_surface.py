@@ -17,7 +17,9 @@ from bakery.recipe import load
 from bakery.stages.surface import costs
 from bakery.stages.surface import stage as surface
 from bakery.stages.surface.files import csv_tables
+from bakery.stages.surface.spread import has_spread
 from bakery.stages.surface.triangles import integers, numbers
+from bakery.stages.surface.view import solutions_of
 from bakery.store.tree import Dataset, Group
 from tests.conftest import ROOT
 
@@ -280,8 +282,24 @@ def test_the_base_of_another_asset_is_its_layer(soil):
     other = bakery.bake(soil / "above.yaml", output=soil / "above.h5")
     np.testing.assert_array_equal(other.surface.reflectance(*at), value)
     np.testing.assert_allclose(value, asset.surface.reflectance(THETA, THETA[:, None], 1.0), rtol=1e-6)
-    assert "spread" not in asset.surface and (asset.surface["passed"] == 0).all()
+    assert (asset.surface["passed"] == 0).all()
     assert not list(surface.check(asset.tree["surface"]))
+
+
+def test_spread_of_layers_on_each_other(soil):
+    """Lengths are those of each medium: soil's are ten times as short.  Walks are checked in physics/surfaces/test_spread.py."""
+    from bakery.physics.surfaces.spread import spread
+
+    asset = bakery.open(soil / "top.h5")
+    np.testing.assert_allclose(asset.surface["under_length"], 100, rtol=1e-6)
+    row = asset.surface._rows()[1][0]
+    assert row.slab.length == pytest.approx(1000, rel=1e-6)
+    walked = spread(row.slab, 0, 1, 0, tolerance=0.04)
+    np.testing.assert_allclose(asset.surface["mean_square"][1, 0], walked.mean_square, rtol=1e-3)
+    assert asset.surface.spread_within(1e9)[1] == pytest.approx(1, abs=1e-3)
+    members = {name: member for name, member in asset.tree["surface"].members.items() if name != "under_length"}
+    former = solutions_of(Group(members, {}), asset.tree["medium"])[0][0].slab
+    assert math.isnan(former.under.length) and not has_spread(former)
 
 
 def test_a_third_layer_needs_no_file_but_that_under_it(soil):
@@ -328,6 +346,24 @@ def test_layers_under_facets(soil):
     assert asset.surface.table()[1].largest < 5e-3
 
 
+@pytest.mark.parametrize("on_top", [0.0, 0.3])
+def test_facets_between_layers(soil, on_top):
+    """Those of the recipe below, of a larger index and of a smaller one than what lies on it: the solver's values, and light
+    that spreads through them."""
+    options = f"{{thickness: 0.2 mm, boundary: {{index: 1.4, roughness: {on_top}}}, base: {{recipe: rough.yaml}}}}"
+    (soil / "rough.yaml").write_text(SOIL.replace("{index: 1.2}", "{index: 1.2, roughness: 0.4}"))
+    (soil / "varnish.yaml").write_text(RECIPE.replace("{options}", options))
+    asset, base = bakery.bake(soil / "varnish.yaml", output=soil / "varnish.h5", overwrite=True), bakery.open(soil / "soil.h5")
+    assert not list(surface.check(asset.tree["surface"]))
+    lower = Slab(np.asarray(base.medium.theta), np.asarray(base.medium["phase"][2]), 0.9, 1.0, 1.2, 0.2, 0.4)
+    slab = Slab(np.asarray(asset.medium.theta), np.asarray(asset.medium["phase"][1]), 0.9, 0.2, 1.4, None, on_top, lower)
+    count = int(asset.surface.moments)
+    solution = solve(slab, [moments(part.theta, part.phase, count + 1) for part in (slab, lower)], count, 0.02)
+    at = THETA[:, None], THETA, 1.0
+    compare(asset.surface.reflectance(*at)[1], solution.reflection(np.cos(at[1]), np.cos(at[0]), at[2]), at, 2e-3)
+    assert (asset.surface["mean_square"] > 0).all()
+
+
 def test_another_base_bakes_anew_and_the_same_does_not(soil, tmp_path):
     def actions():
         from bakery.run.bake import planned
@@ -354,8 +390,7 @@ def test_another_base_bakes_anew_and_the_same_does_not(soil, tmp_path):
     ("{thickness: 1 mm, base: {layer: 1}}", "one of albedo, asset, recipe"),
     ("{thickness: 1 mm, base: {albedo: 0.5, layer: 1}}", "layer beside albedo"),
     ("{thickness: 1 mm, boundary: {index: 0.9}, base: {asset: soil.h5}}", "index of 0.9 .*; expected 1 or more"),
-    ("{thickness: 1 mm, boundary: {index: 1.3, roughness: 0.2}, base: {asset: soil.h5}}", "index 1.3 over one of 1.2"),
-    ("{thickness: 1 mm, boundary: {index: 1.3, roughness: 0.2}, base: {recipe: soil.yaml}}", "index 1.3 over one of 1.2"),
+    ("{thickness: 1 mm, boundary: {index: 1.3, roughness: 0.2}, base: {recipe: open.yaml}}", "layers over air"),
     ("{thickness: 1 mm, base: {recipe: self.yaml}}", "names itself"),
     ("{thickness: 1 mm, base: {recipe: wrong.yaml}}", "wrong.yaml:5: .*albedo"),
     ("{thickness: 1 mm, base: {recipe: red.yaml}}", "at 0.7 um, without 0.45, 0.65 um"),
@@ -365,6 +400,7 @@ def test_bases_that_are_refused(soil, options, says):
     (soil / "wrong.yaml").write_text(SOIL.replace("0.5, 0.6, 0.9", "0.5, 0.6, 1.9"))
     (soil / "red.yaml").write_text(SOIL.replace("[0.45, 0.55, 0.65]", "[0.7]").replace("[0.5, 0.6, 0.9]", "0.5")
                                    .replace("[0.3, 0.3, 0.2]", "0.3"))
+    (soil / "open.yaml").write_text(RECIPE.replace("{options}", "{thickness: 1 mm}"))
     (soil / "self.yaml").write_text(RECIPE.replace("{options}", options))
     with pytest.raises(RecipeError, match=says):
         load(soil / "self.yaml")

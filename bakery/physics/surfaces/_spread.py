@@ -1,8 +1,8 @@
-"""Walks of light in a plane layer: how far from where it went in it comes out.
+"""Walks of light in plane layers on each other: how far from where it went in it comes out.
 
-Far from the faces light diffuses.  In a layer without end a walk that is deep goes at once to where it first meets a plane nearer
-to the face, in a layer of a thickness to where it first meets a sphere about it; with the share of the light that is not absorbed
-on the way.  So light that comes back late takes tens of steps, not millions.
+Far from the faces of its layer light diffuses.  In a layer without end a walk that is deep goes at once to where it first meets a
+plane nearer to the face, in a layer of a thickness to where it first meets a sphere about it; with the share of the light that is
+not absorbed on the way.  So light that comes back late takes tens of steps, not millions.
 """
 
 from __future__ import annotations
@@ -184,38 +184,44 @@ def _off_base(stream):
     return across * math.cos(turn), across * math.sin(turn), -up
 
 
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _deep(stream, weight, importance, position, direction, thickness, transport, decay, far):
+    """Weight, importance, position and direction of diffuse light once it is nearer to a face of its layer; and what is lost."""
+    if thickness == math.inf:
+        return _from_the_deep(stream, weight, importance, position, direction, transport, decay, far)
+    weight, position, direction, lost = _leapt(stream, weight, position, direction, thickness, transport, decay, far)
+    return weight, importance, position, direction, lost
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def follow(stream, walks, layer, table, edges, light, square, beyond):
+def follow(stream, walks, layers, table, edges, light, square, beyond):
     """Walks of a block, `CLASSES` times `walks`, added to sums.
 
     Parameters
     ----------
     stream : numpy.random.Generator
     walks : of each class of incidence
-    layer : sigma_t, albedo, thickness, index, alpha, albedo of the base, below 0 for air; transport mean free path, decay of
-        diffuse light
-    table : of `phase_layout`;  edges : (B + 1,) distances, in the unit of 1/sigma_t, ascending from 0
+    layers : media (J, 5) from the top: sigma_t, albedo, thickness, transport mean free path, decay of diffuse light;
+        faces (J + 1, 2): index of what is below over that of what is above, roughness; albedo of the base, below 0 for air
+    table : of `phase_layout`, (J, A) of each layer at angles that all share;  edges : (B + 1,) distances, ascending from 0
     light : (C, C, B) weight by class of incidence and of exitance, and distance
     square : (C, C) weight times squared distance
-    beyond : (C,) weight of walks that came out beyond the last edge, or went as deep
+    beyond : (C,) weight of walks that came out beyond the last edge, or went as deep in their layer
     """
-    (sigma_t, albedo, thickness, index, alpha, base, transport, decay), (v_nodes, steps, f, cdf) = layer, table
+    (media, faces, base), (v_nodes, steps, f, cdf) = layers, table
+    last = len(media) - 1
     for n in range(CLASSES * walks):
-        into = n % CLASSES
+        into, j = n % CLASSES, 0
         sine = math.sqrt((into + (n // CLASSES + stream.random()) / walks) / CLASSES)
-        passes, ux, uy, uz = _cross(stream, sine, 0.0, math.sqrt(1.0 - sine * sine), index, alpha)
+        passes, ux, uy, uz = _cross(stream, sine, 0.0, math.sqrt(1.0 - sine * sine), faces[0, 0], faces[0, 1])
         if not passes:
             continue
-        px, py, pz, weight, importance = 0.0, 0.0, 0.0, 1.0, 1.0
+        px, py, pz, weight, importance = 0.0, 0.0, 0.0, 1.0, 1.0  # pz: below the upper face of layer j
         while True:
-            clearance = min(pz, thickness - pz)
-            if clearance > _DIFFUSE * transport:
-                if thickness == math.inf:
-                    weight, importance, (px, py, pz), (ux, uy, uz), lost = _from_the_deep(
-                        stream, weight, importance, (px, py, pz), (ux, uy, uz), transport, decay, edges[-1])
-                else:
-                    weight, (px, py, pz), (ux, uy, uz), lost = _leapt(
-                        stream, weight, (px, py, pz), (ux, uy, uz), thickness, transport, decay, edges[-1])
+            sigma_t, albedo, thickness, transport, decay = media[j]
+            if min(pz, thickness - pz) > _DIFFUSE * transport:
+                weight, importance, (px, py, pz), (ux, uy, uz), lost = _deep(
+                    stream, weight, importance, (px, py, pz), (ux, uy, uz), thickness, transport, decay, edges[-1])
                 beyond[into] += lost * importance
                 if weight == 0.0 or importance == 0.0:
                     break
@@ -224,24 +230,27 @@ def follow(stream, walks, layer, table, edges, light, square, beyond):
             wall = math.inf if uz == 0.0 else -pz / uz if uz < 0.0 else (thickness - pz) / uz
             if flight < wall:
                 px, py, pz = px + flight * ux, py + flight * uy, pz + flight * uz
-                weight, v = _roulette(stream, weight * albedo), phase_sample(v_nodes, steps, f, cdf, stream.random())
+                weight, v = _roulette(stream, weight * albedo), phase_sample(v_nodes, steps, f[j], cdf[j], stream.random())
                 if weight == 0.0:
                     break
                 ux, uy, uz = turned_direction(ux, uy, uz, v, 2.0 * math.pi * stream.random())
                 continue
             if wall == math.inf:
                 break
-            px, py = px + wall * ux, py + wall * uy
-            if uz > 0.0 and base >= 0.0:
+            px, py, up = px + wall * ux, py + wall * uy, uz < 0.0
+            if j == last and not up and base >= 0.0:
                 (ux, uy, uz), pz, weight = _off_base(stream), thickness, _roulette(stream, weight * base)
                 if weight == 0.0:
                     break
                 continue
-            top = uz < 0.0
-            passes, ux, uy, across = _cross(stream, ux, uy, abs(uz), 1.0 / index, alpha)
-            if not passes:
-                uz, pz = (across, 0.0) if top else (-across, thickness)
-                continue
-            if top:
-                _tally(px * px + py * py, across, weight * importance, edges, light[into], square[into], beyond[into:into + 1])
-            break
+            ratio, alpha = faces[j if up else j + 1]
+            passes, ux, uy, across = _cross(stream, ux, uy, abs(uz), 1.0 / ratio if up else ratio, alpha)
+            if passes:
+                if up and j == 0:
+                    _tally(px * px + py * py, across, weight * importance, edges, light[into], square[into],
+                           beyond[into:into + 1])
+                j += -1 if up else 1
+                if j < 0 or j > last:
+                    break
+            up, pz = up == passes, media[j, 2] if up == passes else 0.0
+            uz = -across if up else across

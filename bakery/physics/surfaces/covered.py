@@ -7,7 +7,6 @@ taken out of it: facets turn light once more where it enters and where it leaves
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -15,7 +14,6 @@ from bakery.physics.surfaces import rough, stack
 from bakery.physics.surfaces.cut import Cut, cut
 from bakery.physics.surfaces.deep import ITERATED
 from bakery.physics.surfaces.nodes import Nodes, interpolation, nodes
-from bakery.physics.surfaces.orders import phase_matrices
 from bakery.physics.surfaces.slab import Slab
 
 _LEAST_NODES, _SPARE_NODES = 32, 8
@@ -80,44 +78,33 @@ class Covered:
         return np.zeros(np.broadcast_shapes(*map(np.shape, (mu, mu0, phi))))
 
 
-@lru_cache(maxsize=4)  # the same for all wavelengths
-def _boundary(count: int, index: float, roughness: float) -> tuple[Nodes, rough.Facets]:
-    """Directions, and as many orders of the boundary between them: no fewer than there are moments."""
-    directions = nodes(count)
-    return directions, rough.facets(directions.mu, directions.flux, directions.at, index, roughness, count)
-
-
 def covered(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Covered:
     """The slab with a given number of Legendre moments; arguments are those of `solution.solve`.
 
     Raises
     ------
-    ValueError : air below; under it a medium of a lower index
+    ValueError : air below
     """
-    inner = stack.under_facets(slab)
-    parts, bottom = stack.layers(inner)
+    parts, bottom = stack.layers(slab)
     cuts = tuple(cut(row, part.albedo, count) for row, part in zip(moments if slab.under else [moments], parts, strict=True))
-    directions, facets = _boundary(max(_LEAST_NODES, count + _SPARE_NODES), slab.index, slab.roughness)
-    identity, root = np.eye(len(directions.mu)), np.sqrt(directions.flux)
-    sines = np.sqrt((1 - directions.mu) * (1 + directions.mu))
-    shared = stack.directions(len(root), [part.index for part in parts])
+    leaving = max(_LEAST_NODES, count + _SPARE_NODES)
+    nets, air = stack.grids(parts, bottom, leaving), nodes(leaving)
+    shared, facets = [net.directions() for net in nets], stack.boundaries(parts, nets, count)
+    on_top = facets[0]
+    root, missed = np.sqrt(air.flux), [np.zeros(len(net.mu(part.index))) for net, part in zip(shared, parts, strict=True)]
+    sines = np.sqrt((1 - air.mu) * (1 + air.mu))
     orders, largest, small = [], [], 0
     for order in range(count):
-        accuracy, media = ITERATED * tolerance * largest[0] if order else 0.0, []
-        for part, without in zip(parts, cuts, strict=True):
-            mu = shared.mu(part.index)
-            phases = phase_matrices(without.moments, mu, order)
-            media.append(stack.of_order(shared, part, without, phases, np.zeros(len(mu)), order, accuracy))
-        mirrored, scattered, _ = stack.below(shared, parts, media, bottom, order)
-        inside = scattered + np.diag(mirrored)
-        out = facets.inward[order].T @ inside @ np.linalg.solve(identity - facets.within[order] @ inside, facets.inward[order])
+        accuracy = ITERATED * tolerance * largest[0] if order else 0.0
+        _, media = stack.of_order(shared, parts, cuts, missed, order, accuracy)
+        mirrored, scattered, _ = stack.below(shared, parts, media, (bottom, facets), order)
+        out = on_top.over(scattered + np.diag(mirrored), order)
         if order == 0:
-            albedo = facets.mirrored + out @ root / root
-            out = out + facets.again
+            albedo = (out + on_top.above[0]) @ root / root
         share = root * sines if order % 2 else root
         orders.append(0.5 * (out + out.T) / np.outer(share, share))
         largest.append(float(np.abs(orders[-1]).max()))
         small = small + 1 if largest[-1] <= _NEGLIGIBLE * tolerance * largest[0] else 0
         if small == 2:
             break
-    return Covered(slab, directions, cuts, np.stack(orders), albedo)
+    return Covered(slab, air, cuts, np.stack(orders), albedo)

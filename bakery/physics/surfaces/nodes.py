@@ -47,6 +47,10 @@ class Nodes:
     def leaving(self) -> int:
         return len(self.air)
 
+    def weights(self, mu):
+        """(..., N) of values at the nodes that leave, that give their polynomial at cosines in air (...,)."""
+        return interpolation(self.at, coordinate(mu, self.index))
+
 
 def grazing(count: int, top: float = 1.0):
     """`count` cosines from 0 to `top`, weights of an integral over them, and coordinates s from 0 to 1."""

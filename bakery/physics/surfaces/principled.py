@@ -86,7 +86,7 @@ def principled(reflectance, index: float, roughness: float, bands) -> Principled
     out = reflectance(np.arccos(mu0), np.arccos(mu), phi)
     if roughness > 0 and index != 1:
         out = out - rough.reflected(mu, mu0, phi, index, roughness)
-        mirrored = rough.facets(cosines, directions.flux, directions.at, index, roughness, 1).mirrored
+        mirrored = rough.facets(directions, directions, index, roughness, 1).mirrored
     else:
         mirrored = fresnel.reflected(cosines, index)
     shape = 3, _DIRECTIONS, _DIRECTIONS, _AZIMUTHS

@@ -10,7 +10,7 @@ from bakery.physics.multiple.legendre import moments
 from bakery.physics.surfaces.rounding import rounded
 from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.solution import Covered, Solution, Stacked, solve
-from bakery.physics.surfaces.stack import free, layers
+from bakery.physics.surfaces.stack import free, layers, rough_within
 
 FEWEST, MOST = 16, 640  # Legendre moments
 _MOST_NODES = 256  # moments, where there are as many nodes
@@ -37,7 +37,7 @@ def converged(slab: Slab, tolerance: float, most: int = MOST) -> tuple[Solution 
 
     The error leaves a part of the tolerance to rounding, or is above that where `most` moments do not reach it.
     """
-    if slab.roughness > 0 or free(slab):
+    if rough_within(slab) or free(slab):
         most = min(most, _MOST_NODES)
     wanted = moments_of(slab, most)
     count, before, error = _first(slab, wanted, tolerance, most), None, math.inf

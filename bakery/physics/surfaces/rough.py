@@ -1,4 +1,4 @@
-"""A rough boundary between air and the medium: facets after Trowbridge and Reitz (GGX), by Fourier orders in azimuth.
+"""A rough boundary between air and a medium, or two media: facets after Trowbridge and Reitz (GGX), by Fourier orders in azimuth.
 
 Single reflection and refraction by facets with Smith's shadowing (Walter et al. 2007) loses the light that meets a second facet.
 That is sent on in proportion to what each direction loses, to both sides (Kulla and Conty 2017): nothing is lost then, and
@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from bakery.physics.surfaces import fresnel
-from bakery.physics.surfaces.nodes import interpolation
 
 _FACETS = 48  # heights of the cap at least; twice as many azimuths of half a turn
 LEAST = 0.05  # roughness: of smoother facets the nodes of a layer tell too little; at 0.05 shares are right to 1e-3
@@ -29,76 +28,111 @@ class Facets:
 
     Attributes
     ----------
-    inward : (M, N, N) from air into the medium; outward it is the transpose
-    within : (M, N, N) reflected inside
-    again : (N, N) of light from air, what facets send back after it met several of them, order 0
-    mirrored : (N,) share of light from air that is sent back in all
+    above : (M, A, A) reflected once, back to where light comes from
+    inward : (M, B, A) from above into the medium; outward it is the transpose
+    within : (M, B, B) reflected inside
+    again : (A, A) of light from above, what facets send back after it met several of them, order 0
+    mirrored : (A,) share of light from above that is sent back in all
     """
 
+    above: np.ndarray
     inward: np.ndarray
     within: np.ndarray
     again: np.ndarray
     mirrored: np.ndarray
 
+    def over(self, inside, order: int):
+        """Of one order, all that comes back to above the facets but for what they reflect once.
 
-def facets(mu, flux, at, index: float, roughness: float, orders: int) -> Facets:
-    """The boundary between directions in air and in the medium that have the same cosines.
+        inside : (B, B) reflection of what is under them
+        """
+        inward, within = self.inward[order], self.within[order]
+        result = inward.T @ inside @ np.linalg.solve(np.eye(len(within)) - within @ inside, inward)
+        return result + self.again if order == 0 else result
+
+
+def facets(above, below, index: float, roughness: float, orders: int) -> Facets:
+    """The boundary between directions above and below it.
 
     Parameters
     ----------
-    mu, flux, at : (N,) of `nodes.Nodes` without a boundary
+    above, below : directions, such as `shared.Side`: mu and flux, (A,) and (B,), and weights between them
+    index : of the medium below over that above
     orders : M
     """
-    root = np.sqrt(flux)
-    # rounding of what grazing nodes are seen by, over their small flux
-    trust = flux / (flux[:, None] + flux)
-    above, outward = _averages(mu, root, at, index, roughness, orders)
-    within, inward = _averages(mu, root, at, 1 / index, roughness, orders)
+    front, back = np.sqrt(above.flux), np.sqrt(below.flux)
+    upward, outward = _averages(above, below, index, roughness, orders)
+    within, inward = _averages(below, above, 1 / index, roughness, orders)
     # shares of light that is reflected or refracted once, whose averages are smooth and exact
-    refracted, emerging, *mirrored = (orders[0] @ root for orders in (outward, inward, above, within))
-    above, within = (part * trust + np.swapaxes(part * trust, 1, 2) for part in (above, within))
-    for operator, share in zip((above, within), mirrored, strict=True):
-        operator[0] = _balanced(operator[0], share, share, root)
+    refracted, emerging = outward[0] @ back, inward[0] @ front
+    upward, mirrored = _symmetric(upward, above.flux, front)
+    within, mirrored_within = _symmetric(within, below.flux, back)
     # radiance in the medium counts less by the square of the index, flux more: both ways are one operator
-    inward = index * inward * trust + np.swapaxes(outward / index * trust, 1, 2)
-    inward[0] = _balanced(inward[0], index * emerging, refracted / index, root)
-    lost = np.concatenate([root - mirrored[0] - index * inward[0].T @ root, index * (root - mirrored[1]) - inward[0] @ root])
-    total = lost @ np.concatenate([root, index * root])
+    trust = _trust(below.flux, above.flux)
+    inward = index * inward * trust + np.swapaxes(outward / index * (1 - trust).T, 1, 2)
+    inward[0] = _balanced(inward[0], index * emerging, refracted / index, back, front)
+    lost_above, lost_below = _sent_on(front - mirrored - index * inward[0].T @ back,
+                                      index * (back - mirrored_within) - inward[0] @ front, front, index * back)
+    inward[0] += np.outer(lost_below, lost_above)
+    within[0] += np.outer(lost_below, lost_below)
+    again = np.outer(lost_above, lost_above)
+    return Facets(upward, inward, within, again, (upward[0] + again) @ front / front)
+
+
+def _sent_on(above, below, front, back):
+    """Of what light from above (A,) and below (B,) loses by second facets, vectors whose products send it on to both sides."""
+    total = above @ front + below @ back
     if not total > 0:
         raise ArithmeticError("facets so smooth need more directions")
-    front, back = np.split(lost / math.sqrt(total), 2)
-    inward[0] += np.outer(back, front)
-    within[0] += np.outer(back, back)
-    again = np.outer(front, front)
-    return Facets(inward, within, again, (above[0] + again) @ root / root)
+    return above / math.sqrt(total), below / math.sqrt(total)
 
 
-def _balanced(matrix, rows, columns, root):
-    """A matrix that turns `root` into `rows`, and its transpose into `columns`: what it lacks is spread like isotropic light."""
-    rows, columns = rows - matrix @ root, columns - matrix.T @ root
-    twice = 0.5 * (rows + columns) @ root
-    return matrix + np.outer(rows, root) + np.outer(root, columns) - twice * np.outer(root, root)
+def _trust(rows, columns):
+    """Weights of what rows see of columns, by their flux; the rest goes to what columns see of rows.
+
+    Small flux of grazing columns is over itself, with the rounding of the rows' averages.
+    """
+    return columns / (rows[:, None] + columns)
 
 
-def _averages(mu, root, at, index: float, roughness: float, orders: int):
-    """(M, N, N) of radiance that leaves at the nodes (rows): what they see reflected (columns) and refracted."""
-    z, weight = np.polynomial.legendre.leggauss(max(_FACETS, 2 * len(mu) // 3))
+def _symmetric(matrices, flux, root):
+    """Averages (M, N, N) of reflected light made symmetric; and the shares that they reflect, kept by order 0."""
+    shares, trust = matrices[0] @ root, _trust(flux, flux)
+    matrices = matrices * trust + np.swapaxes(matrices * trust, 1, 2)
+    matrices[0] = _balanced(matrices[0], shares, shares, root, root)
+    return matrices, shares
+
+
+def _balanced(matrix, rows, columns, row_root, column_root):
+    """A matrix that turns `column_root` into `rows`, its transpose the other into `columns`: what lacks is like isotropic light."""
+    rows, columns = rows - matrix @ column_root, columns - matrix.T @ row_root
+    twice = 0.5 * (rows @ row_root + columns @ column_root)
+    return matrix + np.outer(rows, column_root) + np.outer(row_root, columns) - twice * np.outer(row_root, column_root)
+
+
+def _averages(side, across, index: float, roughness: float, orders: int):
+    """(M, N, N) and (M, N, K) of radiance that leaves at the nodes of a side (rows): what they see reflected, and refracted."""
+    mu, roots = side.mu, (np.sqrt(side.flux), np.sqrt(across.flux))
+    z, weight = np.polynomial.legendre.leggauss(max(_FACETS, 2 * max(len(root) for root in roots) // 3))
     turn = math.pi * (np.arange(2 * len(z)) + 0.5) / (2 * len(z))
-    results = np.zeros((2, orders, len(mu), len(mu)))
-    sines = np.sqrt((1 - mu) * (1 + mu))
+    results = [np.zeros((orders, len(mu), len(root))) for root in roots]
+    odd = [np.sqrt((1 - part.mu) * (1 + part.mu)) for part in (side, across)]
     for row, cosine in enumerate(mu):
-        for side, (share, cosines, phi) in enumerate(_seen(cosine, z, turn, index, roughness)):
+        for result, seen_side, (share, cosines, phi) in zip(results, (side, across), _seen(cosine, z, turn, index, roughness),
+                                                            strict=True):
             share = (0.5 * weight[:, None] / len(turn) * share).ravel()
-            onto = interpolation(at, np.sqrt(cosines.ravel()))
-            odd = np.sqrt((1 - cosines) * (1 + cosines)).ravel()
+            onto = seen_side.weights(cosines.ravel())
+            sines = np.sqrt((1 - cosines) * (1 + cosines)).ravel()
             turned = np.cos(phi.ravel())
             waves = np.empty((orders, share.size))  # cos(m phi), by Chebyshev's recurrence
             waves[:2] = np.stack([np.ones_like(turned), turned])[:orders]
             for m in range(2, orders):
                 waves[m] = 2 * turned * waves[m - 1] - waves[m - 2]
-            results[side, ::2, row] = (share * waves[::2]) @ onto
-            results[side, 1::2, row] = (share * odd * waves[1::2]) @ onto / sines
-    results *= root[:, None] / root
+            result[::2, row] = (share * waves[::2]) @ onto
+            result[1::2, row] = (share * sines * waves[1::2]) @ onto
+    for result, root, sines in zip(results, roots, odd, strict=True):
+        result[1::2] /= sines
+        result *= roots[0][:, None] / root
     return results
 
 

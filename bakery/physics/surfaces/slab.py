@@ -22,6 +22,7 @@ class Slab:
     roughness : of the boundary on top (GGX's alpha), 0 for a smooth one; above 0 the layer has a base or is infinite
     base : albedo of a Lambertian base in contact with the medium; None for air
     under : another layer in contact with this one, or a surface that is known, in place of a base
+    length : um, mean free path; thickness of a layer of depth 0
     """
 
     theta: np.ndarray
@@ -32,6 +33,7 @@ class Slab:
     base: float | None = None
     roughness: float = 0.0
     under: Slab | Reflector | None = None
+    length: float = 1.0
 
 
 @dataclass(frozen=True)

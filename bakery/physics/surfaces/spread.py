@@ -1,4 +1,5 @@
-"""How far from where it went in light comes out of a plane layer, by walks; and the profile of programs that have diffusion only.
+"""How far from where it went in light comes out of plane layers on each other, by walks; and the profile of programs that have
+diffusion only.
 
 Christensen and Burley's normalised profile sends exp(-r/d) + exp(-r/(3 d)) over 8 pi d r of the light to a distance r: 1 in all.
 """
@@ -6,7 +7,8 @@ Christensen and Burley's normalised profile sends exp(-r/d) + exp(-r/(3 d)) over
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +18,8 @@ from bakery.physics.medium.phase import normalised, phase_at
 from bakery.physics.multiple.legendre import moments
 from bakery.physics.surfaces._spread import CLASSES, follow
 from bakery.physics.surfaces.cut import without_peak
-from bakery.physics.surfaces.slab import Slab
+from bakery.physics.surfaces.slab import Reflector, Slab
+from bakery.physics.surfaces.stack import layers
 
 BINS = 48  # of distance; the first begins at 0
 AUREOLE = 0.3  # rad; what scatters light by less counts as even in angle
@@ -30,7 +33,7 @@ TOLERANCE, COARSEST = 0.02, 0.08  # relative standard error of the mean square o
 
 @dataclass(frozen=True)
 class Spread:
-    """Of light on a layer, C classes of directions of equal flux, from the normal to grazing; lengths in 1/sigma_t.
+    """Of light on a layer, C classes of directions of equal flux, from the normal to grazing; lengths in um.
 
     Attributes
     ----------
@@ -50,52 +53,91 @@ class Spread:
     mean_square_error: float
     beyond: float
 
+    def scaled(self, unit: float) -> Spread:
+        """With lengths in another unit."""
+        squares = {name: getattr(self, name) * unit**2
+                   for name in ("square", "square_error", "mean_square", "mean_square_error")}
+        return replace(self, edges=self.edges * unit, **squares)
 
-def edges_of(transport: float, thickness: float):
+
+def edges_of(transport, thickness):
     """(BINS + 1,) distances between bins: 0, and from near to far by equal factors.
 
     Parameters
     ----------
-    transport : transport mean free path;  thickness : of the layer, same unit; either may be infinite, not both
+    transport, thickness : (J,) transport mean free paths and thicknesses of layers from the top, either may be infinite
     """
-    far = transport if transport < math.inf else thickness
-    near = NEAREST * min(transport, thickness)
-    return np.concatenate([[0.0], np.geomspace(near, FARTHEST * far, BINS)])
+    finite = [part[np.isfinite(part)] for part in (transport, thickness)]
+    far = max(finite[0] if len(finite[0]) else finite[1])
+    # the depth of one transport mean free path, or of all layers that have one
+    ahead, near = 1.0, 0.0
+    for path, width in zip(transport, thickness, strict=True):
+        if min(path, width) < math.inf:
+            near += min(ahead * path, width)
+            ahead = max(ahead - width / path, 0.0)
+    return np.concatenate([[0.0], np.geomspace(NEAREST * near, FARTHEST * far, BINS)])
 
 
 def spread(slab: Slab, seed: int, *stream: int, tolerance: float = TOLERANCE) -> Spread:
-    """Of a layer, lengths in mean free paths (of its own thickness where nothing scatters or absorbs: depth 0).
+    """Of a layer, and of all that lie under it.
 
     Parameters
     ----------
     seed, stream : of the random numbers, `surface.spread`
+
+    Raises
+    ------
+    ValueError : what lies under it is known as light from air sees it only
     """
-    g, second = moments(slab.theta, slab.phase, 2)[1:]
-    table, share = without_aureole(slab.theta, slab.phase)
-    transport = 1 / (1 - slab.albedo * g) if slab.albedo > 0 else math.inf
-    clear = slab.depth == 0
-    thickness = 1.0 if clear else slab.depth
-    if transport == thickness == math.inf:
+    parts, bottom = layers(slab)
+    if isinstance(bottom, Reflector):
+        raise ValueError("how far light spreads among grains is not known")
+    # numbers near 1; layers that take no room let light out where it went in
+    unit = max((part.length for part in parts if part.length > 0), default=1.0)
+    lengths = np.array([part.length for part in parts]) / unit
+    scale, lengths = (unit, lengths) if lengths.any() else (0.0, lengths + 1.0)
+    table, shares = _phases(parts)
+    media = np.array([_medium(part, share, length) for part, share, length in zip(parts, shares, lengths, strict=True)])
+    transport, thickness = media[:, 3], media[:, 2]
+    if np.isinf([transport, thickness]).all():
         return _nothing()
-    edges = edges_of(math.inf if clear else transport, thickness)
-    lost = 1 - slab.albedo
-    # the second term of the decay of diffuse light, by the equations of three orders of Legendre
-    decay = math.sqrt(3 * lost / transport) * (1 - 0.4 * lost / (1 - slab.albedo * second))
-    without = without_peak(slab.albedo, share)
-    layer = (0.0 if clear else without.shrinks, without.albedo, thickness, slab.index, slab.roughness,
-             -1.0 if slab.base is None else float(slab.base), transport, decay)
+    edges = edges_of(transport, thickness)
+    index = np.array([1.0, *(part.index for part in parts), 1.0])
+    faces = np.stack([index[1:] / index[:-1], [*(part.roughness for part in parts), 0.0]], axis=1)
+    base = -1.0 if bottom is None else float(bottom)
     sums = [np.zeros((BLOCKS, CLASSES, CLASSES, BINS)), np.zeros((BLOCKS, CLASSES, CLASSES)), np.zeros((BLOCKS, CLASSES))]
     streams = [rng.generator(seed, "surface.spread", *stream, block) for block in range(BLOCKS)]
     walks, total = WALKS, 0
     while True:
         for block, generator in enumerate(streams):
-            follow(generator, walks, layer, table, edges, *(part[block] for part in sums))
+            follow(generator, walks, (media, faces, base), table, edges, *(part[block] for part in sums))
         total += walks
         result = _of(edges, total, *sums)
         if total >= MOST_WALKS or result.mean_square_error <= tolerance * result.mean_square:
-            return result
+            return result.scaled(scale)
         missing = _MORE * (result.mean_square_error / (tolerance * result.mean_square)) ** 2 - 1
         walks = min(total * math.ceil(4 * min(missing, 1.0)) // 4, MOST_WALKS - total)
+
+
+def _medium(part: Slab, share: float, length: float) -> tuple[float, ...]:
+    """A layer as `follow` takes it; share : of its scattered light, that goes straight on;  length : the walks' `Slab.length`."""
+    if part.depth == 0:
+        return 0.0, 0.0, length, math.inf, 0.0
+    without, (_, g, second), lost = without_peak(part.albedo, share), moments(part.theta, part.phase, 2), 1 - part.albedo
+    transport = length / (1 - part.albedo * g) if part.albedo > 0 else math.inf
+    # the second term of the decay of diffuse light, by the equations of three orders of Legendre
+    decay = math.sqrt(3 * lost / (transport * length)) * (1 - 0.4 * lost / (1 - part.albedo * second))
+    return without.shrinks / length, without.albedo, part.depth * length, transport, decay
+
+
+def _phases(parts: Sequence[Slab]):
+    """Tables (J, A) of phase functions, as `without_aureole` makes them, at angles that all share; and (J,) its shares."""
+    theta = parts[0].theta
+    if len(parts) > 1:
+        theta = np.unique(np.concatenate([[AUREOLE * (1 - 1e-9), AUREOLE], *(part.theta for part in parts)]))
+    tables, shares = zip(*(without_aureole(theta, phase_at(part.theta, part.phase, theta)) for part in parts), strict=True)
+    v, steps, *_ = tables[0]
+    return (v, steps, *(np.stack([table[k] for table in tables]) for k in (2, 3))), shares
 
 
 def without_aureole(theta, phase):
@@ -168,7 +210,7 @@ def profile(edges, light, beyond: float) -> tuple[float, float]:
     beyond : share further away
     """
     total = light.sum() + beyond
-    if not light.sum() > 0:
+    if not (light.sum() > 0 and edges[-1] > 0):
         return 0.0, 0.0
     within = np.cumsum(light) / total
 

@@ -1,34 +1,36 @@
-"""Several plane layers of different media, one on the other, and smooth boundaries where their indices differ.
+"""Several plane layers of different media, one on the other, and boundaries where their indices differ, smooth or rough.
 
-Nodes go by n sin(theta), which refraction keeps: all media share them, and those of light that a medium is too thin for (total
-reflection) come last.  Between two indices nodes are dense at the larger one, where its medium grazes.  In radiance over n^2 the
-operators of `layer` are the same on both sides of a boundary, and symmetric for any stack: from the bottom up, each order is what
-is only mirrored, D, a number a node, and what is scattered, S.  Neither is a difference of larger numbers.  Over air, what leaves
-below is kept in the same way, light that passed unscattered apart; it is not symmetric: the other way is that of the stack upside
-down.
+Media between which boundaries are smooth share nodes (`shared`).  In radiance over n^2 the operators of `layer` are the same on
+both sides of a smooth boundary, and symmetric for any stack: from the bottom up, each order is what is only mirrored, D, a number
+a node, and what is scattered, S.  Neither is a difference of larger numbers.  Facets (`rough`) scatter all that they send on:
+above them there is no D.  Over air, what leaves below is kept in the same way, light that passed unscattered apart; it is not
+symmetric: the other way is that of the stack upside down.
 
-As in `solution`, light that is scattered once in any of the layers, or sent back by a base that it reaches without, is exact at
-every angle; the rest is smooth.
+As in `solution`, light that is scattered once in any of the layers, sent back by a base that it reaches without, or by the
+uppermost facets between them, is exact at every angle; the rest is smooth.  Nothing is taken out of light from under facets.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from bakery.physics.medium.phase import phase_at
-from bakery.physics.surfaces import fresnel, single
+from bakery.physics.surfaces import fresnel, rough, single
 from bakery.physics.surfaces.cut import Cut, cut
 from bakery.physics.surfaces.deep import ITERATED, Deep, layer_of_order
 from bakery.physics.surfaces.layer import Layer
-from bakery.physics.surfaces.nodes import SPARE, Nodes, coordinate, enough, grazing, interpolation, sines, vanishing
+from bakery.physics.surfaces.nodes import SPARE, Nodes, coordinate, enough, interpolation, sines, vanishing
 from bakery.physics.surfaces.orders import phase_matrices, unresolved
+from bakery.physics.surfaces.shared import Directions, directions
 from bakery.physics.surfaces.slab import Reflector, Slab
 
-_LEAST_NODES, _FEWEST = 24, 8
+_LEAST_NODES = 24
 _NEGLIGIBLE = 1e-3  # of the tolerance: a Fourier order below that twice in a row ends their sum
 
 
@@ -37,38 +39,19 @@ def layers(slab: Slab) -> tuple[list[Slab], Reflector | float | None]:
 
     Raises
     ------
-    ValueError : an index below 1; facets between media
+    ValueError : an index below 1; facets over air
     """
     parts = [slab]
     while isinstance(parts[-1].under, Slab):
         parts.append(parts[-1].under)
     last = parts[-1]
-    if any(part.index < 1 for part in parts):
+    if len(parts) > 1 and any(part.index < 1 for part in parts):
         raise ValueError("media of a stack have an index of 1 or more")
-    if any(part.roughness > 0 and part.index != 1 for part in parts[1:]):
-        raise ValueError("boundaries between the media of a stack are smooth")
+    if free(slab) and any(facets_on(parts, k) for k in range(len(parts))):
+        raise ValueError("a layer under a rough boundary has a base or is infinite")
     if last.depth == math.inf:
         return parts, None
     return parts, last.base if last.under is None else last.under
-
-
-def under_facets(slab: Slab) -> Slab:
-    """A stack as light inside of its uppermost medium sees it: indices are over that of this medium, which has no boundary.
-
-    Raises
-    ------
-    ValueError : air below; an index below that of the uppermost medium
-    """
-    if free(slab):
-        raise ValueError("a layer under a rough boundary has a base or is infinite")
-
-    def relative(part: Slab) -> Slab:
-        under = relative(part.under) if isinstance(part.under, Slab) else part.under
-        if part.index < slab.index * (1 - 1e-9) or isinstance(under, Reflector) and slab.index != 1:
-            raise ValueError("under a rough boundary no medium has a lower index than the uppermost one")
-        return replace(part, index=max(part.index / slab.index, 1.0), roughness=part.roughness * (part is not slab), under=under)
-
-    return relative(slab)
 
 
 def free(slab: Slab) -> bool:
@@ -78,58 +61,52 @@ def free(slab: Slab) -> bool:
     return slab.depth < math.inf and slab.base is None and slab.under is None
 
 
-@dataclass(frozen=True)
-class Directions:
-    """Nodes that media of several indices share.
-
-    Attributes
-    ----------
-    above : (K,) squared index at which the medium grazes that is next to the node
-    cosine : (K,) times that index, its cosine there
-    etendue : (K,) d(n^2 sin^2), share of a hemisphere of air
-    top : the first medium's own
-    """
-
-    above: np.ndarray
-    cosine: np.ndarray
-    etendue: np.ndarray
-    top: Nodes
-
-    def mu(self, index: float):
-        """Cosines in a medium, of those nodes that it has."""
-        keep = self.above <= index * index
-        return np.sqrt(index * index - self.above[keep] + self.cosine[keep] ** 2) / index
-
-    def flux(self, index: float):
-        """Shares of the flux of isotropic light in a medium."""
-        return self.etendue[self.above <= index * index] / index**2
+def facets_on(parts: Sequence[Slab], k: int) -> bool:
+    """Whether layer number k has a rough boundary on top."""
+    return parts[k].roughness > 0 and parts[k].index != (parts[k - 1].index if k else 1.0)
 
 
-def directions(count: int, indices: Sequence[float]) -> Directions:
-    """Nodes of a stack, `count` of them leave.
+def rough_within(slab: Slab) -> bool:
+    """Whether any boundary of a stack is rough."""
+    parts, _ = layers(slab)
+    return any(facets_on(parts, k) for k in range(len(parts)))
 
-    Parameters
-    ----------
-    indices : of the media from the top, 1 or more
-    """
-    ends = sorted({1.0, *indices})
-    if indices[0] == 1:
-        air, weight, at = grazing(count)
-    else:
-        x, weight = np.polynomial.legendre.leggauss(count)
-        air = at = 0.5 * (1 + x)
-        weight = 0.5 * weight
-    parts = [(np.ones(count), air, 2 * air * weight)]
-    for low, high in zip(ends, ends[1:]):
-        limit = math.sqrt((1 - low / high) * (1 + low / high))
-        mu, weight, _ = grazing(max(_FEWEST, math.ceil(count * limit)), limit)
-        parts.append((np.full(len(mu), high * high), high * mu, 2 * mu * weight * high * high))
-    above, cosine, etendue = (np.concatenate(column) for column in zip(*parts, strict=True))
-    index = indices[0]
-    keep = above <= index * index
-    mirrored = np.concatenate([fresnel.reflected(air, index), np.ones(int(keep.sum()) - count)])
-    inner = np.sqrt(index * index - above[keep] + cosine[keep] ** 2) / index
-    return Directions(above, cosine, etendue, Nodes(inner, etendue[keep] / index**2, air, mirrored, at, index))
+
+class Grid(NamedTuple):
+    """Of media between which boundaries are smooth: arguments of `shared.directions`."""
+
+    count: int
+    indices: tuple[float, ...]
+    refracted: bool = False
+
+    def directions(self) -> Directions:
+        return directions(*self)
+
+
+def grids(parts: Sequence[Slab], bottom: Reflector | float | None, count: int) -> list[Grid]:
+    """Of each layer, the nodes that it shares with those up to the next facets."""
+    edges = [0, *(k for k in range(1, len(parts)) if facets_on(parts, k)), len(parts)]
+    result = []
+    for begin, end in zip(edges, edges[1:]):
+        over_air = end == len(parts) and (free(parts[0]) or isinstance(bottom, Reflector))
+        from_air = begin == 0 and not facets_on(parts, 0)
+        indices = {part.index for part in parts[begin:end]} | ({1.0} if over_air or from_air else set())
+        result += (end - begin) * [Grid(count, tuple(sorted(indices)), from_air and parts[0].index != 1)]
+    return result
+
+
+@lru_cache(maxsize=8)  # the same for all wavelengths
+def facets_between(above: Grid, index: float, below: Grid, index_below: float, roughness: float, orders: int) -> rough.Facets:
+    """A rough boundary between the media of two indices."""
+    sides = above.directions().side(index), below.directions().side(index_below)
+    return rough.facets(*sides, index_below / index, roughness, orders)
+
+
+def boundaries(parts: Sequence[Slab], nets: Sequence[Grid], orders: int) -> list[rough.Facets | None]:
+    """Of each layer, the facets on top of it; None where there are none."""
+    above = [(Grid(nets[0].count, (1.0,)), 1.0), *((net, part.index) for net, part in zip(nets, parts, strict=True))]
+    return [facets_between(*above[k], nets[k], part.index, part.roughness, orders) if facets_on(parts, k) else None
+            for k, part in enumerate(parts)]
 
 
 @dataclass(frozen=True)
@@ -217,14 +194,20 @@ class Stacked:
 
     def exact(self, mu, mu0, phi):
         """What is exact at every angle, inside of the uppermost boundary."""
-        (parts, _), total, below = layers(self.slab), 0.0, None
+        (parts, _), total, number = layers(self.slab), 0.0, 0
         outward, inward = _reached(parts, self.cuts, mu), _reached(parts, self.cuts, mu0)
         for (part, without, inner, share), (*_, inner0, share0) in zip(outward, inward, strict=True):
             phase = 4 * math.pi * phase_at(part.theta, part.phase, single.turned(inner, inner0, phi, -1))
             depth = part.depth * without.shrinks if part.depth else 0.0
             total = total + 0.25 * part.albedo / without.shrinks * phase * single.upward(inner, inner0, depth) * share * share0
-            below = part, share * share0 * np.exp(-depth * (1 / inner + 1 / inner0)) if depth < math.inf else 0.0
-        return total + (below[0].base or 0.0) * below[1]
+            number += 1
+        if part.depth == math.inf:
+            return total
+        passed = share * share0 * np.exp(-depth * (1 / inner + 1 / inner0))
+        if number == len(parts):
+            return total + (part.base or 0.0) * passed
+        below = parts[number]
+        return total + rough.reflected(inner, inner0, phi, below.index / part.index, below.roughness) * passed
 
 
 def _once_through(slab: Slab, cuts: Sequence[Cut], mu, mu0) -> Iterator[tuple]:
@@ -239,10 +222,13 @@ def _once_through(slab: Slab, cuts: Sequence[Cut], mu, mu0) -> Iterator[tuple]:
 
 
 def _reached(parts: Sequence[Slab], cuts: Sequence[Cut], mu) -> Iterator[tuple]:
-    """Of each layer: itself, its cut, cosines in it, and the share of light that gets there unscattered, times n / n_top."""
+    """Of each layer down to the first facets: itself, its cut, cosines in it, and the share of light that gets there unscattered,
+    times n / n_top."""
     n = parts[0].index
     share, inner = np.ones(np.shape(mu)), fresnel.inside(mu, n)
     for k, (part, without) in enumerate(zip(parts, cuts, strict=True)):
+        if k and facets_on(parts, k):
+            return
         if k:
             above = parts[k - 1]
             depth = above.depth * cuts[k - 1].shrinks if above.depth else 0.0
@@ -275,20 +261,21 @@ def stacked(slab: Slab, moments: Sequence, count: int, tolerance: float = 1e-6) 
     """
     parts, bottom = layers(slab)
     cuts = tuple(cut(row, part.albedo, count) for row, part in zip(moments, parts, strict=True))
-    # light that passes a peak is told by as many nodes as there are moments
-    leaving = max(_LEAST_NODES, count + SPARE) if free(slab) else enough(count, _LEAST_NODES)
-    nodes = directions(leaving, [part.index for part in parts])
-    top, exact, missed = nodes.top, _Exact(nodes, parts, cuts), _missed(nodes, parts, cuts, leaving < count + SPARE)
+    # light that passes a peak is told by as many nodes as there are moments, and facets see narrow lobes
+    leaving = max(_LEAST_NODES, count + SPARE) if free(slab) or rough_within(slab) else enough(count, _LEAST_NODES)
+    nets = grids(parts, bottom, leaving)
+    nodes, facets = [net.directions() for net in nets], boundaries(parts, nets, count)
+    missed = _missed(nodes, parts, cuts, leaving < count + SPARE)
+    top = nodes[0].top(slab.index)
+    exact = _Exact(nodes[0], top, parts, cuts, facets)
     orders, largest, small = [], [], 0
     for order in range(count):
-        phases = [phase_matrices(without.moments, nodes.mu(part.index), order)
-                  for part, without in zip(parts, cuts, strict=True)]
         accuracy = ITERATED * tolerance * largest[0] if order else 0.0
-        media = [of_order(nodes, *medium, order, accuracy) for medium in zip(parts, cuts, phases, missed, strict=True)]
-        mirrored, scattered, downward = below(nodes, parts, media, bottom, order)
+        phases, media = of_order(nodes, parts, cuts, missed, order, accuracy)
+        mirrored, scattered, downward = below(nodes, parts, media, (bottom, facets), order)
         upward = _escaping(mirrored, scattered, top.reflected)[:leaving, :leaving]
         if downward is not None:
-            downward = _down(nodes, 1.0, top.index, mirrored, scattered, downward)
+            downward = _down(nodes[0], 1.0, top.index, mirrored, scattered, downward)
         if order == 0:
             shares = _shares(top, mirrored, upward, downward)
         phases = [[side + np.diag(peak) for side in pair] for pair, peak in zip(phases, missed, strict=True)]
@@ -315,58 +302,74 @@ def _shares(top: Nodes, mirrored, upward, downward):
     return top.reflected[keep] + through * ((through * flux) @ upward) / flux + again, again, passed
 
 
-def _missed(nodes: Directions, parts, cuts, few: bool) -> list:
+def _missed(nodes: Sequence[Directions], parts, cuts, few: bool) -> list:
     """Of each layer, what its nodes miss of a forward peak (`orders.unresolved`); 0 where they are not too few."""
-    return [few * unresolved(without.moments, nodes.mu(part.index), nodes.flux(part.index))
-            for part, without in zip(parts, cuts, strict=True)]
+    return [few * unresolved(without.moments, net.mu(part.index), net.flux(part.index))
+            for net, part, without in zip(nodes, parts, cuts, strict=True)]
 
 
-def of_order(nodes: Directions, part: Slab, without: Cut, phases, missed, order: int, accuracy: float) -> Layer | Deep:
-    """One layer."""
-    depth = part.depth * without.shrinks if part.depth else 0.0
-    return layer_of_order(without, order, phases, missed, (nodes.mu(part.index), nodes.flux(part.index)), depth, accuracy)
+def of_order(nodes: Sequence[Directions], parts, cuts, missed, order: int, accuracy: float):
+    """Of each layer, both parts of its phase function, and what it does."""
+    phases, media = [], []
+    for net, part, without, peak in zip(nodes, parts, cuts, missed, strict=True):
+        mu, flux = net.mu(part.index), net.flux(part.index)
+        depth = part.depth * without.shrinks if part.depth else 0.0
+        phases.append(phase_matrices(without.moments, mu, order))
+        media.append(layer_of_order(without, order, phases[-1], peak, (mu, flux), depth, accuracy))
+    return phases, media
 
 
-def below(nodes: Directions, parts, media, bottom, order: int):
+def below(nodes: Sequence[Directions], parts, media, under, order: int):
     """What is under the uppermost boundary, inside of it: D (N,) and S (N, N); and what of light from there leaves below.
 
     That is (N,) unscattered and (K, N) scattered, K directions in air; None where nothing does.
+
+    Parameters
+    ----------
+    under : what lies under all layers, and of each layer the facets on top
     """
-    through = None
+    (bottom, facets), through = under, None
     if free(parts[0]):
-        index, scattered = 1.0, np.zeros((nodes.top.leaving, nodes.top.leaving))
-        through = np.ones(nodes.top.leaving), scattered
+        index, scattered = 1.0, np.zeros(2 * [int((nodes[-1].above == 1).sum())])
+        through = np.ones(len(scattered)), scattered
     elif isinstance(bottom, Reflector):
-        index, scattered = 1.0, bottom.matrix(nodes.mu(1.0), nodes.flux(1.0), order)
+        index, scattered = 1.0, bottom.matrix(nodes[-1].mu(1.0), nodes[-1].flux(1.0), order)
     else:
-        index, root = parts[-1].index, np.sqrt(nodes.flux(parts[-1].index))
+        index, root = parts[-1].index, np.sqrt(nodes[-1].flux(parts[-1].index))
         scattered = (bottom or 0.0) * np.outer(root, root) * (order == 0)
     mirrored = np.zeros(len(scattered))
-    for part, layer in zip(parts[::-1], media[::-1], strict=True):
-        if part.index != index:
+    for k in range(len(parts))[::-1]:
+        if k + 1 < len(parts) and facets[k + 1] is not None:
+            scattered = facets[k + 1].over(scattered + np.diag(mirrored), order) + facets[k + 1].above[order]
+            mirrored, index = np.zeros(len(scattered)), parts[k].index
+        if parts[k].index != index:
             if through is not None:
-                through = _down(nodes, part.index, index, mirrored, scattered, through)
-            mirrored, scattered = _across(nodes, part.index, index, mirrored, scattered)
-            index = part.index
-        mu = nodes.mu(index)
-        reflection, down = layer.scattered(np.zeros(len(mu)))
-        if part.depth == math.inf:
-            mirrored, scattered = np.zeros(len(mu)), reflection
-            continue
-        whole = scattered + np.diag(mirrored)
-        if through is not None:
-            passed, light = through
-            arriving = np.linalg.solve(np.eye(len(mu)) - reflection @ whole, down + reflection @ (whole * layer.direct))
-            through = passed * layer.direct, light @ (arriving + np.diag(layer.direct)) + passed[:len(light), None] \
-                * arriving[:len(light)]
-        again = whole @ reflection @ np.linalg.solve(np.eye(len(mu)) - whole @ reflection, whole)
-        # all that comes up to the layer's lower face, and what of it is scattered
-        returned, direct = whole + again, layer.direct
-        returned_scattered = scattered + again
-        scattered = reflection + down.T @ returned @ (down + np.diag(direct)) + direct[:, None] * (returned @ down) \
-            + direct[:, None] * returned_scattered * direct
-        mirrored = direct**2 * mirrored
+                through = _down(nodes[k], parts[k].index, index, mirrored, scattered, through)
+            mirrored, scattered = _across(nodes[k], parts[k].index, index, mirrored, scattered)
+            index = parts[k].index
+        mirrored, scattered, through = _under_layer(media[k], mirrored, scattered, through, parts[k].depth == math.inf)
     return mirrored, scattered, through
+
+
+def _under_layer(layer: Layer | Deep, mirrored, scattered, through, infinite: bool):
+    """D, S and what leaves below of what is under a layer, seen from above it."""
+    nothing = np.zeros(len(layer.direct))
+    reflection, down = layer.scattered(nothing)
+    if infinite:
+        return nothing, reflection, None
+    whole = scattered + np.diag(mirrored)
+    if through is not None:
+        passed, light = through
+        arriving = np.linalg.solve(np.eye(len(nothing)) - reflection @ whole, down + reflection @ (whole * layer.direct))
+        through = passed * layer.direct, light @ (arriving + np.diag(layer.direct)) + passed[:len(light), None] \
+            * arriving[:len(light)]
+    again = whole @ reflection @ np.linalg.solve(np.eye(len(nothing)) - whole @ reflection, whole)
+    # all that comes up to the layer's lower face, and what of it is scattered
+    returned, direct = whole + again, layer.direct
+    returned_scattered = scattered + again
+    scattered = reflection + down.T @ returned @ (down + np.diag(direct)) + direct[:, None] * (returned @ down) \
+        + direct[:, None] * returned_scattered * direct
+    return direct**2 * mirrored, scattered, through
 
 
 def _down(nodes: Directions, above: float, below: float, mirrored, scattered, through):
@@ -417,18 +420,21 @@ def _escaping(mirrored, scattered, boundary):
 class _Exact:
     """At the nodes that leave, what is exact at every angle, with the cut phase functions; and what is left without it."""
 
-    def __init__(self, nodes: Directions, parts, cuts):
-        air, self.keep = nodes.top.air, slice(nodes.top.leaving)
-        self.mu, self.flux, self.air_flux = nodes.top.mu[self.keep], nodes.top.flux[self.keep], nodes.flux(1.0)
+    def __init__(self, nodes: Directions, top: Nodes, parts, cuts, facets):
+        air, self.keep = top.air, slice(top.leaving)
+        self.mu, self.flux, self.air_flux = top.mu[self.keep], top.flux[self.keep], nodes.flux(1.0)
         self.sines = np.sqrt((1 - self.mu) * (1 + self.mu))
-        self.upward, self.base, self.downward = [], 0.0, []
-        for part, without, inner, share in _reached(parts, cuts, air):
+        self.upward, self.base, self.downward, self.facets = [], 0.0, [], None
+        for k, (part, without, inner, share) in enumerate(_reached(parts, cuts, air)):
             depth = part.depth * without.shrinks if part.depth else 0.0
             shape = single.upward(inner[:, None], inner, depth) * np.outer(share, share)
             self.upward.append(0.25 * without.albedo * shape)
             if depth < math.inf and part.base:
                 out = share * np.exp(-depth / inner)
                 self.base = part.base * np.outer(out, out)
+            if depth < math.inf and k + 1 < len(parts) and facets[k + 1] is not None:
+                out = share * np.exp(-depth / inner) / np.sqrt(nodes.flux(part.index)[self.keep])
+                self.facets = facets[k + 1].above[:, self.keep, self.keep] * np.outer(out, out)
         if free(parts[0]):
             n, last, out = parts[0].index, parts[-1].index, air[:, None]
             through = (1 - fresnel.reflected(out, last)) * (1 - fresnel.reflected(air, n)) / (n * last)
@@ -438,7 +444,9 @@ class _Exact:
     def several_times(self, phases, order: int, upward, downward):
         """One Fourier order of light scattered more than once, (N, N) each as `Stacked` has it."""
         keep, sines = self.keep, np.outer(self.sines, self.sines) if order % 2 else 1.0
-        once = sum(factor * (even - odd)[keep, keep] for factor, (even, odd) in zip(self.upward, phases, strict=True))
+        once = sum(factor * (even - odd)[keep, keep] for factor, (even, odd) in zip(self.upward, phases))  # to the first facets
+        if self.facets is not None:
+            once = once + self.facets[order]
         smooth = upward / np.sqrt(np.outer(self.flux, self.flux)) - (once + self.base if order == 0 else once)
         reflected = 0.5 * (smooth + smooth.T) * (self.mu[:, None] + self.mu) / sines
         if downward is None:

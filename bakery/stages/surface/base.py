@@ -72,47 +72,32 @@ def _of_recipe(checker: Checker, node, layer: int) -> None:
     count = 1 if recipe.surface.thickness == "infinite" else len(recipe.surface.thickness)
     if layer >= count:
         raise Wrong(f"found layer {layer} of {show(name)}, which has {count}", f"expected 0 to {count - 1}")
-    boundary = recipe.surface.boundary
-    _fit(name, 0.0 if boundary == "none" else boundary.roughness, 1.0 if boundary == "none" else boundary.index)
+    _fit(name, 1.0 if recipe.surface.boundary == "none" else recipe.surface.boundary.index)
     checker.found[key] = named
     versions = [f"{stage.name} {stage.version}" for stage in named.stages]
     whole = hashlib.sha256(" ".join([file.sha256, *versions]).encode()).hexdigest()
     checker.files += [replace(file, sha256=whole), *(replace(part, key=f"{key}.{part.key}") for part in recipe.files)]
 
 
-def check_under_facets(checker: Checker, base: Mapping, boundary: Mapping, index: float) -> None:
-    """Under a rough boundary of an index no medium has a lower one, and no air is below."""
+def check_under_facets(checker: Checker, base: Mapping, boundary: Mapping) -> None:
+    """Under a rough boundary no air is below."""
     node = next((base[name] for name in ("asset", "recipe") if name in base), None)
     under = None if node is None else checker.found.get(node.place.key)
-    if under is None:
-        return
-    lowest, free = _beneath(under)
-    if lowest < index and index != 1:
-        checker.report(boundary["roughness"], f"found a rough boundary of a medium of index {index:g} over one of {lowest:g}",
-                       "expected no lower index under facets, or roughness: 0")
-    elif free and index != 1:
+    if under is not None and _open_below(under):
         checker.report(boundary["roughness"], "found a rough boundary of layers over air",
                        "expected a base under them, an infinite layer, or roughness: 0")
 
 
-def _beneath(under) -> tuple[float, bool]:
-    """The lowest index in what stands behind `base`, and whether air is below it."""
+def _open_below(under) -> bool:
+    """Whether air is below what stands behind `base`."""
     from bakery.physics.surfaces.slab import Slab
     from bakery.physics.surfaces.stack import free
 
     if isinstance(under, tuple):
-        lowest, part = 4.0, under[0]
-        while isinstance(part, Slab):
-            lowest, part = min(lowest, part.index), part.under
-        # grains are seen from air
-        return lowest if part is None else 1.0, isinstance(under[0], Slab) and free(under[0])
+        return isinstance(under[0], Slab) and free(under[0])
     surface = under.recipe.surface
-    index, base = 1.0 if surface.boundary == "none" else surface.boundary.index, surface.base
-    deeper = None if base is None else base.asset or base.recipe
-    if deeper is None:
-        return index, base is None and surface.thickness != "infinite"
-    lowest, open_below = _beneath(deeper)
-    return min(index, lowest), open_below
+    deeper = None if surface.base is None else surface.base.asset or surface.base.recipe
+    return surface.base is None and surface.thickness != "infinite" if deeper is None else _open_below(deeper)
 
 
 def _picked(held, wanted, name: str) -> list[int]:
@@ -126,11 +111,8 @@ def _picked(held, wanted, name: str) -> list[int]:
     return rows
 
 
-def _fit(name: str, roughness: float, index: float) -> None:
+def _fit(name: str, index: float) -> None:
     """`Wrong` where something cannot lie under another layer."""
-    if roughness > 0 and index != 1:
-        raise Wrong(f"found {show(name)} under facets (roughness {roughness:g})", "expected a smooth boundary, or none, between "
-                    "layers")
     if index < 1:
         raise Wrong(f"found {show(name)} with an index of {index:g}", "expected 1 or more of layers on each other")
 
@@ -159,7 +141,7 @@ def of_tree(root: Group, layer: int, name: str) -> list:
             layers.append(reflector(solution.reflection))
             continue
         slab = solution.slab
-        _fit(name, slab.roughness, slab.index)
+        _fit(name, slab.index)
         layers.append(slab)
     return layers
 

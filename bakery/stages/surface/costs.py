@@ -45,7 +45,7 @@ def expected(recipe) -> Expected:
     nodes = _nodes(count, rough or open_below)
     stacked = surface.base is not None and surface.base.albedo is None
     seconds *= _STACKED if stacked else 1.0
-    seconds += _ROUNDING * nodes**2 + (0.0 if stacked else walks(recipe))
+    seconds += _ROUNDING * nodes**2 + walks(recipe)
     size = 1.4 * count * nodes**2 * min(0.9, 8 / nodes) * (2 if open_below else 1)
     return Expected(seconds, size)
 

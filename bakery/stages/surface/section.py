@@ -78,8 +78,8 @@ def check(checker: "Checker", section: Mapping) -> None:
                        "expected a base, thickness: infinite, or roughness: 0")
     if isinstance(base, Mapping) and "albedo" not in base and isinstance(boundary, Mapping):
         index = checker.value(boundary, "index")
-        if rough and index is not None:
-            bases.check_under_facets(checker, base, boundary, index)
+        if rough and index != 1:
+            bases.check_under_facets(checker, base, boundary)
         if index is not None and index < 1:
             checker.report(boundary["index"], f"found an index of {index:g} over the layers of another asset",
                            "expected 1 or more, or a base with an albedo")

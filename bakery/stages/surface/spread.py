@@ -38,45 +38,42 @@ def spread_of(slab, tolerance: float, seed: int, wave: int, layer: int):
     tolerance : of the root mean square distance: 1 % at best without end, 2 % of a thickness, where far light is dearer
     """
     from bakery.physics.surfaces.spread import COARSEST, TOLERANCE, spread
+    from bakery.physics.surfaces.stack import layers
 
-    finest = TOLERANCE if slab.depth == math.inf else 2 * TOLERANCE
+    finest = TOLERANCE if layers(slab)[0][-1].depth == math.inf else 2 * TOLERANCE
     return spread(slab, seed, wave, layer, tolerance=min(max(2 * tolerance, finest), COARSEST))
 
 
-def stored(spreads: list, unit, shape: tuple[int, int]) -> dict:
-    """Arrays of the group.
+def has_spread(slab) -> bool:
+    """Whether walks can tell it: not among grains, nor in layers of assets that do not say how long their paths are."""
+    from bakery.physics.surfaces.slab import Reflector
+    from bakery.physics.surfaces.stack import layers
 
-    Parameters
-    ----------
-    spreads : `bakery.physics.surfaces.spread.Spread`s, wavelength by wavelength
-    unit : (L T,) um, of their lengths
-    """
+    parts, bottom = layers(slab)
+    return not isinstance(bottom, Reflector) and all(math.isfinite(part.length) for part in parts)
+
+
+def stored(spreads: list, shape: tuple[int, int]) -> dict:
+    """Arrays of the group, of `bakery.physics.surfaces.spread.Spread`s, wavelength by wavelength."""
     from bakery.physics.surfaces.spread import profile
 
     profiles = np.array([profile(walked.edges, walked.light.mean(axis=0).sum(axis=0), walked.beyond) for walked in spreads])
-    unit = np.asarray(unit, float)
     across = {"spread": [walked.light for walked in spreads], "spread_error": [walked.light_error for walked in spreads]}
     values = {name: np.stack(parts).astype(np.float32) for name, parts in across.items()}
-    values["spread_radius"] = np.stack([walked.edges[1:] for walked in spreads]) * unit[:, None]
+    values["spread_radius"] = np.stack([walked.edges[1:] for walked in spreads])
     for name, part in (("spread_square", "square"), ("spread_square_error", "square_error"), ("mean_square", "mean_square"),
                        ("mean_square_error", "mean_square_error")):
-        square = np.stack([np.asarray(getattr(walked, part)) for walked in spreads])
-        values[name] = square * (unit**2).reshape(-1, *[1] * (square.ndim - 1))
-    values |= {"beyond": np.clip([walked.beyond for walked in spreads], 0, 1), "profile": profiles[:, 0] * unit,
+        values[name] = np.stack([np.asarray(getattr(walked, part)) for walked in spreads])
+    values |= {"beyond": np.clip([walked.beyond for walked in spreads], 0, 1), "profile": profiles[:, 0],
                "profile_misfit": profiles[:, 1]}
     return {name: value.reshape(*shape, *value.shape[1:]) for name, value in values.items()}
 
 
-def units(slabs: list, sigma_t, thickness):
-    """(L T,) um, of lengths of `spread_of`: mean free paths, or thicknesses where the depth is 0.
-
-    Parameters
-    ----------
-    sigma_t : (L,) 1/m;  thickness : (T,) um, None: infinite
-    """
-    layers = [math.inf] if thickness is None else thickness
-    paths = [(1e6 / sigma if sigma > 0 else 1.0, width) for sigma in sigma_t for width in layers]
-    return [width if slab.depth == 0 else path for slab, (path, width) in zip(slabs, paths, strict=True)]
+def length(sigma_t: float, width: float) -> float:
+    """um, `Slab.length` of a layer; sigma_t 1/m, width um, may be infinite."""
+    if sigma_t > 0 and width > 0:
+        return 1e6 / sigma_t
+    return width if width < math.inf else 1.0
 
 
 def within(radius_of, light, beyond, radius):

@@ -76,9 +76,10 @@ def slabs(inputs: dict, layers: list | None = None) -> list:
     for k, (sigma_t, sigma_s) in enumerate(zip(inputs["sigma_t"], inputs["sigma_s"], strict=True)):
         albedo = float(sigma_s / sigma_t) if sigma_t > 0 else 0.0
         base = None if inputs["base"] is None else float(inputs["base"][k])
-        depths = [math.inf] if inputs["thickness"] is None else 1e-6 * sigma_t * inputs["thickness"]
-        result += [Slab(inputs["theta"], inputs["phase"][k], albedo, float(depth), inputs["index"], base, inputs["roughness"],
-                        layers[k] if layers else None) for depth in depths]
+        for width in [math.inf] if inputs["thickness"] is None else inputs["thickness"]:
+            depth = math.inf if width == math.inf else float(1e-6 * sigma_t * width)
+            result.append(Slab(inputs["theta"], inputs["phase"][k], albedo, depth, inputs["index"], base, inputs["roughness"],
+                               layers[k] if layers else None, spread.length(sigma_t, width)))
     return result
 
 
@@ -128,8 +129,7 @@ def compute(inputs: dict, context) -> Result:
     change = np.array(errors)
     context.report(0.8)
     values = stored(inputs, solutions, shape) | {"change": change.reshape(shape)}
-    # walks that tell the spread know one medium only
-    values |= _spread(inputs, cases, shape, context) if below is None else under.stored(cases, solutions, shape)
+    values |= _spread(cases, shape, context) | ({} if below is None else under.stored(cases, solutions, shape))
     context.report(1.0)
     worst = float(change.max())
     count = len(solutions[0].cut.moments)
@@ -137,11 +137,13 @@ def compute(inputs: dict, context) -> Result:
     return Result(dict(datasets(OUTPUTS, values)), worst, (), (missed,) if worst > tolerance else ())
 
 
-def _spread(inputs: dict, cases: list, shape: tuple[int, int], context) -> dict:
-    """Arrays of how far light spreads in the layers."""
+def _spread(cases: list, shape: tuple[int, int], context) -> dict:
+    """Arrays of how far light spreads in the layers; none where that is not known of what lies under them."""
+    if not spread.has_spread(cases[0]):
+        return {}
     spreads = context.map(spread.spread_of, [(case, context.tolerance, context.seed, *divmod(k, shape[1]))
                                              for k, case in enumerate(cases)])
-    return spread.stored(spreads, spread.units(cases, inputs["sigma_t"], inputs["thickness"]), shape)
+    return spread.stored(spreads, shape)
 
 
 def stored(inputs: dict, solutions: list, shape: tuple[int, int]) -> dict:
@@ -260,7 +262,7 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
 
 STAGE = Stage(
     name="surface",
-    version=9,
+    version=10,
     title="reflectance of a plane layer",
     reads=("wavelengths", "seed", "surface"),
     needs=("medium",),

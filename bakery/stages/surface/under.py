@@ -15,10 +15,14 @@ INFINITE_DEPTH = -1.0  # how an infinite optical depth is stored
 OUTPUTS = (
     Output("under_index", "(J,)", "1", "refractive index of each layer under this one, from the top, over that of the air",
            optional=True),
+    Output("under_roughness", "(J,)", "1", "of the facets on top of each (GGX), 0: smooth; absent where all are smooth",
+           optional=True, within=(0, 1)),
     Output("under_depth", "(L, J)", "1", "optical depth of each; -1: infinite", optional=True, within=(-1, math.inf)),
     Output("under_albedo", "(L, J)", "1", "single-scattering albedo of each", optional=True, within=(0, 1)),
     Output("under_peak", "(L, J)", "1", "share of the scattered light of each in a forward peak that the solver leaves out",
            optional=True, within=(0, 1)),
+    Output("under_length", "(L, J)", "um", "mean free path of each; of one of depth 0 its thickness; absent in assets of former "
+           "versions", optional=True),
     Output("under_theta", "(Q,)", "rad", "angles of their phase functions, 0: forward", optional=True, within=(0, math.pi)),
     Output("under_phase", "(L, J, Q)", "1/sr", "their phase functions, linear in the cosine in between", optional=True),
     Output("under_reflected", "(L, O, G)", "1", "Fourier orders of what lies under all of them and is counted among grains, "
@@ -27,7 +31,8 @@ OUTPUTS = (
     Output("mirrored", "(L, T, N)", "1", "share of the light from each direction that boundaries between layers mirror",
            optional=True, within=(0, 1)),
 )
-NAMES = tuple(output.path for output in OUTPUTS if output.path not in ("under_reflected", "mirrored"))
+_APART = "under_length", "under_roughness", "under_reflected", "mirrored"
+NAMES = tuple(output.path for output in OUTPUTS if output.path not in _APART)
 
 
 def stored(slabs: list, solutions: list, shape: tuple[int, int]) -> dict:
@@ -43,10 +48,13 @@ def stored(slabs: list, solutions: list, shape: tuple[int, int]) -> dict:
               "under_albedo": np.array([[part.albedo for part in stack] for stack in below]),
               "under_depth": np.array([[INFINITE_DEPTH if part.depth == math.inf else part.depth for part in stack]
                                        for stack in below]),
+              "under_length": np.array([[part.length for part in stack] for stack in below]),
               "under_peak": np.array([[cut.share for cut in solutions[first].cuts[1:]] for first in firsts]),
               "under_theta": theta, "under_phase": np.array([[_resampled(part, theta) for part in stack] for stack in below])}
     values = {name: value.reshape(len(below), 0, *value.shape[2:]) if not below[0] and name != "under_index" else value
               for name, value in values.items() if below[0]}
+    if any(part.roughness > 0 for part in below[0]):
+        values["under_roughness"] = np.array([part.roughness for part in below[0]])
     if isinstance(bottoms[0], Reflector):
         values["under_reflected"] = np.stack([packed(bottom.orders, len(bottom.orders)) for bottom in bottoms]).astype(np.float32)
     elif bottoms[0] is not None:
@@ -72,10 +80,13 @@ def rebuilt(group: Group, k: int):
     if "under_index" not in group.members:
         return bottom
     theta, index = np.asarray(group["under_theta"].data, float), group["under_index"].data
+    roughness = group["under_roughness"].data if "under_roughness" in group.members else np.zeros(len(index))
+    length = group["under_length"].data if "under_length" in group.members else np.full_like(group["under_depth"].data, math.nan)
     for j in range(len(index))[::-1]:
         depth, albedo, last = float(group["under_depth"].data[k, j]), float(group["under_albedo"].data[k, j]), bottom is None
         bottom = Slab(theta, np.asarray(group["under_phase"].data[k, j], float), albedo,
-                      math.inf if depth == INFINITE_DEPTH else depth, float(index[j]), base if last else None, 0.0, bottom)
+                      math.inf if depth == INFINITE_DEPTH else depth, float(index[j]), base if last else None,
+                      float(roughness[j]), bottom, float(length[k, j]))
     return bottom
 
 

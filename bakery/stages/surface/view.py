@@ -11,7 +11,7 @@ from bakery.errors import UsageError
 from bakery.grammar.units import ANGLE, LENGTH
 from bakery.stages.declaration import Answer, Query, Remark
 from bakery.stages.members import Members, MissingStage
-from bakery.stages.surface import under
+from bakery.stages.surface import spread, under
 from bakery.stages.surface.triangles import numbers, unpacked
 from bakery.store.tree import Group
 
@@ -86,8 +86,6 @@ class Surface(Members):
         ------
         MissingStage : the asset has no walks of light in the layer
         """
-        from bakery.stages.surface import spread
-
         if "spread" not in self:
             raise MissingStage("light that is counted among grains has no spread, nor has an asset of a former version; "
                                "surface.method: medium has one of the medium that stands for grains")
@@ -189,7 +187,7 @@ def solutions_of(group: Group, medium: Group) -> list[list]:
     if "forward_delta" in medium.members:
         sigma_t, sigma_s, phase = without_delta(sigma_t, sigma_s, theta, phase, np.asarray(medium["forward_delta"].data, float))
     directions, index, roughness = _nodes(group), float(group["index"].data[0]), float(group["roughness"].data[0])
-    count, rows = len(directions.air), []
+    count, rows, widths = len(directions.air), [], group["thickness"].data if "thickness" in group.members else None
     above, below = (_orders(group, name) for name in ("reflected", "transmitted"))
     for k, layers in enumerate(above):
         albedo = float(sigma_s[k] / sigma_t[k]) if sigma_t[k] > 0 else 0.0
@@ -198,7 +196,8 @@ def solutions_of(group: Group, medium: Group) -> list[list]:
         peak, row = float(group["peak"].data[k]), []
         for t, orders in enumerate(layers):
             depth = float(group["depth"].data[k, t]) if "depth" in group.members else math.inf
-            slab = Slab(theta, phase[k], albedo, depth, index, base if stack is None else None, roughness, stack)
+            slab = Slab(theta, phase[k], albedo, depth, index, base if stack is None else None, roughness, stack,
+                        spread.length(sigma_t[k], math.inf if widths is None else widths[t]))
             reflected = unpacked(orders, count)
             cut, back = without_peak(albedo, peak), np.asarray(group["albedo"].data[k, t], float)
             if roughness > 0 and index != 1:

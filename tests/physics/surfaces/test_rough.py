@@ -62,7 +62,7 @@ def test_shares_of_facets(index, roughness):
     phi = math.pi * (np.arange(800) + 0.5) / 800
     directions = nodes.nodes(40)
     root = np.sqrt(directions.flux)
-    facets = rough.facets(directions.mu, directions.flux, directions.at, index, roughness, 1)
+    facets = rough.facets(directions, directions, index, roughness, 1)
     lost = []
     for mu in (0.4, 0.9):
         at = nodes.interpolation(directions.at, math.sqrt(mu))

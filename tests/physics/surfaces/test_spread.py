@@ -6,6 +6,7 @@ Draws are seeded; comparisons with chance fail a right program with the odds of 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -60,6 +61,90 @@ def test_followed_photons(albedo, g, depth):
         assert abs(share - light[:last].sum()) < most * math.hypot(math.sqrt(share * (1 - share) / count), error)
 
 
+def followed_in_two(media, index, base, count, seed):
+    """Squared distances, weights and the cosine in air of photons from all sides that come out of two layers on a matt base.
+
+    media : two of albedo, g, sigma_t, thickness;  index : of both
+    """
+    rng = np.random.default_rng(seed)
+    albedo, g, sigma_t, thickness = (np.array(column) for column in zip(*media, strict=True))
+    faces, outside, out = np.concatenate([[0.0], np.cumsum(thickness)]), np.array([1.0, *index, np.inf]), []
+    down, turn = np.sqrt(rng.random(count)), 2 * math.pi * rng.random(count)
+    across = np.sqrt(1 - down**2)
+    keep = rng.random(count) >= fresnel.reflected(down, index[0])
+    direction = np.stack([across * np.cos(turn), across * np.sin(turn), down], axis=1)[keep]
+    direction[:, :2] /= index[0]
+    direction[:, 2] = fresnel.inside(direction[:, 2], index[0])
+    position, layer = np.zeros(direction.shape), np.zeros(len(direction), int)
+    while len(layer):
+        upward = direction[:, 2] < 0
+        with np.errstate(divide="ignore"):
+            wall = (faces[layer + ~upward] - position[:, 2]) / direction[:, 2]
+        flight = rng.exponential(size=len(layer)) / sigma_t[layer]
+        meets = flight >= wall
+        position = position + np.minimum(flight, wall)[:, None] * direction
+        scattered = ~meets & (rng.random(len(layer)) < albedo[layer])
+        for k in range(2):
+            rows = scattered & (layer == k)
+            direction[rows] = deflected(direction[rows], g[k], rng)
+        matt = meets & ~upward & (layer == 1)
+        returned = matt & (rng.random(len(layer)) < base)
+        up, turn = np.sqrt(rng.random(len(layer))), 2 * math.pi * rng.random(len(layer))
+        diffuse = np.stack([np.sqrt(1 - up**2) * np.cos(turn), np.sqrt(1 - up**2) * np.sin(turn), -up], axis=1)
+        direction[returned] = diffuse[returned]
+        meets &= ~matt
+        ratio = np.where(meets, outside[layer + np.where(upward, 0, 2)] / outside[layer + 1], 1.0)
+        passes = meets & (rng.random(len(layer)) >= fresnel.reflected(np.abs(direction[:, 2]), ratio))
+        direction[meets & ~passes, 2] *= -1
+        beyond = fresnel.inside(np.abs(direction[:, 2]), ratio) * np.sign(direction[:, 2])
+        direction[passes, :2] /= ratio[passes, None]
+        direction[passes, 2] = beyond[passes]
+        layer = layer + passes * np.where(upward, -1, 1)
+        leaves, stays = layer < 0, (layer >= 0) & (scattered | returned | meets)
+        out.append(np.stack([(position[leaves, :2] ** 2).sum(axis=1), -direction[leaves, 2]]))
+        position, direction, layer = position[stays], direction[stays], layer[stays]
+    return np.concatenate(out, axis=1)
+
+
+@pytest.mark.parametrize(("media", "index"), [
+    (((0.98, 0.5, 2.0, 0.3), (0.9, 0.1, 0.5, 4.0)), (1.0, 1.0)), (((0.9, 0.1, 0.4, 2.0), (0.995, 0.7, 4.0, 20.0)), (1.4, 1.2)),
+    (((0.0, 0.0, 0.2, 1.0), (0.99, 0.3, 3.0, 0.5)), (1.3, 1.6))])
+def test_photons_followed_in_two_layers(media, index):
+    """Mean squared distance of light of the three classes of exitance and of all, and light within some distances.
+
+    A second medium of 80 mean free paths, where light leaps; one that only absorbs on top.
+    """
+    under = None
+    for (albedo, g, sigma_t, thickness), n in zip(media[::-1], index[::-1], strict=True):
+        base = 0.5 if under is None else None
+        under = Slab(*henyey_greenstein(g), albedo, sigma_t * thickness, n, base, 0.0, under, 1 / sigma_t)
+    result, count = spread(under, 3, 0, 0), 40_000
+    squares, cosine = followed_in_two(media, index, 0.5, count, 5)
+    most, kinds = sigmas(blocks=16, comparisons=21), np.minimum((CLASSES * (1 - cosine**2)).astype(int), CLASSES - 1)
+    within = squares < result.edges[-1] ** 2
+    scatter = squares[within].std() / math.sqrt(within.sum())
+    assert abs(squares[within].mean() - result.mean_square) < most * math.hypot(scatter, result.mean_square_error)
+    light, error = result.light.mean(axis=0), np.sqrt((result.light_error**2).sum(axis=0)) / CLASSES
+    for out in range(CLASSES):
+        for last in (18, len(light[0])):
+            share = (squares[kinds == out] < result.edges[last] ** 2).sum() / count
+            off = math.hypot(math.sqrt(share * (1 - share) / count), math.sqrt((error[out, :last] ** 2).sum()))
+            assert abs(share - light[out, :last].sum()) < most * off
+
+
+def test_parts_of_a_layer_spread_light_as_far_as_it():
+    """Also where they say their lengths in other units: a part that is clear, but for a thickness of 0."""
+    whole = spread(layer(0.99, 0.5, 5.0, 1.3, 0.2), 1, 0, 0)
+    bottom = replace(layer(0.99, 0.5, 4.5, 1.3, 0.2), length=1.0)
+    middle = replace(layer(0.0, 0.0, 0.0, 1.3), under=bottom, length=0.0)
+    parts = spread(replace(layer(0.99, 0.5, 0.5, 1.3), under=middle), 2, 0, 0)
+    np.testing.assert_allclose(parts.edges, whole.edges, rtol=1e-12)
+    most = sigmas(blocks=16, comparisons=2)
+    assert abs(parts.mean_square - whole.mean_square) < most * math.hypot(parts.mean_square_error, whole.mean_square_error)
+    light, error = (np.array([getattr(part, name) for part in (parts, whole)]) for name in ("light", "light_error"))
+    assert abs(light[0].sum() - light[1].sum()) < most * math.sqrt((error**2).sum())
+
+
 @pytest.mark.parametrize(("albedo", "g", "depth", "index", "base"), [
     (0.95, 0.5, 2.0, 1.33, 0.4), (0.9999, 0.6, math.inf, 1.0, None), (0.999, 0.3, 60.0, 1.5, 0.2), (0.9, 0.4, 3.0, 0.8, None)])
 def test_as_much_comes_out_as_the_solver_says(albedo, g, depth, index, base):
@@ -82,7 +167,7 @@ def test_facets_let_as_much_out():
     slab = layer(0.95, 0.5, math.inf, 1.4, None, 0.3)
     result, solution = spread(slab, 1, 0, 0), solve(slab, 0.5 ** np.arange(17.0), 16, 1e-3)
     directions = solution.nodes
-    mirrored = rough.facets(directions.mu, directions.flux, directions.at, 1.4, 0.3, 1).mirrored
+    mirrored = rough.facets(directions, directions, 1.4, 0.3, 1).mirrored
     back, error = directions.flux @ (solution.albedo - mirrored), math.sqrt((result.light_error**2).sum()) / CLASSES
     assert abs(result.light.sum() / CLASSES - back) < sigmas(blocks=16) * error + 0.02 * back
 

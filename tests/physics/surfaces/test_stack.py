@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bakery.physics.surfaces import fresnel
+from bakery.physics.surfaces import fresnel, rough
 from bakery.physics.surfaces.slab import Slab, reflector
 from bakery.physics.surfaces.solution import solve
+from bakery.physics.surfaces.stack import facets_between
 from bakery.physics.surfaces.table import surface_table
 from tests.odds import sigmas
 from tests.physics.surfaces.test_layers import EVERYWHERE, SPHERE, henyey_greenstein
@@ -22,11 +23,11 @@ ISOTROPIC, ONE_LOBE = np.eye(60)[0], 0.5 ** np.arange(60.0)
 
 
 def stack(*layers: tuple, base=None) -> tuple[Slab, list]:
-    """From (g, albedo, depth, index), from the top: the slab, and moments of each."""
+    """From (g, albedo, depth, index, and roughness of facets on top), from the top: the slab, and moments of each."""
     under, moments = None, []
-    for g, albedo, depth, index in layers[::-1]:
+    for g, albedo, depth, index, *roughness in layers[::-1]:
         last = base if under is None else None
-        under = Slab(*(HALF if g else SPHERE), albedo, depth, index, last, 0.0, under)
+        under = Slab(*(HALF if g else SPHERE), albedo, depth, index, last, *(roughness or [0.0]), under)
         moments.append(ONE_LOBE if g else ISOTROPIC)
     return under, moments[::-1]
 
@@ -100,6 +101,44 @@ def test_energy_and_reciprocity(indices, depths):
     np.testing.assert_allclose(there, back, rtol=1e-6)
 
 
+@pytest.mark.parametrize("boundaries", [((1.5, 0.0), (1.0, 0.3)), ((1.33, 0.0), (1.5, 0.3), (1.2, 0.0)), ((1.5, 0.3), (1.2, 0.2)),
+                                        ((1.0, 0.0), (1.2, 0.0), (1.4, 0.3))])
+def test_energy_and_reciprocity_with_facets_between(boundaries):
+    """Of a lower index too, where facets reflect totally; with smooth boundaries above and below, and facets above."""
+    media = [(0.5 * (k % 2), 1.0, 0.3, *boundary) for k, boundary in enumerate(boundaries)]
+    solution = solve(*stack(*media, base=1.0), 16, 1.0)
+    np.testing.assert_allclose(solution.albedo, 1, atol=1e-6)
+    np.testing.assert_allclose(solution.reflection(MU, MU0, PHI), solution.reflection(MU0, MU, PHI), rtol=1e-6)
+
+
+def test_air_over_facets_is_their_boundary():
+    """A layer of depth 0 and index 1 on them: the same numbers at the nodes, between which both are told in other ways."""
+    exact = solve(Slab(*HALF, 0.95, math.inf, 1.4, None, 0.3), ONE_LOBE, 24, 1e-6)
+    bare = solve(*stack((0.0, 0.5, 0.0, 1.0), (0.5, 0.95, math.inf, 1.4, 0.3)), 24, 1e-6)
+    np.testing.assert_allclose(bare.albedo, exact.albedo, atol=1e-12)
+    assert not bare.mirrored.any()
+    nodes = exact.nodes.air[3::4]
+    at = nodes[:, None, None], nodes[:, None], np.linspace(0, math.pi, 7)
+    np.testing.assert_allclose(bare.reflection(*at), exact.reflection(*at), rtol=1e-6)
+    np.testing.assert_allclose(bare.reflection(MU, MU0, PHI)[1:, 1:], exact.reflection(MU, MU0, PHI)[1:, 1:], rtol=1e-3)
+
+
+def test_facets_under_what_absorbs():
+    """On a black medium only light that facets reflect comes back, once and by the closed form where their other side is dark."""
+    media = (0.0, 0.0, 0.4, 1.0), (0.0, 0.0, math.inf, 1.5, 0.3)
+    solution = solve(*stack(*media), 24, 1e-4)
+    once = rough.reflected(MU, MU0, PHI, 1.5, 0.3) * np.exp(-0.4 * (1 / MU + 1 / MU0))
+    several = solution.reflection(MU, MU0, PHI) - once
+    assert np.abs(several[2:, 2:]).max() < 0.02 * np.abs(once[2:, 2:]).max() and np.abs(several).max() > 0
+
+
+@pytest.mark.parametrize("indices", [(1.5, 1.2), (1.0, 1.5)])
+def test_nearly_smooth_facets_between(indices):
+    smooth, facets = (solve(*stack((0.5, 0.95, 0.5, indices[0]), (0.0, 0.9, math.inf, indices[1], roughness)), 24, 0.01)
+                      for roughness in (0.0, 0.05))
+    assert facets.spherical_albedo == pytest.approx(smooth.spherical_albedo, abs=2e-3)
+
+
 def test_mirrors_under_what_absorbs():
     """A black medium of another index under one that only absorbs: mirrored light alone, to and fro, in closed form."""
     solution = solve(*stack((0.0, 0.0, 0.4, 1.3), (0.0, 0.0, math.inf, 2.0)), 16)
@@ -130,7 +169,7 @@ def test_the_table_is_the_stack():
 
 @pytest.mark.parametrize(("slab", "says"), [
     (stack((0.5, 0.9, 1.0, 0.8), (0.5, 0.9, math.inf, 1.0))[0], "1 or more"),
-    (replace(stack((0.5, 0.9, 1.0, 1.3), (0.5, 0.9, 1.0, 1.2), base=0.1)[0], roughness=0.2), "lower index"),
+    (stack((0.5, 0.9, 1.0, 1.3), (0.5, 0.9, 1.0, 1.5, 0.2))[0], "has a base"),
     (replace(stack((0.5, 0.9, 1.0, 1.3), (0.5, 0.9, 1.0, 1.3))[0], roughness=0.2), "has a base")])
 def test_stacks_that_are_refused(slab, says):
     with pytest.raises(ValueError, match=says):
@@ -163,15 +202,15 @@ RINGS = ((0, 30), (30, 60), (60, 90))
 def planes(mi, media, base: float, theta: float):
     """Wide planes between media, from the top, and what looks at them: radiance under a sky of three rings, each a colour."""
     parts = {"type": "scene", "integrator": {"type": "volpath", "max_depth": 10000, "rr_depth": 50}}
-    for k, (g, albedo, depth, _) in enumerate(media):
+    for k, (g, albedo, depth, *_) in enumerate(media):
         phase = {"type": "hg", "g": g} if g else {"type": "isotropic"}
         parts[f"medium{k}"] = {"type": "homogeneous", "id": f"medium{k}", "albedo": albedo, "sigma_t": depth, "phase": phase}
     for k in range(len(media)):
-        above, index = (media[k - 1][3] if k else 1.0), media[k][3]
+        above, index, alpha = (media[k - 1][3] if k else 1.0), media[k][3], (*media[k], 0.0)[4]
+        dielectric = {"type": "roughdielectric", "distribution": "ggx", "alpha": alpha} if alpha else {"type": "dielectric"}
         place = mi.ScalarTransform4f().translate([0, 0, -float(k)]).scale(1e4)
         parts[f"plane{k}"] = {"type": "rectangle", "to_world": place, "interior": {"type": "ref", "id": f"medium{k}"},
-                              "bsdf": {"type": "null"} if index == above else {"type": "dielectric", "int_ior": index,
-                                                                               "ext_ior": above}}
+                              "bsdf": {"type": "null"} if index == above else dielectric | {"int_ior": index, "ext_ior": above}}
         if k:
             parts[f"plane{k}"]["exterior"] = {"type": "ref", "id": f"medium{k - 1}"}
     place = mi.ScalarTransform4f().translate([0, 0, -float(len(media))]).scale(1e4)
@@ -189,12 +228,20 @@ def planes(mi, media, base: float, theta: float):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("media", [((0.5, 0.99, 1.0, 1.5), (0.0, 0.9, 2.0, 1.2)),
-                                   ((0.0, 0.95, 0.5, 1.0), (0.5, 0.98, 3.0, 1.33))])
-def test_layers_are_mitsubas(media):
-    """Light of three rings of the sky seen at two angles, mirrored light included: twelve means of 16 renders each."""
+                                   ((0.0, 0.95, 0.5, 1.0), (0.5, 0.98, 3.0, 1.33)),
+                                   ((0.5, 0.99, 0.5, 1.33), (0.0, 0.9, 2.0, 1.5, 0.2)),
+                                   ((0.0, 0.95, 0.5, 1.5), (0.5, 0.98, 2.0, 1.2, 0.15))])
+def test_layers_are_mitsubas(media, monkeypatch):
+    """Light of three rings of the sky seen at two angles, mirrored light included: 24 means of 16 renders each.
+
+    Mitsuba's facets lose light that meets a second one, up to 9 % a time: here that is taken away from ours.
+    """
+    monkeypatch.setattr(rough, "_sent_on", lambda above, below, *_: (0 * above, 0 * below))
+    facets_between.cache_clear()
     mi = pytest.importorskip("mitsuba")
     mi.set_variant("scalar_rgb")
     solution = solve(*stack(*media, base=0.5), 32, 1e-4)
+    facets_between.cache_clear()
     for theta in (0.35, 1.2):
         loaded = planes(mi, media, 0.5, theta)
         values = np.array([np.array(mi.render(loaded, spp=3000, seed=k)).ravel()[:3] for k in range(16)])
@@ -206,4 +253,4 @@ def test_layers_are_mitsubas(media):
             cosine = 0.5 * (x[1:] + x[:-1])
             lobe = solution.reflection(cosine[:, None], math.cos(theta), phi).mean(axis=-1)
             value = float(2 * np.mean(lobe * cosine) * (math.cos(low) - math.cos(high))) + mirrored * (low <= theta < high)
-            assert abs(value - there) < sigmas(16, comparisons=12) * off, (theta, low, value, there, off)
+            assert abs(value - there) < sigmas(16, comparisons=24) * off, (theta, low, value, there, off)
