@@ -13,12 +13,11 @@ import numpy as np
 
 from bakery.physics.granular._goniometer import HITS, STEEPEST, WALKS
 from bakery.physics.granular.goniometer import BINS, CELLS, REPLICATES, Goniometer, together
-from bakery.physics.surfaces.corrected import LEVELS, Factors, Fit, factors_of, merged
+from bakery.physics.surfaces.corrected import SHOWN, Factors, Fit, factors_of, merged
 from bakery.physics.surfaces.solution import Solution
 from bakery.physics.tasks import in_turn
 
 LEAST = math.sqrt(STEEPEST)
-SHOWN = LEVELS[1][-1]  # cells whose errors are told
 HITS_MAX = 1 << 32
 _FIRST = 1 << 11, 1 << 8  # walks of a replicate to begin with: to the second order, to their end
 _MOST_MORE = 16  # times as many walks in a round
@@ -129,17 +128,9 @@ def _reflectance(fit: Fit, counts, c: int, lossless: bool):
     cells, entered = counts.cells[:, :, c], counts.entered[:, :, c].sum(axis=0)
     walks, through = counts.walks.sum(axis=0), counts.walks_through.sum(axis=0)
     spread = _overdispersion(cells)
-    factors, light, albedo, held = factors_of(fit, cells.sum(axis=0), entered, walks, through, lossless, spread)
-    numbers = np.array([walks.sum(), walks.sum(), through.sum()]) / spread
-    shown = merged(CELLS, SHOWN)
-    whole, variance = np.bincount(shown, light.sum(axis=0)), []
-    for order, levels in enumerate(LEVELS):
-        part = np.zeros(math.prod(SHOWN))
-        # what counts leave beside what cells are held to; cells smaller than those shown only divide the light of one
-        for level, holds in zip(levels[:levels.index(SHOWN) + 1], held[order], strict=False):
-            in_level = np.bincount(merged(CELLS, level), light[order])
-            part += (1 / (numbers[order] * in_level + holds))[merged(SHOWN, level)]
-        variance.append(np.minimum(part, 1.0) * np.bincount(shown, light[order]) ** 2)
+    factors, light, albedo, relative = factors_of(fit, cells.sum(axis=0), entered, walks, through, lossless, spread)
+    by_order = np.stack([np.bincount(merged(CELLS, SHOWN), part) for part in light])
+    whole, variance = by_order.sum(axis=0), np.minimum(relative, 1.0) * by_order**2
     # a cell's error counts by its light
     by_kind = [float(np.sum(np.divide(part, whole, out=np.zeros_like(whole), where=whole > 0)) / max(whole.sum(), 1e-300))
                for part in (variance[0] + variance[1], variance[2])]

@@ -3,7 +3,8 @@
 The reflectance of an order is its share in the medium's plane layer, times a factor of the pair of directions, a table over
 cells of `pairs`, times a factor of each of both directions' cosines, the same function.  The medium brings the shape within
 cells, where the walks' noise would be; the factors make its light in each cell, and its albedo at each angle, that of the walks.
-Both factors know no order of the directions, so reciprocity holds exactly.
+The table is a polynomial of the pair's coordinates through the counts; cells leave it where counts say so.  Both factors know no
+order of the directions, so reciprocity holds exactly.
 """
 
 from __future__ import annotations
@@ -19,8 +20,14 @@ from bakery.physics.surfaces.nodes import grazing
 from bakery.physics.surfaces.solution import Solution
 
 ORDERS = ("first", "second", "higher")
+SHOWN = (12, 8, 8)  # cells whose errors are told
 # of each order: cells in ever finer levels, the last of which are those of its table; fewer where its light is smooth
-LEVELS = (((6, 4, 4), (12, 8, 8), (48, 8, 8)), ((3, 2, 2), (6, 4, 4), (12, 8, 8)), ((3, 2, 2), (6, 4, 4), (12, 8, 8)))
+LEVELS = ((SHOWN, (48, 8, 8)), (SHOWN,), (SHOWN,))
+# of the polynomials along the coordinates of pairs.  Cells that were held to larger ones, not to these, kept 3 % of the light
+# of beach sand from where its azimuth is 45 to 90 degrees
+DEGREES = ((16, 4, 4), (6, 3, 3), (6, 3, 3))
+_MIXED = 1.5  # of the shares of these degrees in a term, their sum at most
+_FAINTEST = 0.02  # of the mean factor: no polynomial falls below that
 DEGREE = 6  # of the polynomial in the root of the cosine through albedos
 _ROUNDS = 8  # of fits in turn to cells and to albedos
 _FEW = 8.0  # walks' worth of light by which a cell is held to the medium: what noise moves where next to none goes
@@ -122,6 +129,16 @@ def _held(wanted, modelled, walks: float) -> float:
     return max(float(np.sum(modelled[counted] ** 2) / off), _FEW) if off > 0 else math.inf
 
 
+def _terms(cells, degrees):
+    """Products (K, P) of Legendre polynomials of the coordinates at the middles of cells, 1 first."""
+    along = [np.polynomial.legendre.legvander(2 * (np.arange(n) + 0.5) / n - 1, degree)
+             for n, degree in zip(cells, degrees, strict=True)]
+    powers = np.indices(np.add(degrees, 1)).reshape(3, -1)
+    powers = powers[:, (powers / np.array(degrees)[:, None]).sum(axis=0) <= _MIXED]
+    return np.einsum("ip,jp,kp->ijkp", *(part[:, power] for part, power in zip(along, powers, strict=True))).reshape(
+        -1, powers.shape[1])
+
+
 class Fit:
     """Fits `Factors` to counted light, of one medium.
 
@@ -178,7 +195,7 @@ class Fit:
         return self._values(1, order, table, scale).reshape(self.bins, -1) @ self.albedo_weight
 
     def fitted(self, order: int, cells, albedo, walks: float):
-        """Table and scale of an order, and the walks' worth of light by which cells of each level are held to larger ones.
+        """Table and scale of an order, and the relative variance (K,) of its light in the cells of `SHOWN`.
 
         Parameters
         ----------
@@ -187,17 +204,18 @@ class Fit:
 
         Notes
         -----
-        The largest cells take the light that was counted.  Then, level by level, each cell moves from what the larger ones say
-        by as much as its own counts are worth beside a number that is the inverse of the relative variance which larger cells
-        leave (empirical Bayes with a gamma distribution).
+        A polynomial takes the light that was counted.  Then, level by level, each cell moves from what that and larger ones say
+        by as much as its own counts are worth beside a number that is the inverse of the relative variance which they leave
+        (empirical Bayes with a gamma distribution).
         """
         fine = self.tables[order]
-        table, scale, held = np.ones(math.prod(fine)), np.ones(self.bins), []
+        table, scale, variance = self._smooth(order, cells, albedo, walks)
         for level in LEVELS[order]:
             to, of = merged(self.cells, level), merged(fine, level)
             wanted, modelled = np.bincount(to, cells), np.bincount(to, self.in_cells(order, table, scale))
-            holds = _held(wanted, modelled, walks) if held else _FEW
-            held.append(holds)
+            holds = _held(wanted, modelled, walks)
+            if level == SHOWN:
+                variance = variance + 1 / (walks * modelled + holds)
             base = table
             for _ in range(_ROUNDS if holds < math.inf else 0):
                 ratio = np.bincount(of, table) / np.bincount(of, base)  # by which the cells of this level moved
@@ -207,7 +225,28 @@ class Fit:
                 modelled = np.bincount(to, self.in_cells(order, table, scale))
         for _ in range(2 * _ROUNDS):
             scale = self._scaled(order, table, scale, albedo)
-        return table, scale, held
+        return table, scale, variance
+
+    def _smooth(self, order: int, cells, albedo, walks: float):
+        """The polynomial's table, the scale beside it, and the polynomial's relative variance in the cells of `SHOWN`.
+
+        Least squares, by the variance of counts; its terms are held to 0 and its mean to that of all light, by a few walks'.
+        """
+        fine = self.tables[order]
+        to, terms = merged(self.cells, fine), _terms(fine, DEGREES[order])
+        table, scale, wanted = np.ones(len(terms)), np.ones(self.bins), np.bincount(to, cells)
+        for _ in range(_ROUNDS):
+            each = np.bincount(to, self.in_cells(order, table, scale)) / table  # light of a factor of 1
+            mean = (walks * wanted.sum() + _FEW) / (walks * each.sum() + _FEW)
+            weighted = (terms * (walks * each / (walks * each * table + 1))[:, None]).T
+            held = _FEW / mean**2 * np.eye(terms.shape[1])
+            inverse = np.linalg.inv(weighted * (walks * each) @ terms + held)
+            factors = inverse @ (weighted @ (walks * wanted) + mean * held[0])
+            table = np.maximum(terms @ factors, _FAINTEST * mean)
+            scale = self._scaled(order, table, scale, albedo)
+        shown = _terms(SHOWN, DEGREES[order])
+        value = np.maximum(shown @ factors, _FAINTEST * mean)
+        return table, scale, np.einsum("ki,ij,kj->k", shown, inverse, shown, optimize=True) / value**2
 
     def _scaled(self, order: int, table, scale, albedo):
         """The scale after a step towards the albedo of each bin."""
@@ -233,8 +272,8 @@ def factors_of(fit: Fit, cells, entered, walks, through, lossless: bool, spread=
 
     Returns
     -------
-    Factors, (3, K) light of a walk in each cell, (3, B) albedos without the scatter of bins, and by how many walks' worth cells
-    are held (`Fit.fitted`)
+    Factors, (3, K) light of a walk in each cell, (3, B) albedos without the scatter of bins, and by order the relative variance
+    of the light in the cells of `SHOWN`
     """
     numbers = (walks, walks, through)
     at = middles(fit.bins, fit.least)
@@ -242,11 +281,11 @@ def factors_of(fit: Fit, cells, entered, walks, through, lossless: bool, spread=
                for part, n in zip(entered, numbers, strict=True)]
     if lossless:  # what comes back in no lower order comes back in a higher one
         albedos[2] = np.maximum(1 - albedos[0] - albedos[1], 0.0)
-    tables, scales, light, kept = [], [], [], []
+    tables, scales, light, variances = [], [], [], []
     for order, (part, n) in enumerate(zip(cells, numbers, strict=True)):
-        table, scale, hold = fit.fitted(order, part / max(n.sum(), 1.0), albedos[order], n.sum() / spread[order])
+        table, scale, variance = fit.fitted(order, part / max(n.sum(), 1.0), albedos[order], n.sum() / spread[order])
         tables.append(table.reshape(fit.tables[order]))
         scales.append(scale)
         light.append(fit.in_cells(order, table, scale))
-        kept.append(hold)
-    return Factors(tuple(tables), np.stack(scales), fit.least), np.stack(light), np.stack(albedos), tuple(kept)
+        variances.append(variance)
+    return Factors(tuple(tables), np.stack(scales), fit.least), np.stack(light), np.stack(albedos), np.stack(variances)

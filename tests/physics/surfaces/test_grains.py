@@ -16,13 +16,13 @@ import pytest
 from bakery.physics.grains.sphere import ball
 from bakery.physics.grains.surface import conductor, dielectric, diffuse
 from bakery.physics.grains.traces import nodes
-from bakery.physics.granular.goniometer import Goniometer
+from bakery.physics.granular.goniometer import BINS, CELLS, Goniometer
 from bakery.physics.granular.packed import Grain
 from bakery.physics.granular.reflectance import LEAST, measured
 from bakery.physics.medium import phase
 from bakery.physics.packing import pack
 from bakery.physics.surfaces import pairs
-from bakery.physics.surfaces.corrected import Corrected, middles
+from bakery.physics.surfaces.corrected import SHOWN, Corrected, Fit, merged, middles
 from bakery.physics.surfaces.refine import refined
 from bakery.physics.surfaces.slab import Slab
 
@@ -74,6 +74,22 @@ def test_pairs():
         assert pairs.cell_of(mu[cell, point], mu0[cell, point], cosine[cell, point], counts) == cell
 
 
+def test_few_walks_move_no_light_between_cells():
+    """Of light that is a smooth factor times the medium's, without noise, each of 96 cells gets its own: 1.5 % root mean square.
+
+    Where 30,000 walks held cells to larger ones, not to a polynomial, it was 2.5 % of the first order and 5.3 % of others.
+    """
+    fit = Fit(medium("matt")[0], CELLS, BINS, LEAST)
+    for order, fine in enumerate(fit.tables):
+        a, b, c = np.meshgrid(*((np.arange(n) + 0.5) / n for n in fine), indexing="ij")
+        table, scale = 1 + 0.4 * np.cos(3 * a) * np.sin(2 * c) + 0.3 * b * b * np.exp(-a), np.ones(BINS)
+        true, albedo = fit.in_cells(order, table.ravel(), scale), fit.albedo(order, table.ravel(), scale)
+        table, scale, variance = fit.fitted(order, true, albedo, 3e4)
+        fitted, light = (np.bincount(merged(CELLS, (6, 4, 4)), part) for part in (fit.in_cells(order, table, scale), true))
+        assert np.sqrt(np.average((fitted / light - 1) ** 2, weights=light)) < 0.015
+        assert np.all(variance > 0) and np.median(variance) < 0.1
+
+
 @pytest.mark.slow
 def test_same_bytes_for_any_number_of_workers():
     with ThreadPoolExecutor(3) as pool:
@@ -114,10 +130,6 @@ def test_noise_is_what_it_is_said_to_be():
     Neighbouring cells share what they are held to, so they scatter by no more than independent ones.
     """
     (a, one), (b, other) = (baked("matt", 0.6, 0.1, seed=seed) for seed in (1, 2))
-    from bakery.physics.granular.goniometer import CELLS
-    from bakery.physics.granular.reflectance import SHOWN
-    from bakery.physics.surfaces.corrected import merged
-
     mu, mu0, phi, weight = pairs.quadrature(SHOWN, (2, 2, 2))
     x, y = ((weight * mu * mu0 * s.reflection(mu, mu0, phi)).sum(axis=1) for s in (a, b))
     assert len(merged(CELLS, SHOWN)) == math.prod(CELLS)
