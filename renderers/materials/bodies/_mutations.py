@@ -1,4 +1,4 @@
-"""Loops of Markov chains among lines of sight and beams of light in a body, joined by the tables of multiple scattering."""
+"""Loops over states among lines of sight and beams of light in a body, joined by the tables of multiple scattering."""
 
 from __future__ import annotations
 
@@ -13,13 +13,15 @@ from renderers.materials.bodies._beams import DEEP
 from renderers.materials.bodies._gather import _along, _mirror
 from renderers.materials.bodies._geometry import Geometry, first
 from renderers.transport.scattering import Scatterer
-from renderers.transport.wavefront import uniform
 
 # of a state: line of sight, beam, place on the beam, place on the line, both by the tables; both for second events
 NUMBERS = 6
 LATER, SECOND, OTHER = range(3)  # what a state brings: as `_gather`
 _PARALLEL, _CLOSEST = 1e-4, 1e-9  # sine, and share of the farthest that is looked at, below which lines are no nearer
 _BELOW_ONE = 1 - 2.0**-53  # the largest place of a state
+BINS = 24, 8, 8, 4  # of `Guess`
+FINEST = 0.3  # mfp, below which distances are told apart evenly, beyond by their logarithm
+IN_BIN = 8  # places of a bin whose mean it is
 _LINE, _BEAM, _ON_BEAM, _ON_LINE, _CLOSE, _SEEN = range(NUMBERS)
 
 
@@ -45,7 +47,7 @@ class Edge(NamedTuple):
 
     tables : of points, ready for look-ups, of each wavelength;  beyond : (L,) m, as `_gather.Wave`
     second : whether second events on beams of positive power count
-    to_rgb, to_luminance : (3, L) linear sRGB of radiances, (3,)
+    to_rgb : (3, L) linear sRGB of radiances
     """
 
     geometry: Geometry
@@ -54,11 +56,10 @@ class Edge(NamedTuple):
     beyond: np.ndarray
     second: bool
     to_rgb: np.ndarray
-    to_luminance: np.ndarray
 
 
 class Guide(NamedTuple):
-    """How states are drawn: of lines and of beams, each in so many parts of equal length, a part by its odds.
+    """How candidates are drawn: of lines and of beams, each in so many parts of equal length, a part by its odds.
 
     lines : (I + 1,) odds of all parts before, up to 1;  beams : (I, B + 1) the same of beams, of each part of lines
     density : (I, B) odds of both over those of states that are drawn alike
@@ -69,48 +70,27 @@ class Guide(NamedTuple):
     density: np.ndarray
 
 
-class Plan(NamedTuple):
-    """How chains go, and what their states count for.
+class Guess(NamedTuple):
+    """Roughly what states bring: the tables of each wavelength, averaged over bins.
 
-    scale : lines times beams, which states are drawn of
-    steps : of a chain; each `large`-th one draws all numbers anew
-    small : (NUMBERS, 2) of small steps of each number: logarithm of the least over the largest, and the largest
-    drawn, moved : states that are drawn by the guide, and those of chains, as the weights count them
-    typical : mean luminance of all states, by a pilot; 0: not known
-    of_state : normalisation of the pass over the states of its chains
-    guide : `Guide`
+    share : (L,) what a wavelength weighs, luminance without signs
+    scale : (L,) inverse of ln(1 + m / `FINEST`) of the farthest distance m mfp that is told apart
+    values : (L, R, A, A, T) mfp^-3 sr^-1, of bins in distance, in both turns and in the angle between the planes of these
     """
 
-    scale: float
-    steps: int
-    large: int
-    small: np.ndarray
-    drawn: float
-    moved: float
-    typical: float
-    of_state: float
-    guide: Guide
-
-
-class Chains(NamedTuple):
-    """n chains.
-
-    states : (n, NUMBERS) where they are;  streams : (n,) uint64, of random numbers
-    taken : (B, 2) sums of how likely small and large steps were taken, of blocks of chains
-    """
-
-    states: np.ndarray
-    streams: np.ndarray
-    taken: np.ndarray
+    share: np.ndarray
+    scale: np.ndarray
+    values: np.ndarray
 
 
 class _Joined(NamedTuple):
-    """A place on a beam that sees one on a line of sight.
+    """A place on a beam and one on a line of sight.
 
-    depth : m, of both along beam and line, and the way between them;  before, after : 1 - cosines of both turns
-    share : 1/m^2 over the density with which the places are drawn, times m^2; 0 where something hides them
+    distance : m, between them;  depth : m, with both along beam and line;  before, after : 1 - cosines of both turns
+    share : 1/m^2 over the density with which the places are drawn, times m^2
     """
 
+    distance: float
     depth: float
     before: float
     after: float
@@ -140,38 +120,52 @@ def _number(u, count):
 # forceinline: a call would hand over every array of the tuples
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _brought(edge, sights, beams, scale, u, light, scratch):
-    """Luminance, without its sign, of the light (3, 3) that a state u (NUMBERS,) brings, which becomes `LATER`, `SECOND` and
-    `OTHER` in linear sRGB."""
+    """Makes light (3, 3) what a state u (NUMBERS,) brings, times scale: `LATER`, `SECOND` and `OTHER` in linear sRGB."""
     medium, waves, kinds = edge.medium, scratch.waves, 3 if edge.second else 1
     i, b = _number(u[_LINE], len(sights.far)), _number(u[_BEAM], len(beams.length))
     of_second = OTHER if beams.before[b] > 0 or sights.order[i] > 0 else SECOND
-    whole = 0.0
-    for w in range(len(medium.sigma_t)):
-        whole += beams.power[b, w]
-    negative = whole < 0.0
-    joined = _joined(edge, sights, beams, i, b, u, scratch) if negative or edge.second else _Joined(0.0, 0.0, 0.0, 0.0)
+    negative = _takes(beams, b)
+    joined = _joined(edge, sights, beams, i, b, u, scratch) if negative or edge.second else _Joined(0.0, 0.0, 0.0, 0.0, 0.0)
+    seen = joined.share > 0.0 and not _hidden(edge, beams, b, joined, scratch)
     for w in range(len(medium.sigma_t)):
         for kind in range(kinds):
             waves[kind, w] = 0.0
-        sigma, power = medium.sigma_t[w], scale * sights.weight[i, w] * beams.power[b, w]
+        power = scale * sights.weight[i, w] * beams.power[b, w]
         if power != 0.0:
-            waves[LATER, w] = sigma * power * _by_tables(edge, sights, beams, (i, b, w), u, scratch)
-        if power != 0.0 and joined.share > 0.0:
-            twice = joined.share * (medium.albedo[w] * sigma) ** 2 * math.exp(-sigma * joined.depth)
-            twice *= phase_value(medium.v, medium.steps, medium.phase[w], joined.before)
-            twice *= phase_value(medium.v, medium.steps, medium.phase[w], joined.after)
-            waves[LATER if negative else of_second, w] += power * twice
-    luminance = 0.0
+            waves[LATER, w] = medium.sigma_t[w] * power * _by_tables(edge, sights, beams, (i, b, w), u, scratch)
+        if power != 0.0 and seen:
+            waves[LATER if negative else of_second, w] += power * _twice(medium, w, joined)
     for kind in range(kinds):
         for c in range(3):
-            light[kind, c] = 0.0
             for w in range(len(medium.sigma_t)):
                 light[kind, c] += edge.to_rgb[c, w] * waves[kind, w]
-            luminance += edge.to_luminance[c] * light[kind, c]
-    if not abs(luminance) < np.inf:
-        light[:] = 0.0
-        return 0.0
-    return abs(luminance)
+            if not abs(light[kind, c]) < np.inf:
+                light[kind, c] = 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _takes(beams, b):
+    """Whether a beam takes light away."""
+    whole = 0.0
+    for w in range(beams.power.shape[1]):
+        whole += beams.power[b, w]
+    return whole < 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _twice(medium, w, joined):
+    """Light at wavelength w that scatters at both places, over the density of these."""
+    sigma = medium.sigma_t[w]
+    return joined.share * (medium.albedo[w] * sigma) ** 2 * math.exp(-sigma * joined.depth) \
+        * phase_value(medium.v, medium.steps, medium.phase[w], joined.before) \
+        * phase_value(medium.v, medium.steps, medium.phase[w], joined.after)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _hidden(edge, beams, b, joined, scratch):
+    """Whether a surface lies between both places, which were joined last."""
+    return beams.real[b] and first(edge.geometry, scratch.point, scratch.away, 0, np.int64(-1), scratch.mesh)[1] \
+        < joined.distance * (1 - 1e-6)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -240,7 +234,7 @@ def _joined(edge, sights, beams, i, b, u, scratch):
         square += (origin[i, k] + along * direction[i, k] - scratch.point[0, k]) ** 2
     h = math.sqrt(square)
     if not h > 0.0:
-        return _Joined(0.0, 0.0, 0.0, 0.0)
+        return _Joined(0.0, 0.0, 0.0, 0.0, 0.0)
     low, high = math.atan2(-along, h), math.atan2(sights.far[i] - along, h)
     angle, before, after = low + u[_SEEN] * (high - low), 0.0, 0.0
     t, distance = along + h * math.tan(angle), h / math.cos(angle)
@@ -248,34 +242,60 @@ def _joined(edge, sights, beams, i, b, u, scratch):
         away[0, k] = (origin[i, k] + t * direction[i, k] - scratch.point[0, k]) / distance
         before += away[0, k] * beams.direction[b, k]
         after -= away[0, k] * direction[i, k]
-    if beams.real[b] and first(edge.geometry, scratch.point, away, 0, np.int64(-1), scratch.mesh)[1] < distance * (1 - 1e-6):
-        return _Joined(0.0, 0.0, 0.0, 0.0)
-    return _Joined(s + distance + t, max(1 - before, 0.0), max(1 - after, 0.0), stretch * (high - low) / h)
+    return _Joined(distance, s + distance + t, max(1 - before, 0.0), max(1 - after, 0.0), stretch * (high - low) / h)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def averaged(table, scale, shifts, values):
+    """Makes values (R, A, A, T) means of a table over the bins of a `Guess`; shifts (n, 4) of places in a bin, 0 to 1."""
+    for r, a, b, c in np.ndindex(values.shape):
+        total = 0.0
+        for n in range(len(shifts)):
+            distance = FINEST * math.expm1((r + shifts[n, 0]) / (len(values) * scale))
+            half_a, half_b = (a + shifts[n, 1]) / values.shape[1], (b + shifts[n, 2]) / values.shape[2]
+            ahead, back = 1 - 2 * half_a * half_a, 1 - 2 * half_b * half_b
+            aside, up = math.sqrt(1 - ahead * ahead), math.sqrt(1 - back * back)
+            cosine = 1 - 2 * (c + shifts[n, 3]) / values.shape[3]
+            total += point_source(table, distance * aside, distance * ahead, back * aside - up * cosine * ahead,
+                                  up * math.sqrt(1 - cosine * cosine), back * ahead + up * cosine * aside)
+        values[r, a, b, c] = total / len(shifts)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _bring(light, share, image, pixel):
-    for kind in range(len(image)):
-        for c in range(3):
-            image[kind, pixel, c] += share * light[kind, c]
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _of_drawn(plan, luminance, density):
-    """What a state counts for that is drawn by the guide."""
-    if not plan.typical > 0.0:
-        return 1.0 / (plan.drawn * density) if luminance == 0.0 else 0.0
-    return 1.0 / (plan.drawn * density + plan.moved * luminance / plan.typical)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _of_moved(plan, luminance, density):
-    """What a state counts for that a chain is at."""
-    if not luminance > 0.0:
-        return 0.0
-    if not plan.typical > 0.0:
-        return plan.of_state / luminance
-    return plan.of_state * plan.moved / (plan.typical * plan.drawn * density + plan.moved * luminance)
+def _guessed(edge, guess, sights, beams, u, scratch):
+    """Roughly what luminance a state u (NUMBERS,) brings, without signs, over the density of states drawn alike."""
+    i, b, value = _number(u[_LINE], len(sights.far)), _number(u[_BEAM], len(beams.length)), 0.0
+    square, along, against, forward = 0.0, 0.0, 0.0, 0.0
+    for k in range(3):
+        apart = sights.origin[i, k] - beams.origin[b, k]
+        square += apart * apart
+        along += apart * beams.direction[b, k]
+        against -= apart * sights.direction[i, k]
+        forward -= beams.direction[b, k] * sights.direction[i, k]
+    # close to a line of sight second events are brighter than all later ones
+    twice = edge.second or _takes(beams, b)
+    joined = _joined(edge, sights, beams, i, b, u, scratch) if twice else _Joined(0.0, 0.0, 0.0, 0.0, 0.0)
+    for w in range(len(guess.share)):
+        power = guess.share[w] * abs(sights.weight[i, w] * beams.power[b, w])
+        if power == 0.0:
+            continue
+        # the same places as `_by_tables` has, but for rounding
+        sigma = edge.medium.sigma_t[w]
+        collides, lasting = 1 - math.exp(-sigma * beams.length[b]), 1 - math.exp(-sigma * sights.far[i])
+        s, t = -math.log(1 - u[_ON_BEAM] * collides), -math.log(1 - u[_ON_LINE] * lasting)
+        z, y = sigma * along - t * forward - s, sigma * against - t - s * forward
+        inverse = 1 / math.sqrt(max(sigma * sigma * square + t * t + s * s
+                                    + 2 * (s * t * forward - sigma * (t * against + s * along)), _CLOSEST))
+        ahead, back = min(max(z * inverse, -1.0), 1.0), min(max(y * inverse, -1.0), 1.0)
+        both = math.sqrt(max((1 - ahead * ahead) * (1 - back * back), _CLOSEST))
+        value += power * sigma * sigma * collides * lasting * guess.values[
+            w, _number(math.log(1 + 1 / (inverse * FINEST)) * guess.scale[w], guess.values.shape[1]),
+            _number(math.sqrt(0.5 - 0.5 * ahead), guess.values.shape[2]),
+            _number(math.sqrt(0.5 - 0.5 * back), guess.values.shape[3]),
+            _number(min(max(0.5 - 0.5 * (forward - ahead * back) / both, 0.0), 1.0), guess.values.shape[4])]
+        if twice:
+            value += power * _twice(edge.medium, w, joined)
+    return value
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -299,73 +319,33 @@ def _guided(guide, u):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def candidates(edge, sights, beams, plan, states, luminance, images, begin, end):
-    """Luminance (n,) of states, over their density, and adds what they bring to images, as `move`.
-
-    states : (n, NUMBERS) uniform numbers, which become states that the guide draws
-    """
-    edge, sights, beams, plan = lent(edge), lent(sights), lent(beams), lent(plan)
-    guide = plan.guide
-    scratch, light, n = _scratch(len(edge.beyond)), np.zeros((3, 3)), len(states)
-    for g in range(begin, end):
-        for c in range(g * n // len(images), (g + 1) * n // len(images)):
-            u = states[c]
-            _guided(guide, u)
-            value, density = _brought(edge, sights, beams, plan.scale, u, light, scratch), _density(guide, u)
-            luminance[c] = value / density
-            _bring(light, _of_drawn(plan, value, density), images[g], sights.pixel[_number(u[_LINE], len(sights.far))])
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _proposed(guide, plan, state, streams, c, large, u):
-    """Makes u (NUMBERS,) where chain c may go from a state."""
-    if large:
-        for k in range(NUMBERS):
-            u[k] = uniform(streams, c)
-        _guided(guide, u)
-        return
-    # the side of the line, that of the beam, or both
-    side = uniform(streams, c) * 3
-    for k in range(NUMBERS):
-        u[k] = state[k]
-        of_beam = k in (_BEAM, _ON_BEAM)
-        if (side < 1 and of_beam) or (side >= 2 and not of_beam):
-            continue
-        size = 2 * uniform(streams, c) - 1
-        step = plan.small[k, 1] * math.exp(abs(size) * plan.small[k, 0])
-        u[k] += step if size > 0.0 else -step
-        u[k] -= math.floor(u[k])
-        if not u[k] < 1.0:
-            u[k] = 0.0
+def candidates(edge, guess, sights, beams, guide, states, worth, begin, end):
+    """Makes uniform numbers, states (n, NUMBERS), states that the guide draws, and worth (n,) what is guessed of them over their
+    density."""
+    edge, guess, sights, beams, guide = lent(edge), lent(guess), lent(sights), lent(beams), lent(guide)
+    scratch = _scratch(len(edge.beyond))
+    for c in range(begin, end):
+        _guided(guide, states[c])
+        value = _guessed(edge, guess, sights, beams, states[c], scratch) / _density(guide, states[c])
+        worth[c] = value if value < np.inf else 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def move(edge, sights, beams, plan, chains, images, begin, end):
-    """Moves chains of blocks begin to end and adds what they bring to images (B, kinds, pixels, 3) of these."""
-    edge, sights, beams, plan = lent(edge), lent(sights), lent(beams), lent(plan)
-    chains, guide = lent(chains), plan.guide
-    scratch, n, lines = _scratch(len(edge.beyond)), len(chains.states), len(sights.far)
-    u, current, proposed = np.empty(NUMBERS), np.zeros((3, 3)), np.zeros((3, 3))
-    for g in range(begin, end):
-        for c in range(g * n // len(images), (g + 1) * n // len(images)):
-            state, image = chains.states[c], images[g]
-            luminance, held = _brought(edge, sights, beams, plan.scale, state, current, scratch), 0.0
-            density = _density(guide, state)
-            for step in range(1, plan.steps + 1):
-                large = step % plan.large == 0
-                _proposed(guide, plan, state, chains.streams, c, large, u)
-                new_luminance, new_density = _brought(edge, sights, beams, plan.scale, u, proposed, scratch), _density(guide, u)
-                pixel = sights.pixel[_number(u[_LINE], lines)]
-                ahead = new_luminance * density / new_density if large else new_luminance
-                share = min(ahead / luminance, 1.0)
-                chains.taken[g, 1 if large else 0] += share
-                if large:
-                    _bring(proposed, _of_drawn(plan, new_luminance, new_density), image, pixel)
-                held += 1.0 - share
-                if uniform(chains.streams, c) < share:
-                    here = sights.pixel[_number(state[_LINE], lines)]
-                    _bring(current, held * _of_moved(plan, luminance, density), image, here)
-                    state[:], current[:], luminance, density, held = u, proposed, new_luminance, new_density, share
-                elif share > 0.0:
-                    _bring(proposed, share * _of_moved(plan, new_luminance, new_density), image, pixel)
-            _bring(current, held * _of_moved(plan, luminance, density), image, sights.pixel[_number(state[_LINE], lines)])
+def bring(edge, sights, beams, guide, states, counts, light, begin, end):
+    """Makes light (n, 3, 3) what states bring, `LATER`, `SECOND` and `OTHER` in linear sRGB, over their density, times what they
+    count (n,)."""
+    edge, sights, beams, guide = lent(edge), lent(sights), lent(beams), lent(guide)
+    scratch, scale = _scratch(len(edge.beyond)), float(len(sights.far)) * len(beams.length)
+    for c in range(begin, end):
+        light[c] = 0.0
+        _brought(edge, sights, beams, scale * counts[c] / _density(guide, states[c]), states[c], light[c], scratch)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def add(sights, states, light, image):
+    """Adds light (n, 3, 3) of states to the pixels of an image (3, pixels, 3), one after the other."""
+    for c in range(len(states)):
+        pixel = sights.pixel[_number(states[c, _LINE], len(sights.far))]
+        for kind in range(3):
+            for k in range(3):
+                image[kind, pixel, k] += light[c, kind, k]

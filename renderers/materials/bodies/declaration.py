@@ -75,11 +75,6 @@ class BodyMethod(SceneMethod):
         return JOINED in self.parts
 
     @property
-    def mutated(self) -> bool:
-        """Whether chains go among beams and lines of sight."""
-        return MUTATED in self.parts
-
-    @property
     def diffused(self) -> bool:
         """Whether later events are dipoles."""
         return DIFFUSED in self.parts

@@ -65,7 +65,7 @@ def prepare(job, world, seed) -> Method:
         measurable = declared.measured is not None and missing is not None
         bias = declared.measured(estimate.means.values(), estimate.rgb, missing) if measurable else None
         unlit = {} if np.any(estimate.rgb) else dict.fromkeys(_NOISES) | {"reasons": [_UNLIT]}
-        chained = _of_chains(kinds[-1].render.figures()) if declared.metropolis or declared.mutated else {}
+        chained = _of_chains(kinds[-1].render.figures()) if declared.metropolis else {}
         return {"bias": bias, "left_out": sentences} | chained | unlit
 
     return Method(name, kinds, [*reasons, *sentences], after, features=lambda quality: features_of(setup, seed))
@@ -272,7 +272,7 @@ class _Passes:
 
     @cached_property
     def mutations(self):
-        """`mutations.Mutations`: light of beams by the tables, as chains find it."""
+        """`mutations.Mutations`: light of beams by the tables, as states bring it that are drawn by a guess."""
         beyond = [_beyond(body, self._mirrored) for body in self._setup.bodies]
         asked = mutations.Settings(self._negative, self._second, self.most, beyond, self._counts.places, self._counts.walks)
         return mutations.Mutations(self._setup, lambda: self._entries, asked, self._seed)

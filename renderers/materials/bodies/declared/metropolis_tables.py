@@ -1,4 +1,4 @@
-"""Third and later events from the asset's tables, by chains of mutations."""
+"""Third and later events from the asset's tables, by states that are drawn by a guess of their light."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from renderers.materials.bodies.declaration import FEW, FEWEST_GATHERED, MUTATED
 from renderers.materials.bodies.declared import vrl_tables
 
 METHOD = BodyMethod(
-    name="metropolis+tables", words="later events from the asset's tables, by chains of places on beams and lines of sight",
+    name="metropolis+tables", words="later events from the tables, by places on beams and lines of sight that a guess draws",
     keys=("boundary.tables",), reads_tables=True, tabled=True, parts=(FEW, MUTATED), fewest_beams=FEWEST_GATHERED,
     error=vrl_tables.METHOD.error, pilot=2.0,
     brings="up to two events as in paths, later ones from the tables of beams and negative beams, joined with lines of sight by "
-           "Metropolis's algorithm")
+           "a guess of what each pair brings")
