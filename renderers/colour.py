@@ -57,8 +57,8 @@ def rgb_order(wavelength):
     wavelength = np.asarray(wavelength, dtype=float)
     if wavelength.size != 3:
         return None
-    found = [np.flatnonzero((wavelength >= low) & (wavelength < high)) for low, high in BANDS]
-    return tuple(int(index[0]) for index in found) if all(index.size == 1 for index in found) else None
+    rows = [np.flatnonzero((wavelength >= low) & (wavelength < high)) for low, high in BANDS]
+    return tuple(int(index[0]) for index in rows) if all(index.size == 1 for index in rows) else None
 
 
 def srgb_matrix(wavelength):

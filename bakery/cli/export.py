@@ -65,7 +65,7 @@ def _options(formats) -> dict:
 @at_option
 @overwrite_option
 @json_option
-def command(asset, target, output, place, overwrite, as_json, **given):
+def command(asset, target, output, coordinates, overwrite, as_json, **given):
     """Write ASSET for other software.
 
     Prints the paths of the files on standard output, and what was lost on standard error, severe losses first.
@@ -77,7 +77,7 @@ def command(asset, target, output, place, overwrite, as_json, **given):
     from renderers import colour
 
     exporter, settings = _asked(target, given)
-    job = Job(one_asset(asset, place), colour, settings)
+    job = Job(one_asset(asset, coordinates), colour, settings)
     _check(job.asset, exporter)
     written = exporter.write(job)
     for warning in written.warnings:

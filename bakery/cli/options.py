@@ -32,7 +32,7 @@ overwrite_option = click.option("--overwrite", is_flag=True,
                                 help="Also replace a file of another kind, or an asset of another recipe, at the output path.")
 sweep_option = click.option("--sweep", "sweeps", multiple=True, metavar="KEY=VALUES",
                             help="Bake a family over values of a key, such as 'KEY=[2, 4, 8] um'; repeatable.")
-at_option = click.option("--at", "place", multiple=True, metavar="AXIS=VALUE",
+at_option = click.option("--at", "coordinates", multiple=True, metavar="AXIS=VALUE",
                          help="For a family: interpolate the asset at this value, such as radius=5um; once for each axis.")
 verbose_option = click.option("--verbose", "-v", is_flag=True, help="Print more on standard error.")
 
@@ -116,24 +116,24 @@ def _once(option: str, texts, example: str) -> dict[str, str]:
     return given
 
 
-def opened(asset: str, place):
+def opened(asset: str, coordinates):
     """What `bakery.open` gives for a file, of a family the asset at a place, where one is named: `AXIS=VALUE` each."""
     import bakery
 
     asset_or_family = bakery.open(asset)
-    if not place:
+    if not coordinates:
         return asset_or_family
     if not isinstance(asset_or_family, bakery.Family):
         raise UsageError(f"--at: {asset} is one asset, not a family; leave the option out")
-    return asset_or_family.at(**_once("--at", place, "radius=5um"))
+    return asset_or_family.at(**_once("--at", coordinates, "radius=5um"))
 
 
-def one_asset(asset: str, place):
+def one_asset(asset: str, coordinates):
     """The same where a family as a whole will not do."""
     import bakery
     from bakery.family.members import counted
 
-    asset_at_place = opened(asset, place)
+    asset_at_place = opened(asset, coordinates)
     if isinstance(asset_at_place, bakery.Family):
         axes = " ".join(f"--at {name}=…" for name in asset_at_place.axes)
         assets = counted([member.reason for member in asset_at_place.members])

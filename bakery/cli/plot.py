@@ -17,7 +17,7 @@ from bakery.errors import AssetError
 @at_option
 @overwrite_option
 @json_option
-def command(asset, output, place, overwrite, as_json):
+def command(asset, output, coordinates, overwrite, as_json):
     """Draw the contents of ASSET: phase functions, cross sections, coefficients, polarisation, grains, tiles; for a family over
     its axes.
 
@@ -30,7 +30,7 @@ def command(asset, output, place, overwrite, as_json):
     from bakery.store.outputs import by_suffix, check_outputs
     from bakery.store.put import put
 
-    shown = opened(asset, place)
+    shown = opened(asset, coordinates)
     if isinstance(shown, bakery.Family) and len(shown.members) == 1:  # nothing lies between: its only place is drawn
         shown = shown.at(**shown.members[0].at)
     root = shown.tree

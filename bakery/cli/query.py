@@ -19,7 +19,7 @@ _BEYOND = 3  # digits of a figure from the first one of its error on
 @click.argument("arguments", nargs=-1, metavar="[key=value …]")
 @at_option
 @json_option
-def command(asset, path, arguments, place, as_json):
+def command(asset, path, arguments, coordinates, as_json):
     """Print the value at PATH of ASSET, such as medium/sigma_t, or interpolate it at arguments with units.
 
     \b
@@ -35,7 +35,7 @@ def command(asset, path, arguments, place, as_json):
     from bakery.stages.declaration import Answer
     from bakery.stages.optics.quantity_table import QuantityTable
 
-    asked = opened(asset, place)
+    asked = opened(asset, coordinates)
     values = dict(_argument(word) for word in arguments)
     if len(values) < len(arguments):
         raise UsageError("the same argument twice; give each once")

@@ -67,7 +67,7 @@ class _Picture(NamedTuple):
 @overwrite_option
 @json_option
 @quiet_option
-def command(source, output, asked, place, overwrite, as_json, quiet):
+def command(source, output, asked, coordinates, overwrite, as_json, quiet):
     """Render a SCENE (.yaml), a Mitsuba scene (.xml), which may use Bakery's plugins, or the standard preview of an ASSET.
 
     If a SCENE names a recipe, its asset is used if it exists and is good enough; otherwise it is baked first, into the cache.  No
@@ -87,7 +87,7 @@ def command(source, output, asked, place, overwrite, as_json, quiet):
 
     suffix, live, denoise = Path(source).suffix.lower(), asked.live or asked.port is not None, asked.denoise
     _check(source, suffix, {"--resume": asked.resume, "--live": live, "--cluster": asked.cluster is not None,
-                            f"--{'' if denoise else 'no-'}denoise": denoise is not None}, place)
+                            f"--{'' if denoise else 'no-'}denoise": denoise is not None}, coordinates)
     values = settings_of(None, None, None, asked.settings) | ({} if denoise is None else {"denoise": "yes" if denoise else "no"})
     options = {"quality": asked.quality, "variant": asked.variant, "seed": asked.seed, "overwrite": overwrite}
     if asked.cluster is not None:
@@ -111,7 +111,7 @@ def command(source, output, asked, place, overwrite, as_json, quiet):
         elif suffix == ".xml":
             job = _of_mitsuba(source, output, values, options)
         else:
-            job = _of_asset(source, output, values, options, place, folders)
+            job = _of_asset(source, output, values, options, coordinates, folders)
         progress.stage("render", f"picture of {job.name}", 0.0, 0.0)
         with compiling.watched(("renderers",), progress.compiling):
             report = job.draw(job.path, Path(job.target), **job.options, progress=progress.update)
@@ -142,7 +142,7 @@ _ANEW = {"--resume": "it is always rendered from the start", "--cluster": "it ha
          "--live": "it has no passes to show, leave the option out"}
 
 
-def _check(source, suffix, of_scenes, place) -> None:
+def _check(source, suffix, of_scenes, coordinates) -> None:
     """UsageError where there is no such file, or options are not for files of its kind.
 
     of_scenes : options that only scenes have, and whether each was given
@@ -153,7 +153,7 @@ def _check(source, suffix, of_scenes, place) -> None:
     if not is_file or suffix in (".png", ".exr"):
         kind = "a picture" if is_file else "no file"
         raise UsageError(f'found "{source}", which is {kind}; expected a scene (.yaml or .xml) or an asset (.h5)')
-    if place and suffix in (*SCENES, ".xml"):
+    if coordinates and suffix in (*SCENES, ".xml"):
         raise UsageError(f"--at: {source} is a scene, not a family; save the asset of a place and name that in the scene")
     for option, given in of_scenes.items():
         if given and suffix not in SCENES:
@@ -217,7 +217,7 @@ def _of_mitsuba(source, output, values, options) -> _Job:
     return _Job(renderer, renderer.render_scene, path, output or path.with_suffix(".png"), path.name, options)
 
 
-def _of_asset(source, output, values, options, place, folders) -> _Job:
+def _of_asset(source, output, values, options, coordinates, folders) -> _Job:
     """The preview of an asset, or of a place of a family: `folders` holds the asset that is made of that."""
     from pathlib import Path
 
@@ -227,8 +227,8 @@ def _of_asset(source, output, values, options, place, folders) -> _Job:
     if values:
         raise UsageError(f"--set: {source} is an asset, whose preview has no values to set; expected a scene")
     path = Path(source)
-    if place:
-        between = one_asset(source, place)
+    if coordinates:
+        between = one_asset(source, coordinates)
         path, source = Path(file_of(between, folders.enter_context(scratch.folder("place")))), between.path
     options = options | {"quality": options["quality"] or "preview", "seed": options["seed"] or 0}
     return _Job(renderer, renderer.preview, path, output or Path(source).with_suffix(".png"), path.name, options)

@@ -19,7 +19,7 @@ OTHER_FORMATS = (".pdf", ".ps", ".md", ".rst", ".tex", ".doc", ".docx", ".odt", 
 @at_option
 @overwrite_option
 @json_option
-def command(asset, output, no_render, place, overwrite, as_json):
+def command(asset, output, no_render, coordinates, overwrite, as_json):
     """Write one HTML page about ASSET: pictures, tables, recipe, provenance.  The page has no external links.
 
     At the top is the preview that `bake render ASSET` wrote beside the asset, NAME.png; without one a draft is rendered.
@@ -29,7 +29,7 @@ def command(asset, output, no_render, place, overwrite, as_json):
     from bakery.store.outputs import PAGE, check_outputs
     from bakery.store.put import put
 
-    opened = one_asset(asset, place)
+    opened = one_asset(asset, coordinates)
     path = Path(output) if output else Path(opened.path).with_suffix(".html")
     check_outputs([(path, PAGE)], [asset], overwrite)
     if path.suffix.lower() in OTHER_FORMATS:

@@ -32,7 +32,7 @@ def shaded(position, normal, colour, gloss: float, shadow, thick: float = 1.0) -
         received, glint = np.zeros((2, position.shape[1]), np.float32)
         for direction, share in zip(towards, strength, strict=True):
             frame = looking_from(direction)
-            facing = share * lit(position, normal, direction, frame, shadow(frame), thick)
+            facing = share * cosines_of_light(position, normal, direction, frame, shadow(frame), thick)
             received += facing
             if shine > 0:
                 half = direction + upwards
@@ -41,7 +41,7 @@ def shaded(position, normal, colour, gloss: float, shadow, thick: float = 1.0) -
     return light + 0.10 * (1 - np.clip(normal[2, :, None], 0, 1)) ** 3
 
 
-def lit(position, normal, towards, frame, shadow, thick: float = 1.0):
+def cosines_of_light(position, normal, towards, frame, shadow, thick: float = 1.0):
     """Cosines (P,) at which light from a direction meets places (3, P) with normals (3, P), 0 where something stands in it.
 
     shadow : what is nearest to the light, its lower left corner and the edge of a pixel, in the light's frame; None where nothing

@@ -29,7 +29,7 @@ def rendered(position, radius, colour, low, pixel, width, height):
     index, depth = depths(position, radius, low, pixel, width, height)
     row, column = np.nonzero(index >= 0)
     ball = index[row, column]
-    place = np.stack([low[0] + (column + 0.5) * pixel, low[1] + (row + 0.5) * pixel, depth[row, column]])
+    points = np.stack([low[0] + (column + 0.5) * pixel, low[1] + (row + 0.5) * pixel, depth[row, column]])
 
     def shadow(frame):
         turned = position @ frame.T
@@ -38,7 +38,8 @@ def rendered(position, radius, colour, low, pixel, width, height):
         return depths(turned, radius, corner, step, _SHADOW, _SHADOW)[1], corner, step
 
     image = np.zeros((height, width, 3))
-    image[row, column] = shaded(place, (place - position[ball].T) / radius[ball], colour[ball], _GLOSS, shadow, 3 * radius.mean())
+    normal = (points - position[ball].T) / radius[ball]
+    image[row, column] = shaded(points, normal, colour[ball], _GLOSS, shadow, 3 * radius.mean())
     return finished(image, index, 1.25)
 
 

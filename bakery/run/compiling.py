@@ -22,7 +22,7 @@ SECONDS = {
     "discrete._places": 0.28, "discrete.region": 2.0,
     "goa._asymptotic": 0.92, "goa._edge": 2.9, "goa._field": 2.9, "goa._rays": 3.1, "goa._solve": 0.61, "goa._special": 0.58,
     "goa._surface": 0.63,
-    "granular._goniometer": 3.8, "granular._packed": 2.9, "shapes._triangles": 1.7, "grains._walk": 5.2, "grains.balls": 3.1,
+    "granular._goniometer": 3.8, "granular._packed": 2.9, "shapes._triangles": 1.7, "grains._walk": 2.6, "grains.balls": 3.1,
     "grains.bvh": 2.7, "grains.points": 0.34, "grains.scatterometer": 0.41, "shapes.simplify": 3.4, "grains.sphere": 2.6,
     "grains.surface": 0.47,
     "mie.angular": 1.4, "mie.coated": 3.7, "mie.coefficients": 2.1,

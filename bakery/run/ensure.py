@@ -52,7 +52,7 @@ def asked(recipe: str | os.PathLike, settings: Mapping[str, str], require: Calla
         added = [name for name in required.stages if name not in by_default]
         sections = {sections_for(name)[0][0]: "{}" for name in added}
         # knobs of stages upstream stand in sections of their own, or at the top
-        knobs = {key: text for key, text in required.settings.items() if not _said(key, settings)}
+        knobs = {key: text for key, text in required.settings.items() if not _is_said(key, settings)}
         return added, sections | knobs | dict(settings), sections | dict(settings)
 
     def seconds(required):
@@ -95,12 +95,12 @@ def _read_once(done: dict, recipe, by: str, settings: Mapping[str, str], added: 
 
 def _as_set(need, settings: Mapping[str, str]):
     """A need with the knobs that hold: those that the settings say are as they say."""
-    knobs = (knob if not _said(knob.key, settings) else knob._replace(text=settings[knob.key], why="set by hand")
-             for knob in need.knobs if knob.key in settings or not _said(knob.key, settings))
+    knobs = (knob if not _is_said(knob.key, settings) else knob._replace(text=settings[knob.key], why="set by hand")
+             for knob in need.knobs if knob.key in settings or not _is_said(knob.key, settings))
     return need._replace(knobs=tuple(knobs))
 
 
-def _said(key: str, settings: Mapping[str, str]) -> bool:
+def _is_said(key: str, settings: Mapping[str, str]) -> bool:
     """Whether settings say a key themselves, or the whole section that it is in; or, of a stage's tolerance, that of all."""
     return any(key == prefix or key.startswith((f"{prefix}.", f"{prefix}[")) for prefix in settings) \
         or key.endswith(".tolerance") and "tolerance" in settings

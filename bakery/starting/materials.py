@@ -74,7 +74,7 @@ def filling(name: str) -> Filling:
     return FILLINGS[name]
 
 
-def own(path: Path) -> Filling:
+def of_recipe(path: Path) -> Filling:
     """How the material of somebody's own recipe fills a mesh; UsageError where it has none that does."""
     recipe = load(path)
     if recipe.grains is not None and recipe.packing is not None:

@@ -13,7 +13,7 @@ from bakery.recipe import load
 from bakery.recipe.starting import start
 from bakery.run import draft
 from bakery.run.cache import Cache
-from bakery.starting.materials import Filling, filling, own
+from bakery.starting.materials import Filling, filling, of_recipe
 from bakery.starting.meshes import Solid, length, solid
 from bakery.store import ply
 
@@ -44,7 +44,7 @@ def in_studio(material: str | Path, mesh: Path, name: str, folder: Path, *, unit
 
     Raises UsageError : there is no such material, or the mesh cannot be filled with it
     """
-    fill = own(material) if isinstance(material, Path) else filling(material)
+    fill = of_recipe(material) if isinstance(material, Path) else filling(material)
     body = solid(mesh, fill.height, unit, height, up)
     if isinstance(material, Path):
         path, files, written = material, {}, Path(os.path.relpath(material.resolve(), folder.resolve())).as_posix()

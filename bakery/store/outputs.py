@@ -86,9 +86,9 @@ def check_outputs(outputs: Iterable[tuple[str | os.PathLike, str | FileKind]], i
         before.append(path)
 
 
-def by_suffix(paths: Iterable[str | os.PathLike], own: Mapping[str, FileKind] | None = None):
+def by_suffix(paths: Iterable[str | os.PathLike], kinds_by_suffix: Mapping[str, FileKind] | None = None):
     """Paths with the kinds that their endings stand for, those of `own` first: of files whose names bakery chooses."""
-    kinds = _BY_SUFFIX | dict(own or {})
+    kinds = _BY_SUFFIX | dict(kinds_by_suffix or {})
     return [(path, kinds[Path(path).suffix.lower()]) for path in paths]
 
 

@@ -73,8 +73,8 @@ def scene_below(folder: str, path: str, settings: Mapping[str, str], besides: di
 
 def unlike(wanted: Mapping[str, str]) -> str:
     """Why this process would not give the pictures of one with these versions; "" where it would."""
-    differing = ", ".join(f"{name} {own or 'missing'} instead of {wanted[name] or 'none'}"
-                          for name, own in versions().items() if own != wanted[name])
+    differing = ", ".join(f"{name} {version or 'missing'} instead of {wanted[name] or 'none'}"
+                          for name, version in versions().items() if version != wanted[name])
     return differing and f"a worker has {differing}; equal versions give equal pictures: install the same there"
 
 

@@ -118,9 +118,9 @@ class _Ahead:
         """Asks for passes from this one on: all that samples leave, or as many as there were, since nobody knows the last one."""
         count = max(_AHEAD * self._threads, number)
         if self._stop.samples is not None:
-            left = max(1, math.ceil((self._stop.samples - self._means[part.name].samples) / part.samples))
+            remaining = max(1, math.ceil((self._stop.samples - self._means[part.name].samples) / part.samples))
             open_ended = self._stop.noise is not None or self._stop.time is not None
-            count = min(count, left) if open_ended else left
+            count = min(count, remaining) if open_ended else remaining
         numbers = range(number, number + count)
         alike = ([argument] * count for argument in (self._content, self._picture, part.name))
         arriving = self._cluster.arriving(rendered, *alike, numbers)

@@ -75,8 +75,8 @@ def _means(picture, features):
     for down, right in ((y, x) for y in steps for x in steps if x * x + y * y <= _REACH**2):
         near = padded[:, _REACH + down:_REACH + down + height, _REACH + right:_REACH + right + width]
         unlike = np.zeros((height, width), np.float32)
-        for here, there in zip(alike, near):
-            unlike += (here - there) ** 2
+        for first, second in zip(alike, near):
+            unlike += (first - second) ** 2
         weight = np.exp(-0.5 * unlike)
         sums += weight * near[-3:]
         weights += weight

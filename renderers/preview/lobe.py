@@ -48,7 +48,7 @@ def strip(asset, tables, width, words=()):
     shown = [_DIM, *(colours[k] for k in _spread(len(asset.wavelength), 4))]
 
     return _drawn(width, str(getattr(asset, "name", "medium")), zip(rows, shown, strict=True), words,
-                  lambda *room: _polar(*room, theta, value, colours))
+                  lambda *area: _polar(*area, theta, value, colours))
 
 
 def grain_strip(asset, grains, width, words=()):
@@ -78,7 +78,7 @@ def grain_strip(asset, grains, width, words=()):
     theta = np.asarray(asset.grains["theta"], float)
     value = np.array([np.atleast_2d(asset.grains[grain.name]["phase"])[k_middle] for grain in grains])
     return _drawn(width, "grains (albedo at a wavelength in um)", zip(rows, inks, strict=True), words,
-                  lambda *room: _plot(*room, theta, value, _GRAINS))
+                  lambda *area: _plot(*area, theta, value, _GRAINS))
 
 
 def forward_delta(asset) -> float:
@@ -144,31 +144,31 @@ def _drawn(width, title, rows, words, curves):
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     times = -(-_SMALLEST // width)
-    wide, scale = times * width, max(1.0, times * width / _FULL)
-    high = round((_LINES * _LINE * scale + max(_CURVES * wide, _LEAST)) / times) * times
+    across, scale = times * width, max(1.0, times * width / _FULL)
+    high = round((_LINES * _LINE * scale + max(_CURVES * across, _LEAST)) / times) * times
     with rc_context({"font.size": 0.72 * _LETTER * scale, "figure.facecolor": _BACKGROUND, "axes.facecolor": _BACKGROUND,
                      "text.color": _DIM, "axes.labelcolor": _DIM, "xtick.color": _DIM, "ytick.color": _DIM,
                      "axes.edgecolor": _GRID, "grid.color": _GRID, "grid.linewidth": 0.4, "lines.linewidth": 0.8 * scale}):
-        figure = _page(wide, high, scale, title, rows, words)
-        curves(figure, (0.965, 1 - (_LINES * _LINE * scale + 4) / high), (44 * scale / wide, 30 * scale / high))
+        figure = _page(across, high, scale, title, rows, words)
+        curves(figure, (0.965, 1 - (_LINES * _LINE * scale + 4) / high), (44 * scale / across, 30 * scale / high))
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
     # the canvas may be rounded down by a pixel
-    drawn = np.pad(np.asarray(canvas.buffer_rgba())[..., :3] / 255.0, [(0, 1), (0, 1), (0, 0)], mode="edge")[:high, :wide]
+    drawn = np.pad(np.asarray(canvas.buffer_rgba())[..., :3] / 255.0, [(0, 1), (0, 1), (0, 0)], mode="edge")[:high, :across]
     return drawn.reshape(high // times, times, width, times, 3).mean(axis=(1, 3))
 
 
-def _page(wide, high, scale, title, rows, words):
+def _page(across, high, scale, title, rows, words):
     """A figure with the text at its top, in pixels of 1/100 inch."""
     from matplotlib.figure import Figure
 
-    figure = Figure((wide / 100, high / 100), dpi=100)
+    figure = Figure((across / 100, high / 100), dpi=100)
     cells, inks = zip(*rows, strict=True)
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = [(title.replace("_", " "), {"color": _TEXT, "weight": "bold"})]
-    lines += [((" " * (1 + (wide >= _FULL))).join(map(str.ljust, row, widths)), {"color": ink, "family": "monospace"})
+    lines += [((" " * (1 + (across >= _FULL))).join(map(str.ljust, row, widths)), {"color": ink, "family": "monospace"})
               for row, ink in zip(cells, inks, strict=True)]
-    letters = int(0.95 * wide / (0.57 * _LETTER * scale))
+    letters = int(0.95 * across / (0.57 * _LETTER * scale))
     foot = [(line, {}) for word in words for line in textwrap.wrap(word, letters)]
     for number, (line, style) in enumerate(lines + foot):
         figure.text(0.025, 1 - (number + 0.9) * _LINE * scale / high, line, va="center", parse_math=False, **style)

@@ -10,7 +10,7 @@ import pytest
 
 import bakery
 from bakery.draw import meshes
-from bakery.draw.light import lit
+from bakery.draw.light import cosines_of_light
 from bakery.draw.picture import drawn
 from bakery.export.medium import scattering_of
 from bakery.physics.medium.phase import mean_cosine, phase_integral
@@ -188,7 +188,7 @@ def test_what_stands_in_the_light_takes_it():
     covered, place, normal = meshes.surfaces(index, depth, vertices[:4], faces[:2], normals, low, pixel)
     light = np.zeros((40, 40))
     for towards in ([0.0, 0.0, 1.0], [0.0, 0.0, -1.0]):
-        light[covered] += lit(place.T, normal.T, np.array(towards), np.eye(3), (shadow, low, pixel))
+        light[covered] += cosines_of_light(place.T, normal.T, np.array(towards), np.eye(3), (shadow, low, pixel))
     at = (np.arange(40) + 0.5) / 20 - 1
     across = np.maximum(np.abs(at), np.abs(at[:, None]))
     assert np.all(light[across < 0.3] == 0) and np.all(light[across > 0.9] == 0)

@@ -247,8 +247,8 @@ def _in_one(batch, x, angles, polarized):
     of_all = terms(x)
     seconds = np.sum(of_all, axis=1) * (coefficient + per_angle * angles)
     chunk = np.clip(BLOCK / (np.max(of_all, axis=1) * (coefficient + per_angle)), _FEWEST_ANGLES, _MOST_ANGLES)
-    one = in_one(seconds) & (angles <= np.floor(0.99 * chunk)) & (np.max(x, axis=1) < batch.switches)
-    return np.where(one, seconds, 0.0)
+    at_once = in_one(seconds) & (angles <= np.floor(0.99 * chunk)) & (np.max(x, axis=1) < batch.switches)
+    return np.where(at_once, seconds, 0.0)
 
 
 def _rates(channel, polarized):

@@ -50,7 +50,7 @@ class Kernels:
 
         At depth 0 it is 0.  On the axis it is infinite, but for `path_integral` and `elek`.
         """
-        _known(name, KERNELS)
+        _refuse_unknown(name, KERNELS)
         depth, r = np.asarray(depth, float), np.asarray(r, float)
         self._reachable(depth)
         if not (r >= 0).all():
@@ -73,7 +73,7 @@ class Kernels:
         r : any shape, > 0
         name : of `LAYERED`
         """
-        _known(name, LAYERED)
+        _refuse_unknown(name, LAYERED)
         edges, density = layers.checked(thickness, density)
         shape, r = np.shape(r), np.asarray(r, float).ravel()
         outside = r[~(np.isfinite(r) & (r > 0))]
@@ -153,6 +153,6 @@ def ring_averages(kernel, depth, edges, points=8):
     return np.sum(kernel(np.asarray(depth, float)[:, None, None], at**2) * weight, axis=-1)
 
 
-def _known(name, names):
+def _refuse_unknown(name, names):
     if name not in names:
         raise ValueError(f"measure {name!r}: {', '.join(list(names)[:-1])} and {list(names)[-1]} are there")

@@ -46,7 +46,7 @@ def homogeneous(planar: Planar, albedo, depth, ratio, absorb=False):
     out = np.empty((len(depth), len(ratio)))
     for i, z in enumerate(depth):
         scaled = ratio / math.sqrt(shrink[i])
-        remainder = _transformed(q, t, _rest(S[i], mean), scaled)
+        remainder = _transformed(q, t, _remainder(S[i], mean), scaled)
         once = S[i] * math.exp(-S[i]) * planar.beyond(scaled) / scaled
         out[i] = math.exp(-(1 - albedo) * z) * weight[i] / (shrink[i] * z * z) * (remainder + once)
     return out
@@ -85,7 +85,7 @@ def layered(planar: Planar, albedo, edges, density, r, once=True):
             out += s * once * (planar.beyond(r / b) - (planar.beyond(r / a) if a > 0 else 0.0))
     out *= math.exp(-S) / r
     transmitted = math.exp(-(1 - albedo) * float(np.sum(density * np.diff(edges))))
-    return transmitted * (out + _transformed(q, t, _rest(S, E / S), r / scale) / scale**2)
+    return transmitted * (out + _transformed(q, t, _remainder(S, E / S), r / scale) / scale**2)
 
 
 def _grid(width):
@@ -98,7 +98,7 @@ def _grid(width):
     return q, 1 / q[::-1]
 
 
-def _rest(S, mean):
+def _remainder(S, mean):
     """e^-S (e^(S mean) - 1 - S mean), every digit kept for small and large S."""
     x = S * mean
     series = x * x / 2 * (1 + x / 3 * (1 + x / 4 * (1 + x / 5 * (1 + x / 6 * (1 + x / 7)))))

@@ -106,13 +106,13 @@ def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: f
         # hits of a walk of either kind
         dear = [float(max(goniometer.unpacked(part).sums[:, HITS].sum() / (REPLICATES * number), 1.0))
                 for part, number in zip(sums, done, strict=True)]
-        new = _more(variances[worst], done, dear, tolerance, most - total[HITS])
+        new = _additions(variances[worst], done, dear, tolerance, most - total[HITS])
         if error <= tolerance or not any(new):
             shares = (total[2:] / max(total[WALKS], 1.0)).tolist()
             return Measured(channels, int(total[HITS]), int(total[WALKS]), *shares, error <= tolerance)
 
 
-def _more(variance, done, dear, tolerance: float, hits: float) -> list[int]:
+def _additions(variance, done, dear, tolerance: float, hits: float) -> list[int]:
     """Walks of a replicate that each kind should still make: least hits for the tolerance, no more than are left."""
     v, n, cost = np.array(variance), np.array(done, float), np.array(dear)
     # variance v n / N of either kind: N in proportion to sqrt(v n / cost) costs least

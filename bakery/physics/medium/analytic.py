@@ -59,7 +59,7 @@ def tabulated(kind, tolerance, wavelengths, g=None, spread=None, table=None):
     ValueError : |g| = 1, a table that does not span 0 to pi or is zero
     """
     if kind == "table":
-        return _own(table, wavelengths)
+        return _of_table(table, wavelengths)
     if kind == "hg":
         g = np.asarray(g, float)
         if not (np.abs(g) < 1).all():
@@ -107,7 +107,7 @@ def predicted_angles(kind, tolerance, g=None, spread=None, table=None) -> int:
     return int(max(181, 130 + 1.45 * bend / math.sqrt(8 * tolerance)))
 
 
-def _own(table, wavelengths):
+def _of_table(table, wavelengths):
     theta, value = (np.asarray(column, float) for column in table)
     if len(theta) < 2 or theta[0] > 1e-9 or abs(theta[-1] - math.pi) > 1e-6 or not (np.diff(theta) > 0).all():
         raise ValueError("a phase table needs ascending angles from 0 to 180 degrees")

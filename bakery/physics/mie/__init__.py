@@ -299,15 +299,15 @@ def checked(m, x):
             text = f"{value.real:g}" + (f"{value.imag:+g}i" if value.imag else "")
             raise ValueError(f"{'x' if values is x else 'm'} = {text}: {why}")
 
-    few = m[:1] if m.strides == (0,) else m  # a number that was spread over all sizes
-    conductor = np.isinf(few.real) & (few.real > 0.0) & (few.imag == 0.0)
+    distinct = m[:1] if m.strides == (0,) else m  # a number that was spread over all sizes
+    conductor = np.isinf(distinct.real) & (distinct.real > 0.0) & (distinct.imag == 0.0)
     refuse(~((x >= X_MIN) & (x <= X_MAX)), x, f"size parameters from {X_MIN:g} to {X_MAX:g} are computed")
-    refuse(~np.isfinite(few) & ~conductor, few,
+    refuse(~np.isfinite(distinct) & ~conductor, distinct,
            "an index is finite; only inf itself, without imaginary part, is a perfect conductor")
-    refuse(few.imag < 0.0, few, "k < 0 is gain here; with exp(-iwt) absorption is k > 0, so give the complex conjugate")
-    refuse(few.real < 0.0, few, "n is not negative for non-magnetic materials (a metal is, for example, 0.055+3.42i)")
-    size = np.where(conductor, 1.0, abs(few))
-    refuse((size < M_MIN) | (size > M_MAX), few, f"|m| from {M_MIN:g} to {M_MAX:g} is computed; a perfect conductor is inf")
+    refuse(distinct.imag < 0.0, distinct, "k < 0 is gain here; with exp(-iwt) absorption is k > 0, so give the complex conjugate")
+    refuse(distinct.real < 0.0, distinct, "n is not negative for non-magnetic materials (a metal is, for example, 0.055+3.42i)")
+    size = np.where(conductor, 1.0, abs(distinct))
+    refuse((size < M_MIN) | (size > M_MAX), distinct, f"|m| from {M_MIN:g} to {M_MAX:g} is computed; a perfect conductor is inf")
     refuse(size * x > PHASE_MAX, m, f"|m| x above {PHASE_MAX:g} is not computed: make x or |m| smaller")
     return shape, m, x
 

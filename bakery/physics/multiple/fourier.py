@@ -148,8 +148,8 @@ def propagator(albedo, p, *, first=3, last=None, uncounted=None, threads=1, step
         return out
 
     with ThreadPoolExecutor(threads) as pool:  # starts none until it is given something to do
-        each = pool.map if threads > 1 else map
-        list(each(solver.prepare, range(order + 1)))
+        mapped = pool.map if threads > 1 else map
+        list(mapped(solver.prepare, range(order + 1)))
         light = column(0, len(r))[0]
         reached = light > _FLOOR * light.max()
         reach = len(r) if reached.all() else max(int(np.argmin(reached)), _STENCIL)
@@ -158,7 +158,7 @@ def propagator(albedo, p, *, first=3, last=None, uncounted=None, threads=1, step
         def store(j):
             by_distance[:, _kernels.packed(j, 0, 0):_kernels.packed(j + 1, 0, 0)] = (column(j, reach) * scale).T
 
-        list(each(store, range(order, -1, -1)))
+        list(mapped(store, range(order, -1, -1)))
     return Propagator(albedo, p, k0, log_r[:reach], by_distance)
 
 

@@ -200,7 +200,7 @@ def _schedule(schedule, fraction) -> Schedule:
     return schedule if fraction <= schedule.top else replace(schedule, growth=SCHEDULES["final"].growth)
 
 
-def _rest(fraction, plan) -> float:
+def _pause(fraction, plan) -> float:
     """Collisions a sphere at fixed size: fewer where spheres fly far between two, and addition at random is nearly a fluid."""
     return plan.equilibrate * min(1.0, 0.02 + 0.98 * fraction / 0.1) if fraction <= EQUILIBRIUM else 0.0
 
@@ -218,7 +218,7 @@ def _attempt(fraction, radii, edges, plan, stretch, rng, report, budget):
             report(min(spheres.fraction, fraction), spheres.pressure, min(spheres.collisions / expected, 0.99))
 
     spheres = Spheres(radii[descending], edges, rng, tell)
-    pause = _rest(fraction, plan)
+    pause = _pause(fraction, plan)
     status, reason = "reached", ""
     try:
         spheres.budget = int(budget * radii.size * _LIGHT) + 1_000_000, int(budget * radii.size)
@@ -266,7 +266,7 @@ def _collisions(fraction, plan, count) -> float:
 
     Z of Carnahan and Starling, or 3/(1 - f/f_J) where that is more; the spheres warm up by 10 % in speed before each rescaling.
     """
-    total, low = _rest(fraction, plan), min(_START, fraction)
+    total, low = _pause(fraction, plan), min(_START, fraction)
     slow = min(rate for until, rate in plan.growth)
     jammed = max(0.645 - 0.012 * np.log10(slow / 0.01), fraction + 1e-4)
     for until, rate in plan.growth:

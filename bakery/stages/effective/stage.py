@@ -53,17 +53,17 @@ OUTPUTS = (
     Output("forward_delta", "(L,)", "1", "unscattered (delta) share of scattered light; part of phase, below theta[1]",
            within=(0, 1)),
     Output("forward_delta_error", "(L,)", "1", "standard error of forward_delta"),
-    *(Output(f"sigma_t_{name}{end}", "(L,)", "1/m", ("standard error of sigma_t_" + name) if end else said,
+    *(Output(f"sigma_t_{name}{end}", "(L,)", "1/m", ("standard error of sigma_t_" + name) if end else description,
              optional=name == "random_walk")
-      for name, said in (("mean_flight", "1/(lambda_beta + albedo lambda_s) (Eq. 4)"),
+      for name, description in (("mean_flight", "1/(lambda_beta + albedo lambda_s) (Eq. 4)"),
                          ("second_moment", "with the mean square displacement of light that is teleported by grains"),
                          ("random_walk", "with the mean square displacement of the random walk through explicit grains"))
       for end in ("", "_error")),
     Output("diffusion_coefficient", "(L,)", "m", "improved (Grosjean) diffusion coefficient"),
     Output("sigma_tr_improved", "(L,)", "1/m", "effective transport coefficient with it"),
-    *(Output(f"random_walk/{name}{end}", "(1,)", units, ("standard error of " + name) if end else said, optional=True,
+    *(Output(f"random_walk/{name}{end}", "(1,)", units, ("standard error of " + name) if end else description, optional=True,
              within=ANY if not end and name in ("g", "correlation", "lambda_s", "mean_square_displacement") else (0, math.inf))
-      for name, units, said in _WALK for end in ("", "_error")),
+      for name, units, description in _WALK for end in ("", "_error")),
     Output("random_walk/hits", "(1,)", "1", "hits that were walked", optional=True),
     Output("random_walk/wavelength", "(1,)", "um", "whose indices the grains had; nothing is absorbed", optional=True),
 )

@@ -30,9 +30,9 @@ _SAID = {
 _WITHIN = dict.fromkeys(SHARES, (0, 1)) | {"g": SIGNED, "lambda_s": ANY, "lambda_o": ANY}
 
 
-def _with_errors(prefix: str, names, shape: str, **more) -> tuple[Output, ...]:
+def _with_errors(prefix: str, names, shape: str, **options) -> tuple[Output, ...]:
     return tuple(Output(f"{prefix}{name}{end}", shape, _SAID[name][0], ("standard error of " + name) if end else _SAID[name][1],
-                        within=_WITHIN.get(name + end, (0, math.inf)), **more) for name in names for end in ("", "_error"))
+                        within=_WITHIN.get(name + end, (0, math.inf)), **options) for name in names for end in ("", "_error"))
 
 
 OUTPUTS = (

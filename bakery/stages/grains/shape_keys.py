@@ -10,14 +10,14 @@ from bakery.grammar.section import Section, pick
 from bakery.physics.shapes import limits
 
 
-def _between(bounds, **more):
-    return number(least=bounds[0], most=bounds[1], **more)
+def _between(bounds, **options):
+    return number(least=bounds[0], most=bounds[1], **options)
 
 
 Three = Annotated[list[number(least=1e-6, most=1e6)], Field(min_length=3, max_length=3)]
 Two = Annotated[
     numbers(least=limits.EXPONENTS[0], most=limits.EXPONENTS[1], most_entries=2),
-    AfterValidator(lambda found: (found[0], found[-1])),  # one number stands for both
+    AfterValidator(lambda values: (values[0], values[-1])),  # one number stands for both
 ]
 Seed = whole(*limits.SEED)
 Sharpness = _between(limits.SHARPNESS, words={"inf": "inf"})
