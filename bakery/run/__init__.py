@@ -157,7 +157,7 @@ def _priced(recipe, target: Path, stages, present: Group | None, held, *, force:
         return replace(cost, seconds=work * ratio, compiling=coming, memory=cost.memory + COMPILER * (coming > 0), basis=basis)
 
     # a choice between rays and series takes sample spheres, and kernels
-    measured = () if recipe.particles is None else ("mie.coefficients", "mie.angular")
+    measured = () if recipe.particles is None else ahead.SERIES
     memory = ahead.Measuring(cache) if workers > 1 else cache
     with remembering(memory), compiling.watched(measured, progress.compiling):
         return make(recipe, target, only=stages, force=force, held=held, price=price, in_cache=cache.has,

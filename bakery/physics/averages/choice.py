@@ -124,6 +124,7 @@ def _samples(channel: Channel, count: int):
 def _measured(m, x, weight, features, lowest, allowed, rays) -> Choice:
     """The choice by comparison with series; kept, because plan and bake ask for the same."""
     from bakery.physics.goa import intensity_block as by_rays
+    from bakery.physics.mie import in_threads
     from bakery.physics.mie.angular import intensity_block as by_series
 
     x, weight = np.array(x), np.array(weight)
@@ -133,10 +134,10 @@ def _measured(m, x, weight, features, lowest, allowed, rays) -> Choice:
     theta = _angles(m, features)
     series, unit_weight = np.zeros((len(x), len(theta))), np.ones(1)
     by_ray = np.zeros_like(series)
-    for i in range(len(x)):
-        by_series(complex(m), x[i : i + 1], unit_weight, theta, series[i])
-    for i in large:
-        by_rays(complex(m), x[i : i + 1], unit_weight, theta, by_ray[i], rays.orders, **rays.options)
+    # a plan waits for it; the largest spheres, which take longest, begin
+    in_threads(lambda i: by_series(complex(m), x[i : i + 1], unit_weight, theta, series[i]), np.argsort(-x))
+    in_threads(lambda i: by_rays(complex(m), x[i : i + 1], unit_weight, theta, by_ray[i], rays.orders, **rays.options),
+               large[::-1])
     exact, _ = phase.normalised(theta, weight @ series)
     # from above: the average with rays for all samples from i on
     change = np.cumsum((weight[:, None] * (by_ray - series))[large][::-1], axis=0)[::-1]
