@@ -104,7 +104,7 @@ def _symmetric(matrices, flux, root):
 
 
 def _balanced(matrix, rows, columns, row_root, column_root):
-    """A matrix that turns `column_root` into `rows`, its transpose the other into `columns`; the rest is isotropic."""
+    """A matrix that turns `column_root` into `rows`, and its transpose `row_root` into `columns`, by adding isotropic light."""
     rows, columns = rows - matrix @ column_root, columns - matrix.T @ row_root
     twice = 0.5 * (rows @ row_root + columns @ column_root)
     return matrix + np.outer(rows, column_root) + np.outer(row_root, columns) - twice * np.outer(row_root, column_root)

@@ -72,7 +72,7 @@ def edges_of(transport, thickness):
     # the depth of one transport mean free path, or of all layers that have one
     ahead, near = 1.0, 0.0
     for path, width in zip(transport, thickness, strict=True):
-        if min(path, width) < math.inf:
+        if ahead > 0 and min(path, width) < math.inf:
             near += min(ahead * path, width)
             ahead = max(ahead - width / path, 0.0)
     return np.concatenate([[0.0], np.geomspace(NEAREST * near, FARTHEST * far, BINS)])

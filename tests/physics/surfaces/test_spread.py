@@ -132,6 +132,14 @@ def test_photons_followed_in_two_layers(media, index):
             assert abs(share - light[out, :last].sum()) < most * off
 
 
+def test_bins_of_deep_layers_on_what_does_not_scatter():
+    """Where no transport mean free path is in the way, or none is beyond a deep layer, all edges are numbers."""
+    for lower in (layer(0.0, 0.0, 2.0, base=0.5), layer(0.0, 0.0, math.inf), replace(layer(0.0, 0.0, 0.0, base=0.5), length=3.0)):
+        for upper in (layer(0.9, 0.5, 1e6), layer(0.9, 0.5, 0.1), layer(0.0, 0.0, 2.0)):
+            edges = spread(replace(upper, under=lower), 1, 0, 0, tolerance=1.0).edges
+            assert np.isfinite(edges).all() and (np.diff(edges) > 0).all()
+
+
 def test_parts_of_a_layer_spread_light_as_far_as_it():
     """Also where they say their lengths in other units: a part that is clear, but for a thickness of 0."""
     whole = spread(layer(0.99, 0.5, 5.0, 1.3, 0.2), 1, 0, 0)
