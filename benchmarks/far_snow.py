@@ -1,16 +1,16 @@
 """A field of snow, 200 m wide: what `auto` takes beside paths through the medium that stands for the grains.
 
-    python -m benchmarks.far_snow [--small] [--seconds 60] [--width 200] [--eye] [--grains snow|sand] [--tolerance 5%]
-                                  [--pictures FOLDER]
+    python -m benchmarks.far_snow [--small] [--seconds 60] [--width 200] [--eye] [--grains snow|sand] [--sun 11]
+                                  [--tolerance 5%] [--pictures FOLDER]
 
 The scene is assets/scenes/field_of_snow with the field as a closed body, so that paths can go into it, and snow of the same
 grains with the surface of their medium, which is what both show.  A row a method, which take turns: processor seconds a pass;
 the mean of the lower half of the picture over that of paths, with its standard error; processor seconds to a noise of 1 % of a
 pixel over the picture's mean, and that over paths'.  Before that the table of `auto` and the processor seconds of its pilots.
 --eye: from its edge, at the height of eyes, from 2 m before them to the horizon, with a post where near changes into far; then
-paths+surface, too, and no table of `auto`.  --grains: so, with the field a mesh that grains fill, ept+vpt in place of paths,
-the surface counted among the grains, as snow_field.yaml or beach_sand.yaml says, and a wide sun; times are those of both parts
-of such a method, before paths switch to the medium and after, each with its best share.
+paths+surface, too, and no table of `auto`.  --grains: so, with the field a mesh that grains fill, ept in place of paths, ept+vpt,
+the surface counted among the grains, as snow_field.yaml or beach_sand.yaml says, and a sun as wide as --sun says, in degrees;
+times are those of both parts of such a method, before paths switch to the medium and after, each with its best share.
 --pictures: means of the methods, and their differences from paths in standard errors of blocks of pixels, as PNG.
 --small: 32 pixels wide, 2 seconds.
 """
@@ -56,17 +56,21 @@ BLOCK_OF_SNOW = (np.array([[x, y, z] for x in (-100.0, 100.0) for y in (-100.0, 
                  np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6],
                            [0, 6, 4], [1, 5, 7], [1, 7, 3]]))  # m
 RECIPES = {None: "snow_field", "snow": "snow_field", "sand": "beach_sand"}
-GRAINS = ("ept+vpt", "ept+vpt+surface")
-# as far up and as bright, 11 degrees wide: light of a sun without extent does not show in clear grains
-WIDE_SUN = """<shape type="sphere"> <point name="center" x="2600" y="1138" z="975"/> <float name="radius" value="300"/>
-<emitter type="area"> <rgb name="radiance" value="134, 108, 80"/> </emitter> </shape>"""
+GRAINS = ("ept", "ept+vpt", "ept+vpt+surface")
+# as far up and as bright, but wide: light of a sun without extent does not show in clear grains
+WIDE_SUN = """<shape type="sphere"> <point name="center" x="2600" y="1138" z="975"/> <float name="radius" value="{}"/>
+<emitter type="area"> <rgb name="radiance" value="{}, {}, {}"/> </emitter> </shape>"""
+DISTANCE = 3000.0  # m, of its centre
 _LEAST = 4  # passes of each part
 ROUNDS = 4  # in which methods take turns
 BLOCK = 8  # pixels a side, of the blocks whose differences are shown
 
 
-def written(folder, width, asset, time=3600.0, eye=False, tolerance="5%", grains=False):
-    """The scene in a folder: the field a body, and no drift or posts in it; eye : from its edge;  grains : it is full of them"""
+def written(folder, width, asset, time=3600.0, eye=False, tolerance="5%", sun=0.0):
+    """The scene in a folder: the field a body, and no drift or posts in it.
+
+    eye : from its edge;  sun : degrees, how wide it is, and the field is full of grains; 0: that of the shipped scene
+    """
     text = (ROOT / "assets/scenes/field_of_snow.xml").read_text(encoding="utf-8")
     text = re.sub(r'<shape type="rectangle" id="plain">.*?</shape>', FIELD, text)
     text = re.sub(r'<shape type="ply" id="drift">.*?</shape>', "", text)
@@ -74,15 +78,17 @@ def written(folder, width, asset, time=3600.0, eye=False, tolerance="5%", grains
     if eye:
         text = re.sub(r'(?s)<sensor.*?</sensor>', "", text).replace("</scene>", f"{EYE}</scene>")
         text = text.replace('100, 100, 1"/> <translate z="-4"', '100, 100, 10"/> <translate z="-13"')  # 20 m deep
-    if grains:
+    if sun:
         text = re.sub(r'(?s)<shape type="cube" id="plain">.*?</shape>', "", text)
         vertices, faces = BLOCK_OF_SNOW
         (folder / "plain.ply").write_bytes(ply.mesh(vertices, faces))
-        text = re.sub(r'(?s)<emitter type="directional".*?</emitter>', WIDE_SUN, text)
+        share = np.sin(np.radians(sun / 2))
+        disc = WIDE_SUN.format(DISTANCE * share, *(np.array([1.34, 1.08, 0.8]) / share**2))
+        text = re.sub(r'(?s)<emitter type="directional".*?</emitter>', disc, text)
     (folder / "far_snow.xml").write_text(text, encoding="utf-8")
     path = folder / "far_snow.yaml"
     height = 3 * width // 4
-    where = "mesh: plain.ply" if grains else "shape: plain"
+    where = "mesh: plain.ply" if sun else "shape: plain"
     path.write_text(SCENE.format(width=width, height=height, asset=asset, time=time, tolerance=tolerance, where=where),
                     encoding="utf-8")
     return path
@@ -168,7 +174,8 @@ class Run:
 def table(runs):
     """Rows of the methods, by name; the first is what others are held against."""
     reference = next(iter(runs.values()))
-    print("| method | s a pass | lower half over paths | noise 1 % after, s | over paths |\n|---|---|---|---|---|")
+    first = next(iter(runs))
+    print(f"| method | s a pass | lower half over {first} | noise 1 % after, s | over {first} |\n|---|---|---|---|---|")
     for name, run in runs.items():
         ratio = run.mean[0] / reference.mean[0]
         error = np.hypot(run.mean[1], reference.mean[1] * (run is not reference)) / reference.mean[0]
@@ -225,13 +232,14 @@ def main():
     parser.add_argument("--folder", type=Path, help="where the asset is kept")
     parser.add_argument("--eye", action="store_true", help="from the height of eyes")
     parser.add_argument("--grains", choices=("snow", "sand"), help="from there, and full of grains")
+    parser.add_argument("--sun", type=float, default=11.0, help="degrees, how wide it is over grains: wider ones make less noise")
     parser.add_argument("--tolerance", default="5%", help="of the scene")
     parser.add_argument("--pictures", type=Path, help="a folder for PNG files")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = args.folder or Path(temporary)
         path = written(folder, args.width, baked(folder, args.grains), eye=args.eye or args.grains is not None,
-                       tolerance=args.tolerance, grains=args.grains is not None)
+                       tolerance=args.tolerance, sun=args.sun if args.grains else 0.0)
         scene = assets.together([scenes.load(path)])[0]
         opened = choice.Opened.of(scene)
         offered = methods(scene, args.eye)

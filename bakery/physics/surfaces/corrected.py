@@ -27,7 +27,7 @@ LEVELS = ((SHOWN, (48, 8, 8)), (SHOWN,), (SHOWN,))
 # of beach sand from where its azimuth is 45 to 90 degrees
 DEGREES = ((16, 4, 4), (6, 3, 3), (6, 3, 3))
 _MIXED = 1.5  # of the shares of these degrees in a term, their sum at most
-_FAINTEST = 0.02  # of the mean factor: no polynomial falls below that
+_FAINTEST = 0.2  # of the mean factor: no polynomial falls below that where next to no light goes
 DEGREE = 6  # of the polynomial in the root of the cosine through albedos
 _ROUNDS = 8  # of fits in turn to cells and to albedos
 _FEW = 8.0  # walks' worth of light by which a cell is held to the medium: what noise moves where next to none goes
@@ -231,6 +231,7 @@ class Fit:
         """The polynomial's table, the scale beside it, and the polynomial's relative variance in the cells of `SHOWN`.
 
         Least squares, by the variance of counts; its terms are held to 0 and its mean to that of all light, by a few walks'.
+        Where next to no light goes, as where both directions graze, its own variance holds it to the mean: it went astray there.
         """
         fine = self.tables[order]
         to, terms = merged(self.cells, fine), _terms(fine, DEGREES[order])
@@ -244,9 +245,8 @@ class Fit:
             factors = inverse @ (weighted @ (walks * wanted) + mean * held[0])
             table = np.maximum(terms @ factors, _FAINTEST * mean)
             scale = self._scaled(order, table, scale, albedo)
-        shown = _terms(SHOWN, DEGREES[order])
-        value = np.maximum(shown @ factors, _FAINTEST * mean)
-        return table, scale, np.einsum("ki,ij,kj->k", shown, inverse, shown, optimize=True) / value**2
+        held = [1 / (1 + np.sum(at @ inverse * at, axis=1) / mean**2) for at in (terms, _terms(SHOWN, DEGREES[order]))]
+        return mean + (table - mean) * held[0], scale, 1 / held[1] - 1
 
     def _scaled(self, order: int, table, scale, albedo):
         """The scale after a step towards the albedo of each bin."""
