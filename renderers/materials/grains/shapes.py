@@ -339,8 +339,8 @@ def next_event(scene, path, meeting):
         towards = dr.select(widened, meeting.sample.wo, towards)
         onward = dr.select(widened, surface.to_world(towards), onward)
         sky = mi.has_flag(light.emitter.flags(), mi.EmitterFlags.Infinite)
-        own = dr.minimum(2 * dr.rsqrt(dr.pi * light.pdf), scene.chord)  # of the distance, as there
-        ahead *= dr.select(widened & ~sky & ~light.delta, 1 - own, 1)
+        depth = dr.minimum(2 * dr.rsqrt(dr.pi * light.pdf), scene.chord)  # of the distance, as there
+        ahead *= dr.select(widened & ~sky & ~light.delta, 1 - depth, 1)
     radiance *= value * dr.select(light.delta, 1, loop.balance(light.pdf, by_bsdf))
     active &= dr.any(radiance > 0)
     ray = mi.Ray3f(scene.beside(meeting, towards), onward)
