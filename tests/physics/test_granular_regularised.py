@@ -59,6 +59,20 @@ def test_light_from_everywhere_stays_one():
 
 
 @pytest.mark.slow
+def test_light_from_everywhere_stays_one_by_shapes(tmp_path, monkeypatch):
+    """The same in the loop of Dr.Jit."""
+    (tmp_path / "scene.xml").write_text('<scene version="3.0.0"><emitter type="constant"/></scene>')
+    view = {"origin": (0.0, -40.0, 3.0), "target": (0.0, 0.0, 0.0), "up": (0.0, 0.0, 1.0), "fov": 14.0}
+    world = World(tmp_path / "scene.xml", view=view, size=(24, 24))
+    monkeypatch.setattr(regularised, "_SHRINKS", 0.0)
+    part = methods.part(world, how(world, grains([Kind(GLASS), Kind(STEEL, STONE)], bumpy(5.0)), 1.0), "ept", 0)
+    assert part.samples > 16, "by shapes"
+    means = np.array([part.render(number)[""].mean() for number in range(12)])
+    error = means.std(ddof=1) / 12**0.5
+    assert 1e-5 < error < 1e-3 and abs(means.mean() - 1) < SIGMAS * error
+
+
+@pytest.mark.slow
 def test_a_lamp_without_extent_is_a_disc(tmp_path, monkeypatch):
     """Pixel by pixel: balls of glass in the sun, as Mitsuba sees every one of them under a disc of the same power; by wavefronts
     and by shapes."""

@@ -59,7 +59,9 @@ def add_light(world, colours, paths, distance, c, sums):
     wavefront.draw(paths.states, numbers)
     sample = world.lights(paths.origin, numbers, hidden=False)
     within = np.sum((sample.direction - paths.direction) ** 2, axis=1) < c * c
-    rows = np.flatnonzero(within & (sample.distance * (1 - c) <= distance))  # a lamp's own surface does not hide its disc
+    # a lamp of a density p has a solid angle of 1/p or less: what is nearer than its point by its width may be its own surface
+    depth = np.where(sample.delta, 0.0, np.minimum(2 / np.sqrt(math.pi * np.maximum(sample.density, 1e-30)), c))
+    rows = np.flatnonzero(within & (sample.distance * (1 - depth) <= distance))
     sample, paths = sample.of(rows), paths.of(rows)
     radiance = sample.radiance * (density * sample.share(density))[:, None]
     steps.add_light(colours, paths.throughput, paths.order, radiance.astype(np.float32), sample.light, paths, sums)

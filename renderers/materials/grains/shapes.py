@@ -338,7 +338,9 @@ def next_event(scene, path, meeting):
         value = dr.select(widened, dr.select(within, meeting.factor * scene.cone, 0), value)
         towards = dr.select(widened, meeting.sample.wo, towards)
         onward = dr.select(widened, surface.to_world(towards), onward)
-        ahead *= dr.select(widened, 1 - scene.chord, 1)
+        sky = mi.has_flag(light.emitter.flags(), mi.EmitterFlags.Infinite)
+        depth = dr.minimum(2 * dr.rsqrt(dr.pi * light.pdf), scene.chord)  # of the distance, as there
+        ahead *= dr.select(widened & ~sky & ~light.delta, 1 - depth, 1)
     radiance *= value * dr.select(light.delta, 1, loop.balance(light.pdf, by_bsdf))
     active &= dr.any(radiance > 0)
     ray = mi.Ray3f(scene.beside(meeting, towards), onward)
