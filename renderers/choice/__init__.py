@@ -295,7 +295,8 @@ class _Pilots:
         self._try(first, min(_LONGEST, 0.3 * _SHARE * limit))
         whole, spent = min(limit, self._seconds_to_end(self._trials[first])), 0.0
         for name in others:
-            needed, seconds_left = self._offered[name].pilot, _SHARE * whole - spent
+            # two passes of each size take about as long as those of the first, where those took longer than they should
+            needed, seconds_left = max(self._offered[name].pilot, self._trials[first].seconds), _SHARE * whole - spent
             if seconds_left < needed:
                 self._why[name] = f"not tried: a pilot takes {needed:.2g} s, and the picture {whole:.2g} s"
                 continue
