@@ -1,12 +1,12 @@
 """What `auto` is for a scene: the cheapest of its candidates (`renderers.scene.candidates`), by pilots of each.
 
-The first candidate is the one that is taken where no pilots are worth their time.  The others are tried while pilots together
-take less than a twenty-fifth of the render, that of the first, whose kernels the render needs most likely, apart.  Cheapest is
-that whose seconds are at most fewest, by standard errors of what its pilot tells: one of which little is known is not preferred
-to one that is well known, nor to an earlier one of which as little is known. A candidate with an error of its own has to fit the
-share of the tolerance that such errors have (`renderers.scene.budget.ROOM`): by its pilot, against one without an error, or,
-where so few passes cannot tell, by what it declares. A choice is kept in the cache of bakes by all that it was made of, so that
-the same scene is rendered alike as long as that is there: clocks decide, and another machine may choose otherwise.
+The first candidate is the one that is taken where no pilots are worth their time. The others are tried while pilots together take
+less than 8 % of the render, but for compiling. Cheapest is that whose seconds are at most fewest, by standard errors of what its
+pilot tells: one of which little is known is not preferred to one that is well known, nor to an earlier one of which as little is
+known. A candidate with an error of its own has to fit the share of the tolerance that such errors have
+(`renderers.scene.budget.ROOM`): by its pilot, against one without an error, or, where so few passes cannot tell, by what it
+declares. A choice is kept in the cache of bakes by all that it was made of, so that the same scene is rendered alike as long as
+that is there: clocks decide, and another machine may choose otherwise.
 """
 
 from __future__ import annotations
@@ -32,9 +32,10 @@ from renderers.scene.candidates import Candidate
 
 TEXT = "bakery_method"  # attribute of the pictures
 _VERSION = 4  # of the rules below; another one does not go by what was kept
-# Of the render, that pilots of others than the first may take together.  A tenth was more than they saved: in a minute, a jelly
-# whose first candidate is the cheapest took 10 % longer
-_SHARE = 0.04
+# Of the render, that pilots may take together, and that each is given; two passes of each size take what they take.  A tenth
+# beside the first was more than they saved (a jelly whose first candidate is the cheapest), and a twentieth left no time for two
+# passes through grains (fine salt from afar, of which another one is 1.8 times as cheap)
+_SHARE, _EACH = 0.08, 0.0125
 _LONGEST = 1.5  # s of passes of a pilot
 _LONGER = 30.0  # times as long are pilots at most that have to tell an error
 _LEAST_PIXELS, _LEAST_SAMPLES = 128**2, 1 << 21  # of pictures; smaller ones take no longer than pilots
@@ -303,15 +304,16 @@ class _Pilots:
     def _run(self):
         first, *others = self._offered
         limit = math.inf if self._stop.time is None else self._stop.time
-        self._try(first, min(_LONGEST, 0.3 * _SHARE * limit))
-        whole, spent = min(limit, self._seconds_to_end(self._trials[first])), 0.0
+        self._try(first, min(_LONGEST, _EACH * limit))
+        whole, spent = min(limit, self._seconds_to_end(self._trials[first])), self._trials[first].seconds
         for name in others:
-            needed, seconds_left = self._offered[name].pilot, _SHARE * whole - spent
+            # two passes of each size take about as long as those of the first, where those took longer than they should
+            needed, seconds_left = max(self._offered[name].pilot, self._trials[first].seconds), _SHARE * whole - spent
             if seconds_left < needed:
                 self._why[name] = f"not tried: a pilot takes {needed:.2g} s, and the picture {whole:.2g} s"
                 continue
             try:
-                self._try(name, min(_LONGEST, 0.5 * seconds_left))
+                self._try(name, min(_LONGEST, _EACH * whole))
                 spent += self._trials[name].seconds
                 whole = min(whole, self._at_most(name))
             except (AssetError, UsageError) as fault:
