@@ -10,8 +10,11 @@ clock back before that costs digits.
 from __future__ import annotations
 
 import numpy as np
+from numba import carray
 
-from bakery.physics.packing._lists import CODES, DUE, FIRST, INNER, LAST, PARTNER, STRICT, R, V, X, relist
+from bakery.physics.packing._approach import DUE as NEXT
+from bakery.physics.packing._approach import LANES, A, B, C, approach, lowest, scratch
+from bakery.physics.packing._lists import CENTRE, CODES, DUE, FIRST, INNER, LAST, PARTNER, STRICT, R, V, X, relist
 from bakery.physics.packing._queue import best_of, call_ahead, call_neighbours, reschedule, runner_up
 from bakery.system.compiled import njit
 
@@ -85,24 +88,25 @@ def predict(st, i, t):
         soon = st.sphere[i, DUE] - t
         choice = agreed
 
-    for at in range(st.index[i, FIRST], st.index[i, LAST]):
-        j, code = st.near[at] >> 5, st.near[at] & 31
-        dx = (x - st.shift[code, 0]) - (st.sphere[j, X] + st.sphere[j, V] * t)
-        dy = (y - st.shift[code, 1]) - (st.sphere[j, X + 1] + st.sphere[j, V + 1] * t)
-        dz = (z - st.shift[code, 2]) - (st.sphere[j, X + 2] + st.sphere[j, V + 2] * t)
-        ux, uy, uz = vx - st.sphere[j, V], vy - st.sphere[j, V + 1], vz - st.sphere[j, V + 2]
-        s, g = (radius + st.sphere[j, R]) * scale, (radius + st.sphere[j, R]) * rate
-        # the squared gap after tau is c + 2 b tau + a tau^2
-        a = ux * ux + uy * uy + uz * uz - g * g
-        b = dx * ux + dy * uy + dz * uz - s * g
-        c = dx * dx + dy * dy + dz * dz - s * s
-        until = min(soon, st.sphere[j, DUE] - t)
-        if c > 0.0 and c + until * (2.0 * b + until * min(a, 0.0)) >= 0.0:
-            continue  # they do not touch before something else happens
-        tau = _touching(a, b, c)
-        if tau < until:
-            soon = tau
-            choice = st.near[at]
+    moving, now = (x, y, z, vx, vy, vz, radius), (scale, rate, t)
+    gaps = scratch()
+    gap = carray(gaps, 4 * LANES)
+    last = st.index[i, LAST]
+    # lists take whole cache lines: what stands behind the last one is some sphere's number, or was
+    for first in range(st.index[i, FIRST], last, LANES):
+        bits = approach(st.sphere, st.near, first, st.shift, CENTRE, moving, now, soon, gaps)
+        bits &= (1 << min(last - first, LANES)) - 1
+        while bits != 0:
+            k = lowest(bits)
+            bits &= bits - 1
+            a, b, c = gap[A + k], gap[B + k], gap[C + k]
+            until = min(soon, gap[NEXT + k])
+            if c > 0.0 and c + until * (2.0 * b + until * min(a, 0.0)) >= 0.0:
+                continue  # no longer, for something else comes sooner
+            tau = _touching(a, b, c)
+            if tau < until:
+                soon = tau
+                choice = st.near[first + k]
 
     if choice == agreed and agreed >= 0:
         return

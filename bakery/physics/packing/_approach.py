@@ -1,0 +1,150 @@
+"""How eight neighbours of a sphere come closer, side by side.
+
+Written in the compiler's own vectors: a record of eight numbers is one load, eight records are turned into eight vectors, and all
+that follows is the same for each.  A loop over neighbours takes them one by one.  No sum is in another order than in such a loop.
+"""
+
+from __future__ import annotations
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+LANES = 8
+A, B, C, DUE = range(0, 4 * LANES, LANES)  # of what `approach` writes
+
+_VECTOR = ir.VectorType(ir.DoubleType(), LANES)
+_BITS, _INT, _LONG = ir.IntType(LANES), ir.IntType(32), ir.IntType(64)
+
+
+@intrinsic
+def scratch(typingctx):
+    """Memory for what `approach` writes, on the stack of the function that calls."""
+
+    def code(context, builder, signature, args):
+        stack = cgutils.alloca_once(builder, ir.DoubleType(), context.get_constant(types.intp, 4 * LANES))
+        return stack
+
+    return types.CPointer(types.float64)(), code
+
+
+@intrinsic
+def lowest(typingctx, bits):
+    """Number of the lowest bit that is set."""
+
+    def code(context, builder, signature, args):
+        return builder.cttz(args[0], ir.IntType(1)(1))
+
+    return types.int64(types.int64), code
+
+
+@intrinsic
+def approach(typingctx, sphere, near, first, shift, centre, moving, now, soon, out):
+    """Which of the eight neighbours near[first] .. near[first + 7] may touch: a bit each.
+
+    The squared gap is c + 2 b tau + a tau^2; none before `until` where c > 0 and c + until (2 b + until min(a, 0)) >= 0.
+
+    Parameters
+    ----------
+    sphere, near, shift : of `State`
+    centre : code of the image without shift
+    moving : x, y, z now, velocity, radius of the sphere
+    now : scale, rate, time
+    soon : time from now after which nothing matters; the neighbour's own next event, where that is earlier
+    out : memory for a, b, c and the time until a neighbour's next event, LANES of each
+    """
+    signature = types.int64(sphere, near, types.int64, shift, types.int64, types.UniTuple(types.float64, 7),
+                            types.UniTuple(types.float64, 3), types.float64, out)
+    return signature, _code
+
+
+def _code(context, builder, signature, args):
+    sphere, near, first, shift, centre, moving, now, soon, out = args
+    sphere, near, shift = (context.make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 1, 3))
+    x, y, z, vx, vy, vz, radius = (_splat(builder, builder.extract_value(moving, n)) for n in range(7))
+    scale, rate, t = (_splat(builder, builder.extract_value(now, n)) for n in range(3))
+    entries = [builder.load(builder.gep(near, [builder.add(first, _LONG(n))])) for n in range(LANES)]
+    px, py, pz, ux, uy, uz, r, due = _columns(builder, sphere, entries)
+    sx, sy, sz = _shifts(builder, shift, centre, entries)
+    sub, mul, add = builder.fsub, builder.fmul, builder.fadd
+    dx, dy, dz = (sub(sub(at, s), add(p, mul(v, t))) for at, s, p, v in ((x, sx, px, ux), (y, sy, py, uy), (z, sz, pz, uz)))
+    ux, uy, uz = sub(vx, ux), sub(vy, uy), sub(vz, uz)
+    radii = add(radius, r)
+    s, g = mul(radii, scale), mul(radii, rate)
+
+    def form(left, right):
+        """The indefinite product of two differences of places, velocities and radii."""
+        terms = [mul(*pair) for pair in zip(left, right, strict=True)]
+        return sub(add(add(terms[0], terms[1]), terms[2]), terms[3])
+
+    u, d = (ux, uy, uz, g), (dx, dy, dz, s)
+    a, b, c = form(u, u), form(d, u), form(d, d)
+    due = sub(due, t)
+    zero = ir.Constant(_VECTOR, [0.0] * LANES)
+    soon = _splat(builder, soon)
+    until = builder.select(builder.fcmp_ordered("<", due, soon), due, soon)
+    least = builder.select(builder.fcmp_ordered("<", a, zero), a, zero)
+    bound = add(c, mul(until, add(mul(ir.Constant(_VECTOR, [2.0] * LANES), b), mul(until, least))))
+    apart = builder.and_(builder.fcmp_ordered(">", c, zero), builder.fcmp_ordered(">=", bound, zero))
+    for value, start in ((a, A), (b, B), (c, C), (due, DUE)):
+        builder.store(value, builder.bitcast(builder.gep(out, [_LONG(start)]), _VECTOR.as_pointer())).align = 8
+    return builder.zext(builder.not_(builder.bitcast(apart, _BITS)), _LONG)
+
+
+def _columns(builder, sphere, entries):
+    """The records of eight spheres as eight vectors, one for each number of a record."""
+    rows = []
+    for entry in entries:
+        at = builder.mul(builder.zext(builder.lshr(entry, entry.type(5)), _LONG), _LONG(8))
+        row = builder.load(builder.bitcast(builder.gep(sphere, [at]), _VECTOR.as_pointer()))
+        row.align = 64
+        rows.append(row)
+    for half in (1, 2, 4):  # halves of blocks of 2 half x 2 half change places
+        low = [n + LANES - half if n & half else n for n in range(LANES)]
+        high = [n + LANES if n & half else n + half for n in range(LANES)]
+        turned = list(rows)
+        for n in range(LANES):
+            if not n & half:
+                turned[n] = builder.shuffle_vector(rows[n], rows[n + half], _indices(low))
+                turned[n + half] = builder.shuffle_vector(rows[n], rows[n + half], _indices(high))
+        rows = turned
+    return rows
+
+
+def _shifts(builder, shift, centre, entries):
+    """Translations of the images of eight neighbours; nearly always none of them is translated."""
+    codes = [builder.and_(entry, entry.type(31)) for entry in entries]
+    inside = ir.IntType(1)(1)
+    for code in codes:
+        inside = builder.and_(inside, builder.icmp_unsigned("==", builder.zext(code, _LONG), centre))
+    zero = ir.Constant(_VECTOR, [0.0] * LANES)
+    before = builder.block
+    across, done = (builder.append_basic_block(name) for name in ("across", "shifted"))
+    builder.cbranch(inside, done, across)
+    builder.position_at_end(across)
+    vectors = []
+    for axis in range(3):
+        vector = ir.Constant(_VECTOR, ir.Undefined)
+        for n, code in enumerate(codes):
+            at = builder.add(builder.mul(builder.zext(code, _LONG), _LONG(3)), _LONG(axis))
+            vector = builder.insert_element(vector, builder.load(builder.gep(shift, [at])), _INT(n))
+        vectors.append(vector)
+    builder.branch(done)
+    builder.position_at_end(done)
+    shifts = []
+    for vector in vectors:
+        phi = builder.phi(_VECTOR)
+        phi.add_incoming(zero, before)
+        phi.add_incoming(vector, across)
+        shifts.append(phi)
+    return shifts
+
+
+def _indices(numbers):
+    return ir.Constant(ir.VectorType(_INT, LANES), numbers)
+
+
+def _splat(builder, number):
+    vector = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), number, _INT(0))
+    return builder.shuffle_vector(vector, vector, _indices([0] * LANES))
