@@ -271,14 +271,14 @@ def _followed(world, medium, events, pencils, chosen) -> LightSample:
     """What some pencils come upon that go on as their particles scatter, as places on lights: a lamp behind a particle sends
     nearly all of its light by way of a narrow peak, which places on it seldom are in."""
     n, none, whole = len(chosen), np.zeros(len(chosen), bool), np.zeros(len(chosen), np.int64)
-    place, density = events.place[chosen], np.zeros(n)
-    paths = Paths(place, pencils.direction[chosen], pencils.throughput[chosen], pencils.states[chosen], pencils.pixel[chosen],
-                  place, density, none, whole, whole, np.zeros(n), none, whole)
+    origin, density = events.place[chosen], np.zeros(n)
+    paths = Paths(origin, pencils.direction[chosen], pencils.throughput[chosen], pencils.states[chosen], pencils.pixel[chosen],
+                  origin, density, none, whole, whole, np.zeros(n), none, whole)
     run(_transport.scatter, n, medium, events.kind[chosen], paths, Guide(paths.direction.copy(), none))
     pencils.states[chosen] = paths.states
     density *= _transport.FOLLOWED
     shading, _ = steps.met(world, paths)
-    far = np.where(shading.hit, np.linalg.norm(shading.point - place, axis=1), FAR)
+    far = np.where(shading.hit, np.linalg.norm(shading.point - origin, axis=1), FAR)
     radiance = shading.emitted / np.maximum(density, 1e-30)[:, None]
     return LightSample(paths.direction.astype(np.float32), far, radiance.astype(np.float32), density.astype(np.float32),
                        ~none, shading.source)
