@@ -1,12 +1,12 @@
-"""Chains with tables: mutations a second, and noise in light of three and more events beside other methods.
+"""Metropolis with tables: candidates a second, and noise in light of three and more events beside other methods.
 
     python -m benchmarks.metropolis_tables [--small] [--scenes wax wax_glass bumpy_ball] [--size 48] [--seconds 6] [--pilots]
 
 Scenes: a ball of published wax (Wang, Ge and Holzschuch 2018) of 8 mean free paths in radius under a panel, matched or of glass,
 and shipped ones.  A row a method, which take turns, for so many processor seconds each: light of three and more events over that
-of the first, with its standard error; paths or mutations a second of two cores, of the kind of passes alone; processor seconds to
-a noise of 1 % of a pixel, root mean square, over the picture's mean, in all light and in that of three and more events; and the
-error in the latter over `metropolis` at equal time.  --small: 16 pixels wide, a second.
+of the first, with its standard error; paths, mutations or candidates a second of two cores, of these passes alone; processor
+seconds to a noise of 1 % of a pixel, root mean square, over the picture's mean, in all light and in that of three and more
+events; and the error in the latter over `metropolis` at equal time.  --small: 16 pixels wide, a second.
 
 --pilots: what pilots of so many seconds tell `auto` of a picture of so many pixels a side: processor seconds to a noise of 1 % in
 all light, and how the kinds of passes share them.
@@ -43,7 +43,7 @@ def setup(scene, size):
 
 
 def a_second(run):
-    """Paths or mutations of two cores; None where beams are gathered."""
+    """Paths, mutations or candidates of two cores; None where beams are gathered."""
     (*others, last) = run.parts
     if hasattr(last.render, "count"):
         count = last.render.count * last.count / (last.count + 1)  # less the pass that compiles
