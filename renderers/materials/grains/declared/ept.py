@@ -26,7 +26,7 @@ def lacks(assets, world) -> str:
 
 
 def slow(scene, assets, world) -> str:
-    """Each grain that a path meets takes about as long."""
+    """Each grain that a path meets takes a microsecond or more."""
     from renderers.materials.grains import material
 
     number = max(material.meetings(asset, *mesh) for asset, mesh in zip(assets, material.meshes_of(scene)))
