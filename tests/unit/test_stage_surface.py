@@ -237,6 +237,23 @@ def test_spread(deep, thin, based, bake):
         deep.query("surface/spread", phi="0 deg")
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [
+    '{thickness: "[0.01, 1e6] mm"}', '{thickness: "[0.01, 1e6] mm", boundary: {index: 0.75}, base: {albedo: 1}}',
+    "{boundary: {index: 0.75, roughness: 0.2}}"])
+def test_extremes(options, tmp_path):
+    """Depths 0.01 to 1e6, albedo 0 and 1, an index below 1, facets, incidence to 89.9 degrees: numbers, energy, both ways."""
+    recipe = RECIPE.replace("[0.45, 0.65]", "[0.45, 0.55, 0.65]").replace("[1, 0.9]", "[1, 0.5, 0]")
+    (tmp_path / "layer.yaml").write_text(recipe.replace("{options}", options))
+    of = bakery.bake(tmp_path / "layer.yaml", output=tmp_path / "layer.h5").surface
+    theta = np.radians([0.0, 40.0, 80.0, 89.9])
+    values = of.reflectance(theta[:, None], theta, 1.0)
+    assert np.isfinite(values).all() and (values >= 0).all() and (of["change"] <= 0.02).all()
+    np.testing.assert_allclose(values, np.swapaxes(values, -1, -2), rtol=1e-6)
+    np.testing.assert_allclose((of["albedo"] + of["passed"])[0], 1, atol=1e-6)
+    assert (of["mean_square"][0] > 0).all() and np.isfinite(of["mean_square"]).all()
+
+
 def test_measures(thin):
     group = thin.tree["surface"]
     assert surface.measures(group, group)["error"] < 1e-9

@@ -13,7 +13,9 @@ from bakery.physics.surfaces.solution import Covered, Solution, Stacked, solve
 from bakery.physics.surfaces.stack import free, layers, rough_within
 
 FEWEST, MOST = 16, 640  # Legendre moments
+_MOSTLY = 128  # that are told at first: all of them take half as long as the solution by 48
 _MOST_NODES = 256  # moments, where there are as many nodes
+_MOST_BETWEEN = 121  # where facets lie on several media: their operators take minutes beyond
 # error that a change leaves, over the change: that of the peak that is still cut off over that of the last step, within 1.3 times
 # for Henyey and Greenstein's functions and fog; and no less than a quarter
 _MARGIN, _LEAST = 1.5, 0.25
@@ -38,9 +40,13 @@ def converged(slab: Slab, tolerance: float, most: int = MOST) -> tuple[Solution 
     The error leaves a part of the tolerance to rounding, or is above that where `most` moments do not reach it.
     """
     if rough_within(slab) or free(slab):
-        most = min(most, _MOST_NODES)
-    wanted = moments_of(slab, most)
-    count, before, error = _first(slab, wanted, tolerance, most), None, math.inf
+        most = min(most, _MOST_BETWEEN if rough_within(slab) and slab.under is not None else _MOST_NODES)
+    known = min(most, _MOSTLY)
+    wanted = moments_of(slab, known)
+    count, before, error = _first(slab, wanted, tolerance), None, math.inf
+    if count > known // 2:
+        wanted, known = moments_of(slab, most), most
+        count = _first(slab, wanted, tolerance)
     while True:
         solution = solve(slab, wanted, count, tolerance)
         values = _values(solution)
@@ -49,14 +55,16 @@ def converged(slab: Slab, tolerance: float, most: int = MOST) -> tuple[Solution 
         if error <= (1 - _ROUNDED) * tolerance or 3 * count // 2 > most:
             return solution, error
         before, count = values, 3 * count // 2
+        if count >= known < most:
+            wanted, known = moments_of(slab, most), most
 
 
-def _first(slab: Slab, wanted, tolerance: float, most: int) -> int:
+def _first(slab: Slab, wanted, tolerance: float) -> int:
     """Moments to begin with: two thirds of those that leave out a peak of little light."""
     if slab.under is not None or slab.index != 1 or slab.depth < 1:
         return FEWEST
-    small = np.flatnonzero(slab.albedo * wanted[:most + 1] <= _PEAK * tolerance)
-    return max(FEWEST, 2 * int(small[0] if len(small) else most) // 3)
+    small = np.flatnonzero(slab.albedo * wanted <= _PEAK * tolerance)
+    return max(FEWEST, 2 * int(small[0] if len(small) else len(wanted) - 1) // 3)
 
 
 def _error_after(change: float, wanted, count: int, few: bool) -> float:

@@ -65,7 +65,8 @@ class Solution:
         Within the peak that is cut off (`cut.share` of the light) it counts light that the peak deflects several times as if
         once.
         """
-        return self._value(self.transmitted, mu, mu0, phi, 1) * (self.slab.base is None)
+        value = self._value(self.transmitted[:0] if self.slab.depth == math.inf else self.transmitted, mu, mu0, phi, 1)
+        return value * (self.slab.base is None)
 
     def factor(self, mu, mu0, side: int):
         """What the sum of Fourier orders counts by, in reflection (side -1) or transmission (1); arguments as there."""
@@ -79,10 +80,11 @@ class Solution:
         (out, row), (into, column) = (np.unique(cosine, return_inverse=True) for cosine in (mu, mu0))
         spans = [(span, vanishing(span, self.nodes.air, cosine)) for cosine in (out, into)
                 for span in (interpolation(self.nodes.at, coordinate(cosine, self.slab.index)),)]
-        terms = np.empty((len(orders), len(mu)))
+        # few cosines in many pairs: between all of them first
+        terms, crossed = np.empty((len(orders), len(mu))), len(out) * len(into) <= 2 * len(mu)
         for m, order in enumerate(orders):
             out, into = (span[m > 1 and m % 2 == 0] for span in spans)
-            terms[m] = np.einsum("ki,ki->k", (out @ order)[row], into[column])
+            terms[m] = (out @ order @ into.T)[row, column] if crossed else np.einsum("ki,ki->k", (out @ order)[row], into[column])
         terms[1::2] *= sines(mu, mu0, self.slab.index)
         return terms
 
@@ -183,7 +185,7 @@ def _several_times(slab: Slab, without: Cut, directions: Nodes, order: int, laye
     up, down = (part[keep, keep] / np.outer(flux, flux) for part in (upward, downward))
     out, into, quarter = mu[:, None], mu[None, :], 0.25 * without.albedo
     up = up - quarter * (even - odd)[keep, keep] * single.upward(out, into, depth)
-    if slab.base is None:
+    if slab.base is None and depth < math.inf:
         down = down - quarter * (even + odd)[keep, keep] * single.downward(out, into, depth)
     share = single.interacts(mu, depth) * (np.sqrt((1 - mu) * (1 + mu)) if order % 2 else 1.0)
     return tuple(0.5 * (part + part.T) * ((out + into) / np.outer(share, share)) for part in (up, down))

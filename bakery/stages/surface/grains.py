@@ -207,7 +207,7 @@ def cost(recipe) -> Cost:
 
 OF_GRAINS = Stage(
     name="surface",
-    version=6,
+    version=7,
     title="reflectance of packed grains",
     reads=("wavelengths", "seed", "surface", "grains.radius", "grains.components[*].weight", "packing.fraction"),
     needs=("medium", "packing", "grains"),
