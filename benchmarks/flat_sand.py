@@ -44,7 +44,7 @@ def seen(folder, asset, method, theta, turn, seconds):
     x, y, z = -math.sin(theta) * math.cos(turn), -math.sin(theta) * math.sin(turn), math.cos(theta)
     path.write_text(SCENE.format(asset=asset, method=method, x=f"{x:.9f}", y=f"{y:.9f}", z=f"{z:.9f}"), encoding="utf-8")
     scene = choice.Opened.of(assets.together([scenes.load(path)])[0])
-    mean, variance, parts = 0.0, 0.0, scene.scene.prepare(scene, World.of(scene), 0).parts
+    mean, variance, parts = 0.0, 0.0, scene.scene.prepare(scene, World.of(scene.scene), 0).parts
     for part in parts:
         part.render(1 << 20)  # compiles
         passes, end = [], time.process_time() + seconds / len(parts)
