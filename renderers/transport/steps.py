@@ -10,6 +10,7 @@ import numpy as np
 
 from renderers.threads import run
 from renderers.transport import wavefront
+from renderers.transport.paths import Colours
 
 
 class Sums:
@@ -39,15 +40,20 @@ def met(world, paths, *drawn, columns=6):
 def add_light(colours, throughput, order, radiance, light, paths, sums):
     """Adds radiance (n, 3) that paths have met of lights (n,); throughput (n, L), order (n,) : below 0 it does not count."""
     added = np.empty((paths.count, 3))
-    wavefront.emitted(colours, throughput, order, radiance, added)
+    wavefront.emitted(_alone(colours), throughput, order, radiance, added)
     sums.add(paths, light, added)
 
 
 def reflected(colours, paths, shading, hit):
     """Turns paths, those of hit (n,), at the surfaces that they have met."""
-    run(wavefront.reflect, paths.count, colours, paths.throughput, shading.weight[hit])
+    run(wavefront.reflect, paths.count, _alone(colours), paths.throughput, shading.weight[hit])
     paths.origin[:], paths.direction[:] = shading.origin[hit], shading.direction[hit]
     paths.density[:], paths.single[:] = shading.density[hit], shading.delta[hit]
+
+
+def _alone(colours) -> Colours:
+    """Colours without what else a record has: kernels are compiled for each type of record, and the longer the more it has."""
+    return Colours(colours.to_rgb, colours.to_waves)
 
 
 def survivors(paths):

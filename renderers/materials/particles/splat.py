@@ -228,7 +228,7 @@ def _add(world, discs, view, chunk, discrete, streams, by_order, by_light):
     numbers, states, pencils_of = np.empty((n, 4)), np.empty(n, np.uint64), np.empty(n, np.int64)
     wavefront.draw(chunk.identity ^ stream_key(seed, "render.aims"), numbers)  # the same in all passes
     wavefront.begin_streams(stream_key(seed, "render.splat", number), serial * CHUNK, states)
-    run(_pencils, n, medium, view.origin, view.area, view.axis, chunk.place, chunk.kind, pencils_of)
+    run(_pencils, n, medium.discs.largest, view.origin, view.area, view.axis, chunk.place, chunk.kind, pencils_of)
     who = np.repeat(np.arange(n), pencils_of)
     points, kind, numbers, m = chunk.place[who], chunk.kind[who], numbers[who], len(who)
     # a stream for each pencil: those of one particle go apart at their first number
@@ -237,7 +237,8 @@ def _add(world, discs, view, chunk, discrete, streams, by_order, by_light):
     # pencils of one particle and of all passes spread over its disc evenly
     aims = (numbers[:, :2] + (number // plan.shares * pencils_of[who] + part)[:, None] * _EVENLY) % 1.0
     pencils = Pencils(np.empty((m, 3)), np.empty(m), np.empty((m, len(medium.sigma_t))), np.empty(m, np.int64), states)
-    run(_aim, m, medium, view.frame, discrete.reshape(-1), (points, kind, pencils_of[who]), aims, pencils)
+    run(_aim, m, (medium.discs.square, medium.discs.largest), view.frame, discrete.reshape(-1),
+        (points, kind, pencils_of[who]), aims, pencils)
     kept = np.flatnonzero(pencils.pixel >= 0)
     if len(kept):
         far = world.trace(np.tile(view.origin, (len(kept), 1)), pencils.direction[kept], pencils.far[kept])
@@ -315,38 +316,41 @@ def _sum(added, pixel, index, picture, by_light):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _cone(medium, kind, x, y, z):
-    """Distance of a particle from the camera, and 1 - cos of the cone that its largest disc covers."""
+def _cone(largest, kind, x, y, z):
+    """Distance of a particle from the camera, and 1 - cos of the cone that its largest disc covers; `largest` as of
+    `bakery.kernels.Discs`."""
     distance = math.sqrt(x * x + y * y + z * z)
-    sine = math.sqrt(medium.discs.largest[kind]) / distance if distance > 0 else 1.0
+    sine = math.sqrt(largest[kind]) / distance if distance > 0 else 1.0
     if sine >= 1:
         return distance, 1.0
     return distance, sine * sine / (1 + math.sqrt(1 - sine * sine))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _pencils(medium, origin, area, axis, points, kind, pencils, begin, end):
+def _pencils(largest, origin, area, axis, points, kind, pencils, begin, end):
     """How many pencils each particle gets: by the pixels that its disc covers."""
     for i in range(begin, end):
         x, y, z = points[i, 0] - origin[0], points[i, 1] - origin[1], points[i, 2] - origin[2]
-        distance, v = _cone(medium, kind[i], x, y, z)
+        distance, v = _cone(largest, kind[i], x, y, z)
         along = max(x * axis[0] + y * axis[1] + z * axis[2], 0.1 * distance)
         covered = 2 * math.pi * v / (area * (along / distance) ** 3) if along > 0 else 1e9
         pencils[i] = min(max(math.ceil(covered * _DENSE), 1), _MOST)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _aim(medium, frame, discrete, particles, aims, pencils, begin, end):
+def _aim(discs, frame, discrete, particles, aims, pencils, begin, end):
     """A pencil in the cone of each particle: direction, distance, weights over the solid angle of its pixel; pixel -1: none.
 
+    discs : `square`, `largest` of `bakery.kernels.Discs`
     particles : place (n, 3) m, class (n,), and how many pencils each of them gets (n,)
     """
+    square, largest = discs
     origin, inverse, axis, area, height, width = frame
     points, kind, shares = particles
     weight, pixel = pencils.throughput, pencils.pixel
     for i in range(begin, end):
         x, y, z = points[i, 0] - origin[0], points[i, 1] - origin[1], points[i, 2] - origin[2]
-        distance, v = _cone(medium, kind[i], x, y, z)
+        distance, v = _cone(largest, kind[i], x, y, z)
         pixel[i] = -1
         if distance == 0:
             continue
@@ -370,7 +374,7 @@ def _aim(medium, frame, discrete, particles, aims, pencils, begin, end):
         share = 2 * math.pi * v / (area * ahead**3 * shares[i])
         open = False
         for w in range(weight.shape[1]):
-            weight[i, w] = share if d2 < medium.discs.square[kind[i], w] else 0.0
+            weight[i, w] = share if d2 < square[kind[i], w] else 0.0
             open = open or weight[i, w] > 0
         if open:
             pixel[i], pencils.far[i] = to, t
