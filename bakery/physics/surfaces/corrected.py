@@ -215,7 +215,9 @@ class Fit:
             wanted, modelled = np.bincount(to, cells), np.bincount(to, self.in_cells(order, table, scale))
             holds = _held(wanted, modelled, walks)
             if level == SHOWN:
-                variance = variance + 1 / (walks * modelled + holds)
+                # the polynomial's counts as far as cells are held to it
+                kept = 1 / (1 + walks * modelled / holds)
+                variance = kept**2 * variance + 1 / (walks * modelled + holds)
             base = table
             for _ in range(_ROUNDS if holds < math.inf else 0):
                 ratio = np.bincount(of, table) / np.bincount(of, base)  # by which the cells of this level moved

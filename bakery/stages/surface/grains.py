@@ -38,7 +38,7 @@ _SHAPE = 0.05  # tolerance of the medium's layer, of which only shapes within ce
 _APART = 0.25  # of the tolerance: indices that share walks; the light that comes back changes by less than indices do
 _TOGETHER = 16  # wavelengths that share walks at most
 # hits times the squared tolerance, and seconds of one core of a hit: light that grains let through comes back late
-_HITS, _HIT, _HITS_CLEAR, _HIT_CLEAR, _MESH = 2e3, 1.3e-6, 2.6e4, 0.5e-6, 2.5
+_HITS, _HIT, _HITS_CLEAR, _HIT_CLEAR, _MESH = 1.5e3, 1.3e-6, 2.6e4, 0.5e-6, 2.5
 
 
 def inputs(recipe, upstream) -> dict:
