@@ -1,6 +1,6 @@
 """Small lamps on clear grains: variance times time of methods, and what discs in place of the lamps change.
 
-usage: python benchmarks/small_lamps.py [--passes 8] [--scene beads,sugar,spot] [--bias]
+usage: python -m benchmarks.small_lamps [--small] [--passes 8] [--scene beads,sugar,spot] [--bias]
 
 A heap of glass beads in the sun (sky and sun of Mitsuba), one of cane sugar under a bulb of 8 mm at 30 cm, and beads
 under a spot.  Processor time of passes in turn, one method after the other; `--bias`: the mean light of the grains in a
@@ -10,17 +10,15 @@ distant lamp, by the radius of its disc, which does not shrink there.
 from __future__ import annotations
 
 import argparse
-import sys
 import tempfile
 import time
 from pathlib import Path
 from types import SimpleNamespace
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 import numpy as np
 
 import bakery
+from benchmarks.sizes import sized
 from renderers import colour, scene
 from renderers.materials.grains import methods, regularised
 from renderers.mitsuba.world import World
@@ -29,7 +27,7 @@ from renderers.scene import assets
 ROOT = Path(__file__).resolve().parents[1]
 XML = """<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="{fov}"/> <string name="fov_axis" value="x"/>
 <transform name="to_world"> <lookat origin="-62, -108, 62" target="0, 0, {height}" up="0, 0, 1"/> </transform>
-<film type="hdrfilm"> <integer name="width" value="64"/> <integer name="height" value="48"/> </film></sensor>
+<film type="hdrfilm"> <integer name="width" value="{width}"/> <integer name="height" value="{height_in_pixels}"/> </film></sensor>
 <shape type="rectangle" id="floor"> <transform name="to_world"> <scale value="200"/> <translate z="-0.5"/> </transform>
 <bsdf type="diffuse"> <rgb name="reflectance" value="0.3, 0.3, 0.3"/> </bsdf> </shape>
 {light}</scene>"""
@@ -44,11 +42,13 @@ LIGHTS = {
     "distant": '<emitter type="directional" id="sun"><vector name="direction" value="-0.5, 0.6, -0.7"/>'
                '<rgb name="irradiance" value="3"/></emitter>'}
 RECIPES = {"sugar": "cane_sugar"}
+WIDTH = sized(64, 8)
 
 
 def method(folder, name, light, method, widen=None, edge=24):
     """`renderers.pictures.passes.Method` of a heap under a light, with cubes of an edge, mm."""
-    (folder / f"{light}.xml").write_text(XML.format(fov=0.9 * edge, height=edge / 2.4, light=LIGHTS[light]))
+    room = XML.format(width=WIDTH, height_in_pixels=WIDTH * 3 // 4, fov=0.9 * edge, height=edge / 2.4, light=LIGHTS[light])
+    (folder / f"{light}.xml").write_text(room)
     file = folder / f"{name}.yaml"
     file.write_text(f"bakery_scene: 2\nname: lamps\ntolerance: 10%\nscene: {{mitsuba: {light}.xml, unit: 1 mm}}\nmaterials:\n"
                     f"  - {{where: {{mesh: {ROOT}/assets/scenes/cube.ply, unit: {edge} mm}}, method: {method}, "
@@ -93,8 +93,8 @@ def biased(folder, name, passes):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--passes", type=int, default=8)
-    parser.add_argument("--scene", default="beads,sugar,spot")
+    parser.add_argument("--passes", type=int, default=sized(8, 2))
+    parser.add_argument("--scene", default=sized("beads,sugar,spot", "beads"))
     parser.add_argument("--bias", action="store_true")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:

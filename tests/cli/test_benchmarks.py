@@ -30,7 +30,7 @@ CALLS = {
     "cluster": ("overhead", "speed", "killed"), "emitter": ("ASSET --pictures FOLDER/sheet.png",), "granular": ("--quick",),
     "multiple": ("--photons",), "multiple_pictures": ("ASSET -o FOLDER",), "packing": ("", "--jamming"), "pictures": ("ASSET",),
     "first_picture": ("-o FOLDER",), "requirements": ("--pictures",), "scatterometer": ("", "--accuracy"),
-    "translucent": ("--folder FOLDER",),
+    "small_lamps": ("", "--bias"), "translucent": ("--folder FOLDER",),
     "translucent_reference": ("--room ASSET -o FOLDER",),
 }
 
