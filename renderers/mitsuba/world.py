@@ -15,6 +15,7 @@ and at a scattering event in a medium, with the phase function's value `phase` t
 
 from __future__ import annotations
 
+import math
 from contextlib import contextmanager
 from functools import cached_property
 from os import PathLike
@@ -30,7 +31,7 @@ from renderers.mitsuba.scene import load
 from renderers.mitsuba.sensor import camera_of
 from renderers.mitsuba.shading import FAR, LOBE, LightSample, Shading
 
-_SMALL, _LOOKS = np.pi * np.radians(2.0) ** 2, 4096  # sr, of lamps that rays meet seldom;  light samples that tell of them
+_SMALL, _LOOKS = math.pi * math.radians(2.0) ** 2, 4181  # sr, of lamps that rays meet seldom;  light samples that tell of them
 SIZE = (480, 640)  # (height, width) of pictures of scenes without a Mitsuba file
 
 
@@ -263,13 +264,14 @@ class World:
     def small_share(self) -> float:
         """Share of the light, 0 to 1, that comes from lamps of some degrees and less, by how dense light samples are there: right
         within some per cent, at the middle of the surfaces that do not shine, or at the camera; 0 in the dark."""
-        random = np.random.default_rng(0).random((_LOOKS, 2))
+        index = np.arange(_LOOKS)
+        evenly = np.stack([(index + 0.5) / _LOOKS, index * (math.sqrt(5) - 1) / 2 % 1], axis=1)  # a Fibonacci lattice
         boxes = [shape.bbox() for shape in self._scene.shapes() if not shape.is_emitter()]
         corners = np.array([[box.min, box.max] for box in boxes], float).reshape(-1, 2, 3)
         middle = np.zeros(3) if self.camera is None else self.camera.origin
         if boxes:
             middle = self._unit * (corners[:, 0].min(axis=0) + corners[:, 1].max(axis=0)) / 2
-        sample = self.lights(np.tile(middle, (_LOOKS, 1)), random, hidden=False)
+        sample = self.lights(np.tile(middle, (_LOOKS, 1)), evenly, hidden=False)
         light = sample.radiance.sum(axis=1).astype(float)
         return float(np.sum(light * sample.share(1 / _SMALL)) / max(light.sum(), 1e-300))
 
