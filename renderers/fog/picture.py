@@ -230,7 +230,17 @@ def from_mitsuba(path, until=_AS_ASKED, *, unit=1.0, quality="final", variant=No
     samples = max(1, round(at_most / coarser**2))
     picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-min(samples, asked) // 8)), seed=seed,
                             tolerance=0.0 if noise is None else noise * coarser, time_limit=until.time,
-                            measure=view_of(camera, distance).noise if noise and view_of else None, progress=progress)
+                            measure=_noise_in(view_of(camera, distance)) if noise and view_of else None, progress=progress)
     origin = {"from": "mitsuba", "scene": str(path), "variant": chosen, "reason": reason, "samples": picture.samples,
             "noise": picture.noise, "stopped_by": picture.stopped_by, "at_most": at_most}
-    return Picture(picture.rgb, distance, camera, origin, 0.5 * (picture.halves[0] - picture.halves[1]))
+    return Picture(picture.rgb, distance, camera, origin, _error(picture))
+
+
+def _noise_in(view):
+    """Function of a `renderers.mitsuba.passes.Picture` that gives the noise of it in fog."""
+    return lambda picture: view.noise(picture.rgb, _error(picture))
+
+
+def _error(picture):
+    """(H, W, 3), of a picture by chance."""
+    return 0.5 * (picture.halves[0] - picture.halves[1])

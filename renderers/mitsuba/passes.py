@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import signal
-import time
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 
 from renderers.mitsuba.recording import undisturbed
-from renderers.pictures.engine import Part, Passes, Stop
+from renderers.pictures.engine import TRUSTED, Part, Passes, Stop
 
 
 @dataclass(frozen=True)
@@ -24,7 +23,7 @@ class Picture:
     variance : (H, W, 3), of `rgb`, from the scatter of the passes
     samples : per pixel and wavelength
     noise : root mean square standard error of the luminance over its mean
-    stopped_by : `noise`, `samples` or `time`
+    stopped_by : `noise`, `samples` or `time`; None of what goes on
     seconds : wall time
     """
 
@@ -33,7 +32,7 @@ class Picture:
     variance: np.ndarray
     samples: int
     noise: float
-    stopped_by: str
+    stopped_by: str | None
     seconds: float
 
 
@@ -51,8 +50,8 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
     samples, per_pass : per pixel and wavelength; at least two passes are rendered, of fewer samples where the film is large
     tolerance : noise at which to stop; 0: none
     time_limit : seconds after which no further pass is begun, or None.  A picture that stops by time depends on the machine
-    measure : function of (picture, error of it by chance) that gives the noise of what is made of the picture, by which it stops;
-        asked after 2, 4, 8, ... passes, in between it goes with the picture's own
+    measure : function of the `Picture` so far that gives the noise of what is made of it, by which it stops; asked after 4, 8,
+        16, ... passes, in between it goes with the picture's own, and is asked again before it stops.  None: by its own
     progress : function of (fraction 0 to 1, noise so far or None)
 
     Notes
@@ -61,7 +60,6 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
     """
     import mitsuba as mi
 
-    begin = time.monotonic()
     pixels = int(np.prod(scenes[0].sensors()[0].film().size()))
     per_pass = max(1, min(per_pass, PATHS // (pixels * len(scenes))))
 
@@ -76,8 +74,7 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
     passes.run(Stop(noise=tolerance or None, time=time_limit, samples=samples), progress)
     if passes.signal:
         signal.raise_signal(passes.signal)  # to whoever handles it otherwise: there is no picture of some of the passes
-    return Picture(passes.rgb, passes.halves, passes.variance[..., :3], passes.samples, passes.noise, passes.stopped_by,
-                   time.monotonic() - begin)
+    return passes.picture()
 
 
 class _Halves(Passes):
@@ -98,14 +95,18 @@ class _Halves(Passes):
         even = mean.layers["even"] * (mean.count / ((mean.count + 1) // 2))  # of all passes it is: the odd ones are black there
         return even, (mean.layers[""] * mean.count - even * ((mean.count + 1) // 2)) / (mean.count // 2)
 
+    def picture(self) -> Picture:
+        """What there is after two passes or more."""
+        return Picture(self.rgb, self.halves, self.variance[..., :3], self.samples, self.noise, self.stopped_by, self.spent)
+
     def _noise_to_reach(self, stop):
         noise = super()._noise_to_reach(stop)
         mean, = self.means.values()
-        if self.measure is None or noise is None:
+        if self.measure is None or stop.noise is None or mean.count < TRUSTED:
             return noise
-        if mean.count & (mean.count - 1) == 0:
-            first, second = self.halves
-            self._ratio = self.measure(self.rgb, 0.5 * (first - second)) / max(self.noise, 1e-30)
+        # What a filter leaves falls more slowly than noise itself, as it takes less from a picture that has less
+        if mean.count & (mean.count - 1) == 0 or self._ratio * self.noise <= stop.noise:
+            self._ratio = self.measure(self.picture()) / max(self.noise, 1e-30)
         return self._ratio * self.noise
 
 

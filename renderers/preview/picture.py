@@ -7,6 +7,7 @@ picture on the left: the exemplars themselves.
 
 from __future__ import annotations
 
+import functools
 import os
 import time
 from collections.abc import Callable
@@ -70,19 +71,20 @@ def preview(asset_path, output_path, *, quality="preview", panel=None, variant=N
     output_path : `X.png` or `X.exr`; both are written
     quality : `draft`, `preview` or `final`
     panel : `bakery.grammar.qualities.Panel`, width, samples, noise (root mean square standard error of the luminance over its
-        mean) and seconds, of all panels together, instead of those of the quality
+        mean, of what the PNG shows) and seconds, of all panels together, instead of those of the quality
     variant : of Mitsuba; default the best that the machine can run
-    denoise : whether the PNG shows the filtered picture; the EXR never does
+    denoise : whether the PNG shows the filtered picture, whose noise then stops the passes; the EXR never does
     progress : function of (fraction 0 to 1, noise so far or None), called after each wavelength of each pass
     overwrite : replace also files that are no such pictures
 
     Returns
     -------
     report : dict with `files`, `variant`, `reason`, `seconds`, `samples` (the fewest), `noise` (of the EXR, the largest),
-        `noise_shown` (of the PNG), `stopped_by`, `width` and `rows` (of the rendered picture; the strip is below), `tone_curve`,
-        `exposure`, `white`, `panels` (a dict each: `shows`, `left`, `width` and its own samples and noise); with a medium
-        `block_edge` (m), `block` and `misdirected` (share of the scattered light that the table sends to another angle; 0 but in
-        scalar variants); with grains `grains` (names as shown), `grain_radius` (m) and `grains_left_out`
+        `noise_shown` (of the PNG), `stopped_by`, `noise_of` (whose noise was to be reached: `PNG` or `EXR`), `width` and `rows`
+        (of the rendered picture; the strip is below), `tone_curve`, `exposure`, `white`, `panels` (a dict each: `shows`, `left`,
+        `width` and its own samples and noise); with a medium `block_edge` (m), `block` and `misdirected` (share of the scattered
+        light that the table sends to another angle; 0 but in scalar variants); with grains `grains` (names as shown),
+        `grain_radius` (m) and `grains_left_out`
 
     Raises
     ------
@@ -103,17 +105,19 @@ def preview(asset_path, output_path, *, quality="preview", panel=None, variant=N
     panels = _panels(asset, asset_path, shown, edge, words, (width, width * 5 // 8), chosen)
     rendered = []
     for i, shown_panel in enumerate(panels):
+        clean = _Filter(shown_panel.features) if denoise else None
         clear_heap = shown_panel.shows == "medium" and shown and np.max(asset.medium.albedo) > 1 - HEAP_CLEAR
         samples = max(1, round(HEAP_SAMPLES * spp)) if clear_heap else spp
         picture = passes.render(shown_panel.scenes(), colour.srgb_matrix(asset.wavelength), samples=samples,
                                 per_pass=max(1, min(4, spp // 2)), tolerance=tolerance, time_limit=time_limit / len(panels),
-                                seed=seed, progress=share(progress, i / len(panels), (i + 1) / len(panels)))
-        rendered.append(_rendered(shown_panel, picture, denoise))
+                                seed=seed, measure=clean and clean.noise,
+                                progress=share(progress, i / len(panels), (i + 1) / len(panels)))
+        rendered.append(_rendered(shown_panel, picture, clean))
     gap = max(1, width // 96)
     bitmaps.write(pair, _beside([item.display for item in rendered], gap), _beside([item.linear for item in rendered], gap),
                   {PREVIEW_OF: asset.content_hash})
     report = {"files": [str(path) for path in pair], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
-              **_figures(rendered, width, gap)}
+              "noise_of": "PNG" if denoise else "EXR", **_figures(rendered, width, gap)}
     for shown_panel in panels:
         report |= shown_panel.report()
     return report
@@ -210,12 +214,31 @@ class Rendered(NamedTuple):
     linear: np.ndarray
 
 
-def _rendered(panel, picture, denoise) -> Rendered:
-    pixels, noise = picture.rgb, picture.noise
-    if denoise:
-        first, second = images.filtered(picture.halves, 2 * picture.variance, panel.features())
-        pixels = (first + second) / 2
-        noise = images.relative_noise(pixels, (first - second) / 2)
+class _Filter:
+    """Takes noise out of a picture that is being rendered; what was filtered last is kept, for the PNG.
+
+    features : of a `Panel`
+    """
+
+    def __init__(self, features):
+        self._features, self._samples, self._kept = functools.cache(features), 0, None
+
+    def __call__(self, picture):
+        """Pixels (H, W, 3) without most of their noise, and the noise of these: of the filtered halves, half their difference."""
+        if picture.samples != self._samples:
+            first, second = images.filtered(picture.halves, 2 * picture.variance, self._features())
+            pixels = (first + second) / 2
+            self._samples, self._kept = picture.samples, (pixels, images.relative_noise(pixels, (first - second) / 2))
+        return self._kept
+
+    def noise(self, picture) -> float:
+        """That of `__call__`."""
+        return self(picture)[1]
+
+
+def _rendered(panel, picture, clean) -> Rendered:
+    """clean : `_Filter`, None: the PNG shows the picture as it is."""
+    pixels, noise = clean(picture) if clean else (picture.rgb, picture.noise)
     return Rendered(panel.shows, picture, noise, np.concatenate([images.tone_map(pixels, EXPOSURE, WHITE), panel.strip]),
                     np.concatenate([picture.rgb, colour.decode(panel.strip)]))
 
