@@ -47,9 +47,9 @@ class Nodes:
     def leaving(self) -> int:
         return len(self.air)
 
-    def weights(self, mu):
-        """(..., N) of values at the nodes that leave, that give their polynomial at cosines in air (...,)."""
-        return interpolation(self.at, coordinate(mu, self.index))
+    def spans(self, mu):
+        """Of cosines in air (Q,), as `shared.Directions.spans`: between the nodes that leave is a single polynomial."""
+        yield np.arange(len(mu)), slice(self.leaving), self.at, coordinate(mu, self.index)
 
 
 def grazing(count: int, top: float = 1.0):
@@ -98,13 +98,12 @@ def _barycentric(count: int):
 
 def interpolation(s, at):
     """(..., N) weights of values at the nodes s (N,), Gauss's of (0, 1), that give their polynomial at any coordinates (...,)."""
-    at = np.asarray(at, float)
-    barycentric = _barycentric(len(s))
-    distance = at[..., None] - s
-    hit = np.abs(distance) < 1e-15
-    share = barycentric / np.where(hit, 1.0, distance)
-    share /= share.sum(axis=-1, keepdims=True)
-    return np.where(hit.any(axis=-1, keepdims=True), hit, share)
+    result = np.asarray(at, float)[..., None] - s
+    # next to this, 1 / 1e-200, nothing else counts at a node itself
+    np.copyto(result, 1e-200, where=result == 0)
+    np.divide(_barycentric(len(s)), result, out=result)
+    result /= result.sum(axis=-1, keepdims=True)
+    return result
 
 
 def sines(mu, mu0, index: float):

@@ -7,14 +7,14 @@ where its medium grazes; what light does there is a polynomial of its own, as it
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from bakery.physics.surfaces import fresnel
-from bakery.physics.surfaces.nodes import POWER, Nodes, grazing, interpolation
+from bakery.physics.surfaces.nodes import POWER, Nodes, grazing
 
 _FEWEST = 8
 
@@ -27,9 +27,9 @@ class Side(NamedTuple):
     directions: Directions
     index: float
 
-    def weights(self, mu):
-        """(Q, K) of values at the nodes, that give what is between them at cosines (Q,) in the medium."""
-        return self.directions.weights(self.index, mu)
+    def spans(self, mu):
+        """Of cosines (Q,) in the medium, as `Directions.spans`."""
+        return self.directions.spans(self.index, mu)
 
 
 @dataclass(frozen=True)
@@ -73,20 +73,22 @@ class Directions:
         mirrored = np.concatenate([fresnel.reflected(air, index), np.ones(len(mu) - len(air))])
         return Nodes(mu, self.flux(index), air, mirrored, self.at[outside], index)
 
-    def weights(self, index: float, mu):
-        """(Q, K) of values at the nodes of a medium, that give what is between them at cosines (Q,) there."""
-        above = self.above[self.above <= index * index]
-        result, pending = np.zeros((len(mu), len(above))), np.ones(len(mu), bool)
+    def spans(self, index: float, mu) -> Iterator[tuple]:
+        """Of cosines (Q,) in a medium, those between each two indices (q of them), their nodes (k), coordinates (k,) and (q,).
+
+        What is at them is the nodes' polynomial over the coordinates (`nodes.interpolation`).
+        """
+        above, pending = self.above[self.above <= index * index], np.arange(len(mu))
         for low, high in zip(self.ends, self.ends[1:]):
-            squares = (high - index) * (high + index) + (index * mu) ** 2  # of the cosine in a medium of index `high`
-            rows, columns = pending & (squares >= 0), np.flatnonzero(above == high * high)
-            coordinate = np.minimum(np.sqrt(squares[rows]) / (high * _limit(low, high)), 1.0)
+            squares = (high - index) * (high + index) + (index * mu[pending]) ** 2  # of the cosine in a medium of index `high`
+            columns, within = np.flatnonzero(above == high * high), squares >= 0
+            coordinate = np.minimum(np.sqrt(squares[within]) / (high * _limit(low, high)), 1.0)
             if low > 0 or not self.refracted:
                 coordinate **= 1 / POWER
-            result[np.ix_(rows, columns)] = interpolation(self.at[columns], coordinate)
-            pending &= ~rows
+            yield pending[within], slice(columns[0], columns[-1] + 1), self.at[columns], coordinate
+            pending = pending[~within]
             if high == index:
-                return result
+                return
         raise ValueError(f"no medium of index {index:g} has these nodes")
 
 

@@ -95,7 +95,7 @@ def grids(parts: Sequence[Slab], bottom: Reflector | float | None, count: int) -
     return result
 
 
-@lru_cache(maxsize=8)  # the same for all wavelengths
+@lru_cache(maxsize=16)  # the same for all wavelengths and depths, of each number of moments (at most 28 MB)
 def facets_between(above: Grid, index: float, below: Grid, index_below: float, roughness: float, orders: int) -> rough.Facets:
     """A rough boundary between the media of two indices."""
     sides = above.directions().side(index), below.directions().side(index_below)
