@@ -102,6 +102,7 @@ def test_report_and_layers(call):
     assert {0, 2, 3} <= set(np.unique(found["material"])), "the entry that most paths of a pixel first scatter in"
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes_and_resumed(call):
     """Two passes of 16 samples of a pixel, through all four materials, and a third that goes on: two thirds of it are there."""
     two, three = ("--set", "stop.samples=32"), ("--set", "stop.samples=48")
