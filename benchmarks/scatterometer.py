@@ -20,7 +20,8 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 import numpy as np  # noqa: E402
 from peers import optional  # noqa: E402
 
-from bakery.physics.grains.bvh import Mesh, triangle_tree  # noqa: E402
+from bakery.physics.grains.bvh import Mesh  # noqa: E402
+from bakery.physics.grains.grid import laid  # noqa: E402
 from bakery.physics.grains.points import points, scrambled  # noqa: E402
 from bakery.physics.grains.scatterometer import FIGURES, measure  # noqa: E402
 from bakery.physics.grains.sphere import ball  # noqa: E402
@@ -175,17 +176,16 @@ def speed():
                   f"{hits:.4f} | {met:.3f} | {g:.4f} | {wrong:.1e} |", flush=True)
 
 
-def trees():
-    print("\n| triangles | tree, s | MB |\n|---|---|---|")
+def grids():
+    print("\n| triangles | grid, s | MB |\n|---|---|---|")
     for n in sized((4, 32, 100, 316), (4,)):
-        mesh = Mesh(*rock(n))
+        vertices, faces = rock(n)
         seconds = []
         for _ in range(3):
             begin = time.perf_counter()
-            nodes, _, blocks, names = triangle_tree(mesh.vertices, mesh.faces)
+            grid = laid(vertices, faces)
             seconds.append(time.perf_counter() - begin)
-        size = nodes.nbytes + blocks.nbytes + names.nbytes
-        print(f"| {len(mesh.faces)} | {median(seconds):.3f} | {size / 1e6:.0f} |", flush=True)
+        print(f"| {len(faces)} | {median(seconds):.3f} | {grid.nbytes / 1e6:.0f} |", flush=True)
 
 
 def shown(found, name, digits=4):
@@ -196,7 +196,7 @@ def shown(found, name, digits=4):
 def defaults():
     print("\n| grain, tolerance | s, one core | paths | " + " | ".join(FIGURES) + " |\n|" + "---|" * (3 + len(FIGURES)))
     mesh = Mesh(*rock(sized(100, 8)))
-    measure(mesh, diffuse(0.0), seed=0, tolerance=1.0)  # makes the tree
+    measure(mesh, diffuse(0.0), seed=0, tolerance=1.0)  # lays the grid
     jobs = (("glass", dielectric(1.5), 0.005), ("glass", dielectric(1.5), sized(0.001, 0.005)), ("white", diffuse(1.0), 0.005))
     for name, surface, tolerance in jobs:
         begin = time.perf_counter()
@@ -231,5 +231,5 @@ if __name__ == "__main__":
         accuracy()
     else:
         speed()
-        trees()
+        grids()
         defaults()

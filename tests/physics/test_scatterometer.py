@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bakery.physics.grains import points, scatterometer, walk
+from bakery.physics.grains import _rays, points, scatterometer, walk
 from bakery.physics.grains.bvh import Mesh
 from bakery.physics.grains.scatterometer import CONTRADICTED_MAX, EDGES, LOST_MAX, REPLICATES, measure, ratio
 from bakery.physics.grains.sphere import ball
@@ -145,6 +145,37 @@ def test_no_ray_slips_through_edges_and_corners():
     face, distance = mesh.first_hit(origin, direction / length[:, None])
     assert np.all(face >= 0)
     assert np.allclose(distance, length, rtol=1e-12)
+
+
+@pytest.mark.parametrize("mesh", [STONE, torus(), box(1, 0.01, 0.01)], ids=["stone", "hole", "needle"])
+def test_leaps_pass_no_triangle_and_cells_list_all_that_reach_into_them(mesh):
+    """Points of the surface lie in cells that list their triangle; the cubes that may be leapt over are empty."""
+    grid, rng = mesh.grid, np.random.default_rng(2)
+    shares = rng.dirichlet((1, 1, 1), (len(mesh.faces), 50))
+    points_ = np.einsum("tpc,tck->tpk", shares, mesh.vertices[mesh.faces])
+    x, y, z = np.moveaxis(((points_ - grid.low) * grid.scale).astype(int), -1, 0)
+    at = (z * grid.count[1] + y) * grid.count[0] + x
+    block = grid.blocks.reshape(-1, _rays.BLOCK)
+    names = block[:, _rays.NAMES:_rays.NAMES + 32].copy().view(np.int32)
+    more = block[:, _rays.MORE:_rays.MORE + 4].copy().view(np.int32)[:, 0]
+    for t in range(len(mesh.faces)):
+        for cell in set(at[t].tolist()):
+            first = grid.first[cell]
+            assert t in names[first:first + 1 + more[first]]
+    entry = grid.leaps.reshape(2, 2, 2, *grid.count[::-1])
+    full = entry[0, 0, 0] >= _rays.FULL
+    assert full.any() and np.all(full.reshape(-1)[at.reshape(-1)])
+    longest = 0
+    for octant in itertools.product((0, 1), repeat=3):  # z, y, x
+        flip = tuple(slice(None, None, 1 if up else -1) for up in octant)
+        here, leap = full[flip], (entry[octant] % _rays.FULL)[flip]
+        for place in rng.integers(0, here.shape, (200, 3)):
+            free = leap[tuple(place)]
+            cube = here[tuple(slice(p, p + free) for p in place)].copy()
+            cube[0, 0, 0] = False  # its own cell is tested before
+            assert free >= 1 and not cube.any()
+            longest = max(longest, free)
+    assert longest > 1
 
 
 def test_a_path_does_not_depend_on_those_beside_it():

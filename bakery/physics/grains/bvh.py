@@ -12,6 +12,7 @@ from collections import OrderedDict
 
 import numpy as np
 
+from bakery.physics.grains.grid import Grid, laid
 from bakery.physics.grains.lanes import BLOCK, BOXES, NODE, TRIANGLES, boxes_hit, fetch, lowest, triangles_hit
 from bakery.physics.shapes.solid import arrays, faults
 from bakery.system.compiled import njit
@@ -311,7 +312,7 @@ class Mesh:
     Notes
     -----
     That the mesh is closed and does not cut itself is the caller's to know; walks count the rays that find it otherwise.
-    Pickled, it is its vertices and faces; a process keeps the trees of its last meshes.
+    Pickled, it is its vertices and faces; a process keeps the trees and grids of its last meshes.
     """
 
     def __init__(self, vertices, faces):
@@ -319,7 +320,7 @@ class Mesh:
         for fault in faults(vertices, faces, closed=False):
             raise ValueError(fault)
         self.vertices, self.faces = np.ascontiguousarray(vertices), np.ascontiguousarray(faces, np.int64)
-        self._tree, self._lock = None, threading.Lock()
+        self._made, self._lock = {}, threading.Lock()
 
     @property
     def volume(self) -> float:
@@ -336,9 +337,18 @@ class Mesh:
     @property
     def tree(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """That of `triangle_tree`."""
+        return self._kept(triangle_tree)
+
+    @property
+    def grid(self) -> Grid:
+        """What walks of many rays at once take."""
+        return self._kept(laid)
+
+    def _kept(self, make):
         with self._lock:
-            self._tree = self._tree or _kept(self.vertices, self.faces)
-            return self._tree
+            if make not in self._made:
+                self._made[make] = _kept(make, self.vertices, self.faces)
+            return self._made[make]
 
     def first_hit(self, origin, direction):
         """Faces (n,) and distances (n,) that rays from origin (n, 3), |origin| < 1.02, along unit direction (n, 3) meet first.
@@ -354,24 +364,24 @@ class Mesh:
         return self.vertices, self.faces
 
     def __setstate__(self, state):
-        (self.vertices, self.faces), self._tree, self._lock = state, None, threading.Lock()
+        (self.vertices, self.faces), self._made, self._lock = state, {}, threading.Lock()
 
 
-_TREES: OrderedDict[bytes, tuple] = OrderedDict()
-_TREES_LOCK = threading.Lock()
-_TREES_MAX = 4
+_MADE: OrderedDict[tuple, tuple] = OrderedDict()
+_MADE_LOCK = threading.Lock()
+_MADE_MAX = 4
 
 
-def _kept(vertices, faces):
-    """`triangle_tree`, once a process: in worker processes each task unpickles the mesh anew."""
-    key = hashlib.sha256(vertices.tobytes() + faces.tobytes()).digest()
-    with _TREES_LOCK:
-        if key not in _TREES:
-            _TREES[key] = triangle_tree(vertices, faces)
-            while len(_TREES) > _TREES_MAX:
-                _TREES.popitem(last=False)
-        _TREES.move_to_end(key)
-        return _TREES[key]
+def _kept(make, vertices, faces):
+    """make(vertices, faces), once a process: in worker processes each task unpickles the mesh anew."""
+    key = make, hashlib.sha256(vertices.tobytes() + faces.tobytes()).digest()
+    with _MADE_LOCK:
+        if key not in _MADE:
+            _MADE[key] = make(vertices, faces)
+            while len(_MADE) > _MADE_MAX:
+                _MADE.popitem(last=False)
+        _MADE.move_to_end(key)
+        return _MADE[key]
 
 
 def triangle_tree(vertices, faces):

@@ -94,14 +94,27 @@ def surface_frame(x, y, z):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def enter(u, start, incoming):
-    """Half length of an isotropic uniform chord of the unit sphere from four uniform numbers; writes its direction and start."""
-    z = 1.0 - 2.0 * u[0]
-    across, phi = 2.0 * math.sqrt(u[0] * (1.0 - u[0])), 2.0 * math.pi * u[1]
+def uniform_chord(u0, u1, u2, u3):
+    """Isotropic uniform chord of the unit sphere from four uniform numbers: half length, direction, start."""
+    z = 1.0 - 2.0 * u0
+    across, phi = 2.0 * math.sqrt(u0 * (1.0 - u0)), 2.0 * math.pi * u1
     x, y = across * math.cos(phi), across * math.sin(phi)
     sx, sy, sz, tx, ty, tz = surface_frame(x, y, z)
-    p, q = disk(u[2], u[3])
+    p, q = disk(u2, u3)
     half = math.sqrt(max(1.0 - p * p - q * q, 0.0))
-    incoming[0], incoming[1], incoming[2] = x, y, z
-    start[0], start[1], start[2] = p * sx + q * tx - half * x, p * sy + q * ty - half * y, p * sz + q * tz - half * z
+    return half, x, y, z, p * sx + q * tx - half * x, p * sy + q * ty - half * y, p * sz + q * tz - half * z
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def enter(u, start, incoming):
+    """`uniform_chord` of u (4,), written to start and incoming (3,); returns its half length."""
+    half, incoming[0], incoming[1], incoming[2], start[0], start[1], start[2] = uniform_chord(u[0], u[1], u[2], u[3])
     return half
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def uniform_number(key0, key1, path, replicate, number):
+    """Number `number` (from 0) of a path's stream, as `next_uniform` draws it."""
+    a, b, c, d = philox(path & np.uint64(0xFFFFFFFF), path >> np.uint64(32), replicate, np.uint64(number >> 2), key0, key1)
+    at = number & 3
+    return ((a if at == 0 else b if at == 1 else c if at == 2 else d) + 0.5) * 2.0**-32

@@ -73,5 +73,6 @@ class Walker:
         bits), whatever else is traced.
         """
         paths = Paths.empty(len(uniform), len(self.mu))
-        followed(self.mesh.tree, coat(self.surface, self.mu), self.events_max, uniform, stream(first, replicate, key), paths)
+        grid = self.mesh.grid._replace(count=tuple(map(int, self.mesh.grid.count)))
+        followed(grid, coat(self.surface, self.mu), self.events_max, uniform, stream(first, replicate, key), paths)
         return paths

@@ -25,7 +25,7 @@ _LOADING = 0.3
 _TRIANGLE, _ROUND = 17.0, 7.0  # bytes of a triangle as stored: of a grain, of a sphere
 _OF_BALLS = ("grains.sphere", "grains.surface")
 _OF_WALKS = ("grains._walk", "grains.surface", "grains.scatterometer", "grains.points")
-_OF_MESHES, _OF_SHAPES = ("grains.bvh",), ("shapes._triangles", "shapes.simplify")
+_OF_MESHES, _OF_SHAPES = ("grains.bvh", "grains.grid"), ("shapes._triangles", "shapes.simplify")
 _SPREAD = 6.0  # times 1/sqrt(paths): error of the phase function
 
 
