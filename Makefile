@@ -10,7 +10,7 @@ export PYTHONDONTWRITEBYTECODE :=
 .PHONY: bake test test-slow setup lint docs bench soak fuzz pictures scenes clean help
 
 help:
-	@echo "make bake      set up, bake recipes/fog.yaml, render a draft of its preview"
+	@echo "make bake      set up, bake recipes/fog.yaml, render its preview"
 	@echo "make test      set up, run the tests"
 	@echo "make test-slow the tests that make test leaves out because quicker ones see most of what they see"
 	@echo "make test-blender  renders an exported material in Blender (package bpy, 1 GB, an environment of its own)"
@@ -35,11 +35,10 @@ help:
 	@echo "make site      the documentation as pages, notebooks run: build/site/index.html"
 	@echo "make man       man pages of all commands: man -M build/man bake"
 
-# a draft: the preview's own quality takes 25 s of a core more
 bake: $(VENV)/.ready
 	@mkdir -p build
 	$(BIN)/bake recipes/fog.yaml -o build/fog.h5
-	$(BIN)/bake render build/fog.h5 -o build/fog.png --quality draft
+	$(BIN)/bake render build/fog.h5 -o build/fog.png
 	@echo "asset:    $(CURDIR)/build/fog.h5"
 	@echo "preview:  $(CURDIR)/build/fog.png"
 

@@ -15,7 +15,7 @@ class Panel(NamedTuple):
     ----------
     width : pixels of a panel
     samples : a pixel and wavelength, at most
-    noise : at which it stops
+    noise : at which it stops, of what the PNG shows
     time : s, after which no pass is begun
     """
 
@@ -51,7 +51,7 @@ QUALITIES = {
                      Panel(320, 8, 0.10, 30.0), "v"),
     "preview": Quality("3 % of all light", {"tolerance": "3%", "measure": "integrated"}, 2.0, None,
                        Panel(576, 32, 0.05, 120.0), "D"),
-    "final": Quality("the recipe or scene as it stands", {}, 1.0, None, Panel(1280, 96, 0.03, 900.0), "s"),
+    "final": Quality("the recipe or scene as it stands", {}, 1.0, None, Panel(1280, 96, 0.01, 900.0), "s"),
 }
 
 
