@@ -449,3 +449,16 @@ def test_moments_that_a_plan_expects(name, options):
     assert recipe.surface.tolerance == 0.01
     assert costs.moments(recipe) == pytest.approx(expected, rel=0.15, abs=1)
     assert surface.cost(recipe).file > 2 * costs.expected(recipe).file > 0
+
+
+def test_walks_that_a_plan_expects(tmp_path):
+    """Light crosses a thin layer in a few flights: of more depth a plan expects more, up to what it does of any."""
+    def expected(thickness, medium="mean_free_path: 1 mm"):
+        recipe = RECIPE.replace("mean_free_path: 1 mm", medium).replace("{options}", f"{{thickness: {thickness}}}")
+        (tmp_path / "layer.yaml").write_text(recipe)
+        return costs.walks(load(tmp_path / "layer.yaml"))
+
+    thin, thick, deepest = (expected(f"{mm} mm") for mm in (1, 30, 1e6))
+    assert 4 * thin < thick < deepest == expected("1e9 mm")
+    assert expected('"[1, 30] mm"') == pytest.approx((thin + thick) / 2)
+    assert expected("30 mm", "mean_free_path: 30 mm") == pytest.approx(thin)
