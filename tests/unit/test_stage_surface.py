@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import bakery
-from bakery.errors import RecipeError, UsageError
+from bakery.errors import RecipeError, StageError, UsageError
 from bakery.physics.multiple.legendre import moments
 from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.solution import solve
@@ -254,6 +254,23 @@ def test_extremes(options, tmp_path):
     assert (of["mean_square"][0] > 0).all() and np.isfinite(of["mean_square"]).all()
 
 
+@pytest.mark.slow
+def test_extremes_under_facets(tmp_path):
+    """A layer of 1.4 under facets on a medium of 1, depths 0.01 to 1e6: numbers, energy, both ways, a stated error."""
+    (tmp_path / "under.yaml").write_text(SOIL.replace("[0.5, 0.6, 0.9]", "[1, 0.6, 0.9]").replace(OF_SOIL, "{}"))
+    options = '{thickness: "[0.01, 1e6] mm", boundary: {index: 1.4, roughness: 0.2}, base: {recipe: under.yaml}}'
+    recipe = RECIPE.replace("[0.45, 0.65]", "[0.45, 0.55, 0.65]").replace("[1, 0.9]", "[1, 0.5, 0]")
+    (tmp_path / "layer.yaml").write_text(recipe.replace("{options}", options))
+    with pytest.raises(StageError, match="its error is 0.* above the tolerance of 0.02"):
+        bakery.bake(tmp_path / "layer.yaml", output=tmp_path / "layer.h5")
+    of = bakery.open(tmp_path / "layer.h5").surface
+    theta = np.radians([0.0, 40.0, 80.0, 89.9])
+    values = of.reflectance(theta[:, None], theta, 1.0)
+    assert np.isfinite(values).all() and (values >= 0).all() and (of["change"][:, 1] <= 0.02).all() and (of["change"] < 0.5).all()
+    np.testing.assert_allclose(values, np.swapaxes(values, -1, -2), rtol=1e-6)
+    np.testing.assert_allclose(of["albedo"][0], 1, atol=1e-6)
+
+
 def test_measures(thin):
     group = thin.tree["surface"]
     assert surface.measures(group, group)["error"] < 1e-9
@@ -261,13 +278,14 @@ def test_measures(thin):
 
 # ---- layers of several assets
 
-SOIL = """\
+OF_SOIL = '{thickness: "[0.1, 1] mm", boundary: {index: 1.2}, base: {albedo: [0.3, 0.3, 0.2]}}'
+SOIL = f"""\
 bakery: 1
 name: soil
 wavelengths: [0.45, 0.55, 0.65]
 tolerance: 2%
-medium: {albedo: [0.5, 0.6, 0.9], mean_free_path: 0.1 mm, phase: {type: hg, g: 0.3}}
-surface: {thickness: "[0.1, 1] mm", boundary: {index: 1.2}, base: {albedo: [0.3, 0.3, 0.2]}}
+medium: {{albedo: [0.5, 0.6, 0.9], mean_free_path: 0.1 mm, phase: {{type: hg, g: 0.3}}}}
+surface: {OF_SOIL}
 """
 OVER = "{thickness: 0.5 mm, boundary: {index: 1.4}, base: {OTHER, layer: 1}}"
 
@@ -431,3 +449,16 @@ def test_moments_that_a_plan_expects(name, options):
     assert recipe.surface.tolerance == 0.01
     assert costs.moments(recipe) == pytest.approx(expected, rel=0.15, abs=1)
     assert surface.cost(recipe).file > 2 * costs.expected(recipe).file > 0
+
+
+def test_walks_that_a_plan_expects(tmp_path):
+    """Light crosses a thin layer in a few flights: of more depth a plan expects more, up to what it does of any."""
+    def expected(thickness, medium="mean_free_path: 1 mm"):
+        recipe = RECIPE.replace("mean_free_path: 1 mm", medium).replace("{options}", f"{{thickness: {thickness}}}")
+        (tmp_path / "layer.yaml").write_text(recipe)
+        return costs.walks(load(tmp_path / "layer.yaml"))
+
+    thin, thick, deepest = (expected(f"{mm} mm") for mm in (1, 30, 1e6))
+    assert 4 * thin < thick < deepest == expected("1e9 mm")
+    assert expected('"[1, 30] mm"') == pytest.approx((thin + thick) / 2)
+    assert expected("30 mm", "mean_free_path: 30 mm") == pytest.approx(thin)

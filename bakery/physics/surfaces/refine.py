@@ -15,7 +15,7 @@ from bakery.physics.surfaces.stack import free, layers, rough_within
 FEWEST, MOST = 16, 640  # Legendre moments
 _MOSTLY = 128  # that are told at first: all of them take half as long as the solution by 48
 _MOST_NODES = 256  # moments, where there are as many nodes
-_MOST_BETWEEN = 81  # where facets lie on several media: their operators take minutes beyond
+_MOST_BETWEEN = 81  # where facets lie on several media: operators take seconds each then, by the fifth power
 # error that a change leaves, over the change: that of the peak that is still cut off over that of the last step, within 1.3 times
 # for Henyey and Greenstein's functions and fog; and no less than a quarter
 _MARGIN, _LEAST = 1.5, 0.25

@@ -17,8 +17,8 @@ _PEAK = 0.6  # share of light that may be left out, over the tolerance (`refine`
 _ORDER, _PRODUCT, _MODES = 3e-4, 1.3e-7, 1.7e-8  # seconds of a Fourier order, over the directions' square, over their cube
 _STACKED = 1.6  # layers under one take their share
 _ROUNDING = 3e-5  # seconds over the directions' square
-# seconds of walks to 1 %: over the root of what is absorbed, at most, and of layers of a thickness
-_WALKS, _LOSSLESS, _FINITE = 1e-2, 0.35, 0.4
+# seconds of walks to 1 %: over the root of what is absorbed, at most, and of layers of a thickness at least, a depth, at most
+_WALKS, _LOSSLESS, _THIN, _DEEPER, _FINITE = 1e-2, 0.35, 0.02, 4e-3, 0.4
 
 
 class Expected(NamedTuple):
@@ -82,5 +82,15 @@ def walks(recipe) -> float:
         lost = float(np.min(absorbed / np.maximum(absorbed + scattered, 1e-300)))
     coarser = min(max(recipe.surface.tolerance / 0.01, 1.0), 4.0)
     if recipe.surface.thickness != "infinite":
-        return _FINITE / max(coarser / 2, 1.0)
+        return float(np.mean(np.minimum(_THIN + _DEEPER * _depths(recipe), _FINITE))) / max(coarser / 2, 1.0)
     return (min(_LOSSLESS, _WALKS / math.sqrt(lost)) if lost > 0 else _LOSSLESS) / coarser**1.3
+
+
+def _depths(recipe):
+    """(T, L) optical depths of layers of a thickness; without end where a recipe does not say its mean free path."""
+    medium, thickness = recipe.medium, np.asarray(recipe.surface.thickness, float)[:, None]  # um
+    if medium is None or medium.mean_free_path is None and (medium.sigma_s is None or medium.sigma_a is None):
+        return np.full_like(thickness, math.inf)
+    if medium.mean_free_path is not None:
+        return thickness / np.asarray(medium.mean_free_path, float)
+    return 1e-6 * thickness * (np.asarray(medium.sigma_s, float) + np.asarray(medium.sigma_a, float))
