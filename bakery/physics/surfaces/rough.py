@@ -134,9 +134,9 @@ def _add_facets(result, side, orders: int, share, cosines, turned):
     """To the orders (M, K) of a direction, what facets (Q,) show it of the nodes of a side; odd ones times the sine there."""
     for facets, columns, at, coordinate in side.spans(cosines):
         for k in range(0, len(facets), _TOGETHER):
-            some = facets[k:k + _TOGETHER]
-            waves = _waves(orders, turned[some]) * share[some]
-            waves[1::2] *= np.sqrt((1 - cosines[some]) * (1 + cosines[some]))
+            batch = facets[k:k + _TOGETHER]
+            waves = _waves(orders, turned[batch]) * share[batch]
+            waves[1::2] *= np.sqrt((1 - cosines[batch]) * (1 + cosines[batch]))
             result[:, columns] += waves @ interpolation(at, coordinate[k:k + _TOGETHER])
 
 
@@ -145,10 +145,10 @@ def _waves(orders: int, turned):
     waves = np.empty((orders, len(turned)))
     waves[0], waves[1:2] = 1.0, turned
     for n in (1 << k for k in range(orders.bit_length())):
-        more = waves[n + 1:2 * n + 1]
-        if len(more):
-            np.multiply(2 * waves[n], waves[1:len(more) + 1], out=more)
-            more -= waves[n - len(more):n][::-1]
+        higher = waves[n + 1:2 * n + 1]
+        if len(higher):
+            np.multiply(2 * waves[n], waves[1:len(higher) + 1], out=higher)
+            higher -= waves[n - len(higher):n][::-1]
     return waves
 
 
