@@ -107,8 +107,8 @@ def preview(asset_path, output_path, *, quality="preview", panel=None, variant=N
     for i, shown_panel in enumerate(panels):
         clean = _Filter(shown_panel.features) if denoise else None
         clear_heap = shown_panel.shows == "medium" and shown and np.max(asset.medium.albedo) > 1 - HEAP_CLEAR
-        samples = max(1, round(HEAP_SAMPLES * spp)) if clear_heap else spp
-        picture = passes.render(shown_panel.scenes(), colour.srgb_matrix(asset.wavelength), samples=samples,
+        picture = passes.render(shown_panel.scenes(), colour.srgb_matrix(asset.wavelength),
+                                samples=max(1, round(HEAP_SAMPLES * spp)) if clear_heap else spp,
                                 per_pass=max(1, min(4, spp // 2)), tolerance=tolerance, time_limit=time_limit / len(panels),
                                 seed=seed, measure=clean and clean.noise,
                                 progress=share(progress, i / len(panels), (i + 1) / len(panels)))
@@ -118,9 +118,7 @@ def preview(asset_path, output_path, *, quality="preview", panel=None, variant=N
                   {PREVIEW_OF: asset.content_hash})
     report = {"files": [str(path) for path in pair], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
               "noise_of": "PNG" if denoise else "EXR", **_figures(rendered, width, gap)}
-    for shown_panel in panels:
-        report |= shown_panel.report()
-    return report
+    return report | {key: value for shown_panel in panels for key, value in shown_panel.report().items()}
 
 
 @dataclass(frozen=True)
