@@ -22,7 +22,7 @@ from bakery.physics.surfaces.solution import Solution
 ORDERS = ("first", "second", "higher")
 SHOWN = (12, 8, 8)  # cells whose errors are told
 # of each order: cells in ever finer levels, the last of which are those of its table; fewer where its light is smooth
-LEVELS = ((SHOWN, (48, 8, 8)), (SHOWN,), (SHOWN,))
+LEVELS = ((SHOWN, (48, 2, 2), (48, 8, 8)), (SHOWN,), (SHOWN,))
 # of the polynomials along the coordinates of pairs.  Cells that were held to larger ones, not to these, kept 3 % of the light
 # of beach sand from where its azimuth is 45 to 90 degrees
 DEGREES = ((16, 4, 4), (6, 3, 3), (6, 3, 3))
@@ -122,11 +122,16 @@ def merged(cells, coarse):
     return np.ravel_multi_index(index, coarse).ravel()
 
 
-def _held(wanted, modelled, walks: float) -> float:
-    """Inverse of the relative variance of cells about what larger ones say, beyond that of the counts; infinite where none is."""
-    counted = modelled * walks >= 1
-    off = np.sum(((wanted - modelled) ** 2 - modelled / walks)[counted])
-    return max(float(np.sum(modelled[counted] ** 2) / off), _FEW) if off > 0 else math.inf
+def _held(wanted, modelled, walks: float, slices: int = 1):
+    """Inverse (K,) of the relative variance of cells about what larger ones say, beyond that of counts; infinite where none is.
+
+    It is one number for the cells of each of so many equal slices of the first coordinate.
+    """
+    counted = (modelled * walks >= 1).reshape(slices, -1)
+    wanted, modelled = (np.where(counted, light.reshape(slices, -1), 0.0) for light in (wanted, modelled))
+    off = np.sum((wanted - modelled) ** 2 - modelled / walks, axis=1)
+    held = np.divide(np.sum(modelled**2, axis=1), off, out=np.full(slices, math.inf), where=off > 0)
+    return np.repeat(np.maximum(held, _FEW), counted.shape[1])
 
 
 def _terms(cells, degrees):
@@ -213,15 +218,17 @@ class Fit:
         for level in LEVELS[order]:
             to, of = merged(self.cells, level), merged(fine, level)
             wanted, modelled = np.bincount(to, cells), np.bincount(to, self.in_cells(order, table, scale))
-            holds = _held(wanted, modelled, walks)
+            # light straight back is that of a slice or two, and says nothing of the others
+            holds = _held(wanted, modelled, walks, level[0] if level != SHOWN else 1)
             if level == SHOWN:
                 # the polynomial's counts as far as cells are held to it
                 kept = 1 / (1 + walks * modelled / holds)
                 variance = kept**2 * variance + 1 / (walks * modelled + holds)
             base = table
-            for _ in range(_ROUNDS if holds < math.inf else 0):
+            free = np.isfinite(holds)
+            for _ in range(_ROUNDS if free.any() else 0):
                 ratio = np.bincount(of, table) / np.bincount(of, base)  # by which the cells of this level moved
-                change = (walks * wanted + holds) / (walks * modelled / ratio + holds)
+                change = np.divide(walks * wanted + holds, walks * modelled / ratio + holds, out=np.ones(len(holds)), where=free)
                 table = base * change[of]
                 scale = self._scaled(order, table, scale, albedo)
                 modelled = np.bincount(to, self.in_cells(order, table, scale))

@@ -181,8 +181,9 @@ def test_opposition():
     alpha = np.radians([0.0, 20.0, 60.0])
     lambert = 8 / (3 * math.pi) * (np.sin(alpha) + (math.pi - alpha) * np.cos(alpha))
     closed = 0.1 / 4 * lambert / (1 + np.cos(alpha))
-    packed, sparse = (baked("dark", fraction, 0.05)[0].orders(np.cos(alpha), np.ones(3), np.zeros(3))[0] / closed
-                      for fraction in (0.6, 0.001))
+    packed, sparse = (baked("dark", fraction, tolerance)[0].orders(np.cos(alpha), np.ones(3), np.zeros(3))[0] / closed
+                      for fraction, tolerance in ((0.6, 0.05), (0.001, 0.02)))  # by 5 % sixteen walks come back so, where
+    # the medium has ten
     assert 1.2 < sparse[0] / sparse[2] < 2.1 and sparse[1] / sparse[2] == pytest.approx(1, abs=0.15)
     assert ((packed > 1 / 0.66) & (packed < 1 / 0.43)).all()
 
