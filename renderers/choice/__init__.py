@@ -60,7 +60,7 @@ class Choice(NamedTuple):
         of what is not known
     approximations : error of the method in this scene with what two standard errors may add; None where the pilots do not tell
     sentence : how it was chosen
-    foretold : of the picture by the method, as `foretold_by` gives it; None without a pilot
+    foretold : of the picture by the method, as `Trial.summary` gives it; None without a pilot
     """
 
     method: str
@@ -246,16 +246,6 @@ def _said(offered, name) -> str:
     return f"auto is {name} here" if open_to_choice else f"{name}, as asked for"
 
 
-def foretold_by(tried: Trial, pixels: int, stop: Stop, missing: float = 0.0) -> dict:
-    """What a pilot tells of a picture of so many pixels, for JSON: `clock`, seconds of it to one of processors; `passes`, of each
-    kind a `renderers.choice.trial.Foretold` as a dict.
-
-    missing : light that others have found and this has not, over its own
-    """
-    kinds = tried.foretold(pixels, missing, stop.noise, stop.time)
-    return {"clock": tried.clock, "passes": [kind._asdict() for kind in kinds]}
-
-
 def _eligible(offered) -> list[str]:
     return [candidate.name for candidate in offered if candidate.eligible]
 
@@ -410,7 +400,7 @@ class _Pilots:
         by = "there is no other candidate"
         if self._trials:
             by = f"by pilots: seconds of a processor to a noise of {percent(self._noise)}"
-        foretold = foretold_by(self._trials[taken], self._pixels, self._stop, missing[taken]) if taken in self._trials else None
+        foretold = self._trials[taken].summary(self._pixels, self._stop, missing[taken]) if taken in self._trials else None
         return Choice(taken, list(self._offered[taken].methods), table, allowed.get(taken), by, foretold)
 
     def _row(self, name, seconds, bias, why, at_most=None) -> dict:

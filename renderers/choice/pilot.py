@@ -175,14 +175,14 @@ def _tried(scene, stop, variant) -> dict[str, Mapping]:
     if not foretold:
         with world.as_it_is():
             pilot = trial.of(lambda smaller, seed: scene.prepare(opened, smaller, seed), world, SECONDS)
-        foretold = choice.foretold_by(pilot, world.size[0] * world.size[1], stop)
+        foretold = pilot.summary(world.size[0] * world.size[1], stop)
     with world.as_it_is():
         parts = in_time(scene.prepare(opened, world, 0).parts, stop.time)
     return _extrapolated(foretold, {part.name: part.samples for part in parts})
 
 
 def _extrapolated(foretold, samples: Mapping[str, int]) -> dict[str, Mapping]:
-    """Parts of a picture whose passes have so many samples of each, by `renderers.choice.foretold_by`."""
+    """Parts of a picture whose passes have so many samples of each, by `renderers.choice.trial.Trial.summary`."""
     parts = {}
     for (name, of_pass), kind in zip(samples.items(), foretold["passes"], strict=True):
         ratio = of_pass / kind["samples"]

@@ -163,6 +163,11 @@ class Trial(NamedTuple):
         return max(sum(math.sqrt(kind.pixel * kind.seconds) for kind in kinds),
                    sum(math.sqrt(kind.region * kind.seconds) for kind in kinds)) ** 2
 
+    def summary(self, pixels: int, stop: Stop, missing: float = 0.0) -> dict:
+        """What is foretold of a picture, for JSON: `clock`, seconds of it to one of processors; `passes`, each kind as a dict."""
+        kinds = self.foretold(pixels, missing, stop.noise, stop.time)
+        return {"clock": self.clock, "passes": [kind._asdict() for kind in kinds]}
+
     def of_samples(self, pixels: int, samples: int) -> float:
         """Processor seconds of passes with so many samples a pixel."""
         return sum(cost.seconds(pixels) * max(samples / cost.samples, float(LEAST)) for cost in self.costs)

@@ -42,7 +42,7 @@ def extrapolated(samples, **cost):
     """Part of a picture of 1024 x 1024, of a pilot of 64 x 64 whose passes of 16 samples take 1 ms a pixel."""
     known = Cost(0.5, 1e-3, 16, 1.0, 0.04, 0.2)._replace(**cost)
     tried = Trial(0.0, (known,), {}, 64**2, 2, 1.0, clock=0.5)
-    foretold = choice.foretold_by(tried, 1024**2, Stop(noise=0.1, time=60.0))
+    foretold = tried.summary(1024**2, Stop(noise=0.1, time=60.0))
     (part,) = pilot._extrapolated(foretold, {"walk": samples}).values()
     return part
 
@@ -75,7 +75,7 @@ def test_the_plan_of_a_scene_says_what_its_choice_says(monkeypatch):
     plan of a jelly said 3.7e5 s to a noise of 3.5 % beside 19 % after 62 s."""
     cost, stop = Cost(0.5, 1e-3, 16, 1.0, 0.04, 0.2), Stop(noise=0.1, time=60.0)
     tried = Trial(0.0, (cost, cost._replace(pixel=0.3)), {}, 64**2, 2, 1.0, clock=0.5)
-    kept = choice.Choice("paths", ["paths"], [], 0.0, "", choice.foretold_by(tried, 1024**2, stop, missing=0.2))
+    kept = choice.Choice("paths", ["paths"], [], 0.0, "", tried.summary(1024**2, stop, missing=0.2))
     parts = [SimpleNamespace(name=name, samples=4) for name in "ab"]
     scene = SimpleNamespace(choice=kept, prepare=lambda *_: SimpleNamespace(parts=parts))
     world = SimpleNamespace(size=(1024, 1024), as_it_is=nullcontext)
