@@ -166,7 +166,7 @@ def chosen(opened, world, quality: str | None = None, picture: Path | None = Non
     stop, tolerance = stop_of(opened.scene, quality), opened.scene.values.tolerance or budget.DEFAULT
     key = remembered.key_of(_VERSION, bakery.__version__, fingerprint(*made_of(opened.scene)), list(world.size),
                             [candidate.name for candidate in offered], [asset.content_hash for asset in opened.assets],
-                            dataclasses.astuple(stop))
+                            dataclasses.astuple(stop), world.variant)
     kept = _choice_of(remembered.get("choice", key), offered)
     earlier = _of_picture(picture, offered) if picture is not None else None
     if earlier is not None and (kept is None or kept.method != earlier):

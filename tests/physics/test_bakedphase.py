@@ -16,15 +16,14 @@ import mitsuba as mi
 
 from renderers.mitsuba import passes, tables
 from renderers.preview import preview
+from tests.devices import jit, on_each_device
 from tests.physics.media import RGB, angles, asset_file, henyey_greenstein
-
-JIT = any(name.startswith("llvm") for name in renderer.variants.choose().names)
-needs_llvm = pytest.mark.skipif(not JIT, reason="no LLVM that Dr.Jit can use")
 
 
 def variants(*names):
-    return pytest.mark.parametrize("variant", [pytest.param(name, marks=needs_llvm if name.startswith("llvm") else ())
-                                               for name in names])
+    """Those with `llvm` on a graphics card too, where there is one."""
+    return pytest.mark.parametrize("variant", [each for name in names for each in
+                                               (jit(name.removeprefix("llvm_")) if name.startswith("llvm") else [name])])
 
 
 def load(path, **parameters):
@@ -145,8 +144,9 @@ def test_forward_is_where_the_light_was_going(variant, grey):
     assert forward > 100 * backward
 
 
+@on_each_device
 @pytest.mark.parametrize("x", [100, 1000, 30_000])
-def test_sharp_peaks_survive(x, folder):
+def test_sharp_peaks_survive(device, x, folder):
     """g and the share of the peak, against the function itself on a grid 20 times finer; sampled, within 5 standard errors."""
     theta = np.union1d(np.concatenate([[0], np.geomspace(0.02 / x, 12 / x, 500)]), np.linspace(12 / x, np.pi, 500))
     fine = np.concatenate([np.interp(np.arange(20 * (len(theta) - 1)) / 20, np.arange(len(theta)), theta), [np.pi]])
@@ -158,9 +158,7 @@ def test_sharp_peaks_survive(x, folder):
     held = tables.load(path)
     assert held.g()[0] == pytest.approx(1 - 2 * mean_s, abs=1e-3)
     assert held.cdf()[0, -1] == 1
-    if not JIT:
-        return
-    mi.set_variant("llvm_ad_mono")
+    mi.set_variant(f"{device}_ad_mono")
     mei = interaction()
     wo, _, pdf = drawn(load(path), 400_000, mei)
     s = s_of(wo, mei.wi)
@@ -255,11 +253,11 @@ def largest_z(a, b):
     return np.max(np.abs(blocks(a[0]) - blocks(b[0])) / error)
 
 
-@needs_llvm
+@on_each_device
 @pytest.mark.slow
-def test_image_equals_hg(folder):
+def test_image_equals_hg(device, folder):
     """9 blocks: |z| < 6 everywhere but for odds of 2e-8; a g that is off by 0.07 is seen."""
-    mi.set_variant("llvm_ad_mono")
+    mi.set_variant(f"{device}_ad_mono")
     reference = image_of({"type": "hg", "g": 0.7}, 1)
     ours = image_of({"type": "bakedphase", "filename": asset_file(folder / "hg70.h5", henyey_greenstein(0.7, angles()))}, 2)
     other = image_of({"type": "bakedphase", "filename": asset_file(folder / "hg77.h5", henyey_greenstein(0.77, angles()))}, 3)

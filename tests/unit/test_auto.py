@@ -314,6 +314,20 @@ def spin(seconds):
         pass
 
 
+def test_a_choice_holds_for_the_variant_that_it_was_measured_with(monkeypatch):
+    """A graphics card takes other times than the processor."""
+    keys = []
+    monkeypatch.setattr(choice.remembered, "get", lambda kind, key: keys.append(key))
+    monkeypatch.setattr(choice.surfaces, "beside", lambda opened, world, offered: (offered, {}))
+    monkeypatch.setattr(choice.candidates, "of", lambda scene: (method("paths"),))
+    monkeypatch.setattr(choice, "made_of", lambda scene: ("scene",))
+    monkeypatch.setattr(choice, "stop_of", lambda scene, quality: Stop(noise=0.01))
+    opened = SimpleNamespace(scene=SimpleNamespace(values=SimpleNamespace(tolerance=0.05)), assets=[])
+    for variant in ("llvm_ad_rgb", "cuda_ad_rgb", "llvm_ad_rgb"):
+        choice.chosen(opened, SimpleNamespace(size=(64, 64), dark=False, variant=variant))
+    assert keys[0] == keys[2] != keys[1]
+
+
 def test_a_choice_is_kept_and_found(monkeypatch):
     best = taken(monkeypatch, (method("paths", exact=True), tried(1.0)), (method("tables", stated=0.01), tried(0.1)))
     key = choice.remembered.key_of("scene", dataclasses.astuple(Stop(noise=0.01)))

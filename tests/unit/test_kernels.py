@@ -92,11 +92,15 @@ def test_tables_of_multiple_scattering(milk):
 
 
 @pytest.mark.parametrize(("Float", "vector", "error"), [("Float64", "Array3f64", 1e-5), slow("Float", "Array3f", 1e-3)])
-def test_look_ups_in_kernels_of_drjit(milk, Float, vector, error):
+@pytest.mark.parametrize("device", ["llvm", "cuda"])
+def test_look_ups_in_kernels_of_drjit(milk, device, Float, vector, error):
     """All four queries against numba's: beside and far from the source, beyond the extent, at the end of a tile, a pencil."""
     llvm.find()
-    if llvm.fault(tuple(pytest.importorskip("drjit").detail.llvm_version())):
+    dr = pytest.importorskip("drjit")
+    if device == "llvm" and llvm.fault(tuple(dr.detail.llvm_version())):
         pytest.skip("Dr.Jit has no LLVM that it can use")
+    if device == "cuda" and not dr.has_backend(dr.JitBackend.CUDA):
+        pytest.skip("no graphics card that CUDA could use")
     (points, segments, _), = milk.multiple.segment.tables()
     random = np.random.default_rng(2)
     source, place = random.normal(size=(2, 12, 3))
@@ -105,7 +109,7 @@ def test_look_ups_in_kernels_of_drjit(milk, Float, vector, error):
     into[3] = 0, 0, 1
     length, distance = random.uniform(0.2, 5, (2, 12))
     length[3:7] = segments.length, math.inf, 0.0, math.inf
-    drjit = importlib.import_module("drjit.llvm")
+    drjit = importlib.import_module(f"drjit.{device}")
     number = getattr(drjit, Float)
     tables = kernels.drjit_tables(points, segments, number)
     a, b, v, w = (getattr(drjit, vector)(one.T) for one in (source, into, place, out))

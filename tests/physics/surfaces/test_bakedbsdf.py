@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-renderer = pytest.importorskip("renderers.mitsuba", exc_type=ImportError)  # before mitsuba: it finds LLVM for it
+pytest.importorskip("renderers.mitsuba", exc_type=ImportError)  # before mitsuba: it finds LLVM for it
 
 import drjit as dr
 import mitsuba as mi
@@ -19,11 +19,10 @@ import mitsuba as mi
 from bakery.errors import UsageError
 from bakery.physics.surfaces import fresnel
 from renderers.mitsuba import layers
+from tests.devices import jit, on_each_device
 from tests.physics.surfaces.layers import LAYERS, RGB, solutions, table
 
-JIT = any(name.startswith("llvm") for name in renderer.variants.choose().names)
-needs_llvm = pytest.mark.skipif(not JIT, reason="no LLVM that Dr.Jit can use")
-VARIANTS = [pytest.param(name, marks=needs_llvm if name.startswith("llvm") else ()) for name in ("llvm_ad_rgb", "scalar_rgb")]
+VARIANTS = [*jit("ad_rgb"), "scalar_rgb"]
 
 
 @pytest.fixture(autouse=True)
@@ -86,7 +85,7 @@ def some_slow(names, quick):
 @pytest.mark.parametrize("name", some_slow(LAYERS, ("white", "sheet")))
 def test_values_are_the_solutions(name, variant):
     mi.set_variant(variant)
-    count = 400 if variant.startswith("llvm") else 15
+    count = 15 if variant.startswith("scalar") else 400
     rng = np.random.default_rng(3)
     least = 0.62 if name == "lighter" else 0.01
     mu, mu0 = rng.uniform(least, 1, (2, count))
@@ -104,12 +103,12 @@ def test_values_are_the_solutions(name, variant):
 
 
 @pytest.mark.slow
-@needs_llvm
+@on_each_device
 @pytest.mark.parametrize("mu", [1.0, 0.6, 0.1])
 @pytest.mark.parametrize(("name", "share"), [("half space", 1), ("white", 1), ("sheet", 1), ("matt", None), ("paint", None)])
-def test_furnace(name, share, mu):
+def test_furnace(device, name, share, mu):
     """In even light a lossless layer is as bright as the light; another one as its albedo says."""
-    mi.set_variant("llvm_ad_rgb")
+    mi.set_variant(f"{device}_ad_rgb")
     _, weight, *_ = drawn(plugin(name), mu, 400_000)
     mean, error = weight.mean(axis=1), weight.std(axis=1) / math.sqrt(weight.shape[1])
     if share is None:
@@ -125,14 +124,14 @@ def test_furnace(name, share, mu):
 
 
 @pytest.mark.slow
-@needs_llvm
+@on_each_device
 @pytest.mark.parametrize(("name", "mu"), [("tinted", 0.9), ("tinted", 0.1), ("sheet", 0.5), ("sheet", -0.5), ("matt", 0.4),
                                           ("paint", 0.7)])
-def test_samples_are_distributed_as_their_density(name, mu):
+def test_samples_are_distributed_as_their_density(device, name, mu):
     """Mitsuba's own test; at 1 % a case, of which the seed is one that passes, and a wrong density fails by far."""
     from mitsuba.chi2 import BSDFAdapter, ChiSquareTest, SphericalDomain
 
-    mi.set_variant("llvm_ad_rgb")
+    mi.set_variant(f"{device}_ad_rgb")
     context = mi.BSDFContext()
     context.type_mask = mi.BSDFFlags.Smooth
     wi = [math.sqrt(1 - mu * mu) * 0.6, math.sqrt(1 - mu * mu) * 0.8, mu]
@@ -146,9 +145,9 @@ def test_samples_are_distributed_as_their_density(name, mu):
     assert not run(lambda wo: density(wo) * (1 + 0.1 * wo.x))
 
 
-@needs_llvm
-def test_mirrored_and_unscattered_light_go_on_in_single_directions():
-    mi.set_variant("llvm_ad_rgb")
+@on_each_device
+def test_mirrored_and_unscattered_light_go_on_in_single_directions(device):
+    mi.set_variant(f"{device}_ad_rgb")
     types = mi.BSDFFlags.DeltaReflection, mi.BSDFFlags.DeltaTransmission
     bsdf, mu, wi = plugin("sheet"), 0.6, np.array([0.8, 0.0, 0.6])
     inner, front = fresnel.inside(mu, 1.4), fresnel.reflected(mu, 1.4)
@@ -163,18 +162,18 @@ def test_mirrored_and_unscattered_light_go_on_in_single_directions():
         np.testing.assert_allclose(density, 1, rtol=1e-6)
 
 
-@needs_llvm
-def test_other_layers_are_black_from_behind():
-    mi.set_variant("llvm_ad_rgb")
+@on_each_device
+def test_other_layers_are_black_from_behind(device):
+    mi.set_variant(f"{device}_ad_rgb")
     wi, wo = np.array([[0.6], [0.0], [-0.8]]), np.array([[0.0], [0.6], [-0.8]])
     values, density = values_of(plugin("white"), wi, wo)
     assert not values.any() and not density.any()
 
 
 @pytest.mark.slow
-@needs_llvm
-def test_spectra_are_linear_between_the_wavelengths():
-    mi.set_variant("llvm_ad_spectral")
+@on_each_device
+def test_spectra_are_linear_between_the_wavelengths(device):
+    mi.set_variant(f"{device}_ad_spectral")
     wi, wo = unit(np.array([0.5]), np.array([0.0])), unit(np.array([1.0]), np.array([2.0]))
     values, _ = values_of(plugin("tinted"), wi, wo, [465.0, 550.0, 580.0, 900.0])
     at = math.cos(1.0), math.cos(0.5), 2.0 - math.pi
@@ -183,9 +182,9 @@ def test_spectra_are_linear_between_the_wavelengths():
 
 
 @pytest.mark.slow
-@needs_llvm
-def test_one_wavelength_by_position_or_by_length():
-    mi.set_variant("llvm_ad_rgb")
+@on_each_device
+def test_one_wavelength_by_position_or_by_length(device):
+    mi.set_variant(f"{device}_ad_rgb")
     wi, wo = unit(np.array([0.5]), np.array([0.0])), unit(np.array([1.0]), np.array([2.0]))
     whole, by_place, by_length = (values_of(plugin("bare", **more), wi, wo)[0][:, 0]
                                   for more in ({}, {"channel": 1}, {"wavelength": 0.55}))
@@ -238,11 +237,11 @@ def radiance(shapes, light, mu, phi, samples):
 
 
 @pytest.mark.slow
-@needs_llvm
+@on_each_device
 @pytest.mark.parametrize(("mu", "phi"), [(0.9, 0.5), (0.3, 0.0), (0.3, 2.5)])
-def test_a_thick_slab_in_the_sun_is_volpaths(mu, phi):
+def test_a_thick_slab_in_the_sun_is_volpaths(device, mu, phi):
     """Light scattered once, often and in between; six standard errors of both: 2e-9."""
-    mi.set_variant("llvm_ad_mono")
+    mi.set_variant(f"{device}_ad_mono")
     albedo, g, *_ = LAYERS["tinted"]
     sun = SUN.format(x=-0.6, z=-0.8)  # it comes from azimuth 0
     slab = WIDE.format(bsdf='<bsdf type="null"/>', medium=MEDIUM.format(albedo=albedo[1], g=g))
@@ -257,11 +256,11 @@ def test_a_thick_slab_in_the_sun_is_volpaths(mu, phi):
 
 
 @pytest.mark.slow
-@needs_llvm
+@on_each_device
 @pytest.mark.parametrize("mu", [0.9, 0.3])
-def test_paint_in_even_light_is_volpaths(mu):
+def test_paint_in_even_light_is_volpaths(device, mu):
     """A layer of depth 5 on a grey base under a smooth boundary."""
-    mi.set_variant("llvm_ad_mono")
+    mi.set_variant(f"{device}_ad_mono")
     albedo, g, depth, index, base, _ = LAYERS["paint"]
     glass = f'<bsdf type="dielectric"> <float name="int_ior" value="{index}"/> <float name="ext_ior" value="1"/> </bsdf>'
     floor = f"""<shape type="rectangle"> <transform name="to_world"> <scale value="9e3"/> <translate z="-{depth}"/> </transform>
