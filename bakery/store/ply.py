@@ -7,10 +7,14 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 
-def mesh(vertices, faces, comments: Iterable[str] = (), single=False) -> bytes:
-    """A binary file of vertices (V, 3) and triangles (F, 3); coordinates as doubles, or as floats."""
+def mesh(vertices, faces, comments: Iterable[str] = (), single=False, normals=None) -> bytes:
+    """A binary file of vertices (V, 3), with normals (V, 3) if not None, and triangles (F, 3); coordinates as doubles, or as
+    floats."""
     real, form = ("float", "<f4") if single else ("double", "<f8")
-    head = _head("binary_little_endian", comments, len(vertices), "xyz", real)
+    names = ["x", "y", "z"]
+    if normals is not None:
+        names, vertices = [*names, "nx", "ny", "nz"], np.concatenate([vertices, normals], axis=1)
+    head = _head("binary_little_endian", comments, len(vertices), names, real)
     head += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
     rows = np.empty(len(faces), np.dtype([("count", "u1"), ("corner", "<i4", 3)]))
     rows["count"], rows["corner"] = 3, faces

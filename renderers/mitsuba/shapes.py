@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -54,6 +55,17 @@ def of_scene(scene, unit) -> list[Shape]:
         shapes.append(Shape(shape.id(), vertices, faces, box, _index(shape.bsdf()), smooth, normals, _specular(shape.bsdf()),
                            shape.has_flipped_normals(), is_sphere(shape)))
     return shapes
+
+
+def leaning(shape, angle) -> float:
+    """Share of the area of a mesh in triangles from which normals at a corner lean by more than an angle, rad."""
+    if shape.normals is None:
+        return 0.0
+    corners = shape.vertices[shape.faces]
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(flat, axis=1)
+    cosine = np.abs(np.einsum("fkc,fc->fk", shape.normals[shape.faces], flat)).min(axis=1)
+    return float(area[cosine < math.cos(angle) * area].sum() / area.sum())
 
 
 def is_sphere(shape) -> bool:

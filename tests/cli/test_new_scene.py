@@ -10,6 +10,7 @@ import zipfile
 
 import numpy as np
 import pytest
+import trimesh
 
 from bakery.kernels import closed_mesh
 from bakery.recipe import load
@@ -77,6 +78,18 @@ def test_the_camera_sees_all_of_the_mesh(call, tmp_path):
         depth = points @ ahead
         seen = np.abs(np.stack([points @ right, points @ np.cross(right, ahead)]) / depth) / np.tan(np.radians(17))
         assert depth.min() > 0 and seen.max() == pytest.approx(0.8, abs=0.002)
+
+
+def test_sharp_edges_of_a_mesh_stay_sharp(call, tmp_path):
+    """Normals of a cube are those of its faces; those of a ball lean from its triangles, and no vertex is there twice."""
+    for body, most, count in ((trimesh.creation.box(), 0.0, 24), (trimesh.creation.icosphere(3), 6.0, 642)):
+        path = mesh(tmp_path / "mine.ply", body.vertices, body.faces)
+        assert call("new", "wax", "--mesh", path, "--unit", "cm", "-o", tmp_path / "one.yaml", "--overwrite")[0] == 0
+        shown = trimesh.load(tmp_path / "one.scene.ply", process=False)
+        leans = np.degrees(np.arccos(np.clip(np.sum(shown.vertex_normals[shown.faces] * shown.face_normals[:, None], axis=2),
+                                             -1, 1)))
+        assert len(shown.vertices) == count and leans.max() == pytest.approx(most, abs=1.0)
+        assert len(closed_mesh((tmp_path / "one.scene.ply").read_bytes(), "ply")[0]) == len(body.vertices)
 
 
 def test_units_of_3mf_and_an_axis_that_points_up(call, tmp_path):

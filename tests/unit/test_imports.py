@@ -29,7 +29,7 @@ MAY = {
     "report": {"asset", "draw", "family", "stages", "store", "system.terminal"},
     "export": {"asset", "draw", "grammar", "physics", "report", "stages", "store", "system.terminal"},
     "run": {"asset", "family", "grammar.files", "grammar.qualities", "plan", "recipe", "stages", "store", "system"},
-    "starting": {"grammar", "physics", "recipe", "run", "store"},
+    "starting": {"draw", "grammar", "physics", "recipe", "run", "store"},
     "trade": {"draw", "grammar.qualities", "plan", "recipe", "run", "stages", "store", "system"},
     "scenes": {"draw", "grammar", "plan", "report", "run", "store", "trade"},
 }
