@@ -38,7 +38,7 @@ def test_every_grain_is_listed():
 
 
 @pytest.mark.slow
-def test_the_loop_is_the_wavefronts(tmp_path):
+def test_the_loop_is_the_wavefronts(tmp_path, monkeypatch):
     """By order and by light: clear, matt and rough balls and stones that absorb, of two bodies, with a floor through them;
     through the pixels of a pilot, which are bundles of the picture's."""
     (tmp_path / "scene.xml").write_text(SCENE.replace("MORE", ""))
@@ -54,6 +54,9 @@ def test_the_loop_is_the_wavefronts(tmp_path):
     scene = transport.Transport(tuple(transport.Body(grain, None, 1.0) for grain in explicit), COLOURS)
     part = methods.part(world, scene, "ept", 0)
     assert part.samples == 64, "by shapes"
+    monkeypatch.setattr(shapes, "fit", lambda *scene: False)
+    assert [methods.part(world, scene, "ept", 0, met=met).fewest for met in (9_000, 10_000)] == [1, 1 / 4], "a million grains"
+    monkeypatch.undo()
     loop = [part.render(number) for number in range(PASSES)]
     sums = [transport.one_pass(world, scene, world.camera, (9, 12), number, 0, corners=world.corners, samples=64)
             for number in range(PASSES)]

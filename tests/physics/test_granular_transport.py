@@ -113,6 +113,24 @@ def test_paths_that_go_on_by_chance():
     assert np.all(onward.throughput == 4) and abs(onward.count / n - 0.25) < SIGMAS * np.sqrt(0.25 * 0.75 / n)
 
 
+def test_long_paths_among_grains_go_on_by_chance():
+    """Half of them after 4 grains and after 16: each brings 1, 2 or 4 in light from everywhere, or nothing, and the mean is 1."""
+    how = transport.Transport((joined([grains([Kind(GLASS)], bumpy(9.0))]).bodies), COLOURS)
+    rarer = how.of_share(0.25)
+    assert rarer.share == 0.25 and rarer.switch is None
+    counts = {1.0: 0, 2.0: 0, 4.0: 0}
+    for number in range(40):
+        brought = transport.one_pass(Sky(above=1, below=1), rarer, VIEW, (24, 24), number, 0).by_order.sum(axis=0)
+        values = np.round(brought, 9)
+        assert np.allclose(brought, values, atol=1e-9) and set(np.unique(values)) <= {0.0, *counts}
+        counts = {value: count + np.sum(values[:, 0] == value) for value, count in counts.items()}
+    n = 40 * 24 * 24
+    mean = sum(value * count for value, count in counts.items()) / n
+    error = np.sqrt((sum(value**2 * count for value, count in counts.items()) / n - mean**2) / n)
+    assert error < 0.01 and abs(mean - 1) < SIGMAS * error and min(counts.values()) > 10
+    assert joined([grains([Kind(GLASS)], bumpy(9.0))]).of_share(0.5).switch.share == 0.5
+
+
 def test_what_grains_do_not_turn_goes_on():
     """A share of the paths that switch at a grain goes on as it came, where the medium lets such a share pass; weights stay."""
     how = joined([grains([Kind(GLASS)], bumpy(9.0))])

@@ -14,6 +14,7 @@ from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from renderers.materials.bodies import methods
 from renderers.mitsuba.world import World
+from renderers.pictures.engine import in_time
 from tests.odds import ODDS, sigmas
 from tests.physics.particles import averaged, blocks, same
 from tests.physics.test_aggregate import bumpy
@@ -230,3 +231,17 @@ def test_beams_that_are_far_away_bring_numbers(baked, tmp_path):
                                for body in how.bodies])
     beams = methods.parts(how, "vrl", "negative", 0)[1]
     assert all(np.isfinite(beams.render(number)[""]).all() for number in range(40))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["vrl", "vrl+tables"])
+def test_few_lines_of_sight_gather_for_all(baked, tmp_path, name):
+    """In a short render an eighth of them, with other random numbers: the same in the mean, with more noise."""
+    how = transport(tmp_path, [baked()], {"ball": BALL}, PANEL, index=1.4)
+    all_gather = methods.parts(how, name, "negative", 0)[1]
+    assert all_gather.fewest == 1 / 8
+    (few,) = in_time([all_gather], 1.0)
+    few_gather = np.array([few.render(number)[""].mean() for number in range(100, 140)])
+    pictures = np.array([all_gather.render(number)[""].mean() for number in range(16)])
+    assert few_gather.std() > 1.5 * pictures.std() and pictures.std() < 0.15 * pictures.mean()
+    assert chance(few_gather, pictures) > ODDS and chance(2 * few_gather, pictures) < ODDS

@@ -23,6 +23,7 @@ class Gather(NamedTuple):
     picks : beams for a line of sight;  fewer : of each body, for those that share what they gather
     shares : (pixels,) body of which the camera's lines of sight share it, or -1
     beyond : of each body (L,) m, distance of a mirror outside of its boundary; inf where there is none
+    share : of the lines of sight, by chance, that gather for all
     """
 
     beams: list
@@ -32,11 +33,12 @@ class Gather(NamedTuple):
     fewer: list
     shares: np.ndarray
     beyond: list
+    share: float = 1.0
 
     def __call__(self, transport, paths, number, sums):
         """Adds to sums what beams bring to lines of sight in body `number` that come from a surface."""
         body, beams = transport.bodies[number], self.beams[number]
-        rows, lines = sights(paths)
+        rows, lines = sights(paths, self.share)
         if not len(rows):
             return
         order = by_place(lines.origin, body.vertices)
@@ -61,10 +63,11 @@ class Gather(NamedTuple):
         sums.add(lines, beyond, 3)
 
 
-def sights(paths):
-    """Lines of sight of paths that come from a surface, of little weight only some: their numbers (m,) and themselves."""
+def sights(paths, share=1.0):
+    """A share of the lines of sight of paths that come from a surface, by chance, of little weight only some of these: their
+    numbers (m,) and themselves."""
     rows = np.flatnonzero((paths.events == 0) & (paths.throughput > 0).any(axis=1))
-    numbers, chance = np.empty((paths.count, 1)), np.minimum(paths.throughput.max(axis=1) / _WEAK, 1.0)
+    numbers, chance = np.empty((paths.count, 1)), share * np.minimum(paths.throughput.max(axis=1) / _WEAK, 1.0)
     wavefront.draw(paths.states, numbers)
     rows = rows[numbers[rows, 0] < chance[rows]]
     lines = paths.of(rows)

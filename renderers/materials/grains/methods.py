@@ -23,7 +23,9 @@ _TECHNIQUES = ("ept", "vpt", "da")
 _MOST = 32  # media of the loop: `renderers.transport.scene.MOST`, which cannot be imported before Mitsuba is there
 _PATHS = 1 << 16  # of a pass, at most, where a pixel has several: those that go on together
 _SAMPLES = 16  # a pixel and pass, at most: the noise of small pictures is known from several passes
-_FEWEST = 1 / 4  # of the paths, that go on after the switch in the passes of a short render: they take five times as long
+# Of the paths, that go on to their end in passes of a short render: after the switch, where they take five times as long; from
+# grain to grain where a pass meets so many grains
+_FEWEST, _GRAINS = 1 / 4, 1 << 20
 _LATER = 1 << 31  # passes of the light after the switch are numbered from here
 
 
@@ -79,7 +81,8 @@ def of(name, world, assets, meshes, grains, seed, asked=PLAIN, tolerance=budget.
     # when paths switch depends on how close the pixels of a bundle are: pilots of all methods look through the same pixels
     view = bundles.as_close(world)
     loop = medium_part(scene.bodies, meshes, scene.colours, view, seed) if scene.technique == MEDIUM else None
-    parts = (loop,) if loop else tuple(part(view, scene, kind, seed, which) for kind, which in kinds)
+    met = max(material.meetings(asset, *mesh) for asset, mesh in zip(assets, meshes))
+    parts = (loop,) if loop else tuple(part(view, scene, kind, seed, which, met=met) for kind, which in kinds)
 
     def after(estimate):
         return {"grains": number, "layers": _switches(estimate.means.values()), "bias": None}
@@ -147,13 +150,14 @@ def medium_part(bodies, meshes, colours, world, seed):
     return passes.part("vpt", world, entries, colours, seed, by_light=True)
 
 
-def part(world, scene, name, seed, which=transport.ALL, samples=None) -> Part:
+def part(world, scene, name, seed, which=transport.ALL, samples=None, met=0.0) -> Part:
     """Passes by a `Transport`, with layers of orders, lights and techniques.
 
     Paths from grain to grain alone go through shapes of a Mitsuba scene where the grains are few enough (`shapes`), else in
     wavefronts.  Small pictures have several samples a pass: each call of Mitsuba's takes a ms of its own, for however few paths.
 
-    samples : of a pixel, in a pass; below 1: the chance of light after the switch; None: as many as go together
+    samples : of a pixel, in a pass; below 1: the share of long paths; None: as many as go together
+    met : grains that light meets on average
     """
     height, width = world.size
     if scene.switch is None and scene.technique == GRAINS:
@@ -161,10 +165,10 @@ def part(world, scene, name, seed, which=transport.ALL, samples=None) -> Part:
 
         if shapes.fit(world, [body.grains for body in scene.bodies]):
             return shapes.part(name, world, [body.grains.grains for body in scene.bodies], scene.colours, seed, scene.angle)
-    fewer = partial(part, world, scene, name, seed, which)
+    fewer = partial(part, world, scene, name, seed, which, met=met)
     samples = samples or 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
     if samples < 1:
-        scene, samples = scene._replace(switch=scene.switch._replace(share=samples)), 1
+        scene, samples = scene.of_share(samples), 1
 
     def one(number):
         # other paths than those of the other part
@@ -173,7 +177,8 @@ def part(world, scene, name, seed, which=transport.ALL, samples=None) -> Part:
         sums = transport.one_pass(world, begins, world.camera, world.size, number, seed, which, world.corners, samples)
         return _layers(sums, world, scene)
 
-    return Part(name, one, samples, fewer, fewest=_FEWEST if which == transport.AFTER else 1)
+    long = which == transport.AFTER or scene.switch is None and met * height * width > _GRAINS
+    return Part(name, one, samples, fewer, fewest=_FEWEST if long else 1)
 
 
 def _layers(sums, world, scene):
