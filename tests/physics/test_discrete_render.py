@@ -453,3 +453,37 @@ def test_no_light_no_particle():
     assert not passes(splat.one_pass, Sky(sun=(0, 0, -1)), nobody, view, size, range(2)).any()
     seen = passes(walk.one_pass, Sky(above=1.0, below=1.0), walk.Discs(nobody), view, size, [0])
     assert np.array_equal(seen, np.ones((1, 8, 8, 3)))
+
+
+# ---- bright lamps
+
+
+class Bulb(Sky):
+    """A lamp of radiance 1000 that is seen within 0.012 rad of +y, before a sky of radiance 1."""
+
+    def _radiance(self, direction):
+        return np.repeat(np.where(direction[:, 1] > math.cos(0.012), 1000.0, 1.0)[:, None], 3, axis=1)
+
+
+def test_pixels_that_show_a_lamp_have_a_path_in_each_of_their_squares():
+    """Sixteen: of a lamp with particles before it the same light, with less than a sixteenth of the variance, as its rim goes
+    through few of the squares; without particles its solid angle, which they tell to some 1 %."""
+    size, world = (48, 64), Bulb(above=1)
+    view, everywhere = camera(size), np.full(size, np.inf)
+    squares = walk.squares_of(world, view, *size)
+    cosine = view.rays(*size)[..., 1]  # of their middles
+    shows = squares.reshape(size) > 1
+    assert squares.max() == 4 and shows[cosine > math.cos(0.012)].all() and not shows[cosine < math.cos(0.018)].any()
+
+    def pictures(medium, given, numbers):
+        return np.array([walk.one_pass(world, walk.Discs(medium), view, *size, number, 0, discrete=everywhere, lights=2,
+                                       squares=given)[0].sum(axis=0)[..., 0] for number in numbers])
+
+    dust = hashed(of_depth(0.5, 5e4))
+    single, several = (pictures(dust, given, range(16)) for given in (None, squares))
+    assert several.var(axis=0).sum() < single.var(axis=0).sum() / 16
+    assert same(single.mean(axis=(1, 2))[:, None], several.mean(axis=(1, 2))[:, None]) > ODDS
+    assert np.array_equal(single[:, ~shows], several[:, ~shows])
+    (seen,) = pictures(hashed(of_depth(1e-9, 10)), squares, [0])
+    of_lamp = ((seen - (seen > 0.5)) * view.angle(*size) ** 2 / 999).sum()
+    assert of_lamp == pytest.approx(2 * math.pi * (1 - math.cos(0.012)), rel=0.05)

@@ -43,15 +43,35 @@ def test_variance_of_a_picture_is_foretold_by_a_pilot_of_two_passes(draw, within
     assert np.mean([figure * math.exp(2 * spread) > 0.9 * shown for figure, (_, spread) in zip(foretold, pilots)]) > 0.6
 
 
-def test_no_single_path_decides():
-    """One that is a thousand times brighter than the rest has 99.6 % of the squares."""
+def test_no_single_path_decides_how_heavy_a_tail_is():
+    """One that is ten thousand times brighter than the rest has all of the squares: it counts as it is, not as a law's first, and
+    is known to a factor of e."""
     passes = np.random.default_rng(1).normal(size=(4, SIDE, SIDE))
     (before, sure), brighter = tails.of_passes(passes, PICTURE**2), passes.copy()
     brighter[2, 30, 30] += 1e4
     after, known = tails.of_passes(brighter, PICTURE**2)
-    assert np.var(brighter) > 1e3 * np.var(passes)
-    assert before.variance(PICTURE**2) == pytest.approx(1, rel=0.1)
-    assert after.variance(PICTURE**2) == pytest.approx(1, rel=0.1) and known < sure + 0.05
+    assert before.variance(PICTURE**2) == pytest.approx(1, rel=0.1) and sure < 0.1
+    # squares from the median of few passes are a little too large where one of them is bright
+    assert after.variance(PICTURE**2) == pytest.approx(brighter.var(axis=0, ddof=1).mean(), rel=0.3)
+    assert after._replace(shown=0.0).variance(PICTURE**2) == pytest.approx(1, rel=0.1)
+    assert known == pytest.approx(1, abs=0.1)
+
+
+@pytest.mark.parametrize("each", [1, 3])
+def test_few_bright_paths_are_not_left_out(each):
+    """So many in a pilot of two passes, on average, of a thousand times the mean: the rim of a lamp, or its light through glass.
+    Of pilots with two or three of them the law alone told a thousandth and less of their noise."""
+
+    def rare(random, shape):
+        return 0.1 * random.normal(size=shape) + 1e3 * (random.random(shape) < each / (2 * SIDE**2))
+
+    random = np.random.default_rng(5)
+    truth, pilots = 1e6 * each / (2 * SIDE**2), [tails.of_passes(rare(random, (2, SIDE, SIDE)), PICTURE**2) for _ in range(60)]
+    foretold, spread = np.array([(tail.variance(PICTURE**2), spread) for tail, spread in pilots]).T
+    seen = foretold > 1
+    assert np.mean(seen) == pytest.approx(1 - math.exp(-each), abs=0.2)  # of none nothing is known: 4 standard errors
+    assert truth / 3 < np.median(foretold[seen]) < 3 * truth
+    assert np.mean((foretold * np.exp(2 * spread))[seen] > truth) > 0.95
 
 
 def test_chains_that_stay_are_known_less_well():
@@ -114,8 +134,8 @@ def world(side):
     return SimpleNamespace(size=(side, side), camera=camera, dark=False, variant="llvm_ad_rgb")
 
 
-def test_a_bright_path_of_a_pilot_does_not_decide():
-    """One sample of half a million, which has 99.9 % of the squares that the pilot shows."""
+def test_a_bright_path_of_a_pilot_is_no_noise_that_grows():
+    """One sample of half a million, which has 99.9 % of the squares that the pilot shows: they count as many times as shown."""
 
     def spoilt(random, shape):
         image = normal(random, shape)
@@ -124,12 +144,11 @@ def test_a_bright_path_of_a_pilot_does_not_decide():
         return image
 
     spoilt.seen = False
-    rates = []
-    for draw in (normal, spoilt):
-        tried = trial.of(prepared(draw, 16), world(PICTURE), None, 128)
-        (cost,) = tried.costs
-        rates.append(tried.level**2 * tried.rate(PICTURE**2) / cost.seconds(PICTURE**2))
-    assert spoilt.seen and rates[1] == pytest.approx(rates[0], rel=0.2) == pytest.approx(1 / 16, rel=0.2)
+    plain, bright = (trial.of(prepared(draw, 16), world(PICTURE), None, 128).costs[0] for draw in (normal, spoilt))
+    assert spoilt.seen and bright.grows == plain.grows == 0 and bright.spread == pytest.approx(1, abs=0.1) and plain.spread < 0.1
+    assert plain.of_pixel(PICTURE**2, SIDE**2, 8) == pytest.approx(1 / 16, rel=0.2)
+    shown = (1e4 / 16) ** 2 / 8 / SIDE**2  # one pass of eight
+    assert bright.of_pixel(PICTURE**2, SIDE**2, 8) == pytest.approx(shown, rel=0.3)
 
 
 def shared(noise):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -99,9 +100,12 @@ def _setup(job, world, angle) -> Setup:
 def _pass(function, method, world, height, width, seed, depth, lights):
     """A pass as `Part` takes it: its number -> layers."""
 
+    squares = cache(lambda: walk.squares_of(world, world.camera, height, width))
+
     def one(number):
+        finer = {"squares": squares()} if function is walk.one_pass and world.extended else {}
         by_order, by_light = function(world, method, world.camera, height, width, number, seed, discrete=depth,
-                                      lights=len(lights))
+                                      lights=len(lights), **finer)
         # walks have all layers; what splats leave black takes memory for nothing
         return {name: image for name, image in layers_of(by_order, by_light, lights).items()
                 if not name or function is walk.one_pass or image.any()}
