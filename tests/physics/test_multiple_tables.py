@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.interpolate import CubicSpline
 from scipy.special import sph_harm_y
 from scipy.stats import chi2
 
@@ -150,6 +152,40 @@ def test_missing_corners_follow_cubics():
     # cubics: (3/128) h^4 f'''' with h = 1/16, and 5 times as much at the ends of u
     error = np.abs(table.fill(gaps) - smooth)
     assert error.max() < 2e-5 and error[4:-4].max() < 1e-5
+
+
+@pytest.mark.parametrize("shape", [(3, 24, 11), (2, 64, 27), (2, 3, 5), (1, 2, 2)])
+def test_functions_between_directions_are_scipys_splines(shape):
+    functions = np.random.default_rng(4).normal(size=shape)
+    K, A, B = shape
+    over = min(8, A - 1, B - 1)
+    # through the poles to the other side, even in the azimuth
+    around = np.pad(np.concatenate([functions[:, over:0:-1, ::-1], functions, functions[:, -2:-2 - over:-1, ::-1]], axis=1),
+                    ((0, 0), (0, 0), (over, over)), mode="reflect")
+    places = [np.arange(3 * count - 2) / 3 + over for count in (A, B)]
+    exact = CubicSpline(np.arange(B + 2 * over), around, axis=2)(places[1])
+    exact = CubicSpline(np.arange(A + 2 * over), exact, axis=1)(places[0])
+    np.testing.assert_allclose(lookup._upsampled(functions), np.moveaxis(exact, 0, -1), rtol=0, atol=1e-13)
+
+
+def test_what_an_error_needs_alone_waits_for_it():
+    s = solution.solve(ALBEDO, legendre.henyey_greenstein(0.5, 40))
+    assert "coarse" not in vars(s)
+    # coefficients that `medium` has and `coarse` has not: the difference of the two alone, an error above 0
+    assert s.error(np.array([1.0]), np.array([0.5]))[0] > 0 and s.coarse.order < s.medium.order
+
+
+def test_errors_take_memory_for_a_few_lobes_at_a_time(tables, solved):
+    rho, z = (np.tile(x, 8) for x in build.places(POINT, 0.0, 30.0, np.random.default_rng(3)))
+    c = build.coefficients(solved.medium, POINT, 0.0, rho, z)
+    polar, azimuth, _ = build.between_directions(solved.medium.order)
+    tracemalloc.start()
+    try:
+        build._errors(tables[0], solved.medium.order, rho, z, c)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < len(rho) * len(polar) * len(azimuth) * 8  # all lobes, once
 
 
 def test_the_table_survives_its_arrays(tables, ready):

@@ -13,6 +13,7 @@ from bakery.physics.multiple import budget, frame, locate, lookup, point, segmen
 from bakery.physics.multiple.kinds import POINT, SEGMENT
 from bakery.physics.multiple.table import STEPS, Table, between, empty, fill, quantised, scales, shape
 from bakery.physics.multiple.tree import ASPECT, COARSE
+from bakery.system.memory import give_back
 
 MOST_EXTENT = 200.0  # mfp
 OUTSIDE = 1e-5  # share of the light beyond which no table goes
@@ -26,7 +27,7 @@ _DARKEST = 1e-6  # of the mean over directions, 1/sr: below it a lobe is noise o
 _LEAST = 1e-3  # of the integral of the absolute value
 _NOTHING = 1e-300  # what is scattered where a double holds no less
 _NEAR = 0.05  # mfp from the ends of the source; nearer ones count in proportion
-_TOGETHER = 128  # lobes
+_TOGETHER = 32  # lobes, in double precision half a megabyte
 _TESTS, _RINGS = 480, 30  # places of the error estimate, and different distances among them
 
 
@@ -113,11 +114,14 @@ class _Build:
         sample = self.random.permutation(len(first))[:_SAMPLE]
         tests = places(self.kind, self.length, self.extent, self.random)
         rho, z = self.positions(first)
-        # all at once: a table of the point source is shared
-        c = coefficients(self.medium, self.kind, self.length, np.append(rho, tests[0]), np.append(z, tests[1]), self.threads)
+        give_back()  # 40 to 70 MB that the solver or the table before has freed
+        at_once = self.kind == SEGMENT  # a table of the point source is shared
+        rho, z = (np.append(rho, tests[0]), np.append(z, tests[1])) if at_once else (rho, z)
+        c = coefficients(self.medium, self.kind, self.length, rho, z, self.threads)
         lobe, integral, near = self.normalised(first, c[:len(first)])
         of_tests = c[len(first):].copy()
         del c  # the largest array, of which the tests' are needed once more
+        give_back()
         self.choose(lobe[sample].astype(float), near[sample])
         values = np.full((*(self.size + 1), len(self.basis)), np.nan)
         exact = self.represent(lobe, integral)
@@ -127,6 +131,7 @@ class _Build:
             del lobe
             self.divide(values, leaves, *middles)
         corner = np.argwhere(~np.isnan(values[:, :, 0]))
+        of_tests = of_tests if at_once else coefficients(self.medium, self.kind, self.length, *tests)
         return self.measured(self.pack(corner, values[tuple(corner.T)]), *tests, of_tests)
 
     def positions(self, lattice):
@@ -239,8 +244,10 @@ class _Build:
             corner >>= 1
         scale = np.maximum(np.abs(a[:, 1:]).max(axis=0), 1e-30) / STEPS
         whole = np.rint(a[:, 1:] / scale.astype(np.float32)).astype(np.int16)
-        stored = np.exp(self.basis[0] + bases.combine(whole * scale.astype(np.float32).astype(float), self.basis[1:]))
-        offset = a[:, 0] - np.log((stored * self.solid_angle).sum(axis=1))
+        offset = np.empty(len(a))
+        for of in _blocks(len(a)):
+            stored = np.exp(self.basis[0] + bases.combine(whole[of] * scale.astype(np.float32).astype(float), self.basis[1:]))
+            offset[of] = a[of, 0] - np.log((stored * self.solid_angle).sum(axis=1))
         basis_scale = scales(self.basis)
         bounds = np.array(self.bounds) / np.repeat(self.size, 2)
         return Table(self.kind, self.length, self.extent, self.medium.k0, bounds.astype(np.float32),
@@ -294,8 +301,13 @@ def between_directions(order):
 
 def _errors(table, order, rho, z, c):
     polar, azimuth, weight = between_directions(order)
-    exact, tabulated = point.lobes(c, order, polar, azimuth), lookup.lobes(lookup.ready(table), rho, z, polar, azimuth)
-    weight = weight[:, None]
+    table, grid = lookup.ready(table), point.directions(order, polar, azimuth)
+    return np.concatenate([_apart(point.lobes_at(c[of], grid), lookup.lobes(table, rho[of], z[of], polar, azimuth),
+                                  weight[:, None]) for of in _blocks(len(c))])
+
+
+def _apart(exact, tabulated, weight):
+    """Relative differences (N,) of lobes (N, A, B), root mean square over directions of such weights (A, 1)."""
     # squares of what is scattered far away in a dark medium are less than a double holds: in units of a power of two, exactly
     largest = np.abs(exact).max(axis=(1, 2))
     exponent = -np.frexp(largest)[1][:, None, None]

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -182,7 +183,7 @@ def solve(albedo, clip: Clipped, order) -> solution.Solution:
     square = (2 * np.arange(len(clip.moments)) + 1) * clip.moments**2
     beyond, lost = (math.sqrt(square[n + 1:].sum()) for n in (order, coarse))
     cut = beyond / lost if lost > 0 else 0.0
-    return solution.Solution(deflected(albedo, clip, order), deflected(albedo, clip, coarse), cut, clip.peak,
+    return solution.Solution(deflected(albedo, clip, order), partial(deflected, albedo, clip, coarse), cut, clip.peak,
                              float(clip.extinction(albedo)))
 
 

@@ -77,17 +77,10 @@ def coefficients(medium: Propagator, rho, z, length, axis, *, fine=1.0, threads=
     """
     rho, z, axis = (np.atleast_1d(np.asarray(x, float)) for x in (rho, z, axis))
     order = medium.order
-    start, r, angle, weight = _rule(rho, z, length, order, fine)
     count = math.ceil(math.pi * _PER_ORDER * max(order, 16))
     grid = math.pi / count * (np.arange(count + 2 * _MARGIN + 1) - _MARGIN)
-    points_of, owners_angle, rows = _points(medium, grid, (start, r, angle, weight), axis)
-    # a spline is linear in its values: along r and along the angle the factors are turned into coefficients
-    half = (len(grid) + 1) // 2
-    waves = spline_filter1d(points.harmonics(order, grid).T, axis=1, mode="mirror")[:, :half]
-    harmonics = np.zeros((order + 1, order + 1, half))
-    for l in range(order + 1):
-        harmonics[:l + 1, l] = waves[l * (l + 1) // 2:(l + 1) * (l + 2) // 2]
-    turns = _plane.quarter_turns(order)
+    points_of, owners_angle, rows = _points(medium, grid, _rule(rho, z, length, order, fine), axis)
+    harmonics, turns = _waves(order, grid), _plane.quarter_turns(order)
     out = np.empty((len(rho), (order + 1) * (order + 2) // 2))
 
     def one(l, phases):
@@ -98,6 +91,19 @@ def coefficients(medium: Propagator, rho, z, length, axis, *, fine=1.0, threads=
         for last in range(order, max(order - 2, -1), -1):  # even and odd orders: phases of either at a time
             phases = _plane.phases(owners_angle, last % 2)
             list(pool.map(lambda l, phases=phases: one(l, phases), range(last, -1, -2)))
+    return out
+
+
+def _waves(order, grid):
+    """Spline coefficients along the angle of all harmonics, (L + 1, L + 1, H) by m and l, of the first half of a grid (A,).
+
+    A spline is linear in its values: along r and along the angle the factors are turned into coefficients.
+    """
+    half = (len(grid) + 1) // 2
+    waves = spline_filter1d(points.harmonics(order, grid).T, axis=1, mode="mirror")[:, :half]
+    out = np.zeros((order + 1, order + 1, half))
+    for l in range(order + 1):
+        out[:l + 1, l] = waves[l * (l + 1) // 2:(l + 1) * (l + 2) // 2]
     return out
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -22,17 +24,22 @@ class Solution:
     Attributes
     ----------
     medium : Propagator in mean free paths of the medium without `peak`
-    coarse : the same with fewer orders
+    solve_coarse : solves for the same with fewer orders, `coarse`
     cut : largest moment left out over the largest that `coarse` leaves out: the error of `medium` over the difference of the two
     peak : share of the scattered light that is taken as unscattered; 0 where `MOST` orders resolve the phase function
     extinction : sigma_t of the medium that was solved over that of the one asked for, 1 - albedo peak
     """
 
     medium: Propagator
-    coarse: Propagator
+    solve_coarse: Callable[[], Propagator]
     cut: float
     peak: float
     extinction: float
+
+    @cached_property
+    def coarse(self) -> Propagator:
+        """Not before an error is asked for: with all lobes of a table beside it, it would be what a bake's memory ends at."""
+        return self.solve_coarse()
 
     def error(self, r, angle):
         """Estimated error of the lobe at r, angle: root mean square over directions over that of the lobe itself.
@@ -45,12 +52,16 @@ class Solution:
         grid = self.medium.log_r
         r = np.exp(grid[np.clip(np.rint((np.log(r) - grid[0]) / (grid[1] - grid[0])).astype(int), 0, len(grid) - 1)])
         fine, coarse = point.coefficients(self.medium, r, angle), point.coefficients(self.coarse, r, angle)
-        difference = fine.copy()
-        difference[..., :coarse.shape[-1]] -= coarse
         twice = np.concatenate([np.where(np.arange(l + 1) == 0, 1.0, 2.0) for l in range(order + 1)])
-        square = np.sum(twice * fine**2, axis=-1)
-        return self.cut * np.sqrt(np.divide(np.sum(twice * difference**2, axis=-1), square, out=np.zeros_like(square),
-                                            where=square > 0))
+        square = _norms(fine, twice)
+        fine[..., :coarse.shape[-1]] -= coarse
+        return self.cut * np.sqrt(np.divide(_norms(fine, twice), square, out=np.zeros_like(square), where=square > 0))
+
+
+def _norms(c, twice):
+    """Sums (...,) of squares of coefficients (..., P), a row at a time: in whole arrays this took the most memory of a bake."""
+    rows = c.reshape(-1, c.shape[-1])
+    return np.array([np.sum(twice * row**2) for row in rows]).reshape(c.shape[:-1])
 
 
 def solve(albedo, p, *, tolerance=TOLERANCE, most=MOST, threads=1) -> Solution:
@@ -79,8 +90,8 @@ def solve(albedo, p, *, tolerance=TOLERANCE, most=MOST, threads=1) -> Solution:
     else:
         of, extinction = albedo, 1.0
     coarse, cut = coarser(moments, order)
-    return Solution(propagator(of, moments[:order + 1], threads=threads), propagator(of, moments[:coarse + 1], threads=threads),
-                    cut, peak, float(extinction))
+    return Solution(propagator(of, moments[:order + 1], threads=threads),
+                    partial(propagator, of, moments[:coarse + 1], threads=threads), cut, peak, float(extinction))
 
 
 def coarser(p, order):
