@@ -20,8 +20,9 @@ from bakery.physics.surfaces import fresnel, single
 from bakery.physics.surfaces.corrected import Corrected
 from bakery.physics.surfaces.look_up import surface_reflectance, surface_transmittance
 from bakery.physics.surfaces.nodes import coordinate, interpolation, vanishing
+from bakery.physics.surfaces.slab import free
 from bakery.physics.surfaces.solution import Solution
-from bakery.physics.surfaces.stack import Stacked, free
+from bakery.physics.surfaces.stack import Stacked
 from bakery.system.compiled import njit
 
 GRIDS = (32, 24), (48, 32), (64, 48), (96, 64)  # directions and azimuths, from which the first one that is good enough is taken

@@ -235,7 +235,7 @@ def _stacked(slab, directions, cut, orders, albedo, group: Group, k: int, t: int
 def _cuts(slab, group: Group, k: int) -> list:
     """Of the layers under the uppermost one."""
     from bakery.physics.surfaces.cut import without_peak
-    from bakery.physics.surfaces.stack import layers
+    from bakery.physics.surfaces.slab import layers
 
     peaks = group["under_peak"].data[k] if "under_peak" in group.members else ()
     return [without_peak(part.albedo, float(peak)) for part, peak in zip(layers(slab)[0][1:], peaks, strict=True)]

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from bakery.physics.surfaces import fresnel, rough
+from bakery.physics.surfaces.facets import facets_between
 from bakery.physics.surfaces.refine import converged
 from bakery.physics.surfaces.slab import Slab, reflector
 from bakery.physics.surfaces.solution import solve
-from bakery.physics.surfaces.stack import facets_between
 from bakery.physics.surfaces.table import surface_table
 from tests.odds import sigmas
 from tests.physics.surfaces.test_layers import EVERYWHERE, SPHERE, henyey_greenstein
