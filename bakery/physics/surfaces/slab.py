@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -99,6 +99,14 @@ def free(slab: Slab) -> bool:
     while isinstance(slab.under, Slab):
         slab = slab.under
     return slab.depth < math.inf and slab.base is None and slab.under is None
+
+
+def upside_down(slab: Slab) -> Slab:
+    """A layer, or a stack, over air as light from below sees it; its boundaries are smooth."""
+    parts, under = layers(slab)[0], None
+    for part in parts:
+        under = replace(part, under=under)
+    return under
 
 
 def facets_on(parts: Sequence[Slab], k: int) -> bool:
