@@ -1,10 +1,12 @@
-"""A flat field of beach sand under an even sky: how bright it is from the angles at which one sees it.
+"""A flat field of beach sand, or of snow, under an even sky: how bright it is from the angles at which one sees it.
 
-    python -m benchmarks.flat_sand [--small] [--seconds 8] [--angles 20 60 80 85] [--turns 0 25 45] [--methods ept ept+vpt]
+    python -m benchmarks.flat_sand [--small] [--grains sand] [--seconds 8] [--angles 20 60 80 85] [--turns 0 25 45]
+        [--methods ept ept+vpt]
 
 A row an angle from the normal and an azimuth against the tile's first axis: green light by explicit grains, and with the medium
 behind them, over the albedo of the baked surface, which is the mean over all azimuths and over all heights at which the tile may
-be cut; standard errors in brackets.  The field is 0.6 m wide and 12 mm deep.  --small: one angle, half a second.
+be cut; standard errors in brackets.  The field is 0.6 m wide and 12 mm deep, that of snow, which is clear, 200 m and 20 m.
+--small: one angle, half a second.
 """
 
 from __future__ import annotations
@@ -56,6 +58,7 @@ def seen(folder, asset, method, theta, turn, seconds):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--grains", choices=("snow", "sand"), default="sand")
     parser.add_argument("--seconds", type=float, default=sized(8.0, 0.5), help="of processors, of each number")
     parser.add_argument("--angles", type=float, nargs="+", default=sized([20.0, 60.0, 80.0, 85.0], [60.0]), help="degrees")
     parser.add_argument("--turns", type=float, nargs="+", default=sized([0.0, 25.0, 45.0], [0.0]), help="degrees")
@@ -64,8 +67,8 @@ def main():
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = args.folder or Path(temporary)
-        asset = baked(folder, "sand")
-        block = (BLOCK_OF_SNOW[0] + [0, 0, 3]) * [3e-3, 3e-3, 6e-4]  # its top at 0
+        asset = baked(folder, args.grains)
+        block = (BLOCK_OF_SNOW[0] + [0, 0, 3]) * ([3e-3, 3e-3, 6e-4] if args.grains == "sand" else 1.0)  # its top at 0
         (folder / "field.ply").write_bytes(ply.mesh(block, BLOCK_OF_SNOW[1]))
         (folder / "sky.xml").write_text('<scene version="3.0.0"> <emitter type="constant"/> </scene>', encoding="utf-8")
         surface = bakery.open(folder / asset).surface

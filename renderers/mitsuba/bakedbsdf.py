@@ -29,11 +29,12 @@ Usage::
 
 Light that is scattered once, the boundary and the base are exact at every angle; light that is scattered more often is linear
 between the nodes of a grid, within 0.2 % where 96 nodes reach that.  A smooth boundary mirrors light in one direction (Fresnel's
-equations); a rough one by its facets.  A finite layer on nothing looks the same from both sides, lets scattered light through,
-and unscattered light straight on (`DeltaTransmission`, at the same place: the layer has no thickness here).  Any other layer is
-black from behind; `twosided` would give it a second face.
+equations), with what smooth boundaries below it mirror; a rough one by its facets.  A finite layer on nothing looks the same from
+both sides, lets scattered light through, and unscattered light straight on (`DeltaTransmission`, at the same place: the layer has
+no thickness here).  Layers on each other over air do so too, and look different from below.  Any other layer is black from
+behind; `twosided` would give it a second face.
 
-`renderers.mitsuba.layer_values` looks values up, `layer_samples` draws directions.
+`renderers.mitsuba.layer_values` looks values up, `layer_samples` draws directions, `two_faces` tells both sides apart.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from __future__ import annotations
 import mitsuba as mi
 
 from renderers.mitsuba import layers
-from renderers.mitsuba.layer_samples import Surface
+from renderers.mitsuba.two_faces import surface_of
 
 
 def define():
@@ -52,8 +53,8 @@ def define():
             mi.BSDF.__init__(self, props)
             self.filename = props["filename"]
             layer = layers.load(str(mi.file_resolver().resolve(self.filename)), int(props.get("layer", 0)))
-            self.surface = Surface(layer, int(props.get("channel", -1)),
-                                   float(props["wavelength"]) if "wavelength" in props else None)
+            self.surface = surface_of(layer, int(props.get("channel", -1)),
+                                      float(props["wavelength"]) if "wavelength" in props else None)
             self.m_components, self.m_flags = self.surface.flags, self.surface.all_flags
 
         def sample(self, ctx, si, sample1, sample2, active=True):

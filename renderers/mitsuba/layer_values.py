@@ -57,6 +57,8 @@ class Values:
         self._phase = self._held(table.phase)
         self._depth, self._once, self._peak, self._base = (
             self._held(values) for values in (table.depth, table.once, table.peak, table.base))
+        self._index_below, self._told = table.index_below, table.mirrored.shape[1]  # how often unscattered light is told
+        self._single = self._held(np.concatenate([table.mirrored, np.maximum(table.straight, 0.0)]))
 
     def _held(self, values):
         values = np.asarray(values, float).ravel()
@@ -73,18 +75,21 @@ class Values:
         across = -(wi.x * wo.x + wi.y * wo.y)
         sines = dr.sqrt((wi.x * wi.x + wi.y * wi.y) * (wo.x * wo.x + wo.y * wo.y))
         cos_phi = pick(sines > 1e-12, dr.clip(across / dr.maximum(sines, 1e-12), -1.0, 1.0), 0.0)
-        return Pair(mu, mu0, self._inside(mu), self._inside(mu0), across / self.index**2, cos_phi, wi.z * wo.z > 0)
+        reflects = wi.z * wo.z > 0
+        inner = self._inside(mu, self.index)
+        if self._index_below != self.index:
+            inner = pick(reflects, inner, self._inside(mu, self._index_below))
+        return Pair(mu, mu0, inner, self._inside(mu0, self.index), across / self.index**2, cos_phi, reflects)
 
-    def _inside(self, mu):
-        if self.index == 1.0 or self.rough:
+    def _inside(self, mu, index):
+        if index == 1.0 or self.rough:
             return mu
-        return dr.sqrt(dr.maximum((self.index - 1) * (self.index + 1) + mu * mu, 0.0)) / self.index
+        return dr.sqrt(dr.maximum((index - 1) * (index + 1) + mu * mu, 0.0)) / index
 
-    def fresnel(self, mu, inner):
-        """Share that a boundary reflects; cosines outside and inside."""
-        if self.index == 1.0:
+    def fresnel(self, mu, inner, n):
+        """Share that a boundary of an index reflects; cosines outside and inside."""
+        if n == 1.0:
             return mu * 0.0
-        n = self.index
         across, along = (mu - n * inner) / (mu + n * inner), (n * mu - inner) / (n * mu + inner)
         return pick(inner > 0, 0.5 * (across * across + along * along), 1.0)
 
@@ -100,15 +105,28 @@ class Values:
         places = (between(knots, si.wavelengths[k]) for k in range(len(si.wavelengths)))
         return [[(lower, 1 - weight), (lower + 1, weight)] for lower, weight in places]
 
-    def _coordinate(self, mu, inner):
-        s = mu if self.index > 1 and not self.rough else dr.sqrt(inner)
+    def _through(self, pair):
+        """Shares that enter and leave, over both indices."""
+        enters, leaves = 1 - self.fresnel(pair.mu0, pair.inner0, self.index), 1 - self.fresnel(pair.mu, pair.inner, self.index)
+        back = leaves * enters / self.index**2
+        below = self._index_below
+        if below == self.index:
+            return back
+        return pick(pair.reflects, back, (1 - self.fresnel(pair.mu, pair.inner, below)) * enters / (self.index * below))
+
+    def _coordinate(self, mu, inner, index):
+        s = mu if index > 1 and not self.rough else dr.sqrt(inner)
         x = (1 - dr.sqrt(dr.maximum(1 - s, 0.0))) * (self._nodes - 1)
         node = dr.minimum(mi.UInt32(x), self._nodes - 2)
         return node, x - node
 
     def values(self, channels, pair, active):
         """pi times BRDF or BTDF of each channel, without light that goes on in single directions; facets included."""
-        (i, x), (j, y) = self._coordinate(pair.mu, pair.inner), self._coordinate(pair.mu0, pair.inner0)
+        i, x = self._coordinate(pair.mu, pair.inner, self.index)
+        j, y = self._coordinate(pair.mu0, pair.inner0, self.index)
+        if self._index_below != self.index:
+            k, z = self._coordinate(pair.mu, pair.inner, self._index_below)
+            i, x = pick(pair.reflects, i, k), pick(pair.reflects, x, z)
         z = azimuth_coordinate(pair.cos_phi) * (self._azimuths - 1)
         k = dr.minimum(mi.UInt32(z), self._azimuths - 2)
         z = z - k
@@ -129,7 +147,7 @@ class Values:
             facets = self._of_facets(pair)
             values = {}
             return [self._summed(channel, values, lambda row: smooth(row) + facets) for channel in channels]
-        through = (1 - self.fresnel(pair.mu, pair.inner)) * (1 - self.fresnel(pair.mu0, pair.inner0)) / self.index**2
+        through = self._through(pair)
         step, t = self._angle(pair, active)
         values = {}
 
@@ -158,7 +176,7 @@ class Values:
         """Reflectance or transmittance inside of the boundary, from what is smooth and what is scattered once."""
         total = pair.inner + pair.inner0
         if not self._finite:
-            return (smooth + once) / total
+            return (smooth + (pick(pair.reflects, once, 0.0) if self.free else once)) / total
         depth = self._at(self._depth, row + mi.UInt32(0), active)
         x, x0 = 1 / dr.maximum(pair.inner, LEAST), 1 / dr.maximum(pair.inner0, LEAST)
         stopped, stopped0 = _stopped(depth * x), _stopped(depth * x0)
@@ -198,12 +216,14 @@ class Values:
         seen = 4 / ((1 + dr.sqrt(1 + square * (1 / (pair.mu * pair.mu) - 1)))
                     * (1 + dr.sqrt(1 + square * (1 / (pair.mu0 * pair.mu0) - 1))))
         inner = dr.sqrt(dr.maximum((self.index - 1) * (self.index + 1) + onto * onto, 0.0)) / self.index
-        return seen * self.fresnel(onto, inner) * square / (spread * spread) / (4 * pair.mu * pair.mu0)
+        return seen * self.fresnel(onto, inner, self.index) * square / (spread * spread) / (4 * pair.mu * pair.mu0)
 
     def single(self, channels, mu, active):
         """Mirrored and unscattered light of each channel, which go on in single directions."""
-        inner = self._inside(mu)
-        front = self.fresnel(mu, inner) if self.layer.mirrors else mu * 0.0
+        inner = self._inside(mu, self.index)
+        front = self.fresnel(mu, inner, self.index) if self.layer.mirrors else mu * 0.0
+        if self._told:
+            return self._single_of_layers(channels, mu, front, active)
         if not self.free:
             return [front for _ in channels], [mu * 0.0 for _ in channels]
         values = {}
@@ -218,6 +238,22 @@ class Values:
 
         sums = [self._summed(channel, values, of_row) for channel in channels]
         return [front + part.x for part in sums], [part.y for part in sums]
+
+
+    def _single_of_layers(self, channels, mu, front, active):
+        """`single` of layers on each other, linear between the cosines at which it is told."""
+        x = (1 - dr.sqrt(dr.maximum(1 - dr.sqrt(mu), 0.0))) * (self._told - 1)
+        node = dr.minimum(mi.UInt32(x), self._told - 2)
+        x = x - node
+
+        def of_row(row):
+            start = row * self._told + node
+            return dr.lerp(*(self._at(self._single, start + step, active) for step in (0, 1)), x)
+
+        rows = len(self.layer.table.mirrored)
+        mirrored, straight = {}, {}
+        return ([front + self._summed(channel, mirrored, of_row) for channel in channels],
+                [self._summed(channel, straight, lambda row: of_row(row + rows)) for channel in channels])
 
 
 def azimuth_coordinate(cos_phi):

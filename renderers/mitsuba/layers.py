@@ -30,11 +30,13 @@ class Layer(NamedTuple):
     """One layer of an asset.
 
     wavelength : (L,) um;  table : `asset.surface.table()`'s;  error : its largest, relative
+    table_below : of light from below, where that is another one: of layers on each other over air
     """
 
     wavelength: np.ndarray
     table: object
     error: float
+    table_below: object = None
 
     @property
     def rough(self) -> bool:
@@ -42,8 +44,13 @@ class Layer(NamedTuple):
 
     @property
     def mirrors(self) -> bool:
-        """Whether a smooth boundary mirrors light."""
-        return self.table.index != 1.0 and not self.rough
+        """Whether a smooth boundary mirrors light, the uppermost one or one that it reaches unscattered."""
+        return self.table.index != 1.0 and not self.rough or bool(np.any(self.table.mirrored > 0))
+
+    @property
+    def from_below(self) -> Layer:
+        """As light from below meets it."""
+        return self._replace(table=self.table_below, table_below=None)
 
 
 class Cells(NamedTuple):
@@ -86,6 +93,9 @@ def layer_of(asset, layer: int = 0) -> Layer:
     """
     table, errors = asset.surface.table(layer)
     result = Layer(np.asarray(asset.wavelength, float), table, errors.largest)
+    if table.free and table.straight.size:
+        below, errors_below = asset.surface.table(layer, from_below=True)
+        result = result._replace(table_below=below, error=max(errors.largest, errors_below.largest))
     if (gain := gained(table)) > _GAIN:
         raise UsageError(f"layer {layer} sends on {100 * gain:.2g} % more light than it gets: its forward peak deflects light "
                          "several times, which is counted as if once; use a thicker or a thinner layer, or a base")
@@ -96,6 +106,8 @@ def gained(table) -> float:
     """Largest share of light from a direction that a free layer sends on too much, because of its forward peak."""
     if not table.free:
         return 0.0
+    if table.straight.size:
+        return float(np.max(-table.straight, initial=0.0))
     path = np.geomspace(1, 1e3, 200)
     return float(np.max((table.peak[:, None] * path - 1) * np.exp(-table.depth[:, None] * path), initial=0.0))
 
@@ -139,7 +151,7 @@ def selected(layer: Layer, channel: int, wavelength: float | None, bands: str) -
     if bands == "rgb":
         return for_channels(layer, np.ones((1, 1)) if count == 1 else colour.band_matrix(layer.wavelength))
     order = np.argsort(layer.wavelength)
-    names = ("depth", "once", "peak", "base", "phase", "reflected")
+    names = ("depth", "once", "peak", "base", "phase", "reflected", "mirrored", "straight")
     table = layer.table._replace(**{name: getattr(layer.table, name)[order] for name in names})
     if table.free:
         table = table._replace(transmitted=table.transmitted[order])

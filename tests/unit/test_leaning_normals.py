@@ -18,8 +18,8 @@ def shape(mesh, normals):
 
 
 def test_the_share_that_leans():
-    """Of a cube with means over its edges: all of it, by acos(1/sqrt(3)) = 54.7 degrees.  Of a column with the normals of its ends
-    everywhere: its sides."""
+    """Of a cube with means over its edges: all of it, by acos(1/sqrt(3)) = 54.7 degrees.  Of a column with the normals of its
+    ends everywhere: its sides."""
     cube = trimesh.creation.box()
     means = np.sign(cube.vertices) / math.sqrt(3)
     assert leaning(shape(cube, means), math.radians(54.0)) == pytest.approx(1)

@@ -10,6 +10,7 @@ import pytest
 
 import bakery
 from bakery.errors import RecipeError, StageError, UsageError
+from bakery.kernels import surface_transmittance
 from bakery.physics.multiple.legendre import moments
 from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.solution import solve
@@ -346,7 +347,7 @@ def test_a_third_layer_needs_no_file_but_that_under_it(soil):
 
 
 def test_air_below_layers_on_each_other(soil):
-    """What leaves below is stored as a square, for it is not the same from both sides; there are no tables of it."""
+    """What leaves below is stored as a square, for it is not the same from both sides; tables are of either."""
     (soil / "free.yaml").write_text(RECIPE.replace("{options}", "{thickness: 1 mm}"))
     (soil / "over.yaml").write_text(RECIPE.replace("{options}", "{thickness: '[0.2, 2] mm', boundary: {index: 1.4}, base: "
                                                    "{recipe: free.yaml}}"))
@@ -360,8 +361,12 @@ def test_air_below_layers_on_each_other(soil):
     rows = [moments(part.theta, part.phase, 49) for part in (turned, upper)]
     true = solve(turned, rows, 48, 1e-3).transmission(np.cos(at[0]), np.cos(at[1]), at[2])
     np.testing.assert_allclose(asset.surface.transmittance(*at)[1, 1], true, rtol=0.02)
-    with pytest.raises(UsageError, match="air below"):
-        asset.surface.table()
+    tables = [asset.surface.table(1, from_below=side)[0] for side in (False, True)]
+    assert [table.index for table in tables] == [table.index_below for table in tables[::-1]] == [1.4, 1.0]
+    down, up = (surface_transmittance(table, 1, *mu, 0.5) for table, mu in zip(tables, ((0.3, 0.8), (0.8, 0.3)), strict=True))
+    assert down == pytest.approx(up, rel=5e-3) and down > 0.01
+    with pytest.raises(UsageError, match="no light enters from below"):
+        bakery.open(soil / "top.h5").surface.table(from_below=True)
 
 
 def test_layers_under_facets(soil):

@@ -10,11 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bakery.physics.surfaces import rough, stack
+from bakery.physics.surfaces import rough
+from bakery.physics.surfaces.adding import below, of_order
 from bakery.physics.surfaces.cut import Cut, cut
 from bakery.physics.surfaces.deep import ITERATED
+from bakery.physics.surfaces.facets import boundaries, grids
 from bakery.physics.surfaces.nodes import Nodes, interpolation, nodes
-from bakery.physics.surfaces.slab import Slab
+from bakery.physics.surfaces.slab import Slab, layers
 
 _LEAST_NODES, _SPARE_NODES = 32, 8
 _NEGLIGIBLE = 1e-3  # of the tolerance
@@ -85,19 +87,19 @@ def covered(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Covered
     ------
     ValueError : air below
     """
-    parts, bottom = stack.layers(slab)
+    parts, bottom = layers(slab)
     cuts = tuple(cut(row, part.albedo, count) for row, part in zip(moments if slab.under else [moments], parts, strict=True))
     leaving = max(_LEAST_NODES, count + _SPARE_NODES)
-    nets, air = stack.grids(parts, bottom, leaving), nodes(leaving)
-    shared, facets = [net.directions() for net in nets], stack.boundaries(parts, nets, count)
+    nets, air = grids(parts, bottom, leaving), nodes(leaving)
+    shared, facets = [net.directions() for net in nets], boundaries(parts, nets, count)
     on_top = facets[0]
     root, missed = np.sqrt(air.flux), [np.zeros(len(net.mu(part.index))) for net, part in zip(shared, parts, strict=True)]
     sines = np.sqrt((1 - air.mu) * (1 + air.mu))
     orders, largest, small = [], [], 0
     for order in range(count):
         accuracy = ITERATED * tolerance * largest[0] if order else 0.0
-        _, media = stack.of_order(shared, parts, cuts, missed, order, accuracy)
-        mirrored, scattered, _ = stack.below(shared, parts, media, (bottom, facets), order)
+        _, media = of_order(shared, parts, cuts, missed, order, accuracy)
+        mirrored, scattered, _ = below(shared, parts, media, (bottom, facets), order)
         out = on_top.over(scattered + np.diag(mirrored), order)
         if order == 0:
             albedo = (out + on_top.above[0]) @ root / root

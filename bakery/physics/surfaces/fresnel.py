@@ -42,3 +42,12 @@ def reflected(mu, index):
     across = np.divide(mu - index * within, mu + index * within, out=np.zeros_like(mu), where=mu + index * within > 0)
     along = np.divide(index * mu - within, index * mu + within, out=np.zeros_like(mu), where=index * mu + within > 0)
     return 0.5 * (across**2 + along**2)
+
+
+def between(index, mu, index_below, mu_below):
+    """The same of two media, from their indices over that of the air and the cosines on both sides."""
+    if index == index_below:
+        return np.zeros_like(mu)
+    across = (index * mu - index_below * mu_below) / (index * mu + index_below * mu_below)
+    along = (index_below * mu - index * mu_below) / (index_below * mu + index * mu_below)
+    return 0.5 * (across**2 + along**2)

@@ -110,14 +110,16 @@ def surface_transmittance(table, wave, mu, mu0, cos_phi):
     """The same of light that leaves below, pi times the BTDF: 0 over a base; unscattered light left out."""
     if table.transmitted.shape[0] == 0:
         return 0.0
-    index, depth, nodes = table.index, table.depth[wave], table.transmitted.shape[1]
-    inner = math.sqrt(max((index - 1.0) * (index + 1.0) + mu * mu, 0.0)) / index
+    index, below, depth, nodes = table.index, table.index_below, table.depth[wave], table.transmitted.shape[1]
+    inner = math.sqrt(max((below - 1.0) * (below + 1.0) + mu * mu, 0.0)) / below
     inner0 = math.sqrt(max((index - 1.0) * (index + 1.0) + mu0 * mu0, 0.0)) / index
-    through = (1.0 - _fresnel(mu, inner, index)) * (1.0 - _fresnel(mu0, inner0, index)) / (index * index)
+    through = (1.0 - _fresnel(mu, inner, below)) * (1.0 - _fresnel(mu0, inner0, index)) / (index * below)
     if not through > 0.0:
         return 0.0
-    at, at0 = _coordinate(inner, mu, index, nodes), _coordinate(inner0, mu0, index, nodes)
+    at, at0 = _coordinate(inner, mu, below, nodes), _coordinate(inner0, mu0, index, nodes)
     smooth = _between(table.transmitted, wave, at, at0, _azimuth(cos_phi, table.transmitted.shape[3]))
+    if depth == math.inf:  # of layers on each other all is in the grid
+        return through * smooth / (inner + inner0)
     sines = math.sqrt(max((1.0 - mu * mu) * (1.0 - mu0 * mu0), 0.0)) / (index * index)
     # differences of the directions keep the digits of small angles
     s = 0.25 * ((inner - inner0) ** 2 + ((1.0 - mu * mu) + (1.0 - mu0 * mu0)) / (index * index) - 2.0 * sines * cos_phi)

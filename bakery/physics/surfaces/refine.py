@@ -8,9 +8,8 @@ import numpy as np
 
 from bakery.physics.multiple.legendre import moments
 from bakery.physics.surfaces.rounding import rounded
-from bakery.physics.surfaces.slab import Slab
+from bakery.physics.surfaces.slab import Slab, free, layers, rough_within
 from bakery.physics.surfaces.solution import Covered, Solution, Stacked, solve
-from bakery.physics.surfaces.stack import free, layers, rough_within
 
 FEWEST, MOST = 16, 640  # Legendre moments
 _MOSTLY = 128  # that are told at first: all of them take half as long as the solution by 48

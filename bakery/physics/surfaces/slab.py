@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,3 +69,52 @@ def reflector(reflection, nodes: int = 40, azimuths: int = 96, orders: int = 32)
     result, sines = np.einsum("ijk,mk->mij", values, waves), np.sqrt((1 - mu) * (1 + mu))
     result[1::2] /= np.outer(sines, sines)
     return Reflector(0.5 * (result + np.swapaxes(result, 1, 2)))
+
+
+# ---- stacks
+
+
+def layers(slab: Slab) -> tuple[list[Slab], Reflector | float | None]:
+    """Media of a stack from the top, and what is under them: a reflector, the albedo of a matt base, None: nothing, or air.
+
+    Raises
+    ------
+    ValueError : an index below 1; facets over air
+    """
+    parts = [slab]
+    while isinstance(parts[-1].under, Slab):
+        parts.append(parts[-1].under)
+    last = parts[-1]
+    if len(parts) > 1 and any(part.index < 1 for part in parts):
+        raise ValueError("media of a stack have an index of 1 or more")
+    if free(slab) and any(facets_on(parts, k) for k in range(len(parts))):
+        raise ValueError("a layer under a rough boundary has a base or is infinite")
+    if last.depth == math.inf:
+        return parts, None
+    return parts, last.base if last.under is None else last.under
+
+
+def free(slab: Slab) -> bool:
+    """Whether air is below a layer, or below a stack."""
+    while isinstance(slab.under, Slab):
+        slab = slab.under
+    return slab.depth < math.inf and slab.base is None and slab.under is None
+
+
+def upside_down(slab: Slab) -> Slab:
+    """A layer, or a stack, over air as light from below sees it; its boundaries are smooth."""
+    parts, under = layers(slab)[0], None
+    for part in parts:
+        under = replace(part, under=under)
+    return under
+
+
+def facets_on(parts: Sequence[Slab], k: int) -> bool:
+    """Whether layer number k has a rough boundary on top."""
+    return parts[k].roughness > 0 and parts[k].index != (parts[k - 1].index if k else 1.0)
+
+
+def rough_within(slab: Slab) -> bool:
+    """Whether any boundary of a stack is rough."""
+    parts, _ = layers(slab)
+    return any(facets_on(parts, k) for k in range(len(parts)))

@@ -18,8 +18,7 @@ from bakery.physics.medium.phase import normalised, phase_at
 from bakery.physics.multiple.legendre import moments
 from bakery.physics.surfaces._spread import CLASSES, follow
 from bakery.physics.surfaces.cut import without_peak
-from bakery.physics.surfaces.slab import Reflector, Slab
-from bakery.physics.surfaces.stack import layers
+from bakery.physics.surfaces.slab import Reflector, Slab, layers
 
 BINS = 48  # of distance; the first begins at 0
 AUREOLE = 0.3  # rad; what scatters light by less counts as even in angle

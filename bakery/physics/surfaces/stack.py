@@ -1,13 +1,8 @@
 """Several plane layers of different media, one on the other, and boundaries where their indices differ, smooth or rough.
 
-Media between which boundaries are smooth share nodes (`shared`).  In radiance over n^2 the operators of `layer` are the same on
-both sides of a smooth boundary, and symmetric for any stack: from the bottom up, each order is what is only mirrored, D, a number
-a node, and what is scattered, S.  Neither is a difference of larger numbers.  Facets (`rough`) scatter all that they send on:
-above them there is no D.  Over air, what leaves below is kept in the same way, light that passed unscattered apart; it is not
-symmetric: the other way is that of the stack upside down.
-
 As in `solution`, light that is scattered once in any of the layers, sent back by a base that it reaches without, or by the
-uppermost facets between them, is exact at every angle; the rest is smooth.  Nothing is taken out of light from under facets.
+uppermost facets between them, is exact at every angle; the rest is smooth (`adding`).  Nothing is taken out of light from under
+facets.
 """
 
 from __future__ import annotations
@@ -15,98 +10,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
 from bakery.physics.medium.phase import phase_at
 from bakery.physics.surfaces import fresnel, rough, single
+from bakery.physics.surfaces.adding import below, down, escaping, of_order
 from bakery.physics.surfaces.cut import Cut, cut
-from bakery.physics.surfaces.deep import ITERATED, Deep, layer_of_order
-from bakery.physics.surfaces.layer import Layer
+from bakery.physics.surfaces.deep import ITERATED
+from bakery.physics.surfaces.facets import boundaries, grids
 from bakery.physics.surfaces.nodes import SPARE, Nodes, coordinate, enough, interpolation, sines, vanishing
-from bakery.physics.surfaces.orders import phase_matrices, unresolved
-from bakery.physics.surfaces.shared import Directions, directions
-from bakery.physics.surfaces.slab import Reflector, Slab
+from bakery.physics.surfaces.orders import unresolved
+from bakery.physics.surfaces.shared import Directions
+from bakery.physics.surfaces.slab import Slab, facets_on, free, layers, rough_within
 
 _LEAST_NODES = 24
 _NEGLIGIBLE = 1e-3  # of the tolerance: a Fourier order below that twice in a row ends their sum
-
-
-def layers(slab: Slab) -> tuple[list[Slab], Reflector | float | None]:
-    """Media of a stack from the top, and what is under them: a reflector, the albedo of a matt base, None: nothing, or air.
-
-    Raises
-    ------
-    ValueError : an index below 1; facets over air
-    """
-    parts = [slab]
-    while isinstance(parts[-1].under, Slab):
-        parts.append(parts[-1].under)
-    last = parts[-1]
-    if len(parts) > 1 and any(part.index < 1 for part in parts):
-        raise ValueError("media of a stack have an index of 1 or more")
-    if free(slab) and any(facets_on(parts, k) for k in range(len(parts))):
-        raise ValueError("a layer under a rough boundary has a base or is infinite")
-    if last.depth == math.inf:
-        return parts, None
-    return parts, last.base if last.under is None else last.under
-
-
-def free(slab: Slab) -> bool:
-    """Whether air is below a layer, or below a stack."""
-    while isinstance(slab.under, Slab):
-        slab = slab.under
-    return slab.depth < math.inf and slab.base is None and slab.under is None
-
-
-def facets_on(parts: Sequence[Slab], k: int) -> bool:
-    """Whether layer number k has a rough boundary on top."""
-    return parts[k].roughness > 0 and parts[k].index != (parts[k - 1].index if k else 1.0)
-
-
-def rough_within(slab: Slab) -> bool:
-    """Whether any boundary of a stack is rough."""
-    parts, _ = layers(slab)
-    return any(facets_on(parts, k) for k in range(len(parts)))
-
-
-class Grid(NamedTuple):
-    """Of media between which boundaries are smooth: arguments of `shared.directions`."""
-
-    count: int
-    indices: tuple[float, ...]
-    refracted: bool = False
-
-    def directions(self) -> Directions:
-        return directions(*self)
-
-
-def grids(parts: Sequence[Slab], bottom: Reflector | float | None, count: int) -> list[Grid]:
-    """Of each layer, the nodes that it shares with those up to the next facets."""
-    edges = [0, *(k for k in range(1, len(parts)) if facets_on(parts, k)), len(parts)]
-    result = []
-    for begin, end in zip(edges, edges[1:]):
-        over_air = end == len(parts) and (free(parts[0]) or isinstance(bottom, Reflector))
-        from_air = begin == 0 and not facets_on(parts, 0)
-        indices = {part.index for part in parts[begin:end]} | ({1.0} if over_air or from_air else set())
-        result += (end - begin) * [Grid(count, tuple(sorted(indices)), from_air and parts[0].index != 1)]
-    return result
-
-
-@lru_cache(maxsize=16)  # the same for all wavelengths and depths, of each number of moments (at most 28 MB)
-def facets_between(above: Grid, index: float, below: Grid, index_below: float, roughness: float, orders: int) -> rough.Facets:
-    """A rough boundary between the media of two indices."""
-    sides = above.directions().side(index), below.directions().side(index_below)
-    return rough.facets(*sides, index_below / index, roughness, orders)
-
-
-def boundaries(parts: Sequence[Slab], nets: Sequence[Grid], orders: int) -> list[rough.Facets | None]:
-    """Of each layer, the facets on top of it; None where there are none."""
-    above = [(Grid(nets[0].count, (1.0,)), 1.0), *((net, part.index) for net, part in zip(nets, parts, strict=True))]
-    return [facets_between(*above[k], nets[k], part.index, part.roughness, orders) if facets_on(parts, k) else None
-            for k, part in enumerate(parts)]
 
 
 @dataclass(frozen=True)
@@ -233,18 +152,9 @@ def _reached(parts: Sequence[Slab], cuts: Sequence[Cut], mu) -> Iterator[tuple]:
             above = parts[k - 1]
             depth = above.depth * cuts[k - 1].shrinks if above.depth else 0.0
             cosine = fresnel.inside(mu, part.index)
-            share = share * np.exp(-depth / inner) * (1 - _mirrored(above.index, inner, part.index, cosine))
+            share = share * np.exp(-depth / inner) * (1 - fresnel.between(above.index, inner, part.index, cosine))
             inner = cosine
         yield part, without, inner, share * (n / part.index)
-
-
-def _mirrored(index, mu, index_below, mu_below):
-    """Share that a boundary reflects, from the cosines on both sides."""
-    if index == index_below:
-        return np.zeros_like(mu)
-    across = (index * mu - index_below * mu_below) / (index * mu + index_below * mu_below)
-    along = (index_below * mu - index * mu_below) / (index_below * mu + index * mu_below)
-    return 0.5 * (across**2 + along**2)
 
 
 # ---- solution
@@ -273,9 +183,9 @@ def stacked(slab: Slab, moments: Sequence, count: int, tolerance: float = 1e-6) 
         accuracy = ITERATED * tolerance * largest[0] if order else 0.0
         phases, media = of_order(nodes, parts, cuts, missed, order, accuracy)
         mirrored, scattered, downward = below(nodes, parts, media, (bottom, facets), order)
-        upward = _escaping(mirrored, scattered, top.reflected)[:leaving, :leaving]
+        upward = escaping(mirrored, scattered, top.reflected)[:leaving, :leaving]
         if downward is not None:
-            downward = _down(nodes[0], 1.0, top.index, mirrored, scattered, downward)
+            downward = down(nodes[0], 1.0, top.index, mirrored, scattered, downward)
         if order == 0:
             shares = _shares(top, mirrored, upward, downward)
         phases = [[side + np.diag(peak) for side in pair] for pair, peak in zip(phases, missed, strict=True)]
@@ -306,115 +216,6 @@ def _missed(nodes: Sequence[Directions], parts, cuts, few: bool) -> list:
     """Of each layer, what its nodes miss of a forward peak (`orders.unresolved`); 0 where they are not too few."""
     return [few * unresolved(without.moments, net.mu(part.index), net.flux(part.index))
             for net, part, without in zip(nodes, parts, cuts, strict=True)]
-
-
-def of_order(nodes: Sequence[Directions], parts, cuts, missed, order: int, accuracy: float):
-    """Of each layer, both parts of its phase function, and what it does."""
-    phases, media = [], []
-    for net, part, without, peak in zip(nodes, parts, cuts, missed, strict=True):
-        mu, flux = net.mu(part.index), net.flux(part.index)
-        depth = part.depth * without.shrinks if part.depth else 0.0
-        phases.append(phase_matrices(without.moments, mu, order))
-        media.append(layer_of_order(without, order, phases[-1], peak, (mu, flux), depth, accuracy))
-    return phases, media
-
-
-def below(nodes: Sequence[Directions], parts, media, under, order: int):
-    """What is under the uppermost boundary, inside of it: D (N,) and S (N, N); and what of light from there leaves below.
-
-    That is (N,) unscattered and (K, N) scattered, K directions in air; None where nothing does.
-
-    Parameters
-    ----------
-    under : what lies under all layers, and of each layer the facets on top
-    """
-    (bottom, facets), through = under, None
-    if free(parts[0]):
-        index, scattered = 1.0, np.zeros(2 * [int((nodes[-1].above == 1).sum())])
-        through = np.ones(len(scattered)), scattered
-    elif isinstance(bottom, Reflector):
-        index, scattered = 1.0, bottom.matrix(nodes[-1].mu(1.0), nodes[-1].flux(1.0), order)
-    else:
-        index, root = parts[-1].index, np.sqrt(nodes[-1].flux(parts[-1].index))
-        scattered = (bottom or 0.0) * np.outer(root, root) * (order == 0)
-    mirrored = np.zeros(len(scattered))
-    for k in range(len(parts))[::-1]:
-        if k + 1 < len(parts) and facets[k + 1] is not None:
-            scattered = facets[k + 1].over(scattered + np.diag(mirrored), order) + facets[k + 1].above[order]
-            mirrored, index = np.zeros(len(scattered)), parts[k].index
-        if parts[k].index != index:
-            if through is not None:
-                through = _down(nodes[k], parts[k].index, index, mirrored, scattered, through)
-            mirrored, scattered = _across(nodes[k], parts[k].index, index, mirrored, scattered)
-            index = parts[k].index
-        mirrored, scattered, through = _under_layer(media[k], mirrored, scattered, through, parts[k].depth == math.inf)
-    return mirrored, scattered, through
-
-
-def _under_layer(layer: Layer | Deep, mirrored, scattered, through, infinite: bool):
-    """D, S and what leaves below of what is under a layer, seen from above it."""
-    nothing = np.zeros(len(layer.direct))
-    reflection, down = layer.scattered(nothing)
-    if infinite:
-        return nothing, reflection, None
-    whole = scattered + np.diag(mirrored)
-    if through is not None:
-        passed, light = through
-        arriving = np.linalg.solve(np.eye(len(nothing)) - reflection @ whole, down + reflection @ (whole * layer.direct))
-        through = passed * layer.direct, light @ (arriving + np.diag(layer.direct)) + passed[:len(light), None] \
-            * arriving[:len(light)]
-    again = whole @ reflection @ np.linalg.solve(np.eye(len(nothing)) - whole @ reflection, whole)
-    # all that comes up to the layer's lower face, and what of it is scattered
-    returned, direct = whole + again, layer.direct
-    returned_scattered = scattered + again
-    scattered = reflection + down.T @ returned @ (down + np.diag(direct)) + direct[:, None] * (returned @ down) \
-        + direct[:, None] * returned_scattered * direct
-    return direct**2 * mirrored, scattered, through
-
-
-def _down(nodes: Directions, above: float, below: float, mirrored, scattered, through):
-    """What of light from above a boundary leaves below; of what is under it D, S and the same."""
-    mu, mu_below = nodes.mu(above), nodes.mu(below)
-    shared, (passed, light) = min(len(mu), len(mu_below)), through
-    boundary = np.ones(len(mu_below))
-    boundary[:shared] = _mirrored(above, mu[:shared], below, mu_below[:shared])
-    enters = 1 - boundary[:shared]
-    # between two boundaries that reflect totally nothing is lost, and nothing scattered gets there
-    boundary = np.where(boundary * mirrored < 1, boundary, 0.0)
-    again = 1 / (1 - boundary * mirrored)
-    whole = scattered + np.diag(mirrored)
-    arriving = np.linalg.solve(np.eye(len(whole)) - boundary[:, None] * whole, boundary[:, None] * scattered * again)
-    direct, result = np.zeros(len(mu)), np.zeros((len(light), len(mu)))
-    direct[:shared] = passed[:shared] * again[:shared] * enters
-    whole = light @ (arriving + np.diag(again)) + passed[:len(light), None] * arriving[:len(light)]
-    result[:, :shared] = whole[:, :shared] * enters
-    return direct, result
-
-
-def _across(nodes: Directions, above: float, below: float, mirrored, scattered):
-    """D and S of what is under a boundary, seen from above it; indices of the media above and below."""
-    mu, mu_below = nodes.mu(above), nodes.mu(below)
-    shared = min(len(mu), len(mu_below))
-    share = _mirrored(above, mu[:shared], below, mu_below[:shared])
-    inside, outside = np.ones(len(mu_below)), np.ones(len(mu))
-    inside[:shared] = outside[:shared] = share
-    through = 1 - share
-    result = np.zeros((len(mu), len(mu)))
-    result[:shared, :shared] = np.outer(through, through) * _escaping(mirrored, scattered, inside)[:shared, :shared]
-    outside[:shared] += through**2 * mirrored[:shared] / (1 - share * mirrored[:shared])
-    return outside, result
-
-
-def _escaping(mirrored, scattered, boundary):
-    """Scattered light that comes up to a boundary in all, of light that entered through it: what it sends back comes again.
-
-    With W = D + S and the boundary's r that is W / (1 - r W) without D / (1 - r D), and no difference of the two.
-    """
-    # between two boundaries that reflect totally nothing is lost, and nothing scattered gets there
-    boundary = np.where(boundary * mirrored < 1, boundary, 0.0)
-    whole = scattered + np.diag(mirrored)
-    result = np.linalg.solve((np.eye(len(whole)) - boundary[:, None] * whole).T, scattered.T).T
-    return result / (1 - mirrored * boundary)[:, None]
 
 
 class _Exact:

@@ -20,14 +20,17 @@ from bakery.physics.surfaces import fresnel, single
 from bakery.physics.surfaces.corrected import Corrected
 from bakery.physics.surfaces.look_up import surface_reflectance, surface_transmittance
 from bakery.physics.surfaces.nodes import coordinate, interpolation, vanishing
+from bakery.physics.surfaces.slab import free, layers
 from bakery.physics.surfaces.solution import Solution
-from bakery.physics.surfaces.stack import Stacked, free
+from bakery.physics.surfaces.stack import Stacked
+from bakery.physics.surfaces.unscattered import unscattered
 from bakery.system.compiled import njit
 
 GRIDS = (32, 24), (48, 32), (64, 48), (96, 64)  # directions and azimuths, from which the first one that is good enough is taken
 TOLERANCE = 2e-3
 PROBES = 4000  # pairs of directions at which the error is measured, from normal incidence to 89.9 degrees
 _GRAZING = math.cos(math.radians(89.9))
+_UNSCATTERED = 129  # cosines at which unscattered light of layers on each other is told: 2e-4 in between
 _BUCKETS = 512  # of scattering angles, in which their interval is looked for
 
 
@@ -47,6 +50,10 @@ class SurfaceTable(NamedTuple):
     guide : (B,) int64, interval of s at which the bucket of its root begins
     reflected, transmitted : (L, K, K, P) float32, what is smooth; transmitted (0, 1, 1, 1) where nothing is let through
     free : whether there is air below
+    index_below : of the lowest medium over that of the air
+    mirrored : (L, S) of layers on each other, share of the light that boundaries below the uppermost send back unscattered, at S
+        cosines (`cosines`); (L, 0) where the upper numbers tell it
+    straight : the same of light that leaves below unscattered, less what of it is counted as deflected once by peaks
     """
 
     index: float
@@ -61,7 +68,9 @@ class SurfaceTable(NamedTuple):
     reflected: np.ndarray
     transmitted: np.ndarray
     free: bool
-
+    index_below: float
+    mirrored: np.ndarray
+    straight: np.ndarray
 
     def combined(self, weights) -> SurfaceTable:
         """Of layers of infinite depth: tables that are means over the wavelengths, by (N, L) weights.
@@ -74,7 +83,9 @@ class SurfaceTable(NamedTuple):
         phase = np.einsum("nl,l,la->na", weights, self.once, self.phase)
         unchanged = [np.full(len(weights), value) for value in (math.inf, 1.0, 0.0, 0.0)]
         return self._replace(depth=unchanged[0], once=unchanged[1], peak=unchanged[2], base=unchanged[3], phase=phase,
-                             reflected=np.einsum("nl,lijk->nijk", weights, self.reflected).astype(np.float32))
+                             mirrored=weights @ self.mirrored, straight=weights @ self.straight,
+                             **{name: np.einsum("nl,lijk->nijk", weights, grid).astype(np.float32)
+                                for name in ("reflected", "transmitted") if len(grid := getattr(self, name))})
 
 
 class Errors(NamedTuple):
@@ -157,7 +168,8 @@ def _sampled(solutions, nodes: int, azimuths: int) -> SurfaceTable:
         np.array([solution.slab.base or 0.0 for solution in solutions]), s[keep], phase,
         np.clip(buckets, 0, len(phase[0]) - 2).astype(np.int64),
         np.stack([_grid(solution, solution.reflected, nodes, azimuths) for solution in solutions]),
-        np.stack(transmitted) if through else np.zeros((0, 1, 1, 1), np.float32), through)
+        np.stack(transmitted) if through else np.zeros((0, 1, 1, 1), np.float32), through, float(first.index),
+        *np.zeros((2, len(solutions), 0)))
 
 
 def _counted(solutions, nodes: int, azimuths: int) -> SurfaceTable:
@@ -170,14 +182,15 @@ def _counted(solutions, nodes: int, azimuths: int) -> SurfaceTable:
 
 
 def _of_stacks(solutions, nodes: int, azimuths: int) -> SurfaceTable:
-    """Of layers on each other: as if the first one were infinite and scattered as much once, what else there is in the grid."""
+    """Of layers on each other: as if the first one were infinite and scattered as much once, what else there is in the grid; all
+    that leaves below is in its own."""
     tops = [Solution(replace(solution.slab, under=None, depth=math.inf), solution.nodes, solution.cut, np.zeros((1, *2 * [
         solution.nodes.leaving])), np.zeros((1, *2 * [solution.nodes.leaving])), solution.albedo, solution.passed)
             for solution in solutions]
     table = _sampled(tops, 2, 2)
     scattered = -np.expm1(-2 * np.array([solution.slab.depth * solution.cut.shrinks if solution.slab.depth else 0.0
                                          for solution in solutions]))
-    table = table._replace(once=table.once * scattered)
+    table = table._replace(once=table.once * scattered, peak=np.zeros(len(solutions)))
     mu = np.maximum(cosines(nodes, table.index), _GRAZING)
     at = np.broadcast_arrays(mu[:, None, None], mu[:, None], angles(azimuths))
     inner, inner0 = (fresnel.inside(cosine, table.index) for cosine in at[:2])
@@ -185,7 +198,20 @@ def _of_stacks(solutions, nodes: int, azimuths: int) -> SurfaceTable:
     grid = np.stack([solution.inside(*at) * (inner + inner0) for solution in solutions])
     for row, once, slab in zip(grid, table.once, (solution.slab for solution in solutions), strict=True):
         row -= once * 4 * math.pi * phase_at(slab.theta, slab.phase, turned)
-    return table._replace(reflected=np.ascontiguousarray(grid, np.float32))
+    mirrored, passed, peaks = np.stack([unscattered(solution.slab, solution.cuts, _unscattered_at()) for solution in solutions],
+                                       axis=1)
+    table = table._replace(reflected=np.ascontiguousarray(grid, np.float32), mirrored=mirrored, straight=passed * (1 - peaks))
+    if not free(solutions[0].slab):
+        return table
+    last = float(layers(solutions[0].slab)[0][-1].index)
+    mu = np.maximum(cosines(nodes, last), _GRAZING)[:, None, None], at[1][:1]
+    grid = np.stack([solution.transmission(*mu, at[2][:1]) / solution.factor(*mu, 1) for solution in solutions])
+    return table._replace(transmitted=np.ascontiguousarray(grid, np.float32), free=True, index_below=last)
+
+
+def _unscattered_at():
+    """Cosines (S,) at which unscattered light is told."""
+    return np.maximum(cosines(_UNSCATTERED, 1.0), 1e-9)
 
 
 def _grid(solution, orders, nodes: int, azimuths: int):

@@ -90,8 +90,7 @@ def check_under_facets(checker: Checker, base: Mapping, boundary: Mapping) -> No
 
 def _open_below(under) -> bool:
     """Whether air is below what stands behind `base`."""
-    from bakery.physics.surfaces.slab import Slab
-    from bakery.physics.surfaces.stack import free
+    from bakery.physics.surfaces.slab import Slab, free
 
     if isinstance(under, tuple):
         return isinstance(under[0], Slab) and free(under[0])

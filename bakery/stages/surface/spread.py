@@ -37,8 +37,8 @@ def spread_of(slab, tolerance: float, seed: int, wave: int, layer: int):
     ----------
     tolerance : of the root mean square distance: 1 % at best without end, 2 % of a thickness, where far light is dearer
     """
+    from bakery.physics.surfaces.slab import layers
     from bakery.physics.surfaces.spread import COARSEST, TOLERANCE, spread
-    from bakery.physics.surfaces.stack import layers
 
     finest = TOLERANCE if layers(slab)[0][-1].depth == math.inf else 2 * TOLERANCE
     return spread(slab, seed, wave, layer, tolerance=min(max(2 * tolerance, finest), COARSEST))
@@ -46,8 +46,7 @@ def spread_of(slab, tolerance: float, seed: int, wave: int, layer: int):
 
 def has_spread(slab) -> bool:
     """Whether walks can tell it: not among grains, nor in layers of assets that do not say how long their paths are."""
-    from bakery.physics.surfaces.slab import Reflector
-    from bakery.physics.surfaces.stack import layers
+    from bakery.physics.surfaces.slab import Reflector, layers
 
     parts, bottom = layers(slab)
     return not isinstance(bottom, Reflector) and all(math.isfinite(part.length) for part in parts)

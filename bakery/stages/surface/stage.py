@@ -148,7 +148,7 @@ def _spread(cases: list, shape: tuple[int, int], context) -> dict:
 
 def stored(inputs: dict, solutions: list, shape: tuple[int, int]) -> dict:
     """The arrays of the group, but for the errors."""
-    from bakery.physics.surfaces.stack import free
+    from bakery.physics.surfaces.slab import free
 
     first = solutions[0]
     leaving = len(first.albedo)

@@ -37,8 +37,7 @@ NAMES = tuple(output.path for output in OUTPUTS if output.path not in _APART)
 
 def stored(slabs: list, solutions: list, shape: tuple[int, int]) -> dict:
     """Arrays of what lies under layers, T thicknesses of each of L wavelengths."""
-    from bakery.physics.surfaces.slab import Reflector
-    from bakery.physics.surfaces.stack import layers
+    from bakery.physics.surfaces.slab import Reflector, layers
 
     firsts = range(0, len(slabs), shape[1])
     stacks, bottoms = zip(*(layers(slabs[first]) for first in firsts), strict=True)

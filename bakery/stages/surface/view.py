@@ -92,12 +92,14 @@ class Surface(Members):
         light = np.asarray(self["spread"], float).mean(axis=2).sum(axis=2)
         return self._layers(spread.within(self["spread_radius"], light, self["beyond"], radius))
 
-    def table(self, layer: int = 0):
+    def table(self, layer: int = 0, from_below: bool = False):
         """What compiled loops and plugins look up, and its errors: `bakery.kernels.surface_reflectance` takes it.
 
         Parameters
         ----------
         layer : position of the thickness
+        from_below : of light that comes from below, where a layer or layers on each other lie over air; of several they are
+            solved upside down here, with as many moments as are stored
 
         Returns
         -------
@@ -106,14 +108,25 @@ class Surface(Members):
 
         Raises
         ------
-        UsageError : no such layer, or layers on each other with air below
+        UsageError : no such layer, or nothing below it for light to come from
         """
         from bakery.physics.surfaces.table import surface_table
 
-        if "under_index" in self and "transmitted" in self:
-            raise UsageError("surface: found layers on each other with air below, of which there are no tables yet; a base, or "
-                             "surface.thickness: infinite in the lowest one would do")
-        return surface_table(self._of_layer(layer))
+        solutions = self._of_layer(layer)
+        if from_below and "transmitted" not in self:
+            raise UsageError("surface: found a layer that no light enters from below; one of a thickness over air has two sides")
+        if from_below and "under_index" in self:
+            solutions = [self._turned(solution.slab, float(self["change"][k, layer])) for k, solution in enumerate(solutions)]
+        return surface_table(solutions)
+
+    def _turned(self, slab, tolerance: float):
+        """The solution of layers on each other upside down."""
+        from bakery.physics.surfaces.refine import moments_of
+        from bakery.physics.surfaces.slab import upside_down
+        from bakery.physics.surfaces.solution import solve
+
+        slab, count = upside_down(slab), int(self["moments"][0])
+        return solve(slab, moments_of(slab, count + 1), count, tolerance)
 
     @property
     def layers(self) -> int:
@@ -235,7 +248,7 @@ def _stacked(slab, directions, cut, orders, albedo, group: Group, k: int, t: int
 def _cuts(slab, group: Group, k: int) -> list:
     """Of the layers under the uppermost one."""
     from bakery.physics.surfaces.cut import without_peak
-    from bakery.physics.surfaces.stack import layers
+    from bakery.physics.surfaces.slab import layers
 
     peaks = group["under_peak"].data[k] if "under_peak" in group.members else ()
     return [without_peak(part.albedo, float(peak)) for part, peak in zip(layers(slab)[0][1:], peaks, strict=True)]

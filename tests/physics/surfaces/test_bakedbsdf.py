@@ -18,9 +18,15 @@ import mitsuba as mi
 
 from bakery.errors import UsageError
 from bakery.physics.surfaces import fresnel
+from bakery.physics.surfaces.slab import upside_down
+from bakery.physics.surfaces.solution import solve
+from bakery.physics.surfaces.table import surface_table
+from bakery.physics.surfaces.unscattered import unscattered
 from renderers.mitsuba import layers
 from tests.devices import jit, on_each_device
+from tests.odds import sigmas
 from tests.physics.surfaces.layers import LAYERS, RGB, solutions, table
+from tests.physics.surfaces.test_stack import planes, stack, under_rings
 
 VARIANTS = [*jit("ad_rgb"), "scalar_rgb"]
 
@@ -210,6 +216,72 @@ def test_a_layer_that_would_make_light_is_refused(monkeypatch):
     assert layers.gained(looked_up) < 0.02 < layers.gained(peaked)
     with pytest.raises(UsageError, match="more light than it gets"):
         layers.layer_of(Asset)
+
+
+# ---- layers on each other over air
+
+WHITE = ((0.5, 1.0, 0.6, 1.33), (0.0, 1.0, 1.0, 1.5))  # g, albedo, depth, index
+
+
+def two_sided(media, monkeypatch):
+    """The plugin of a stack, and its solutions for light from above and from below."""
+    slab, wanted = stack(*media)
+    above, below = solve(slab, wanted, 24, 1e-3), solve(upside_down(slab), wanted[::-1], 24, 1e-3)
+    (front, errors), (back, _) = surface_table([above]), surface_table([below])
+    monkeypatch.setattr(layers, "load", lambda path, number: layers.Layer(np.array([0.55]), front, errors.largest, back))
+    return plugin("stack"), (above, below)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_both_sides_of_a_stack_are_the_solutions(variant, monkeypatch):
+    mi.set_variant(variant)
+    bsdf, (above, below) = two_sided(WHITE, monkeypatch)
+    count = 10 if variant.startswith("scalar") else 300
+    rng, under = np.random.default_rng(3), np.array([[1], [1], [-1]])
+    (mu, mu0), (phi, turn) = rng.uniform(0.05, 1, (2, count)), rng.uniform(0, 2 * math.pi, (2, count))
+    wi, wo = unit(np.arccos(mu0), turn), unit(np.arccos(mu), turn + math.pi + phi)
+    for into, out, function in ((wi, wo, above.reflection), (wi, wo * under, above.transmission),
+                                (wi * under, wo * under, below.reflection), (wi * under, wo, below.transmission)):
+        values, density = values_of(bsdf, into, out)
+        np.testing.assert_allclose(values, np.broadcast_to(function(mu, mu0, phi), values.shape), rtol=4e-3, atol=1e-5)
+        assert (density > 0).all()
+
+
+@on_each_device
+@pytest.mark.parametrize("mu", [0.8, -0.8, 0.2])
+def test_a_stack_loses_nothing(device, mu, monkeypatch):
+    """Weights of samples of lossless layers, mirrored and unscattered light among them; single directions by themselves."""
+    mi.set_variant(f"{device}_ad_rgb")
+    bsdf, solved = two_sided(WHITE, monkeypatch)
+    solution, wi = solved[mu < 0], np.array([math.sqrt(1 - mu * mu), 0.0, mu])
+    _, weight, *_ = drawn(bsdf, mu, 100_000)
+    # 5e-4: the table's own error; 6 standard errors: 2e-9 each
+    assert abs(weight.mean() - 1) < 5e-4 + 6 * weight[0].std() / math.sqrt(weight.shape[1])
+    mirrored, passed, _ = unscattered(solution.slab, solution.cuts, [abs(mu)])
+    mirrored = mirrored + fresnel.reflected(abs(mu), solution.slab.index)
+    for kind, towards, share in ((mi.BSDFFlags.DeltaReflection, wi * [-1, -1, 1], mirrored),
+                                 (mi.BSDFFlags.DeltaTransmission, -wi, passed)):
+        wo, weight, _, sampled = drawn(bsdf, mu, 8, types=kind)
+        np.testing.assert_allclose(wo, np.tile(towards, (8, 1)).T, atol=1e-6)
+        assert (sampled == int(kind)).all()
+        np.testing.assert_allclose(weight[0], share[0], rtol=2e-3)
+
+
+@pytest.mark.slow
+@on_each_device
+@pytest.mark.parametrize("theta", [0.35, 1.2, math.pi - 0.35, math.pi - 1.2])
+@pytest.mark.parametrize("media", [((0.5, 0.99, 0.6, 1.0), (0.0, 0.9, 1.0, 1.5)), ((0.0, 0.9, 0.2, 1.5), (0.5, 0.9, 0.3, 1.0))])
+def test_a_stack_over_air_is_volpaths(device, media, theta, monkeypatch):
+    """Light of three rings of the sky, seen from above and from below, with what boundaries within mirror: 16 renders each."""
+    mi.set_variant(f"{device}_ad_rgb")
+    two_sided(media, monkeypatch)
+    rings = under_rings(mi, theta) | {"integrator": {"type": "path", "max_depth": 2}}
+    baked = {"type": "bakedbsdf", "filename": "stack"}
+    plane = {"type": "rectangle", "to_world": mi.ScalarTransform4f().scale(1e4), "bsdf": baked}
+    scenes = planes(mi, media, None, theta), mi.load_dict(rings | {"plane": plane})
+    values = np.array([[np.array(mi.render(scene, spp=4000, seed=k)).ravel()[:3] for k in range(16)] for scene in scenes])
+    (expected, value), error = values.mean(axis=1), np.sqrt((values.var(axis=1, ddof=1) / 16).sum(axis=0))
+    assert (np.abs(value - expected) < sigmas(16, comparisons=24) * error + 5e-3 * value).all(), (value, expected, error)
 
 
 SLAB = """<scene version="3.0.0">

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from bakery.physics.surfaces import fresnel, rough
+from bakery.physics.surfaces.facets import facets_between
 from bakery.physics.surfaces.refine import converged
 from bakery.physics.surfaces.slab import Slab, reflector
 from bakery.physics.surfaces.solution import solve
-from bakery.physics.surfaces.stack import facets_between
 from bakery.physics.surfaces.table import surface_table
+from bakery.physics.surfaces.unscattered import unscattered
 from tests.odds import sigmas
 from tests.physics.surfaces.test_layers import EVERYWHERE, SPHERE, henyey_greenstein
 
@@ -63,6 +64,24 @@ def test_stacks_over_air(indices, depths):
     steep = np.broadcast_to(np.minimum(MU, MU0) > 0.04, there.shape)
     # by other nodes where only one of the two has its upper boundary
     np.testing.assert_allclose(there[steep], back[steep], rtol=3e-3 if indices[0] == 1 else 1e-9)
+
+
+def test_unscattered_light_at_any_angle():
+    """The sums of a free layer are those of a window of one boundary above and one below; at nodes the solver's."""
+    slab, wanted = stack((0.5, 0.9, 0.3, 1.4), (0.5, 0.9, 0.7, 1.4))
+    solution, mu = solve(slab, wanted, 24, 1e-3), np.array([0.03, 0.4, 1.0])
+    front = fresnel.reflected(mu, 1.4)
+    passes = np.exp(-(0.3 + 0.7) * (1 - 0.9 * 0.5**24) / fresnel.inside(mu, 1.4))
+    down = (1 - front) ** 2 * passes / (1 - (front * passes) ** 2)
+    mirrored, passed, peaks = unscattered(slab, solution.cuts, mu)
+    np.testing.assert_allclose([mirrored, passed], [down * front * passes, down], rtol=1e-12)
+    np.testing.assert_allclose(peaks, 0.9 * 0.5**24 / fresnel.inside(mu, 1.4), rtol=1e-9)
+    for layers in (((0.5, 0.9, 0.3, 1.0), (0.0, 0.8, 0.5, 1.5)), ((0.5, 0.9, 0.3, 1.5), (0.0, 0.8, math.inf, 1.2)),
+                   ((0.5, 0.9, 0.3, 1.5), (0.0, 0.8, 0.4, 1.2), (0.0, 0.8, math.inf, 1.5, 0.3))):
+        slab, wanted = stack(*layers)
+        solution = solve(slab, wanted, 16, 1e-3)
+        assert solution.mirrored.max() > 5e-3
+        np.testing.assert_allclose(unscattered(slab, solution.cuts, solution.nodes.air)[0], solution.mirrored, rtol=1e-12)
 
 
 @pytest.mark.parametrize("base", [None, 0.3])
@@ -200,9 +219,10 @@ def test_several_layers_are_pythonic_disorts():
 RINGS = ((0, 30), (30, 60), (60, 90))
 
 
-def planes(mi, media, base: float, theta: float):
-    """Wide planes between media, from the top, and what looks at them: radiance under a sky of three rings, each a colour."""
-    parts = {"type": "scene", "integrator": {"type": "volpath", "max_depth": 10000, "rr_depth": 50}}
+def planes(mi, media, base: float | None, theta: float):
+    """Wide planes between media, from the top, and what looks at them, from below at angles above pi/2: radiance under a sky of
+    three rings, each a colour."""
+    parts = under_rings(mi, theta, len(media))
     for k, (g, albedo, depth, *_) in enumerate(media):
         phase = {"type": "hg", "g": g} if g else {"type": "isotropic"}
         parts[f"medium{k}"] = {"type": "homogeneous", "id": f"medium{k}", "albedo": albedo, "sigma_t": depth, "phase": phase}
@@ -214,17 +234,27 @@ def planes(mi, media, base: float, theta: float):
                               "bsdf": {"type": "null"} if index == above else dielectric | {"int_ior": index, "ext_ior": above}}
         if k:
             parts[f"plane{k}"]["exterior"] = {"type": "ref", "id": f"medium{k - 1}"}
-    place = mi.ScalarTransform4f().translate([0, 0, -float(len(media))]).scale(1e4)
+    place, last = mi.ScalarTransform4f().translate([0, 0, -float(len(media))]).scale(1e4), media[-1][3]
+    matt = {"type": "diffuse", "reflectance": {"type": "rgb", "value": base}}
+    free = {"type": "dielectric", "int_ior": 1.0, "ext_ior": last} if last != 1 else {"type": "null"}
     parts["base"] = {"type": "rectangle", "to_world": place, "exterior": {"type": "ref", "id": f"medium{len(media) - 1}"},
-                     "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": base}}}
+                     "bsdf": free if base is None else matt}
+    return mi.load_dict(parts)
+
+
+def under_rings(mi, theta: float, depth: float = 0.0) -> dict:
+    """Parts of a scene that are no layers; from below the camera looks at the height -depth."""
+    parts = {"type": "scene", "integrator": {"type": "volpath", "max_depth": 10000, "rr_depth": 50}}
     sky, row = np.zeros((360, 4, 3), np.float32), math.pi * (np.arange(360) + 0.5) / 360
     for colour, (low, high) in enumerate(np.radians(RINGS)):
         sky[(row > low) & (row < high), :, colour] = 1.0
     parts["light"] = {"type": "envmap", "bitmap": mi.Bitmap(sky), "to_world": mi.ScalarTransform4f().rotate([1, 0, 0], 90)}
     at = [math.sin(theta), 0.0, math.cos(theta)]
-    parts["sensor"] = {"type": "radiancemeter", "origin": at, "direction": [-x for x in at], "sampler": {"type": "independent"},
+    from_below = [at[0], 0.0, at[2] - depth] if theta > math.pi / 2 else at
+    parts["sensor"] = {"type": "radiancemeter", "origin": from_below, "direction": [-x for x in at],
+                       "sampler": {"type": "independent"},
                        "film": {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}, "pixel_format": "rgb"}}
-    return mi.load_dict(parts)
+    return parts
 
 
 @pytest.mark.slow
