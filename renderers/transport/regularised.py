@@ -11,6 +11,9 @@ the direction of the path, over A.  A small lamp so looks as a disc of radius c,
 balance heuristic of `renderers.transport`, with 1/A as the density of a direction that has none.  Lamps without extent are seen,
 too.
 
+A path brings a lamp's light when it has come past it, to a surface.  Light that media between these have taken from it, T of it,
+is given back as 1/T, which is right in the mean where T is known; `behind` of `add_light`.
+
 The mean is off by c^2 times the curvature of what light of one direction becomes.  The chord goes with n samples as n^(-1/6), as
 that of the discs of Kaplanyan & Dachsbacher 2013 (Path Space Regularization for Holistic and Robust Light Transport), so that
 the picture goes to that of the lamp itself, and its variance to 0.

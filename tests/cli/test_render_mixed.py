@@ -105,7 +105,8 @@ def test_report_and_layers(call):
 @pytest.mark.slow
 def test_smooth_grains_show_small_lamps_wider(call, folder):
     """Beads of glass in the light of a point, which they show by no other method."""
-    beads = RECIPES["beads"].replace("{type: diffuse, reflectance: [0.7, 0.6, 0.5]}", "{type: dielectric, material: {n: 1.5, k: 0}}")
+    matt, glass = "{type: diffuse, reflectance: [0.7, 0.6, 0.5]}", "{type: dielectric, material: {n: 1.5, k: 0}}"
+    beads = RECIPES["beads"].replace(matt, glass)
     (folder / "glass.yaml").write_text(f"bakery: 1\nname: glass\nwavelengths: rgb\n{beads}\n")
     panel = XML[XML.index('<shape type="rectangle" id="panel">'):]
     (folder / "point.xml").write_text(XML.replace(panel, '<emitter type="point"><point name="position" x="0.1" y="-0.2" z="0.3"/>'

@@ -167,8 +167,8 @@ POINT = '<emitter type="point"><point name="position" x="2" y="-3" z="12"/><rgb 
 @pytest.mark.slow
 def test_discs_in_grains_beside_others_are_those_of_grains_alone(tmp_path):
     """A bulb in balls of glass, by waves and by the loop of grains, with the same disc."""
-    world = sparkling(tmp_path, '<shape type="sphere"><point name="center" x="2" y="-3" z="12"/><float name="radius" value="0.1"/>'
-                                '<emitter type="area"><rgb name="radiance" value="999"/></emitter></shape>')
+    world = sparkling(tmp_path, '<shape type="sphere"><point name="center" x="2" y="-3" z="12"/><float name="radius" '
+                                'value="0.1"/><emitter type="area"><rgb name="radiance" value="999"/></emitter></shape>')
     alone = stones(moved(BALL, 0.5, (0, 0, 0)), (GLASS,))
     around = material.occupied_by(world, alone.content.aggregate, alone.content.unit)
     alike = through(paths.Explicit(alone.content, around, COLOURS))._replace(chord=0.8)
