@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from bakery.store import ply
-from renderers.materials.bodies import methods
+from renderers.materials.bodies import bodies
 from renderers.mitsuba.shapes import Shape, leaning
 from tests.odds import SIGMAS
 
@@ -35,7 +35,7 @@ def test_the_share_that_leans():
 def test_it_is_told_of_boundaries_that_refract(matched, normals, told):
     cube = trimesh.creation.box()
     world = SimpleNamespace(shapes=lambda: [shape(cube, np.sign(cube.vertices) / math.sqrt(3) if normals else None)])
-    said = methods._leaning(world, [SimpleNamespace(name="it", matched=matched)])
+    said = bodies.leans(world, [SimpleNamespace(name="it", matched=matched)])
     assert len(said) == told and all("100 % of it lean by more than 40 degrees" in sentence for sentence in said)
 
 
