@@ -20,9 +20,10 @@ import numpy as np
 import bakery
 from benchmarks.sizes import sized
 from renderers import colour, scene
-from renderers.materials.grains import methods, regularised
+from renderers.materials.grains import methods
 from renderers.mitsuba.world import World
 from renderers.scene import assets
+from renderers.transport import regularised
 
 ROOT = Path(__file__).resolve().parents[1]
 XML = """<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="{fov}"/> <string name="fov_axis" value="x"/>

@@ -60,8 +60,11 @@ def _volume(region):
     return whole * float(np.mean(region.values)) if region.nodes.size > 1 else whole
 
 
-def scene_of(world, materials, colours) -> Scene:
-    """What paths go through; materials : list of `Material`, whose positions are their numbers."""
+def scene_of(world, materials, colours, angle=0.0) -> Scene:
+    """What paths go through.
+
+    materials : list of `Material`, whose positions are their numbers;  angle : as a `Scene` has it
+    """
     where = Places([material.region for material in materials])
     walked, geometry = _walked(world, materials, where)
     interactors = []
@@ -76,7 +79,7 @@ def scene_of(world, materials, colours) -> Scene:
         else:
             extent = _extent(world, where) if material.region.layout is None else None
             interactors.append(Medium(material.content, colours, material.density, _sampled(world, material), extent))
-    return Scene(world, tuple(interactors), where, colours, any(material.region.bounds == BLIND for material in materials))
+    return Scene(world, tuple(interactors), where, colours, any(material.region.bounds == BLIND for material in materials), angle)
 
 
 def _extent(world, where):

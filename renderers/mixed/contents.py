@@ -9,6 +9,7 @@ import numpy as np
 from bakery import kernels
 from renderers.materials.bodies.bodies import solid_shape
 from renderers.materials.grains import local, material
+from renderers.materials.grains.methods import cone
 from renderers.materials.particles import continuum, place
 from renderers.materials.particles.medium import classes_of, medium, without_peak
 from renderers.materials.particles.methods import peak_angle, peak_sentence
@@ -41,10 +42,14 @@ class Particles(NamedTuple):
 
 
 class Grains(NamedTuple):
-    """region : `regions.Mesh`;  grains : `renderers.materials.grains._grains.Grains`"""
+    """region : `regions.Mesh`;  grains : `renderers.materials.grains._grains.Grains`
+
+    angle : rad, of `renderers.transport.regularised`, of smooth grains that show small lamps wider; 0 of others
+    """
 
     region: regions.Mesh
     grains: object
+    angle: float = 0.0
 
 
 class Content(NamedTuple):
@@ -72,7 +77,7 @@ def of(scene, world, asset, spectra, number) -> Content:
     if entry.kind == "particles":
         return _particles(scene, world, asset, spectra, number, method)
     if entry.kind == "grains":
-        return _grains(scene, asset, spectra, number, method)
+        return _grains(scene, world, asset, spectra, number)
     whole = spectra.medium(asset, *(np.asarray(asset.medium[name], float) for name in ("sigma_t", "albedo", "phase")))
     if hasattr(entry.where, "shape"):
         shape = solid_shape(world.shapes(), entry.where.shape, entry.index,
@@ -105,7 +110,9 @@ def _particles(scene, world, asset, spectra, number, method):
     return Content(stands, stands, (*reasons, f"materials[{number}]: no particle is told apart"))
 
 
-def _grains(scene, asset, spectra, number, method):
+def _grains(scene, world, asset, spectra, number):
+    entry = scene.values.materials[number]
+    method = declared(entry.kind)[chosen(entry.kind, entry.method)]
     vertices, faces = meshes.of_entry(scene, number)
     region = regions.Mesh(vertices, faces)
     values = (np.asarray(asset.medium[name], float) for name in ("sigma_t", "albedo", "theta", "phase"))
@@ -115,8 +122,9 @@ def _grains(scene, asset, spectra, number, method):
         return Content(stands, stands, tuple(f"materials[{number}]: {reason}" for reason in material.reasons_of_medium(asset)))
     varies = local.local_of(scene, number, asset, material.fraction_of(asset), vertices)
     grains = spectra.grains(asset, material.grains_of(asset, vertices, faces, varies))
-    return Content(Grains(region, grains), stands,
-                   tuple(f"materials[{number}]: {reason}" for reason in material.reasons_of(asset)))
+    angle = cone(method, entry.widen, world, [asset], [(vertices, faces)])
+    return Content(Grains(region, grains, angle), stands,
+                   tuple(f"materials[{number}]: {reason}" for reason in material.reasons_of(asset, angle)))
 
 
 def _region(scene, number):

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from renderers.materials.bodies.bodies import leans
 from renderers.materials.grains.paths import first_grain
 from renderers.mixed import build, contents, surfaces
 from renderers.mixed import passes as wavefronts
@@ -32,9 +33,12 @@ def prepare(job, world, seed) -> Method:
     _refuse_overlap(scene, filled)
     _refuse_twins(scene, filled)
     reasons = [BANDS] * spectra.bands + [reason for content in filled for reason in content.reasons]
+    reasons += leans(world, [content.what for content in filled if isinstance(content.what, contents.Body)])
     entries = [chosen(entry.kind, entry.method) for entry in scene.values.materials]
     stated = [declared(entry.kind)[name] for entry, name in zip(scene.values.materials, entries, strict=True)]
-    stand_ins = [method.continuous or method.surface or method.surface_far for method in stated]
+    widened = [getattr(content.what, "angle", 0.0) for content in filled]
+    stand_ins = [method.continuous or method.surface or method.surface_far or angle > 0
+                 for method, angle in zip(stated, widened, strict=True)]
     listed = [{"kind": entry.kind, "method": name, "bias": None if stand_in else 0.0, "reasons": list(content.reasons),
                "pilot": None}
               for entry, name, stand_in, content in zip(scene.values.materials, entries, stand_ins, filled, strict=True)]
@@ -51,7 +55,8 @@ def prepare(job, world, seed) -> Method:
         number = inside[next(iter(far))]
         raise scene.wrong(f"materials[{number}].method", f"found {entries[number]} beside particles or grains, or more than "
                           f"{MOST_IN_A_LOOP - 1} media; use paths or surface, or a medium for the others")
-    around = build.scene_of(world, [build.material_of(content) for content in materials], spectra.colours)
+    around = build.scene_of(world, [build.material_of(content) for content in materials], spectra.colours,
+                            min((angle for angle in widened if angle > 0), default=0.0))
     part, shares = wavefronts.part("paths", around, seed), []
 
     def after(estimate):

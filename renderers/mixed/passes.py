@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from renderers.pictures.engine import Part, layers_of
-from renderers.transport import waves
+from renderers.transport import regularised, waves
 
 _PATHS, _SAMPLES = 1 << 17, 16  # of a pass, at most, where a pixel has several; and of a pixel
 _OF_PILOTS = 4  # samples of a pixel: two passes of each of their pictures are rendered in any case
@@ -28,6 +28,7 @@ def _of_samples(name, scene, size, seed, samples):
 
 def _rendered(scene, size, samples, seed, number):
     """Layers of a pass."""
+    scene = scene._replace(chord=regularised.chord(scene.angle, samples * (number + 1)))
     sums = waves.one_pass(scene, size, number, seed, samples)
     images = layers_of(sums.by_order, sums.by_light, scene.world.light_names)
     shares = np.zeros((-(-len(sums.first) // 3) * 3, sums.first.shape[1]))

@@ -24,7 +24,8 @@ _OF_GRAINS = {"surface_from": "grains beside other materials are no surfaces"}
 _UNUSED = {"spread": "no method here switches from grains to their medium", "footprint": "method query is not there",
            "boundary.tables": "method paths reads no tables"}  # keys of entries that other renderers use
 
-_OF_SURFACES = ("layer", "surface_from")  # keys of bodies
+_OF_METHODS = {"body": ("layer", "surface_from"), "grains": ("widen",)}  # kind -> keys that some of its methods take
+_OPEN = {"body": ("auto",)}  # kinds whose `auto` may be a method that takes such keys
 _NOT_OF_SURFACES = {"boundary": "that of a surface is baked, as surface.boundary of the recipe says"}
 
 
@@ -52,9 +53,9 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
         for name, reason in _OF_GRAINS.items() if kind == "grains" else ():
             if name in entry:
                 yield entry.names[name].problem(f"found {name}, and {reason}", "expected none")
-        for name in _OF_SURFACES if kind == "body" and method in (*METHODS[kind], "auto") else ():
-            if name in entry and name not in declared(kind)[method].keys:
-                takers = [taker for taker in ("auto", *METHODS[kind]) if name in declared(kind)[taker].keys]
+        for name in _OF_METHODS.get(kind, ()) if method in (*METHODS[kind], "auto") else ():
+            takers = [taker for taker in (*_OPEN.get(kind, ()), *METHODS[kind]) if name in declared(kind)[taker].keys]
+            if name in entry and method not in takers:
                 yield entry.names[name].problem(f"found {name}, which method {method} does not use",
                                                 f"expected it with method: {fields.one_of(takers)}")
         for name, reason in _UNUSED.items():

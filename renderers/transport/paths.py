@@ -31,7 +31,7 @@ class Paths(NamedTuple):
     order, bounces : (n,) scatterings by materials; these and surfaces
     drawn, density : (n, 3) m, (n,) 1/sr, where the direction was drawn, and how likely over the chance of a light sample there
     single : (n,) whether no light sample could have taken the place of the direction
-    shaded : (n,) whether a surface of the scene, or the camera, drew it
+    shaded : (n,) whether a surface of the scene, the camera, or a body whose boundary turns light drew it
     far : (n,) m, to the first surface of the scene; nan: not known
     grains : (n,) material whose grain each is on, or -1;  sphere, triangle : (n, 4), (n,) of that grain
     left_out : (n, 3) m, the particle that each has just left, or nan

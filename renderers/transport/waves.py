@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.transport import steps, wavefront
+from renderers.mitsuba.shading import FAR
+from renderers.transport import regularised, steps, wavefront
 from renderers.transport.paths import EVENT, REACHED, Colours, Paths, follow, joined, of_camera
 from renderers.transport.places import NOWHERE, Places
 
@@ -34,6 +35,7 @@ class Scene(NamedTuple):
     materials : interactors (`renderers.materials`), by their entries;  places : `Places` of their regions
     colours : `Colours`
     crossed : whether light samples go through boundaries to which light is blind
+    angle, chord : of `regularised`, by which smooth grains show small lamps wider: at the first sample, of a pass; 0: as they are
     """
 
     world: object
@@ -41,6 +43,8 @@ class Scene(NamedTuple):
     places: Places
     colours: Colours
     crossed: bool = False
+    angle: float = 0.0
+    chord: float = 0.0
 
     @property
     def solids(self):
@@ -280,7 +284,7 @@ def at_events(scene, reached, events, sums) -> Paths:
         sampled = sample.of(rows)
         material.next_event(group.of(at), tuple(values[at] for values in event), sampled, passed[rows], clear[rows], added)
         sums.add(group.of(at), sampled.light, added)
-        group.single[:], group.shaded[:] = share == 0.0, False
+        group.single[:], group.shaded[:] = share == 0.0, share == 0.0
         material.scatter(group, event)
         if share > 0.0:
             group.density[:] /= share
@@ -305,8 +309,11 @@ def at_surfaces(scene, paths, sums) -> Paths:
     """Paths that go on from surfaces of the scene, after their light has been added."""
     if paths.count == 0:
         return paths
+    widened = regularised.begin(paths, scene.chord, ~paths.shaded)
     shading, _ = steps.met(scene.world, paths, paths.drawn)
     steps.add_light(scene.colours, paths.throughput, paths.order, shading.emitted, shading.source, paths, sums)
+    if len(widened):
+        _add_regularised(scene, paths, shading, widened, sums)
     hit = np.flatnonzero(shading.hit)
     paths = paths.of(hit)
     paths.left_out[:] = np.nan
@@ -316,6 +323,20 @@ def at_surfaces(scene, paths, sums) -> Paths:
     paths.bounces[:] += 1
     paths.away_from_surfaces()
     return steps.thinned(steps.survivors(paths), _FAR)
+
+
+def _add_regularised(scene, paths, shading, rows, sums):
+    """Adds light of small lamps to some paths from smooth grains that saw them wider, up to the surfaces that they met."""
+    group = paths.of(rows)
+    group = group._replace(origin=group.drawn)
+    distance = np.where(shading.hit[rows], np.linalg.norm(shading.point[rows] - group.origin, axis=1), np.inf)
+
+    def behind(paths, point, length):
+        """Nothing hides what paths have come past."""
+        return transmittance(scene, paths, point, paths.direction, np.minimum(length, FAR))[0]
+
+    regularised.add_light(scene.world, scene.colours, group, distance, scene.chord, sums, behind)
+    paths.states[rows] = group.states
 
 
 def _next_event(scene, paths, point, sample, sums):

@@ -103,6 +103,24 @@ def test_report_and_layers(call):
 
 
 @pytest.mark.slow
+def test_smooth_grains_show_small_lamps_wider(call, folder):
+    """Beads of glass in the light of a point, which they show by no other method."""
+    matt, glass = "{type: diffuse, reflectance: [0.7, 0.6, 0.5]}", "{type: dielectric, material: {n: 1.5, k: 0}}"
+    beads = RECIPES["beads"].replace(matt, glass)
+    (folder / "glass.yaml").write_text(f"bakery: 1\nname: glass\nwavelengths: rgb\n{beads}\n")
+    panel = XML[XML.index('<shape type="rectangle" id="panel">'):]
+    (folder / "point.xml").write_text(XML.replace(panel, '<emitter type="point"><point name="position" x="0.1" y="-0.2" z="0.3"/>'
+                                                         '</emitter></scene>'))
+    alone = "--set", "materials[2].recipe=glass.yaml", "--set", "scene.mitsuba=point.xml", "--set", "stop.samples=8"
+    exact, _ = rendered(call, "exact.png", *alone)
+    wide, _ = rendered(call, "wide.png", *alone, "--set", "materials[2].method=ept+wide", "--set", "materials[2].widen=9 deg")
+    assert [report["materials"][2]["bias"] for report in (exact, wide)] == [0, None]
+    assert "method: ept+wide shows them as discs" in " ".join(exact["reasons"])
+    assert "small lamps as discs of 9 degrees" in " ".join(wide["reasons"])
+    assert wide["mean"][1] > exact["mean"][1]
+
+
+@pytest.mark.slow
 def test_same_seed_same_bytes_and_resumed(call):
     """Two passes of 16 samples of a pixel, through all four materials, and a third that goes on: two thirds of it are there."""
     two, three = ("--set", "stop.samples=32"), ("--set", "stop.samples=48")
@@ -199,6 +217,7 @@ def test_how_far_media_that_are_asked_for_are_off(call, measured):
     ("materials[1].method=query", "materials[1].method: found query beside other materials; expected auto, particles or"),
     ("materials[3].method=dipole", "materials[3].method: found dipole beside other materials; expected auto, paths, surface or "
      "paths+surface"),
+    ("materials[2].widen=5 deg", "found widen, which method auto does not use; expected it with method: ept+wide"),
     ("materials[2].spread=2", "materials[2].spread: found spread, and no method here switches from grains to their"),
     ("materials[3].boundary.tables=none", "found tables, and method paths reads no tables beside other materials"),
     ("materials[3].where.shape=floor", "materials[3].where.shape: floor is no closed mesh"),

@@ -10,8 +10,9 @@ import math
 import numpy as np
 import pytest
 
-from renderers.materials.grains import methods, regularised, transport
+from renderers.materials.grains import methods, transport
 from renderers.mitsuba.world import World
+from renderers.transport import regularised
 from tests.odds import ODDS, SIGMAS
 from tests.physics.particles import Sky, blocks, camera, same
 from tests.physics.test_aggregate import bumpy, tile

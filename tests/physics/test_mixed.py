@@ -18,7 +18,7 @@ from renderers.mitsuba.world import World
 from renderers.mixed import build, passes
 from renderers.mixed.build import Material
 from renderers.mixed.contents import Body
-from renderers.transport import places, regions
+from renderers.transport import places, regions, waves
 from tests.odds import sigmas
 from tests.physics.particles import hashed, henyey_greenstein, of_depth
 from tests.physics.test_aggregate import tile
@@ -141,3 +141,51 @@ def test_grains_as_their_own_renderer(tmp_path):
     theirs = [transport.one_pass(world, alike, world.camera, (48, 48), number, 1).by_order.sum(axis=0).reshape(48, 48, 3)
               for number in range(16)]
     compared(averages(world, [alone], range(4)), np.array(theirs), 0.02)
+
+
+# ---- small lamps in smooth grains, seen as discs
+
+
+def sparkling(folder, light, walls=30.0):
+    """Balls of glass before a lamp, between black walls."""
+    black = cube((-walls,) * 3, (walls,) * 3, '<boolean name="flip_normals" value="true"/><bsdf type="diffuse"><rgb name='
+                 '"reflectance" value="0 0 0"/></bsdf>', "walls")
+    (folder / "scene.xml").write_text(f'<scene version="3.0.0">{sensor("0, -8, 1", size=24) + black + light}</scene>')
+    return World(folder / "scene.xml")
+
+
+def glinting(world, materials, passes_of, chord=0.8):
+    """Means by pass of the light that grains send on."""
+    around = build.scene_of(world, materials, COLOURS)._replace(chord=chord)
+    return np.array([waves.one_pass(around, (24, 24), number, 0, 64).by_order[1:].sum(axis=0).mean(axis=0) / 64
+                     for number in range(passes_of)])
+
+
+POINT = '<emitter type="point"><point name="position" x="2" y="-3" z="12"/><rgb name="intensity" value="50"/></emitter>'
+
+
+@pytest.mark.slow
+def test_discs_in_grains_beside_others_are_those_of_grains_alone(tmp_path):
+    """A bulb in balls of glass, by waves and by the loop of grains, with the same disc."""
+    world = sparkling(tmp_path, '<shape type="sphere"><point name="center" x="2" y="-3" z="12"/><float name="radius" '
+                                'value="0.1"/><emitter type="area"><rgb name="radiance" value="999"/></emitter></shape>')
+    alone = stones(moved(BALL, 0.5, (0, 0, 0)), (GLASS,))
+    around = material.occupied_by(world, alone.content.aggregate, alone.content.unit)
+    alike = through(paths.Explicit(alone.content, around, COLOURS))._replace(chord=0.8)
+    theirs = np.array([transport.one_pass(world, alike, world.camera, (24, 24), number, 1, samples=64).by_order[1:].sum(axis=0)
+                       .mean(axis=0) for number in range(12)])
+    ours = glinting(world, [alone], 12)
+    assert min(ours.mean(), theirs.mean()) > 0
+    compared(ours[:, None, None], theirs[:, None, None], 0.05)
+
+
+@pytest.mark.slow
+def test_fog_takes_as_much_of_a_disc_as_of_its_lamp(tmp_path):
+    """Black fog of 1 / 25 m: on the 8 m to the grains and the 12 m to the lamp exp(-0.8) are left, whatever is on the 18 m behind
+    it; grains are 1.5 m wide, and light by way of several of them goes farther, which is 0.05 of the logarithm."""
+    world, alone = sparkling(tmp_path, POINT), stones(moved(BALL, 0.3, (0, 0, 0)), (GLASS,))
+    fog = medium(places.EVERYWHERE, [0.0] * 3, 0.0, (25.0,) * 3)
+    clear, dimmed = glinting(world, [alone], 12), glinting(world, [alone, fog], 24)
+    error = np.hypot(*(found.mean(axis=1).std(ddof=1) / len(found)**0.5 / found.mean() for found in (clear, dimmed)))
+    assert error < 0.05
+    assert abs(np.log(dimmed.mean() / clear.mean()) + 0.82) < sigmas(12) * error + 0.05

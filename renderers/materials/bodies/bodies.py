@@ -3,6 +3,7 @@ them meet."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -12,12 +13,15 @@ from bakery.errors import UsageError
 from renderers.materials.bodies import _geometry
 from renderers.materials.bodies._geometry import Geometry
 from renderers.materials.bodies._shells import Shells
-from renderers.mitsuba.shapes import encloses, index_fault
+from renderers.mitsuba.shapes import encloses, index_fault, leaning
+from renderers.scene.budget import percent
 from renderers.threads import run
 from renderers.transport import solids
 from renderers.transport.scattering import Scatterer, scatterer
 
 _ROUNDING = 0.4  # light lost, times mean free paths over the distance of neighbouring numbers
+# A slab whose normals lean by 55 degrees shows 0.83 of the light of an even sky, a cube 0.92, an icosahedron (37 degrees) 0.97
+_LEANS, _LEANING = math.radians(40.0), 0.1  # so far, on this share of the boundary, are worth a word
 _VOXELS = 64  # along the longest edge of the box around all bodies
 
 
@@ -82,6 +86,15 @@ def refusal(shapes, name, index) -> str:
     except UsageError as fault:
         return str(fault)
     return ""
+
+
+def leans(world, bodies):
+    """Sentences on bodies whose boundary refracts by normals that are means over sharp edges."""
+    names = {body.name for body in bodies if not body.matched}
+    shares = {shape.name: leaning(shape, _LEANS) for shape in world.shapes() if shape.name in names}
+    return [f"normals on {percent(share)} of {name} lean by more than {math.degrees(_LEANS):.0f} degrees from its triangles: "
+            "light is lost there, or leaves where it should not; use face_normals in the Mitsuba file, or normals in the mesh "
+            "that keep edges sharp" for name, share in shares.items() if share > _LEANING]
 
 
 def rounding(body) -> float:

@@ -33,7 +33,7 @@ class Body(Medium):
                                 "events": np.zeros(n, np.int64), "scattered": np.zeros(n, bool), "seen": np.zeros(n, bool),
                                 "rival": np.zeros(n)})
         run(_walk.advance, n, self._geometry, self.scatterer, self._limits, its, status)
-        paths.shaded[its.scattered], paths.left_out[its.scattered] = False, np.nan
+        paths.shaded[its.scattered], paths.left_out[its.scattered] = not self.sampled, np.nan
         owner = self._geometry.owner[np.maximum(its.triangle, 0)]  # -1 where paths are lost
         status = np.choose(status, [REACHED, EVENT, ENDED])  # CONTACT, EVENT, DEAD
         return status, (), its.far, (owner >= 0) & self._blind[np.maximum(owner, 0)]

@@ -13,14 +13,13 @@ from bakery.grammar import fields
 from renderers import colour
 from renderers.materials.bodies import beams, chains, dipole, events, light, mutations, refraction, shells, smooth, transport
 from renderers.materials.bodies.bias import CLOSER, SHARPER, TURNS
-from renderers.materials.bodies.bodies import Body, has_tables, holds, laid_out, medium_of, rounding, solid_shape, untabled
+from renderers.materials.bodies.bodies import Body, has_tables, holds, laid_out, leans, medium_of, rounding, solid_shape, untabled
 from renderers.materials.bodies.declaration import DIFFUSED, FEW, GATHERED, JOINED, MUTATED
 from renderers.materials.bodies.declared import methods
 from renderers.materials.bodies.gather import Gather
 from renderers.materials.bodies.paths import UNLIMITED
 from renderers.materials.bodies.setup import Sums, Transport
 from renderers.materials.bodies.thin import WALKS, density
-from renderers.mitsuba.shapes import leaning
 from renderers.pictures.engine import ORDERS, Part
 from renderers.pictures.passes import Method
 from renderers.scene.budget import percent
@@ -37,8 +36,6 @@ _LATER = 1 << 31  # passes of lines of sight that gather beams are numbered from
 _BESIDE = 3 << 30  # and of those that meet beams
 _MOST = 31  # bodies of which one loop keeps in which a path is
 _BEYOND_PRECISION = 3e-3  # share of the light lost to rounding from which on it is stated
-# A slab whose normals lean by 55 degrees shows 0.83 of the light of an even sky, a cube 0.92, an icosahedron (37 degrees) 0.97
-_LEANS, _LEANING = math.radians(40.0), 0.1  # so far, on this share of the boundary, are worth a word
 _BEYOND = 1e-3  # share of the light beyond the tables that is worth a word
 _NOISES = ("noise", "noise_mean", "noise_region")  # of a report
 _UNLIT = "lights shine, and no pass found any: how far the picture is off is not known"
@@ -59,7 +56,7 @@ def prepare(job, world, seed) -> Method:
         return Method(name, kinds, [], lambda estimate: {"bias": None})
     declared = methods()[name]
     looped = _looped(setup, declared)
-    reasons = _reasons(assets, setup.bodies, declared, looped) + _leaning(world, setup.bodies)
+    reasons = _reasons(assets, setup.bodies, declared, looped) + leans(world, setup.bodies)
     reasons += shells.reasons(shells.laid(setup)) if declared.spheres else []
     missing, sentences = chains.left_out(setup, seed)
     rounded = _rounded(setup.bodies) if looped else []
@@ -392,15 +389,6 @@ def _reasons(assets, bodies, method, looped):
                     "extent is looked for from where it scatters, straight through one smooth boundary; what smooth boundaries "
                     "turn more than once is spread over 1 % of the body's size to both sides, less in each pass")
     return notes
-
-
-def _leaning(world, bodies):
-    """Sentences on bodies whose boundary refracts by normals that are means over sharp edges."""
-    names = {body.name for body in bodies if not body.matched}
-    shares = {shape.name: leaning(shape, _LEANS) for shape in world.shapes() if shape.name in names}
-    return [f"normals on {percent(share)} of {name} lean by more than {math.degrees(_LEANS):.0f} degrees from its triangles: "
-            "light is lost there, or leaves where it should not; use face_normals in the Mitsuba file, or normals in the mesh "
-            "that keep edges sharp" for name, share in shares.items() if share > _LEANING]
 
 
 def _rounded(bodies):

@@ -272,7 +272,7 @@ def reasons_of(asset, angle=0.0) -> list[str]:
                          "shrink with samples (widen: 0 deg shows them as they are)")
     elif smooth:
         sentences.append("light reaches smooth grains by chance: lights without extent do not show in them, and small ones "
-                         "in rare bright pixels, or, after few samples, in none")
+                         "in rare bright pixels, or, after few samples, in none (method: ept+wide shows them as discs)")
     return sentences
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery import kernels
-from renderers.materials.grains import bundles, far, local, material, medium, regularised, transport
+from renderers.materials.grains import bundles, far, local, material, medium, transport
 from renderers.materials.grains.declared import methods
 from renderers.materials.grains.declared.ept import LITTLE, smooth
 from renderers.materials.grains.transport import GRAINS, MEDIUM, Body, Transport
@@ -17,6 +17,7 @@ from renderers.pictures.passes import Method
 from renderers.scene import budget
 from renderers.scene.budget import percent
 from renderers.scene.declaration import settled
+from renderers.transport import regularised
 from renderers.transport.scattering import Scatterer
 
 _TECHNIQUES = ("ept", "vpt", "da")
@@ -91,12 +92,12 @@ def of(name, world, assets, meshes, grains, seed, asked=PLAIN, tolerance=budget.
                   apart=(kinds[0][0],) if scene.technique == GRAINS else (), entry=scene.entry)
 
 
-def _cone(declared, asked, world, assets, meshes):
+def cone(declared, widen, world, assets, meshes):
     """Half angle, rad, of the cone in which smooth grains show small lamps; 0 where they show them as they are."""
     if not (declared.widens and smooth(assets) and world.small_share > LITTLE):
         return 0.0
-    if asked.widen is not None:
-        return asked.widen
+    if widen is not None:
+        return widen
     view = world.whole or world
     return regularised.angle_of(max(material.pixels_wide(view, vertices[faces], material.largest_of(asset))
                              for asset, (vertices, faces) in zip(assets, meshes)))
@@ -121,7 +122,7 @@ def transport_of(name, world, assets, meshes, grains, asked=PLAIN):
             stands, varied, met_by = material.medium_of(asset, packed)
             ways = ways[0], medium.Continuous(stands, *around, declared.diffuses, varied, met_by)
         bodies.append(Body(*ways, reach[number]))
-    angle = _cone(declared, asked, world, assets, meshes)
+    angle = cone(declared, asked.widen, world, assets, meshes)
     for asset in assets:
         reasons += material.reasons_of_medium(asset) if declared.continuous else material.reasons_of(asset, angle)
     switch = bundles.Switch(asked.spread) if declared.switches else None

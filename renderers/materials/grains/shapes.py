@@ -15,10 +15,9 @@ import drjit as dr
 import numpy as np
 
 from bakery.kernels import CONDUCTOR, DIELECTRIC, DIFFUSE
-from renderers.materials.grains import regularised
 from renderers.materials.grains.listed import exemplar_mesh, listed
 from renderers.materials.grains.paths import Explicit
-from renderers.transport import loop, passes, state
+from renderers.transport import loop, passes, regularised, state
 from renderers.transport.scene import View
 
 import mitsuba as mi  # isort: skip

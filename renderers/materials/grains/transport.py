@@ -18,12 +18,12 @@ import numpy as np
 
 from bakery.kernels import stream_key
 from renderers import threads
-from renderers.materials.grains import _paths, bundles, far, regularised
+from renderers.materials.grains import _paths, bundles, far
 from renderers.materials.grains._grains import OFF, UNKNOWN
 from renderers.materials.grains._paths import GRAINS, MEDIUM
 from renderers.materials.grains.paths import NEVER, Colours, Explicit, Paths
 from renderers.materials.surface import lobes
-from renderers.transport import steps, wavefront
+from renderers.transport import regularised, steps, wavefront
 from renderers.transport.paths import joined, of_camera
 
 _ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls

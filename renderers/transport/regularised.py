@@ -11,6 +11,9 @@ the direction of the path, over A.  A small lamp so looks as a disc of radius c,
 balance heuristic of `renderers.transport`, with 1/A as the density of a direction that has none.  Lamps without extent are seen,
 too.
 
+A path brings a lamp's light when it has come past it, to a surface.  Light that media between these have taken from it, T of it,
+is given back as 1/T, which is right in the mean where T is known; `behind` of `add_light`.
+
 The mean is off by c^2 times the curvature of what light of one direction becomes.  The chord goes with n samples as n^(-1/6), as
 that of the discs of Kaplanyan & Dachsbacher 2013 (Path Space Regularization for Holistic and Robust Light Transport), so that
 the picture goes to that of the lamp itself, and its variance to 0.
@@ -22,6 +25,7 @@ import math
 
 import numpy as np
 
+from renderers.mitsuba.shading import FAR
 from renderers.transport import steps, wavefront
 
 MOST = math.radians(20.0)  # half angle of the cone at first
@@ -41,19 +45,24 @@ def angle_of(pixels_wide) -> float:
     return min(MOST, 1 / max(pixels_wide, 1e-30))
 
 
-def begin(paths, c):
-    """Gives directions that have no density and come from grains that of their cone, and says which paths (m,) those are."""
+def begin(paths, c, turned=True):
+    """Gives directions that have no density and come from grains that of their cone, and says which paths (m,) those are.
+
+    turned : (n,) whether what turned paths last was a material
+    """
     if c == 0:
         return np.zeros(0, int)
-    rows = np.flatnonzero(paths.single & (paths.order > 0))
+    rows = np.flatnonzero(paths.single & (paths.order > 0) & turned)
     paths.density[rows], paths.single[rows] = 1 / (math.pi * c * c), False
     return rows
 
 
-def add_light(world, colours, paths, distance, c, sums):
+def add_light(world, colours, paths, distance, c, sums, behind=None):
     """Adds what light samples from where paths began bring in their cones, before the surfaces that they meet.
 
     distance : (n,) m, to these; inf where there are none
+    behind : function of paths (m,), points (m, 3) m of lamps on their ways, and distances (m,) m from there to surfaces -> share
+        (m, L) of the light that media between these leave, which paths that came so far have lost; None: there are no media
     """
     numbers, density = np.empty((paths.count, 3)), 1 / (math.pi * c * c)
     wavefront.draw(paths.states, numbers)
@@ -62,6 +71,11 @@ def add_light(world, colours, paths, distance, c, sums):
     # a lamp of a density p has a solid angle of 1/p or less: what is nearer than its point by its width may be its own surface
     depth = np.where(sample.delta, 0.0, np.minimum(2 / np.sqrt(math.pi * np.maximum(sample.density, 1e-30)), c))
     rows = np.flatnonzero(within & (sample.distance * (1 - depth) <= distance))
-    sample, paths = sample.of(rows), paths.of(rows)
+    sample, paths, distance = sample.of(rows), paths.of(rows), distance[rows]
+    if behind is not None:
+        near = np.flatnonzero(sample.distance < np.minimum(distance, FAR))
+        group, to_lamp = paths.of(near), sample.distance[near]
+        passed = behind(group, group.origin + to_lamp[:, None] * group.direction, distance[near] - to_lamp)
+        paths.throughput[near] /= np.where(passed > 0, passed, 1.0)
     radiance = sample.radiance * (density * sample.share(density))[:, None]
     steps.add_light(colours, paths.throughput, paths.order, radiance.astype(np.float32), sample.light, paths, sums)
