@@ -50,11 +50,11 @@ def define():
 
     class BakedBSDF(mi.BSDF):
         def __init__(self, props):
-            mi.BSDF.__init__(self, props)
             self.filename = props["filename"]
             layer = layers.load(str(mi.file_resolver().resolve(self.filename)), int(props.get("layer", 0)))
             self.surface = surface_of(layer, int(props.get("channel", -1)),
                                       float(props["wavelength"]) if "wavelength" in props else None)
+            mi.BSDF.__init__(self, props)  # last: Dr.Jit calls whatever has been registered, what is refused too
             self.m_components, self.m_flags = self.surface.flags, self.surface.all_flags
 
         def sample(self, ctx, si, sample1, sample2, active=True):

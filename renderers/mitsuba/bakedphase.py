@@ -52,10 +52,10 @@ def define():
 
     class BakedPhase(mi.PhaseFunction):
         def __init__(self, props):
-            mi.PhaseFunction.__init__(self, props)
             self.filename = props["filename"]
             self.tables = _for_variant(asset_tables.load(str(mi.file_resolver().resolve(self.filename))), props)
             self.function = PhaseFunction(self.tables)
+            mi.PhaseFunction.__init__(self, props)  # last: Dr.Jit calls whatever has been registered, what is refused too
             self.m_flags = +mi.PhaseFunctionFlags.Anisotropic
 
         def sample(self, ctx, mei, sample1, sample2, active=True):

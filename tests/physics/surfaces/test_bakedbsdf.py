@@ -200,6 +200,20 @@ def test_one_wavelength_by_position_or_by_length(device):
         plugin("bare", channel=3)
 
 
+@on_each_device
+def test_a_refused_plugin_is_not_called_by_the_next_scene(device):
+    """Dr.Jit calls all BSDFs that there are; the one that was refused lives on in what was raised."""
+    mi.set_variant(f"{device}_ad_rgb")
+    with pytest.raises(RuntimeError, match="channel 3") as refused:
+        plugin("white", channel=3)
+    shape = {"type": "rectangle", "bsdf": {"type": "bakedbsdf", "filename": "white"}}
+    scene = mi.load_dict({"type": "scene", "shape": shape, "other": {"type": "sphere"}, "light": {"type": "constant"},
+                          "integrator": {"type": "path", "max_depth": 2}, "sensor": {
+                              "type": "perspective", "to_world": mi.ScalarTransform4f().look_at([0, 0, 4], [0, 0, 0], [0, 1, 0]),
+                              "film": {"type": "hdrfilm", "width": 4, "height": 4}}})
+    assert np.isfinite(np.array(mi.render(scene, spp=1))).all() and refused
+
+
 def test_a_layer_that_would_make_light_is_refused(monkeypatch):
     """Half of the light in a peak, over several mean free paths: counted as deflected once it would be more than there is."""
     looked_up, errors = table("bare")
