@@ -150,11 +150,13 @@ def closed(x, y, height, floor):
     top, faces = grid(x, y, height)
     number = np.arange(x.size).reshape(x.shape)
     rim = np.concatenate([number[:-1, 0], number[-1, :-1], number[:0:-1, -1], number[0, :0:-1]])  # counterclockwise
-    low, middle = len(top) + np.arange(len(rim)), np.full(len(rim), len(top) + len(rim))
-    following, low_following = np.roll(rim, -1), np.roll(low, -1)
-    sides = [(rim, low, low_following), (rim, low_following, following), (low_following, low, middle)]
+    # the sides have vertices of their own: Mitsuba's normals are means over all faces around a vertex
     below = top[rim] * (1, 1, 0) + (0, 0, floor)
-    vertices = np.concatenate([top, below, below.mean(axis=0, keepdims=True)])
+    high, deep, low = len(top) + np.arange(3 * len(rim)).reshape(3, -1)
+    middle = np.full(len(rim), low[-1] + 1)
+    following, deep_following, low_following = (np.roll(ring, -1) for ring in (high, deep, low))
+    sides = [(high, deep, deep_following), (high, deep_following, following), (low_following, low, middle)]
+    vertices = np.concatenate([top, top[rim], below, below, below.mean(axis=0, keepdims=True)])
     return vertices, np.concatenate([faces, *(np.stack(corners, -1) for corners in sides)])
 
 
