@@ -96,7 +96,8 @@ def layer_of(asset, layer: int = 0) -> Layer:
     if table.free and table.straight.size:
         below, errors_below = asset.surface.table(layer, from_below=True)
         result = result._replace(table_below=below, error=max(errors.largest, errors_below.largest))
-    if (gain := gained(table)) > _GAIN:
+    gain = max(gained(side) for side in (table, result.table_below) if side is not None)
+    if gain > _GAIN:
         raise UsageError(f"layer {layer} sends on {100 * gain:.2g} % more light than it gets: its forward peak deflects light "
                          "several times, which is counted as if once; use a thicker or a thinner layer, or a base")
     return result

@@ -21,20 +21,20 @@ class TwoFaces:
         self.layer, self.flags, self.all_flags, self._above, self._below = above.layer, above.flags, above.all_flags, above, below
 
     def eval_pdf(self, ctx, si, wo, active=True):
-        (value, density), (other, its_density) = (
+        (above, density), (below, density_below) = (
             self._above.eval_pdf(ctx, si, wo, active & (si.wi.z > 0)),
             self._below.eval_pdf(ctx, _turned(si), _upside_down(wo), active & (si.wi.z < 0)))
-        return value + other, density + its_density
+        return above + below, density + density_below
 
     def sample(self, ctx, si, sample1, sample2, active=True):
-        (above, weight), (below, its_weight) = (
+        (above, weight), (below, weight_below) = (
             self._above.sample(ctx, si, sample1, sample2, active & (si.wi.z > 0)),
             self._below.sample(ctx, _turned(si), sample1, sample2, active & (si.wi.z < 0)))
         from_above = si.wi.z > 0
         below.wo = _upside_down(below.wo)
         for name in ("wo", "pdf", "sampled_type", "sampled_component"):
             setattr(above, name, pick(from_above, getattr(above, name), getattr(below, name)))
-        return above, weight + its_weight
+        return above, weight + weight_below
 
 
 def _upside_down(direction):

@@ -267,7 +267,8 @@ def test_extremes_under_facets(tmp_path):
     of = bakery.open(tmp_path / "layer.h5").surface
     theta = np.radians([0.0, 40.0, 80.0, 89.9])
     values = of.reflectance(theta[:, None], theta, 1.0)
-    assert np.isfinite(values).all() and (values >= 0).all() and (of["change"][:, 1] <= 0.02).all() and (of["change"] < 0.5).all()
+    assert np.isfinite(values).all() and (values >= 0).all()
+    assert (of["change"][:, 1] <= 0.02).all() and (of["change"] < 0.05).all()
     np.testing.assert_allclose(values, np.swapaxes(values, -1, -2), rtol=1e-6)
     np.testing.assert_allclose(of["albedo"][0], 1, atol=1e-6)
 

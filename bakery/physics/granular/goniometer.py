@@ -42,6 +42,8 @@ class Counts:
     cells : (R, 3, C, K) share of the light of a walk, by order: first, second, higher; sums over walks
     entered : (R, 3, C, B) the same, by bin of entry
     walks, walks_through : (R, B) walks of all and of those that go beyond the second order, which alone count higher ones
+    deeper, later : (R, C, B) light of these that the first two orders did not bring back; and of it, what comes back, that which
+        was still inside included
     inside : (R, C) share of the higher orders that was counted twice over for light still inside at the end of its walk
     sums : (R, 5) hits, walks, given up, contradicted, cut
     """
@@ -50,6 +52,8 @@ class Counts:
     entered: np.ndarray
     walks: np.ndarray
     walks_through: np.ndarray
+    deeper: np.ndarray
+    later: np.ndarray
     inside: np.ndarray
     sums: np.ndarray
 
@@ -182,5 +186,7 @@ def together(goniometer: Goniometer, short, through) -> Counts:
         return np.stack([x[:, 0] + y[:, 0], x[:, 1] + y[:, 1], higher], axis=1)
 
     higher = b.entered[:, kernel.HIGHER:].sum(axis=(1, 3))
-    return Counts(by_order("cells"), by_order("entered"), a.walks + b.walks, b.walks,
+    deeper = b.walks[:, None] - b.entered[:, kernel.FIRST] - b.entered[:, kernel.SECOND]
+    later = b.entered[:, kernel.HIGHER] + b.entered[:, kernel.LATE] + b.inside
+    return Counts(by_order("cells"), by_order("entered"), a.walks + b.walks, b.walks, deeper, later,
                   np.divide(inside, higher + inside, out=np.zeros_like(inside), where=inside > 0), a.sums + b.sums)

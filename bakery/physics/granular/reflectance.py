@@ -128,7 +128,9 @@ def _reflectance(fit: Fit, counts, c: int, lossless: bool):
     cells, entered = counts.cells[:, :, c], counts.entered[:, :, c].sum(axis=0)
     walks, through = counts.walks.sum(axis=0), counts.walks_through.sum(axis=0)
     spread = _overdispersion(cells)
-    factors, light, albedo, relative = factors_of(fit, cells.sum(axis=0), entered, walks, through, lossless, spread)
+    deeper, later = (part[:, c].sum(axis=0) for part in (counts.deeper, counts.later))
+    kept = np.ones(len(deeper)) if lossless else np.divide(later, deeper, out=np.zeros(len(deeper)), where=deeper > 0)
+    factors, light, albedo, relative = factors_of(fit, cells.sum(axis=0), entered, (walks, through), kept, spread)
     by_order = np.stack([np.bincount(merged(CELLS, SHOWN), part) for part in light])
     whole, variance = by_order.sum(axis=0), np.minimum(relative, 1.0) * by_order**2
     # a cell's error counts by its light

@@ -270,13 +270,15 @@ def _smooth(at, albedo):
     return np.maximum(np.polynomial.Polynomial.fit(at, albedo, min(DEGREE, len(at) - 1))(at), 0.0)
 
 
-def factors_of(fit: Fit, cells, entered, walks, through, lossless: bool, spread=(1.0, 1.0, 1.0)):
+def factors_of(fit: Fit, cells, entered, walks, kept, spread=(1.0, 1.0, 1.0)):
     """Factors from sums over walks, and what they make of the light.
 
     Parameters
     ----------
     cells : (3, K) light in cells by order;  entered : (3, B) by bin of entry
-    walks, through : (B,) walks of the first two orders and of the higher ones
+    walks : (B,) of the first two orders, and of the higher ones
+    kept : (B,) of the light that no lower order brought back, the share that a higher one does: of clear grains hardly less than
+        1 in any walk, while whether a walk comes back in a lower order or a higher one is chance
     spread : variance of the light in cells, by order, over that of walks that bring all or nothing
 
     Returns
@@ -284,12 +286,11 @@ def factors_of(fit: Fit, cells, entered, walks, through, lossless: bool, spread=
     Factors, (3, K) light of a walk in each cell, (3, B) albedos without the scatter of bins, and by order the relative variance
     of the light in the cells of `SHOWN`
     """
-    numbers = (walks, walks, through)
+    numbers = (walks[0], walks[0], walks[1])
     at = middles(fit.bins, fit.least)
     albedos = [_smooth(at, np.divide(part, n, out=np.zeros(len(n)), where=n > 0))
-               for part, n in zip(entered, numbers, strict=True)]
-    if lossless:  # what comes back in no lower order comes back in a higher one
-        albedos[2] = np.maximum(1 - albedos[0] - albedos[1], 0.0)
+               for part, n in zip(entered[:2], numbers[:2], strict=True)]
+    albedos.append(_smooth(at, kept) * np.maximum(1 - albedos[0] - albedos[1], 0.0))
     tables, scales, light, variances = [], [], [], []
     for order, (part, n) in enumerate(zip(cells, numbers, strict=True)):
         table, scale, variance = fit.fitted(order, part / max(n.sum(), 1.0), albedos[order], n.sum() / spread[order])

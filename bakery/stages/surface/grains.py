@@ -207,7 +207,7 @@ def cost(recipe) -> Cost:
 
 OF_GRAINS = Stage(
     name="surface",
-    version=7,
+    version=8,
     title="reflectance of packed grains",
     reads=("wavelengths", "seed", "surface", "grains.radius", "grains.components[*].weight", "packing.fraction"),
     needs=("medium", "packing", "grains"),

@@ -262,7 +262,7 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
 
 STAGE = Stage(
     name="surface",
-    version=11,
+    version=12,
     title="reflectance of a plane layer",
     reads=("wavelengths", "seed", "surface"),
     needs=("medium",),

@@ -118,6 +118,21 @@ def test_energy_and_reciprocity(name):
     np.testing.assert_array_less(np.abs(surface.albedos(at**2).sum(axis=0) - counted), 6 * error + 0.012)
 
 
+def test_what_clear_grains_send_back_is_known_better_than_by_which_order():
+    """Whether light comes back in a lower order or a higher one is chance, and that it comes back is hardly any.
+
+    The scatter between three seeds is 0.12 of what the higher orders are off by; 0.25 is six of its standard deviations.
+    """
+    packed, grain, albedos = tile(0.6), SURFACES["glass"], []
+    for seed in (1, 2, 3):
+        walked = Goniometer(packed.centers, packed.radii, packed.cell, [Grain(grain)], mu=np.full((1, 1), 1e-3),
+                            channels=grain.channels[None], seed=seed, g=medium("glass")[1])
+        each = measured(walked, [medium("glass")[0]], 0.01, hits=200_000).each[0]
+        albedos.append(each.albedo.sum(axis=0))
+    scatter = np.sqrt(np.var(albedos, axis=0, ddof=1).mean())
+    assert 0.88 < np.mean(albedos) < 0.95 and scatter < 0.25 * each.albedo_error[2].mean()
+
+
 def test_black_grains_send_nothing_back():
     surface, result = baked("black", 0.6, 0.1)
     assert result.reached and (surface.reflection(0.5, np.array([2e-3, 0.5, 1.0]), 1.0) == 0).all()

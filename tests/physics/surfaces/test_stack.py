@@ -143,6 +143,19 @@ def test_air_over_facets_is_their_boundary():
     np.testing.assert_allclose(bare.reflection(MU, MU0, PHI)[1:, 1:], exact.reflection(MU, MU0, PHI)[1:, 1:], rtol=1e-3)
 
 
+def test_facets_over_what_reflects_totally(monkeypatch):
+    """Twice as many facets change little: a lobe that is cut off at the critical angle takes more of them than a smooth one."""
+    slab, wanted = stack((0.5, 0.5, 0.01, 1.4, 0.2), (0.0, 0.6, math.inf, 1.0))
+    values = []
+    for count in (48, rough._KINKED, 2 * rough._KINKED):
+        monkeypatch.setattr(rough, "_KINKED", count)
+        facets_between.cache_clear()
+        values.append(solve(slab, wanted, 16, 1e-3).reflection(MU, MU0, PHI))
+    facets_between.cache_clear()
+    few, enough = (np.abs(value / values[2] - 1).max() for value in values[:2])
+    assert enough < 0.02 and 4 * enough < few, (few, enough)
+
+
 def test_facets_under_what_absorbs():
     """On a black medium only light that facets reflect comes back, once and by the closed form where their other side is dark."""
     media = (0.0, 0.0, 0.4, 1.0), (0.0, 0.0, math.inf, 1.5, 0.3)
