@@ -164,9 +164,9 @@ class Trial(NamedTuple):
                    sum(math.sqrt(kind.region * kind.seconds) for kind in kinds)) ** 2
 
     def summary(self, pixels: int, stop: Stop, missing: float = 0.0) -> dict:
-        """What is foretold of a picture, for JSON: `clock`, seconds of it to one of processors; `passes`, each kind as a dict."""
+        """What is foretold of a picture, for JSON: `clock`, seconds of it to one of processors; `missing`; `passes`, of dicts."""
         kinds = self.foretold(pixels, missing, stop.noise, stop.time)
-        return {"clock": self.clock, "passes": [kind._asdict() for kind in kinds]}
+        return {"clock": self.clock, "missing": missing, "passes": [kind._asdict() for kind in kinds]}
 
     def of_samples(self, pixels: int, samples: int) -> float:
         """Processor seconds of passes with so many samples a pixel."""
