@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from bakery.errors import UsageError
 from bakery.system.terminal import say
 
@@ -82,9 +84,16 @@ def _show_forecast(plan) -> None:
         say(f"         {line}")
     samples = f", {pilot['samples']} samples a pixel" if pilot["samples"] is not None else ""
     scatter = f", noise {percent(pilot['noise'])}" if pilot["noise"] is not None else ""
-    spread = f"; seconds are known to {percent(forecast.spread)} at best" if forecast.spread else ""
+    spread = f"; {_known(forecast)}" if forecast.spread else ""
     say(f"         pilot: {pilot['size'][0]} x {pilot['size'][1]}{samples} in {duration(pilot['seconds'])}{scatter}{spread}")
     for line in forecast.missed:
         say(f"         would be missed: {line}")
     for line in forecast.remarks:
         say(f"         expected: {line}")
+
+
+def _known(forecast) -> str:
+    """What the pilot leaves open by two standard errors: seconds to a noise, or noise where something else ends the passes."""
+    if forecast.stopped_by == "noise":
+        return f"it may take {math.exp(2 * forecast.spread):.2g} times as long"
+    return f"it may have {math.exp(forecast.spread):.2g} times the noise"

@@ -1,8 +1,8 @@
 """What a render of a scene will take and give, by pilots: small pictures of a few passes, or a few passes of a filter's picture.
 
-What passes take and the noise that they leave are those by which `auto` chose, of the same pilot; of a renderer that is no
-material's, seconds of two sizes, and noise at as many samples a pixel.  What comes before the passes takes as long as in a
-small picture.  Memory is at most what that held a pixel, and what the process had.
+What passes take and the noise that they leave are those by which `auto` chose, of the same pilot, or of a longer one where that
+tells little; of a renderer that is no material's, seconds of two sizes, and noise at as many samples a pixel.  What comes before
+the passes takes as long as in a small picture.  Memory is at most what that held a pixel, and what the process had.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from renderers.scene import OF_MATERIALS
 
 TINY, SMALL, LARGE = 16**2, 48**2, 96**2  # pixels: to compile, and of the pilots; smaller ones are not linear yet
 SECONDS = 2.0  # of the passes of each
+LONGER, _VAGUE = 6.0, 0.5  # s of a pilot, where the shorter one knows seconds to a noise no better than by that logarithm
 _PASSES = 16  # that extrapolated parts have: as many as tell the concentration of their noise (`renderers.pictures.pace`)
 
 
@@ -118,10 +119,9 @@ def _by_passes(scene, stop, quality, options, picture_path):
     ends = _ends(parts, stop, report)
     stopped_by, (passes, noise) = min(ends.items(), key=lambda end: end[1][0])
     noise *= _of_pixels(report) if stop.pixels else 1.0
-    spread = shared_out(parts, _spent(parts))[2]
     setup = report["seconds"]["total"] - report["seconds"].get("passes", 0.0)
-    return _forecast(scene, quality, stop, report, _Predicted((width, height), setup + passes, passes, noise, spread, stopped_by,
-                                                              memory))
+    return _forecast(scene, quality, stop, report, _Predicted((width, height), setup + passes, passes, noise, _spread(parts),
+                                                              stopped_by, memory))
 
 
 def _size(scene, variant):
@@ -167,18 +167,21 @@ def _held(scene, size, stop, options, picture_path) -> float:
 
 
 def _tried(scene, stop, variant) -> dict[str, Mapping]:
-    """What the passes of a picture of materials will report of its parts, by the pilot of its choice or one like it."""
+    """What the passes of a picture of materials will report of its parts, by the pilot of its choice; by one of its own, which is
+    longer, where that does not tell enough or there is none."""
     from renderers.mitsuba.world import World
 
     opened, world = choice.Opened.of(scene), World.of(scene, variant)
-    foretold = scene.choice and scene.choice.foretold
-    if not foretold:
-        with world.as_it_is():
-            pilot = trial.of(lambda smaller, seed: scene.prepare(opened, smaller, seed), world, SECONDS)
-        foretold = pilot.summary(world.size[0] * world.size[1], stop)
     with world.as_it_is():
-        parts = in_time(scene.prepare(opened, world, 0).parts, stop.time)
-    return _extrapolated(foretold, {part.name: part.samples for part in parts})
+        samples = {part.name: part.samples for part in in_time(scene.prepare(opened, world, 0).parts, stop.time)}
+    foretold = scene.choice and scene.choice.foretold
+    parts = _extrapolated(foretold, samples) if foretold else {}
+    if parts and _spread(parts) <= _VAGUE:
+        return parts
+    with world.as_it_is():
+        pilot = trial.of(lambda smaller, seed: scene.prepare(opened, smaller, seed), world, LONGER if parts else SECONDS)
+    missing = foretold["missing"] if foretold else 0.0
+    return _extrapolated(pilot.summary(world.size[0] * world.size[1], stop, missing), samples)
 
 
 def _extrapolated(foretold, samples: Mapping[str, int]) -> dict[str, Mapping]:
@@ -198,6 +201,11 @@ def _scaled(small, large, pixels) -> dict[str, Mapping]:
     first, second = (pilot.report["parts"] for pilot in (small, large))
     return {name: part | {"seconds": part["seconds"] + scale * max(part["seconds"] - first[name]["seconds"], 0.0)}
             for name, part in second.items()}
+
+
+def _spread(parts):
+    """Standard error of the logarithm of the time to a noise."""
+    return shared_out(parts, _spent(parts))[2]
 
 
 def _spent(parts):

@@ -12,6 +12,7 @@ import copy
 import math
 import time
 from collections.abc import Callable, Container, Mapping
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +32,10 @@ LAMP = "light."  # layers of light from each lamp, by this and its name
 _SEED = 0x9170  # of all pilots: no seed of a picture decides how it is made
 _BLACK = 1e-6  # of the light that others have found; less counts as that
 _COMPILES, _LAUNCHES = 1 << 30, 0.05  # a pass that is not counted; s that a pass takes at most without paths
-_PATIENCE = 3.0  # times the seconds of a pilot that two passes may take
+_SEVERAL = 4  # samples of a pixel in a pass, that tell what a path takes where one of each does not
+# Times the seconds of a pilot that two passes may take.  At three, pilots through grains took 2.5 % of a minute each, and knew
+# noise no better: it is told by the number of pixels
+_PATIENCE = 1.0
 
 
 class Cost(NamedTuple):
@@ -164,9 +168,9 @@ class Trial(NamedTuple):
                    sum(math.sqrt(kind.region * kind.seconds) for kind in kinds)) ** 2
 
     def summary(self, pixels: int, stop: Stop, missing: float = 0.0) -> dict:
-        """What is foretold of a picture, for JSON: `clock`, seconds of it to one of processors; `passes`, each kind as a dict."""
+        """What is foretold of a picture, for JSON: `clock`, seconds of it to one of processors; `missing`; `passes`, of dicts."""
         kinds = self.foretold(pixels, missing, stop.noise, stop.time)
-        return {"clock": self.clock, "passes": [kind._asdict() for kind in kinds]}
+        return {"clock": self.clock, "missing": missing, "passes": [kind._asdict() for kind in kinds]}
 
     def of_samples(self, pixels: int, samples: int) -> float:
         """Processor seconds of passes with so many samples a pixel."""
@@ -218,8 +222,9 @@ def of(prepare: Callable, world, seconds: float | None, samples: int | None = No
     BakeryError : the scene cannot be rendered so, or the pilot was interrupted
     """
     tiny, middle = smaller(world, TINY), smaller(world, SMALL)
-    share = _share(prepare(tiny, _SEED).parts, world, seconds)
-    small = _Run(prepare, tiny, Stop(time=seconds and 0.3 * seconds, samples=samples), share)
+    parts = prepare(tiny, _SEED).parts
+    share = _share(parts, world, seconds)
+    small = _Run(lambda *_: SimpleNamespace(parts=parts), tiny, Stop(time=seconds and 0.3 * seconds, samples=samples), share)
     large = _Run(prepare, middle, Stop(time=seconds and 0.7 * seconds, samples=samples), share)
     level = max(float(large.light[""].mean.mean()), 1e-100)
     costs = tuple(_cost(part, small, large, level, world.size[0] * world.size[1]) for part in large.passes.parts)
@@ -246,15 +251,28 @@ def _cost(part, small, large, level, pixels) -> Cost:
 def _share(parts, world, seconds) -> float:
     """Compiles parts of the smaller picture; of their samples a share with which two passes of the larger one take no more than
     some times the seconds of a pilot: a path in a medium that hardly absorbs takes milliseconds."""
-    spent, needed = variants.clock(world.variant), 0.0
+    needed = 0.0
     for part in parts:
         single = part.fewer(1) if part.fewer else part
         single.render(_COMPILES)
         if part.fewer:
-            begin = spent()
-            single.render(_COMPILES + 1)
-            needed += part.samples * max(spent() - begin - _LAUNCHES * part.steps, 0.0) * LEAST * SMALL / TINY
+            needed += part.samples * _of_sample(part, single, world) * LEAST * SMALL / TINY
     return 1.0 if not seconds or needed <= _PATIENCE * seconds else _PATIENCE * seconds / needed
+
+
+def _of_sample(part, single, world) -> float:
+    """Processor seconds that a sample of all pixels takes in a pass, but for what a pass takes without."""
+    spent = variants.clock(world.variant)
+
+    def took(passes):
+        begin = spent()
+        passes.render(_COMPILES + 1)
+        return spent() - begin
+
+    alone = took(single)
+    if alone > _LAUNCHES * part.steps or part.samples < _SEVERAL:
+        return max(alone - _LAUNCHES * part.steps, 0.0)
+    return max(took(part.fewer(_SEVERAL)) - alone, 0.0) / (_SEVERAL - 1)
 
 
 def _growth(times, spread, pixels) -> float:

@@ -469,15 +469,16 @@ def test_pixels_that_show_a_lamp_have_a_path_in_each_of_their_squares():
     """Sixteen: of a lamp with particles before it the same light, with less than a sixteenth of the variance, as its rim goes
     through few of the squares; without particles its solid angle, which they tell to some 1 %."""
     size, world = (48, 64), Bulb(above=1)
-    view, everywhere = camera(size), np.full(size, np.inf)
+    view = camera(size)
     squares = walk.squares_of(world, view, *size)
     cosine = view.rays(*size)[..., 1]  # of their middles
     shows = squares.reshape(size) > 1
     assert squares.max() == 4 and shows[cosine > math.cos(0.012)].all() and not shows[cosine < math.cos(0.018)].any()
 
     def pictures(medium, given, numbers):
-        return np.array([walk.one_pass(world, walk.Discs(medium), view, *size, number, 0, discrete=everywhere, lights=2,
-                                       squares=given)[0].sum(axis=0)[..., 0] for number in numbers])
+        what = walk.Discs(medium)
+        what.squares = given
+        return passes(walk.one_pass, world, what, view, size, numbers)[..., 0]
 
     dust = hashed(of_depth(0.5, 5e4))
     single, several = (pictures(dust, given, range(16)) for given in (None, squares))

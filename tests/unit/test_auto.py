@@ -19,6 +19,7 @@ from renderers.camera import Camera
 from renderers.choice import trial
 from renderers.choice.trial import Cost, Light, Trial
 from renderers.materials.grains import bundles
+from renderers.pictures import engine
 from renderers.pictures.engine import Part, Stop
 from renderers.scene.candidates import Candidate
 
@@ -101,6 +102,26 @@ def tried(seconds, noise=1.0, shift=0.0, error=1e-4, level=1.0):
     cost = Cost(0.0, seconds / trial.SMALL, 1, noise**2, 0.0, 0.0)
     light = Light(np.full(REGIONS, level + shift), np.full(REGIONS, error**2))
     return Trial(0.0, (cost,), dict.fromkeys(trial.ORDERS, light), trial.SMALL, 4, 1.0)
+
+
+@pytest.mark.parametrize("launch, path, samples", [(0.03, 1e-5, 12), (0.03, 1e-3, 1), (0.03, 1e-7, 16)])
+def test_two_passes_of_a_pilot_take_no_longer_than_it_may(monkeypatch, launch, path, samples):
+    """Of one second, by a made-up clock: what a path takes is seen although passes of one sample hardly take longer for it."""
+    clock, drawn = [0.0], []
+
+    def part(small, each):
+        def render(number):
+            clock[0] += launch + path * each * small.size[0] * small.size[1]
+            drawn.append((small.size, each))
+            return {"": np.random.default_rng(number).normal(1, 0.1, (*small.size, 3))}
+
+        return Part("walk", render, each, lambda fewer: part(small, fewer))
+
+    monkeypatch.setattr(trial.variants, "clock", lambda _variant: lambda: clock[0])
+    monkeypatch.setattr(engine.Passes, "_over", lambda self, *_: "time" if self.means["walk"].count == 2 else None)
+    trial.of(lambda small, seed: SimpleNamespace(parts=(part(small, 16),)), world(), 1.0)
+    assert [each for size, each in drawn if size == (64, 64)] == [samples] * 2
+    assert samples == 1 or 2 * path * samples * trial.SMALL <= 1.0
 
 
 def method(name, exact=False, stated=0.0, pilot=0.0, **more):

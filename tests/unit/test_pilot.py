@@ -70,20 +70,53 @@ def test_a_pilot_has_the_shape_of_the_picture(size, pixels, smaller):
     assert pilot._smaller(*size, pixels) == smaller
 
 
-def test_the_plan_of_a_scene_says_what_its_choice_says(monkeypatch):
-    """By the pilots of the choice, those with light that is not found: another pilot may come upon other bright paths, and the
-    plan of a jelly said 3.7e5 s to a noise of 3.5 % beside 19 % after 62 s."""
-    cost, stop = Cost(0.5, 1e-3, 16, 1.0, 0.04, 0.2), Stop(noise=0.1, time=60.0)
-    tried = Trial(0.0, (cost, cost._replace(pixel=0.3)), {}, 64**2, 2, 1.0, clock=0.5)
-    kept = choice.Choice("paths", ["paths"], [], 0.0, "", tried.summary(1024**2, stop, missing=0.2))
-    parts = [SimpleNamespace(name=name, samples=4) for name in "ab"]
-    scene = SimpleNamespace(choice=kept, prepare=lambda *_: SimpleNamespace(parts=parts))
+@pytest.fixture
+def planned(monkeypatch):
+    """A function of the standard error of what a choice foretells, and of what makes another pilot: the scene, and that one."""
+    monkeypatch.setattr(pilot, "in_time", lambda parts, _time: parts)
     world = SimpleNamespace(size=(1024, 1024), as_it_is=nullcontext)
     monkeypatch.setattr("renderers.mitsuba.world.World", SimpleNamespace(of=lambda *_: world))
     monkeypatch.setattr(pilot.choice.Opened, "of", lambda scene: None)
-    monkeypatch.setattr(pilot, "in_time", lambda parts, _time: parts)
-    monkeypatch.setattr(pilot.trial, "of", lambda *_: pytest.fail("a second pilot"))
-    reported = pilot._tried(scene, stop, None)
+
+    def of(spread, another):
+        cost = Cost(0.5, 1e-3, 16, 1.0, 0.04, spread)
+        tried = Trial(0.0, (cost, cost._replace(pixel=0.3)), {}, 64**2, 2, 1.0, clock=0.5)
+        kept = choice.Choice("paths", ["paths"], [], 0.0, "", tried.summary(1024**2, STOP, missing=0.2))
+        parts = [SimpleNamespace(name=name, samples=4) for name in "ab"]
+        monkeypatch.setattr(pilot.trial, "of", lambda _prepare, _world, seconds: another(tried, seconds))
+        return SimpleNamespace(choice=kept, prepare=lambda *_: SimpleNamespace(parts=parts)), tried
+
+    return of
+
+
+STOP = Stop(noise=0.1, time=60.0)
+
+
+def seconds_to_noise(tried):
+    """Of the clock, with what has not been found."""
+    return tried.clock * tried.rate(1024**2, 0.2, STOP.noise, STOP.time) / STOP.noise**2
+
+
+def test_the_plan_of_a_scene_says_what_its_choice_says(planned):
+    """By the pilots of the choice, those with light that is not found: another pilot may come upon other bright paths, and the
+    plan of a jelly said 3.7e5 s to a noise of 3.5 % beside 19 % after 62 s."""
+    scene, tried = planned(0.2, lambda *_: pytest.fail("a second pilot"))
+    reported = pilot._tried(scene, STOP, None)
     # passes of a quarter of the samples: four times as many, each with the fixed half second too, which is little
-    expected = tried.clock * tried.rate(1024**2, 0.2, stop.noise, stop.time) / stop.noise**2
-    assert pilot._ends(reported, stop, {"noise": 1.0})["noise"][0] == pytest.approx(expected, rel=2e-3)
+    assert pilot._ends(reported, STOP, {"noise": 1.0})["noise"][0] == pytest.approx(seconds_to_noise(tried), rel=2e-3)
+
+
+def test_where_the_pilot_of_a_choice_tells_little_a_longer_one_foretells(planned):
+    """Of light that was not found as the choice knew it."""
+    def another(tried, seconds):
+        asked.append(seconds)
+        costs = [cost._replace(pixel=1e4 * cost.pixel, spread=0.1) for cost in tried.costs]
+        return tried._replace(costs=tuple(costs))
+
+    asked: list[float] = []
+    scene, tried = planned(1.5, another)
+    reported = pilot._tried(scene, STOP, None)
+    assert asked == [pilot.LONGER] and pilot._spread(reported) == pytest.approx(0.1, rel=0.3)
+    expected = seconds_to_noise(another(tried, 0))
+    assert expected > 2 * seconds_to_noise(tried)
+    assert pilot._ends(reported, STOP, {"noise": 1.0})["noise"][0] == pytest.approx(expected, rel=2e-3)

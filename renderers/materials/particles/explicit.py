@@ -27,7 +27,7 @@ class Spheres:
     absorption : (K, L) 1/m, inside of the spheres
     """
 
-    later, eye = np.inf, None
+    later, eye, squares = np.inf, None, None
 
     def __init__(self, medium, index, absorption):
         self.medium, self.index, self.absorption = medium, index, absorption

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -100,12 +99,11 @@ def _setup(job, world, angle) -> Setup:
 def _pass(function, method, world, height, width, seed, depth, lights):
     """A pass as `Part` takes it: its number -> layers."""
 
-    squares = cache(lambda: walk.squares_of(world, world.camera, height, width))
-
     def one(number):
-        finer = {"squares": squares()} if function is walk.one_pass and world.extended else {}
+        if function is walk.one_pass and method.squares is None and world.extended:
+            method.squares = walk.squares_of(world, world.camera, height, width)
         by_order, by_light = function(world, method, world.camera, height, width, number, seed, discrete=depth,
-                                      lights=len(lights), **finer)
+                                      lights=len(lights))
         # walks have all layers; what splats leave black takes memory for nothing
         return {name: image for name, image in layers_of(by_order, by_light, lights).items()
                 if not name or function is walk.one_pass or image.any()}

@@ -49,7 +49,7 @@ class Query:
     later : m, 0: between surfaces and lights the mean medium attenuates
     """
 
-    later, eye = 0.0, None
+    later, eye, squares = 0.0, None, None
 
     def __init__(self, medium, extinction, scattering, radius):
         self.medium, self.cylinder = medium, Cylinder(extinction, scattering, float(radius))

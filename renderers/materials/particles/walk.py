@@ -65,6 +65,26 @@ class Paths(NamedTuple):
     count, of = wavefront_paths.Paths.count, wavefront_paths.Paths.of
 
 
+class Squares(NamedTuple):
+    """Parts of pixels: pixel (n,), number (n,) of the square in that, and how many squares there are along its side (n,)."""
+
+    pixel: np.ndarray
+    number: np.ndarray
+    side: np.ndarray
+
+    @classmethod
+    def every(cls, side) -> Squares:
+        """All of pixels with so many, (H W,): the first one of each, and after them all others."""
+        others = np.repeat(np.arange(len(side)), side**2 - 1)
+        pixel = np.concatenate([np.arange(len(side)), others])
+        number = np.concatenate([np.zeros(len(side), np.int64), 1 + np.arange(len(others)) - np.searchsorted(others, others)])
+        return cls(pixel, number, side[pixel])
+
+    def of(self, some) -> Squares:
+        """Some of them, by an index of arrays."""
+        return Squares(*(values[some] for values in self))
+
+
 class Discs:
     """How particles stop rays and scatter: as discs, or as the continuous medium that they make on average.
 
@@ -74,6 +94,8 @@ class Discs:
     eye : (3,) m, of the camera, where the continuous medium stands for particles, which hide what is seen from there and from a
         light beside it together (`renderers.materials.particles.shadow`); None: it stands for itself
     """
+
+    squares = None  # (H W,) along the side of each pixel, as of `squares_of`; None: one each; `explicit` and `query` have it too
 
     def __init__(self, medium, later=np.inf, splatted=False, eye=None):
         self.medium, self.later, self.splatted, self.eye = medium, later, splatted, eye
@@ -170,7 +192,7 @@ def _shining(world, camera, x, y):
     return (shading.emitted @ colour.LUMINANCE).reshape(x.shape)
 
 
-def one_pass(world, method, camera, height, width, number, seed, *, discrete, lights, squares=None):
+def one_pass(world, method, camera, height, width, number, seed, *, discrete, lights):
     """One camera path for each square of each pixel; those of `Discs` part at their first particle.
 
     Parameters
@@ -181,7 +203,6 @@ def one_pass(world, method, camera, height, width, number, seed, *, discrete, li
     number, seed : of the pass: its random numbers
     discrete : (H, W) m, depth up to which particles stop camera rays
     lights : number of lights
-    squares : (H W,) along the side of a pixel, as of `squares_of`; None: one each
 
     Returns
     -------
@@ -189,26 +210,22 @@ def one_pass(world, method, camera, height, width, number, seed, *, discrete, li
     """
     pixels = height * width
     sums = steps.Sums(pixels, lights)
-    squares = np.ones(pixels, np.int64) if squares is None else squares
-    # the first square of each, and after them all others
-    others = np.repeat(np.arange(pixels), squares**2 - 1)
-    pixel = np.concatenate([np.arange(pixels), others])
-    square = np.concatenate([np.zeros(pixels, np.int64), 1 + np.arange(len(others)) - np.searchsorted(others, others)])
-    for first in range(0, len(pixel), ALL):
-        of = slice(first, first + ALL)
-        paths = _begin(method.medium, camera, width, pixel[of], number, seed, discrete, first, squares, square[of])
+    squares = Squares.every(np.ones(pixels, np.int64) if method.squares is None else method.squares)
+    for first in range(0, len(squares.pixel), ALL):
+        paths = _begin(method.medium, camera, width, squares.of(slice(first, first + ALL)), number, seed, discrete, first)
         while paths.count:
             paths = _bounce(world, method, paths, sums)
     return sums.by_order.reshape(-1, height, width, 3), sums.by_light.reshape(-1, height, width, 3)
 
 
-def _begin(medium, camera, width, pixel, number, seed, discrete, first, squares, square):
-    """Paths in squares (n,) of pixels (n,), whose streams are numbered from `first` on."""
-    n, waves, corners, side = len(pixel), len(medium.sigma_t), np.stack([pixel % width, pixel // width], axis=1), squares[pixel]
-    cell = np.stack([square % side, square // side], axis=1)
-    states, origin, direction = of_camera(lambda offset, corner: camera.rays_at((cell + offset) / side[:, None], corner),
+def _begin(medium, camera, width, squares, number, seed, discrete, first):
+    """Paths of squares, whose streams are numbered from `first` on."""
+    pixel, side = squares.pixel, squares.side[:, None]
+    n, waves, corners = len(pixel), len(medium.sigma_t), np.stack([pixel % width, pixel // width], axis=1)
+    cell = np.stack([squares.number % squares.side, squares.number // squares.side], axis=1)
+    states, origin, direction = of_camera(lambda offset, corner: camera.rays_at((cell + offset) / side, corner),
                                           stream_key(seed, "render.walk", number), first, corners)
-    throughput = np.repeat(1.0 / side[:, None] ** 2, waves, axis=1)
+    throughput = np.repeat(1.0 / side**2, waves, axis=1)
     return Paths(origin, direction, throughput, states, pixel, np.full((n, 3), np.nan),
                  np.zeros(n), np.ones(n, bool), np.zeros(n, np.int64), np.zeros(n, np.int64), discrete.reshape(-1)[pixel],
                  np.zeros(n, bool), np.full(n, 1 if number < _BEGINNING else _SPLIT))
