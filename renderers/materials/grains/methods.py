@@ -168,7 +168,7 @@ def part(world, scene, name, seed, which=transport.ALL, samples=None, met=0.0) -
     fewer = partial(part, world, scene, name, seed, which, met=met)
     samples = samples or 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
     if samples < 1:
-        scene, samples = scene.of_share(samples), 1
+        scene, samples = scene._replace(share=samples), 1
 
     def one(number):
         # other paths than those of the other part
