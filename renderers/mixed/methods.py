@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from renderers.materials.bodies.bodies import leans
-from renderers.materials.grains.paths import first_grain
+from renderers.materials.grains.paths import first_grain, seen_grain
 from renderers.mixed import build, contents, surfaces
 from renderers.mixed import passes as wavefronts
 from renderers.mixed.scene import chosen
@@ -97,7 +97,7 @@ def _with_grains(world, packed, colours, around, quality):
     """Features for a quality with those of grains, `contents.Content`, in place of what stands for them."""
     from renderers.materials.grains import features, material
 
-    bodies = [(partial(first_grain, content.what.grains), material.radius_of(content.what.grains)) for content in packed]
+    bodies = [(partial(seen_grain, content.what.grains), material.radius_of(content.what.grains)) for content in packed]
     albedo = features.albedos([content.stands for content in packed], colours)
     return features.of_grains(world, bodies, albedo, around, features.places_for(quality))
 

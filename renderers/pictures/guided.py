@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from renderers.threads import run
+
 _REACH = 5  # pixels, at most, of the disc of neighbours: it is as wide as two grains
 _TURNED = 0.3  # of unit normals: difference at which a neighbour counts exp(-1/2)
 _AROUND = 9  # pixels: side of the square over which noise and what is left are told
@@ -49,15 +51,15 @@ def _means(image, features):
     scale = (1 / np.maximum(features.grain, 1e-12)).astype(np.float32)
     reach = np.where(seen, np.clip(np.round(features.width), 1, _REACH), 0).astype(np.float32)
     sums, weights = np.empty((height, width, 3)), np.empty((height, width))
-    for top in range(0, height, _ROWS):
-        rows = slice(top, min(top + _ROWS, height))
-        sums[rows], weights[rows] = _of_rows(padded, scale[rows], reach[rows], top)
+    run(_add_rows, height, padded, scale, reach, sums, weights, block=_ROWS)
     means = np.where(seen[..., None], sums / weights[..., None], image)
     return means, np.where(seen, 1 / weights, 1.0)
 
 
-def _of_rows(padded, scale, reach, top):
-    """Sums of the picture and of weights for some rows."""
+def _add_rows(padded, scale, reach, whole, weight_of_all, top, end):
+    """Sums of the picture and of weights for the rows from top to end."""
+    rows = slice(top, end)
+    scale, reach = scale[rows], reach[rows]
     height, width = scale.shape
     middle = padded[top + _REACH:top + _REACH + height, _REACH:_REACH + width]
     sums, weights = np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32)
@@ -73,4 +75,4 @@ def _of_rows(padded, scale, reach, top):
             weight = near[..., 4] * (reach**2 + 1 >= down**2 + right**2) * likeness
             weights += weight
             sums += weight[..., None] * near[..., 5:]
-    return sums, np.maximum(weights, 1e-30)
+    whole[rows], weight_of_all[rows] = sums, np.maximum(weights, 1e-30)

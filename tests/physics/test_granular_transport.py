@@ -12,7 +12,7 @@ from bakery import kernels
 from renderers.materials.grains import bundles, material, medium, paths, transport
 from renderers.materials.grains._medium import Medium
 from renderers.materials.grains._paths import PASSES
-from tests.odds import ODDS, SIGMAS
+from tests.odds import ODDS, SIGMAS, sigmas
 from tests.physics.particles import THETA, Sky, blocks, camera, henyey_greenstein, same
 from tests.physics.test_aggregate import CUBE, tile
 from tests.physics.test_granular_render import COLOURS, GLASS, MATT, NOTHING, STONE, Kind, bumpy, grains, passes
@@ -77,7 +77,7 @@ def test_nothing_is_lost_where_paths_switch():
     kinds = [Kind(GLASS), Kind(MATT, STONE)]
     how = joined([grains(kinds, bumpy(9.0), tile(0.5, 40))])
     sky = Sky(above=1, below=1)
-    rarer = how._replace(switch=how.switch._replace(share=0.25))
+    rarer = how._replace(share=0.25)
     ways = (how, transport.ALL), (how, transport.BEFORE), (how, transport.AFTER), (rarer, transport.AFTER)
     found, *apart, few = [[transport.one_pass(sky, way, VIEW, (24, 24), number, which, which) for number in range(24)]
                           for way, which in ways]
@@ -105,7 +105,7 @@ def test_the_first_grain_is_explicit():
 def test_paths_that_go_on_by_chance():
     """A share of those that switch, each of which counts the more."""
     how, n = joined([grains([Kind(GLASS)], bumpy(9.0))]), 4000
-    how = how._replace(switch=how.switch._replace(share=0.25))
+    how = how._replace(share=0.25)
     states = np.arange(n, dtype=np.uint64) * np.uint64(7919)
     some = paths.Paths.begun(np.zeros((n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1)), 3, states, np.arange(n), transport.GRAINS)
     some.body[:] = 0
@@ -114,21 +114,29 @@ def test_paths_that_go_on_by_chance():
 
 
 def test_long_paths_among_grains_go_on_by_chance():
-    """Half of them after 4 grains and after 16: each brings 1, 2 or 4 in light from everywhere, or nothing, and the mean is 1."""
-    how = transport.Transport((joined([grains([Kind(GLASS)], bumpy(9.0))]).bodies), COLOURS)
-    rarer = how.of_share(0.25)
-    assert rarer.share == 0.25 and rarer.switch is None
-    counts = {1.0: 0, 2.0: 0, 4.0: 0}
-    for number in range(40):
-        brought = transport.one_pass(Sky(above=1, below=1), rarer, VIEW, (24, 24), number, 0).by_order.sum(axis=0)
-        values = np.round(brought, 9)
-        assert np.allclose(brought, values, atol=1e-9) and set(np.unique(values)) <= {0.0, *counts}
-        counts = {value: count + np.sum(values[:, 0] == value) for value, count in counts.items()}
-    n = 40 * 24 * 24
-    mean = sum(value * count for value, count in counts.items()) / n
-    error = np.sqrt((sum(value**2 * count for value, count in counts.items()) / n - mean**2) / n)
-    assert error < 0.01 and abs(mean - 1) < SIGMAS * error and min(counts.values()) > 10
-    assert joined([grains([Kind(GLASS)], bumpy(9.0))]).of_share(0.5).switch.share == 0.5
+    """Half of them after 4 grains: each brings 1 or 2 in light from everywhere, or nothing, and the mean is 1."""
+    how = transport.Transport((joined([grains([Kind(GLASS)], bumpy(9.0))]).bodies), COLOURS, share=0.5)
+    pictures = np.round([transport.one_pass(Sky(above=1, below=1), how, VIEW, (24, 24), number, 0).by_order.sum(axis=0)
+                         for number in range(40)], 9)
+    error = pictures[..., 0].std() / np.sqrt(pictures[..., 0].size)
+    assert set(np.unique(pictures)) == {0.0, 1.0, 2.0} and np.mean(pictures == 2) > 0.05
+    assert abs(pictures.mean() - 1) < SIGMAS * error < 0.02
+
+
+def test_paths_of_many_steps_end_by_chance(monkeypatch):
+    """White matt grains ask for a light sample at each: there are fewer steps, and the mean stays 1."""
+    how = transport.Transport(joined([grains([Kind(MATT)], bumpy(9.0))]).bodies, COLOURS, share=0.25)
+    counts, on = [], transport._on
+    monkeypatch.setattr(transport, "_on", lambda *step: (counts.append(step[2].count), on(*step))[1])
+    taken = []
+    for steps, n in ((10**9, 4), (2, 48)):
+        monkeypatch.setattr(transport, "_STEPS", steps)
+        counts.clear()
+        found = [transport.one_pass(Sky(above=1, below=1), how, VIEW, (24, 24), number, 0).by_order.sum(axis=0).mean()
+                 for number in range(n)]
+        taken.append(len(counts) / n)
+    error = np.std(found, ddof=1) / np.sqrt(n)
+    assert error < 0.02 and abs(np.mean(found) - 1) < sigmas(n) * error and taken[1] < 0.7 * taken[0]
 
 
 def test_what_grains_do_not_turn_goes_on():

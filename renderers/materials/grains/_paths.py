@@ -302,8 +302,11 @@ def scatter(grains, walk, event, begin, end):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def first_grain(grains, point, direction, far, t, begin, end):
-    """Distances t (n,) m from points (n, 3) m along directions to the first grain before far (n,) m, inf where there is none."""
+def first_grain(grains, point, direction, far, t, normal, begin, end):
+    """Distances t (n,) m from points (n, 3) m along directions to the first grain before far (n,) m, inf where there is none.
+
+    normal : (n, 3), outward, of what is met, which is filled; (0, 3) where nobody asks
+    """
     grains = lent(grains)
     memory, p, d, n = scratch(), np.empty(3), np.empty(3), np.empty(3)
     sphere, at = np.empty(4, np.int64), np.empty(2, np.int64)
@@ -312,3 +315,6 @@ def first_grain(grains, point, direction, far, t, begin, end):
             p[k], d[k] = point[i, k] / grains.unit, direction[i, k]
         sphere[0] = UNKNOWN
         t[i] = next_surface(grains, p, d, far[i] / grains.unit, sphere, at, n, memory) * grains.unit
+        if len(normal):
+            for k in range(3):
+                normal[i, k] = n[k] if t[i] < np.inf else 0.0

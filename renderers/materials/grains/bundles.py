@@ -17,11 +17,9 @@ EDGE = 4  # pixels of a bundle's square
 class Switch(NamedTuple):
     """
     spread : in radii of the largest sphere, beyond which the paths of a bundle switch (tau of the paper)
-    share : of paths that go on in passes of the light after the switch, by chance
     """
 
     spread: float = 4.0
-    share: float = 1.0
 
     def due(self, pixel, grain, radius, size):
         """Whether each of n paths is to switch at its next grain (n,) bool.

@@ -11,9 +11,7 @@ from renderers.transport.scattering import scatterer
 
 _PLACES = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])  # in a pixel, row and column
 _OF_DRAFTS = np.array([[0.5, 0.5]])  # a quarter of the rays, and edges between grains as rough as the picture's own
-_STEP = 1.0 / 64  # pixels: between rays whose ends tell how a surface is turned
 _NARROW, _WIDE = 1.0, 4.0  # pixels: grains of less width are seen as their mean;  of more each by itself
-_SIDES = np.array([[0.0, 0.0], [_STEP, 0.0], [0.0, _STEP]])
 
 
 def places_for(quality) -> np.ndarray:
@@ -42,7 +40,7 @@ def first_hits(world, scene, assets, meshes, seed, quality=None) -> Features:
     # a graphics card traces rays through one scene at a time, and each mesh is one (`regions.boundary`): there what stands behind
     # the medium is seen in its place
     around = features.first_hits(world, [] if variants.on_gpu(world.variant) else media, scene.colours, seed)
-    bodies = [(scene.interactor(body, scene.technique).entry, filled.radius) for body, filled in enumerate(scene.bodies)]
+    bodies = [(scene.interactor(body, scene.technique).seen, filled.radius) for body, filled in enumerate(scene.bodies)]
     return of_grains(world, bodies, albedos(media, scene.colours), around, places_for(quality))
 
 
@@ -53,12 +51,12 @@ def of_grains(world, bodies, albedo, around, at=_PLACES) -> Features:
     ----------
     world : `renderers.mitsuba.world.World`
     bodies : pairs of a function of rays' origin, direction and far (n,) m, which gives the distance (n,) m to the first grain
-        before that or inf, and the radius of the largest grain, m
+        before that or inf, with its normal (n, 3), and the radius of the largest grain, m
     albedo : (bodies, 3)
     around : `Features` without grains
     at : as `places_for` gives them
     """
-    seen = [_at(world, [entry for entry, _ in bodies], offset) for offset in at]
+    seen = [_at(world, [grain for grain, _ in bodies], offset) for offset in at]
     share = np.mean([body >= 0 for body, _, _ in seen], axis=0)
     colours = np.mean([np.where((body >= 0)[..., None], albedo[body], 0) for body, _, _ in seen], axis=0)
     normal = np.mean([normal for _, normal, _ in seen], axis=0)
@@ -83,20 +81,16 @@ def _scatterer(asset):
                      np.asarray(medium["phase"], float))
 
 
-def _at(world, entries, offset):
+def _at(world, grains, offset):
     """Body (H, W) whose grain is seen at a place in each pixel, -1 for none, its normal (H, W, 3) and distance (H, W) m."""
     height, width = world.size
     row, column = np.divmod(np.arange(height * width), width)
-    pixels = np.repeat(np.stack([row, column], axis=1), len(_SIDES), axis=0)
-    origin, direction = world.camera_rays(np.tile(offset + _SIDES, (height * width, 1)), pixels)
+    origin, direction = world.camera_rays(np.tile(offset, (height * width, 1)), np.stack([row, column], axis=1))
     far = world.trace(origin, direction, np.inf)
-    distances = np.array([entry(origin, direction, far) for entry in entries])
-    nearest = distances.min(axis=0).reshape(-1, len(_SIDES))
-    body = np.where(np.isfinite(nearest).all(axis=1), distances.argmin(axis=0).reshape(-1, len(_SIDES))[:, 0], -1)
-    reached = np.where(np.isfinite(nearest), nearest, 0.0)[..., None] * direction.reshape(-1, len(_SIDES), 3)
-    normal = np.cross(reached[:, 1] - reached[:, 0], reached[:, 2] - reached[:, 0])
-    length = np.linalg.norm(normal, axis=1)
-    turned = -np.sign(np.einsum("nk,nk->n", normal, direction[::len(_SIDES)]))
-    normal *= np.where((body >= 0) & (length > 0), turned / np.maximum(length, 1e-300), 0.0)[:, None]
-    return (body.reshape(height, width), normal.reshape(height, width, 3),
-            np.where(body >= 0, nearest[:, 0], np.inf).reshape(height, width))
+    body, distance, normal = np.full(len(far), -1), np.full(len(far), np.inf), np.zeros((len(far), 3))
+    for number, first in enumerate(grains):
+        its, turned = first(origin, direction, far)
+        nearer = its < distance
+        body[nearer], distance[nearer], normal[nearer] = number, its[nearer], turned[nearer]
+    normal *= -np.sign(np.einsum("nk,nk->n", normal, direction))[:, None]
+    return body.reshape(height, width), normal.reshape(height, width, 3), distance.reshape(height, width)

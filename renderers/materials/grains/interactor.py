@@ -54,7 +54,7 @@ class Grains:
     def hides(self, origin, direction, distance, share):
         """Makes shares (n, L) of light 0 where a grain is within distances (n,) m."""
         first = np.empty(len(share))
-        run(_paths.first_grain, len(share), self.grains, origin, direction, distance, first)
+        run(_paths.first_grain, len(share), self.grains, origin, direction, distance, first, np.empty((0, 3)))
         share[first < np.inf] = 0.0
 
     def enter(self, paths, far):

@@ -8,6 +8,7 @@ from bakery import kernels
 from renderers.materials.grains import _medium
 from renderers.materials.grains._paths import Event, Walk
 from renderers.materials.grains.paths import Seldom, streams_of
+from renderers.materials.grains.seen import by_ends
 from renderers.threads import run
 from renderers.transport.scattering import Points, next_event
 
@@ -77,6 +78,10 @@ class Continuous:
         t = np.empty(len(point))
         run(_medium.entry, len(point), self.medium, point, direction, far, inside, t)
         return t
+
+    def seen(self, point, direction, far):
+        """As `paths.Explicit.seen`, of the mesh."""
+        return by_ends(self.entry, point, direction, far)
 
     def arrive(self, paths):
         """Makes scatterings of the grains that paths have met: their events, LIGHT, TURNS or PASSES."""

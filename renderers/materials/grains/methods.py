@@ -25,8 +25,8 @@ _MOST = 32  # media of the loop: `renderers.transport.scene.MOST`, which cannot 
 _PATHS = 1 << 16  # of a pass, at most, where a pixel has several: those that go on together
 _SAMPLES = 16  # a pixel and pass, at most: the noise of small pictures is known from several passes
 # Of the paths, that go on to their end in passes of a short render: after the switch, where they take five times as long; from
-# grain to grain where a pass meets so many grains
-_FEWEST, _GRAINS = 1 / 4, 1 << 20
+# grain to grain where a pass meets so many grains, some seconds of a processor
+_FEWEST, _HALF, _GRAINS = 1 / 4, 1 / 2, 1 << 20
 _LATER = 1 << 31  # passes of the light after the switch are numbered from here
 
 
@@ -169,7 +169,7 @@ def part(world, scene, name, seed, which=transport.ALL, samples=None, met=0.0) -
     fewer = partial(part, world, scene, name, seed, which, met=met)
     samples = samples or 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
     if samples < 1:
-        scene, samples = scene.of_share(samples), 1
+        scene, samples = scene._replace(share=samples), 1
 
     def one(number):
         # other paths than those of the other part
@@ -178,8 +178,8 @@ def part(world, scene, name, seed, which=transport.ALL, samples=None, met=0.0) -
         sums = transport.one_pass(world, begins, world.camera, world.size, number, seed, which, world.corners, samples)
         return _layers(sums, world, scene)
 
-    long = which == transport.AFTER or scene.switch is None and met * height * width > _GRAINS
-    return Part(name, one, samples, fewer, fewest=_FEWEST if long else 1)
+    long = scene.switch is None and met * height * width > _GRAINS
+    return Part(name, one, samples, fewer, fewest=_FEWEST if which == transport.AFTER else _HALF if long else 1)
 
 
 def _layers(sums, world, scene):

@@ -82,12 +82,26 @@ class Explicit:
         all grains of the body."""
         return first_grain(self.grains, point, direction, far) if inside else np.full(len(point), np.inf)
 
+    def seen(self, point, direction, far):
+        """As `seen_grain`."""
+        return seen_grain(self.grains, point, direction, far)
+
 
 def first_grain(grains, point, direction, far):
     """Distances (n,) m from points along directions to the first of `_grains.Grains` before far (n,) m; inf: none."""
+    return _first_grain(grains, point, direction, far, np.empty((0, 3)))
+
+
+def seen_grain(grains, point, direction, far):
+    """The same, and outward normals (n, 3) there, 0 where there is none."""
+    normal = np.empty((len(point), 3))
+    return _first_grain(grains, point, direction, far, normal), normal
+
+
+def _first_grain(grains, point, direction, far, normal):
     t = np.full(len(point), np.inf)
     # of a camera they have single precision: the kernel takes double, and is compiled once
-    run(_paths.first_grain, len(point), grains, point, np.ascontiguousarray(direction, float), far, t)
+    run(_paths.first_grain, len(point), grains, point, np.ascontiguousarray(direction, float), far, t, normal)
     return t
 
 

@@ -1,8 +1,10 @@
-"""How large grains are seen."""
+"""How large grains are seen, and how what stands for them is turned."""
 
 from __future__ import annotations
 
 import numpy as np
+
+_BESIDE = 1e-4  # rad, between rays whose ends tell how a surface is turned
 
 
 def pixels_wide(world, triangles, radius) -> float:
@@ -20,3 +22,15 @@ def distance(point, triangles) -> float:
     from trimesh.triangles import closest_point
 
     return float(np.linalg.norm(closest_point(triangles, np.broadcast_to(point, (len(triangles), 3))) - point, axis=1).min())
+
+
+def by_ends(entry, point, direction, far):
+    """Distances (n,) m of a function of points (n, 3) m, directions (n, 3) and far (n,) m, and normals (n, 3) there, from where
+    rays beside each other end; 0 where one of them meets nothing."""
+    across = np.cross(direction, np.eye(3)[np.argmin(abs(direction), axis=1)])
+    rays = [direction, *(direction + _BESIDE * side for side in (across, np.cross(direction, across)))]
+    distances = [entry(point, ray, far) for ray in rays]
+    first, *beside = [np.where(np.isfinite(t), t, 0.0)[:, None] * ray for t, ray in zip(distances, rays)]
+    normal = np.cross(*(end - first for end in beside))
+    length = np.linalg.norm(normal, axis=1) * np.isfinite(distances).all(axis=0)
+    return distances[0], normal * np.divide(1.0, length, out=np.zeros(len(length)), where=length > 0)[:, None]

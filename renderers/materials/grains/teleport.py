@@ -13,6 +13,7 @@ from renderers.materials.grains import _medium, _paths, _teleport
 from renderers.materials.grains._grains import NOWHERE
 from renderers.materials.grains._paths import GRAINS, Event, Walk
 from renderers.materials.grains.paths import Explicit, Paths, streams_of
+from renderers.materials.grains.seen import by_ends
 from renderers.threads import run
 from renderers.transport import wavefront
 
@@ -59,6 +60,10 @@ class Teleports(Explicit):
         t = np.empty(len(point))
         run(_medium.entry, len(point), self.grains, point, direction, far, inside, t)
         return t
+
+    def seen(self, point, direction, far):
+        """As `paths.Explicit.seen`, of the mesh."""
+        return by_ends(self.entry, point, direction, far)
 
     def _is_clear(self, walk, centre, distance):
         """Whether no grain is on the way of paths to a distance (n,) m; draws from their streams."""
