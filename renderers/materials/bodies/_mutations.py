@@ -317,7 +317,12 @@ def _guessed(edge, guess, sights, beams, u, scratch):
                 _number(math.sqrt(0.5 - 0.5 * back), guess.values.shape[2]),
                 _number(min(max(0.5 - 0.5 * (forward - ahead * back) / both, 0.0), 1.0), guess.values.shape[3])]
             for w in range(len(power)):
-                value += power[w] * values[w] * math.exp((1 - edge.medium.sigma_t[w] / sigma) * (s + t))
+                # nearly exp(-x), but quicker
+                less = 1 / (1 + (edge.medium.sigma_t[w] / sigma - 1) * (s + t) / 16)
+                less *= less
+                less *= less
+                less *= less
+                value += power[w] * values[w] * less * less
             scratch.guessed[m, n] = value
             total += value
     return total / PLACES**2

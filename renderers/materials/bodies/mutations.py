@@ -34,15 +34,16 @@ from renderers.threads import run
 from renderers.transport import wavefront
 from renderers.transport.paths import follow, joined
 
-_PATHS, _SAMPLES = 1 << 16, 64  # from the camera in a pass, about; of a pixel, at most
+_PATHS, _SAMPLES = 1 << 17, 64  # from the camera in a pass, about; of a pixel, at most
 _BEAMS = 4  # times the places and walks of other methods, which have lines of sight share few beams
-_OF_LINE = 2  # states that are looked up for a line of sight
-_CANDIDATES = 16  # states drawn by the guide for each of them
+_OF_LINE = 3  # states that are looked up for a line of sight
+_CANDIDATES = 10  # states drawn by the guide for each of them
 _OF_PILOT = 1 << 20  # states drawn alike that tell the guide
-_PARTS = 64, 128  # of lines and of beams, which the guide tells apart
+_PARTS = 128, 128  # of lines and of beams, which the guide tells apart
 _ALIKE, _CLIPPED = 0.3, 300.0  # share that it draws alike; of the mean, what one state counts at most
 # of a sequence of low discrepancy in so many dimensions (Roberts 2018): powers of the inverse root of x^(d+1) = x + 1
 _LATTICE = 1.1347241384015194 ** -np.arange(0.0, NUMBERS)
+_IN_PIXEL = 1.3247179572447460 ** -np.arange(1.0, 3.0)  # the same in two
 _TOGETHER = 1 << 18  # candidates that are kept at once
 _ALL = 1 << 17  # paths of the camera that go on together
 _APART = 1 << 28  # random streams of bodies are so far apart
@@ -140,10 +141,14 @@ class Mutations:
         """`Paths` of each body that are lines of sight in it, in a pass."""
         setup, asked, collected = self._setup, self._settings, _Collected()
         pixels, sums = np.flatnonzero(gathers), Sums(self._pixels, by_paths=False)
+        streams, shift = np.empty(len(pixels), np.uint64), np.empty((len(pixels), 2))
+        wavefront.begin_streams(stream_key(self._seed, "render.mutations", _LATER + number), 0, streams)
+        wavefront.draw(streams, shift)
 
         def camera(first, last):
-            its = pixels[np.arange(first, last) // self._samples]
-            return transport.begin(setup, its, _LATER + number, self._seed, first)
+            which, sample = np.divmod(np.arange(first, last), self._samples)
+            places = (shift[which] + sample[:, None] * _IN_PIXEL) % 1.0
+            return transport.begin(setup, pixels[which], _LATER + number, self._seed, first, places)
 
         follow(len(pixels) * self._samples, _ALL, camera,
                lambda paths: transport.onward(setup, paths, asked.most, sums, collected))
