@@ -16,6 +16,7 @@ from renderers.transport.scattering import Scatterer
 
 # of a state: line of sight, beam, place on the beam, place on the line, both by the tables; both for second events
 NUMBERS = 6
+PLACES = 2  # on the beam and on the line each, that a candidate has: what all pairs of them bring is guessed
 LATER, SECOND, OTHER = range(3)  # what a state brings: as `_gather`
 _PARALLEL, _CLOSEST = 1e-4, 1e-9  # sine, and share of the farthest that is looked at, below which lines are no nearer
 _BELOW_ONE = 1 - 2.0**-53  # the largest place of a state
@@ -74,12 +75,12 @@ class Guess(NamedTuple):
     """Roughly what states bring: the tables of each wavelength, averaged over bins.
 
     share : (L,) what a wavelength weighs, luminance without signs
-    scale : (L,) inverse of ln(1 + m / `FINEST`) of the farthest distance m mfp that is told apart
-    values : (L, R, A, A, T) mfp^-3 sr^-1, of bins in distance, in both turns and in the angle between the planes of these
+    scale : inverse of ln(1 + m / `FINEST`) of the farthest distance m that is told apart, longest mean free paths
+    values : (R, A, A, T, L) mfp^-3 sr^-1, of bins in distance, in both turns and in the angle between the planes of these
     """
 
     share: np.ndarray
-    scale: np.ndarray
+    scale: float
     values: np.ndarray
 
 
@@ -98,18 +99,20 @@ class _Joined(NamedTuple):
 
 
 class _Scratch(NamedTuple):
-    """What a loop works on, as `_gather`."""
+    """What a loop works on, as `_gather`; guessed : (`PLACES`, `PLACES`) of a candidate."""
 
     point: np.ndarray
     away: np.ndarray
     ray: np.ndarray
     waves: np.ndarray
+    guessed: np.ndarray
     mesh: tuple
 
 
 @njit(nogil=True, error_model="numpy")
 def _scratch(waves):
-    return _Scratch(np.empty((1, 3)), np.empty((1, 3)), np.empty(3), np.zeros((3, waves)), mesh_scratch())
+    return _Scratch(np.empty((1, 3)), np.empty((1, 3)), np.empty(3), np.zeros((3, waves)), np.empty((PLACES, PLACES)),
+                    mesh_scratch())
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -127,12 +130,13 @@ def _brought(edge, sights, beams, scale, u, light, scratch):
     negative = _takes(beams, b)
     joined = _joined(edge, sights, beams, i, b, u, scratch) if negative or edge.second else _Joined(0.0, 0.0, 0.0, 0.0, 0.0)
     seen = joined.share > 0.0 and not _hidden(edge, beams, b, joined, scratch)
+    place = _place(edge, sights, beams, i, b, u)
     for w in range(len(medium.sigma_t)):
         for kind in range(kinds):
             waves[kind, w] = 0.0
         power = scale * sights.weight[i, w] * beams.power[b, w]
         if power != 0.0:
-            waves[LATER, w] = medium.sigma_t[w] * power * _by_tables(edge, sights, beams, (i, b, w), u, scratch)
+            waves[LATER, w] = medium.sigma_t[w] * power * _by_tables(edge, sights, beams, (i, b, w), place, scratch)
         if power != 0.0 and seen:
             waves[LATER if negative else of_second, w] += power * _twice(medium, w, joined)
     for kind in range(kinds):
@@ -169,12 +173,23 @@ def _hidden(edge, beams, b, joined, scratch):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _by_tables(edge, sights, beams, numbers, u, scratch):
-    """Later events of light of beam b on line of sight i at wavelength w, numbers (i, b, w), by places that u draws, m."""
-    i, b, w = numbers
-    sigma, table, origin, direction = edge.medium.sigma_t[w], edge.tables[w], sights.origin, sights.direction
+def _place(edge, sights, beams, i, b, u):
+    """A place on beam b and one on line of sight i that u draws, as far along as the longest mean free path has collisions: m
+    along both, and what that leaves out of the density, m^2.
+
+    All wavelengths have the same places, so that what is guessed of them is nearly the same, too.
+    """
+    sigma = np.min(edge.medium.sigma_t)
     s, collides = _along(u[_ON_BEAM], sigma, beams.length[b])
     t, lasting = _along(u[_ON_LINE], sigma, sights.far[i])
+    return s, t, collides * lasting * math.exp(sigma * (s + t))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _by_tables(edge, sights, beams, numbers, place, scratch):
+    """Later events of light of beam b on line of sight i at wavelength w, numbers (i, b, w), at a `_place`, m."""
+    (i, b, w), (s, t, share) = numbers, place
+    sigma, table, origin, direction = edge.medium.sigma_t[w], edge.tables[w], sights.origin, sights.direction
     ray = beams.direction[b, 0], beams.direction[b, 1], beams.direction[b, 2]
     view = -direction[i, 0], -direction[i, 1], -direction[i, 2]
     x, y, z = (beams.origin[b, 0] + s * ray[0], beams.origin[b, 1] + s * ray[1], beams.origin[b, 2] + s * ray[2])
@@ -187,7 +202,7 @@ def _by_tables(edge, sights, beams, numbers, u, scratch):
         _mirror(edge.beyond[w], 1.0, sights, i, t, scratch)
         away = scratch.away[0, 0], scratch.away[0, 1], scratch.away[0, 2]
         value -= point_source(table, *_placed(sigma, away, (scratch.ray[0], scratch.ray[1], scratch.ray[2]), view))
-    return value * collides * lasting * sigma**3
+    return value * share * math.exp(-sigma * (s + t)) * sigma**3
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -246,12 +261,15 @@ def _joined(edge, sights, beams, i, b, u, scratch):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def averaged(table, scale, shifts, values):
-    """Makes values (R, A, A, T) means of a table over the bins of a `Guess`; shifts (n, 4) of places in a bin, 0 to 1."""
+def averaged(table, thicker, scale, shifts, values):
+    """Makes values (R, A, A, T) means of a table over the bins of a `Guess`.
+
+    thicker : longest mean free path over that of the table;  shifts : (n, 4) places in a bin, 0 to 1
+    """
     for r, a, b, c in np.ndindex(values.shape):
         total = 0.0
         for n in range(len(shifts)):
-            distance = FINEST * math.expm1((r + shifts[n, 0]) / (len(values) * scale))
+            distance = thicker * FINEST * math.expm1((r + shifts[n, 0]) / (len(values) * scale))
             half_a, half_b = (a + shifts[n, 1]) / values.shape[1], (b + shifts[n, 2]) / values.shape[2]
             ahead, back = 1 - 2 * half_a * half_a, 1 - 2 * half_b * half_b
             aside, up = math.sqrt(1 - ahead * ahead), math.sqrt(1 - back * back)
@@ -263,8 +281,9 @@ def averaged(table, scale, shifts, values):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _guessed(edge, guess, sights, beams, u, scratch):
-    """Roughly what luminance a state u (NUMBERS,) brings, without signs, over the density of states drawn alike."""
-    i, b, value = _number(u[_LINE], len(sights.far)), _number(u[_BEAM], len(beams.length)), 0.0
+    """Roughly what luminance a candidate u (NUMBERS,) brings, without signs, over the density of those drawn alike: the mean of
+    its places, which are `scratch.guessed`."""
+    i, b, total = _number(u[_LINE], len(sights.far)), _number(u[_BEAM], len(beams.length)), 0.0
     square, along, against, forward = 0.0, 0.0, 0.0, 0.0
     for k in range(3):
         apart = sights.origin[i, k] - beams.origin[b, k]
@@ -272,30 +291,41 @@ def _guessed(edge, guess, sights, beams, u, scratch):
         along += apart * beams.direction[b, k]
         against -= apart * sights.direction[i, k]
         forward -= beams.direction[b, k] * sights.direction[i, k]
+    sigma, twice = np.min(edge.medium.sigma_t), 0.0
+    square, along, against, power = sigma * sigma * square, sigma * along, sigma * against, scratch.waves[0]
     # close to a line of sight second events are brighter than all later ones
-    twice = edge.second or _takes(beams, b)
-    joined = _joined(edge, sights, beams, i, b, u, scratch) if twice else _Joined(0.0, 0.0, 0.0, 0.0, 0.0)
-    for w in range(len(guess.share)):
-        power = guess.share[w] * abs(sights.weight[i, w] * beams.power[b, w])
-        if power == 0.0:
-            continue
-        # the same places as `_by_tables` has, but for rounding
-        sigma = edge.medium.sigma_t[w]
-        collides, lasting = 1 - math.exp(-sigma * beams.length[b]), 1 - math.exp(-sigma * sights.far[i])
-        s, t = -math.log(1 - u[_ON_BEAM] * collides), -math.log(1 - u[_ON_LINE] * lasting)
-        z, y = sigma * along - t * forward - s, sigma * against - t - s * forward
-        inverse = 1 / math.sqrt(max(sigma * sigma * square + t * t + s * s
-                                    + 2 * (s * t * forward - sigma * (t * against + s * along)), _CLOSEST))
-        ahead, back = min(max(z * inverse, -1.0), 1.0), min(max(y * inverse, -1.0), 1.0)
-        both = math.sqrt(max((1 - ahead * ahead) * (1 - back * back), _CLOSEST))
-        value += power * sigma * sigma * collides * lasting * guess.values[
-            w, _number(math.log(1 + 1 / (inverse * FINEST)) * guess.scale[w], guess.values.shape[1]),
-            _number(math.sqrt(0.5 - 0.5 * ahead), guess.values.shape[2]),
-            _number(math.sqrt(0.5 - 0.5 * back), guess.values.shape[3]),
-            _number(min(max(0.5 - 0.5 * (forward - ahead * back) / both, 0.0), 1.0), guess.values.shape[4])]
-        if twice:
-            value += power * _twice(edge.medium, w, joined)
-    return value
+    joined = _joined(edge, sights, beams, i, b, u, scratch) if edge.second or _takes(beams, b) \
+        else _Joined(0.0, 0.0, 0.0, 0.0, 0.0)
+    # the same places as `_place` has, but for rounding
+    collides, lasting = 1 - math.exp(-sigma * beams.length[b]), 1 - math.exp(-sigma * sights.far[i])
+    for w in range(len(power)):
+        power[w] = guess.share[w] * abs(sights.weight[i, w] * beams.power[b, w])
+        if power[w] > 0.0 and joined.share > 0.0:
+            twice += power[w] * _twice(edge.medium, w, joined)
+        power[w] *= edge.medium.sigma_t[w] ** 4 / sigma**2 * collides * lasting
+    for m in range(PLACES):
+        s = -math.log(1 - (m + u[_ON_BEAM]) / PLACES * collides)
+        for n in range(PLACES):
+            t = -math.log(1 - (n + u[_ON_LINE]) / PLACES * lasting)
+            z, y, value = along - t * forward - s, against - t - s * forward, twice
+            inverse = 1 / math.sqrt(max(square + t * t + s * s + 2 * (s * t * forward - t * against - s * along), _CLOSEST))
+            ahead, back = min(max(z * inverse, -1.0), 1.0), min(max(y * inverse, -1.0), 1.0)
+            both = math.sqrt(max((1 - ahead * ahead) * (1 - back * back), _CLOSEST))
+            values = guess.values[
+                _number(math.log(1 + 1 / (inverse * FINEST)) * guess.scale, guess.values.shape[0]),
+                _number(math.sqrt(0.5 - 0.5 * ahead), guess.values.shape[1]),
+                _number(math.sqrt(0.5 - 0.5 * back), guess.values.shape[2]),
+                _number(min(max(0.5 - 0.5 * (forward - ahead * back) / both, 0.0), 1.0), guess.values.shape[3])]
+            for w in range(len(power)):
+                # nearly exp(-x), but quicker
+                less = 1 / (1 + (edge.medium.sigma_t[w] / sigma - 1) * (s + t) / 16)
+                less *= less
+                less *= less
+                less *= less
+                value += power[w] * values[w] * less * less
+            scratch.guessed[m, n] = value
+            total += value
+    return total / PLACES**2
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -328,6 +358,24 @@ def candidates(edge, guess, sights, beams, guide, states, worth, begin, end):
         _guided(guide, states[c])
         value = _guessed(edge, guess, sights, beams, states[c], scratch) / _density(guide, states[c])
         worth[c] = value if value < np.inf else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def settle(edge, guess, sights, beams, numbers, states, odds, begin, end):
+    """Makes candidates (n, NUMBERS) states at one of their places each, which uniform numbers (n,) draw by the guess, and odds
+    (n,) how likely that place is, over how likely it would be if all were alike."""
+    edge, guess, sights, beams = lent(edge), lent(guess), lent(sights), lent(beams)
+    scratch = _scratch(len(edge.beyond))
+    for c in range(begin, end):
+        mean, place = _guessed(edge, guess, sights, beams, states[c], scratch), 0
+        guessed = scratch.guessed.ravel()
+        ahead = numbers[c] * mean * PLACES**2 - guessed[0]
+        while ahead >= 0.0 and place < PLACES**2 - 1:
+            place += 1
+            ahead -= guessed[place]
+        states[c, _ON_BEAM] = (place // PLACES + states[c, _ON_BEAM]) / PLACES
+        states[c, _ON_LINE] = (place % PLACES + states[c, _ON_LINE]) / PLACES
+        odds[c] = guessed[place] / mean
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

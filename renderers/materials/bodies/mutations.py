@@ -34,15 +34,16 @@ from renderers.threads import run
 from renderers.transport import wavefront
 from renderers.transport.paths import follow, joined
 
-_PATHS, _SAMPLES = 1 << 16, 64  # from the camera in a pass, about; of a pixel, at most
+_PATHS, _SAMPLES = 1 << 17, 64  # from the camera in a pass, about; of a pixel, at most
 _BEAMS = 4  # times the places and walks of other methods, which have lines of sight share few beams
-_OF_LINE = 2  # states that are looked up for a line of sight
-_CANDIDATES = 16  # states drawn by the guide for each of them
+_OF_LINE = 3  # states that are looked up for a line of sight
+_CANDIDATES = 10  # states drawn by the guide for each of them
 _OF_PILOT = 1 << 20  # states drawn alike that tell the guide
-_PARTS = 64, 128  # of lines and of beams, which the guide tells apart
+_PARTS = 128, 128  # of lines and of beams, which the guide tells apart
 _ALIKE, _CLIPPED = 0.3, 300.0  # share that it draws alike; of the mean, what one state counts at most
 # of a sequence of low discrepancy in so many dimensions (Roberts 2018): powers of the inverse root of x^(d+1) = x + 1
 _LATTICE = 1.1347241384015194 ** -np.arange(0.0, NUMBERS)
+_IN_PIXEL = 1.3247179572447460 ** -np.arange(1.0, 3.0)  # the same in two
 _TOGETHER = 1 << 18  # candidates that are kept at once
 _ALL = 1 << 17  # paths of the camera that go on together
 _APART = 1 << 28  # random streams of bodies are so far apart
@@ -140,10 +141,14 @@ class Mutations:
         """`Paths` of each body that are lines of sight in it, in a pass."""
         setup, asked, collected = self._setup, self._settings, _Collected()
         pixels, sums = np.flatnonzero(gathers), Sums(self._pixels, by_paths=False)
+        streams, shift = np.empty(len(pixels), np.uint64), np.empty((len(pixels), 2))
+        wavefront.begin_streams(stream_key(self._seed, "render.mutations", _LATER + number), 0, streams)
+        wavefront.draw(streams, shift)
 
         def camera(first, last):
-            its = pixels[np.arange(first, last) // self._samples]
-            return transport.begin(setup, its, _LATER + number, self._seed, first)
+            which, sample = np.divmod(np.arange(first, last), self._samples)
+            places = (shift[which] + sample[:, None] * _IN_PIXEL) % 1.0
+            return transport.begin(setup, pixels[which], _LATER + number, self._seed, first, places)
 
         follow(len(pixels) * self._samples, _ALL, camera,
                lambda paths: transport.onward(setup, paths, asked.most, sums, collected))
@@ -153,6 +158,9 @@ class Mutations:
         """`Sights` of paths in a body: those that the camera sees as they come first, then others."""
         order = gather.by_place(lines.origin, self._setup.bodies[body].vertices)
         lines = lines.of(order[np.argsort((lines.order + ~lines.seen)[order] > 0, kind="stable")])
+        # those of a pixel are neighbours, so that chance does not decide how many states it has
+        _, first, pixel = np.unique(lines.pixel, return_index=True, return_inverse=True)
+        lines = lines.of(np.argsort(first[pixel], kind="stable"))
         mirrored = np.isfinite(self._settings.beyond[body]).any()
         facing = surfaces.facing(self._setup, lines) if mirrored else np.empty((0, 3))
         weight = lines.throughput / self._samples
@@ -194,11 +202,11 @@ def guide_of(luminance):
 def _guess_of(body, to_rgb):
     """`Guess` of what the tables of a body have."""
     tables = [points for points, _ in body.tables]
-    across = np.linalg.norm(np.ptp(body.vertices, axis=0))
-    scale, values = 1 / np.log1p(across * body.medium.sigma_t / FINEST), np.empty((len(tables), *BINS), np.float32)
+    across, sigma = np.linalg.norm(np.ptp(body.vertices, axis=0)), body.medium.sigma_t
+    scale, values = 1 / np.log1p(across * sigma.min() / FINEST), np.empty((*BINS, len(tables)), np.float32)
     shifts = (np.arange(IN_BIN)[:, None] * _LATTICE[:4] + 0.5) % 1.0
-    for table, inverse, part in zip(tables, scale, values, strict=True):
-        _mutations.averaged(table, inverse, shifts, part)
+    for w, table in enumerate(tables):
+        _mutations.averaged(table, sigma[w] / sigma.min(), scale, shifts, values[..., w])
     return Guess(LUMINANCE @ np.abs(to_rgb), scale, values)
 
 
@@ -243,24 +251,27 @@ class _Group:
         what is guessed of each over its density."""
         shift, number, worth = np.empty((1, NUMBERS)), np.arange(first, last), np.empty(last - first)
         wavefront.draw(self._stream, shift)
-        states = (number[:, None] * _LATTICE + shift) % 1.0
+        states = number[:, None] * _LATTICE + shift
+        states -= np.floor(states)
         states[:, 0] = np.minimum((number + shift[0, 0]) / n, 1 - 2.0**-53)
         run(_mutations.candidates, len(states), *self._among, guide, states, worth)
         return states, worth
 
     def _look_up(self, guide, states, worth, count, image):
         """Adds what so many of the states bring, drawn by their worth, those with beams that take light away after the others."""
-        edge, _, sights, beams = self._among
+        edge, guess, sights, beams = self._among
         takes = beams.power.sum(axis=1) < 0
         order = np.argsort(takes[np.minimum((states[:, 1] * len(takes)).astype(int), len(takes) - 1)], kind="stable")
         number, added = np.empty((1, 1)), np.cumsum(worth[order])
         wavefront.draw(self._stream, number)
         if not added[-1] > 0:
             return
-        at = np.searchsorted(added, (np.arange(count) + number[0, 0]) / count * added[-1], side="right")
-        at, times = np.unique(np.minimum(at, np.flatnonzero(worth[order])[-1]), return_counts=True)
+        along = (np.arange(count) + number[0, 0]) / count * added[-1]
+        at = np.minimum(np.searchsorted(added, along, side="right"), np.flatnonzero(worth[order])[-1])
         chosen = order[at]
-        states, light = states[chosen], np.empty((len(chosen), 3, 3))
-        run(_mutations.bring, len(states), edge, sights, beams, guide, states,
-            times * added[-1] / (count * self.count * worth[chosen]), light, block=256)
+        states, light, odds = states[chosen], np.empty((count, 3, 3)), np.empty(count)
+        numbers = np.clip(1 - (added[at] - along) / worth[chosen], 0.0, 1.0)
+        run(_mutations.settle, count, edge, guess, sights, beams, numbers, states, odds)
+        run(_mutations.bring, count, edge, sights, beams, guide, states,
+            added[-1] / (count * self.count * worth[chosen] * odds), light, block=256)
         _mutations.add(sights, states, light, image)

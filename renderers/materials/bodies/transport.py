@@ -42,14 +42,18 @@ def from_eye(transport, most, gather, number, seed, by_paths=True, chosen=None) 
     return sums
 
 
-def begin(transport, pixel, number, seed, first=None) -> Paths:
+def begin(transport, pixel, number, seed, first=None, places=None) -> Paths:
     """The camera's paths through pixels (n,) of a pass, from path `first` on; if that is None a path a pixel, ascending without
-    gaps."""
+    gaps.
+
+    places : (n, 2) in their pixels, row and column, 0 to 1; any if None
+    """
     key = stream_key(seed, "render.translucent", number)
     if first is None:
         first = int(pixel[0]) if len(pixel) else 0
     world, width = transport.world, transport.world.size[1]
-    states, origin, direction = of_camera(world.camera_rays, key, first, np.stack([pixel // width, pixel % width], axis=1))
+    rays = world.camera_rays if places is None else lambda _, corners: world.camera_rays(places, corners)
+    states, origin, direction = of_camera(rays, key, first, np.stack([pixel // width, pixel % width], axis=1))
     paths = Paths.begun(origin, direction, np.ones((len(pixel), len(transport.colours.to_waves))), states, pixel)
     paths.seen[:] = True
     return paths
