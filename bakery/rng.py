@@ -54,6 +54,7 @@ STREAMS = {
     "render.paths": Stream(0x72707468, ("pass",)),
     "render.metropolis": Stream(0x726D7470, ("pass",)),
     "render.mutations": Stream(0x726D7574, ("pass",)),
+    "render.sights": Stream(0x72736774, ("pass",)),
     "render.materials": Stream(0x726D6174, ("sample",)),
     "render.features": Stream(0x72666561, ()),
     "render.entries": Stream(0x72656E74, ("pass",)),

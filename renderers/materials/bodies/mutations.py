@@ -142,7 +142,7 @@ class Mutations:
         setup, asked, collected = self._setup, self._settings, _Collected()
         pixels, sums = np.flatnonzero(gathers), Sums(self._pixels, by_paths=False)
         streams, shift = np.empty(len(pixels), np.uint64), np.empty((len(pixels), 2))
-        wavefront.begin_streams(stream_key(self._seed, "render.mutations", _LATER + number), 0, streams)
+        wavefront.begin_streams(stream_key(self._seed, "render.sights", number), 0, streams)
         wavefront.draw(streams, shift)
 
         def camera(first, last):
