@@ -130,13 +130,13 @@ def _brought(edge, sights, beams, scale, u, light, scratch):
     negative = _takes(beams, b)
     joined = _joined(edge, sights, beams, i, b, u, scratch) if negative or edge.second else _Joined(0.0, 0.0, 0.0, 0.0, 0.0)
     seen = joined.share > 0.0 and not _hidden(edge, beams, b, joined, scratch)
-    place = _place(edge, sights, beams, i, b, u)
+    lengths = _lengths(edge, sights, beams, i, b, u)
     for w in range(len(medium.sigma_t)):
         for kind in range(kinds):
             waves[kind, w] = 0.0
         power = scale * sights.weight[i, w] * beams.power[b, w]
         if power != 0.0:
-            waves[LATER, w] = medium.sigma_t[w] * power * _by_tables(edge, sights, beams, (i, b, w), place, scratch)
+            waves[LATER, w] = medium.sigma_t[w] * power * _by_tables(edge, sights, beams, (i, b, w), lengths, scratch)
         if power != 0.0 and seen:
             waves[LATER if negative else of_second, w] += power * _twice(medium, w, joined)
     for kind in range(kinds):
@@ -173,7 +173,7 @@ def _hidden(edge, beams, b, joined, scratch):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _place(edge, sights, beams, i, b, u):
+def _lengths(edge, sights, beams, i, b, u):
     """A place on beam b and one on line of sight i that u draws, as far along as the longest mean free path has collisions: m
     along both, and what that leaves out of the density, m^2.
 
@@ -186,9 +186,9 @@ def _place(edge, sights, beams, i, b, u):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _by_tables(edge, sights, beams, numbers, place, scratch):
-    """Later events of light of beam b on line of sight i at wavelength w, numbers (i, b, w), at a `_place`, m."""
-    (i, b, w), (s, t, share) = numbers, place
+def _by_tables(edge, sights, beams, numbers, lengths, scratch):
+    """Later events of light of beam b on line of sight i at wavelength w, numbers (i, b, w), at `_lengths` along both, m."""
+    (i, b, w), (s, t, share) = numbers, lengths
     sigma, table, origin, direction = edge.medium.sigma_t[w], edge.tables[w], sights.origin, sights.direction
     ray = beams.direction[b, 0], beams.direction[b, 1], beams.direction[b, 2]
     view = -direction[i, 0], -direction[i, 1], -direction[i, 2]
@@ -296,7 +296,7 @@ def _guessed(edge, guess, sights, beams, u, scratch):
     # close to a line of sight second events are brighter than all later ones
     joined = _joined(edge, sights, beams, i, b, u, scratch) if edge.second or _takes(beams, b) \
         else _Joined(0.0, 0.0, 0.0, 0.0, 0.0)
-    # the same places as `_place` has, but for rounding
+    # the same places as `_lengths` has, but for rounding
     collides, lasting = 1 - math.exp(-sigma * beams.length[b]), 1 - math.exp(-sigma * sights.far[i])
     for w in range(len(power)):
         power[w] = guess.share[w] * abs(sights.weight[i, w] * beams.power[b, w])
@@ -367,15 +367,15 @@ def settle(edge, guess, sights, beams, numbers, states, odds, begin, end):
     edge, guess, sights, beams = lent(edge), lent(guess), lent(sights), lent(beams)
     scratch = _scratch(len(edge.beyond))
     for c in range(begin, end):
-        mean, place = _guessed(edge, guess, sights, beams, states[c], scratch), 0
+        mean, pair = _guessed(edge, guess, sights, beams, states[c], scratch), 0
         guessed = scratch.guessed.ravel()
         ahead = numbers[c] * mean * PLACES**2 - guessed[0]
-        while ahead >= 0.0 and place < PLACES**2 - 1:
-            place += 1
-            ahead -= guessed[place]
-        states[c, _ON_BEAM] = (place // PLACES + states[c, _ON_BEAM]) / PLACES
-        states[c, _ON_LINE] = (place % PLACES + states[c, _ON_LINE]) / PLACES
-        odds[c] = guessed[place] / mean
+        while ahead >= 0.0 and pair < PLACES**2 - 1:
+            pair += 1
+            ahead -= guessed[pair]
+        states[c, _ON_BEAM] = (pair // PLACES + states[c, _ON_BEAM]) / PLACES
+        states[c, _ON_LINE] = (pair % PLACES + states[c, _ON_LINE]) / PLACES
+        odds[c] = guessed[pair] / mean
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
