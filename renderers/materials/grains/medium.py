@@ -7,7 +7,7 @@ import numpy as np
 from bakery import kernels
 from renderers.materials.grains import _medium
 from renderers.materials.grains._paths import Event, Walk
-from renderers.materials.grains.paths import Seldom, streams_of
+from renderers.materials.grains.paths import TOGETHER, Seldom, streams_of
 from renderers.materials.grains.seen import by_ends
 from renderers.threads import run
 from renderers.transport.scattering import Points, next_event
@@ -50,7 +50,7 @@ class Continuous:
     def advance(self, paths):
         """As `paths.Explicit.advance`; the kinds of events are components that scatter, or `scattering.DIFFUSE`."""
         event = Event.empty(paths.count)
-        run(_medium.advance, paths.count, self.content, self.occupied, Walk.of(paths), paths.technique, event)
+        run(_medium.advance, paths.count, self.content, self.occupied, Walk.of(paths), paths.technique, event, block=TOGETHER)
         return event
 
     def next_event(self, paths, event, sample, added):

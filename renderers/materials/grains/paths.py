@@ -19,6 +19,7 @@ from renderers.transport import paths as wavefront_paths
 from renderers.transport.paths import Colours  # noqa: F401
 
 NEVER = 2**62  # a stage that no path comes to
+TOGETHER = 256  # paths that one processor takes on: 4096 are often all those of a body, which then wait for one
 SELDOM = 1 / 64  # chance of a light sample far inside
 _LEAST = 1 / 8  # of the light samples; with fewer, each of them would be seen
 _POWERS = np.cumprod(np.full(7, 0x9E3779B97F4A7C15, np.uint64))  # odd, modulo 2^64: make a number of a way's seven words
@@ -62,7 +63,7 @@ class Explicit:
         """Takes paths on until they need something: an `Event`."""
         event = Event.empty(paths.count)
         switching = Switching(paths.last, paths.stage, paths.switching)
-        run(_paths.advance, paths.count, self.grains, self.occupied, Walk.of(paths), switching, event)
+        run(_paths.advance, paths.count, self.grains, self.occupied, Walk.of(paths), switching, event, block=TOGETHER)
         return event
 
     def next_event(self, paths, event, sample, added):
