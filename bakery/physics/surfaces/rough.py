@@ -20,7 +20,7 @@ from bakery.physics.surfaces import fresnel
 from bakery.physics.surfaces.nodes import interpolation
 
 _FACETS = 48  # heights of the cap at least; twice as many azimuths of half a turn
-# the same where radiance has kinks, at angles at which light is totally reflected: with 48, one such layer was off by 10 %
+# the same where radiance has kinks, as light is totally reflected: with 48, one layer changed by 11 % from 54 to 81 moments
 _KINKED = 128
 _TOGETHER = 1024  # facets: what they take stays in the processor's cache
 LEAST = 0.05  # roughness: of smoother facets the nodes of a layer tell too little; at 0.05 shares are right to 1e-3
