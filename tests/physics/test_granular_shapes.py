@@ -55,7 +55,8 @@ def test_the_loop_is_the_wavefronts(tmp_path, monkeypatch):
     part = methods.part(world, scene, "ept", 0)
     assert part.samples == 64, "by shapes"
     monkeypatch.setattr(shapes, "fit", lambda *scene: False)
-    assert [methods.part(world, scene, "ept", 0, met=met).fewest for met in (9_000, 10_000)] == [1, 1 / 2], "a million grains"
+    fewest = [methods.part(world, scene, "ept", 0, meetings=number).fewest for number in (9_000, 10_000)]
+    assert fewest == [1, 1 / 2], "a pass of a million grains"
     monkeypatch.undo()
     loop = [part.render(number) for number in range(PASSES)]
     sums = [transport.one_pass(world, scene, world.camera, (9, 12), number, 0, corners=world.corners, samples=64)

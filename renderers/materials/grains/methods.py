@@ -82,8 +82,8 @@ def of(name, world, assets, meshes, grains, seed, asked=PLAIN, tolerance=budget.
     # when paths switch depends on how close the pixels of a bundle are: pilots of all methods look through the same pixels
     view = bundles.as_close(world)
     loop = medium_part(scene.bodies, meshes, scene.colours, view, seed) if scene.technique == MEDIUM else None
-    met = max(material.meetings(asset, *mesh) for asset, mesh in zip(assets, meshes))
-    parts = (loop,) if loop else tuple(part(view, scene, kind, seed, which, met=met) for kind, which in kinds)
+    meetings = max(material.meetings(asset, *mesh) for asset, mesh in zip(assets, meshes))
+    parts = (loop,) if loop else tuple(part(view, scene, kind, seed, which, meetings=meetings) for kind, which in kinds)
 
     def after(estimate):
         return {"grains": number, "layers": _switches(estimate.means.values()), "bias": None}
@@ -151,14 +151,14 @@ def medium_part(bodies, meshes, colours, world, seed):
     return passes.part("vpt", world, entries, colours, seed, by_light=True)
 
 
-def part(world, scene, name, seed, which=transport.ALL, samples=None, met=0.0) -> Part:
+def part(world, scene, name, seed, which=transport.ALL, samples=None, meetings=0.0) -> Part:
     """Passes by a `Transport`, with layers of orders, lights and techniques.
 
     Paths from grain to grain alone go through shapes of a Mitsuba scene where the grains are few enough (`shapes`), else in
     wavefronts.  Small pictures have several samples a pass: each call of Mitsuba's takes a ms of its own, for however few paths.
 
     samples : of a pixel, in a pass; below 1: the share of long paths; None: as many as go together
-    met : grains that light meets on average
+    meetings : grains that light meets on average
     """
     height, width = world.size
     if scene.switch is None and scene.technique == GRAINS:
@@ -166,7 +166,7 @@ def part(world, scene, name, seed, which=transport.ALL, samples=None, met=0.0) -
 
         if shapes.fit(world, [body.grains for body in scene.bodies]):
             return shapes.part(name, world, [body.grains.grains for body in scene.bodies], scene.colours, seed, scene.angle)
-    fewer = partial(part, world, scene, name, seed, which, met=met)
+    fewer = partial(part, world, scene, name, seed, which, meetings=meetings)
     samples = samples or 1 << max(0, min(_SAMPLES, _PATHS // (height * width)).bit_length() - 1)
     if samples < 1:
         scene, samples = scene._replace(share=samples), 1
@@ -178,7 +178,7 @@ def part(world, scene, name, seed, which=transport.ALL, samples=None, met=0.0) -
         sums = transport.one_pass(world, begins, world.camera, world.size, number, seed, which, world.corners, samples)
         return _layers(sums, world, scene)
 
-    long = scene.switch is None and met * height * width > _GRAINS
+    long = scene.switch is None and meetings * height * width > _GRAINS
     return Part(name, one, samples, fewer, fewest=_FEWEST if which == transport.AFTER else _HALF if long else 1)
 
 

@@ -150,12 +150,12 @@ def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=No
                 expect(paths.count)
                 paths, late = _on(world, transport, paths, sums)
                 if late.count:
-                    late = _some(late, transport.share)
+                    late = _thinned(late, transport.share)
                     late.stage[:] = NEVER
                     paths = joined([paths, late])
                 taken += 1
                 if transport.share < 1 and taken > _STEPS:
-                    paths = _some(paths, 1 - 1 / taken)
+                    paths = _thinned(paths, 1 - 1 / taken)
     sums.average()
     return sums
 
@@ -166,7 +166,7 @@ def _begin(transport, camera, corners, pixel, number, seed, first):
     return Paths.begun(origin, direction, len(transport.colours.to_waves), states, pixel, transport.technique)
 
 
-def _some(paths, share):
+def _thinned(paths, share):
     """A share of the paths, by chance, each of which counts for others."""
     numbers = np.empty((paths.count, 1))
     wavefront.draw(paths.states, numbers)
@@ -350,7 +350,7 @@ def _switched(world, transport, paths, sums):
     if not paths.count or sums.which == BEFORE:
         return parts
     if sums.which == AFTER and transport.share < 1:
-        paths = _some(paths, transport.share)
+        paths = _thinned(paths, transport.share)
     paths.technique[:], paths.stage[:], paths.switching[:] = MEDIUM, NEVER, False
     for body in np.unique(paths.body):
         group, interactor = paths.of(paths.body == body), transport.interactor(body, MEDIUM)
