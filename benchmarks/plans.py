@@ -144,7 +144,7 @@ def _baked(name: str, text: str, folder: Path) -> dict:
     kept = folder / name
     kept.mkdir()
     done = subprocess.run([sys.executable, "-m", "benchmarks.plans", "--one", str(recipe), str(kept)], cwd=HERE, text=True,
-                          capture_output=True)
+                          capture_output=True, env={"OPENBLAS_NUM_THREADS": "1", **os.environ})  # as `bake` sets it
     if done.returncode:
         raise SystemExit(f"{name}: {done.stderr}")
     speeds = kept / "speed.json"  # of work that takes no time there is none

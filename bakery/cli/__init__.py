@@ -143,6 +143,9 @@ def main(args: list[str] | None = None) -> None:
     """Run the command line and leave with the status that the contract names."""
     streams.prepare()
     signals.raise_when_asked({signal.SIGINT: KeyboardInterrupt, signal.SIGTERM: signals.Terminated})
+    # before NumPy is loaded: on matrices of a hundred rows OpenBLAS's own threads gain nothing, and wait for each other in loops,
+    # which on a busy machine takes twenty times the work
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     memory.refuse_what_does_not_fit()
     status = status_of(args)
     streams.flush()

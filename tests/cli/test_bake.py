@@ -220,6 +220,16 @@ def test_files_read_are_files_named(drops, tmp_path):
     assert len(read_files) >= 2 and set(read_files) <= named, (read_files, named)
 
 
+@pytest.mark.parametrize("asked", [None, "3"])
+def test_one_thread_of_matrices_unless_asked_for_more(asked):
+    code = ("import os, sys\nfrom bakery.cli import main\nassert 'numpy' not in sys.modules\n"
+            "try:\n    main(['--help'])\nfinally:\n    print('threads', os.environ['OPENBLAS_NUM_THREADS'])\n")
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    environment |= {"PYTHONPATH": str(ROOT)} | ({"OPENBLAS_NUM_THREADS": asked} if asked else {})
+    done = subprocess.run([sys.executable, "-c", code], env=environment, text=True, capture_output=True, timeout=60)
+    assert done.stdout.splitlines()[-1] == f"threads {asked or 1}", done.stderr
+
+
 def test_cache_commands(call, drops, tmp_path):
     assert call(drops, "-o", tmp_path / "a.h5")[0] == 0
     info = json.loads(call("cache", "info", "--json")[1])
