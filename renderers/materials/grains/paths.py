@@ -85,10 +85,16 @@ class Explicit:
 
 def first_grain(grains, point, direction, far):
     """Distances (n,) m from points along directions to the first of `_grains.Grains` before far (n,) m; inf: none."""
-    t = np.full(len(point), np.inf)
+    return first_surface(grains, point, direction, far, np.full((len(point), 4), UNKNOWN), np.full(len(point), -1))[0]
+
+
+def first_surface(grains, point, direction, far, sphere, triangle):
+    """As `_paths.first_surface`: distances (n,) m, and whether surfaces are met from within (n,)."""
+    n, start = len(point), (sphere, triangle)
+    t, within = np.empty(n), np.empty(n, bool)
     # of a camera they have single precision: the kernel takes double, and is compiled once
-    run(_paths.first_grain, len(point), grains, point, np.ascontiguousarray(direction, float), far, t)
-    return t
+    run(_paths.first_surface, n, grains, point, np.ascontiguousarray(direction, float), far, start, t, within)
+    return t, within
 
 
 class Paths(NamedTuple):
