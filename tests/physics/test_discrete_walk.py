@@ -14,7 +14,6 @@ import pytest
 from bakery import kernels
 from bakery.kernels import NO_DISC, stream_key
 from renderers.materials.particles import _transport
-from renderers.materials.particles.walk import Paths
 from renderers.transport import wavefront
 from tests.conftest import slow
 from tests.odds import SIGMAS, sigmas
@@ -23,12 +22,8 @@ from tests.physics.particles import averaged
 
 
 def rays(origin, direction, throughput, states, left_out):
-    """What loops over particles take of paths, in the walk's own record: their kernels are compiled once for both."""
-    n = len(origin)
-    flags, numbers = np.zeros(n, bool), np.zeros(n, np.int64)
-    density, discrete = np.empty((2, n))
-    return Paths(origin, direction, throughput, states, numbers, left_out, density, flags, numbers, numbers, discrete, flags,
-                 numbers)
+    """What loops over particles take of paths."""
+    return _transport.Walk(origin, direction, throughput, states, left_out, np.empty(len(origin)))
 
 
 def leaving(medium, number, discrete, seed=1):
@@ -56,7 +51,7 @@ def leaving(medium, number, discrete, seed=1):
         kind, origin, direction, weight, states = kind[met], place[met], direction[met], weight[met], states[met]
         nobody = np.zeros(len(kind), bool)
         paths = rays(origin, direction, weight, states, origin)
-        _transport.scatter(medium, kind, paths, _transport.Guide(direction, nobody), 0, len(kind))
+        _transport.scatter(medium.scatterer, kind, paths, _transport.Guide(direction, nobody), 0, len(kind))
         particle = (kind < len(medium.albedo) - 1)[:, None]
         left_out, inside = np.where(particle, origin, np.nan), np.ones(len(kind), bool)
         assert ((origin >= 0) & (origin <= 1)).all() and len(ways) < 10_000

@@ -19,7 +19,7 @@ from bakery.kernels import (
     voxel_at,
 )
 from bakery.system.compiled import njit
-from renderers.materials.grains._grains import UNKNOWN, next_surface, scratch
+from renderers.materials.grains._grains import next_surface, scratch
 from renderers.transport.wavefront import roulette, to_rgb, uniform
 
 # What a path needs next: a surface of the scene or the light beyond, the distance to that, a light sample, nothing; that other
@@ -302,19 +302,22 @@ def scatter(grains, walk, event, begin, end):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def first_grain(grains, point, direction, far, t, normal, begin, end):
-    """Distances t (n,) m from points (n, 3) m along directions to the first grain before far (n,) m, inf where there is none.
+def first_surface(grains, point, direction, far, start, t, normal, begin, end):
+    """Distances t (n,) m from points (n, 3) m along directions to the next surface of a grain before far (n,) m, inf where there
+    is none.
 
-    normal : (n, 3), outward, of what is met, which is filled; (0, 3) where nobody asks
+    start : (n, 4), (n,) sphere and triangle of the grain that each starts on, as in `_grains.next_surface`
+    normal : (n, 3), outward, of the surface that is met, before `far` or after it; 0 where there is none
     """
     grains = lent(grains)
     memory, p, d, n = scratch(), np.empty(3), np.empty(3), np.empty(3)
-    sphere, at = np.empty(4, np.int64), np.empty(2, np.int64)
+    (spheres, triangles), sphere, at = start, np.empty(4, np.int64), np.empty(2, np.int64)
     for i in range(begin, end):
         for k in range(3):
             p[k], d[k] = point[i, k] / grains.unit, direction[i, k]
-        sphere[0] = UNKNOWN
+        for k in range(4):
+            sphere[k] = spheres[i, k]
+        at[0] = triangles[i]
         t[i] = next_surface(grains, p, d, far[i] / grains.unit, sphere, at, n, memory) * grains.unit
-        if len(normal):
-            for k in range(3):
-                normal[i, k] = n[k] if t[i] < np.inf else 0.0
+        for k in range(3):
+            normal[i, k] = n[k] if at[0] >= 0 else 0.0

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from bakery.kernels import lent
-from bakery.system.compiled import njit
 from renderers.materials.grains import _paths
-from renderers.materials.grains._grains import UNKNOWN, next_surface, scratch
-from renderers.materials.grains.paths import NEVER, Seldom
+from renderers.materials.grains._grains import UNKNOWN
+from renderers.materials.grains.paths import NEVER, Seldom, first_grain, first_surface
 from renderers.threads import run
 from renderers.transport.paths import ENDED, EVENT, REACHED
 
@@ -47,15 +43,14 @@ class Grains:
     def look(self, paths):
         """Distances (n,) m to the next grain before the first surface of the scene, inf where there is none, and whether paths
         are inside of a grain (n,)."""
-        distance, within = np.empty(paths.count), np.empty(paths.count, bool)
-        run(look, paths.count, self.grains, self.number, paths, distance, within)
-        return distance, within
+        on_grain, far = paths.grains == self.number, np.where(np.isnan(paths.far), np.inf, paths.far)
+        sphere, triangle = np.where(on_grain[:, None], paths.sphere, UNKNOWN), np.where(on_grain, paths.triangle, -1)
+        distance, normal = first_surface(self.grains, paths.origin, paths.direction, far, sphere, triangle)
+        return distance, np.einsum("nk,nk->n", paths.direction, normal) > 0.0
 
     def hides(self, origin, direction, distance, share):
         """Makes shares (n, L) of light 0 where a grain is within distances (n,) m."""
-        first = np.empty(len(share))
-        run(_paths.first_grain, len(share), self.grains, origin, direction, distance, first, np.empty((0, 3)))
-        share[first < np.inf] = 0.0
+        share[first_grain(self.grains, origin, direction, distance) < np.inf] = 0.0
 
     def enter(self, paths, far):
         """Takes paths from grain to grain; far (n,) m, to the first surface of the scene of those inside of a grain, else inf.
@@ -83,22 +78,3 @@ class Grains:
         event = _paths.Event(*event)
         run(_paths.scatter, paths.count, self.grains, _paths.Walk.of(paths), event)
         paths.throughput[~event.alive] = 0.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def look(grains, number, paths, distance, within, begin, end):
-    """Distances (n,) m to the next grain before the first surface, and whether paths are inside of one; see `Grains.look`."""
-    grains, paths = lent(grains), lent(paths)
-    memory, p, d, n = scratch(), np.empty(3), np.empty(3), np.empty(3)
-    sphere, at = np.empty(4, np.int64), np.empty(2, np.int64)
-    for i in range(begin, end):
-        for k in range(3):
-            p[k], d[k] = paths.origin[i, k] / grains.unit, paths.direction[i, k]
-        sphere[0], at[0] = UNKNOWN, -1
-        if paths.grains[i] == number:
-            for k in range(4):
-                sphere[k] = paths.sphere[i, k]
-            at[0] = paths.triangle[i]
-        far = math.inf if math.isnan(paths.far[i]) else paths.far[i] / grains.unit
-        distance[i] = next_surface(grains, p, d, far, sphere, at, n, memory) * grains.unit
-        within[i] = at[0] >= 0 and d[0] * n[0] + d[1] * n[1] + d[2] * n[2] > 0.0

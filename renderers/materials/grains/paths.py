@@ -90,20 +90,23 @@ class Explicit:
 
 def first_grain(grains, point, direction, far):
     """Distances (n,) m from points along directions to the first of `_grains.Grains` before far (n,) m; inf: none."""
-    return _first_grain(grains, point, direction, far, np.empty((0, 3)))
+    return seen_grain(grains, point, direction, far)[0]
 
 
 def seen_grain(grains, point, direction, far):
     """The same, and outward normals (n, 3) there, 0 where there is none."""
-    normal = np.empty((len(point), 3))
-    return _first_grain(grains, point, direction, far, normal), normal
+    t, normal = first_surface(grains, point, direction, far, np.full((len(point), 4), UNKNOWN), np.full(len(point), -1))
+    normal[t == np.inf] = 0.0
+    return t, normal
 
 
-def _first_grain(grains, point, direction, far, normal):
-    t = np.full(len(point), np.inf)
+def first_surface(grains, point, direction, far, sphere, triangle):
+    """Distances (n,) m and normals (n, 3) as of `_paths.first_surface`."""
+    n, start = len(point), (sphere, triangle)
+    t, normal = np.empty(n), np.empty((n, 3))
     # of a camera they have single precision: the kernel takes double, and is compiled once
-    run(_paths.first_grain, len(point), grains, point, np.ascontiguousarray(direction, float), far, t, normal)
-    return t
+    run(_paths.first_surface, n, grains, point, np.ascontiguousarray(direction, float), far, start, t, normal)
+    return t, normal
 
 
 class Paths(NamedTuple):

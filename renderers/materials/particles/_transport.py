@@ -26,29 +26,54 @@ from bakery.kernels import (
 from bakery.system.compiled import njit
 from renderers.transport.wavefront import to_rgb, uniform
 
-FOLLOWED = 0.25  # share of the pencils of `splat` that also go on as their particles scatter, to find light by
 
+class Walk(NamedTuple):
+    """What loops read and change of n paths, whatever record these have: a kernel for all of them.
 
-class Events(NamedTuple):
-    """Where n paths scatter.
-
-    kind : (n,) class, or NO_DISC at surfaces;  place : (n, 3) m
-    discrete : (n,) m, distance up to which particles hide light; beyond, the continuous medium does
+    origin, direction : (n, 3) m, unit;  throughput : (n, L);  states : (n,) random streams
+    left_out : (n, 3) m, the particle that each starts at, or nan
+    density : (n,) 1/sr, with which the direction was drawn
     """
 
-    kind: np.ndarray
-    place: np.ndarray
+    origin: np.ndarray
+    direction: np.ndarray
+    throughput: np.ndarray
+    states: np.ndarray
+    left_out: np.ndarray
+    density: np.ndarray
+
+    @classmethod
+    def of(cls, paths) -> Walk:
+        """Of a record of paths, without a copy."""
+        return cls(*(getattr(paths, name) for name in cls._fields))
+
+
+class Ways(NamedTuple):
+    """Straight ways of light, n of them.
+
+    states : (n,) random streams;  origin, direction : (n, 3) m, unit;  distance : (n,) m
+    discrete : (n,) m, distance up to which particles hide light; beyond, the continuous medium does
+    left_out : (n, 3) m, a particle that hides nothing, or nan
+    """
+
+    states: np.ndarray
+    origin: np.ndarray
+    direction: np.ndarray
+    distance: np.ndarray
     discrete: np.ndarray
+    left_out: np.ndarray
 
 
 class Guide(NamedTuple):
     """Lights that guide scattering.
 
     direction : (n, 3) of a light;  used : (n,) whether half of the new directions are drawn about it
+    followed : share of the scatterings that are followed, to find light by
     """
 
     direction: np.ndarray
     used: np.ndarray
+    followed: float = 1.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -64,8 +89,7 @@ def collide(medium, paths, far, discrete, kind, distance, point, begin, end):
 
     Parameters
     ----------
-    paths : with origin, direction, left_out, throughput, states, such as those of `walk` or of `renderers.transport.paths`; a
-        particle that is left out is also left out of the continuous medium
+    paths : `Walk`; a particle that is left out is also left out of the continuous medium
     far : (n,) m, where a surface ends the ray, or inf
     discrete : (n,) m, distance up to which particles stop the ray; beyond, the continuous medium
     kind : (n,) int64, becomes the class, or NO_DISC where the ray reaches `far`
@@ -154,36 +178,51 @@ def _continuum(medium, paths, begin, end, distance, point, i, scratch):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def transmit(medium, ray, far, discrete, left_out, states, i, passed, scratch):
-    """What of light gets through along a ray to `far`: passed (L,), 0 or 1 among particles, an estimate beyond `discrete`.
+def transmit(medium, ways, share, begin, end):
+    """Multiplies share (n, L) by what gets through along `Ways`: 0 or 1 among particles, an estimate beyond, and what their host
+    leaves.  Ways on which there is no light take no random numbers."""
+    medium, ways = lent(medium), lent(ways)
+    waves, mesh_room = share.shape[1], mesh_scratch()
+    open, passed = np.empty(waves, np.uint8), np.empty(waves)
+    for i in range(begin, end):
+        bright = False
+        for w in range(waves):
+            open[w] = share[i, w] > 0
+            bright = bright or share[i, w] > 0
+        if not bright:
+            continue
+        ray, far, discrete = ray_of(ways.origin, ways.direction, i), ways.distance[i], ways.discrete[i]
+        left_out = ways.left_out[i, 0], ways.left_out[i, 1], ways.left_out[i, 2]
+        if discrete > 0:
+            open_wavelengths(medium.discs, Pencil(ray[:3], ray[3:], 0.0, min(far, discrete), left_out), open, mesh_room)
+        for w in range(waves):
+            passed[w] = open[w]
+        absorbed(medium, ray, far, passed)
+        if discrete < far:
+            others = medium.others if left_out[0] == left_out[0] else 1.0
+            _through_continuum(medium, others, ray, (discrete, far), ways.states, i, passed, mesh_room)
+        for w in range(waves):
+            share[i, w] *= passed[w]
 
-    left_out : particle left out, or nan;  scratch : (L,) uint8 and that of meshes, for own use
-    """
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _through_continuum(medium, others, ray, span, states, i, passed, scratch):
+    """Multiplies passed (L,) by what a share of the continuous medium leaves of light on a span of a ray, or its estimate."""
     sigma, region = medium.sigma_t, medium.discs.region
     ox, oy, oz, dx, dy, dz = ray
-    open, mesh_room = scratch
-    share = medium.others if left_out[0] == left_out[0] else 1.0
-    open[:] = 1
-    if discrete > 0:
-        open_wavelengths(medium.discs, Pencil((ox, oy, oz), (dx, dy, dz), 0.0, min(far, discrete), left_out), open, mesh_room)
-    for w in range(len(passed)):
-        passed[w] = open[w]
-    absorbed(medium, ray, far, passed)
-    if not discrete < far:
-        return
-    t, end = through_box(region, ray, discrete, far)
+    t, end = through_box(region, ray, span[0], span[1])
     if not t < end:
         return
     if region.kind == 0:
         for w in range(len(passed)):
-            passed[w] *= math.exp(-share * sigma[w] * (end - t))
+            passed[w] *= math.exp(-others * sigma[w] * (end - t))
         return
     most = sigma.max()
     while most > 0:
         t -= math.log1p(-uniform(states, i)) / most
         if t >= end:
             return
-        rho = share * relative_density(region, ox + t * dx, oy + t * dy, oz + t * dz, mesh_room)
+        rho = others * relative_density(region, ox + t * dx, oy + t * dy, oz + t * dz, scratch)
         brightest = 0.0
         for w in range(len(passed)):
             passed[w] *= 1 - rho * sigma[w] / most
@@ -198,31 +237,31 @@ def transmit(medium, ray, far, discrete, left_out, states, i, passed, scratch):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def mixture(medium, kind, weight, i, v, values):
+def mixture(scatterer, kind, weight, i, v, values):
     """Mean (1/sr) of the phase functions, by what they scatter, at an angle of 1 - cos = v; values (L,) become each of them."""
     total, mean = 0.0, 0.0
     for w in range(len(values)):
-        values[w] = phase_value(medium.v, medium.steps, medium.phase[kind, w], v)
-        likely = weight[i, w] * medium.albedo[kind, w]
+        values[w] = phase_value(scatterer.v, scatterer.steps, scatterer.phase[kind, w], v)
+        likely = weight[i, w] * scatterer.albedo[kind, w]
         total += likely
         mean += likely * values[w]
     return mean / total if total > 0 else 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def scatter(medium, kind, paths, guide, begin, end):
-    """New directions of paths that particles of classes kind (n,) scatter, and their densities.
+def scatter(scatterer, kind, paths, guide, begin, end):
+    """New directions of paths, a `Walk`, that particles of classes kind (n,) scatter, and their densities.
 
     Angles are drawn from the phase functions of all wavelengths, mixed by what they would scatter: about the path's direction, or
     about that of a light (`Guide`), for the next particle scatters most light that comes from nearly behind it.
     """
-    medium, paths, guide = lent(medium), lent(paths), lent(guide)
+    scatterer, paths, guide = lent(scatterer), lent(paths), lent(guide)
     weight, states, direction, density = paths.throughput, paths.states, paths.direction, paths.density
     values = np.empty(weight.shape[1])
     for i in range(begin, end):
         total = 0.0
         for w in range(weight.shape[1]):
-            total += weight[i, w] * medium.albedo[kind[i], w]
+            total += weight[i, w] * scatterer.albedo[kind[i], w]
         if not total > 0:
             density[i] = 0.0
             weight[i] = 0.0
@@ -230,11 +269,11 @@ def scatter(medium, kind, paths, guide, begin, end):
         chosen, below = uniform(states, i) * total, 0.0
         wavelength = weight.shape[1] - 1
         for w in range(weight.shape[1]):
-            below += weight[i, w] * medium.albedo[kind[i], w]
+            below += weight[i, w] * scatterer.albedo[kind[i], w]
             if chosen < below:
                 wavelength = w
                 break
-        v = phase_sample(medium.v, medium.steps, medium.phase[kind[i], wavelength], medium.cdf[kind[i], wavelength],
+        v = phase_sample(scatterer.v, scatterer.steps, scatterer.phase[kind[i], wavelength], scatterer.cdf[kind[i], wavelength],
                          uniform(states, i))
         turn = 2 * math.pi * uniform(states, i)
         ox, oy, oz = direction[i, 0], direction[i, 1], direction[i, 2]
@@ -243,9 +282,9 @@ def scatter(medium, kind, paths, guide, begin, end):
             v = _turn(x, y, z, ox, oy, oz)
         else:
             x, y, z = turned_direction(ox, oy, oz, v, turn)
-        density[i] = drawn(medium, kind[i], weight, guide, i, (x, y, z), v, values)
+        density[i] = drawn(scatterer, kind[i], weight, guide, i, (x, y, z), v, values)
         for w in range(weight.shape[1]):
-            weight[i, w] *= medium.albedo[kind[i], w] * values[w] / density[i] if density[i] > 0 else 0.0
+            weight[i, w] *= scatterer.albedo[kind[i], w] * values[w] / density[i] if density[i] > 0 else 0.0
         direction[i, 0], direction[i, 1], direction[i, 2] = x, y, z
 
 
@@ -256,114 +295,51 @@ def _turn(x, y, z, ux, uy, uz):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def drawn(medium, kind, weight, guide, i, towards, v, values):
+def drawn(scatterer, kind, weight, guide, i, towards, v, values):
     """Density (1/sr) with which `scatter` takes direction `towards`, 1 - cos = v off the path's; see `mixture`."""
     about = 0.0
     if guide.used[i]:
         x, y, z = towards
         off = _turn(x, y, z, guide.direction[i, 0], guide.direction[i, 1], guide.direction[i, 2])
-        about = mixture(medium, kind, weight, i, off, values)
-    ahead = mixture(medium, kind, weight, i, v, values)
+        about = mixture(scatterer, kind, weight, i, off, values)
+    ahead = mixture(scatterer, kind, weight, i, v, values)
     return 0.5 * (ahead + about) if guide.used[i] else ahead
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def light(medium, events, paths, guide, together, sample, added, begin, end):
-    """What sampled lights send by way of scatterings, added (n, 3) linear sRGB.
+def light(scatterer, kind, paths, guide, share, sample, added, begin, end):
+    """What sampled lights send by way of particles of classes kind (n,), added (n, 3) linear sRGB.
 
     Parameters
     ----------
-    events : `Events`; at surfaces the radiance of the sample holds the reflection
-    paths : as they arrived from the camera; a path that leaves a particle is not hidden by it
-    guide : as `scatter` takes it
-    together : (n, L) factors of `renderers.materials.particles.shadow`
+    scatterer : `renderers.materials.particles.medium.Scatterer`
+    paths : `Walk`, as they arrived from the camera;  guide : as `scatter` takes it
+    share : (n, L) of the light that gets through
     sample : `renderers.mitsuba.world.LightSample`
     """
-    medium, events, paths = lent(medium), lent(events), lent(paths)
-    waves = paths.throughput.shape[1]
-    scratch = np.empty(waves, np.uint8), mesh_scratch()
-    values, passed = np.empty(waves), np.empty(waves)
+    scatterer, paths, guide, sample = lent(scatterer), lent(paths), lent(guide), lent(sample)
+    radiance, waves = sample.radiance, paths.throughput.shape[1]
+    values = np.empty(waves)
     for i in range(begin, end):
         added[i] = 0.0
-        if _arrives(medium, events, paths, guide, sample, i, values, passed, scratch):
-            for w in range(waves):
-                values[w] *= together[i, w]
-            to_rgb(medium, values, sample.radiance[i], added[i])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def light_alone(medium, events, paths, chance, together, sample, added, begin, end):
-    """What sampled lights send by way of particles, added (n, 3) linear sRGB, beside a share `FOLLOWED` of them that goes on.
-
-    chance : (n,) number in [0, 1): light is hidden where it is above what the mean medium lets through; nan: by others' discs
-    together : (n, L) factors of `renderers.materials.particles.shadow`, where light is hidden by chance
-    """
-    medium, events, paths = lent(medium), lent(events), lent(paths)
-    kind, weight, radiance, waves = events.kind, paths.throughput, sample.radiance, paths.throughput.shape[1]
-    scratch = np.empty(waves, np.uint8), mesh_scratch()
-    values, passed = np.empty(waves), np.empty(waves)
-    for i in range(begin, end):
         if not (radiance[i, 0] > 0 or radiance[i, 1] > 0 or radiance[i, 2] > 0):
             continue
-        ray = ray_of(events.place, sample.direction, i)
-        v = _turn(sample.direction[i, 0], sample.direction[i, 1], sample.direction[i, 2], paths.direction[i, 0],
-                  paths.direction[i, 1], paths.direction[i, 2])
-        ahead = FOLLOWED * mixture(medium, kind[i], weight, i, v, values)
-        balance = 1.0 if sample.delta[i] else sample.density[i] / (sample.density[i] + ahead)
-        if chance[i] >= 0:
-            column = in_box(medium.discs.region, ray, sample.distance[i])
-            for w in range(waves):
-                through = together[i, w] * math.exp(-medium.others * medium.sigma_t[w] * column)
-                passed[w] = math.exp(-medium.host[w] * column) if chance[i] < through else 0.0
-        else:
-            transmit(medium, ray, sample.distance[i], np.inf, ray[:3], paths.states, i, passed, scratch)
+        lx, ly, lz = np.float64(sample.direction[i, 0]), np.float64(sample.direction[i, 1]), np.float64(sample.direction[i, 2])
+        v = _turn(lx, ly, lz, paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2])
+        chance = guide.followed * drawn(scatterer, kind[i], paths.throughput, guide, i, (lx, ly, lz), v, values)
+        balance = 1.0 if sample.delta[i] else sample.density[i] / (sample.density[i] + chance)
         for w in range(waves):
-            values[w] *= medium.albedo[kind[i], w] * weight[i, w] * passed[w] * balance
-        to_rgb(medium, values, radiance[i], added[i])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def in_box(region, ray, far):
-    """Length (m) of a ray up to `far` within the region's box."""
-    begin, end = through_box(region, ray, 0.0, far)
-    return max(end - begin, 0.0)
+            values[w] *= scatterer.albedo[kind[i], w] * balance
+            values[w] *= paths.throughput[i, w]
+            values[w] *= share[i, w]
+        to_rgb(scatterer, values, radiance[i], added[i])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def absorbed(medium, ray, far, weight):
     """What the host of the particles leaves of a ray up to `far`: weight (L,) becomes less."""
     if medium.host.max() > 0:
-        length = in_box(medium.discs.region, ray, far)
+        begin, end = through_box(medium.discs.region, ray, 0.0, far)
+        length = max(end - begin, 0.0)
         for w in range(len(weight)):
             weight[w] *= math.exp(-medium.host[w] * length)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def absorb(medium, paths, distance, begin, end):
-    """`absorbed` of paths begin to end, each up to its distance (n,) m."""
-    for i in range(begin, end):
-        absorbed(medium, ray_of(paths.origin, paths.direction, i), distance[i], paths.throughput[i])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _arrives(medium, events, paths, guide, sample, i, values, passed, scratch):
-    """Whether light of sample i arrives; values (L,) become what the path makes of radiance 1."""
-    if not (sample.radiance[i, 0] > 0 or sample.radiance[i, 1] > 0 or sample.radiance[i, 2] > 0):
-        return False
-    for w in range(len(values)):
-        values[w] = 1.0
-    kind, ray, left_out = events.kind[i], ray_of(events.place, sample.direction, i), (np.nan, np.nan, np.nan)
-    if kind != NO_DISC:
-        lx, ly, lz = ray[3:]
-        v = _turn(lx, ly, lz, paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2])
-        chance = drawn(medium, kind, paths.throughput, guide, i, (lx, ly, lz), v, values)
-        balance = 1.0 if sample.delta[i] else sample.density[i] / (sample.density[i] + chance)
-        for w in range(len(values)):
-            values[w] *= medium.albedo[kind, w] * balance
-        left_out = ray[:3]
-    transmit(medium, ray, sample.distance[i], events.discrete[i], left_out, paths.states, i, passed, scratch)
-    most = 0.0
-    for w in range(len(values)):
-        values[w] *= paths.throughput[i, w] * passed[w]
-        most = max(most, values[w])
-    return most > 0

@@ -18,6 +18,7 @@ from bakery.system.compiled import njit
 from renderers import colour
 from renderers.materials.particles import medium as media
 from renderers.materials.particles import place
+from renderers.materials.particles.box import column, inside
 from renderers.threads import run
 from renderers.transport import wavefront
 
@@ -106,14 +107,6 @@ def _axis(camera):
     return across / np.linalg.norm(across) * np.sign(across @ camera.corner)
 
 
-def inside(region, origin, direction, far):
-    """Where rays enter and leave the region's box before `far`, (n,) m; begin >= end where they miss it."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        a, b = (region.lo - origin) / direction, (region.hi - origin) / direction
-    a, b = np.nan_to_num(a, nan=-np.inf), np.nan_to_num(b, nan=np.inf)
-    return np.maximum(np.minimum(a, b).max(axis=1), 0.0), np.minimum(np.maximum(a, b).min(axis=1), far)
-
-
 def edges_of(begin, end, depths):
     """Depths (n, depths + 1), equal in ratio, from the box's near to its far side."""
     end = np.maximum(end, begin * (1 + 1e-9) + 1e-300)
@@ -132,17 +125,17 @@ def _along(world, medium, origin, direction, middle, thick, behind, solid, state
     wavefront.draw(streams, numbers)
     sample = world.lights(point, numbers)
     light = np.maximum(sample.radiance.astype(float) @ medium.to_waves.T, 0.0)
-    a, b = inside(region, point, sample.direction.astype(float), sample.distance)
-    column = np.cumsum(rho * thick, axis=1)
-    thickness, out = np.cumsum(thick, axis=1) - thick / 2, np.maximum(b - a, 0.0)
-    passed = np.exp(-medium.sigma_t * (column - rho * thick / 2).reshape(-1, 1) - medium.host * thickness.reshape(-1, 1))
+    out = column(region, point, sample.direction.astype(float), sample.distance)
+    dense, thickness = np.cumsum(rho * thick, axis=1), np.cumsum(thick, axis=1) - thick / 2
+    passed = np.exp(-medium.sigma_t * (dense - rho * thick / 2).reshape(-1, 1) - medium.host * thickness.reshape(-1, 1))
     arrives = np.exp(-medium.sigma_t * (rho.reshape(-1) * out)[:, None] - medium.host * out[:, None])
     towards = sample.direction.astype(float) - np.repeat(direction, depths, axis=0)
     v = np.minimum(0.5 * (towards**2).sum(axis=1), 2.0)
     mean, variance = np.empty(len(point)), np.empty(len(point))
-    background = behind * np.exp(-(medium.sigma_t @ share) * column[:, -1])
+    background = behind * np.exp(-(medium.sigma_t @ share) * dense[:, -1])
     area = (middle**2 * solid[:, None]).reshape(-1)
-    run(_moments, len(point), medium, share, _At(v, light, passed, arrives, np.repeat(background, depths), area), mean, variance)
+    at = _At(v, light, passed, arrives, np.repeat(background, depths), area)
+    run(_moments, len(point), medium.scatterer, (medium.density, medium.discs.square), share, at, mean, variance)
     weight = rho * thick
     return (mean.reshape(n, -1) * weight).sum(axis=1) + background, variance.reshape(n, -1) * weight
 
@@ -160,20 +153,21 @@ class _At(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _moments(medium, share, at, mean, variance, begin, end):
-    """Mean and variance of luminance a metre of depth at full density, from all classes of particles."""
+def _moments(scatterer, classes, share, at, mean, variance, begin, end):
+    """Mean and variance of luminance a metre of depth at full density, from all classes: their density and `Discs.square`."""
     v, light, passed, arrives, behind, area = at
-    classes, waves = medium.discs.square.shape
+    density, square = classes
+    waves = square.shape[1]
     for i in range(begin, end):
         mean[i], variance[i] = 0.0, 0.0
-        for k in range(classes):
+        for k in range(len(square)):
             bright, free, reach = 0.0, 0.0, 0.0
             for w in range(waves):
-                size = math.pi * medium.discs.square[k, w]
-                value = phase_value(medium.v, medium.steps, medium.phase[k, w], v[i])
-                bright += share[w] * size * medium.albedo[k, w] * value * light[i, w]
+                size = math.pi * square[k, w]
+                value = phase_value(scatterer.v, scatterer.steps, scatterer.phase[k, w], v[i])
+                bright += share[w] * size * scatterer.albedo[k, w] * value * light[i, w]
                 free += share[w] * passed[i, w] * arrives[i, w]
                 reach = max(reach, size)
             over = max(area[i], reach)
-            mean[i] += medium.density[k] * bright * free
-            variance[i] += medium.density[k] * (bright * bright * free + (reach * behind[i]) ** 2) / over
+            mean[i] += density[k] * bright * free
+            variance[i] += density[k] * (bright * bright * free + (reach * behind[i]) ** 2) / over

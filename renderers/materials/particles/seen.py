@@ -9,7 +9,8 @@ import numpy as np
 
 from bakery.kernels import phase_at, stream_key
 from renderers import colour
-from renderers.materials.particles.detail import edges_of, inside
+from renderers.materials.particles.box import inside
+from renderers.materials.particles.detail import edges_of
 from renderers.transport import wavefront
 
 _PROBES, _DEPTHS = 1024, 24

@@ -73,7 +73,8 @@ def factors(medium, eye, seen, towards, distance, aside):
     near = np.flatnonzero(medium.sigma_t.max(initial=0.0) * medium.others * longest > _LITTLE)
     if len(near):
         computed = np.ones((len(near), factor.shape[1]))
-        run(_factors, len(near), medium, np.asarray(eye, float), seen[near], seen[near] + aside[near],
+        haze = medium.discs.region, medium.overlap, medium.others
+        run(_factors, len(near), haze, np.asarray(eye, float), seen[near], seen[near] + aside[near],
             np.ascontiguousarray(towards[near], float), np.asarray(distance[near], float), computed)
         factor[near] = computed
     return factor
@@ -97,18 +98,20 @@ def of_continuum(medium, eye, seen, towards, distance, numbers):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _factors(medium, eye, seen, middle, towards, distance, factor, begin, end):
-    medium = lent(medium)
+def _factors(haze, eye, seen, middle, towards, distance, factor, begin, end):
+    """haze : region, overlap and others of a `renderers.materials.particles.medium.Medium`"""
+    region, overlap, others = lent(haze)
     scratch, depth = mesh_scratch(), np.empty(factor.shape[1])
     for i in range(begin, end):
-        _shared_depth(medium, eye, seen[i], middle[i], towards[i], distance[i], depth, scratch)
+        _shared_depth(region, overlap, (eye, seen[i], middle[i], towards[i], distance[i]), depth, scratch)
         for w in range(factor.shape[1]):
-            factor[i, w] = math.exp(medium.others * depth[w])
+            factor[i, w] = math.exp(others * depth[w])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _shared_depth(medium, eye, seen, middle, towards, distance, depth, scratch):
+def _shared_depth(region, overlap, ways, depth, scratch):
     """Integral of n A, (L,), along a way from `middle` to a light and another from `seen` to the eye."""
+    eye, seen, middle, towards, distance = ways
     depth[:] = 0.0
     square, product, growth, length = 0.0, 0.0, 0.0, 0.0
     for axis in range(3):
@@ -121,8 +124,8 @@ def _shared_depth(medium, eye, seen, middle, towards, distance, depth, scratch):
         growth += parting * parting
     # squared distance of the two ways: square + 2 product s + growth s^2
     ray = middle[0], middle[1], middle[2], towards[0], towards[1], towards[2]
-    begin, end = through_box(medium.discs.region, ray, 0.0, min(length, distance))
-    reach, nearest = medium.overlap.reach, begin
+    begin, end = through_box(region, ray, 0.0, min(length, distance))
+    reach, nearest = overlap.reach, begin
     if growth > 0:
         nearest = -product / growth
         half = reach * reach - square + product * product / growth
@@ -131,18 +134,18 @@ def _shared_depth(medium, eye, seen, middle, towards, distance, depth, scratch):
     if not begin < end or growth <= 0 and square >= reach * reach:
         return
     nearest = min(max(nearest, begin), end)
-    last = medium.overlap.shared.shape[1] - 1
+    last = overlap.shared.shape[1] - 1
     for limit in (begin, end):
         # nodes closer together where the ways are
         for node in range(len(_NODE)):
             s = nearest + (limit - nearest) * _NODE[node] ** 2
             weight = abs(limit - nearest) * 2 * _NODE[node] * _WEIGHT[node]
-            if medium.discs.region.kind != 0:
-                weight *= relative_density(medium.discs.region, middle[0] + s * towards[0], middle[1] + s * towards[1],
+            if region.kind != 0:
+                weight *= relative_density(region, middle[0] + s * towards[0], middle[1] + s * towards[1],
                                            middle[2] + s * towards[2], scratch)
             away = math.sqrt(max(square + 2 * product * s + growth * s * s, 0.0))
             position = math.sqrt(min(away / reach, 1.0)) * last
             low = min(int(position), last - 1)
             for w in range(len(depth)):
-                at, after = medium.overlap.shared[w, low], medium.overlap.shared[w, low + 1]
+                at, after = overlap.shared[w, low], overlap.shared[w, low + 1]
                 depth[w] += weight * (at + (position - low) * (after - at))

@@ -17,24 +17,24 @@ import numpy as np
 from bakery.kernels import (
     BOX,
     Particles,
-    Pencil,
     disc_cells,
     discs_of_cell,
     hashed,
     mesh_scratch,
-    open_wavelengths,
     stream_key,
     turned_direction,
 )
 from bakery.system.compiled import njit
 from renderers.materials.particles import _transport, shadow
-from renderers.materials.particles._transport import Events, Guide
+from renderers.materials.particles._transport import Guide, Walk, Ways
+from renderers.materials.particles.box import column
 from renderers.materials.particles.walk import Paths
 from renderers.mitsuba.world import FAR, LightSample
 from renderers.threads import run
 from renderers.transport import steps, wavefront
 
 CHUNK = 1 << 17  # particles at a time
+_FOLLOWED = 0.25  # share of the pencils that also go on as their particles scatter, to find light by
 _MOST = 4096  # pencils to one particle in a pass
 _DENSE = 8.0  # pencils to a pixel of a disc
 _TRACED, _DRAWN = 1 << 16, 1 << 22  # particles in a pass: a second or two
@@ -153,7 +153,8 @@ def _particles(discs, view, discrete, share):
         edge = _BLOCK
         while edge > 1 and np.prod(bounds[3:] - bounds[:3] + 1.0) < _BLOCKS * edge**3:
             edge //= 2
-        blocks = _blocks_in_view(discs, level, bounds, edge, view.origin, view.sides, farthest, share)
+        lattice = discs.step[level], discs.region.lo + discs.shift[level], discs.reach[level]
+        blocks = _blocks_in_view(lattice, bounds, edge, view.origin, view.sides, farthest, share)
         state = np.zeros(3, np.int64)  # block, cell in it, particle in that
         while state[0] < len(blocks):
             points, kind, identity = np.empty((CHUNK, 3)), np.empty(CHUNK, np.int64), np.empty(CHUNK, np.uint64)
@@ -163,14 +164,16 @@ def _particles(discs, view, discrete, share):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _blocks_in_view(discs, level, bounds, edge, origin, sides, farthest, share):
+def _blocks_in_view(lattice, bounds, edge, origin, sides, farthest, share):
     """First cells (n, 3) of blocks of edge^3 cells that a pyramid of view, normals sides (4, 3) inwards, may touch.
+
+    lattice : edges (3,) and corner (3,) m of the cells of a level, and how far its discs reach, m
 
     Of a share of them, see `_particles`, by chance: what is left out has no pattern.
     """
     counts = (bounds[3:] - bounds[:3]) // edge + 1
-    step, corner = discs.step[level], discs.region.lo + discs.shift[level]
-    radius = 0.5 * edge * math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2) + discs.reach[level]
+    step, corner, reach = lattice
+    radius = 0.5 * edge * math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2) + reach
     out = np.empty((64, 3), np.int64)
     n = 0
     for i in range(counts[0]):
@@ -245,14 +248,35 @@ def _add(world, discs, view, chunk, discrete, streams, by_order, by_light):
         kept = kept[~np.isfinite(far)]
     points, kind, numbers, pencils = points[kept], kind[kept], numbers[kept], pencils.of(kept)
     chances = _chances(medium, plan, view, pencils, numbers[:, 2:])
-    seen = np.empty(len(kept), bool)
-    run(_visible, len(kept), medium, view.origin, pencils, points, chances[0], seen)
-    events = Events(kind[seen], points[seen], np.empty(0))
-    _light(world, discs, view, events, pencils.of(seen), chances[1][seen], by_order[1], by_light)
+    share = (pencils.throughput > 0).astype(float)
+    ways = _ways(pencils.states, np.tile(view.origin, (len(kept), 1)), pencils.direction, pencils.far, points)
+    _let_through(medium, chances[0], ways, share)
+    pencils.throughput[:] *= share
+    seen = np.flatnonzero((pencils.throughput > 0).any(axis=1))
+    _light(world, discs, view, (kind[seen], points[seen]), pencils.of(seen), chances[1][seen], by_order[1], by_light)
 
 
-def _light(world, discs, view, events, pencils, chance, picture, by_light):
-    """Adds what lights send by way of particles that are seen to the picture (pixels, 3), and by light."""
+def _ways(states, origin, direction, distance, left_out) -> Ways:
+    """Ways that particles alone hide, by their discs."""
+    return Ways(states, origin, direction, distance, np.full(len(distance), np.inf), left_out)
+
+
+def _let_through(medium, chance, ways, share, factor=1.0):
+    """Multiplies share (n, L) by what gets through along ways: what others' discs leave, and where chance (n,) is a number all
+    or nothing, as it is below what the mean medium lets through times a factor (n, L)."""
+    drawn, traced = np.flatnonzero(chance >= 0), np.flatnonzero(np.isnan(chance))
+    if len(drawn):
+        length = column(medium.discs.region, *(values[drawn] for values in (ways.origin, ways.direction, ways.distance)))[:, None]
+        through = np.broadcast_to(factor, share.shape)[drawn] * np.exp(-medium.others * medium.sigma_t * length)
+        share[drawn] *= np.where(chance[drawn, None] < through, np.exp(-medium.host * length), 0.0)
+    passed = share[traced]
+    run(_transport.transmit, len(traced), medium, Ways(*(values[traced] for values in ways)), passed)
+    share[traced] = passed
+
+
+def _light(world, discs, view, particles, pencils, chance, picture, by_light):
+    """Adds what lights send by way of particles that are seen, class (n,) and place (n, 3) m, to the picture (pixels, 3), and by
+    light."""
     (medium, plan), m = discs, len(pencils.pixel)
     if not m:
         return
@@ -260,24 +284,25 @@ def _light(world, discs, view, events, pencils, chance, picture, by_light):
     for _ in range(plan.samples):
         numbers = np.empty((m, 4))
         wavefront.draw(pencils.states, numbers)
-        samples = [(slice(None), world.lights(events.place, numbers[:, :3]))]
-        if world.extended and len(chosen := np.flatnonzero(numbers[:, 3] < _transport.FOLLOWED)):
-            samples.append((chosen, _followed(world, medium, events, pencils, chosen)))
+        samples = [(slice(None), world.lights(particles[1], numbers[:, :3]))]
+        if world.extended and len(chosen := np.flatnonzero(numbers[:, 3] < _FOLLOWED)):
+            samples.append((chosen, _followed(world, medium, particles, pencils, chosen)))
         for rows, sample in samples:
-            light = Events(events.kind[rows], events.place[rows], events.discrete), pencils.of(rows), chance[rows], sample
-            _arrives(medium, view, *light, picture, by_light)
+            some = [values[rows] for values in particles]
+            _arrives(medium, view, some, pencils.of(rows), chance[rows], sample, picture, by_light)
 
 
-def _followed(world, medium, events, pencils, chosen) -> LightSample:
+def _followed(world, medium, particles, pencils, chosen) -> LightSample:
     """What some pencils come upon that go on as their particles scatter, as places on lights: a lamp behind a particle sends
     nearly all of its light by way of a narrow peak, which places on it seldom are in."""
     n, none, whole = len(chosen), np.zeros(len(chosen), bool), np.zeros(len(chosen), np.int64)
-    origin, density = events.place[chosen], np.zeros(n)
+    origin, density = particles[1][chosen], np.zeros(n)
     paths = Paths(origin, pencils.direction[chosen], pencils.throughput[chosen], pencils.states[chosen], pencils.pixel[chosen],
                   origin, density, none, whole, whole, np.zeros(n), none, whole)
-    run(_transport.scatter, n, medium, events.kind[chosen], paths, Guide(paths.direction.copy(), none))
+    guide = Guide(paths.direction.copy(), none)
+    run(_transport.scatter, n, medium.scatterer, particles[0][chosen], Walk.of(paths), guide)
     pencils.states[chosen] = paths.states
-    density *= _transport.FOLLOWED
+    density *= _FOLLOWED
     shading, _ = steps.met(world, paths)
     far = np.where(shading.hit, np.linalg.norm(shading.point - origin, axis=1), FAR)
     radiance = shading.emitted / np.maximum(density, 1e-30)[:, None]
@@ -285,14 +310,18 @@ def _followed(world, medium, events, pencils, chosen) -> LightSample:
                        ~none, shading.source)
 
 
-def _arrives(medium, view, events, pencils, chance, sample, picture, by_light):
+def _arrives(medium, view, particles, pencils, chance, sample, picture, by_light):
     """Adds what one place on a light sends by way of each particle."""
-    added, together = np.zeros((len(chance), 3)), np.ones(pencils.throughput.shape)
+    (kind, place), n = particles, len(chance)
+    towards, distance, factor = sample.direction.astype(float), sample.distance.astype(float), 1.0
     if np.isfinite(chance).any():
         ends = view.origin + pencils.far[:, None] * pencils.direction
-        together = shadow.factors(medium, view.origin, ends, sample.direction.astype(float), sample.distance,
-                                  events.place - ends)
-    run(_transport.light_alone, len(chance), medium, events, pencils, chance, together, sample, added)
+        factor = shadow.factors(medium, view.origin, ends, towards, distance, place - ends)
+    share = np.repeat((sample.radiance > 0).any(axis=1)[:, None], len(medium.sigma_t), axis=1).astype(float)
+    _let_through(medium, chance, _ways(pencils.states, place, towards, distance, place), share, factor)
+    added, guide = np.empty((n, 3)), Guide(pencils.direction, np.zeros(n, bool), _FOLLOWED)
+    walk = Walk(place, pencils.direction, pencils.throughput, pencils.states, place, np.empty(n))
+    run(_transport.light, n, medium.scatterer, kind, walk, guide, share, sample, added)
     _sum(added, pencils.pixel, sample.light, picture, by_light)
 
 
@@ -379,28 +408,3 @@ def _aim(discs, frame, discrete, particles, aims, pencils, begin, end):
         if open:
             pixel[i], pencils.far[i] = to, t
             pencils.direction[i, 0], pencils.direction[i, 1], pencils.direction[i, 2] = dx, dy, dz
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _visible(medium, origin, pencils, points, chance, seen, begin, end):
-    """What others' discs, or chance, leave of pencils: weights become 0 where they are stopped; seen: whether any is left."""
-    direction, weight, far = pencils.direction, pencils.throughput, pencils.far
-    scratch, open = mesh_scratch(), np.empty(weight.shape[1], np.uint8)
-    for i in range(begin, end):
-        ray = origin[0], origin[1], origin[2], direction[i, 0], direction[i, 1], direction[i, 2]
-        _transport.absorbed(medium, ray, far[i], weight[i])
-        if chance[i] >= 0:
-            seen[i] = False
-            column = _transport.in_box(medium.discs.region, ray, far[i])
-            for w in range(len(open)):
-                if chance[i] >= math.exp(-medium.others * medium.sigma_t[w] * column):
-                    weight[i, w] = 0.0
-                seen[i] = seen[i] or weight[i, w] > 0
-            continue
-        for w in range(len(open)):
-            open[w] = weight[i, w] > 0
-        pencil = Pencil(ray[:3], ray[3:], 0.0, far[i], (points[i, 0], points[i, 1], points[i, 2]))
-        seen[i] = open_wavelengths(medium.discs, pencil, open, scratch) > 0
-        for w in range(len(open)):
-            if not open[w]:
-                weight[i, w] = 0.0

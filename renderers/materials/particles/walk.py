@@ -16,7 +16,8 @@ import numpy as np
 from bakery.kernels import NO_DISC, stream_key
 from renderers import colour
 from renderers.materials.particles import _transport, shadow
-from renderers.materials.particles._transport import Events, Guide
+from renderers.materials.particles._transport import Guide, Walk, Ways
+from renderers.materials.particles.box import absorb
 from renderers.mitsuba.world import FAR
 from renderers.threads import run
 from renderers.transport import paths as wavefront_paths
@@ -104,7 +105,7 @@ class Discs:
         """The next scattering of each path before `far` (n,) m: class (n,) or NO_DISC, distance (n,) and place (n, 3) m."""
         n = paths.count
         kind, distance, point = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
-        run(_transport.collide, n, self.medium, paths, far, paths.discrete, kind, distance, point)
+        run(_transport.collide, n, self.medium, Walk.of(paths), far, paths.discrete, kind, distance, point)
         return kind, distance, point
 
     def scattered(self, world, paths, kind, point, sums):
@@ -120,14 +121,16 @@ class Discs:
         guide = Guide(guide_sample.direction.astype(float),
                       (guide_sample.radiance > 0).any(axis=1) & (guide_sample.delta | (guide_sample.density > _SMALL)))
         added = np.empty((n, 3))
-        together = _together(self, (paths.bounces == 0) & ~particle, point, sample.direction, sample.distance, numbers[:, 6:])
+        share = _together(self, (paths.bounces == 0) & ~particle, point, sample.direction, sample.distance, numbers[:, 6:])
         sample.radiance[first] = 0.0
-        run(_transport.light, n, medium, Events(kind, point, paths.discrete), paths, guide, together, sample, added)
+        _let_through(medium, paths, point, sample, point, share)
+        run(_transport.light, n, medium.scatterer, kind, Walk.of(paths), guide, share, sample, added)
         sums.add(paths, sample.light, added)
         paths = paths._replace(origin=point, left_out=point.copy(), single=np.zeros(n, bool), seen=first)
         copies = np.repeat(np.arange(n), paths.ways)
         paths = _split(paths, copies)
-        run(_transport.scatter, paths.count, medium, kind[copies], paths, Guide(*(values[copies] for values in guide)))
+        guide = Guide(guide.direction[copies], guide.used[copies])
+        run(_transport.scatter, paths.count, medium.scatterer, kind[copies], Walk.of(paths), guide)
         return paths
 
 
@@ -143,6 +146,13 @@ def _together(method, straight, seen, towards, distance, numbers=None):
         together[chosen] = shadow.factors(*light, np.zeros((len(chosen), 3))) if numbers is None \
             else shadow.of_continuum(*light, numbers[chosen])
     return together
+
+
+def _let_through(medium, paths, point, sample, left_out, share):
+    """Multiplies share (n, L) of light of samples by what gets through to points (n, 3) m; 0 where they are dark."""
+    share[~(sample.radiance > 0).any(axis=1)] = 0.0
+    ways = Ways(paths.states, point, sample.direction.astype(float), sample.distance.astype(float), paths.discrete, left_out)
+    run(_transport.transmit, len(share), medium, ways, share)
 
 
 def _split(paths, copies):
@@ -236,7 +246,7 @@ def _bounce(world, method, paths, sums):
     far = world.trace(paths.origin, paths.direction, np.full(paths.count, np.inf))
     kind, distance, point = method.collide(paths, far)
     stopped = kind != NO_DISC
-    run(_transport.absorb, paths.count, method.medium, paths, np.where(stopped, distance, far))
+    absorb(method.medium, paths, np.where(stopped, distance, far))
     parts = [_among_particles(world, method, paths.of(stopped), kind[stopped], point[stopped], sums),
              _at_surfaces(world, method, paths.of(~stopped), sums)]
     together = Paths(*map(np.concatenate, zip(*parts)))
@@ -285,10 +295,9 @@ def _at_surfaces(world, method, paths, sums):
     paths.bounces[:] += 1
     paths.ways[:] = 1
     paths.discrete[:] = method.later
-    sample, added = shading.light.of(hit), np.empty((m, 3))
-    together = _together(method, paths.bounces == 1, shading.point[hit], sample.direction, sample.distance)
-    events = Events(np.full(m, NO_DISC), shading.point[hit], paths.discrete)
-    run(_transport.light, m, medium, events, paths, Guide(paths.direction, np.zeros(m, bool)), together, sample, added)
-    sums.add(paths, sample.light, added)
+    sample, nothing = shading.light.of(hit), np.full((m, 3), np.nan)
+    share = _together(method, paths.bounces == 1, shading.point[hit], sample.direction, sample.distance)
+    _let_through(medium, paths, shading.point[hit], sample, nothing, share)
+    steps.add_light(medium, paths.throughput * share, paths.order, sample.radiance, sample.light, paths, sums)
     steps.reflected(medium, paths, shading, hit)
-    return paths._replace(left_out=np.full((m, 3), np.nan), seen=np.zeros(m, bool))
+    return paths._replace(left_out=nothing, seen=np.zeros(m, bool))
