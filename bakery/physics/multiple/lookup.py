@@ -87,8 +87,8 @@ def _upsampled(functions):
     over = min(_OVERLAP, A - 1, B - 1)
     values, mirrored = np.moveaxis(functions, 0, -1), np.moveaxis(functions[:, :, ::-1], 0, -1)
     tall = _finer(np.concatenate([mirrored[over:0:-1], values, mirrored[-2:-2 - over:-1]]), over)
-    wide = np.moveaxis(tall, 1, 0)
-    return np.moveaxis(_finer(np.concatenate([wide[over:0:-1], wide, wide[-2:-2 - over:-1]]), over), 0, 1)
+    rings = np.moveaxis(tall, 1, 0)
+    return np.moveaxis(_finer(np.concatenate([rings[over:0:-1], rings, rings[-2:-2 - over:-1]]), over), 0, 1)
 
 
 def _finer(y, over):
@@ -102,8 +102,8 @@ def _finer(y, over):
     slope[0], slope[-1] = (-5 * y[0] + 4 * y[1] + y[2]) / 2, (5 * y[-1] - 4 * y[-2] - y[-3]) / 2
     above = np.full(len(y), 2.0)  # the equation of each slope less those before it: that slope, and so many times the next
     for n in range(1, len(y)):
-        below, own = (2.0, 1.0) if n == len(y) - 1 else (1.0, 4.0)
-        pivot = own - below * above[n - 1]
+        below, diagonal = (2.0, 1.0) if n == len(y) - 1 else (1.0, 4.0)
+        pivot = diagonal - below * above[n - 1]
         slope[n] = (slope[n] - below * slope[n - 1]) / pivot
         above[n] = 1 / pivot
     for n in range(len(y) - 2, -1, -1):

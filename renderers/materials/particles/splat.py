@@ -288,8 +288,8 @@ def _light(world, discs, view, particles, pencils, chance, picture, by_light):
         if world.extended and len(chosen := np.flatnonzero(numbers[:, 3] < _FOLLOWED)):
             samples.append((chosen, _followed(world, medium, particles, pencils, chosen)))
         for rows, sample in samples:
-            some = [values[rows] for values in particles]
-            _arrives(medium, view, some, pencils.of(rows), chance[rows], sample, picture, by_light)
+            seen = [values[rows] for values in particles]
+            _arrives(medium, view, seen, pencils.of(rows), chance[rows], sample, picture, by_light)
 
 
 def _followed(world, medium, particles, pencils, chosen) -> LightSample:
@@ -312,15 +312,15 @@ def _followed(world, medium, particles, pencils, chosen) -> LightSample:
 
 def _arrives(medium, view, particles, pencils, chance, sample, picture, by_light):
     """Adds what one place on a light sends by way of each particle."""
-    (kind, place), n = particles, len(chance)
+    (kind, centre), n = particles, len(chance)
     towards, distance, factor = sample.direction.astype(float), sample.distance.astype(float), 1.0
     if np.isfinite(chance).any():
         ends = view.origin + pencils.far[:, None] * pencils.direction
-        factor = shadow.factors(medium, view.origin, ends, towards, distance, place - ends)
+        factor = shadow.factors(medium, view.origin, ends, towards, distance, centre - ends)
     share = np.repeat((sample.radiance > 0).any(axis=1)[:, None], len(medium.sigma_t), axis=1).astype(float)
-    _let_through(medium, chance, _ways(pencils.states, place, towards, distance, place), share, factor)
+    _let_through(medium, chance, _ways(pencils.states, centre, towards, distance, centre), share, factor)
     added, guide = np.empty((n, 3)), Guide(pencils.direction, np.zeros(n, bool), _FOLLOWED)
-    walk = Walk(place, pencils.direction, pencils.throughput, pencils.states, place, np.empty(n))
+    walk = Walk(centre, pencils.direction, pencils.throughput, pencils.states, centre, np.empty(n))
     run(_transport.light, n, medium.scatterer, kind, walk, guide, share, sample, added)
     _sum(added, pencils.pixel, sample.light, picture, by_light)
 

@@ -81,9 +81,9 @@ class Squares(NamedTuple):
         number = np.concatenate([np.zeros(len(side), np.int64), 1 + np.arange(len(others)) - np.searchsorted(others, others)])
         return cls(pixel, number, side[pixel])
 
-    def of(self, some) -> Squares:
+    def of(self, rows) -> Squares:
         """Some of them, by an index of arrays."""
-        return Squares(*(values[some] for values in self))
+        return Squares(*(values[rows] for values in self))
 
 
 class Discs:
