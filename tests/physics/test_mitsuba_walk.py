@@ -16,7 +16,6 @@ from bakery.physics.grains.surface import conductor, dielectric, diffuse
 from bakery.physics.grains.walk import CONTRADICTED, CUT, LEFT, MISSED, Walker
 from bakery.physics.shapes import build as shapes
 from bakery.physics.shapes.examples import EXAMPLES
-from tests.conftest import slow
 from tests.odds import sigmas
 from tests.oracles import mitsuba_walk
 from tests.oracles.mitsuba_walk import MitsubaWalker
@@ -133,7 +132,8 @@ GRAINS = {
 }
 
 
-@pytest.mark.parametrize("name", [slow(name) if name.startswith(("dark", "glass", "rough copper")) else name for name in GRAINS])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", GRAINS)
 def test_figures_are_numbas(name):
     mesh, surface, mu = GRAINS[name][0](), *GRAINS[name][1:]
     # other entries: with the same ones the errors would count what both have in common twice
@@ -146,6 +146,7 @@ def test_figures_are_numbas(name):
     assert there.contradicted < CONTRADICTED_MAX and np.all(there.lost == 0)
 
 
+@pytest.mark.slow
 def test_closed_forms_of_the_glass_cube():
     """2 / pi by Cauchy's formula, mean chord 4/3 of the sphere, and the inner path of index^2 4V/S without trapped modes."""
     found = measure(CUBE, dielectric(1.5), seed=3, tolerance=0.003, tracer=walkers(CUBE, dielectric(1.5))[1])
