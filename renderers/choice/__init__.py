@@ -31,7 +31,7 @@ from renderers.scene.budget import percent
 from renderers.scene.candidates import Candidate
 
 TEXT = "bakery_method"  # attribute of the pictures
-_VERSION = 5  # of the rules below; another one does not go by what was kept
+_VERSION = 6  # of the rules below; another one does not go by what was kept
 # Of the render, that pilots may take together, and that each is given; two passes of each size take what they take.  A tenth
 # beside the first was more than they saved (a jelly whose first candidate is the cheapest), and a twentieth left no time for two
 # passes through grains (fine salt from afar, of which another one is 1.8 times as cheap)

@@ -33,6 +33,8 @@ _SEED = 0x9170  # of all pilots: no seed of a picture decides how it is made
 _BLACK = 1e-6  # of the light that others have found; less counts as that
 _COMPILES, _LAUNCHES = 1 << 30, 0.05  # a pass that is not counted; s that a pass takes at most without paths
 _SEVERAL = 4  # samples of a pixel in a pass, that tell what a path takes where one of each does not
+# Share of a pass's time that may go with the pixels where two sizes take as long, such as splats of the particles in a box
+_CLOCK = 0.1
 # Times the seconds of a pilot that two passes may take.  At three, pilots through grains took 2.5 % of a minute each, and knew
 # noise no better: it is told by the number of pixels
 _PATIENCE = 1.0
@@ -234,8 +236,8 @@ def of(prepare: Callable, world, seconds: float | None, samples: int | None = No
 
 def _cost(part, small, large, level, pixels) -> Cost:
     """Of a kind of pass, by its two pictures, for one of so many pixels whose mean luminance is `level`."""
-    first, second, more_pixels = small.of_pass(part), large.of_pass(part), large.pixels - small.pixels
-    by_pixel = (max(second - first, 0.0) / more_pixels if more_pixels else 0.0) or second / large.pixels
+    second = large.of_pass(part)
+    by_pixel = _by_pixel(small.of_pass(part), second, small.pixels, large.pixels)
     mean = large.passes.means[part.name]
     tail, spread = tails.of_passes(large.luminance(part) / level, pixels * mean.count)
     coarse, of_coarse = tails.of_passes(small.luminance(part) / level)
@@ -246,6 +248,13 @@ def _cost(part, small, large, level, pixels) -> Cost:
     grows = _growth(tail.dim / max(coarse.variance(), 1e-300), math.hypot(spread, of_coarse), large.pixels / small.pixels)
     return Cost(max(second - by_pixel * large.pixels, 0.0), by_pixel, part.samples, pixel, shared, spread, grows, tail,
                 part.steps > 1)
+
+
+def _by_pixel(first, second, fewer, pixels) -> float:
+    """Seconds of a pass that go with the pixels, of one: from passes over fewer and over `pixels` that take first and second."""
+    if pixels == fewer:
+        return second / pixels
+    return max(second - first, _CLOCK * second) / (pixels - fewer)
 
 
 def _share(parts, world, seconds) -> float:

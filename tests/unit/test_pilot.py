@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from renderers import choice
-from renderers.choice import pilot
+from renderers.choice import pilot, trial
 from renderers.choice.trial import Cost, Trial
 from renderers.pictures.engine import Stop
 
@@ -23,6 +23,15 @@ def test_passes_are_linear_in_pixels():
     assert pilot._scaled(small, large, 1_000_000)["walk"]["seconds"] == pytest.approx(3.001)
     assert pilot._scaled(small, large, 9216) == large.report["parts"]
     assert pilot._scaled(large, large, 1_000_000) == large.report["parts"]
+
+
+def test_passes_of_splats_take_as_long_for_any_picture():
+    """Seconds of two sizes that are alike but for what a clock tells do not go with the pixels; 3 us a pixel do."""
+    small, large, picture = 24**2, 64**2, 400 * 300
+    by_pixel = trial._by_pixel(1.46, 1.45, small, large)
+    assert 1.45 < 1.45 + by_pixel * (picture - large) < 5 * 1.45
+    assert trial._by_pixel(1e-3 + 3e-6 * small, 1e-3 + 3e-6 * large, small, large) == pytest.approx(3e-6)
+    assert trial._by_pixel(0.5, 0.5, large, large) == 0.5 / large
 
 
 def test_what_ends_the_passes():
