@@ -9,6 +9,7 @@ import numpy as np
 from bakery import kernels
 from renderers.materials.bodies.bodies import solid_shape
 from renderers.materials.grains import local, material
+from renderers.materials.grains.declared.ept import smooth
 from renderers.materials.grains.methods import cone
 from renderers.materials.particles import continuum, place
 from renderers.materials.particles.medium import classes_of, medium, without_peak
@@ -125,6 +126,17 @@ def _grains(scene, world, asset, spectra, number):
     angle = cone(method, entry.widen, world, [asset], [(vertices, faces)])
     return Content(Grains(region, grains, angle), stands,
                    tuple(f"materials[{number}]: {reason}" for reason in material.reasons_of(asset, angle)))
+
+
+def shown_alike(filled, assets) -> list[Content]:
+    """Contents of all entries whose smooth grains show small lamps as the narrowest discs of any: what a path brings is not told
+    by the grain that turned it."""
+    angle = min((content.what.angle for content in filled if isinstance(content.what, Grains) and content.what.angle > 0),
+                default=0.0)
+    return [content if not (angle and isinstance(content.what, Grains) and smooth([asset]))
+            else content._replace(what=content.what._replace(angle=angle), reasons=tuple(
+                f"materials[{number}]: {reason}" for reason in material.reasons_of(asset, angle)))
+            for number, (content, asset) in enumerate(zip(filled, assets, strict=True))]
 
 
 def _region(scene, number):

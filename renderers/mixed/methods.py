@@ -28,6 +28,7 @@ def prepare(job, world, seed) -> Method:
     spectra = Spectra.of([assets[number] for number in inside])
     filled = [contents.Content(None, None, placed[number].reasons) if number in placed
               else contents.of(scene, world, asset, spectra, number) for number, asset in enumerate(assets)]
+    filled = contents.shown_alike(filled, assets)
     filled = [content._replace(reasons=(*content.reasons, *changing[number].reasons)) if number in changing else content
               for number, content in enumerate(filled)]
     _refuse_overlap(scene, filled)
@@ -56,7 +57,7 @@ def prepare(job, world, seed) -> Method:
         raise scene.wrong(f"materials[{number}].method", f"found {entries[number]} beside particles or grains, or more than "
                           f"{MOST_IN_A_LOOP - 1} media; use paths or surface, or a medium for the others")
     around = build.scene_of(world, [build.material_of(content) for content in materials], spectra.colours,
-                            min((angle for angle in widened if angle > 0), default=0.0))
+                            max(widened, default=0.0))
     part, shares = wavefronts.part("paths", around, seed), []
 
     def after(estimate):

@@ -118,6 +118,11 @@ def test_smooth_grains_show_small_lamps_wider(call, folder):
     assert "method: ept+wide shows them as discs" in " ".join(exact["reasons"])
     assert "small lamps as discs of 9 degrees" in " ".join(wide["reasons"])
     assert wide["mean"][1] > exact["mean"][1]
+    other = "--set", "materials[1].where={mesh: heap.ply, unit: 10 m}", "--set", "materials[1].recipe=glass.yaml"
+    beside, _ = rendered(call, "beside.png", *alone, *other, "--set", "materials[2].method=ept+wide", "--set",
+                         "materials[2].widen=9 deg", "--set", "materials[1].method=ept")
+    assert beside["materials"][1]["bias"] is None, "all smooth grains of a scene show lamps as discs"
+    assert " ".join(beside["reasons"]).count("small lamps as discs of 9 degrees") == 2
 
 
 @pytest.mark.slow
