@@ -194,8 +194,9 @@ def test_a_late_block_is_done_by_another_worker_as_well(workers, tmp_path, monke
     said = []
     monkeypatch.setattr(workers, "say", said.append)
     monkeypatch.setattr(messages, "_LATE", 1.0)
+    monkeypatch.setattr(messages, "_TIMES", 1.0)  # on a busy machine others take 2 of the 6 s and more
     assert workers.map(blocks.slow_once, [tmp_path / "slow"] * 6, range(6)) == list(range(6))
-    assert len(said) == 1 and "is slow" in said[0]
+    assert said and all("is slow" in line for line in said)
 
 
 @pytest.mark.slow
