@@ -18,6 +18,14 @@ _NAMES = {"mono": ("mono", "scalar_rgb"), "rgb": ("rgb", "scalar_rgb"), "spectra
           "spectral_polarized": ("spectral_polarized", "scalar_spectral_polarized")}
 
 
+SEVERAL_SCENES = ("a graphics card traces rays through one scene at a time, and bodies that touch or whose mesh is turned inward,"
+                  " and media in a mesh, need several")
+
+
+class SeveralScenes(UsageError):
+    """What a graphics card cannot render."""
+
+
 class MissingMitsuba(BakeryError, ImportError):
     """The extra `mitsuba` is not installed."""
 

@@ -8,7 +8,6 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
-from bakery.errors import UsageError
 from renderers.mitsuba import variants
 from renderers.transport import solids
 from renderers.transport.scattering import Scatterer
@@ -126,11 +125,10 @@ def boundary(vertices, faces, unit):
 
     Raises
     ------
-    UsageError : on a graphics card, where a kernel traces rays through one scene alone: others would silently be missed
+    SeveralScenes : on a graphics card, where others would silently be missed
     """
     if variants.on_gpu(mi.variant()):
-        raise UsageError(f"variant {mi.variant()}: a graphics card traces rays through one scene at a time, and bodies that "
-                         "touch or whose mesh is turned inward, and media in a mesh, need several; use --variant llvm_ad_rgb")
+        raise variants.SeveralScenes(f"variant {mi.variant()}: {variants.SEVERAL_SCENES}; use --variant llvm_ad_rgb")
     mesh = mi.Mesh("boundary", len(vertices), len(faces))
     values = mi.traverse(mesh)
     values["vertex_positions"] = (np.asarray(vertices) / unit).astype(np.float32).ravel()

@@ -58,6 +58,11 @@ def scatterer(sigma_t, albedo, theta, phase) -> Scatterer:
                      *(np.array([layout[k] for layout in layouts]) for k in (2, 3)))
 
 
+def vacuum(waves) -> Scatterer:
+    """What neither scatters nor absorbs, at so many wavelengths."""
+    return scatterer(np.zeros(waves), np.zeros(waves), [0, np.pi], np.full((waves, 2), UNIFORM))
+
+
 def mean_cosines(medium) -> np.ndarray:
     """(L,) mean cosines of the phase functions, which are linear in v = 1 - cos theta between their nodes."""
     a, b, p, q = 1 - medium.v[:-1], 1 - medium.v[1:], medium.phase[:, :-1], medium.phase[:, 1:]

@@ -17,6 +17,7 @@ from renderers.transport.far import FarSurfaces
 from renderers.transport.media import Media
 from renderers.transport.regions import Grid, Medium, Regions
 from renderers.transport.samples import samples
+from renderers.transport.scattering import vacuum
 from renderers.transport.solids import volume
 from renderers.transport.splitting import Splitting, smooth
 from renderers.transport.voxels import Voxels
@@ -107,8 +108,8 @@ class Scene(View):
         drawn : whether light samples of lamps go through smooth boundaries, and paths are split there; else they are as frequent
             as light is
         far : `far.Far` of bodies that are surfaces far from the camera, by their numbers among the entries
-        entries : at most `MOST`, of the same wavelengths: `regions.Medium`, or bodies, shapes of the Mitsuba scene, with name,
-            vertices, faces, medium, matched as a `renderers.materials.bodies.bodies.Body` has them
+        entries : none, or at most `MOST` of the same wavelengths: `regions.Medium`, or bodies, shapes of the Mitsuba scene, with
+            name, vertices, faces, medium, matched as a `renderers.materials.bodies.bodies.Body` has them
         most : of each entry, all of them bodies, scatterings between two surfaces that a path may have, after which it goes
             straight to the next with what the medium leaves of it; None: any number
         """
@@ -118,7 +119,8 @@ class Scene(View):
         unbounded = {number: entry for number, entry in numbered.items() if isinstance(entry, Medium)}
         bodies = {number: entry for number, entry in numbered.items() if number not in unbounded}
         unit = world.unit
-        self.media = Media([entry.scatterer if number in unbounded else entry.medium for number, entry in numbered.items()], unit)
+        media = [entry.scatterer if number in unbounded else entry.medium for number, entry in numbered.items()]
+        self.media = Media(media or [vacuum(self.waves)], unit)
         self.boundaries = Boundaries(world, bodies)
         self.around_camera = self.boundaries.around_camera
         self.regions = Regions([(1 << number, entry.region) for number, entry in unbounded.items()], unit)
