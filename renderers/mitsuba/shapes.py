@@ -68,6 +68,36 @@ def leaning(shape, angle) -> float:
     return float(area[cosine < math.cos(angle) * area].sum() / area.sum())
 
 
+def lying_on(shape, other, unit) -> float:
+    """Share of the area of a mesh that lies on another, so near that a ray which leaves one of them misses the other.
+
+    shape, other : `Shape` with vertices and faces;  unit : m, length of 1 in the scene
+    """
+    import mitsuba as mi
+
+    corners = shape.vertices[shape.faces] / unit
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normals, axis=1)
+    normals /= np.maximum(area, np.finfo(float).tiny)[:, None]
+    points = corners.mean(axis=1)
+    reach = mi.math.RayEpsilon * (1 + np.abs(points).max(axis=1))  # as far from a surface Mitsuba's rays begin anew
+    ray = mi.Ray3f(*(mi.Vector3f(*column.astype(np.float32).T) for column in (points + reach[:, None] * normals, -normals)))
+    ray.maxt = mi.Float((2 * reach).astype(np.float32))
+    return float(area[np.array(mesh_scene(other.vertices, other.faces, unit).ray_test(ray), bool)].sum() / area.sum())
+
+
+def mesh_scene(vertices, faces, unit):
+    """A Mitsuba scene of nothing but a mesh of vertices (V, 3) m and faces (F, 3); unit : m, length of 1 in it."""
+    import mitsuba as mi
+
+    mesh = mi.Mesh("mesh", len(vertices), len(faces))
+    values = mi.traverse(mesh)
+    values["vertex_positions"] = (np.asarray(vertices) / unit).astype(np.float32).ravel()
+    values["faces"] = np.asarray(faces).astype(np.uint32).ravel()
+    values.update()
+    return mi.load_dict({"type": "scene", "mesh": mesh})
+
+
 def is_sphere(shape) -> bool:
     """Whether a shape of Mitsuba's is a sphere."""
     return shape.class_name() == "Sphere"

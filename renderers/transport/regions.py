@@ -8,7 +8,7 @@ import drjit as dr
 import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
-from renderers.mitsuba import variants
+from renderers.mitsuba import shapes, variants
 from renderers.transport import solids
 from renderers.transport.scattering import Scatterer
 
@@ -129,12 +129,7 @@ def boundary(vertices, faces, unit):
     """
     if variants.on_gpu(mi.variant()):
         raise variants.SeveralScenes(f"variant {mi.variant()}: {variants.SEVERAL_SCENES}; use --variant llvm_ad_rgb")
-    mesh = mi.Mesh("boundary", len(vertices), len(faces))
-    values = mi.traverse(mesh)
-    values["vertex_positions"] = (np.asarray(vertices) / unit).astype(np.float32).ravel()
-    values["faces"] = np.asarray(faces).astype(np.uint32).ravel()
-    values.update()
-    return mi.load_dict({"type": "scene", "boundary": mesh})
+    return shapes.mesh_scene(vertices, faces, unit)
 
 
 def _slab(ray, low, high):
