@@ -24,23 +24,15 @@ _COUNTING_ATTRIBUTES = ("tolerance", "achieved_error", "error_measure")
 
 @dataclass(frozen=True)
 class Difference:
-    """One place where two assets differ.
+    """One place where two assets differ."""
 
-    Attributes
-    ----------
-    path : of the dataset or group; an attribute is written `medium@tolerance`
-    kind : missing, shape, grid, type, units, attribute, value, recipe
-    text : what is there in A and in B, or the worst of many values
-    absolute, relative : largest difference of a value, in its unit and relative to its scale (None unless kind is `value`)
-    sigmas : largest difference in standard errors, where both assets have `X_error`
-    """
-
-    path: str
-    kind: str
-    text: str
+    path: str  # of the dataset or group; an attribute is written `medium@tolerance`
+    kind: str  # missing, shape, grid, type, units, attribute, value, recipe
+    text: str  # what is there in A and in B, or the worst of many values
+    # absolute, relative: largest difference of a value, in its unit and relative to its scale (None unless kind is `value`)
     absolute: float | None = None
     relative: float | None = None
-    sigmas: float | None = None
+    sigmas: float | None = None  # largest difference in standard errors, where both assets have `X_error`
 
     def __str__(self) -> str:
         return f"{self.path}: {self.kind}: {self.text}"

@@ -16,16 +16,10 @@ STEEPEST = 0.99  # |g|: pbrt-v4 takes larger ones for this one (HenyeyGreenstein
 
 @dataclass(frozen=True)
 class OneLobe(Mixture):
-    """A medium whose phase functions are one lobe, of the mean cosine of all wavelengths together, weighted by scattering.
+    """A medium whose phase functions are one lobe, of the mean cosine of all wavelengths together, weighted by scattering."""
 
-    Attributes
-    ----------
-    best : 1, g of the lobe which misdirects least of a single scattering of all wavelengths together; at most `STEEPEST`
-    best_losses : L of them, of that one
-    """
-
-    best: float
-    best_losses: tuple[Loss, ...]
+    best: float  # 1, g of the lobe which misdirects least of a single scattering of all wavelengths together; at most `STEEPEST`
+    best_losses: tuple[Loss, ...]  # L of them, of that one
 
     @property
     def g(self) -> float:

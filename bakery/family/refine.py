@@ -24,24 +24,15 @@ UNKNOWN = math.inf  # error of an interval whose middle, or one of whose points,
 
 @dataclass
 class Refined:
-    """Points on axes, and what is between them.
+    """Points on axes, and what is between them."""
 
-    Attributes
-    ----------
-    axes : what is swept
-    values : of the points on each axis, in SI units
-    tables : of the media at the points
-    method : of interpolation, the one with the smaller error
-    errors : half-way between the points of each axis, infinite where it is not known; None where nothing was measured
-    limits : why no more points were added where the error is too large, in words
-    """
-
-    axes: Sequence[Axis]
-    values: list[list[float]]
-    tables: Tables
-    method: str = METHODS[0]
+    axes: Sequence[Axis]  # what is swept
+    values: list[list[float]]  # of the points on each axis, in SI units
+    tables: Tables  # of the media at the points
+    method: str = METHODS[0]  # of interpolation, the one with the smaller error
+    # half-way between the points of each axis, infinite where it is not known; None where nothing was measured
     errors: list[np.ndarray | None] = field(default_factory=list)
-    limits: list[str] = field(default_factory=list)
+    limits: list[str] = field(default_factory=list)  # why no more points were added where the error is too large, in words
 
     @property
     def error(self) -> float | None:

@@ -17,18 +17,11 @@ _WORDS = {"measure": ("integrated", "pointwise")}
 
 
 class Held(NamedTuple):
-    """A stage as an asset holds it.
+    """A stage as an asset holds it."""
 
-    Attributes
-    ----------
-    parts : what it depends on, as `bakery.plan.inputs.parts` names it
-    input_hash : over all of that
-    achieved_error : by the stage's own measure
-    """
-
-    parts: Mapping
-    input_hash: str
-    achieved_error: float
+    parts: Mapping  # what it depends on, as `bakery.plan.inputs.parts` names it
+    input_hash: str  # over all of that
+    achieved_error: float  # by the stage's own measure
 
 
 def lacking(held: Mapping[str, Held], steps: Iterable, recipe_parts: Mapping[str, Mapping], knobs: Iterable, recipe) -> list[str]:

@@ -107,22 +107,13 @@ def _is_said(key: str, settings: Mapping[str, str]) -> bool:
 
 
 class Planned(NamedTuple):
-    """What `ensured` will do.
+    """What `ensured` will do."""
 
-    Attributes
-    ----------
-    asset : path of the one that is good enough, or where it will be baked
-    plan : of its bake; None where it is there
-    asked : what is asked of it
-    lines : what is to be said of it
-    kept : where the cache has, or would have, the asset with just what is asked
-    """
-
-    asset: Path
-    plan: Plan | None
-    asked: Asked
-    lines: tuple[str, ...]
-    kept: Path
+    asset: Path  # path of the one that is good enough, or where it will be baked
+    plan: Plan | None  # of its bake; None where it is there
+    asked: Asked  # what is asked of it
+    lines: tuple[str, ...]  # what is to be said of it
+    kept: Path  # where the cache has, or would have, the asset with just what is asked
 
 
 def planned(recipe: str | os.PathLike, *, require: Callable, cache: Cache, progress: Progress, candidates: Sequence[Path] = (),

@@ -39,17 +39,11 @@ _SINGLE = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OM
 
 @dataclass(frozen=True)
 class Outcome:
-    """How the bake of one recipe ended: with what it did, or with what went wrong.
+    """How the bake of one recipe ended: with what it did, or with what went wrong."""
 
-    Attributes
-    ----------
-    index : of the recipe
-    baked : None where it failed
-    message, status : of the failure; the exit status is 0 where there is none
-    """
-
-    index: int
-    baked: Baked | None
+    index: int  # of the recipe
+    baked: Baked | None  # None where it failed
+    # message, status: of the failure; the exit status is 0 where there is none
     message: str = ""
     status: int = 0
 

@@ -25,18 +25,11 @@ _NAMES = (("millimet", "mm"), ("centimet", "cm"), ("micro", "um"), ("kilomet", "
 
 @dataclass(frozen=True)
 class Solid:
-    """A closed mesh that stands on the plane z = 0, above and below the origin.
+    """A closed mesh that stands on the plane z = 0, above and below the origin."""
 
-    Attributes
-    ----------
-    vertices : (V, 3) m
-    faces : (F, 3), outward
-    size : why it is as large as it is, a sentence
-    """
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    size: str
+    vertices: np.ndarray  # (V, 3) m
+    faces: np.ndarray  # (F, 3), outward
+    size: str  # why it is as large as it is, a sentence
 
     @property
     def extent(self) -> np.ndarray:

@@ -21,16 +21,10 @@ ASSET, PAGE, DEPFILE = "asset", "HTML page", "depfile"
 
 
 class FileKind(NamedTuple):
-    """A kind of files that is not among `KINDS`.
+    """A kind of files that is not among `KINDS`."""
 
-    Attributes
-    ----------
-    name : for people
-    recognised : function of the first `HEAD` bytes of a file: whether it is one
-    """
-
-    name: str
-    recognised: Callable[[bytes], bool]
+    name: str  # for people
+    recognised: Callable[[bytes], bool]  # function of the first `HEAD` bytes of a file: whether it is one
 
 
 def begins_as_text(pattern: str):

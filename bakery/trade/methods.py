@@ -21,30 +21,18 @@ _CLOCK = 0.1  # standard error of ln(seconds), of a machine that does other thin
 
 
 class Curve(NamedTuple):
-    """A method.
+    """A method."""
 
-    Attributes
-    ----------
-    name : of it
-    seconds : that its render takes, of all cores together, with kinds of passes shared out best
-    first : s, before which it has no picture
-    noise : that is left in its picture, relative; 0 of a method without
-    error : beneath the noise, relative; 0 of the reference, and where it does not stand out of the noise
-    most : upper bound of the error
-    setup : s, of `seconds`, before the first pass
-    spread : standard error of ln(noise^2 times seconds of passes)
-    kept : share of a tolerance within which the method keeps its error by itself: it counts with no more, unless it surely is
-        more; None of a method that promises nothing
-    """
-
-    name: str
-    seconds: float
-    first: float
-    noise: float
-    error: float
-    most: float
-    setup: float = 0.0
-    spread: float = 0.0
+    name: str  # of it
+    seconds: float  # that its render takes, of all cores together, with kinds of passes shared out best
+    first: float  # s, before which it has no picture
+    noise: float  # that is left in its picture, relative; 0 of a method without
+    error: float  # beneath the noise, relative; 0 of the reference, and where it does not stand out of the noise
+    most: float  # upper bound of the error
+    setup: float = 0.0  # s, of `seconds`, before the first pass
+    spread: float = 0.0  # standard error of ln(noise^2 times seconds of passes)
+    # share of a tolerance within which the method keeps its error by itself: it counts with no more, unless it surely is more;
+    # None of a method that promises nothing
     kept: float | None = None
 
     @property

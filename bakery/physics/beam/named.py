@@ -27,23 +27,15 @@ LAYERED = ("forward", "flux", "single", "small_angle", "erf")
 
 @dataclass(frozen=True)
 class Kernels:
-    """Kernels of one wavelength.
+    """Kernels of one wavelength."""
 
-    Attributes
-    ----------
-    albedo : 1
-    theta, phase : (A,) rad, 1/sr
-    B : rad^2, of the Gaussian lobe that the closed forms are given
-    transport : whether the tables are by transport; otherwise all are by the small-angle model
-    table : name in `TABLES` -> Table
-    """
-
-    albedo: float
+    albedo: float  # 1
+    # theta, phase: (A,) rad, 1/sr
     theta: np.ndarray
     phase: np.ndarray
-    B: float
-    transport: bool
-    table: Callable[[str], Table]
+    B: float  # rad^2, of the Gaussian lobe that the closed forms are given
+    transport: bool  # whether the tables are by transport; otherwise all are by the small-angle model
+    table: Callable[[str], Table]  # name in `TABLES` -> Table
 
     def kernel(self, depth, r, name):
         """Psi, mfp^-2, at depths up to the tables' last and distances r from the axis, mfp; broadcast.

@@ -19,22 +19,13 @@ CELLS = 180  # of the phase function
 
 @dataclass(frozen=True)
 class Trace:
-    """Paths that several wavelengths and sizes share.
+    """Paths that several wavelengths and sizes share."""
 
-    Attributes
-    ----------
-    surface : of the grain, `bakery.physics.grains.surface`
-    mu : (C,) 1/R
-    rows : wavelengths that it serves
-    channel : (S, rows) channels of the radii and wavelengths
-    white : the channel in which nothing is absorbed
-    """
-
-    surface: object
-    mu: np.ndarray
-    rows: tuple[int, ...]
-    channel: np.ndarray
-    white: int
+    surface: object  # of the grain, `bakery.physics.grains.surface`
+    mu: np.ndarray  # (C,) 1/R
+    rows: tuple[int, ...]  # wavelengths that it serves
+    channel: np.ndarray  # (S, rows) channels of the radii and wavelengths
+    white: int  # the channel in which nothing is absorbed
 
 
 def traces(grain: Mapping, radii, wavelengths: int, apart: float) -> list[Trace]:

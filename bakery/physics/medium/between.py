@@ -41,25 +41,16 @@ class Optics(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """Media over k axes.
+    """Media over k axes."""
 
-    Attributes
-    ----------
-    axes : k coordinates (Nk,), ascending, in which is interpolated
-    theta : (A,) rad
-    sigma_s, sigma_a : (N1, ..., L) 1/m
-    phase : (N1, ..., L, A) 1/sr, each integrates to 1
-    ratios : (N1, ..., L, E - 1, A) 1, the other elements over the phase function
-    missing : (N1, ...) whether there is no medium at a point
-    """
-
-    axes: tuple[np.ndarray, ...]
-    theta: np.ndarray
+    axes: tuple[np.ndarray, ...]  # k coordinates (Nk,), ascending, in which is interpolated
+    theta: np.ndarray  # (A,) rad
+    # sigma_s, sigma_a: (N1, ..., L) 1/m
     sigma_s: np.ndarray
     sigma_a: np.ndarray
-    phase: np.ndarray
-    ratios: np.ndarray
-    missing: np.ndarray
+    phase: np.ndarray  # (N1, ..., L, A) 1/sr, each integrates to 1
+    ratios: np.ndarray  # (N1, ..., L, E - 1, A) 1, the other elements over the phase function
+    missing: np.ndarray  # (N1, ...) whether there is no medium at a point
 
 
 def common_angles(grids: Sequence[np.ndarray]) -> np.ndarray:

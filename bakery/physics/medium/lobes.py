@@ -23,18 +23,11 @@ _GAUSS = 0.5 / math.sqrt(3)
 
 @dataclass(frozen=True)
 class Lobes:
-    """A mixture of Draine lobes, normalised over the sphere.
+    """A mixture of Draine lobes, normalised over the sphere."""
 
-    Attributes
-    ----------
-    weight : (K,) 1, shares of the light, add up to 1
-    g : (K,) 1, -1 < g < 1
-    alpha : (K,) 1, >= 0; 0 for Henyey-Greenstein
-    """
-
-    weight: tuple[float, ...]
-    g: tuple[float, ...]
-    alpha: tuple[float, ...]
+    weight: tuple[float, ...]  # (K,) 1, shares of the light, add up to 1
+    g: tuple[float, ...]  # (K,) 1, -1 < g < 1
+    alpha: tuple[float, ...]  # (K,) 1, >= 0; 0 for Henyey-Greenstein
 
     def __call__(self, theta):
         """Values at angles (...,) rad, 1/sr."""

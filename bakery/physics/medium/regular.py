@@ -13,24 +13,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Loss:
-    """What a regular table has lost against the phase function that it stands for.
+    """What a regular table has lost against the phase function that it stands for."""
 
-    Attributes
-    ----------
-    misdirected : 1, share of the scattered light that the table sends to another angle (half of the mean absolute error)
-    largest : 1, largest relative error of the value at any angle
-    largest_at : rad, the angle where that is
-    g : 1, mean cosine of the table less that of the source
-    peak : 1, share of the forward peak that was cut: of the light within `peak_angle`, what the table puts outside of it
-    peak_angle : rad, where the source has fallen to half of its forward value (pi where it never does)
-    """
-
-    misdirected: float
-    largest: float
-    largest_at: float
-    g: float
-    peak: float
-    peak_angle: float
+    misdirected: float  # 1, share of the scattered light that the table sends to another angle (half of the mean absolute error)
+    largest: float  # 1, largest relative error of the value at any angle
+    largest_at: float  # rad, the angle where that is
+    g: float  # 1, mean cosine of the table less that of the source
+    peak: float  # 1, share of the forward peak that was cut: of the light within `peak_angle`, what the table puts outside of it
+    peak_angle: float  # rad, where the source has fallen to half of its forward value (pi where it never does)
 
 
 def haversine(theta):

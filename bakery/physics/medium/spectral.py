@@ -21,16 +21,12 @@ _ANGLES = 9  # over which the largest relative error counts at each: between cre
 
 
 class Places(NamedTuple):
-    """Where wanted wavelengths lie among stored ones, each (W,).
+    """Where wanted wavelengths lie among stored ones, each (W,)."""
 
-    Attributes
-    ----------
-    lower, upper : indices of the stored neighbours, one index twice at a stored wavelength
-    power, linear : 1, how far towards the upper one in the logarithm of the wavelength, and in the wavelength itself
-    """
-
+    # lower, upper: indices of the stored neighbours, one index twice at a stored wavelength
     lower: np.ndarray
     upper: np.ndarray
+    # power, linear: 1, how far towards the upper one in the logarithm of the wavelength, and in the wavelength itself
     power: np.ndarray
     linear: np.ndarray
 

@@ -36,64 +36,38 @@ class Medium(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """What is asked of tables.
+    """What is asked of tables."""
 
-    Attributes
-    ----------
-    extent : mfp, or None: all but 1e-4 of the light
-    length : of the segment, mfp
-    tolerance : error of a lobe
-    orders : Legendre orders, or None: as many as it takes, or so many that narrower peaks may be left out
-    photons : most of them, or None: `counted.MOST_FLIGHTS`
-    seed : of all random numbers
-    """
-
-    extent: float | None
-    length: float
-    tolerance: float
-    orders: int | None
-    photons: int | None
-    seed: int
+    extent: float | None  # mfp, or None: all but 1e-4 of the light
+    length: float  # of the segment, mfp
+    tolerance: float  # error of a lobe
+    orders: int | None  # Legendre orders, or None: as many as it takes, or so many that narrower peaks may be left out
+    photons: int | None  # most of them, or None: `counted.MOST_FLIGHTS`
+    seed: int  # of all random numbers
 
 
 class Solved(NamedTuple):
-    """The solution for one wavelength, and what was done with a forward peak.
+    """The solution for one wavelength, and what was done with a forward peak."""
 
-    Attributes
-    ----------
-    solution : of the medium without the peak
-    peak : share of the scattered light that counts as not scattered
-    phase : (A,) 1/sr, that of the solution
-    peak_angle : rad, below which light is in the peak; 0 where there is none
-    peak_effect : what it would change if light in the peak kept its direction (see `peaks.effect`)
-    """
-
-    solution: solution.Solution
-    peak: float
-    phase: np.ndarray
-    peak_angle: float = 0.0
-    peak_effect: float = 0.0
+    solution: solution.Solution  # of the medium without the peak
+    peak: float  # share of the scattered light that counts as not scattered
+    phase: np.ndarray  # (A,) 1/sr, that of the solution
+    peak_angle: float = 0.0  # rad, below which light is in the peak; 0 where there is none
+    peak_effect: float = 0.0  # what it would change if light in the peak kept its direction (see `peaks.effect`)
 
 
 class Tabulated(NamedTuple):
-    """A table, and the medium that it holds for.
+    """A table, and the medium that it holds for."""
 
-    Attributes
-    ----------
-    table : error and all
-    albedo : of that medium
-    extinction : sigma_t of that medium over that of the one asked for
-    peak, phase, peak_angle, peak_effect : as in `Solved`
-    counted : what tables of photons alone have, name -> array: offset_error (N,), photons (1,), resolution (1,) rad
-    """
-
-    table: Table
-    albedo: float
-    extinction: float
+    table: Table  # error and all
+    albedo: float  # of that medium
+    extinction: float  # sigma_t of that medium over that of the one asked for
+    # peak, phase, peak_angle, peak_effect: as in `Solved`
     peak: float
     phase: np.ndarray
     peak_angle: float
     peak_effect: float
+    # what tables of photons alone have, name -> array: offset_error (N,), photons (1,), resolution (1,) rad
     counted: dict[str, np.ndarray]
 
 

@@ -33,20 +33,15 @@ _SECOND = 1 / 3  # halving bins makes an error of second order 1/4 of it
 
 @dataclass(frozen=True)
 class Counted:
-    """Tables by kind, and what they are made of.
+    """Tables by kind, and what they are made of."""
 
-    Attributes
-    ----------
-    tables : kind -> Table; `error` holds what more photons would not change, `error_with_solver` all
-    offset_error : kind -> (N,) standard error of each `offset`: the relative one of the integral over directions at a corner
-    resolution : rad, of the cone about forward (and backward) that the phase function was spread over where the first and the
-        last scattering are done, because its peak is narrower than a table resolves; 0: it was not
-    photons, flights : followed
-    """
-
-    tables: dict[int, Table]
+    tables: dict[int, Table]  # kind -> Table; `error` holds what more photons would not change, `error_with_solver` all
+    # kind -> (N,) standard error of each `offset`: the relative one of the integral over directions at a corner
     offset_error: dict[int, np.ndarray]
+    # rad, of the cone about forward (and backward) that the phase function was spread over where the first and the last
+    # scattering are done, because its peak is narrower than a table resolves; 0: it was not
     resolution: float
+    # photons, flights: followed
     photons: int
     flights: int
 

@@ -37,21 +37,13 @@ class Clipped:
 
     Light in the peak counts as unscattered.  With it the meaning of an event changes: single and double scattering beside a table
     of such a medium have to be taken with this phase function, albedo and mean free path.
-
-    Attributes
-    ----------
-    peak : share f of the scattered light above the cap
-    angle : rad, where the cap ends
-    phase : (A,) 1/sr, of the rest, integrates to 1
-    moments : (P,) of the rest, to 2.5 order and a little more
-    deflection : (P,) moments of the peak: 1 for undeflected light
     """
 
-    peak: float
-    angle: float
-    phase: np.ndarray
-    moments: np.ndarray
-    deflection: np.ndarray
+    peak: float  # share f of the scattered light above the cap
+    angle: float  # rad, where the cap ends
+    phase: np.ndarray  # (A,) 1/sr, of the rest, integrates to 1
+    moments: np.ndarray  # (P,) of the rest, to 2.5 order and a little more
+    deflection: np.ndarray  # (P,) moments of the peak: 1 for undeflected light
 
     def albedo(self, albedo):
         """Albedo of the medium without the peak."""

@@ -19,22 +19,14 @@ _LOOK = 8  # moments beyond the last, of which the largest counts as cut
 
 @dataclass(frozen=True)
 class Solution:
-    """Third and later events, solved twice.
+    """Third and later events, solved twice."""
 
-    Attributes
-    ----------
-    medium : Propagator in mean free paths of the medium without `peak`
-    solve_coarse : solves for the same with fewer orders, `coarse`
-    cut : largest moment left out over the largest that `coarse` leaves out: the error of `medium` over the difference of the two
-    peak : share of the scattered light that is taken as unscattered; 0 where `MOST` orders resolve the phase function
-    extinction : sigma_t of the medium that was solved over that of the one asked for, 1 - albedo peak
-    """
-
-    medium: Propagator
-    solve_coarse: Callable[[], Propagator]
+    medium: Propagator  # in mean free paths of the medium without `peak`
+    solve_coarse: Callable[[], Propagator]  # solves for the same with fewer orders, `coarse`
+    # largest moment left out over the largest that `coarse` leaves out: the error of `medium` over the difference of the two
     cut: float
-    peak: float
-    extinction: float
+    peak: float  # share of the scattered light that is taken as unscattered; 0 where `MOST` orders resolve the phase function
+    extinction: float  # sigma_t of the medium that was solved over that of the one asked for, 1 - albedo peak
 
     @cached_property
     def coarse(self) -> Propagator:

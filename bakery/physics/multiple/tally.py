@@ -77,19 +77,13 @@ class Medium:
 
 @dataclass(frozen=True)
 class Sums:
-    """Arrivals, times exp(k0 r) r^2 over the volume of their box, so that they hardly depend on the box.
+    """Arrivals, times exp(k0 r) r^2 over the volume of their box, so that they hardly depend on the box."""
 
-    Attributes
-    ----------
-    photons, flights : followed
-    halves : (2, boxes, B, B, M) of u, d and the azimuth; two independent estimates of the same
-    blocks : (BLOCKS, boxes, B) of u alone
-    """
-
+    # photons, flights: followed
     photons: int
     flights: int
-    halves: np.ndarray
-    blocks: np.ndarray
+    halves: np.ndarray  # (2, boxes, B, B, M) of u, d and the azimuth; two independent estimates of the same
+    blocks: np.ndarray  # (BLOCKS, boxes, B) of u alone
 
     def __add__(self, other: Sums) -> Sums:
         a, b = self.photons / (self.photons + other.photons), other.photons / (self.photons + other.photons)

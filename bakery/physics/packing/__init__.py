@@ -26,18 +26,13 @@ _LIGHT = 20  # events a collision that no run of growth comes near to; of a dilu
 
 @dataclass(frozen=True)
 class Schedule:
-    """How a tile is made.
+    """How a tile is made."""
 
-    Attributes
-    ----------
-    growth : (until fraction, rate) in order; rate = d(mean diameter)/dt over the thermal speed.  The fractions are those of
-        equal spheres and are stretched with `limit` for others
-    equilibrate : collisions a sphere at fixed size, for fractions up to 0.5
-    top : fraction (of equal spheres) that this growth still reaches with room to spare; denser tiles take `SCHEDULES["final"]`
-    """
-
+    # (until fraction, rate) in order; rate = d(mean diameter)/dt over the thermal speed.  The fractions are those of equal
+    # spheres and are stretched with `limit` for others
     growth: tuple[tuple[float, float], ...]
-    equilibrate: float
+    equilibrate: float  # collisions a sphere at fixed size, for fractions up to 0.5
+    # fraction (of equal spheres) that this growth still reaches with room to spare; denser tiles take `SCHEDULES["final"]`
     top: float = 1.0
 
 
@@ -51,32 +46,22 @@ SCHEDULES = {
 
 @dataclass(frozen=True)
 class Packing:
-    """A periodic tile, in units of the mean radius, and how it came about.
+    """A periodic tile, in units of the mean radius, and how it came about."""
 
-    Attributes
-    ----------
-    centers : (N, 3) in [0, cell);  radii : (N,) in the caller's order, mean 1;  cell : (3,)
-    fraction : volume of the spheres over that of the cell, as reached;  wished : as requested
-    reached : whether they agree;  status : "reached", "jammed", "budget" or "crystal";  reason : in words, "" if reached
-    pressure : Z = PV/NkT over the last window; nan for one sphere
-    order : bond order Q6 over all bonds; nan where it is not looked at (below fraction 0.48 or 64 spheres)
-    gap : smallest gap over the mean diameter, by a search that shares nothing with the dynamics; at least 0 up to rounding
-    shrink : relative amount by which the radii were shrunk against rounding; the fraction is that after it
-    collisions, events, attempts : of all attempts together
-    """
-
-    centers: np.ndarray
-    radii: np.ndarray
-    cell: np.ndarray
-    fraction: float
-    wished: float
-    reached: bool
-    status: str
-    reason: str
-    pressure: float
-    order: float
+    centers: np.ndarray  # (N, 3) in [0, cell)
+    radii: np.ndarray  # (N,) in the caller's order, mean 1
+    cell: np.ndarray  # (3,)
+    fraction: float  # volume of the spheres over that of the cell, as reached
+    wished: float  # as requested
+    reached: bool  # whether they agree
+    status: str  # "reached", "jammed", "budget" or "crystal"
+    reason: str  # in words, "" if reached
+    pressure: float  # Z = PV/NkT over the last window; nan for one sphere
+    order: float  # bond order Q6 over all bonds; nan where it is not looked at (below fraction 0.48 or 64 spheres)
+    # smallest gap over the mean diameter, by a search that shares nothing with the dynamics; at least 0 up to rounding
     gap: float
-    shrink: float
+    shrink: float  # relative amount by which the radii were shrunk against rounding; the fraction is that after it
+    # collisions, events, attempts: of all attempts together
     collisions: int
     events: int
     attempts: int

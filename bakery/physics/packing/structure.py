@@ -248,28 +248,22 @@ def bond_order(centers, radii, cell) -> BondOrder:
 
 @dataclass(frozen=True)
 class Chords:
-    """Chords between spheres along isotropic uniform lines through one tile, with standard errors of the sampling of lines.
+    """Chords between spheres along isotropic uniform lines through one tile, with standard errors of the sampling of lines."""
 
-    Attributes
-    ----------
-    edges : (B + 1,) density, density_error : (B,) whose integral is 1
-    mean, mean_error : of the chords; `exact` is 4 V_void/S
-    spread, spread_error : <z^2>/(2 <z>^2), 1 for an exponential law
-    lines : number of chords; `cut` of them were followed no further than 1000 mean chords
-    error : largest relative standard error of the mean and of any bin with at least 1/64 of the chords
-    """
-
-    edges: np.ndarray
+    edges: np.ndarray  # (B + 1,)
+    # density, density_error: (B,) whose integral is 1
     density: np.ndarray
     density_error: np.ndarray
+    # mean, mean_error: of the chords; `exact` is 4 V_void/S
     mean: float
     mean_error: float
     exact: float
+    # spread, spread_error: <z^2>/(2 <z>^2), 1 for an exponential law
     spread: float
     spread_error: float
-    lines: int
+    lines: int  # number of chords; `cut` of them were followed no further than 1000 mean chords
     cut: int
-    error: float
+    error: float  # largest relative standard error of the mean and of any bin with at least 1/64 of the chords
 
 
 def chord_edges(mean: float) -> np.ndarray:

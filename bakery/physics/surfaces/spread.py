@@ -32,25 +32,19 @@ TOLERANCE, COARSEST = 0.02, 0.08  # relative standard error of the mean square o
 
 @dataclass(frozen=True)
 class Spread:
-    """Of light on a layer, C classes of directions of equal flux, from the normal to grazing; lengths in um.
+    """Of light on a layer, C classes of directions of equal flux, from the normal to grazing; lengths in um."""
 
-    Attributes
-    ----------
-    edges : (B + 1,) distances
-    light, light_error : (C, C, B) share that comes out in a class o at a distance between two edges; what is mirrored left out
-    square, square_error : (C, C) mean squared distance of the light that comes out, within the last edge
-    mean_square, mean_square_error : of light from all sides to all sides
-    beyond : share of the light from all sides that comes out further away, or has been as deep
-    """
-
-    edges: np.ndarray
+    edges: np.ndarray  # (B + 1,) distances
+    # light, light_error: (C, C, B) share that comes out in a class o at a distance between two edges; what is mirrored left out
     light: np.ndarray
     light_error: np.ndarray
+    # square, square_error: (C, C) mean squared distance of the light that comes out, within the last edge
     square: np.ndarray
     square_error: np.ndarray
+    # mean_square, mean_square_error: of light from all sides to all sides
     mean_square: float
     mean_square_error: float
-    beyond: float
+    beyond: float  # share of the light from all sides that comes out further away, or has been as deep
 
     def scaled(self, unit: float) -> Spread:
         """With lengths in another unit."""
