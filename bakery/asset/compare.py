@@ -41,16 +41,12 @@ class Difference:
 def compare(a: str | os.PathLike | Group, b: str | os.PathLike | Group, rtol: float = 0.0) -> list[Difference]:
     """Where two assets differ by more than `rtol`; empty if they hold the same.
 
-    Parameters
-    ----------
     a, b : paths, or trees that were read before
     rtol : largest relative difference of a float that is let pass; 0 asks for equal numbers.  A number is compared relative to
         the larger of the two, or, in a dataset that holds both signs and so crosses zero, to the largest magnitude along its
         last axis.  With `rtol` 0 other angles are a difference, else only values at them are.
 
-    Raises
-    ------
-    AssetError, StoreError : as `bakery.open`
+    Raises AssetError, StoreError : as `bakery.open`
     """
     a, b = (side if isinstance(side, Group) else read_checked(side) for side in (a, b))
     differences = _attributes("", a, b, rtol)

@@ -38,8 +38,6 @@ class Ordinates:
 def ordinates(wavelength, medium: Scattering, tolerance: float, thickness=None, orders: int | None = None) -> Ordinates:
     """A medium by as many moments as a tolerance needs.
 
-    Parameters
-    ----------
     wavelength : (L,) um
     medium : without its forward delta
     tolerance : 1, of the asset; the integral of what is cut is at most a tenth of it, if `MOST` moments do

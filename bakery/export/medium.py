@@ -69,13 +69,9 @@ def _matrix(medium: Group) -> np.ndarray | None:
 def without_peak(medium: Scattering, end: int) -> Scattering:
     """A medium whose forward peak counts as unscattered: what exceeds the value at an angle, at smaller angles.
 
-    Parameters
-    ----------
     medium : without such a cut
     end : index of that angle in `theta`; 0 changes nothing
 
-    Notes
-    -----
     An approximation, unlike `scattering_of`: that light is deflected, by less than the angle, and is no longer.  The cap is flat,
     so that what remains is continuous and no smaller than it was at larger angles.
     """

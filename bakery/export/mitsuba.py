@@ -55,16 +55,11 @@ class Fragment:
 def fragments(root: Group, name: str, bands, each_wavelength: bool = False) -> list[Fragment]:
     """An asset's medium as scene fragments that stock Mitsuba 3 loads.
 
-    Parameters
-    ----------
-    root : the asset's tree
     name : of the medium, the `id` that scenes refer to
     bands : (3, L) 1, red, green and blue as means over the wavelengths; rows add up to 1
     each_wavelength : one fragment a wavelength instead of one in colour
 
-    Raises
-    ------
-    AssetError : there is no medium
+    Raises AssetError : there is no medium
     """
     medium, um = scattering_of(medium_of(root, name)), root["wavelength"].data
     if each_wavelength:

@@ -138,15 +138,9 @@ class Source:
 def source(root: Group, name: str, within: float = 0.0) -> Source:
     """An asset's medium for fits.
 
-    Parameters
-    ----------
-    root : the asset's tree
-    name : of the asset, for messages
     within : rad, light in a forward peak of this width counts as unscattered (`without_peak`); 0: none
 
-    Raises
-    ------
-    AssetError : there is no medium
+    Raises AssetError : there is no medium
     """
     group = medium_of(root, name)
     whole = scattering_of(group)

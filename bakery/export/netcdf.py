@@ -126,8 +126,6 @@ def _mean_cosine(medium: Scattering) -> np.ndarray:
 def eradiate(named: Named, moments) -> bytes:
     """The medium as Eradiate's particle data, format Aer-Core v2.
 
-    Parameters
-    ----------
     named : by ascending wavelength
     moments : (L, N + 1) Legendre moments without the factor 2 l + 1
     """
@@ -172,8 +170,6 @@ def _elements(medium: Scattering) -> np.ndarray:
 def libradtran(named: Named, moments, mass: float, radius: float, density: float) -> bytes:
     """The medium as libRadtran's `mie` tool writes optical properties, for `wc_properties` and the like.
 
-    Parameters
-    ----------
     named : by ascending wavelength
     moments : (L, N + 1) Legendre moments without the factor 2 l + 1
     mass : g/m^3 that the asset's coefficients stand for

@@ -57,8 +57,6 @@ class _Media:
 def given(axes: Sequence[Axis], medium: Callable[[tuple[float, ...]], Optics | None]) -> Refined:
     """The points that a recipe gives, and nothing between them.
 
-    Parameters
-    ----------
     medium : place in SI units -> the medium there, None where there is none
     """
     values = [list(axis.first.values) for axis in axes]
@@ -73,8 +71,6 @@ def refined(axes: Sequence[Axis], medium: Callable[[tuple[float, ...]], Optics |
     Every middle between two neighbours on an axis, at each point of the other axes, is compared with what the points give there;
     where the difference is too large the middle becomes a point, until no difference is.
 
-    Parameters
-    ----------
     medium : as of `given`
     tolerance : of the interpolation, which the axes share
     integrated : whether phase functions are compared as a whole, see `between.difference`

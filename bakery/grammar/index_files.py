@@ -66,10 +66,6 @@ def is_foreign(data: bytes, name: str) -> bool:
 def read(data: bytes, name: str, key: str, fewest: dict[int, int], most: dict[int, int]) -> Constants:
     """The constants of a file; raises `BadTable`.
 
-    Parameters
-    ----------
-    name : of the file, for messages
-    key : of the recipe that names it
     fewest, most : number of a formula -> coefficients that it takes
     """
     label = show(name, 300)[1:-1]

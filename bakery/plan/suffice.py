@@ -27,13 +27,9 @@ class Held(NamedTuple):
 def lacking(held: Mapping[str, Held], steps: Iterable, recipe_parts: Mapping[str, Mapping], knobs: Iterable, recipe) -> list[str]:
     """Why an asset will not do in place of a bake, in words; nothing where it will.
 
-    Parameters
-    ----------
-    held : the asset's stages
     steps : of the bake (`bakery.plan.Step`)
     recipe_parts : parts of each stage of the recipe as it stands: what it holds may stay where no more is asked for
     knobs : values that somebody decided (`renderers.scene.requirements.Knob`): `key`, `value`, `demand`
-    recipe : of the bake, checked
     """
     reasons, knobs = [], list(knobs)
     for step in steps:

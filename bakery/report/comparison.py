@@ -40,8 +40,6 @@ class Shown:
 def page(summary: Mapping, shown: Sequence[Shown], limit: float, times: Picture | None = None, title: str = "") -> str:
     """The whole page, UTF-8.
 
-    Parameters
-    ----------
     summary : what `bake compare --json` prints
     shown : in the order of the page
     limit : relative difference at the ends of the signed maps' colours

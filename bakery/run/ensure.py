@@ -150,22 +150,14 @@ def ensured(recipe: str | os.PathLike, *, require: Callable, candidates: Sequenc
             progress: Progress | None = None, by: str = "the scene") -> Path:
     """The asset of a recipe with what is asked of it.
 
-    Parameters
-    ----------
-    recipe : path of the recipe
     require : what is asked of it, see the head of this module
     candidates : paths of assets that are used as they stand where they are good enough; they need not be there
     output : where the asset goes if nothing is there; into the cache if None
     progress : what is baked, remarks and missed targets are told to it
     by : what messages call those that ask
 
-    Returns
-    -------
-    path : of an asset that is there
-
-    Raises
-    ------
-    RecipeError, UsageError, StageError, StoreError : see `bakery.errors`
+    Returns path : of an asset that is there
+    Raises RecipeError, UsageError, StageError, StoreError : see `bakery.errors`
     """
     progress = progress or Progress()
     cache = Cache(say=progress.say)

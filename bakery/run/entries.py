@@ -52,8 +52,6 @@ def is_stage(root: Group) -> bool:
 def asset_key(name: str, recipe: str, hashes: Mapping[str, str]) -> str:
     """Hash of a whole asset.
 
-    Parameters
-    ----------
     name, recipe : of the recipe; its text with every override applied
     hashes : input hash of each stage
     """

@@ -54,13 +54,10 @@ def bake_all(names: Sequence[str], plans: Sequence, *, jobs: int | None = None, 
 
     Parameters
     ----------
-    names : of the recipes, for the display
     plans : theirs, from `bakery.run.bake.planned`
     jobs : threads of all recipes together; with `address` recipes at once
-    cache : of finished stages
     address : of a Dask scheduler whose workers run the blocks
     keep_going : start recipes also after one has failed
-    progress : receives the progress
 
     Yields
     ------

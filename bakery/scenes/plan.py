@@ -67,9 +67,7 @@ class ScenePlan(NamedTuple):
 def plan(scene: Scene, *, quality=None, variant=None, seed=None, progress: Progress | None = None) -> ScenePlan:
     """The plan of a scene; arguments as renderers take them.
 
-    Raises
-    ------
-    BakeryError : what the render would raise before its first pass
+    Raises BakeryError : what the render would raise before its first pass
     """
     progress = progress or Progress()
     cache = Cache(say=progress.say)

@@ -55,8 +55,6 @@ def check_outputs(outputs: Iterable[tuple[str | os.PathLike, str | FileKind]], i
                   overwrite: bool = False) -> None:
     """UsageError unless each output may be written.
 
-    Parameters
-    ----------
     outputs : paths, each with the kind of file that goes there: a key of `KINDS`, or a `FileKind`
     inputs : every file that the command reads
     overwrite : replace files of other kinds; inputs never are

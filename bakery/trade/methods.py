@@ -76,12 +76,10 @@ def times(curves: Sequence[Curve]) -> np.ndarray:
 def compared(curves: Sequence[Curve], tolerance: float) -> dict:
     """Which method is closest at which time, the knee, and what to take.
 
-    Returns
-    -------
-    chosen : dict with `tolerance`; `ranges`, of times in which a method is closest: `name`, `begin` and `end` (s, None at the
-        end); `knee` (`name`, `seconds`, `error`) or None; by name `until`, seconds to the tolerance or None, and `spread`, the
-        standard error of its logarithm; `advised`, see there; `advice`, sentences; `never`, names of
-        methods that surely miss the tolerance; `others`, sentences about those that are not sure to meet it
+    Returns chosen : dict with `tolerance`; `ranges`, of times in which a method is closest: `name`, `begin` and `end` (s, None at
+        the end); `knee` (`name`, `seconds`, `error`) or None; by name `until`, seconds to the tolerance or None, and `spread`,
+        the standard error of its logarithm; `advised`, see there; `advice`, sentences; `never`, names of methods that surely miss
+        the tolerance; `others`, sentences about those that are not sure to meet it
     """
     at = [(curve, seconds) for seconds in times(curves) for curve in curves if seconds >= curve.first * (1 - 1e-9)]
     points = [Point(float(seconds), float(curve.after(seconds, curve.beneath(tolerance)))) for curve, seconds in at]
@@ -133,12 +131,10 @@ def _not_sure(curve, tolerance):
 def advised(curves: Sequence[Curve], tolerance: float) -> dict | None:
     """The method that meets a tolerance first; None where none is sure to.
 
-    Returns
-    -------
-    found : dict with `name`, `seconds`, `spread` (standard error of their logarithm), `beneath` (error beneath the noise that
-        counts), `noise` (that the picture may have), `hidden` (whether noise hides that error), `bound` (whether it is an upper
-        bound), `alike` (names of methods that are not slower beyond the noise), `open` (of those that may be quicker, but noise
-        hides whether they meet the tolerance), `next` (`name`, `ratio` of the times: the quickest of the others) or None
+    Returns found : dict with `name`, `seconds`, `spread` (standard error of their logarithm), `beneath` (error beneath the noise
+        that counts), `noise` (that the picture may have), `hidden` (whether noise hides that error), `bound` (whether it is an
+        upper bound), `alike` (names of methods that are not slower beyond the noise), `open` (of those that may be quicker, but
+        noise hides whether they meet the tolerance), `next` (`name`, `ratio` of the times: the quickest of the others) or None
     """
     points = {curve.name: curve.point(tolerance) for curve in curves if math.isfinite(curve.until(tolerance))}
     if not points:

@@ -39,9 +39,6 @@ class Task(NamedTuple):
 class Bench:
     """Times and compares settings of one stage of one recipe.
 
-    Parameters
-    ----------
-    task : what is measured
     clock, wall : seconds of the processor and of the wall
     share : receives the share done of a run, 0 to 1
     """

@@ -59,16 +59,10 @@ def small_angle_table(medium: Medium, albedo, depth, absorb=False, nodes=None) -
 def transport_tables(medium: Medium, albedo, depth, nodes=None) -> dict[str, table.Table]:
     """Tables of all `kinds.MEASURES` by transport.
 
-    Parameters
-    ----------
     medium : of `prepare`
-    albedo : 0 to 1
-    depth : mfp, the deepest
     nodes : (depth, ratio) of `table.grid`, for several wavelengths that of the narrowest; None: those of this medium
 
-    Raises
-    ------
-    ValueError : the phase function is too narrow for transport
+    Raises ValueError : the phase function is too narrow for transport
     """
     if medium.moments is None:
         raise ValueError(f"the phase function needs more than {LARGEST} Legendre orders; the small-angle model takes it")
@@ -81,14 +75,10 @@ def transport_tables(medium: Medium, albedo, depth, nodes=None) -> dict[str, tab
 def errors(tables, counting):
     """Root mean square errors of tables against photons (`photons.rms`).
 
-    Parameters
-    ----------
     tables : measure -> Table, measures as in `kinds.MEASURES`
     counting : `photons.Counting`, of the medium, in planes and rings within the tables
 
-    Returns
-    -------
-    measure -> (error, noise of the photons), both relative
+    Returns measure -> (error, noise of the photons), both relative
     """
     result = {}
     for back in (False, True):

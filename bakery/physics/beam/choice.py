@@ -35,8 +35,6 @@ def counted_at(deepest):
 def tabulated(albedo, theta, phase, nodes, photons, tolerance, seed, stream) -> Tabulated:
     """Tables of all measures by the best model that can be had, held against photons.
 
-    Parameters
-    ----------
     albedo : 0 to 1
     theta, phase : (A,) rad, 1/sr, linear in cos theta, normalised
     nodes : (depth, ratio) of `table.grid`

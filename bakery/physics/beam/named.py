@@ -59,8 +59,6 @@ class Kernels:
     def layered(self, thickness, density, r, name):
         """Psi behind layers, per square of the unit of length, which is the mean free path at density 1.
 
-        Parameters
-        ----------
         thickness, density : (N,) of the layers from where the beam enters to the plane
         r : any shape, > 0
         name : of `LAYERED`

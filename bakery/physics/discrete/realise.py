@@ -107,20 +107,14 @@ def realised(region: Region, number, seed: int, map: Callable = in_turn,
              report: Callable[[float], None] = lambda share: None):
     """Places of so many particles of each class.
 
-    Parameters
-    ----------
     region : where they are
     number : (K,) from `numbers`
     map : `map(function, tasks)` -> list in the order of the tasks
     report : takes the share of the work that is done
 
-    Returns
-    -------
-    position : (N, 3) float32 m, class by class; those of a class cell by cell, row-major (x slowest), about one particle a cell
-
-    Raises
-    ------
-    NoRoom : the region fills too little of its box for rejection
+    Returns position : (N, 3) float32 m, class by class; those of a class cell by cell, row-major (x slowest), about one particle
+        a cell
+    Raises NoRoom : the region fills too little of its box for rejection
     """
     filled = region.volume / math.prod(region.edge)
     if filled < LEAST_VOLUME:

@@ -88,15 +88,10 @@ def tracer_of(grain, trace: Trace, depth: int, tree=None):
 def figures(traced: Sequence[Trace], statistics: Sequence, name: str, white=False):
     """A figure of every size and wavelength, from the traces that share them.
 
-    Parameters
-    ----------
-    traced : the traces of a grain
     statistics : what was measured of each, `scatterometer.Statistics` or `sphere.Ball`, whose figures have the same names
     white : of light that is not absorbed
 
-    Returns
-    -------
-    values, errors : (S, L, ...)
+    Returns values, errors : (S, L, ...)
     """
     values, errors = [], []
     for trace, stats in zip(traced, statistics):

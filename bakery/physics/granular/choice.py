@@ -29,17 +29,13 @@ class Matched(NamedTuple):
 def matched(coefficients: Effective, lossless: Effective, walks: Walks, radius: float, at: int, wanted: str | None) -> Matched:
     """Chooses sigma_t: as wanted, or the random walk's, or that of Eq. 4 where the walk gives none.
 
-    Parameters
-    ----------
     coefficients, lossless : the medium, and the same if nothing were absorbed
     walks : `packed.walk`, lengths in units of
     radius : in the unit of the medium
     at : the channel of the walk's grains
     wanted : in `kinds.CHOICES`, or None
 
-    Raises
-    ------
-    ValueError : the random walk is wanted and gives no mean square displacement
+    Raises ValueError : the random walk is wanted and gives no mean square displacement
     """
     measured = {"mean_flight": (coefficients.sigma_t, coefficients.errors["sigma_t"]),
             "second_moment": (coefficients.sigma_t_second_moment, coefficients.errors["sigma_t_second_moment"])}

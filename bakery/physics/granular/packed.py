@@ -333,9 +333,7 @@ def _checked(tile, grains, weights, seed, tolerance, depth):
 def checked_tile(centers, radii, cell, grains, weights, seed):
     """A tile and its grains as the loops take them: centers, radii, cell, grains, cumulated shares.
 
-    Raises
-    ------
-    ValueError : spheres overlap, grains or shares are missing, a seed is none
+    Raises ValueError : spheres overlap, grains or shares are missing, a seed is none
     """
     # copies can be written to: for arrays that cannot, as those of an asset, the loops would be compiled anew
     centers, radii, cell = (np.array(a, float, order="C") for a in (centers, radii, cell))

@@ -61,16 +61,12 @@ def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: f
              map: Callable | None = None, report: Callable[[float, float], None] | None = None) -> Measured:
     """Walk until the reflectance is known.
 
-    Parameters
-    ----------
     solutions : half space of the medium that stands for the grains, for each channel of the goniometer
     tolerance : relative standard error of the reflectance in cells of `SHOWN`, root mean square weighted by their light
     hits : stop after about so many; 2^32 if not given
     map : `map(function, tasks)` returns [function(*task) for task in tasks]
     report : called with the share of the work that is done and the error reached so far
 
-    Notes
-    -----
     The same bytes for any number of workers: what is walked follows from counts alone.
     """
     map, most = map or in_turn, HITS_MAX if hits is None else hits

@@ -15,14 +15,10 @@ MOST = {1: 17, 2: 17, 3: 17, 4: 17, 5: 11, 6: 11, 7: 6, 8: 4, 9: 6}
 def refractive_index(number: int, coefficients: Sequence[float], wavelength) -> np.ndarray:
     """n (L,) by a formula; nan where it has no real value.
 
-    Parameters
-    ----------
     number : 1 to 9, see `NAMES`
     coefficients : as many as the formula takes; those left out at its end are 0
     wavelength : (L,) um
 
-    Notes
-    -----
     Source: M. N. Polyanskiy, refractiveindex.info, "Dispersion formulas".
     """
     lam = np.asarray(wavelength, float)

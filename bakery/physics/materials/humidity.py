@@ -27,14 +27,10 @@ def tabulated(humidity, factor, wanted: float) -> float:
     Between the rows kappa, (g^3 - 1)(1 - h)/h, is linear in h: the factor rises towards 1 as particles do.  Below the first row
     above 0 it has the kappa of that row; at 0 the factor is 1.
 
-    Parameters
-    ----------
     humidity : (T,) 1, ascending, 0 to below 1
     factor : (T,) radius over the dry radius
 
-    Raises
-    ------
-    ValueError : above the table
+    Raises ValueError : above the table
     """
     h, g = np.asarray(humidity, float), np.asarray(factor, float)
     if wanted > h[-1]:

@@ -106,8 +106,6 @@ def hole(tables: Tables, at: Sequence[float]) -> tuple[int, ...] | None:
 def interpolated(tables: Tables, at: Sequence[float], method: str) -> Optics:
     """The medium at coordinates (k,) within the axes; at a point of the tables what they hold there.
 
-    Parameters
-    ----------
     method : one of `METHODS`; cubic needs a table without missing points
     """
     sigma_s, sigma_a, table, ratios = (_along(tables.axes, values, at, method)

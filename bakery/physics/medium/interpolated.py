@@ -46,8 +46,6 @@ class Between:
 def between(table: Tabulated, wavelength, value: float) -> Between:
     """The medium at wavelengths (L,) um and a value of the other axis, all within the table.
 
-    Notes
-    -----
     The error is what a bracket one place wider on either side changes, times the share that the error of a linear interpolation
     in the narrower bracket has of the change: exact for a parabola.  Where there are no wider places a quarter of the difference
     of the two ends counts.  A tabulated place has none.

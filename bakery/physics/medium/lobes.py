@@ -68,18 +68,12 @@ class Misfit:
 def draine(theta, g, alpha):
     """Draine's phase function.
 
-    Parameters
-    ----------
     theta : (...,) rad
     g : float, -1 < g < 1; the mean cosine only where alpha = 0
     alpha : float, >= 0
 
-    Returns
-    -------
-    (...,) 1/sr, integrates to 1 over the sphere
+    Returns (...,) 1/sr, integrates to 1 over the sphere
 
-    Notes
-    -----
     Source: Draine, Astrophys. J. 598, 1017 (2003).
     """
     a = abs(g)
@@ -101,12 +95,8 @@ def draine_mean_cosine(g, alpha):
 def published(diameter: float) -> Lobes:
     """HG + Draine of water droplets in air by their diameter in um, above 0.1 to 50.
 
-    Raises
-    ------
-    ValueError : a diameter outside
+    Raises ValueError : a diameter outside
 
-    Notes
-    -----
     Source: Jendersie & d'Eon, "An Approximate Mie Scattering Function for Fog and Cloud Rendering", SIGGRAPH 2023 Talks,
     and the supplement for diameters below 5 um; coefficients as several public renderers quote them alike.
     """
@@ -159,13 +149,8 @@ def quadrature(theta, most: int | None = None):
 def misfit(theta, phase, lobes: Lobes) -> Misfit:
     """How far a mixture is from a table.
 
-    Parameters
-    ----------
     theta, phase : (A,) rad, 1/sr; linear in cos theta, integrates to 1 over the sphere
-    lobes : Lobes
 
-    Notes
-    -----
     Integrals are to about 3e-5: the kink of |fit - table| lies inside of cells.  `factor` looks at the table's own angles.
     """
     theta, phase = np.asarray(theta, float), np.asarray(phase, float)

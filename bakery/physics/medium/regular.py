@@ -31,18 +31,12 @@ def haversine(theta):
 def regular_table(theta, phase, count):
     """Averages of a phase function on a regular grid in the cosine.
 
-    Parameters
-    ----------
     theta : (A,) rad, ascending from 0 (forward) to pi
     phase : (A,) 1/sr, linear in cos theta between the angles
     count : number of values, at least 2
 
-    Returns
-    -------
-    values : (count,) 1/sr, at equidistant cosines from -1 (backward) to +1 (forward), linear between them
+    Returns values : (count,) 1/sr, at equidistant cosines from -1 (backward) to +1 (forward), linear between them
 
-    Notes
-    -----
     The value at a grid point is the average of `phase` weighted with the hat function of that point.  The hats add up to 1
     everywhere, so the integral is kept exactly; their first moments make the mean cosine exact but for the two end cells
     (error: a third of a cell times the light in the last half cell).
@@ -65,8 +59,6 @@ def regular_table(theta, phase, count):
 def loss(theta, phase, values) -> Loss:
     """What is lost when a regular table takes the place of a phase function.
 
-    Parameters
-    ----------
     theta, phase : (A,) rad, 1/sr, as for `regular_table`; integrates to 1 over the sphere
     values : (N,) as from `regular_table`, in the precision that will be used
     """

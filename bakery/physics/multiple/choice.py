@@ -74,9 +74,7 @@ class Tabulated(NamedTuple):
 def solved(medium: Medium, orders: int | None) -> Solved:
     """Solves for one wavelength; `orders` as in `Asked`.
 
-    Raises
-    ------
-    ValueError : a narrow peak backward
+    Raises ValueError : a narrow peak backward
     """
     albedo, theta, phase, delta = medium
     p = legendre.moments(theta, phase, max(_MOMENTS, (orders or 0) + 8))
@@ -98,9 +96,7 @@ def solved(medium: Medium, orders: int | None) -> Solved:
 def by_solver(medium: Medium, kinds: Iterable[int], asked: Asked) -> dict[int, Tabulated]:
     """Tables of several kinds of sources from one solution, by kind.
 
-    Raises
-    ------
-    ValueError : the solver or a table refuses
+    Raises ValueError : the solver or a table refuses
     """
     result = solved(medium, asked.orders)
     prepared = result.solution.medium

@@ -50,8 +50,6 @@ def build(albedo, theta, phase, kinds=(POINT,), *, extent=None, length=LENGTH, t
           seed=0) -> Counted:
     """Tables of the light of third and later events around a source, by following photons.
 
-    Parameters
-    ----------
     albedo : 1
     theta, phase : (A,) rad, 1/sr, linear in cos theta, normalised
     kinds : POINT, SEGMENT
@@ -61,9 +59,7 @@ def build(albedo, theta, phase, kinds=(POINT,), *, extent=None, length=LENGTH, t
     photons : most of them; None: as many as fly `MOST_FLIGHTS` times
     seed : of all random numbers
 
-    Returns
-    -------
-    Counted : the same for any number of workers
+    Returns Counted : the same for any number of workers
     """
     medium = tally.medium(albedo, theta, phase, extent)
     if albedo == 0:
@@ -97,14 +93,10 @@ def build(albedo, theta, phase, kinds=(POINT,), *, extent=None, length=LENGTH, t
 def agreement(photons: Table, offset_error, compared: Table, nearest=_FROM):
     """Integrals over directions at the corners of a table of photons against those of another table, in standard errors.
 
-    Parameters
-    ----------
     offset_error : (N,) of the table of photons
     nearest : m (see `frame`) of the first corners that are compared, mfp
 
-    Returns
-    -------
-    (P,) deviations: their mean square is 1 where both agree.  Neighbours share photons, so they come in groups.
+    Returns (P,) deviations: their mean square is 1 where both agree.  Neighbours share photons, so they come in groups.
     """
     u, v = (photons.corner / ((1 << photons.depth) * np.array([1, ASPECT]))).T
     these = u >= math.asinh(nearest / frame.CORE[photons.kind]) / math.asinh(photons.extent / frame.CORE[photons.kind])

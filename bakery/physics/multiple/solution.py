@@ -59,16 +59,12 @@ def _norms(c, twice):
 def solve(albedo, p, *, tolerance=TOLERANCE, most=MOST, threads=1) -> Solution:
     """Solves for the third and later events with as many orders as the phase function needs.
 
-    Parameters
-    ----------
     albedo : 1, 0 to 1
     p : Legendre moments, to well beyond where they fall below the tolerance, or `most + 4` of them
     tolerance : largest moment that may be cut
     most : orders, at most; a narrower forward peak is left out
 
-    Raises
-    ------
-    ValueError : the moments end before the tolerance; a narrow peak backward, which only photons can follow
+    Raises ValueError : the moments end before the tolerance; a narrow peak backward, which only photons can follow
     """
     p = np.asarray(p, float)
     order, peak, moments = legendre.order_needed(p, tolerance), 0.0, p

@@ -182,15 +182,11 @@ def at_even(sums):
 def lobes(medium: Medium, arrivals, first, last, azimuth):
     """T r exp(k0 r) from arrivals.
 
-    Parameters
-    ----------
     arrivals : (I, B, B, M)
     first, last : (M, J, B), (M, A, B), `means` of the angles Theta of the positions from +z, and polar of the directions
     azimuth : (C,) rad, of the directions in the frame at the position
 
-    Returns
-    -------
-    (I, J, A, C)
+    Returns (I, J, A, C)
     """
     m = np.arange(medium.orders)
     turns = np.where(m == 0, 1.0, 2.0)[:, None] * np.cos(m[:, None] * np.asarray(azimuth))

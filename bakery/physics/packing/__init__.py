@@ -128,15 +128,11 @@ def pack(fraction, radii, cell=(1.0, 1.0, 1.0), *, seed, stream=0, schedule="fin
 def predicted(fraction, count, spread=0.0, schedule="final") -> float:
     """Seconds of one core that `pack` takes, within a factor of two.
 
-    Parameters
-    ----------
     fraction : requested
     count : spheres
     spread : standard deviation over mean of the radii
     schedule : as for `pack`
 
-    Notes
-    -----
     Collisions from the pressure of the fluid and of a packing that jams, times what one takes: measured on one machine
     (docs/packing.md); the kernels' first compilation (10 s) is not in it.
     """

@@ -108,13 +108,9 @@ def ellipsoid(axes=(1.0, 0.8, 0.65), triangles=LEVELS["middle"]) -> Mesh:
 def superellipsoid(axes=(1.0, 1.0, 1.0), exponents=(0.5, 0.5), triangles=LEVELS["middle"]) -> Mesh:
     """((x/a)^(2/f) + (y/b)^(2/f))^(f/e) + (z/c)^(2/e) = 1.
 
-    Parameters
-    ----------
     exponents : e (from pole to pole) and f (around), 0.1 to 4, or one number for both: towards 0 a box, 1 an ellipsoid, 2 an
         octahedron, above hollow
 
-    Notes
-    -----
     Source: Barr, IEEE Computer Graphics and Applications 1 (1), 11 (1981).
     """
     axes = _three("axes", axes)
@@ -137,8 +133,6 @@ def superellipsoid(axes=(1.0, 1.0, 1.0), exponents=(0.5, 0.5), triangles=LEVELS[
 def rock(seed=0, axes=(1.0, 0.8, 0.65), corners=45, sharpness=24.0, roughness=0.02, triangles=LEVELS["middle"]) -> Mesh:
     """A worn fragment: the hull of random points on an ellipsoid, with rounded edges and a rough surface.
 
-    Parameters
-    ----------
     corners : points, 8 to 300; few give a splinter, many a pebble
     sharpness : 4 to 1000 or inf: of the edges
     roughness : 0 to 0.3: height of the largest of five octaves of noise over the radius, about
@@ -161,8 +155,6 @@ def crystal(seed=0, habit="cube", axes=(1.0, 1.0, 1.0), chips=2, depth=0.2, shar
             triangles=LEVELS["middle"]) -> Mesh:
     """A crystal with chipped corners, rounded edges and a slightly rough surface.
 
-    Parameters
-    ----------
     habit : a name in `HABITS`: cube (salt), octahedron, hexagonal prism (ice) or sucrose
     axes : proportions, by which the perfect crystal is stretched
     chips : 0 to 30 corners cut off;  depth : 0 to 0.6, largest share of the height that one takes
@@ -216,14 +208,10 @@ def aggregate(seed=0, arrangement="cluster", bodies=6, smallest=0.6, length=0.0,
 def mesh(data: bytes, kind: str, triangles=LEVELS["middle"], repair=None) -> Mesh:
     """A grain from a file, checked, with at most `triangles` triangles.
 
-    Parameters
-    ----------
     data : content of the file;  kind : "ply", "obj", "stl" or "off"
     repair : "pymeshlab" closes holes and the like before the check
 
-    Raises
-    ------
-    ValueError : what is wrong, and where
+    Raises ValueError : what is wrong, and where
     """
     from bakery.physics.shapes.files import triangles as read
     from bakery.physics.shapes.mending import Unsound, mended
@@ -263,8 +251,6 @@ def level(grain: Mesh, triangles) -> Mesh:
 def sucrose_planes():
     """Normals and distances of a sugar crystal: the forms a, c, d, p, p' and q, elongated along b as it grows from pure solution.
 
-    Notes
-    -----
     Cell 10.863 x 8.705 x 7.759 A, beta 102.9 degrees (Brown & Levy, Acta Cryst. B 29, 790, 1973); the distances are chosen to
     look like the usual habit.
     """

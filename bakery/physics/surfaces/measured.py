@@ -42,8 +42,6 @@ class Measured(NamedTuple):
 def measured(reflectance, um, tolerance: float = TOLERANCE) -> Measured:
     """A reflectance as a table.
 
-    Parameters
-    ----------
     reflectance : function of theta_in, theta_out, phi (Q,) to (L, Q), pi times the BRDF, as `asset.surface.reflectance`
     um : (L,) wavelengths
     tolerance : of `Losses.misdirected`, which the finest grid may miss

@@ -60,14 +60,10 @@ def _once(mu, roughness: float):
 def principled(reflectance, index: float, roughness: float, bands) -> Principled:
     """The fit of a layer.
 
-    Parameters
-    ----------
     reflectance : function of theta_in, theta_out, phi (Q,) to (L, Q), pi times the BRDF, as `asset.surface.reflectance`
     index, roughness : of its boundary
     bands : (3, L) 1, red, green and blue as means over the wavelengths; rows add up to 1
 
-    Notes
-    -----
     Facets of a rough boundary are the same in both: only what comes out of the layer is compared.
     """
     directions = nodes(_DIRECTIONS)

@@ -56,8 +56,6 @@ class Spread:
 def edges_of(transport, thickness):
     """(BINS + 1,) distances between bins: 0, and from near to far by equal factors.
 
-    Parameters
-    ----------
     transport, thickness : (J,) transport mean free paths and thicknesses of layers from the top, either may be infinite
     """
     finite = [part[np.isfinite(part)] for part in (transport, thickness)]
@@ -74,13 +72,9 @@ def edges_of(transport, thickness):
 def spread(slab: Slab, seed: int, *stream: int, tolerance: float = TOLERANCE) -> Spread:
     """Of a layer, and of all that lie under it.
 
-    Parameters
-    ----------
     seed, stream : of the random numbers, `surface.spread`
 
-    Raises
-    ------
-    ValueError : what lies under it is known as light from air sees it only
+    Raises ValueError : what lies under it is known as light from air sees it only
     """
     parts, bottom = layers(slab)
     if isinstance(bottom, Reflector):
@@ -197,8 +191,6 @@ def profile_within(radius, width):
 def profile(edges, light, beyond: float) -> tuple[float, float]:
     """The width d of the profile that light is nearest to, and the largest difference of the shares within a distance.
 
-    Parameters
-    ----------
     edges : (B + 1,);  light : (B,) share of the light between two edges
     beyond : share further away
     """
