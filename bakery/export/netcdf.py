@@ -12,7 +12,6 @@ import numpy as np
 from bakery.export.medium import Scattering
 from bakery.export.named import Named
 
-LARGEST = 1 << 31  # bytes of a variable, in this format
 _LENGTH_OF_TEXT = "length_of_{}"
 _MIE = np.int32(20110916)  # what `mie` of libRadtran 2.0.2 calls its format; uvspec takes a file without as one of one wavelength
 EXPANDED = {"alpha1": "4 pi s11", "alpha2": "4 pi s22", "alpha3": "4 pi s33", "alpha4": "4 pi s44", "beta1": "4 pi s12",
