@@ -86,9 +86,9 @@ def number(value):
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def first_line(content: str, width: int = 40) -> str:
+def first_line(content: str) -> str:
     lines = content.strip().splitlines() or [""]
-    head = lines[0] if len(lines[0]) <= width else lines[0][:width - 3] + "..."
+    head = lines[0] if len(lines[0]) <= 40 else lines[0][:37] + "..."
     return f"{len(content)} characters in {len(lines)} lines: {head}" if len(lines) > 1 else head
 
 

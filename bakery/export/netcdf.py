@@ -55,7 +55,7 @@ def netcdf(variables: Mapping[str, Variable], attributes: Mapping[str, str | np.
     return content
 
 
-def cf(named: Named, extra: Mapping[str, Variable] | None = None) -> bytes:
+def cf(named: Named) -> bytes:
     """The medium by the CF conventions; standard names where there are any that do not speak of an atmosphere's aerosol."""
     medium, axes = named.medium, ("wavelength", "scattering_angle")
     sigma_a = medium.sigma_t - medium.sigma_s
@@ -89,7 +89,7 @@ def cf(named: Named, extra: Mapping[str, Variable] | None = None) -> bytes:
     variables |= _matrix(named)
     attributes = {"Conventions": "CF-1.11",
             "comment": f"asset's tolerance {named.tolerance:g}, reached {named.achieved:.3g}: {named.measure}"}
-    return netcdf(variables | dict(extra or {}), attributes | named.attributes)
+    return netcdf(variables, attributes | named.attributes)
 
 
 def _matrix(named: Named) -> dict[str, Variable]:

@@ -50,10 +50,10 @@ def model_of(medium: Medium) -> str:
     return "transport" if medium.moments is not None else "small-angle"
 
 
-def small_angle_table(medium: Medium, albedo, depth, absorb=False, nodes=None) -> table.Table:
+def small_angle_table(medium: Medium, albedo, depth, nodes=None) -> table.Table:
     """The small-angle kernel; arguments as in `transport_tables`.  It knows forward light only: one table for all measures."""
     z, ratio = nodes or table.grid(depth, medium.planar.width)
-    return _table(z, ratio, small_angle.homogeneous(medium.planar, albedo, z, ratio, absorb))
+    return _table(z, ratio, small_angle.homogeneous(medium.planar, albedo, z, ratio))
 
 
 def transport_tables(medium: Medium, albedo, depth, nodes=None) -> dict[str, table.Table]:

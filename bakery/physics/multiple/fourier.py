@@ -7,7 +7,6 @@ there is to know is T^m_ll'(r): into spherical harmonic (l, m) at distance r fro
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,7 +100,7 @@ def _checked(albedo, p):
     return albedo, p / p[0]
 
 
-def propagator(albedo, p, *, first=3, last=None, uncounted=None, threads=1, step=STEP, r_min=R_MIN, r_max=R_MAX) -> Propagator:
+def propagator(albedo, p, *, first=3, last=None, uncounted=None, step=STEP, r_min=R_MIN, r_max=R_MAX) -> Propagator:
     """Solves for the events `first` .. `last` of light that enters its first collision at the origin.
 
     Parameters
@@ -111,7 +110,6 @@ def propagator(albedo, p, *, first=3, last=None, uncounted=None, threads=1, step
     first : 3 or more
     last : None for all further events in closed form, or the same as first for one event alone
     uncounted : (K + 1,), K >= L, or None: share of each order that goes on, turned but not counted; with albedo p at most 1
-    threads : of this process; the result does not depend on it
 
     Returns
     -------
@@ -147,18 +145,14 @@ def propagator(albedo, p, *, first=3, last=None, uncounted=None, threads=1, step
         _kernels.columns(j, k, c, uncounted, solver.pivots, (first - 3, last is None), (r[:reach], hankel), k0, out)
         return out
 
-    with ThreadPoolExecutor(threads) as pool:  # starts none until it is given something to do
-        mapped = pool.map if threads > 1 else map
-        list(mapped(solver.prepare, range(order + 1)))
-        light = column(0, len(r))[0]
-        reached = light > _FLOOR * light.max()
-        reach = len(r) if reached.all() else max(int(np.argmin(reached)), _STENCIL)
-        by_distance, scale = np.empty((reach, count)), (np.exp(k0 * r) / r)[:reach]
-
-        def store(j):
-            by_distance[:, _kernels.packed(j, 0, 0):_kernels.packed(j + 1, 0, 0)] = (column(j, reach) * scale).T
-
-        list(mapped(store, range(order, -1, -1)))
+    for l in range(order + 1):
+        solver.prepare(l)
+    light = column(0, len(r))[0]
+    reached = light > _FLOOR * light.max()
+    reach = len(r) if reached.all() else max(int(np.argmin(reached)), _STENCIL)
+    by_distance, scale = np.empty((reach, count)), (np.exp(k0 * r) / r)[:reach]
+    for j in range(order, -1, -1):
+        by_distance[:, _kernels.packed(j, 0, 0):_kernels.packed(j + 1, 0, 0)] = (column(j, reach) * scale).T
     return Propagator(albedo, p, k0, log_r[:reach], by_distance)
 
 

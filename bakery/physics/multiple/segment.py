@@ -7,7 +7,6 @@ All in mean free paths.
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
 import numpy as np
@@ -25,7 +24,7 @@ _GONE = 40.0  # mfp after which nothing is left of the beam
 _AXIS = 1e-9  # mfp, closest to the axis
 
 
-def value(medium: Propagator, rho, z, theta, phi, length, threads=1):
+def value(medium: Propagator, rho, z, theta, phi, length):
     """T_S(rho, z, theta, phi; length), mfp^-3 sr^-1.
 
     Parameters
@@ -43,7 +42,7 @@ def value(medium: Propagator, rho, z, theta, phi, length, threads=1):
     theta, phi = theta.ravel(), phi.ravel()
     places, which = np.unique(np.column_stack([rho.ravel(), z.ravel()]), axis=0, return_inverse=True)
     axis = local_axis(places[:, 0], places[:, 1], length)
-    c = coefficients(medium, places[:, 0], places[:, 1], length, axis, threads=threads)
+    c = coefficients(medium, places[:, 0], places[:, 1], length, axis)
     out = np.empty(len(theta))
     for n in range(len(places)):
         these = which == n
@@ -57,7 +56,7 @@ def local_axis(rho, z, length):
     return (np.arctan2(rho, z) + np.arctan2(rho, np.asarray(z) - length)) / 2
 
 
-def coefficients(medium: Propagator, rho, z, length, axis, *, fine=1.0, threads=1):
+def coefficients(medium: Propagator, rho, z, length, axis, *, fine=1.0):
     """Harmonic coefficients of the source at many positions, each in the frame about its axis (`point.to_frame`).
 
     Parameters
@@ -82,15 +81,11 @@ def coefficients(medium: Propagator, rho, z, length, axis, *, fine=1.0, threads=
     points_of, owners_angle, rows = _points(medium, grid, _rule(rho, z, length, order, fine), axis)
     harmonics, turns = _waves(order, grid), _plane.quarter_turns(order)
     out = np.empty((len(rho), (order + 1) * (order + 2) // 2))
-
-    def one(l, phases):
-        table = _plane.point_table(l, order, medium.by_distance, rows, harmonics, len(grid), turns[l])
-        _plane.along(l, table, turns[l], points_of, phases, out)
-
-    with ThreadPoolExecutor(threads) as pool:
-        for last in range(order, max(order - 2, -1), -1):  # even and odd orders: phases of either at a time
-            phases = _plane.phases(owners_angle, last % 2)
-            list(pool.map(lambda l, phases=phases: one(l, phases), range(last, -1, -2)))
+    for last in range(order, max(order - 2, -1), -1):  # even and odd orders: phases of either at a time
+        phases = _plane.phases(owners_angle, last % 2)
+        for l in range(last, -1, -2):
+            table = _plane.point_table(l, order, medium.by_distance, rows, harmonics, len(grid), turns[l])
+            _plane.along(l, table, turns[l], points_of, phases, out)
     return out
 
 

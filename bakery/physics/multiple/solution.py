@@ -56,7 +56,7 @@ def _norms(c, twice):
     return np.array([np.sum(twice * row**2) for row in rows]).reshape(c.shape[:-1])
 
 
-def solve(albedo, p, *, tolerance=TOLERANCE, most=MOST, threads=1) -> Solution:
+def solve(albedo, p, *, tolerance=TOLERANCE, most=MOST) -> Solution:
     """Solves for the third and later events with as many orders as the phase function needs.
 
     albedo : 1, 0 to 1
@@ -78,8 +78,8 @@ def solve(albedo, p, *, tolerance=TOLERANCE, most=MOST, threads=1) -> Solution:
     else:
         of, extinction = albedo, 1.0
     coarse, cut = coarser(moments, order)
-    return Solution(propagator(of, moments[:order + 1], threads=threads),
-                    partial(propagator, of, moments[:coarse + 1], threads=threads), cut, peak, float(extinction))
+    return Solution(propagator(of, moments[:order + 1]), partial(propagator, of, moments[:coarse + 1]), cut, peak,
+                    float(extinction))
 
 
 def coarser(p, order):
