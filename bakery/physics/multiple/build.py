@@ -58,8 +58,6 @@ def coefficients(medium, kind, length, rho, z):
 def table(solution, kind, *, extent, length=LENGTH, tolerance=TOLERANCE, most=COUNTS[-1], finest=_FINE, seed=0) -> Table:
     """The table of a solution.
 
-    Parameters
-    ----------
     solution : from `solution.solve`
     kind : POINT or SEGMENT
     extent : mfp; the table ends earlier where less than `OUTSIDE` of the light is left
@@ -69,13 +67,8 @@ def table(solution, kind, *, extent, length=LENGTH, tolerance=TOLERANCE, most=CO
     finest : depth of the smallest cells: 2^finest in each direction of the square
     seed : of the places where the basis and the error are taken
 
-    Returns
-    -------
-    Table : its `error` says what was reached; empty (no corner) where nothing scatters
-
-    Raises
-    ------
-    ValueError : extent or length out of range
+    Returns Table : its `error` says what was reached; empty (no corner) where nothing scatters
+    Raises ValueError : extent or length out of range
     """
     medium, length = solution.medium, float(length) if kind == SEGMENT else 0.0
     if not 0.5 <= extent <= MOST_EXTENT:

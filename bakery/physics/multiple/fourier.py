@@ -25,21 +25,13 @@ _FLOOR = 1e-8  # of r^2 T over its largest value, where the table ends
 
 @dataclass(frozen=True)
 class Propagator:
-    """T^m_ll'(r), mfp^-3 (sr^-1 by the harmonics), of the chosen events.
+    """T^m_ll'(r), mfp^-3 (sr^-1 by the harmonics), of the chosen events."""
 
-    Attributes
-    ----------
-    albedo : 1
-    p : (L + 1,) Legendre moments of the phase function
-    k0 : 1/mfp, decay of diffuse light: far away T ~ exp(-k0 r) / r
-    log_r : (R,) equidistant
-    by_distance : (R, P) r exp(k0 r) T, element `_kernels.packed(l', l, m)` for l <= l', m <= l; tends to constants at both ends
-    """
-
-    albedo: float
-    p: np.ndarray
-    k0: float
-    log_r: np.ndarray
+    albedo: float  # 1
+    p: np.ndarray  # (L + 1,) Legendre moments of the phase function
+    k0: float  # 1/mfp, decay of diffuse light: far away T ~ exp(-k0 r) / r
+    log_r: np.ndarray  # (R,) equidistant
+    # (R, P) r exp(k0 r) T, element `_kernels.packed(l', l, m)` for l <= l', m <= l; tends to constants at both ends
     by_distance: np.ndarray
 
     @property
@@ -103,20 +95,14 @@ def _checked(albedo, p):
 def propagator(albedo, p, *, first=3, last=None, uncounted=None, step=STEP, r_min=R_MIN, r_max=R_MAX) -> Propagator:
     """Solves for the events `first` .. `last` of light that enters its first collision at the origin.
 
-    Parameters
-    ----------
     albedo : 1, 0 to 1
     p : (L + 1,) Legendre moments; what they leave out is taken as 0 (see `legendre.order_needed`, `legendre.truncated`)
     first : 3 or more
     last : None for all further events in closed form, or the same as first for one event alone
     uncounted : (K + 1,), K >= L, or None: share of each order that goes on, turned but not counted; with albedo p at most 1
 
-    Returns
-    -------
-    Propagator
+    Returns Propagator
 
-    Notes
-    -----
     No truncation in order: streaming beyond L is in the last row of the matrices.  The transform back is an FFTLog with the
     kernel's exact Mellin transform; against the closed form for isotropic scattering the error is below 1e-8 of the value for
     0.02 <= r <= 100 and albedos up to 1 - 1e-9.  r ends where the light has fallen below 1e-11 of its largest (r ~ 25 / k0).

@@ -27,15 +27,11 @@ _AXIS = 1e-9  # mfp, closest to the axis
 def value(medium: Propagator, rho, z, theta, phi, length):
     """T_S(rho, z, theta, phi; length), mfp^-3 sr^-1.
 
-    Parameters
-    ----------
     medium : from `fourier.propagator`
     rho, z, theta, phi : broadcast; mfp, mfp, rad, rad (phi from the azimuth of the position)
     length : mfp > 0, inf for a pencil of light
 
-    Returns
-    -------
-    Like the arguments.  On the segment itself the source is infinite (as log rho); the value at rho = 1e-9 is returned.
+    Returns what is like the arguments.  On the segment itself the source is infinite (as log rho); the value at rho = 1e-9 is returned.
     """
     rho, z, theta, phi = np.broadcast_arrays(*(np.asarray(x, float) for x in (rho, z, theta, phi)))
     shape = rho.shape
@@ -59,19 +55,13 @@ def local_axis(rho, z, length):
 def coefficients(medium: Propagator, rho, z, length, axis, *, fine=1.0):
     """Harmonic coefficients of the source at many positions, each in the frame about its axis (`point.to_frame`).
 
-    Parameters
-    ----------
     rho, z : (N,) mfp
     length : mfp
     axis : (N,) rad from +z, of the frames
     fine : scales the number of points along the segment (`_rule`)
 
-    Returns
-    -------
-    (N, (L + 1)(L + 2)/2), element l (l + 1)/2 + m
+    Returns (N, (L + 1)(L + 2)/2), element l (l + 1)/2 + m
 
-    Notes
-    -----
     Cubic splines in ln r and the angle of a table of the point source.  Error 1e-5 .. 1e-4 of the lobe (see docs/multiple.md).
     """
     rho, z, axis = (np.atleast_1d(np.asarray(x, float)) for x in (rho, z, axis))
