@@ -29,9 +29,7 @@ STEEPEST = 0.999  # |g|: Cycles takes larger ones for this one (kernel/closure/v
 def cycles_medium(root: Group, name: str, within: float = 0.0) -> Mixture:
     """An asset's medium with the mean cosine kept and, beside it, the least misdirected light of HG + Draine.
 
-    as of `bakery.export.mixture.source`
-
-    Raises AssetError : there is no medium
+    Arguments and errors as of `bakery.export.mixture.source`.
     """
     lobe = source(root, name, within)
     return lobe.mixture(hg_draine(lobe.medium.theta, lobe.mean, STEEPEST))

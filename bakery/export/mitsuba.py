@@ -26,7 +26,7 @@ class Fragment:
     name: str  # end of the file name, "" or such as "_550nm"
     xml: str  # the text of the file
     values: int  # length of the table
-    resampling: Loss  # Loss of the table against the phase function that it stands for
+    resampling: Loss  # of the table against the phase function that it stands for
     # wavelength (um) -> Loss of the table against the phase function there, where one table stands for several
     colour: dict[float, Loss]
     delta: float = 0.0  # 1, largest forward delta, a share of the scattered light; it was taken out of sigma_t and phase function

@@ -33,9 +33,7 @@ def one_lobe(root: Group, name: str, within: float = 0.0) -> OneLobe:
     Light that is scattered many times depends on (1 - g) sigma_s alone, which the best fit of fog gets wrong by a factor of
     seven for a tenth less misdirected light (docs/lobes.md).
 
-    as of `bakery.export.mixture.source`
-
-    Raises AssetError : there is no medium
+    Arguments and errors as of `bakery.export.mixture.source`.
     """
     values = source(root, name, within)
     lobe = Lobes((1.0,), (float(np.clip(values.g, -STEEPEST, STEEPEST)),), (0.0,))
