@@ -21,10 +21,8 @@ EXPLAINED = {
 def describe(root: Group, below: str = "") -> dict:
     """An asset, or what lies below a path of it, for people and machines.
 
-    Returns
-    -------
-    summary : of JSON's types only; `members` (every path, groups too), `datasets` and `stages` in the order of the file; seconds
-        in s, memory and sizes in bytes
+    Returns summary : of JSON's types only; `members` (every path, groups too), `datasets` and `stages` in the order of the file;
+        seconds in s, memory and sizes in bytes
     """
     inside = [(path, member) for path, member in root.walk()
               if not below or path == below or path.startswith(below + "/") or below.startswith(path + "/")]

@@ -102,24 +102,14 @@ class Mixture:
 
 @dataclass(frozen=True)
 class Source:
-    """What lobes are fitted to.
+    """What lobes are fitted to."""
 
-    Attributes
-    ----------
-    um : (L,) um
-    sigma_a : (L,) 1/m
-    medium : of the light that counts as scattered
-    mean : (A,) 1/sr, its phase functions averaged by sigma_s
-    g : 1, mean cosine of that
-    reduced : (L,) 1/m, reduced scattering of the asset
-    """
-
-    um: np.ndarray
-    sigma_a: np.ndarray
-    medium: Scattering
-    mean: np.ndarray
-    g: float
-    reduced: np.ndarray
+    um: np.ndarray  # (L,) um
+    sigma_a: np.ndarray  # (L,) 1/m
+    medium: Scattering  # of the light that counts as scattered
+    mean: np.ndarray  # (A,) 1/sr, its phase functions averaged by sigma_s
+    g: float  # 1, mean cosine of that
+    reduced: np.ndarray  # (L,) 1/m, reduced scattering of the asset
 
     def losses(self, lobes: Lobes) -> tuple[Loss, ...]:
         """What lobes lose, at each wavelength."""

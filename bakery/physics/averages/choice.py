@@ -57,8 +57,6 @@ def at_once(function: Callable, *arguments):
 def choose(channels: Sequence[Channel], tolerance: float, rays: Rays, remember: Callable = at_once) -> list[Choice]:
     """The choice for each channel.
 
-    Parameters
-    ----------
     channels : components at wavelengths
     tolerance : largest integrated difference that `auto` accepts
     rays : `method` "mie" (never), "goa" (from `switch`, or x = 30, whatever the error, which is measured all the same) or "auto"

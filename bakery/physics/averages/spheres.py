@@ -39,17 +39,11 @@ class Coat:
 
 @dataclass(frozen=True)
 class Component:
-    """One kind of sphere.
-
-    Attributes
-    ----------
-    m : (L,) complex index n + ik relative to the host, k >= 0; with a coat that of the core
-    sizes : of the whole spheres
-    """
+    """One kind of sphere."""
 
     name: str
-    m: np.ndarray
-    sizes: Population
+    m: np.ndarray  # (L,) complex index n + ik relative to the host, k >= 0; with a coat that of the core
+    sizes: Population  # of the whole spheres
     coat: Coat | None = None
 
     def spheres(self, wavenumber) -> list[complex | Layers]:

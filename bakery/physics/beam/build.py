@@ -17,20 +17,12 @@ _CUT, _COARSE = 1e-6, 1e-5
 
 @dataclass(frozen=True)
 class Medium:
-    """A phase function prepared for both models.
+    """A phase function prepared for both models."""
 
-    Attributes
-    ----------
-    planar : for the small-angle model
-    line : for single scattering
-    moments : (L + 1,) Legendre moments, or None where more than `LARGEST` would be needed
-    g : mean cosine
-    """
-
-    planar: planar.Planar
-    line: single.Line
-    moments: np.ndarray | None
-    g: float
+    planar: planar.Planar  # for the small-angle model
+    line: single.Line  # for single scattering
+    moments: np.ndarray | None  # (L + 1,) Legendre moments, or None where more than `LARGEST` would be needed
+    g: float  # mean cosine
 
 
 def prepare(theta, phase) -> Medium:

@@ -29,17 +29,12 @@ _TRIES = 8
 
 @dataclass(frozen=True)
 class Region:
-    """Where particles are: a box from the origin, and in it everything, a grid of densities, or the inside of a mesh.
+    """Where particles are: a box from the origin, and in it everything, a grid of densities, or the inside of a mesh."""
 
-    Attributes
-    ----------
-    edge : (3,) m
-    density : (X, Y, Z) relative density 0 to 1 at the middles of the voxels, trilinear in between, constant in the outer halves
-    vertices, faces : (V, 3) m, (F, 3), a closed mesh inside the box, wound outward
-    """
-
-    edge: tuple[float, float, float]
+    edge: tuple[float, float, float]  # (3,) m
+    # (X, Y, Z) relative density 0 to 1 at the middles of the voxels, trilinear in between, constant in the outer halves
     density: np.ndarray | None = None
+    # vertices, faces: (V, 3) m, (F, 3), a closed mesh inside the box, wound outward
     vertices: np.ndarray | None = None
     faces: np.ndarray | None = None
 

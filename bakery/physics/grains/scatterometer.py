@@ -71,8 +71,6 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
             tracer=None) -> Statistics:
     """Scattering statistics of a grain.
 
-    Parameters
-    ----------
     mesh : closed, inside the unit sphere, which is its bounding sphere
     surface : from `bakery.physics.grains.surface`
     mu : (C,) or a number, 1/R, absorption coefficient of the interior (4 pi k / wavelength, times R), >= 0
@@ -87,17 +85,11 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
     report : called with the share of the work that is done and the error reached so far
     tracer : stands in for `walk.Walker(mesh, surface, mu)`: picklable, with its `trace`
 
-    Raises
-    ------
-    ValueError : before any work
+    Raises ValueError : before any work
 
-    Notes
-    -----
     Rays enter at scrambled Sobol points in 32 independent replicates; errors come from the spread of the replicates (31 degrees
     of freedom).  At least 2^14 hits; then paths are added, a quarter to as many again, until the errors are met.
 
-    Examples
-    --------
     >>> from bakery.physics.grains.bvh import Mesh
     >>> from bakery.physics.grains.surface import dielectric
     >>> from bakery.physics.shapes.build import build

@@ -242,23 +242,17 @@ _FIGURES = ("lambda_beta", "flight_square", "lambda_t", "sigma_t", "sigma_t_seco
 def effective(means: Means, void_chord: float, second_moment: float | None = None, second_moment_error: float = 0.0) -> Effective:
     """The medium that stands for packed grains.
 
-    Parameters
-    ----------
     means : of one grain, or of a mixture (`mixed`)
     void_chord : mean chord between bounding spheres, in the unit of the means; without error
     second_moment : <z^2>/(2 <z>^2) of these chords in a tile; None: the flight from hit to hit is exponential, as in Eq. 4.  It
         changes `flight_square`, `m_tele` and `sigma_t_second_moment`
 
-    Notes
-    -----
     lambda_beta and lambda_t are exact means where nothing is absorbed, and positive for any grain up to a fraction of 0.8.  What
     sigma_t leaves out and how much that is: docs/effective-medium.md.  For light that survives, replace the albedo by 1.
 
     Errors are the sums of what each figure's standard error changes: figures of one grain err together in unknown ways, and this
     bound covers any.  Infinite where a hit probability cannot be distinguished from 0.
 
-    Examples
-    --------
     >>> from bakery.physics.grains import sphere, surface
     >>> glass = Means.of(sphere.ball(surface.dielectric(1.5)))
     >>> round(float(effective(glass, void_chord(0.63)).sigma_t[0]), 6)

@@ -94,8 +94,6 @@ def walk(tile, grains, weights=None, *, seed, tolerance, hits=None, depth=EVENTS
          report: Callable[[float, float], None] | None = None) -> Walks:
     """Random walks of light through the grains of a tile, repeated without end in all directions.
 
-    Parameters
-    ----------
     tile : centers (N, 3), radii (N,), cell (3,): spheres that do not overlap, in a periodic cuboid; from `packing.pack`
     grains : (T) types of grain, each with `mesh` (None: an exact ball) and `surface`; their unit sphere is the tile's sphere
     weights : (T,) share of each type in the number; equal ones if not given
@@ -106,18 +104,12 @@ def walk(tile, grains, weights=None, *, seed, tolerance, hits=None, depth=EVENTS
     map : `map(function, tasks)` returns [function(*task) for task in tasks]
     report : called with the share of the work that is done and the error reached so far
 
-    Raises
-    ------
-    ValueError : before any work
+    Raises ValueError : before any work
 
-    Notes
-    -----
     Light is not absorbed: reflectances, conductors' losses and interiors are left out.  Where a rough surface would keep the
     light, the hit is drawn again from the same entry, so the figures are those of light that goes on.
     Errors: jackknife over 32 replicates.  They do not hold what another tile of the same kind would differ by.
 
-    Examples
-    --------
     >>> from bakery.physics.grains.surface import dielectric
     >>> from bakery.physics.packing import pack
     >>> tile = pack(0.3, np.ones(100), seed=1, schedule="draft")

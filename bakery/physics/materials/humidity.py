@@ -13,8 +13,6 @@ def growth_factor(kappa: float, humidity: float) -> float:
 
     The volume of water over that of the dry particle is kappa a/(1 - a), where the activity a is the humidity.
 
-    Examples
-    --------
     >>> round(growth_factor(0.61, 0.9), 4)  # ammonium sulphate
     1.8653
     """

@@ -23,21 +23,14 @@ SAME = 1e-9  # relative distance of two coordinates that are one
 
 
 class Optics(NamedTuple):
-    """One medium.
+    """One medium."""
 
-    Attributes
-    ----------
-    theta : (A,) rad
-    sigma_s, sigma_a : (L,) 1/m
-    elements : (L, E, A) 1/sr, of which the first is the phase function
-    bias : (L, A) 1/sr, error that the phase function is known to have, or None
-    """
-
-    theta: np.ndarray
+    theta: np.ndarray  # (A,) rad
+    # sigma_s, sigma_a: (L,) 1/m
     sigma_s: np.ndarray
     sigma_a: np.ndarray
-    elements: np.ndarray
-    bias: np.ndarray | None = None
+    elements: np.ndarray  # (L, E, A) 1/sr, of which the first is the phase function
+    bias: np.ndarray | None = None  # (L, A) 1/sr, error that the phase function is known to have, or None
 
 
 class Tables(NamedTuple):

@@ -41,28 +41,20 @@ class Lobes:
 
 @dataclass(frozen=True)
 class Misfit:
-    """What a mixture loses against a table.
+    """What a mixture loses against a table."""
 
-    Attributes
-    ----------
-    misdirected : 1, share of the scattered light that goes to another angle: half of the integral of |fit - table|
-    g : 1, mean cosine of the fit less that of the table
-    log_sphere, log_angle : 1, root mean square of log10(fit / table), mean over solid angle and over theta
-    factor, factor_at : 1, rad: the ratio fit / table that is furthest from 1, and where
-    peak, peak_angle : 1, rad: share of the fit's light within the angle where the table has fallen to half of its forward value
-        (pi where it never does)
-    peak_table : 1, share of the table's light within that angle
-    """
-
-    misdirected: float
-    g: float
+    misdirected: float  # 1, share of the scattered light that goes to another angle: half of the integral of |fit - table|
+    g: float  # 1, mean cosine of the fit less that of the table
+    # log_sphere, log_angle: 1, root mean square of log10(fit / table), mean over solid angle and over theta
     log_sphere: float
     log_angle: float
+    # factor, factor_at: 1, rad: the ratio fit / table that is furthest from 1, and where
     factor: float
     factor_at: float
+    # peak, peak_table: 1, share of the fit's, and of the table's, light within peak_angle
     peak: float
     peak_table: float
-    peak_angle: float
+    peak_angle: float  # rad, where the table has fallen to half of its forward value (pi where it never does)
 
 
 def draine(theta, g, alpha):

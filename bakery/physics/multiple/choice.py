@@ -20,19 +20,13 @@ _ALL = 1 - 1e-9  # share of the scattered light above which nothing but the delt
 
 
 class Medium(NamedTuple):
-    """One wavelength of a medium.
+    """One wavelength of a medium."""
 
-    Attributes
-    ----------
-    albedo : 1
-    theta, phase : (A,) rad, 1/sr, linear in cos theta, normalised
-    delta : share of the scattered light that keeps its direction, part of phase below theta[1] (packed grains)
-    """
-
-    albedo: float
+    albedo: float  # 1
+    # theta, phase: (A,) rad, 1/sr, linear in cos theta, normalised
     theta: np.ndarray
     phase: np.ndarray
-    delta: float
+    delta: float  # share of the scattered light that keeps its direction, part of phase below theta[1] (packed grains)
 
 
 class Asked(NamedTuple):

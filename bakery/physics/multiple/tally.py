@@ -45,30 +45,20 @@ _MILNE = 0.7104  # lengths of diffusion from where light would vanish to the sur
 
 @dataclass(frozen=True)
 class Medium:
-    """What photons fly through, and what they are sorted into.
+    """What photons fly through, and what they are sorted into."""
 
-    Attributes
-    ----------
-    albedo, k0 : 1, 1/mfp
-    theta, phase : (A,) rad, 1/sr
-    extent : mfp, of the boxes
-    edges : (B + 1,) rad, of the bins of angles, 0 to pi
-    orders : of the azimuth
-    capped : whether the phase function has more of them
-    resolution : rad, of the cones that narrow peaks are spread over for the first and the last scattering; or 0
-    outer : angles and values of the phase function that is used there
-    """
-
+    # albedo, k0: 1, 1/mfp
     albedo: float
     k0: float
+    # theta, phase: (A,) rad, 1/sr
     theta: np.ndarray
     phase: np.ndarray
-    extent: float
-    edges: np.ndarray
-    orders: int
-    capped: bool
-    resolution: float
-    outer: tuple[np.ndarray, np.ndarray]
+    extent: float  # mfp, of the boxes
+    edges: np.ndarray  # (B + 1,) rad, of the bins of angles, 0 to pi
+    orders: int  # of the azimuth
+    capped: bool  # whether the phase function has more of them
+    resolution: float  # rad, of the cones that narrow peaks are spread over for the first and the last scattering; or 0
+    outer: tuple[np.ndarray, np.ndarray]  # angles and values of the phase function that is used there
 
     @property
     def g(self) -> float:

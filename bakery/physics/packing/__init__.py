@@ -71,8 +71,6 @@ def pack(fraction, radii, cell=(1.0, 1.0, 1.0), *, seed, stream=0, schedule="fin
          report: Callable[[float, float, float], None] | None = None, budget=None) -> Packing:
     """Pack spheres at random into a periodic cuboid.
 
-    Parameters
-    ----------
     fraction : of the volume that the spheres fill; 1e-6 to `limit(radii)`
     radii : (N,) relative, 1 to 1e6 spheres
     cell : (3,) proportions of the cell's edges
@@ -82,22 +80,13 @@ def pack(fraction, radii, cell=(1.0, 1.0, 1.0), *, seed, stream=0, schedule="fin
         calling thread; an exception that it raises, or an interrupt, ends the work
     budget : collisions a sphere after which an attempt ends
 
-    Returns
-    -------
-    Packing : up to fraction 0.5 a fluid in equilibrium; above, the random packing that growth leads to.  Where the spheres jam
-        short of the requested fraction (tried again with slower growth) or order themselves (tried again from another start),
-        `reached` is False and the densest disordered attempt is returned
+    Returns Packing : up to fraction 0.5 a fluid in equilibrium; above, the random packing that growth leads to.  Where the
+        spheres jam short of the requested fraction (tried again with slower growth) or order themselves (tried again from another
+        start), `reached` is False and the densest disordered attempt is returned
+    Raises ValueError : before any work: a fraction out of range, a cell so thin that a sphere would meet its own image
 
-    Raises
-    ------
-    ValueError : before any work: a fraction out of range, a cell so thin that a sphere would meet its own image
-
-    Notes
-    -----
     The fraction is exact to rounding.  Source: Skoge, Donev, Stillinger & Torquato, Phys. Rev. E 74, 041127 (2006), section II.
 
-    Examples
-    --------
     >>> tile = pack(0.3, [1.0] * 100, seed=1, schedule="draft")
     >>> round(tile.fraction, 12), tile.gap >= 0
     (0.3, True)

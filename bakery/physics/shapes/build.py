@@ -21,21 +21,14 @@ _ROCK, _CRYSTAL, _AGGREGATE = 11, 12, 13  # streams of random numbers
 
 @dataclass(frozen=True)
 class Mesh:
-    """A grain whose smallest bounding sphere is the unit sphere.
+    """A grain whose smallest bounding sphere is the unit sphere."""
 
-    Attributes
-    ----------
-    vertices : (V, 3), norms at most 1
-    faces : (F, 3) int32, counterclockwise seen from outside; each edge has two
-    analytic : "sphere" where the grain is exactly the unit ball and the triangles are for pictures only: scattering by a faceted
-        ball does not converge to that of the ball
-    notes : what was mended in a file, or is not as asked for
-    """
-
-    vertices: np.ndarray
-    faces: np.ndarray
+    vertices: np.ndarray  # (V, 3), norms at most 1
+    faces: np.ndarray  # (F, 3) int32, counterclockwise seen from outside; each edge has two
+    # "sphere" where the grain is exactly the unit ball and the triangles are for pictures only: scattering by a faceted ball does
+    # not converge to that of the ball
     analytic: str | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what was mended in a file, or is not as asked for
 
     @property
     def volume(self) -> float:
@@ -55,17 +48,11 @@ class Mesh:
 def build(shape, triangles=LEVELS["middle"]) -> Mesh:
     """The mesh of a shape.
 
-    Parameters
-    ----------
     shape : mapping with `type`, a name in `SHAPES`, and the keywords of that function
     triangles : wanted number, 20 to 2 million; a box has 12 whatever is wished, a file no more than it holds
 
-    Raises
-    ------
-    ValueError : what is wrong with a number, or with the file
+    Raises ValueError : what is wrong with a number, or with the file
 
-    Examples
-    --------
     >>> grain = build({"type": "box", "size": [1, 1, 1]})
     >>> len(grain.faces), round(grain.volume * 3**1.5 / 8, 12)
     (12, 1.0)
@@ -176,8 +163,6 @@ def aggregate(seed=0, arrangement="cluster", bodies=6, smallest=0.6, length=0.0,
               triangles=LEVELS["middle"]) -> Mesh:
     """Balls or rods grown together: starch in flour, sintered snow.
 
-    Parameters
-    ----------
     arrangement : cluster (each grows on one that is there, somewhere) or star (rods from the first, which is a ball, outward)
     bodies : 1 to 64
     smallest : 0.05 to 1, radius of the smallest over the largest; the first is the largest

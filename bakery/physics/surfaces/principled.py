@@ -37,8 +37,6 @@ class Principled(NamedTuple):
 def diffuse(mu, mu0, phi, colour, roughness: float):
     """pi times the BRDF of the base; phi as of `asset.surface.reflectance`.
 
-    Notes
-    -----
     Fujii's improved form of Oren and Nayar 1994, and light that its facets send on several times by its albedo.
     Source: Portsmouth, Kutz and Hill, EON: A Practical Energy-Preserving Rough Diffuse BRDF, J. Comput. Graph. Tech. 2025.
     """
