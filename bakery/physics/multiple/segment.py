@@ -31,7 +31,7 @@ def value(medium: Propagator, rho, z, theta, phi, length):
     rho, z, theta, phi : broadcast; mfp, mfp, rad, rad (phi from the azimuth of the position)
     length : mfp > 0, inf for a pencil of light
 
-    Returns the shape of the arguments.  On the segment itself the source is infinite (as log rho); the value at rho = 1e-9 is returned.
+    Of the arguments' shape.  On the segment itself the source is infinite (as log rho); there it is the value at rho = 1e-9.
     """
     rho, z, theta, phi = np.broadcast_arrays(*(np.asarray(x, float) for x in (rho, z, theta, phi)))
     shape = rho.shape
