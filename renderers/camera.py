@@ -1,7 +1,5 @@
 """The pinhole camera of all renderers of scenes: where it stands, and the ray through each pixel."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

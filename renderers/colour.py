@@ -6,8 +6,6 @@ between the wavelengths, constant outside, weighted with the CIE 1931 2-degree o
 all wavelengths is white.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 # um; where a display's primaries dominate.  The preset `rgb` of recipes (0.610, 0.550, 0.465) has one wavelength in each.

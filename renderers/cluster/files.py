@@ -1,7 +1,5 @@
 """The files of a scene on a worker: sent as bytes, written once a process, and the scene that is read from them there."""
 
-from __future__ import annotations
-
 import atexit
 import dataclasses
 import hashlib

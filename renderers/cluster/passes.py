@@ -4,8 +4,6 @@ A pass depends on its number alone, so workers render passes before it is their 
 as on one machine.
 """
 
-from __future__ import annotations
-
 import math
 import tempfile
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """Fog in screen space: a picture without fog and its distances become the picture with fog."""
 
-from __future__ import annotations
-
 import os
 
 

@@ -5,8 +5,6 @@ density does along the column.  So nothing is solved on a lattice: where a point
 the light there.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Four channels at once, in the compiler's own vectors: numba makes single numbers of a loop over them (22 ns a block, not 6)."""
 
-from __future__ import annotations
-
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils

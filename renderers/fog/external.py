@@ -13,8 +13,6 @@ What is approximate: light changes no columns; surfaces cast no shadows into the
 is black.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ Behind an optical depth tau at distance z the scattered light that arrives at r 
 (`Fog.powers`).  Shapes are on equal steps of log tau and log x and looked up linearly in both.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache

@@ -4,8 +4,6 @@ The filter is linear in the picture, so what is filtered is half the difference 
 scatters comes from many pixels and is smooth: that part is filtered in fewer, larger pixels.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.ndimage import uniform_filter
 

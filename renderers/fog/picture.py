@@ -4,8 +4,6 @@ A pixel has one distance, that of the ray through its centre.  A mean over the p
 halfway to the hill behind, where nothing is; the smallest distance would widen what is near.  Colours at edges stay means.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """What a camera sees of a picture through fog: how much of it along each ray, and what the filter makes of a picture."""
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np

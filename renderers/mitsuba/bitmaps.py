@@ -1,7 +1,5 @@
 """Picture files, which Mitsuba reads and writes for all renderers."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.errors import UsageError

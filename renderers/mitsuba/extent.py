@@ -1,7 +1,5 @@
 """How far the surfaces of a Mitsuba scene are from its camera, and how far they reach."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

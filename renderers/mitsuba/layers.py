@@ -4,8 +4,6 @@ Directions are drawn from a table of its own: constant in cells of both directio
 mean of all wavelengths.  Its density is exact for what is drawn, so that it may be coarse.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from typing import NamedTuple
@@ -48,7 +46,7 @@ class Layer(NamedTuple):
         return self.table.index != 1.0 and not self.rough or bool(np.any(self.table.mirrored > 0))
 
     @property
-    def from_below(self) -> Layer:
+    def from_below(self) -> "Layer":
         """As light from below meets it."""
         return self._replace(table=self.table_below, table_below=None)
 

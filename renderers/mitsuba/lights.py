@@ -1,7 +1,5 @@
 """The emitters of a Mitsuba scene: their names, whether any shines, and what no renderer can make a picture of."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.errors import UsageError

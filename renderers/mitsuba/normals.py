@@ -4,8 +4,6 @@ Where a file has none, Mitsuba adds up those of the faces around a vertex by all
 from run to run: normals differ in their last bits, and with them pictures.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 _COMPUTED = 1e-5  # normals added up in another order differ by less; a file's own differ by more, or mean the same

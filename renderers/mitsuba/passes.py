@@ -1,7 +1,5 @@
 """Pictures of Mitsuba's own integrators by passes of fixed size, until the noise, the samples or the time is reached."""
 
-from __future__ import annotations
-
 import signal
 from contextlib import contextmanager
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What recordings of Dr.Jit's (`drjit.freeze`) need of Mitsuba's scenes."""
 
-from __future__ import annotations
-
 import gc
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """Renders a Mitsuba scene file with bakery's plugins (the `mitsuba` command of 3.9 cannot load Python plugins)."""
 
-from __future__ import annotations
-
 import time
 from functools import wraps
 from pathlib import Path

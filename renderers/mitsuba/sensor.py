@@ -1,7 +1,5 @@
 """What a sensor of a Mitsuba scene sees: the pinhole camera that it is, and distances along its rays."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.errors import UsageError

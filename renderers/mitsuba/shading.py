@@ -3,8 +3,6 @@
 Samples of lights and of directions are joined by the balance heuristic (Veach and Guibas, SIGGRAPH 1995).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Surfaces of a Mitsuba scene as arrays: meshes, boxes, and what their boundaries do to light."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -13,8 +13,6 @@ and at a scattering event in a medium, with the phase function's value `phase` t
     radiance += weight * light.radiance * phase * light.share(phase)
 """
 
-from __future__ import annotations
-
 import math
 from contextlib import contextmanager
 from functools import cached_property
@@ -109,7 +107,7 @@ class World:
         self.box = np.array([box.min, box.max], float).reshape(2, 3) * self._unit if box.valid() else None
 
     @classmethod
-    def of(cls, scene, variant=None) -> World:
+    def of(cls, scene, variant=None) -> "World":
         """Of a `renderers.scene.Scene`, with the size of its film; errors as above."""
         film, surfaces = scene.values.film, scene.values.scene
         size = (film.height, film.width) if film.height else None

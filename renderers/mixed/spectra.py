@@ -1,7 +1,5 @@
 """Wavelengths that all materials of a scene are rendered at: those of their assets, or three bands where these differ."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -23,7 +21,7 @@ class Spectra(NamedTuple):
     bands: bool
 
     @classmethod
-    def of(cls, assets) -> Spectra:
+    def of(cls, assets) -> "Spectra":
         if not assets:
             return cls(Colours(np.eye(3), np.eye(3)), False)
         waves = [np.asarray(asset.wavelength, float) for asset in assets]

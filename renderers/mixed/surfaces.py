@@ -1,7 +1,5 @@
 """Entries that are surfaces, or are far from the camera: shapes of the Mitsuba scene that get the plugin `bakedbsdf`."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

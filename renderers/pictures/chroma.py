@@ -7,8 +7,6 @@ Of what the picture's own hues differ from that, as much comes back as the scatt
 of James and Stein): next to nothing with few samples, all of it with many.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers import colour

@@ -4,8 +4,6 @@ Beside the pictures of a method, `METHOD.png` and `METHOD.exr`, stands `METHOD.j
 finished, the report, and the time that they took.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re
@@ -47,7 +45,7 @@ class Job:
     pair: tuple[Path, Path]
     seed: int | None
 
-    def beside(self) -> Job:
+    def beside(self) -> "Job":
         """The same among those of another renderer: the name of its own before that of the method and of its files."""
         section = self.scene.section
         return dataclasses.replace(self, name=f"{section}: {self.name}",

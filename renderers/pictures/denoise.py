@@ -5,8 +5,6 @@ them.  What it makes of a pixel is then held to what the scatter of the passes a
 are, and with more samples the picture goes to the one without a filter, and not to the network's.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import importlib.metadata
 from types import MappingProxyType

@@ -1,7 +1,5 @@
 """How two pictures of one scene differ: the error beneath their noise, the bias of the mean, and what a person sees of it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import NamedTuple

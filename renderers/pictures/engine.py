@@ -3,8 +3,6 @@
 A picture is the sum of its parts; a part is one kind of pass with a number of passes of its own, such as direct light and walks.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import signal
@@ -84,7 +82,7 @@ class Part(NamedTuple):
     name: str
     render: Callable[[int], dict[str, np.ndarray]]
     samples: int = 1
-    fewer: Callable[[int], Part] | None = None
+    fewer: Callable[[int], "Part"] | None = None
     steps: int = 1
     fewest: float = 1
 
@@ -289,7 +287,7 @@ class Passes:
         least = pace * sum(max(0, LEAST - mean.count) * mean.expected for mean, _ in passes)
         return max(least, min(ends)) if ends else None
 
-    def so_far(self) -> Passes:
+    def so_far(self) -> "Passes":
         """What there is now, as a picture that later passes do not change; no array is copied."""
         still = Passes(part._replace(render=_ended) for part in self.parts)
         still.means = {name: mean.so_far() for name, mean in self.means.items()}

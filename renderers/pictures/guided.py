@@ -6,8 +6,6 @@ what is left of the picture then as much is added again as gives the least expec
 the scatter of the passes is enough: next to nothing where that is noise, all of it in a picture without noise.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.threads import run

@@ -3,8 +3,6 @@
 A picture is (H, W, 3) linear sRGB, float, 1 = white of the display before exposure.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 import tempfile

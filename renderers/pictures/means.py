@@ -4,8 +4,6 @@ Pixels of a pass may share noise, such as that of the beams of light from which 
 no better than its pixels, however many they are; the scatter of the regions' own means tells.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Iterable
@@ -56,7 +54,7 @@ class Mean:
                 self.spread = self.spread + before.mean((0, 1)) * after.mean((0, 1))
                 self.regions = self.regions + tiled(before[..., 3]) * tiled(after[..., 3])
 
-    def so_far(self) -> Mean:
+    def so_far(self) -> "Mean":
         """The same as a mean of its own: `add` puts new arrays in the place of those that both have."""
         still = copy.copy(self)
         still.layers = dict(self.layers)

@@ -4,8 +4,6 @@ Times are read off a renderer by passes (`renderers.pictures.progressive`) when 
 the end.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ translucent bodies.
 Each of these renderers has a `prepare`, which makes a `Method` of a scene.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import gc
 import math

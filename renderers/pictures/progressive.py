@@ -8,8 +8,6 @@ A renderer is the sum of its parts; a part is one kind of pass with a number of 
     return estimate.finish(job, method="particles")
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path

@@ -6,8 +6,6 @@ whose method states an error of its own above the tolerance.  Two cases are told
 whose 5 % nobody asked for, and a draft, which is a look within a time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 A renderer begins a `Render`, makes a picture of linear radiance out of `scene.values` and `asset`, and finishes it.
 """
 
-from __future__ import annotations
-
 import json
 import time
 

@@ -4,8 +4,6 @@ Beams of negative power stand for a boundary, and colours may lie outside of wha
 0.  Clipped at 0 each pixel is nearer to the truth, but noise that is cut on one side makes the mean brighter.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

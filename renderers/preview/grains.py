@@ -3,8 +3,6 @@
 The studio's unit is here as many bounding radii as `scale` says, so that all grains are seen.
 """
 
-from __future__ import annotations
-
 import math
 import tempfile
 from dataclasses import dataclass

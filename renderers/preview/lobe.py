@@ -1,7 +1,5 @@
 """The strip below a preview: what the medium is, in numbers, and its phase function."""
 
-from __future__ import annotations
-
 import textwrap
 
 import numpy as np

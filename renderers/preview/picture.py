@@ -5,8 +5,6 @@ long it is.  Its surface is index-matched: light enters and leaves without refle
 picture on the left: the exemplars themselves.
 """
 
-from __future__ import annotations
-
 import functools
 import os
 import time

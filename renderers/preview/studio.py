@@ -5,8 +5,6 @@ soft, so paths that have scattered many times meet similar radiance whatever dir
 noise low at few samples.  Everything but the medium is grey.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 # In edges of the block, z up, the block's foot at the origin; field of view across the width.

@@ -1,7 +1,5 @@
 """The assets of a scene: those that it names, or those of its recipes, none of which is made worse."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path

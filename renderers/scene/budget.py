@@ -7,8 +7,6 @@ least in all is chosen.  The time of tables is that of the plan; that of noise g
 once and for all: a clock must not decide what is baked, or two machines would bake different assets of one scene.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

@@ -4,8 +4,6 @@ Of one kind of material a candidate is a method, of all entries.  Of several kin
 `auto` have the first one of their kind that stands beside others, or another one that does.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Sequence

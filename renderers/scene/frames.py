@@ -10,8 +10,6 @@ A frame is the scene with a value in the place of each key, as `--set` would put
 and `to`, and places that it goes `through`, values follow a straight line; the first frame has `from` and the last one `to`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field

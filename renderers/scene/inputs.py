@@ -1,7 +1,5 @@
 """The files that a scene is made of: what its pictures must not be written over."""
 
-from __future__ import annotations
-
 import os
 import re
 import stat

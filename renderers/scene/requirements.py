@@ -5,8 +5,6 @@ and by rays that measure the scene.  Here is what the rules of all renderers wor
 without that module needs the stages `NEEDS` of its module `scene`, with the recipe's own knobs.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -74,7 +72,7 @@ class Need(NamedTuple):
     knobs: tuple[Knob, ...] = ()
     lacking: str = ""
 
-    def of(self, name: str) -> Need:
+    def of(self, name: str) -> "Need":
         """The same with a scene's name behind each reason."""
         knobs = (knob._replace(why=f"{knob.why} ({name})") for knob in self.knobs)
         return self._replace(why=f"{self.why} ({name})", knobs=tuple(knobs), lacking=self.lacking and f"{self.lacking} ({name})")
@@ -131,7 +129,7 @@ class About:
         self.guessed = not made_of_it
         self.bodies = made_of_it or list(range(len(scene.materials)))
 
-    def only(self, bodies: Sequence[int], method: str) -> About:
+    def only(self, bodies: Sequence[int], method: str) -> "About":
         """The same of some of its bodies, rendered by a method."""
         values = self.scene.values
         listed = [entry.model_copy(update={"method": method}) if number in bodies else entry

@@ -1,7 +1,5 @@
 """Frames of a sequence on the workers of a cluster."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Mapping

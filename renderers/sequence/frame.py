@@ -1,7 +1,5 @@
 """One frame: rendered by the renderer of its scene, or there, both pictures whole and made of what the frame is made of."""
 
-from __future__ import annotations
-
 import json
 
 from bakery.errors import UsageError

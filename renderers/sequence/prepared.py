@@ -1,7 +1,5 @@
 """What has to be known of a sequence before its first frame is rendered: its frames, checked, with assets and method."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """Bodies of a Mitsuba scene for loops of Dr.Jit: which shapes bound them, and which of them a path is in."""
 
-from __future__ import annotations
-
 import drjit as dr
 import numpy as np
 

@@ -1,7 +1,5 @@
 """About how far it is straight from points in bodies to where ways to lights leave them, looked up in voxels."""
 
-from __future__ import annotations
-
 import drjit as dr
 import numpy as np
 

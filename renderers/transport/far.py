@@ -9,8 +9,6 @@ gained.  Rays towards lights that go into a body are let in by the same chance.
 Were the boundary opaque from inside, too, light would be caught in there that leaves the body itself.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import drjit as dr

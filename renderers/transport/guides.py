@@ -4,8 +4,6 @@ From points of each voxel ways of all directions are followed to their first lig
 so that light by way of glass around a body, of mirrors, of a wide window and of the sky are drawn alike.
 """
 
-from __future__ import annotations
-
 import math
 
 import drjit as dr

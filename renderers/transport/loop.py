@@ -7,8 +7,6 @@ through boundaries to which light is blind, less what the media on the way take;
 too (`samples`).
 """
 
-from __future__ import annotations
-
 import drjit as dr
 import numpy as np
 

@@ -4,8 +4,6 @@ As `renderers.transport.scattering`, whose arithmetic this is in single precisio
 wavelength, chosen by the throughput, and counted for all that might have been chosen (balance heuristic).
 """
 
-from __future__ import annotations
-
 import math
 
 import drjit as dr

@@ -1,7 +1,5 @@
 """Media that no surface of the scene bounds: where they are, and where rays come into them and leave them."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import drjit as dr

@@ -1,7 +1,5 @@
 """What a loop of Dr.Jit asks of a Mitsuba scene with media: camera, colours, and the media on a ray."""
 
-from __future__ import annotations
-
 from types import MappingProxyType
 
 import drjit as dr

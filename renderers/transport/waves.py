@@ -5,8 +5,6 @@ surface.  Materials (`renderers.materials`) fly and scatter in compiled loops; M
 once for the light samples of all events.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

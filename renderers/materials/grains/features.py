@@ -1,7 +1,5 @@
 """What the camera sees of grains, whatever the light: which way their surfaces are turned, and how far they are."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.mitsuba import variants

@@ -1,7 +1,5 @@
 """What an asset and a scene say of the grains, laid out for the loops."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ where a surface is not smooth.
 Compiled loops take each path through the grains until it needs something that all paths get together (`transport`).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

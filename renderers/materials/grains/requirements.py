@@ -1,7 +1,5 @@
 """What a scene of grains needs of a recipe: whether their statistics, how fine the grains are, which tiles."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How large grains are seen, and how what stands for them is turned."""
 
-from __future__ import annotations
-
 import numpy as np
 
 _BESIDE = 1e-4  # rad, between rays whose ends tell how a surface is turned

@@ -4,8 +4,6 @@ Between spheres light flies as far as chords of the tile's void are long; in a s
 offset by chance, and leaves where the grain sends it.  Each sphere is forgotten once it is left.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.kernels import stream_key

@@ -9,8 +9,6 @@ each other before they switch, and what a compiled loop finds ahead of a path ne
 materials ahead in every step: a path took 1.2 (20,000 glass balls, the only entry) and 1.6 times as long (grey stones).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

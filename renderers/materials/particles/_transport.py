@@ -4,8 +4,6 @@ A path carries one weight a wavelength.  Where a disc stops it at some wavelengt
 likely than at others, it is drawn by the weights which of them go on; so no wavelength is special.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -43,7 +41,7 @@ class Walk(NamedTuple):
     density: np.ndarray
 
     @classmethod
-    def of(cls, paths) -> Walk:
+    def of(cls, paths) -> "Walk":
         """Of a record of paths, without a copy."""
         return cls(*(getattr(paths, name) for name in cls._fields))
 

@@ -6,8 +6,6 @@ the rest of the variance is below (tolerance x mean)^2 the continuous medium doe
 scatters, and takes away what is behind its disc; a disc larger than the pixel adds to it only its part.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

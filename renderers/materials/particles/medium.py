@@ -1,7 +1,5 @@
 """A discrete medium as its kernels see it: discs, and how each class of particles scatters, forward peak taken out or not."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

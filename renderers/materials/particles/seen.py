@@ -1,7 +1,5 @@
 """How much of a picture is light that particles scatter: before anything is baked, from a medium and rays through the scene."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -7,8 +7,6 @@ medium, and of splats that are hidden by chance, is multiplied by the last facto
 camera: ways that part by an angle g overlap for a length of 2 r / g.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Light leaves a surface where it came in.  In the body it leaves some way off, wh
 where the boundary bends away from it, and at the edges of shadows.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

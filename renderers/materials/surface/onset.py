@@ -5,8 +5,6 @@ between, up to twice the distance, either happens with a chance that the place g
 the surface leaves out fades in with it: a place is off by the chance times what its surface is off there.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
