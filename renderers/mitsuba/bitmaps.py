@@ -1,5 +1,7 @@
 """Picture files, which Mitsuba reads and writes for all renderers."""
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from bakery.errors import UsageError
@@ -8,9 +10,6 @@ from renderers.pictures import images
 
 def library():
     """Mitsuba in the variant that is set, or in some variant: without one it has no bitmaps."""
-    import drjit as dr
-    import mitsuba as mi
-
     if mi.variant() is None:
         mi.set_variant("scalar_rgb")
     if dr.thread_count() < 2:

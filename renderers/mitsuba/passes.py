@@ -4,6 +4,7 @@ import signal
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+import mitsuba as mi
 import numpy as np
 
 from renderers.mitsuba.recording import undisturbed
@@ -14,8 +15,6 @@ from renderers.pictures.engine import TRUSTED, Part, Passes, Stop
 class Picture:
     """What was rendered.
 
-    Attributes
-    ----------
     rgb : (H, W, 3) linear sRGB
     halves : pair of (H, W, 3), means of the even and of the odd passes
     variance : (H, W, 3), of `rgb`, from the scatter of the passes
@@ -56,13 +55,11 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
     -----
     All wavelengths share the random numbers of a pass, so what is grey in the scene stays grey, without colour noise.
     """
-    import mitsuba as mi
-
     pixels = int(np.prod(scenes[0].sensors()[0].film().size()))
     per_pass = max(1, min(per_pass, PATHS // (pixels * len(scenes))))
 
     def one_pass(index):
-        with _undisturbed(mi):
+        with _undisturbed():
             images = [np.array(mi.render(scene, spp=per_pass, seed=seed * 65536 + index), dtype=float) for scene in scenes]
         rgb = _colour(images[0]) if matrix is None else np.stack([image[..., 0] for image in images], axis=-1) @ matrix.T
         return {"": rgb} | ({} if index % 2 else {"even": rgb})
@@ -78,8 +75,6 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
 class _Halves(Passes):
     """Passes whose even ones are a layer of their own, and which may stop by the noise of what is made of the picture.
 
-    Attributes
-    ----------
     measure : of `render`
     """
 
@@ -109,7 +104,7 @@ class _Halves(Passes):
 
 
 @contextmanager
-def _undisturbed(mi):
+def _undisturbed():
     """Around calls of Mitsuba, which would announce an interruption on standard output.
 
     Python's collector of cycles waits: freeing Dr.Jit objects of an earlier scene while Mitsuba traces a new one has crashed

@@ -1,5 +1,7 @@
 """What a sensor of a Mitsuba scene sees: the pinhole camera that it is, and distances along its rays."""
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from bakery.errors import UsageError
@@ -19,8 +21,6 @@ def camera_of(sensor, path, width, height):
     ------
     UsageError : no perspective camera
     """
-    import mitsuba as mi
-
     matrix = np.array(sensor.world_transform().matrix, float).reshape(4, 4)
     origin, ahead = matrix[:3, 3], matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
     plane = []
@@ -41,9 +41,6 @@ def distances(scene, sensor, camera, height, width):
 
     One ray a pixel, through its middle, whatever the surface is made of.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     directions = camera.rays(height, width).reshape(-1, 3)
     slant = length(camera.points(height, width)).reshape(-1)  # distance over z
     near, far = sensor.near_clip() * slant, sensor.far_clip() * slant

@@ -2,10 +2,12 @@
 
 from typing import NamedTuple
 
+import mitsuba as mi
 import numpy as np
 
 from renderers.materials.surface import far as spreading
 from renderers.materials.surface import onset
+from renderers.mitsuba import layers
 from renderers.mixed.scene import chosen
 from renderers.scene.entries import declared, is_surface
 from renderers.transport.far import Far
@@ -52,10 +54,6 @@ def changing(scene, world, assets, placed) -> dict[int, Changing]:
 
 
 def _changing(scene, world, asset, number) -> Changing:
-    import mitsuba as mi
-
-    from renderers.mitsuba import layers
-
     entry, key = scene.values.materials[number], f"materials[{number}]"
     begins = _onset(scene, world, asset, number)
     if begins.near >= onset.reach(world, entry.where.shape)[1]:
@@ -78,10 +76,6 @@ def _onset(scene, world, asset, number):
 
 
 def _put(scene, world, asset, number) -> Placed:
-    import mitsuba as mi
-
-    from renderers.mitsuba import layers
-
     entry, key = scene.values.materials[number], f"materials[{number}]"
     shapes = [shape for shape in world.scene.shapes() if shape.id() == entry.where.shape]
     if len(shapes) != 1:

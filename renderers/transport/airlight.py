@@ -67,8 +67,6 @@ class Airlight:
 
     def __init__(self, scene, thin, hidden):
         """
-        Parameters
-        ----------
         scene : `scene.Scene`
         thin : (media,) bool, those through which flights take light samples
         hidden : bits of the bodies in which they take none: light samples do not come through their boundaries
@@ -77,7 +75,7 @@ class Airlight:
         self._thin = mi.UInt32(np.asarray(thin, np.uint32))
         emitters = scene.scene.emitters()
         anchors = self.anchors(emitters)
-        self._anchors = single(mi, anchors.ravel())
+        self._anchors = single(anchors.ravel())
         indices = [int(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(emitter))[0]) for emitter in emitters]
         rows = np.zeros(max(indices) + 1, np.uint32)
         rows[indices] = np.arange(len(emitters))

@@ -34,8 +34,6 @@ class Guides:
 
     def __init__(self, scene, manifold, sigma, follow, bins=BINS, ways=WAYS, blur=0.0):
         """
-        Parameters
-        ----------
         scene : `scene.Scene`;  manifold : `manifold.Manifold` of the bodies
         sigma : of each medium, the least extinction if its boundary is one of `manifold`, else 0
         follow : function of points in bodies, directions, media, a PCG32 and which are active -> light of each wavelength that
@@ -57,9 +55,9 @@ class Guides:
             return
         share, solid = light / np.maximum(total, 1e-30)[:, None], 4 * math.pi / self._count
         often = np.minimum(1, total / np.quantile(total[total > 0], _BRIGHT))
-        self._density = single(mi, (share / solid).ravel())
-        self._often = single(mi, often)
-        self._cumulated = single(mi, np.cumsum(share, axis=1).ravel())
+        self._density = single((share / solid).ravel())
+        self._often = single(often)
+        self._cumulated = single(np.cumsum(share, axis=1).ravel())
         self._distances = Distances(scene.scene, manifold, [self._towards])
 
     def _measured(self, scene, manifold, voxels, follow):

@@ -25,8 +25,6 @@ class Media:
 
     def __init__(self, media, unit):
         """
-        Parameters
-        ----------
         media : list of `renderers.transport.scattering.Scatterer` of the same wavelengths
         unit : m, length of 1 in the loop
         """
@@ -173,7 +171,7 @@ def _padded(row, length, value):
 
 
 def _column(rows):
-    return single(mi, np.concatenate(list(rows)))
+    return single(np.concatenate(list(rows)))
 
 
 def _rows(table):
@@ -181,4 +179,4 @@ def _rows(table):
     table = np.asarray(table)
     padded = np.zeros((len(table), -(-table.shape[1] // _PACKET) * _PACKET), np.float32)
     padded[:, :table.shape[1]] = table
-    return single(mi, padded.ravel())
+    return single(padded.ravel())
