@@ -56,8 +56,6 @@ def handed(scene) -> dict:
 def scene_below(folder: str, path: str, settings: Mapping[str, str], besides: dict, frame: int | None = None):
     """The `renderers.scene.Scene` that stands below a folder.
 
-    Parameters
-    ----------
     path, settings : of the scene where it was read, and what was set by hand
     besides : of `handed`
     frame : number of a frame; None: the scene as it stands

@@ -30,8 +30,6 @@ STEP = math.log(10) / PER_DECADE
 class Fog:
     """A medium and its kernels.
 
-    Attributes
-    ----------
     sigma_t, sigma_s : (C,) 1/m, at relative density 1
     g, peak : (C,) 1, of the phase function (`_columns.moments`)
     depth : (T,) 1, optical depths, 24 a decade from 1e-3 to 1e3

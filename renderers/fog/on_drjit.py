@@ -39,8 +39,6 @@ def _filter_of(medium, channels, backend, **options):
 class Filter:
     """A medium on a card, for pictures of up to LANES channels.
 
-    Parameters
-    ----------
     medium : kernels.Fog
     channels : of the pictures
     backend : cuda or llvm

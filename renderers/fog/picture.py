@@ -22,8 +22,6 @@ _MOST = 1 << 20  # samples a pixel, where noise ends a picture
 class Picture:
     """What a camera sees without fog.
 
-    Attributes
-    ----------
     rgb : (H, W, 3) linear sRGB radiance
     distance : (H, W) m along the rays through the middles of the pixels; inf where there is no surface
     camera : Camera

@@ -14,8 +14,6 @@ _ENDLESS = 1000.0  # times the reach of fog that ends: where pixels without a su
 class View:
     """Fog along the rays of a camera, to the surfaces.
 
-    Attributes
-    ----------
     rays, origin : (H, W, 3), (3,) m
     distance : (H, W) m, finite
     sky : (H, W), which pixels have no surface
@@ -26,8 +24,6 @@ class View:
 
     def __init__(self, scene, medium, density, camera, distance, threads, points="final", card=False):
         """
-        Parameters
-        ----------
         scene : `renderers.scene.Scene`
         medium : kernels.Fog of 3 channels
         density : of `renderers.fog.density`

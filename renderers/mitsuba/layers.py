@@ -54,8 +54,6 @@ class Layer(NamedTuple):
 class Cells(NamedTuple):
     """What directions are drawn by: x is the coordinate of an incident direction whose `cosine` it has.
 
-    Attributes
-    ----------
     below_mu : (2, C, C + 1) chance of a cosine in a cell before, reflected and transmitted, of incident cells of x
     below_phi : (2, C, C, C + 1) of an azimuth, for each cell of cosines
     density : (2, C, C, C) 1/sr over the cosine

@@ -23,8 +23,6 @@ _TINY = 1e-30
 def evened(filtered, seen, variance, features):
     """(H, W, 3), a filtered picture with its luminance and hues of the pixels around.
 
-    Parameters
-    ----------
     filtered : (H, W, 3) linear sRGB, >= 0, what a network made of `seen`
     seen, variance : (H, W, 3) the picture, (H, W, 4) its variance and that of its luminance
     features : `renderers.pictures.denoise.Features`

@@ -30,8 +30,6 @@ _WIDER = 25  # pixels: side of the square whose mean a value may be too, however
 class Features(NamedTuple):
     """What pixels show of a scene, whatever its light.
 
-    Attributes
-    ----------
     albedo : (H, W, 3) 0 to 1
     normal : (H, W, 3) in the scene's axes, turned to the camera; a mean over the pixel, shorter than 1 at edges
     distance : (H, W) m, inf where there is nothing
@@ -57,8 +55,6 @@ class Features(NamedTuple):
 class Denoised(NamedTuple):
     """A picture without its noise.
 
-    Attributes
-    ----------
     rgb : (H, W, 3) linear sRGB, 0 or more
     channels : (H, W) of the EXR by name
     text : attributes of the files
@@ -97,8 +93,6 @@ def without(scene):
 def chosen(values, quality, shared) -> tuple[bool, list[str]]:
     """Whether the noise of a picture is to be taken out, and what is to be said of it.
 
-    Parameters
-    ----------
     values : of the scene
     quality : its name, None: final
     shared : sentence, why pixels share their noise; "" where they do not

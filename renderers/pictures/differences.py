@@ -21,8 +21,6 @@ _SURE = 2.0  # standard errors
 class Picture:
     """A picture with its noise.
 
-    Attributes
-    ----------
     name : of the method, or of the file
     rgb : (H, W, 3) linear sRGB
     variance : (H, W) of the luminance, None where it is not known
@@ -43,8 +41,6 @@ class Picture:
 class Difference(NamedTuple):
     """Of a picture from a reference, all but `map` relative to the mean luminance of the reference.
 
-    Attributes
-    ----------
     map : (H, W) difference of luminance over the reference's mean luminance, positive where the picture is brighter
     rms : root mean square of it
     noise : root mean square of the noise in it, of both pictures; None where that of neither is known
@@ -147,8 +143,6 @@ def flip(shown, reference) -> tuple[float, np.ndarray]:
 class Compared:
     """A picture beside the reference.
 
-    Attributes
-    ----------
     name : of the picture
     display : (H, W, 3) display values, 0 to 1
     difference : from the reference; None of the reference itself, and where it is black
@@ -165,8 +159,6 @@ class Compared:
 def compared(pictures, reference, display, *, with_flip: bool = True) -> list[Compared]:
     """Each picture beside the reference, which is one of them, or another.
 
-    Parameters
-    ----------
     pictures : list of `Picture`
     reference : `Picture`
     display : dict, `display` of the scene: how pictures are shown

@@ -39,8 +39,6 @@ def layers_of(by_order, by_light=(), lights=()):
 class Stop:
     """Whichever comes first; None never comes.
 
-    Attributes
-    ----------
     noise : root mean square standard error of the luminance over its mean; the means of regions keep it too
     time : s, after which no pass ends that was begun before, but for the first two of each part
     samples : a pixel, in each part
@@ -67,8 +65,6 @@ class Stop:
 class Part(NamedTuple):
     """One kind of pass.
 
-    Attributes
-    ----------
     name : of the part, distinct from the names of layers
     render : function of the pass (0, 1, ...), on which alone its random numbers depend; gives layers (H, W, 3) of linear sRGB by
         name, of which "" is the picture.  An interruption waits for its end: some seconds at most
@@ -117,8 +113,6 @@ def rendered_here(part, number):
 class Passes:
     """A picture that is being rendered.
 
-    Attributes
-    ----------
     parts, means : tuple of `Part`, and `Mean` by their names
     stopped_by : `noise`, `samples`, `time`, `request`, `interruption`, or None before `run`
     spent : s, of all calls of `run`

@@ -19,8 +19,6 @@ _ROWS = 64  # of the picture at a time
 def smoothed(image, variance, features):
     """(H, W, 3), a picture of grains without its noise.
 
-    Parameters
-    ----------
     image, variance : (H, W, 3) linear sRGB, and (H, W, 4) its variance and that of its luminance; None where that is not known
     features : `renderers.pictures.denoise.Features` with `grain` and `width`
     """

@@ -167,8 +167,6 @@ def output_pair(output, inputs=(), overwrite=False):
 def write(files):
     """Writes pictures so that an interruption leaves no half of one.
 
-    Parameters
-    ----------
     files : list of (path, function that writes to the path it is given)
     """
     finished = []

@@ -137,8 +137,6 @@ def _set_variant(name: str) -> None:
 class Frame(NamedTuple):
     """A layer as a page draws it.
 
-    Attributes
-    ----------
     number : 1, 2, ... of the frames of a render
     passes : in the picture that it is of
     png : bytes

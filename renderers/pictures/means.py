@@ -20,8 +20,6 @@ _ONE_SIGMA = 0.8413447460685429  # probability that a normal number is at most o
 class Mean:
     """Means of layers over passes, and the scatter of the passes' sums (Welford 1962), in double precision.
 
-    Attributes
-    ----------
     count : passes
     samples : of a pixel, in all of them
     layers : (H, W, 3) by name, means; but for the layer "" in single precision, as the EXR has them

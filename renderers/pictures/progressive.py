@@ -33,8 +33,6 @@ _ANEW = "without --resume it is rendered from the beginning"
 class Estimate(Passes):
     """Passes whose picture is written to a file, and resumed from it.
 
-    Attributes
-    ----------
     identity : dict of texts and numbers by name, what the passes depend on: fingerprints of scene and asset, method, size,
         seed; not what stops them
     """

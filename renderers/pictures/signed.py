@@ -19,8 +19,6 @@ _ROUNDING = 1e-6  # of the picture's mean: what is less below 0 is clipped witho
 class Clipped(NamedTuple):
     """A picture without values below 0.
 
-    Attributes
-    ----------
     rgb : (H, W, 3)
     layers : channels (H, W) by name: noise, and the estimate as it was where more than rounding was clipped
     figures : `share` of the values that were below 0, `least` of them and `raised`, the change of the luminance's mean, both over
@@ -39,8 +37,6 @@ def clipped(rgb, noise) -> Clipped:
 
     Where the estimate is below 0 its error is at least that much, whatever the scatter of passes says.
 
-    Parameters
-    ----------
     rgb : (H, W, 3) linear sRGB
     noise : channels `noise.R` to `noise.Y` (H, W), standard errors; {} where they are not known
     """

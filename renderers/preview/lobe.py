@@ -132,8 +132,6 @@ def _line_colours(wavelength):
 def _drawn(width, title, rows, words, curves):
     """The strip as an array (H, width, 3).
 
-    Parameters
-    ----------
     rows : (cells, colour) of a table below the title
     words : lines below the table, each as many as it needs
     curves : draws below, takes the figure, the upper right corner of that room, and margins for labels left and below

@@ -123,8 +123,6 @@ def preview(asset_path, output_path, *, quality="preview", panel=None, variant=N
 class Panel:
     """One rendered picture with its strip.
 
-    Attributes
-    ----------
     shows : "grains" or "medium"
     scenes : () -> list of L scenes, made when they are rendered
     features : () -> (height, width, F) what the filter must keep

@@ -25,8 +25,6 @@ _GATHERED = 4.0
 class Split(NamedTuple):
     """Errors that parts of a picture may have, relative to its mean (of `measure: pixels`, to a pixel, see docs/requirements.md).
 
-    Attributes
-    ----------
     tolerance : of the picture
     approximations : of the renderer's method
     tables : of the asset
@@ -89,8 +87,6 @@ def of_tables(chosen: Split, values) -> float:
 def cheapest(scene, pixels: int, pace: float, seconds: Callable[[Split], float]) -> Split:
     """The split that takes least time, of `SHARES`.
 
-    Parameters
-    ----------
     scene : `renderers.scene.Scene`
     pixels : of the picture
     pace : s, of one core, that one pixel takes to a relative variance of 1

@@ -19,8 +19,6 @@ UNKNOWN_TO_MEDIA = ("fraction", "mixture")  # keys of entries that no medium tha
 class Candidate(NamedTuple):
     """A way to render a scene.
 
-    Attributes
-    ----------
     name : for people and reports
     methods : of each entry, what it changes in the scene
     exact : without an error of its own

@@ -22,8 +22,6 @@ from renderers.scene.common import node_at
 class SceneMethod:
     """A value that the key `method` of a material may have.
 
-    Attributes
-    ----------
     name : as scenes say it
     words : for people
     brings : which light, and how

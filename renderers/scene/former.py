@@ -17,8 +17,6 @@ _MATERIAL = ("asset", "recipe")
 def converted(document: str, root: Mapping) -> str | None:
     """The text of a scene of format 1 in format 2; None where it is none.
 
-    Parameters
-    ----------
     document : of the scene
     root : its tree
     """

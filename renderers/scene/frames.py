@@ -81,8 +81,6 @@ class _Key:
 class Frames:
     """The section `frames` of a scene.
 
-    Attributes
-    ----------
     count : of frames, which have the numbers 1 to count; 0 where that is not known, as something is wrong
     rate : of the film, frames a second
     noise : `same` random numbers in all frames, or `fresh` ones in each

@@ -15,8 +15,6 @@ LONGEST = 64 << 20  # bytes of a Mitsuba scene; what is large stands in files th
 def files_of(path, parameters: Mapping[str, object] | None = None) -> list[Path]:
     """A file and, where it is a Mitsuba scene, every file that a value in it names, also in scenes that it includes.
 
-    Parameters
-    ----------
     path : Mitsuba XML, or any other file
     parameters : `$name` in the scene -> value
     """

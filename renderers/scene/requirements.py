@@ -30,8 +30,6 @@ _SERIES = 8.0
 class Knob(NamedTuple):
     """A value of a recipe that a scene decides.
 
-    Attributes
-    ----------
     key : of the recipe
     value : as `recipe.leaves` has it: a number in base units, or a word
     text : the same as a recipe says it
@@ -57,8 +55,6 @@ class Knob(NamedTuple):
 class Need(NamedTuple):
     """Whether a scene needs a stage, and why.
 
-    Attributes
-    ----------
     stage : its name
     needed : whether the renderer reads it
     why : with the number that decided it
@@ -85,8 +81,6 @@ class Need(NamedTuple):
 class Required(NamedTuple):
     """What scenes need of one recipe.
 
-    Attributes
-    ----------
     needs : of each stage that a scene speaks of
     remarks : scenes that could not be measured, and why; tolerances that are out of reach
     share : of the tolerance's square that tables may take, see `renderers.scene.budget`; of one scene
@@ -112,8 +106,6 @@ class Required(NamedTuple):
 class About:
     """A scene and a recipe, as rules see them.
 
-    Attributes
-    ----------
     scene : `renderers.scene.Scene`; its assets need not be there
     recipe : checked values of the recipe
     bodies : of the scene that the recipe is the material of, positions in `scene.materials`; all, where it is none of theirs

@@ -12,8 +12,6 @@ FIGURES = "method", "samples", "noise", "denoised", "missed"
 def drawn(scene, path, options, resume, update=None) -> tuple[dict, bool]:
     """The renderer's report, and whether the EXR that stands was gone on with.
 
-    Parameters
-    ----------
     scene : `renderers.scene.Scene` of the frame
     path : of the picture
     options : as the renderer takes them

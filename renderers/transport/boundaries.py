@@ -26,8 +26,6 @@ class Boundaries:
 
     def __init__(self, world, bodies):
         """
-        Parameters
-        ----------
         world : `renderers.mitsuba.world.World`
         bodies : by the numbers of their media, each with name, vertices, faces as a `renderers.materials.bodies.bodies.Body`
             has them

@@ -46,8 +46,6 @@ class FarSurfaces:
 
     def __init__(self, boundaries, bodies, camera, unit):
         """
-        Parameters
-        ----------
         boundaries : `boundaries.Boundaries`
         bodies : `Far` of each medium, None of those without
         camera : where it stands

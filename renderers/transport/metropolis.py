@@ -95,16 +95,12 @@ class States(NamedTuple):
 class Metropolis:
     """Passes of chains: called with the number of a pass, it gives its layers.
 
-    Attributes
-    ----------
     group : `Group`
     size : height and width, pixels
     """
 
     def __init__(self, light, size, seed, luminance, samples=None):
         """
-        Parameters
-        ----------
         light : function of a `primary.Source` -> light (n, 3 ORDERS) of its paths, and their pixels (n,)
         size : height and width, pixels
         seed : of the random numbers of all passes

@@ -73,8 +73,6 @@ class Regions:
 
     def __init__(self, regions, unit):
         """
-        Parameters
-        ----------
         regions : list of (bit, region)
         unit : m, length of 1 in the loop
         """

@@ -19,8 +19,6 @@ _STRIDE = 7  # between strata of choices of samples whose strata of the pixel ar
 class Strata:
     """Strata of the samples of pixels.
 
-    Attributes
-    ----------
     key : two numbers of 32 bits, of the pass
     count : samples of a pixel
     columns : of their strata

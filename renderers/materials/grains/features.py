@@ -45,8 +45,6 @@ def first_hits(world, scene, assets, meshes, seed, quality=None) -> Features:
 def of_grains(world, bodies, albedo, around, at=_PLACES) -> Features:
     """Of grains, where a ray meets any, else of what is around them.
 
-    Parameters
-    ----------
     world : `renderers.mitsuba.world.World`
     bodies : pairs of a function of rays' origin, direction and far (n,) m, which gives the distance (n,) m to the first grain
         before that or inf, with its normal (n, 3), and the radius of the largest grain, m

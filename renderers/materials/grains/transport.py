@@ -118,8 +118,6 @@ class Sums(steps.Sums):
 def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=None, samples=1) -> Sums:
     """Camera paths, so many `samples` for each pixel, all together.
 
-    Parameters
-    ----------
     world : `renderers.mitsuba.world.World`
     transport : `Transport`
     camera : `renderers.camera.Camera`

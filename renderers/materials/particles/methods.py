@@ -36,8 +36,6 @@ class Setup(NamedTuple):
 def prepare(job, world, seed, tolerance=None) -> Method:
     """The method that a scene asks for.
 
-    Parameters
-    ----------
     job : `renderers.pictures.running.Render`
     world : `renderers.mitsuba.world.World`
     seed : of the passes
