@@ -115,12 +115,6 @@ class Fog:
         with np.errstate(divide="ignore"):
             return np.clip((np.log(value) - math.log(nodes[0])) / STEP, 0, len(nodes) - 1.001)
 
-    def look(self, channel, tau, ratio):
-        """s(tau, x) of a channel, broadcast; 0 beyond the largest ratio.  The NumPy twin of what the filter does."""
-        i, j = np.broadcast_arrays(self.place(tau, self.depth), self.place(ratio, self.ratio))
-        inside = np.broadcast_to(np.asarray(ratio) <= self.ratio[-1], i.shape)
-        return np.where(inside, _bilinear(self.shape[channel], i, j), 0.0)
-
     @lru_cache(maxsize=16)  # noqa: B019  # a few media, of a picture's whole life
     def channels(self, first, last):
         """The medium of some channels."""
@@ -314,13 +308,6 @@ def _normalised(ratio, shape):
         if len(rows):
             normalised[k] = normalised[k, rows[np.abs(rows - np.arange(len(nonzero[k]))[:, None]).argmin(1)]]
     return normalised, total
-
-
-def _bilinear(table, i, j):
-    """Values of a table at fractional indices."""
-    m, n = i.astype(int), j.astype(int)
-    f, g = i - m, j - n
-    return ((1 - f) * ((1 - g) * table[m, n] + g * table[m, n + 1]) + f * ((1 - g) * table[m + 1, n] + g * table[m + 1, n + 1]))
 
 
 @lru_cache(maxsize=16)

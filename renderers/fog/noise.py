@@ -45,8 +45,3 @@ def layers(unsure) -> dict:
     every = np.dstack([unsure, unsure @ colour.LUMINANCE])
     return {f"noise.{name}": np.sqrt(np.maximum(uniform_filter(every[..., i] ** 2, _NEIGHBOURS), 0.0)).astype(np.float32)
             for i, name in enumerate("RGBY")}
-
-
-def relative(unsure, mean) -> float:
-    """Root mean square standard error of the luminance over its mean."""
-    return float(np.sqrt(np.mean((unsure @ colour.LUMINANCE) ** 2)) / max(mean, 1e-30))

@@ -75,19 +75,22 @@ def from_files(color, depth, look, *, layer=None, channel=None, measure="distanc
 
 def read_color(path, layer=None):
     """Linear radiance (H, W, 3) of an EXR or PNG file."""
+    from renderers.mitsuba import bitmaps
+
     path = Path(path)
     if path.suffix.lower() not in (".exr", ".png"):
         raise UsageError(f"{path}: found a file that ends in {path.suffix or 'nothing'}; .exr or .png would do")
-    mi, bitmap = _bitmap(path)
+    bitmap = bitmaps.opened(path)
     if path.suffix.lower() == ".png":
         if layer is not None:
             raise UsageError(f"{path}: found a PNG file, which has no layer {layer}; an EXR file would do")
-        full = np.array(bitmap.convert(component_format=mi.Struct.Type.Float32))
-        if "A" in _names(bitmap) and np.any(full[..., _names(bitmap).index("A")] < _ALPHA):
+        mi = bitmaps.library()
+        alpha = bitmaps.channels_of(bitmap.convert(component_format=mi.Struct.Type.Float32)).get("A", 1.0)
+        if np.any(alpha < _ALPHA):
             raise UsageError(f"{path}: found transparent pixels; a picture without alpha would do")
         linear = bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
         return np.array(linear, float)
-    rgb = _layer(path, _channels(bitmap), layer)
+    rgb = _layer(path, bitmaps.channels_of(bitmap), layer).astype(float)
     _refuse(~np.isfinite(rgb).all(axis=2), f"{path}: found the radiance {{:g}} at {{}}; finite numbers would do", rgb.sum(axis=2))
     return rgb
 
@@ -111,6 +114,8 @@ def _layer(path, channels, layer):
 
 def read_depth(path, channel=None):
     """The numbers of a depth file (H, W), as they stand."""
+    from renderers.mitsuba import bitmaps
+
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in (".exr", ".npy", ".png"):
@@ -126,37 +131,15 @@ def read_depth(path, channel=None):
             raise UsageError(f"{path}: found {getattr(raw, 'dtype', type(raw))} of shape {getattr(raw, 'shape', '')}; "
                              "numbers of shape (height, width) would do")
         return np.array(raw, float)
-    _, bitmap = _bitmap(path)
-    channels = _channels(bitmap)
-    if suffix == ".png" and (len(channels) > 1 or np.array(bitmap).dtype != np.uint16):
-        raise UsageError(f"{path}: found a PNG of {len(channels)} channels, {np.array(bitmap).dtype}; one of 16 bits would do")
+    channels, _ = bitmaps.read(path)
+    kind = next(iter(channels.values())).dtype
+    if suffix == ".png" and (len(channels) > 1 or kind != np.uint16):
+        raise UsageError(f"{path}: found a PNG of {len(channels)} channels, {kind}; one of 16 bits would do")
     if channel is None and len(channels) > 1:
         raise UsageError(f"{path}: found the channels {_listed(channels)}; the name of one as `channel:` would do")
     if channel is not None and channel not in channels:
         raise UsageError(f"{path}: found the channels {_listed(channels)}, and no {channel}")
-    return channels[channel] if channel is not None else next(iter(channels.values()))
-
-
-def _bitmap(path):
-    from renderers.mitsuba.bitmaps import library
-
-    mi = library()
-    try:
-        bitmap = mi.Bitmap(str(path))
-    except (RuntimeError, ValueError) as error:
-        raise UsageError(f"{path}: cannot be read as a picture ({' '.join(str(error).split())})") from None
-    return mi, bitmap
-
-
-def _names(bitmap):
-    return [part.name for part in bitmap.struct_()]
-
-
-def _channels(bitmap):
-    """name -> (H, W) float64."""
-    values = np.array(bitmap)
-    values = values[..., None] if values.ndim == 2 else values
-    return {name: values[..., i].astype(float) for i, name in enumerate(_names(bitmap))}
+    return (channels[channel] if channel is not None else next(iter(channels.values()))).astype(float)
 
 
 def _listed(channels):

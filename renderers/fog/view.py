@@ -4,9 +4,9 @@ from functools import cached_property
 
 import numpy as np
 
-from renderers import colour
 from renderers.fog import filter as screen_filter
 from renderers.fog import noise
+from renderers.pictures import images
 
 _ENDLESS = 1000.0  # times the reach of fog that ends: where pixels without a surface are taken to lie; 2e-3 from infinity
 
@@ -63,7 +63,7 @@ class View:
     def noise(self, rgb, error) -> float:
         """Relative noise in the fog of a picture with an error; suns would make it less."""
         seen = self.unsure(rgb - self.ambient) + self._glow
-        return noise.relative(self.unsure(error), float(np.mean(seen @ colour.LUMINANCE)))
+        return images.relative_noise(seen, self.unsure(error))
 
     def _fogged(self, rgb, angle, distance, column, lever, progress=None):
         arguments = rgb, distance, angle, column, lever, self._medium

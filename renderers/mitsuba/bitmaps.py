@@ -47,15 +47,22 @@ def write(pair, display, linear, text=None):
     images.write([(path, bitmap.write) for path, bitmap in zip(pair, bitmaps)])
 
 
-def read(path):
-    """Channels (H, W) of a picture by name, and its attributes by name.
-
-    Raises UsageError where the file is no picture.
-    """
+def opened(path):
+    """The picture in a file, as Mitsuba has it; UsageError where that is none."""
     try:
-        bitmap = library().Bitmap(str(path))
+        return library().Bitmap(str(path))
     except (RuntimeError, ValueError) as error:
         raise UsageError(f"{path}: cannot be read as a picture ({' '.join(str(error).split())})") from None
+
+
+def channels_of(bitmap):
+    """Channels (H, W) of Mitsuba's picture by name."""
     values = np.array(bitmap)
-    channels = {part.name: values[..., i] for i, part in enumerate(bitmap.struct_())}
-    return channels, dict(bitmap.metadata())
+    values = values[..., None] if values.ndim == 2 else values
+    return {part.name: values[..., i] for i, part in enumerate(bitmap.struct_())}
+
+
+def read(path):
+    """Channels (H, W) of a picture by name, and its attributes by name; UsageError where the file is no picture."""
+    bitmap = opened(path)
+    return channels_of(bitmap), dict(bitmap.metadata())

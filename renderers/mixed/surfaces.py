@@ -108,8 +108,7 @@ def _spread_in_words(scene, world, asset, layer, shape, size) -> str:
         return words
     box = world.unit * np.array([shape.bbox().min, shape.bbox().max], float).reshape(2, 3)
     nearest = float(np.linalg.norm(np.clip(world.camera.origin, box[0], box[1]) - world.camera.origin))
-    angle = float(np.sqrt(np.linalg.norm(world.camera.right) * np.linalg.norm(world.camera.down)))
-    pixel = nearest * angle
+    pixel = nearest * world.camera.pixel
     compared = (f"a pixel is {onset.length(pixel)} wide at the nearest of its box, and that {onset.length(size)}: regions of a "
                 f"ball as wide would be off by {100 * spreading.OFF * far / (0.5 * size):.2g} % or less")
     verdict = "; use another method where it is near" if far > pixel else ""

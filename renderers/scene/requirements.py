@@ -14,8 +14,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from bakery.errors import BakeryError, RecipeError
 from renderers import scene as scenes
 from renderers.scene import budget
@@ -178,7 +176,7 @@ class About:
         camera = self.world.camera
         if camera is None:
             raise self.scene.no_camera()
-        return float(np.sqrt(np.linalg.norm(camera.right) * np.linalg.norm(camera.down)))
+        return camera.pixel
 
 
 def _medium(about):

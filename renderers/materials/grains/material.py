@@ -51,8 +51,7 @@ def largest_of(asset) -> float:
 
 def pixels_wide(world, triangles, radius) -> float:
     """Diameter of grains of a radius, m, at the nearest point of a mesh, triangles (F, 3, 3) m, in pixels."""
-    pixel = float(np.sqrt(np.linalg.norm(world.camera.right) * np.linalg.norm(world.camera.down)))
-    return 2 * radius / (pixel * max(distance(world.camera.origin, triangles), radius))
+    return 2 * radius / (world.camera.pixel * max(distance(world.camera.origin, triangles), radius))
 
 
 def distance(point, triangles) -> float:

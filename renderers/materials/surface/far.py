@@ -190,7 +190,7 @@ def seen(world, box, first) -> Seen:
     rows, columns = max(2, round(shrink * height)), max(2, round(shrink * width))
     direction = world.camera.refitted(height, width, rows, columns).rays(rows, columns).reshape(-1, 3)
     distance, meets = first(np.full(direction.shape, world.camera.origin), direction)
-    angle = float(np.sqrt(np.linalg.norm(world.camera.right) * np.linalg.norm(world.camera.down)))
+    angle = world.camera.pixel
     if not meets.any():
         nearest = np.clip(world.camera.origin, *box) - world.camera.origin
         return Seen(np.array([angle * float(np.linalg.norm(nearest))]), 1.0, angle)
