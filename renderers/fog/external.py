@@ -46,14 +46,10 @@ class Sun:
 class Medium:
     """What scatters: coefficients, moments of the phase function, and what delta scaling leaves of them, all (C,).
 
-    Parameters
-    ----------
     sigma_t, sigma_s : (C,) 1/m at density 1
     phase : theta (...) rad -> (C, ...) 1/sr, integral 1 over the sphere
 
-    Raises
-    ------
-    ValueError : a phase function whose integral is not 1 to 2 %
+    Raises ValueError: a phase function whose integral is not 1 to 2 %.
     """
 
     def __init__(self, sigma_t, sigma_s, phase: Callable):

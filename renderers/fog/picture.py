@@ -43,8 +43,6 @@ class Picture:
 def from_files(color, depth, look, *, layer=None, channel=None, measure="distance", unit=1.0, sky=None):
     """A picture from a file of radiance and a file of distances.
 
-    Parameters
-    ----------
     color : .exr (linear) or .png (sRGB); alpha is not looked at in EXR files and has to be 1 in PNG files
     depth : .exr, .npy (H, W) or .png of 16 bits
     look : origin, target, up (m) and fov (rad) of the camera, such as the section `camera` of a scene
@@ -53,9 +51,7 @@ def from_files(color, depth, look, *, layer=None, channel=None, measure="distanc
     unit : m, of the depth's numbers
     sky : the depth's number for no surface, besides inf
 
-    Raises
-    ------
-    UsageError : a file that cannot be read, or holds no such layer; sizes that differ; something that is no distance
+    Raises UsageError: a file that cannot be read, or holds no such layer; sizes that differ; something that is no distance.
     """
     rgb = read_color(color, layer)
     images.refuse_too_large(color, *rgb.shape[:2])

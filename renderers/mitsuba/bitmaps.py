@@ -20,16 +20,12 @@ def library():
 def write(pair, display, linear, text=None):
     """Writes a picture as PNG and as EXR of 32 bits, both whole or neither.
 
-    Parameters
-    ----------
     pair : paths (PNG, EXR) of `images.output_pair`
     display : (H, W, 3) display values, 0 to 1
     linear : (H, W, 3) linear sRGB, or a dict of (H, W) by name of the channel
     text : dict of str by name, kept in both files, or None
 
-    Raises
-    ------
-    StoreError : the files cannot be written; what stood there before stands there still
+    Raises StoreError: the files cannot be written; what stood there before stands there still.
     """
     mi = library()
     if isinstance(linear, dict):

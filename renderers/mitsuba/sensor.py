@@ -11,15 +11,11 @@ from renderers.camera import Camera, length
 def camera_of(sensor, path, width, height):
     """The pinhole camera that a sensor is, from the rays that it sends through four corners of its film.
 
-    Parameters
-    ----------
     sensor : of Mitsuba
     path : of its scene, for the message
     width, height : of its film, pixels
 
-    Raises
-    ------
-    UsageError : no perspective camera
+    Raises UsageError: no perspective camera.
     """
     matrix = np.array(sensor.world_transform().matrix, float).reshape(4, 4)
     origin, ahead = matrix[:3, 3], matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])

@@ -75,8 +75,6 @@ class World:
 
     def __init__(self, path=None, unit=1.0, *, view=None, size=None, variant=None, parameters=None, sensor=None):
         """
-        Parameters
-        ----------
         path : Mitsuba XML, or the scene (`mitsuba.Scene`) that was loaded of one; None is a world without surfaces and lights
         unit : m, length of 1 in the scene
         view : `camera` of a scene's YAML (origin, target, up, fov; m, rad), which takes the place of the file's sensor
@@ -84,10 +82,8 @@ class World:
         variant, parameters : as in `renderers.mitsuba.scene.load`; of a path
         sensor : of Mitsuba, in place of the scene's first one
 
-        Raises
-        ------
-        UsageError : the scene cannot be loaded, a light is of no size, below 0 or no number, its sensor is no perspective camera,
-            or no variant of Mitsuba runs that works on arrays of colours
+        Raises UsageError: the scene cannot be loaded, a light is of no size, below 0 or no number, its sensor is no perspective
+        camera, or no variant of Mitsuba runs that works on arrays of colours.
         """
         if path is None:
             self.variant, self.reason = variants.activate("rgb", variant)

@@ -192,17 +192,13 @@ def _world(about):
 def of(paths: Sequence, recipe, medium: Callable, seconds: Callable, settings: Mapping[str, str] | None = None) -> Required:
     """What the union of some scenes needs of a recipe.
 
-    Parameters
-    ----------
     paths : of scenes (YAML, or Mitsuba's XML)
     recipe : checked values of the recipe (`bakery.recipe`)
     medium : () -> its medium by a draft bake, see `About.medium`; called where a rule asks for it
     seconds : (Required) -> what a bake of it takes, of one core
     settings : overrides of the scenes' values, dotted key -> text
 
-    Raises
-    ------
-    UsageError, RecipeError : a path is no scene, or names no renderer
+    Raises UsageError, RecipeError: a path is no scene, or names no renderer.
     """
     each_scene = [_of_scene(Path(path), recipe, medium, seconds, settings or {}) for path in paths]
     if len(each_scene) > 1:

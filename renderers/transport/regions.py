@@ -120,9 +120,7 @@ class Regions:
 def boundary(vertices, faces, unit):
     """A Mitsuba scene of nothing but a mesh.
 
-    Raises
-    ------
-    UsageError : on a graphics card, where a kernel traces rays through one scene alone: others would silently be missed
+    Raises UsageError: on a graphics card, where a kernel traces rays through one scene alone: others would silently be missed.
     """
     if variants.on_gpu(mi.variant()):
         raise UsageError(f"variant {mi.variant()}: a graphics card traces rays through one scene at a time, and bodies that "
