@@ -176,16 +176,12 @@ _AS_ASKED = Until()
 def from_mitsuba(path, until=_AS_ASKED, *, unit=1.0, quality="final", variant=None, seed=0, view_of=None, progress=None):
     """A picture of a Mitsuba scene, by the scene's own integrator, and the distances along rays through its sensor.
 
-    Parameters
-    ----------
     path : Mitsuba XML, without fog; its first sensor is a perspective camera
     until : `Until`
     unit : m, of the scene's lengths
     view_of : function of (camera, distance) that gives a `renderers.fog.view.View`
     quality, variant, seed, progress : as in `renderers.mitsuba.render_scene`
 
-    Notes
-    -----
     Distances are those of the first surface, whatever it is made of: glass, and the boundary of a medium, count as surfaces.
     """
     from renderers.mitsuba import passes, sensor

@@ -40,8 +40,6 @@ PATHS = 1_800_000
 def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None, seed=0, measure=None, progress=None) -> Picture:
     """Renders one scene a wavelength and combines them to colour.
 
-    Parameters
-    ----------
     scenes : list of L scenes
     matrix : (3, L), see `colour.srgb_matrix`; None where the scene is in colour already (L = 1)
     samples, per_pass : per pixel and wavelength; at least two passes are rendered, of fewer samples where the film is large
@@ -51,8 +49,6 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
         16, ... passes, in between it goes with the picture's own, and is asked again before it stops.  None: by its own
     progress : function of (fraction 0 to 1, noise so far or None)
 
-    Notes
-    -----
     All wavelengths share the random numbers of a pass, so what is grey in the scene stays grey, without colour noise.
     """
     pixels = int(np.prod(scenes[0].sensors()[0].film().size()))

@@ -51,8 +51,6 @@ class IdealLight(NamedTuple):
 class World:
     """Surfaces, lights and camera.
 
-    Attributes
-    ----------
     camera : `renderers.camera.Camera` in m, or None
     size : (height, width) of the picture, pixels, or None
     scene, unit : of Mitsuba, and the length of 1 in it, m
@@ -65,8 +63,6 @@ class World:
         and None
     corners : (H W, 2) x and y of the pixels' upper left corners, in pixels of the camera's film; None: rows of pixels, all of it
 
-    Notes
-    -----
     Shadow rays end at any surface, also at one without a boundary (`null`) or of glass, as in Mitsuba's `path`: lights without
     extent do not shine through those.  Clipping planes of sensors are not kept.
     """

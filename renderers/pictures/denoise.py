@@ -110,8 +110,6 @@ def chosen(values, quality, shared) -> tuple[bool, list[str]]:
 def denoised(parts, apart=(), features=None, widened=MappingProxyType({})) -> Denoised:
     """A picture without its noise.
 
-    Parameters
-    ----------
     parts : by name, what adds up to the picture: pairs of (H, W, 3) linear sRGB and of its variance (H, W, 4), that of luminance
         last, None where that is not known
     apart : names of those that the network does not see, as it would take their detail for noise: grains, whose surfaces the
@@ -119,8 +117,6 @@ def denoised(parts, apart=(), features=None, widened=MappingProxyType({})) -> De
     features : `Features`, or None
     widened : by name, factor of the standard errors within which the network may move values, as few passes tell them
 
-    Notes
-    -----
     What the filter sees has a mean of 1: it loses light below 1e-8.  It computes on the processor, also where there is a GPU, so
     that the same picture gives the same bytes.
     """

@@ -124,12 +124,8 @@ def flip_missing() -> str:
 def flip(shown, reference) -> tuple[float, np.ndarray]:
     """Mean and map (H, W), 0 to 1, of what a person sees of the difference of two pictures that are shown in turn.
 
-    Parameters
-    ----------
     shown, reference : (H, W, 3) display values, 0 to 1, seen at 67 pixels a degree
 
-    Notes
-    -----
     Source: Andersson et al., Proc. ACM Comput. Graph. Interact. Tech. 3(2), 2020 (LDR-FLIP), by its authors' package.
     """
     import flip_evaluator

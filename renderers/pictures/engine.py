@@ -193,15 +193,11 @@ class Passes:
     def run(self, stop, progress=None, observer=None, draw=None):
         """Renders passes until `stop`, or until SIGINT or SIGTERM; the same signal again ends the process at once.
 
-        Parameters
-        ----------
         stop : `Stop`
         progress : function of (fraction 0 to 1, noise or None), or None
         observer : function of the noise so far or None, called before each pass once every part has one; true ends the passes,
             and another call of `run` goes on with them.  None: nobody looks
 
-        Notes
-        -----
         The next pass is one of the part that takes most variance away a second.  So the numbers of passes depend on the machine,
         unless samples alone stop them.
         """

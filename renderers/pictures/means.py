@@ -99,8 +99,6 @@ def student(variances: Iterable[float], counts: Iterable[int]) -> float:
 
     variances : of means, which add up;  counts : passes that each is known from, 2 and more
 
-    Notes
-    -----
     Student's t with the degrees of freedom of Welch and Satterthwaite: 1.84 after two passes, 1.2 after four, 1.08 after eight.
     """
     from scipy.special import stdtrit

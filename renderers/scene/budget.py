@@ -53,14 +53,10 @@ class Split(NamedTuple):
 def of(scene, share: float | None = None, approximations: float | None = None) -> Split:
     """The split of a scene where tables have a share of what approximations leave; all that a noise leaves which it gives.
 
-    Parameters
-    ----------
     scene : `renderers.scene.Scene`
     share : 1, of squares; that which its assets were baked for if None.  Without meaning where the scene gives the noise
     approximations : error of the method where it was measured; what the renderer states if None
 
-    Notes
-    -----
     Where the method's own error is above the tolerance no split keeps it, and `lacking` says so: then noise and tables have the
     tolerance between them, as less of them would not help.
     """

@@ -20,16 +20,12 @@ def places_for(quality) -> np.ndarray:
 def first_hits(world, scene, assets, meshes, seed, quality=None) -> Features:
     """Of the grain that each ray meets first, or of the mesh, where a medium stands for the grains from the beginning.
 
-    Parameters
-    ----------
     world : `renderers.mitsuba.world.World`
     scene : `renderers.materials.grains.transport.Transport`
     assets, meshes : of its bodies
     seed : of the surfaces around
     quality : of the picture
 
-    Notes
-    -----
     Grains have the albedo of a meeting with one of their body, and are seen along straight rays: behind glass it is the medium
     which stands for them that counts, and that has no normals.  Pixels show detail where grains are wider than they are, all
     of it where they are four times as wide.

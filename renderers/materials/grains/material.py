@@ -64,8 +64,6 @@ def distance(point, triangles) -> float:
 def meetings(asset, vertices, faces) -> float:
     """Grains of an asset in a mesh, vertices (V, 3) m, that light meets on average, at the wavelength where these are most.
 
-    Notes
-    -----
     Without absorption paths through an evenly lit body are 4 V/S long in the mean, however light turns (Blanco & Fournier,
     Europhys. Lett. 61, 168, 2003).  What a half-space sends back has been scattered d ln R / d ln albedo times, of little
     absorption 2/sqrt(3 (1 - albedo)(1 - g)), as R = 1 - 4 s/sqrt 3, s^2 = (1 - albedo)/(1 - g) (van de Hulst 1980).  Inverse

@@ -73,8 +73,6 @@ class Teleports(Explicit):
 def flights(aggregate, *, exponential=False) -> _teleport.Flights:
     """Flights between the spheres of an aggregate's tile, widened as it is.
 
-    Notes
-    -----
     A million chords of isotropic uniform lines, half a second of a core, scaled to their exact mean 4 V/S; <z^2> of the 65,536
     that are kept is good to 0.3 %.
     """

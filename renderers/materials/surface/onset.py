@@ -54,8 +54,6 @@ def begins(scene, number, look: Look, near_error=0.0) -> Onset:
     """Of an entry of a scene: as it says, or else the nearest where the error is what a method may have, near_error : that of
     what is near included, where that is less.
 
-    Notes
-    -----
     Nearer than where a pixel is as wide as light spreads in the mean, edges of shadows would be seen to be sharper; and a
     boundary that bends too much is nowhere a surface.
     """
