@@ -113,16 +113,12 @@ def _least(total):
 
 
 def march(density, origin, direction, distance, sigma_t, sources, tolerance):
-    """Integral of e^-tau source dtau along rays, in steps that are halved until their error is small.
+    """Integral of e^-tau source dtau along rays, in steps that are halved until their error is small: radiance and error (N, C).
 
-    Parameters
-    ----------
+    The error is the difference of two quadrature rules, and what density they missed.
+
     density, origin, direction, distance, sigma_t, tolerance : as in `scattered`
     sources : what collisions send to the camera, to be added: points (M, 3), numbers of their rays (M,) -> (M, C)
-
-    Returns
-    -------
-    radiance, error : (N, C); the error is the difference of two quadrature rules, and what density they missed
     """
     count, C = len(origin), len(sigma_t)
     summed, error = np.zeros((count, C)), np.zeros((count, C))

@@ -15,19 +15,15 @@ _NEIGHBOURS = 9  # pixels, edge of the square over which the standard error is a
 
 
 def filtered(unsure, through, view, fogged):
-    """What the fog makes of an error of the picture.
+    """What the fog makes of an error of the picture, (H, W, C).
 
-    Parameters
-    ----------
+    Its root mean square is 1.4 to 4.3 % below that of the filter at full size (night_street, 800 x 450, optical depths of 0.3 to
+    3), in a seventeenth of its time.
+
     unsure : (H, W, C), such as the difference of two pictures
     through : (H, W, C), share of the light that is not scattered
     view : arrays (H, W) of which a picture is filtered
     fogged : function of (picture, *view), the filter, linear in the picture
-
-    Returns
-    -------
-    (H, W, C), whose root mean square is 1.4 to 4.3 % below that of the filter at full size (night_street, 800 x 450, optical
-    depths of 0.3 to 3), in a seventeenth of its time
     """
     height, width = unsure.shape[:2]
     step = _COARSER if min(height, width) >= _COARSER * _LEAST else 1

@@ -86,14 +86,10 @@ def colours_of(asset) -> Colours:
 
 
 def medium_of(asset, grains):
-    """The asset's effective medium in the mesh of its grains, without the forward peak of its phase functions.
+    """The asset's effective medium in the mesh of its grains, without the forward peak of its phase functions: `_medium.Medium`,
+    and `bakery.kernels.Varied` of it and of the light that its grains meet, which passes where it is in the peak.
 
     Panes such as two faces of a cube let light go on as it came.  Samples of lights would hardly ever find it.
-
-    Returns
-    -------
-    medium : `_medium.Medium`
-    varied, met_by : `bakery.kernels.Varied` of it and of the light that its grains meet, which passes where it is in the peak
     """
     theta = np.asarray(asset.medium.theta, float)
     parts = _components(asset) if grains.mixture.values.size > 0 else [_whole(asset)]
