@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba.shading import single
 from renderers.transport import flights, media
 

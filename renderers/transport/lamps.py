@@ -18,7 +18,6 @@ from functools import partial
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba.shading import single
 from renderers.transport import flights, media
 from renderers.transport.distances import Distances

@@ -10,7 +10,6 @@ too (`samples`).
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba import variants
 from renderers.transport import flights, media
 from renderers.transport.samples import Before

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba.shading import single
 
 import mitsuba as mi  # isort: skip

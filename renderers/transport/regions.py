@@ -5,7 +5,6 @@ from typing import NamedTuple
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from bakery.errors import UsageError
 from renderers.mitsuba import variants
 from renderers.transport import solids
