@@ -1,18 +1,15 @@
 """Surfaces of a Mitsuba scene as arrays: meshes, boxes, and what their boundaries do to light."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
+import mitsuba as mi
 import numpy as np
 
 
 class Shape(NamedTuple):
     """A surface of the scene.
 
-    Attributes
-    ----------
     name : its id
     vertices, faces : (V, 3) m and (F, 3) of a mesh, as the file has them; None of another shape
     box : (2, 3) m, corners of the box around it
@@ -39,8 +36,6 @@ class Shape(NamedTuple):
 
 def of_scene(scene, unit) -> list[Shape]:
     """All surfaces of a `mitsuba.Scene`; unit : m, length of 1 in it."""
-    import mitsuba as mi
-
     shapes = []
     for shape in scene.shapes():
         vertices = faces = normals = None
@@ -118,8 +113,6 @@ def index_fault(shape: str, index: float | None, bsdf: float) -> str:
 
 def _index(bsdf):
     """Of refraction, as `Shape.index` says."""
-    import mitsuba as mi
-
     flags, values = bsdf.flags(), mi.traverse(bsdf)
     if mi.has_flag(flags, mi.BSDFFlags.Null):
         return None if len(values.keys()) else 1.0  # thin panes and masks have parameters
@@ -129,8 +122,6 @@ def _index(bsdf):
 
 def _specular(bsdf):
     """As `Shape.specular` says."""
-    import mitsuba as mi
-
     flags = bsdf.flags()
     turns = any(mi.has_flag(flags, flag) for flag in (mi.BSDFFlags.DeltaReflection, mi.BSDFFlags.DeltaTransmission))
     return turns and not mi.has_flag(flags, mi.BSDFFlags.Smooth)

@@ -1,7 +1,5 @@
 """Which variant of Mitsuba this machine can run.  LLVM decides: `bakery.system.llvm`."""
 
-from __future__ import annotations
-
 import functools
 import importlib.util
 import subprocess

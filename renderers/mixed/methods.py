@@ -1,7 +1,5 @@
 """How a scene of several materials is rendered: by one loop of Dr.Jit where all of it is continuous, else by wavefronts."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -4,8 +4,6 @@ translucent bodies.
 Each of these renderers has a `prepare`, which makes a `Method` of a scene.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import gc
 import math
@@ -31,8 +29,6 @@ DEPTH = "depth.Z"  # channel of the EXR: along the camera's axis, m, as other pr
 class Method(NamedTuple):
     """How a scene is rendered.
 
-    Attributes
-    ----------
     name : of the method
     parts : of the picture
     reasons : sentences
@@ -115,8 +111,6 @@ def describe(report) -> list[str]:
 class Rendering:
     """A scene whose method is chosen and prepared.
 
-    Attributes
-    ----------
     job : `renderers.pictures.running.Render`
     method : `Method`
     estimate : `Estimate`, the passes so far
@@ -128,8 +122,6 @@ class Rendering:
 
     def __init__(self, job, variant=None, seed=None, resume=False, begins=None):
         """
-        Parameters
-        ----------
         job : the scene, as `renderers.pictures.running.Render`
         variant, seed, resume : as `render` takes them
         begins : function of the name of a part that begins: `choice` of the method, `preparation`; None: nobody asks

@@ -1,7 +1,5 @@
 """Pictures by paths of the loop: its passes, as `renderers.pictures.progressive` takes them."""
 
-from __future__ import annotations
-
 from functools import cache, partial
 from types import MappingProxyType
 

@@ -1,13 +1,10 @@
 """Media that no surface of the scene bounds: where they are, and where rays come into them and leave them."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba import shapes, variants
 from renderers.transport import solids
 from renderers.transport.scattering import Scatterer
@@ -74,8 +71,6 @@ class Regions:
 
     def __init__(self, regions, unit):
         """
-        Parameters
-        ----------
         regions : list of (bit, region)
         unit : m, length of 1 in the loop
         """
@@ -123,9 +118,7 @@ class Regions:
 def boundary(vertices, faces, unit):
     """A Mitsuba scene of nothing but a mesh.
 
-    Raises
-    ------
-    SeveralScenes : on a graphics card, where others would silently be missed
+    Raises SeveralScenes on a graphics card, where others would silently be missed.
     """
     if variants.on_gpu(mi.variant()):
         raise variants.SeveralScenes(f"variant {mi.variant()}: {variants.SEVERAL_SCENES}; use --variant llvm_ad_rgb")

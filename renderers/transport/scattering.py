@@ -5,8 +5,6 @@ A flight or a direction is drawn for one wavelength, chosen by the weights, and 
 fields.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,13 +1,10 @@
 """What a loop of Dr.Jit asks of a Mitsuba scene with media: camera, colours, and the media on a ray."""
 
-from __future__ import annotations
-
 from types import MappingProxyType
 
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba.recording import pointers
 from renderers.mitsuba.shading import single
 from renderers.transport import regions, thin
@@ -44,8 +41,6 @@ class View:
 
     def __init__(self, world, scene, colours):
         """
-        Parameters
-        ----------
         world : `renderers.mitsuba.world.World`
         scene : of Mitsuba, the world's, or one of the same lights and more surfaces
         colours : to_rgb (3, L) and to_waves (L, 3)
@@ -56,7 +51,7 @@ class View:
         self._camera = [mi.Point3f(*row) for row in _camera(world.camera, world.unit).tolist()]
         self._to_rgb, self._to_waves = _entries(colours.to_rgb), _entries(colours.to_waves)
         self._width = mi.UInt32(world.size[1])
-        self._corners = None if world.corners is None else [single(mi, column) for column in world.corners.T]
+        self._corners = None if world.corners is None else [single(column) for column in world.corners.T]
         dr.make_opaque(self._camera, self._width)
 
     def variables(self) -> list:
@@ -102,8 +97,6 @@ class Scene(View):
 
     def __init__(self, world, entries, colours, drawn=True, far=MappingProxyType({}), most=None):
         """
-        Parameters
-        ----------
         world, colours : as those of a `View`
         drawn : whether light samples of lamps go through smooth boundaries, and paths are split there; else they are as frequent
             as light is

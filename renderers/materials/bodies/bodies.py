@@ -1,8 +1,6 @@
 """The bodies of a scene: their boundaries among the shapes of the Mitsuba scene, their media, and the triangles that rays in
 them meet."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
