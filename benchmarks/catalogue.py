@@ -103,7 +103,7 @@ def bake(name: str, folder) -> bakery.Asset:
 
 
 def main() -> None:
-    texts = {kind: ["| recipe | material | figure | published | baked | off by | allowed |", "|---|---|---|---|---|---|---|"]
+    texts = {kind: ["| recipe | material | figure | published | off by | allowed |", "|---|---|---|---|---|---|"]
              for kind in KINDS}
     with tempfile.TemporaryDirectory() as folder:
         for name, about in list(published().items())[:sized(None, 3)]:
@@ -119,10 +119,9 @@ def _rows(name: str, about: dict, found: list[Checked]):
     for i, one in enumerate(found):
         first = (f"[`{name}`](../recipes/catalogue/{name}.yaml)", about["about"]) if i == 0 else ("", "")
         unit = one.at + ("" if one.unit == "1" else f", {one.unit}")
-        said, is_ = (", ".join("–" if np.isnan(p) else f"{v:.4g}" for v, p in zip(row, one.published, strict=True))
-                     for row in (one.published, one.baked))
+        said = ", ".join("–" if np.isnan(v) else f"{v:.4g}" for v in one.published)
         off, allowed = (f"{100 * x:.2g} %" if one.relative else f"{x:.2g}" for x in (one.off * (one.off > LEAST), one.allowed))
-        yield f"| {first[0]} | {first[1]} | `{one.figure.rpartition('/')[2]}`{unit} | {said} | {is_} | {off} | {allowed} |"
+        yield f"| {first[0]} | {first[1]} | `{one.figure.rpartition('/')[2]}`{unit} | {said} | {off} | {allowed} |"
 
 
 if __name__ == "__main__":

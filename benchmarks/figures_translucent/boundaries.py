@@ -1,4 +1,4 @@
-"""What the boundaries of tables get wrong, and what they cost: a ball under a panel and a sky, by its radius and medium."""
+"""What the boundaries of tables get wrong: a ball under a panel and a sky, by its radius and medium."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ OF = 2  # pictures are so many times smaller than asked for
 
 
 def measure(size, share):
-    """By index, g, albedo, radius: of `paths` and of each boundary, what was found of scattered light and of that of three and
-    more events; and the share of those in it."""
+    """By index, g, albedo, radius: of `paths` and of each boundary, the light of three and more events."""
     numbers = {"size": size // OF, "share": share}
     for index in INDICES:
         for g in COSINES:
@@ -25,7 +24,7 @@ def measure(size, share):
                 plain = stand.ball(stand.medium(albedo, g), index, size // OF)
                 for radius in RADII:
                     here = numbers[index, g, albedo, radius] = _measured(stand.thicker(plain, radius), share)
-                    print(f"index {index:g}, g {g:g}, albedo {albedo:g}, radius {radius:g}: {_light(here[0])}", flush=True)
+                    print(f"index {index:g}, g {g:g}, albedo {albedo:g}, radius {radius:g}: {_light(here)}", flush=True)
     return numbers
 
 
@@ -34,30 +33,21 @@ def _measured(how, share):
     runs |= {boundary: stand.Run(how, f"vrl+tables, {boundary}", 1, ("beams",)) for boundary in BOUNDARIES}
     stand.together(runs, {name: share * seconds for name, seconds in SECONDS.items()}, 2)
     paths, few = runs["paths"], runs["few"]
-    layers = stand.SCATTERED, stand.LATER
-    found = {"paths": tuple(map(paths.found, layers))}
-    found |= {name: tuple(runs[name].found(layer, few) for layer in layers) for name in BOUNDARIES}
-    return found, found["paths"][1].total / found["paths"][0].total
+    return {"paths": paths.found(stand.LATER)} | {name: runs[name].found(stand.LATER, few) for name in BOUNDARIES}
 
 
 def tables(numbers):
-    light, spent = [], []
+    light = []
     for index in INDICES:
         for g in COSINES:
             for albedo in ALBEDOS:
-                here = [numbers[index, g, albedo, radius] for radius in RADII]
-                light.append([f"{index:g}", f"{g:g}", f"{albedo:g}", *(_light(found) for found, _ in here)])
-                spent.append([f"{index:g}", f"{g:g}", f"{albedo:g}",
-                              *(f"{100 * later:.0f} %: {_seconds(found)}" for found, later in here)])
+                light.append([f"{index:g}", f"{g:g}", f"{albedo:g}",
+                              *(_light(numbers[index, g, albedo, radius]) for radius in RADII)])
     head = ["index", "g", "albedo", *(f"R = {radius:g}" for radius in RADII)]
     times = stand.conditions(numbers["size"], SECONDS, numbers["share"])
-    return {"boundaries_light": of.table(head, light) + "\n\n" + times, "boundaries_seconds": of.table(head, spent)}
+    return {"boundaries_light": of.table(head, light) + "\n\n" + times}
 
 
 def _light(found):
-    ratios = {name: stand.ratio(found[name][1], found["paths"][1]) for name in BOUNDARIES}
+    ratios = {name: stand.ratio(found[name], found["paths"]) for name in BOUNDARIES}
     return f"{stand.over(*ratios['negative'], 2)} / {ratios['mirrored'][0]:.2f} / {ratios['none'][0]:.2f}"
-
-
-def _seconds(found):
-    return " / ".join(stand.of_seconds(found[name][0].seconds) for name in ("paths", *BOUNDARIES))
