@@ -5,8 +5,6 @@ uppermost facets between them, is exact at every angle; the rest is smooth (`add
 facets.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
