@@ -93,8 +93,6 @@ def sequence(seed: int, name: str, *index: int) -> np.random.SeedSequence:
 def generator(seed: int, name: str, *index: int) -> np.random.Generator:
     """The generator of a stream: Philox, counter-based; see `sequence`.
 
-    Examples
-    --------
     >>> generator(0, "beam.photons", 1, 7).random() == generator(0, "beam.photons", 1, 7).random()
     True
     """

@@ -1,7 +1,5 @@
 """Renderers: each a thin folder that takes assets through `bakery.open` and makes pictures."""
 
-from __future__ import annotations
-
 
 def live(scene, output=None, **options):
     """An iterator over the pictures of a scene while it renders; the last one is written.

@@ -1,7 +1,5 @@
 """The pinhole camera of all renderers of scenes: where it stands, and the ray through each pixel."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +33,11 @@ class Camera:
         middle = self.corner + self.right * width / 2 + self.down * height / 2
         right, down = self.right * width / new_width, self.down * width / new_width
         return Camera(self.origin, middle - right * new_width / 2 - down * new_height / 2, right, down)
+
+    @property
+    def pixel(self) -> float:
+        """Angle of a pixel in the middle of the picture, rad: the root of that of its sides."""
+        return float(np.sqrt(np.linalg.norm(self.right) * np.linalg.norm(self.down)))
 
     def points(self, height, width):
         """Middles of the pixels on the image plane, (H, W, 3), from the origin."""

@@ -6,8 +6,6 @@ between the wavelengths, constant outside, weighted with the CIE 1931 2-degree o
 all wavelengths is white.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 # um; where a display's primaries dominate.  The preset `rgb` of recipes (0.610, 0.550, 0.465) has one wavelength in each.
@@ -29,20 +27,11 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
 def observer(wavelength):
-    """Colour-matching functions of the CIE 1931 2-degree standard observer, by an analytic fit.
+    """Colour-matching functions (3, N) of the CIE 1931 2-degree standard observer at wavelengths (N,) um, by an analytic fit; y
+    peaks at 1.
 
-    Parameters
-    ----------
-    wavelength : (N,) um
-
-    Returns
-    -------
-    xyz : (3, N) 1, y peaks at 1
-
-    Notes
-    -----
-    Largest distance from the 1931 tables 0.024 (in z, whose peak is 1.78), tested against Mitsuba's copy of the tables.
-    Source: Wyman, Sloan and Shirley, J. Comput. Graph. Tech. 2(2), 2013, eq. 4 (multi-lobe fit).
+    Largest distance from the 1931 tables 0.024 (in z, whose peak is 1.78), tested against Mitsuba's copy of the tables. Source:
+    Wyman, Sloan and Shirley, J. Comput. Graph. Tech. 2(2), 2013, eq. 4 (multi-lobe fit).
     """
     nm = 1e3 * np.asarray(wavelength, dtype=float)
     xyz = np.zeros((3,) + nm.shape)
@@ -62,20 +51,11 @@ def rgb_order(wavelength):
 
 
 def srgb_matrix(wavelength):
-    """What turns radiance at L wavelengths into linear sRGB: `rgb = matrix @ radiance`.
+    """(3, L), what turns radiance at wavelengths (L,) um, in any order, into linear sRGB: `rgb = matrix @ radiance`.
 
-    Parameters
-    ----------
-    wavelength : (L,) um, any order
-
-    Returns
-    -------
-    matrix : (3, L) 1, rows add up to 1 (equal radiance at all wavelengths is white)
-
-    Notes
-    -----
-    Saturated spectra lie outside sRGB and give negative components; the caller clips them.
-    Chromatic adaptation by the Bradford transform (Lam 1985) from the fit's equal-energy white to D65.
+    Rows add up to 1: equal radiance at all wavelengths is white.  Saturated spectra lie outside sRGB and give negative
+    components; the caller clips them.  Chromatic adaptation by the Bradford transform (Lam 1985) from the fit's equal-energy
+    white to D65.
     """
     wavelength = np.asarray(wavelength, dtype=float)
     if wavelength.size == 1:
@@ -98,11 +78,10 @@ def hue(wavelength):
 
 
 def band_matrix(wavelength):
-    """Mean over the red, green and blue band of what is linear between L wavelengths; all entries >= 0.
+    """(3, L), mean over the red, green and blue band of what is linear between L wavelengths, um; all entries >= 0, rows add up
+    to 1.
 
-    Returns
-    -------
-    matrix : (3, L) 1, rows add up to 1.  For quantities that must stay positive, such as phase functions.
+    For quantities that must stay positive, such as phase functions.
     """
     order = rgb_order(wavelength)
     if order is not None:
@@ -112,23 +91,15 @@ def band_matrix(wavelength):
 
 
 def spread_matrix(wavelength):
-    """What turns linear sRGB, of lights and surfaces, into radiance or reflectance at L wavelengths: `radiance = matrix @ rgb`.
+    """(L, 3), what turns linear sRGB, of lights and surfaces, into radiance or reflectance at wavelengths (L,) um, in any order,
+    all different: `radiance = matrix @ rgb`.
 
-    Parameters
-    ----------
-    wavelength : (L,) um, any order, all different
-
-    Returns
-    -------
-    matrix : (L, 3) 1, rows add up to 1 (white is equal at all wavelengths, and what is below 1 stays so), all entries >= 0
-
-    Notes
-    -----
-    The least squares solution of `srgb_matrix(wavelength) @ matrix = 1` that is not steeper between wavelengths than it must be.
-    One wavelength takes the luminance; a red, a green and a blue one are the channels themselves.  Largest error of a channel,
-    there and back, over the 24 patches of a ColorChecker (channels up to 0.9): 0.17 at 4 wavelengths from 0.4 to 0.7 um,
-    0.012 at 8, 0.003 at 16; 0.027 at the preset `visible8`.  Two wavelengths cannot hold three channels (0.23).
-    Source: Mallett and Yuksel, EGSR 2019, whose primaries keep the same constraints.
+    Rows add up to 1 (white is equal at all wavelengths, and what is below 1 stays so), all entries are >= 0.  It is the least
+    squares solution of `srgb_matrix(wavelength) @ matrix = 1` that is not steeper between wavelengths than it must be. One
+    wavelength takes the luminance; a red, a green and a blue one are the channels themselves.  Largest error of a channel, there
+    and back, over the 24 patches of a ColorChecker (channels up to 0.9): 0.17 at 4 wavelengths from 0.4 to 0.7 um, 0.012 at 8,
+    0.003 at 16; 0.027 at the preset `visible8`.  Two wavelengths cannot hold three channels (0.23). Source: Mallett and Yuksel,
+    EGSR 2019, whose primaries keep the same constraints.
     """
     from scipy.optimize import nnls
 

@@ -1,7 +1,5 @@
 """Kernels over ranges of paths or particles, on all processors; and of Dr.Jit's threads as many as work is worth."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor

@@ -28,15 +28,12 @@ ARGUMENTS = "arguments are wavelength=0.55um, theta=10deg, radius=5um"
 def ask(asset: Asset | Family, path: str, arguments: Mapping[str, str | float | Iterable[float]]) -> Answer | Attribute:
     """The value at a path of an asset; text and attributes as they are, all else as an `Answer`.
 
-    Parameters
-    ----------
     path : such as `medium/phase`
     arguments : name -> text with its unit ("10 deg", "[0, 90] deg"), or one or more numbers: wavelength and radius in um, theta
         in rad, those of a stage's own queries as it says
 
-    Raises
-    ------
-    UsageError : a path that the asset does not hold, an argument that has no effect there or lies outside of what is stored
+    Raises UsageError : a path that the asset does not hold, an argument that has no effect there or lies outside of what is
+        stored
     """
     queries = {query.path: query for stage in all_stages() for query in stage.queries}
     root, path = asset.tree, path.strip("/")

@@ -24,23 +24,15 @@ _COUNTING_ATTRIBUTES = ("tolerance", "achieved_error", "error_measure")
 
 @dataclass(frozen=True)
 class Difference:
-    """One place where two assets differ.
+    """One place where two assets differ."""
 
-    Attributes
-    ----------
-    path : of the dataset or group; an attribute is written `medium@tolerance`
-    kind : missing, shape, grid, type, units, attribute, value, recipe
-    text : what is there in A and in B, or the worst of many values
-    absolute, relative : largest difference of a value, in its unit and relative to its scale (None unless kind is `value`)
-    sigmas : largest difference in standard errors, where both assets have `X_error`
-    """
-
-    path: str
-    kind: str
-    text: str
+    path: str  # of the dataset or group; an attribute is written `medium@tolerance`
+    kind: str  # missing, shape, grid, type, units, attribute, value, recipe
+    text: str  # what is there in A and in B, or the worst of many values
+    # absolute, relative: largest difference of a value, in its unit and relative to its scale (None unless kind is `value`)
     absolute: float | None = None
     relative: float | None = None
-    sigmas: float | None = None
+    sigmas: float | None = None  # largest difference in standard errors, where both assets have `X_error`
 
     def __str__(self) -> str:
         return f"{self.path}: {self.kind}: {self.text}"
@@ -49,16 +41,12 @@ class Difference:
 def compare(a: str | os.PathLike | Group, b: str | os.PathLike | Group, rtol: float = 0.0) -> list[Difference]:
     """Where two assets differ by more than `rtol`; empty if they hold the same.
 
-    Parameters
-    ----------
     a, b : paths, or trees that were read before
     rtol : largest relative difference of a float that is let pass; 0 asks for equal numbers.  A number is compared relative to
         the larger of the two, or, in a dataset that holds both signs and so crosses zero, to the largest magnitude along its
         last axis.  With `rtol` 0 other angles are a difference, else only values at them are.
 
-    Raises
-    ------
-    AssetError, StoreError : as `bakery.open`
+    Raises AssetError, StoreError : as `bakery.open`
     """
     a, b = (side if isinstance(side, Group) else read_checked(side) for side in (a, b))
     differences = _attributes("", a, b, rtol)

@@ -24,14 +24,10 @@ NAMED = 8  # points that failed, one by one
 def lookup(root: Group, path: str, arguments: Mapping[str, float | tuple[float, ...]]) -> Answer:
     """Values of the dataset at `path`, looked up at `arguments`.
 
-    Parameters
-    ----------
     arguments : `wavelength` in um (a power of it between the stored ones), `theta` in rad (linear in cos theta), `radius` in um
         (the nearest node: between two nodes no sphere was computed); a number or several
 
-    Raises
-    ------
-    UsageError : an argument that has no effect on this dataset, or lies outside of what is stored
+    Raises UsageError : an argument that has no effect on this dataset, or lies outside of what is stored
     """
     asked, (root, remarks) = root, _between(root, path, arguments)
     member = root[path]

@@ -21,10 +21,8 @@ EXPLAINED = {
 def describe(root: Group, below: str = "") -> dict:
     """An asset, or what lies below a path of it, for people and machines.
 
-    Returns
-    -------
-    summary : of JSON's types only; `members` (every path, groups too), `datasets` and `stages` in the order of the file; seconds
-        in s, memory and sizes in bytes
+    Returns summary : of JSON's types only; `members` (every path, groups too), `datasets` and `stages` in the order of the file;
+        seconds in s, memory and sizes in bytes
     """
     inside = [(path, member) for path, member in root.walk()
               if not below or path == below or path.startswith(below + "/") or below.startswith(path + "/")]
@@ -86,9 +84,9 @@ def number(value):
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def first_line(content: str, width: int = 40) -> str:
+def first_line(content: str) -> str:
     lines = content.strip().splitlines() or [""]
-    head = lines[0] if len(lines[0]) <= width else lines[0][:width - 3] + "..."
+    head = lines[0] if len(lines[0]) <= 40 else lines[0][:37] + "..."
     return f"{len(content)} characters in {len(lines)} lines: {head}" if len(lines) > 1 else head
 
 

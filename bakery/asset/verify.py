@@ -21,15 +21,11 @@ MEMORY = 4 << 30  # bytes of address space for a file whose digest is wrong, on 
 def verify(path: str | os.PathLike, *, time_limit: float = TIME_LIMIT, locate: bool = True) -> list[str]:
     """What is broken in an asset, one sentence each that begins with the dataset or `container`; empty for a sound one.
 
-    Parameters
-    ----------
     path : of the asset file
     time_limit : s, for everything that parses HDF5
     locate : for a file whose digest is wrong, also find the datasets that are hit
 
-    Raises
-    ------
-    StoreError : the system would not read the file
+    Raises StoreError : the system would not read the file
     """
     from bakery.store.container import Damaged, check_container
     from bakery.store.read import read_bytes

@@ -14,17 +14,12 @@ from bakery.system.terminal import remark
 def shown(scene, source: str, port: int, browser: bool) -> Iterator[Callable]:
     """What renders a scene as its renderer does, and shows it on a page meanwhile: a function of (scene, output, **options).
 
-    Parameters
-    ----------
-    scene : `renderers.scene.Scene`
     source : its file, as the user names it
     port : of the page; 0: a free one
     browser : open one, where there is a screen and somebody at the terminal
 
     Raises UsageError where its renderer goes by no passes.
 
-    Notes
-    -----
     Where the port cannot be had, or no browser opens, a line says so and the render goes on.
     """
     from bakery.report import live, served

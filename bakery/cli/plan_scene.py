@@ -18,9 +18,7 @@ def refused(scene, options) -> None:
 def planned(path, output, settings, quality, seed, overwrite, progress):
     """The plan of a scene's render, and where its pictures go.
 
-    Raises
-    ------
-    BakeryError : what the render would raise before its first pass
+    Raises BakeryError : what the render would raise before its first pass
     """
     from bakery.scenes.plan import plan
     from renderers import scene

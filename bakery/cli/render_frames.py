@@ -10,15 +10,7 @@ from bakery.errors import UsageError
 
 
 def rendered(source, frames, address, options, as_json, quiet) -> int:
-    """Renders, prints and gives the exit status.
-
-    Parameters
-    ----------
-    source : path of a scene, as the user gave it
-    frames : their numbers
-    address : of a Dask scheduler, or None
-    options : of `renderers.sequence.render`
-    """
+    """Renders frames with `options` of `renderers.sequence.render`, prints, and gives the exit status."""
     from bakery.run import compiling, dask
     from bakery.run.progress import choose
     from renderers import sequence

@@ -16,8 +16,6 @@ _GOLDEN = 2.399963  # angle between one and the next
 def shaded(position, normal, colour, gloss: float, shadow, thick: float = 1.0) -> np.ndarray:
     """Linear light (P, 3) of places on surfaces.
 
-    Parameters
-    ----------
     position, normal : (3, P) in the frame of the view
     colour : (3,) or (P, 3) linear, of the surfaces
     gloss : strength of highlights

@@ -17,8 +17,6 @@ _BESIDE = 1.045  # where what stands beside the outer circle begins
 def polar(axes, theta, value, limits: tuple[float, float], inks: Sequence, labels: Sequence[str], note: str = "") -> None:
     """Curves around a particle, with their mirror images; light travels to the right, the radius is logarithmic.
 
-    Parameters
-    ----------
     theta : (A,) rad, from 0 (forward, to the right) to pi
     value : (L, A) >= 0; what lies beyond the limits is drawn on them
     limits : log10 of the inner and of the outer circle

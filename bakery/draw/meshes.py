@@ -22,17 +22,13 @@ _ROUNDING = 1e-9  # pixels
 def rendered(vertices, faces, colour, pixels: int = 500, gloss: float = 0.2) -> np.ndarray:
     """A grain in the square from -1.02 to 1.02 of its bounding sphere's plane, seen from above a corner.
 
-    Parameters
-    ----------
     vertices : (V, 3) in bounding radii; None draws the unit ball
     faces : (F, 3)
     colour : (3,) linear, of the surface
     pixels : of an edge
     gloss : strength of highlights
 
-    Returns
-    -------
-    image : (pixels, pixels, 4) uint8, sRGB and coverage, first row on top
+    Returns image : (pixels, pixels, 4) uint8, sRGB and coverage, first row on top
     """
     low, pixel = np.array([-1.02, -1.02]), 2.04 / pixels
     ball = vertices is None
@@ -56,8 +52,6 @@ def rendered(vertices, faces, colour, pixels: int = 500, gloss: float = 0.2) -> 
 def depths(position, faces, low, pixel, width, height):
     """Nearest triangle of each pixel seen along -z: its index or -1, and the z of its surface, both (height, width).
 
-    Parameters
-    ----------
     position : (V, 3) in the frame of the view; faces : (F, 3)
     low : (2,) lower left corner; pixel : edge of a pixel
     """

@@ -17,14 +17,10 @@ _SHADOW, _GLOSS = 420, 0.22  # pixels of a light's depth buffer; strength of hig
 def rendered(position, radius, colour, low, pixel, width, height):
     """The spheres seen along -z.
 
-    Parameters
-    ----------
     position : (N, 3), radius : (N,), colour : (N, 3) linear, in the frame of the view
     low : (2,) lower left corner; pixel : edge of a pixel
 
-    Returns
-    -------
-    image : (height, width, 4) uint8, sRGB and coverage, first row on top
+    Returns image : (height, width, 4) uint8, sRGB and coverage, first row on top
     """
     index, depth = depths(position, radius, low, pixel, width, height)
     row, column = np.nonzero(index >= 0)
@@ -46,8 +42,6 @@ def rendered(position, radius, colour, low, pixel, width, height):
 def depths(position, radius, low, pixel, width, height):
     """Nearest sphere of each pixel seen along -z: its index or -1, and the z of its surface, both (height, width).
 
-    Parameters
-    ----------
     position : (N, 3), radius : (N,) in the frame of the view
     low : (2,) lower left corner; pixel : edge of a pixel
     """

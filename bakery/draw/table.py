@@ -8,18 +8,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Table:
-    """Cells that are ready to be read.
+    """Cells that are ready to be read."""
 
-    Attributes
-    ----------
-    title : what stands above
-    header, rows : one text a column
-    words : how many of the first columns hold words; the others hold numbers
-    note : a sentence below
-    """
-
-    title: str
+    title: str  # what stands above
+    # header, rows: one text a column
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
-    words: int = 0
-    note: str = ""
+    words: int = 0  # how many of the first columns hold words; the others hold numbers
+    note: str = ""  # a sentence below

@@ -15,8 +15,6 @@ _DASHES = ("-", (0, (6, 2)), (0, (2, 2)), (0, (6, 2, 1, 2)))
 def picture(curves: Mapping[str, tuple], measured: Mapping[str, tuple], knee: tuple | None) -> Picture:
     """Error against time, both logarithmic.
 
-    Parameters
-    ----------
     curves : by name seconds (T,), error (T,) and its upper bound (T,), relative
     measured : by name seconds and error of the picture that was rendered
     knee : seconds and error of the knee of the front, or None

@@ -10,8 +10,6 @@ import numpy as np
 def beyond(um, bands: Mapping[str, tuple[float, float]]) -> list[str]:
     """What is to be said first of bands that lie wholly beyond an asset's wavelengths: they have the values at its first or last.
 
-    Parameters
-    ----------
     um : (L,) um, the asset's, in any order; a single one stands for grey, and there is nothing to be said
     bands : name -> (low, high) um, the lower end belongs to it
     """

@@ -29,13 +29,7 @@ STEEPEST = 0.999  # |g|: Cycles takes larger ones for this one (kernel/closure/v
 def cycles_medium(root: Group, name: str, within: float = 0.0) -> Mixture:
     """An asset's medium with the mean cosine kept and, beside it, the least misdirected light of HG + Draine.
 
-    Parameters
-    ----------
-    as of `bakery.export.mixture.source`
-
-    Raises
-    ------
-    AssetError : there is no medium
+    Arguments and errors as of `bakery.export.mixture.source`.
     """
     lobe = source(root, name, within)
     return lobe.mixture(hg_draine(lobe.medium.theta, lobe.mean, STEEPEST))
@@ -101,10 +95,7 @@ if cycles is not None:  # the add-on may be off
 def blender_text(name: str, medium: Mixture, bands, index=None, roughness=0.0) -> str:
     """A script for Blender 5 that makes a material of the medium.
 
-    Parameters
-    ----------
     name : of the medium and of the material
-    medium : of `cycles_medium`
     bands : (3, L) 1, red, green and blue as means over the wavelengths; rows add up to 1
     index : refractive index of the surface over that of air; None, or 1: there is no surface
     roughness : alpha of the surface (GGX)
@@ -170,10 +161,6 @@ material.asset_data.tags.new("bakery", skip_if_exists=True)
 def surface_text(name: str, fit, remarks, widths=None) -> str:
     """A script for Blender 5 that makes a material of a baked surface.
 
-    Parameters
-    ----------
-    fit : `bakery.physics.surfaces.principled.Principled`
-    remarks : lines for a comment
     widths : (3,) m, d of Burley and Christensen's profile; None: light does not spread
     """
     # Cycles takes d = radius / (4 pi (1.9 - A + 3.5 (A - 0.8)^2)), A the base colour (kernel/closure/bssrdf.h)

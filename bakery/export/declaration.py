@@ -15,20 +15,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Option:
-    """An option of `bake export` that some formats take; formats that share one declare the same object.
+    """An option of `bake export` that some formats take; formats that share one declare the same object."""
 
-    Attributes
-    ----------
-    flag : such as "--each-wavelength"
-    words : for its help
-    metavar : of its value; "" where it has none, and is given or not
-    parse : text of the value -> value; UsageError where it is none
-    """
-
-    flag: str
-    words: str
-    metavar: str = ""
-    parse: Callable[[str], Any] = str
+    flag: str  # such as "--each-wavelength"
+    words: str  # for its help
+    metavar: str = ""  # of its value; "" where it has none, and is given or not
+    parse: Callable[[str], Any] = str  # text of the value -> value; UsageError where it is none
 
     @property
     def name(self) -> str:
@@ -37,18 +29,11 @@ class Option:
 
 
 class Job(NamedTuple):
-    """What is exported.
-
-    Attributes
-    ----------
-    asset : opened
-    colour : `renderers.colour`, or what has its `band_matrix`, `rgb_order` and `BANDS`
-    settings : values of the options that were given, by `Option.name`
-    """
+    """What is exported."""
 
     asset: Asset
-    colour: Any
-    settings: Mapping[str, Any]
+    colour: Any  # `renderers.colour`, or what has its `band_matrix`, `rgb_order` and `BANDS`
+    settings: Mapping[str, Any]  # values of the options that were given, by `Option.name`
 
     @property
     def stem(self) -> str:
@@ -69,44 +54,26 @@ class Job(NamedTuple):
 
 
 class Written(NamedTuple):
-    """What an exporter made of an asset.
+    """What an exporter made of an asset."""
 
-    Attributes
-    ----------
-    files : name -> content
-    losses : what is lost, for machines
-    lines : the same for people; a list among them belongs to the file of the same number
-    warnings : what makes a file nearly useless, first of all
-    """
-
-    files: Mapping[str, str | bytes]
-    losses: Sequence[Mapping[str, Any]]
-    lines: Sequence[str | list[str]]
-    warnings: Sequence[str] = ()
+    files: Mapping[str, str | bytes]  # name -> content
+    losses: Sequence[Mapping[str, Any]]  # what is lost, for machines
+    lines: Sequence[str | list[str]]  # the same for people; a list among them belongs to the file of the same number
+    warnings: Sequence[str] = ()  # what makes a file nearly useless, first of all
 
 
 @dataclass(frozen=True)
 class Exporter:
-    """A format.
+    """A format."""
 
-    Attributes
-    ----------
-    name : as `--to` takes it
-    words : what it writes
-    program : that reads it
-    takes : stages of which an asset holds at least one
-    holds, loses : of the asset
-    write : Job -> Written
-    options : that it takes
-    kinds : of its files, by their ending, where `bakery.store.outputs` does not know them: only such a file is replaced
-    """
-
-    name: str
-    words: str
-    program: str
-    takes: tuple[str, ...]
+    name: str  # as `--to` takes it
+    words: str  # what it writes
+    program: str  # that reads it
+    takes: tuple[str, ...]  # stages of which an asset holds at least one
+    # holds, loses: of the asset
     holds: str
     loses: str
     write: Callable[[Job], Written]
-    options: tuple[Option, ...] = ()
+    options: tuple[Option, ...] = ()  # that it takes
+    # of its files, by their ending, where `bakery.store.outputs` does not know them: only such a file is replaced
     kinds: Mapping[str, FileKind] = field(default_factory=dict)

@@ -16,27 +16,17 @@ FEWEST = 128  # orders that are always there, so that delta-M finds the one behi
 
 @dataclass(frozen=True)
 class Ordinates:
-    """A medium by moments.
+    """A medium by moments."""
 
-    Attributes
-    ----------
-    wavelength : (L,) um, in vacuum
-    sigma_t : (L,) 1/m
-    omega : (L,) 1, single-scattering albedo
-    moments : (L, N + 1) 1, chi_l of the phase function without the factor 2 l + 1; chi_0 = 1, chi_1 = g
-    cut : (L,) 1, integral over the sphere of |phase function - series|, a share of the scattered light
-    mu, phase : (A,) 1, cosine of the scattering angle, ascending; (L, A) 1, phase function with the integral 2 over mu
-    thickness : (T,) m, or None
-    """
-
-    wavelength: np.ndarray
-    sigma_t: np.ndarray
-    omega: np.ndarray
-    moments: np.ndarray
-    cut: np.ndarray
+    wavelength: np.ndarray  # (L,) um, in vacuum
+    sigma_t: np.ndarray  # (L,) 1/m
+    omega: np.ndarray  # (L,) 1, single-scattering albedo
+    moments: np.ndarray  # (L, N + 1) 1, chi_l of the phase function without the factor 2 l + 1; chi_0 = 1, chi_1 = g
+    cut: np.ndarray  # (L,) 1, integral over the sphere of |phase function - series|, a share of the scattered light
+    # mu, phase: (A,) 1, cosine of the scattering angle, ascending; (L, A) 1, phase function with the integral 2 over mu
     mu: np.ndarray
     phase: np.ndarray
-    thickness: np.ndarray | None = None
+    thickness: np.ndarray | None = None  # (T,) m
 
     @property
     def tau(self) -> np.ndarray:
@@ -48,8 +38,6 @@ class Ordinates:
 def ordinates(wavelength, medium: Scattering, tolerance: float, thickness=None, orders: int | None = None) -> Ordinates:
     """A medium by as many moments as a tolerance needs.
 
-    Parameters
-    ----------
     wavelength : (L,) um
     medium : without its forward delta
     tolerance : 1, of the asset; the integral of what is cut is at most a tenth of it, if `MOST` moments do

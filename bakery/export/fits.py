@@ -23,11 +23,7 @@ _DRAWN = {"hg_g": "#b3541e", "hg2_g": "#8a4fbf", "hg_draine_g": "#1f77a4", "hg_d
 def lobe_fits(um: float, theta, phase, fits: Mapping) -> Picture:
     """A phase function at one wavelength with some of its fits: values above, ratios below; all angles and the forward peak.
 
-    Parameters
-    ----------
-    um : wavelength
     theta, phase : (A,) rad, 1/sr
-    fits : name -> bakery.physics.medium.lobe_fits.Fit
     """
     shown = {name: fits[name] for name in _DRAWN if name in fits}
     start = max(np.degrees(theta[1]), 1e-3) if len(theta) > 2 else 0.1

@@ -26,9 +26,7 @@ def ply_meshes(root: Group) -> dict[str, bytes]:
 def obj_meshes(root: Group) -> dict[str, str]:
     """End of file name -> each exemplar as Wavefront OBJ.
 
-    Raises
-    ------
-    AssetError : there is no grain
+    Raises AssetError : there is no grain
     """
     meshes = meshes_of(root)
     if not meshes:

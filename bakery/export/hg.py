@@ -44,15 +44,9 @@ class Row:
 def lobe_rows(root: Group, name: str, diameter: float | None = None) -> list[Row]:
     """The fits of an asset's medium, one row a wavelength.
 
-    Parameters
-    ----------
-    root : the asset's tree
-    name : of the asset, for messages
     diameter : um, where the medium is water droplets in air: adds the published parametrisation
 
-    Raises
-    ------
-    AssetError : there is no medium
+    Raises AssetError : there is no medium
     """
     from bakery.physics.medium.phase import mean_cosine
 

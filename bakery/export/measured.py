@@ -63,8 +63,6 @@ SHARP = 0.005
 def mitsuba_text(name: str, file: str, index: float, both_sides: bool) -> str:
     """A scene fragment for stock Mitsuba 3 with the BSDF `name`.
 
-    Parameters
-    ----------
     file : of the table; with a mirror, of one whose values are divided by 1 - `BLEND`
     index : of a smooth boundary that mirrors light, 1 for none
     both_sides : whether the back looks like the front
@@ -98,8 +96,6 @@ def _bsdf(kind: str, lines: list[str], identity: str = "") -> list[str]:
 def plugin_text(name: str, asset: str, layer: int) -> str:
     """A scene fragment for bakery's plugin, which loses nothing.
 
-    Parameters
-    ----------
     asset : file of the asset
     """
     return f"""<?xml version="1.0" encoding="utf-8"?>

@@ -22,26 +22,19 @@ def medium_of(root: Group, name: str) -> Group:
 
 @dataclass(frozen=True)
 class Scattering:
-    """A medium as other software takes it: light that leaves a collision in its old direction counts as unscattered.
+    """A medium as other software takes it: light that leaves a collision in its old direction counts as unscattered."""
 
-    Attributes
-    ----------
-    sigma_t, sigma_s : (L,) 1/m
-    theta, phase : (A,) rad, (L, A) 1/sr, linear in cos theta between the angles, integrating to 1
-    delta : (L,) 1, forward delta, the share of the asset's scattered light that was taken out; exact
-    peak : (L,) 1, share of what is then scattered that was taken out by `without_peak`, an approximation
-    within : rad, largest deflection in that peak
-    matrix : (L, 3, A) 1/sr, elements s12, s33, s34 of the scattering matrix in the scale of phase, as docs/conventions.md says;
-        None where the asset lacks them, or its medium had a delta
-    """
-
+    # sigma_t, sigma_s: (L,) 1/m
     sigma_t: np.ndarray
     sigma_s: np.ndarray
+    # theta, phase: (A,) rad, (L, A) 1/sr, linear in cos theta between the angles, integrating to 1
     theta: np.ndarray
     phase: np.ndarray
-    delta: np.ndarray
-    peak: np.ndarray
-    within: float = 0.0
+    delta: np.ndarray  # (L,) 1, forward delta, the share of the asset's scattered light that was taken out; exact
+    peak: np.ndarray  # (L,) 1, share of what is then scattered that was taken out by `without_peak`, an approximation
+    within: float = 0.0  # rad, largest deflection in that peak
+    # (L, 3, A) 1/sr, elements s12, s33, s34 of the scattering matrix in the scale of phase, as docs/conventions.md says; None
+    # where the asset lacks them, or its medium had a delta
     matrix: np.ndarray | None = None
 
     @property
@@ -76,13 +69,9 @@ def _matrix(medium: Group) -> np.ndarray | None:
 def without_peak(medium: Scattering, end: int) -> Scattering:
     """A medium whose forward peak counts as unscattered: what exceeds the value at an angle, at smaller angles.
 
-    Parameters
-    ----------
     medium : without such a cut
     end : index of that angle in `theta`; 0 changes nothing
 
-    Notes
-    -----
     An approximation, unlike `scattering_of`: that light is deflected, by less than the angle, and is no longer.  The cap is flat,
     so that what remains is continuous and no smaller than it was at larger angles.
     """

@@ -21,26 +21,17 @@ USELESS = 0.05  # of the light to another angle: an export that loses more says 
 
 @dataclass(frozen=True)
 class Fragment:
-    """One scene fragment.
+    """One scene fragment."""
 
-    Attributes
-    ----------
-    name : end of the file name, "" or such as "_550nm"
-    xml : the text of the file
-    values : length of the table
-    resampling : Loss of the table against the phase function that it stands for
-    colour : wavelength (um) -> Loss of the table against the phase function there, where one table stands for several
-    delta : 1, largest forward delta, a share of the scattered light; it was taken out of sigma_t and phase function
-    peak, within : 1, rad: largest share of the rest in the forward peak within the angle, which no table of this length
-        resolves; it counts as unscattered and was taken out likewise
-    """
-
-    name: str
-    xml: str
-    values: int
-    resampling: Loss
+    name: str  # end of the file name, "" or such as "_550nm"
+    xml: str  # the text of the file
+    values: int  # length of the table
+    resampling: Loss  # of the table against the phase function that it stands for
+    # wavelength (um) -> Loss of the table against the phase function there, where one table stands for several
     colour: dict[float, Loss]
-    delta: float = 0.0
+    delta: float = 0.0  # 1, largest forward delta, a share of the scattered light; it was taken out of sigma_t and phase function
+    # peak, within: 1, rad: largest share of the rest in the forward peak within the angle, which no table of this length
+    # resolves; it counts as unscattered and was taken out likewise
     peak: float = 0.0
     within: float = 0.0
 
@@ -64,16 +55,11 @@ class Fragment:
 def fragments(root: Group, name: str, bands, each_wavelength: bool = False) -> list[Fragment]:
     """An asset's medium as scene fragments that stock Mitsuba 3 loads.
 
-    Parameters
-    ----------
-    root : the asset's tree
     name : of the medium, the `id` that scenes refer to
     bands : (3, L) 1, red, green and blue as means over the wavelengths; rows add up to 1
     each_wavelength : one fragment a wavelength instead of one in colour
 
-    Raises
-    ------
-    AssetError : there is no medium
+    Raises AssetError : there is no medium
     """
     medium, um = scattering_of(medium_of(root, name)), root["wavelength"].data
     if each_wavelength:

@@ -22,18 +22,12 @@ WIDEST = math.radians(10)  # light that is deflected by more always counts as sc
 
 @dataclass(frozen=True)
 class Loss:
-    """What the lobes lose at one wavelength.
+    """What the lobes lose at one wavelength."""
 
-    Attributes
-    ----------
-    misfit : of the lobes against the phase function of the light that counts as scattered
-    reduced : 1, relative error of the reduced scattering coefficient (1 - g) sigma_s, which media that scatter often depend on
-    unscattered : 1, share of the scattered light in the forward peak, if that counts as unscattered
-    """
-
-    misfit: Misfit
+    misfit: Misfit  # of the lobes against the phase function of the light that counts as scattered
+    # 1, relative error of the reduced scattering coefficient (1 - g) sigma_s, which media that scatter often depend on
     reduced: float
-    unscattered: float
+    unscattered: float  # 1, share of the scattered light in the forward peak, if that counts as unscattered
 
     @property
     def misdirected(self) -> float:
@@ -43,22 +37,15 @@ class Loss:
 
 @dataclass(frozen=True)
 class Mixture:
-    """A medium of lobes.
+    """A medium of lobes."""
 
-    Attributes
-    ----------
-    um : (L,) um
-    sigma_a, sigma_s : (L,) 1/m; without the unscattered (delta) transmission of grains, of which `delta` is the largest share,
-        and without the forward peak within `within` rad, if one was taken as unscattered
-    lobes : for all wavelengths
-    losses : L of them
-    """
-
-    um: np.ndarray
+    um: np.ndarray  # (L,) um
+    # sigma_a, sigma_s: (L,) 1/m; without the unscattered (delta) transmission of grains, of which `delta` is the largest share,
+    # and without the forward peak within `within` rad, if one was taken as unscattered
     sigma_a: np.ndarray
     sigma_s: np.ndarray
-    lobes: Lobes
-    losses: tuple[Loss, ...]
+    lobes: Lobes  # for all wavelengths
+    losses: tuple[Loss, ...]  # L of them
     delta: float
     within: float
 
@@ -115,24 +102,14 @@ class Mixture:
 
 @dataclass(frozen=True)
 class Source:
-    """What lobes are fitted to.
+    """What lobes are fitted to."""
 
-    Attributes
-    ----------
-    um : (L,) um
-    sigma_a : (L,) 1/m
-    medium : of the light that counts as scattered
-    mean : (A,) 1/sr, its phase functions averaged by sigma_s
-    g : 1, mean cosine of that
-    reduced : (L,) 1/m, reduced scattering of the asset
-    """
-
-    um: np.ndarray
-    sigma_a: np.ndarray
-    medium: Scattering
-    mean: np.ndarray
-    g: float
-    reduced: np.ndarray
+    um: np.ndarray  # (L,) um
+    sigma_a: np.ndarray  # (L,) 1/m
+    medium: Scattering  # of the light that counts as scattered
+    mean: np.ndarray  # (A,) 1/sr, its phase functions averaged by sigma_s
+    g: float  # 1, mean cosine of that
+    reduced: np.ndarray  # (L,) 1/m, reduced scattering of the asset
 
     def losses(self, lobes: Lobes) -> tuple[Loss, ...]:
         """What lobes lose, at each wavelength."""
@@ -151,15 +128,9 @@ class Source:
 def source(root: Group, name: str, within: float = 0.0) -> Source:
     """An asset's medium for fits.
 
-    Parameters
-    ----------
-    root : the asset's tree
-    name : of the asset, for messages
     within : rad, light in a forward peak of this width counts as unscattered (`without_peak`); 0: none
 
-    Raises
-    ------
-    AssetError : there is no medium
+    Raises AssetError : there is no medium
     """
     group = medium_of(root, name)
     whole = scattering_of(group)

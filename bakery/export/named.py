@@ -11,24 +11,16 @@ from bakery.export.medium import Scattering
 
 
 class Named(NamedTuple):
-    """A medium and what is said of it in a file.
+    """A medium and what is said of it in a file."""
 
-    Attributes
-    ----------
-    wavelength : (L,) um, in vacuum
-    medium : without its forward delta
-    name, content_hash, version : of the asset
-    errors : name of a dataset of the group -> (L,) or (L, A) its stated error
-    tolerance, achieved : of the asset's medium, and what measures them
-    measure : text
-    """
-
-    wavelength: np.ndarray
-    medium: Scattering
+    wavelength: np.ndarray  # (L,) um, in vacuum
+    medium: Scattering  # without its forward delta
+    # name, content_hash, version: of the asset
     name: str
     content_hash: str
     version: str
-    errors: Mapping[str, np.ndarray]
+    errors: Mapping[str, np.ndarray]  # name of a dataset of the group -> (L,) or (L, A) its stated error
+    # tolerance, achieved, measure: of the asset's medium, and what measures them
     tolerance: float
     achieved: float
     measure: str

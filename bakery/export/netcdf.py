@@ -12,7 +12,6 @@ import numpy as np
 from bakery.export.medium import Scattering
 from bakery.export.named import Named
 
-LARGEST = 1 << 31  # bytes of a variable, in this format
 _LENGTH_OF_TEXT = "length_of_{}"
 _MIE = np.int32(20110916)  # what `mie` of libRadtran 2.0.2 calls its format; uvspec takes a file without as one of one wavelength
 EXPANDED = {"alpha1": "4 pi s11", "alpha2": "4 pi s22", "alpha3": "4 pi s33", "alpha4": "4 pi s44", "beta1": "4 pi s12",
@@ -56,7 +55,7 @@ def netcdf(variables: Mapping[str, Variable], attributes: Mapping[str, str | np.
     return content
 
 
-def cf(named: Named, extra: Mapping[str, Variable] | None = None) -> bytes:
+def cf(named: Named) -> bytes:
     """The medium by the CF conventions; standard names where there are any that do not speak of an atmosphere's aerosol."""
     medium, axes = named.medium, ("wavelength", "scattering_angle")
     sigma_a = medium.sigma_t - medium.sigma_s
@@ -90,7 +89,7 @@ def cf(named: Named, extra: Mapping[str, Variable] | None = None) -> bytes:
     variables |= _matrix(named)
     attributes = {"Conventions": "CF-1.11",
             "comment": f"asset's tolerance {named.tolerance:g}, reached {named.achieved:.3g}: {named.measure}"}
-    return netcdf(variables | dict(extra or {}), attributes | named.attributes)
+    return netcdf(variables, attributes | named.attributes)
 
 
 def _matrix(named: Named) -> dict[str, Variable]:
@@ -126,8 +125,6 @@ def _mean_cosine(medium: Scattering) -> np.ndarray:
 def eradiate(named: Named, moments) -> bytes:
     """The medium as Eradiate's particle data, format Aer-Core v2.
 
-    Parameters
-    ----------
     named : by ascending wavelength
     moments : (L, N + 1) Legendre moments without the factor 2 l + 1
     """
@@ -172,8 +169,6 @@ def _elements(medium: Scattering) -> np.ndarray:
 def libradtran(named: Named, moments, mass: float, radius: float, density: float) -> bytes:
     """The medium as libRadtran's `mie` tool writes optical properties, for `wc_properties` and the like.
 
-    Parameters
-    ----------
     named : by ascending wavelength
     moments : (L, N + 1) Legendre moments without the factor 2 l + 1
     mass : g/m^3 that the asset's coefficients stand for

@@ -16,16 +16,10 @@ STEEPEST = 0.99  # |g|: pbrt-v4 takes larger ones for this one (HenyeyGreenstein
 
 @dataclass(frozen=True)
 class OneLobe(Mixture):
-    """A medium whose phase functions are one lobe, of the mean cosine of all wavelengths together, weighted by scattering.
+    """A medium whose phase functions are one lobe, of the mean cosine of all wavelengths together, weighted by scattering."""
 
-    Attributes
-    ----------
-    best : 1, g of the lobe which misdirects least of a single scattering of all wavelengths together; at most `STEEPEST`
-    best_losses : L of them, of that one
-    """
-
-    best: float
-    best_losses: tuple[Loss, ...]
+    best: float  # 1, g of the lobe which misdirects least of a single scattering of all wavelengths together; at most `STEEPEST`
+    best_losses: tuple[Loss, ...]  # L of them, of that one
 
     @property
     def g(self) -> float:
@@ -39,13 +33,7 @@ def one_lobe(root: Group, name: str, within: float = 0.0) -> OneLobe:
     Light that is scattered many times depends on (1 - g) sigma_s alone, which the best fit of fog gets wrong by a factor of
     seven for a tenth less misdirected light (docs/lobes.md).
 
-    Parameters
-    ----------
-    as of `bakery.export.mixture.source`
-
-    Raises
-    ------
-    AssetError : there is no medium
+    Arguments and errors as of `bakery.export.mixture.source`.
     """
     values = source(root, name, within)
     lobe = Lobes((1.0,), (float(np.clip(values.g, -STEEPEST, STEEPEST)),), (0.0,))

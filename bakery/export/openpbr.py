@@ -20,13 +20,8 @@ Value = float | tuple[float, ...]
 def surfaces(lobe: OneLobe, bands) -> dict[str, dict[str, Value]]:
     """Inputs of `open_pbr_surface` by kind of surface, `volume` and `subsurface`; three numbers are a colour.
 
-    Parameters
-    ----------
-    lobe : the medium
     bands : (3, L) 1, red, green and blue as means over the wavelengths; rows add up to 1
 
-    Notes
-    -----
     Lengths are in metres.  The index of refraction is 1, which no light is reflected at: the asset's medium has no surface.
     """
     sigma_t, sigma_s = bands @ lobe.sigma_t, bands @ lobe.sigma_s
@@ -36,8 +31,6 @@ def surfaces(lobe: OneLobe, bands) -> dict[str, dict[str, Value]]:
 def observed_colour(albedo, g):
     """What a half-space reflects of diffuse light, by its albedo and mean cosine, without a change of index: (...,) 1.
 
-    Notes
-    -----
     Its inverse, s = 4.09712 + 4.20863 C - sqrt(9.59217 + 41.6808 C + 17.7126 C^2) and albedo = (1 - s^2) / (1 - g s^2), is
     what OpenPBR asks of renderers.  Source: van de Hulst, Multiple Light Scattering (1980), in the form of Kulla and Conty,
     Revisiting Physically Based Shading at Imageworks (SIGGRAPH 2017 course).
@@ -70,11 +63,7 @@ def _colour(values) -> tuple[float, ...]:
 def materialx_text(name: str, lobes: dict[str, dict[str, Value]], remarks: list[str]) -> str:
     """A MaterialX 1.39 document with one material for each kind of surface.
 
-    Parameters
-    ----------
     name : of the medium; materials are NAME_volume and NAME_subsurface
-    lobes : of `surfaces`
-    remarks : lines for a comment, of `OneLobe.remarks`
     """
     plain = identifier(name)
     nodes = "".join(f"""  <open_pbr_surface name="{plain}_{kind}_surface" type="surfaceshader">
@@ -118,8 +107,6 @@ def materialx_surface(name: str, inputs: dict[str, Value], remarks: list[str]) -
 def usd_text(name: str, lobes: dict[str, dict[str, Value]], remarks: list[str]) -> str:
     """A USD layer (text) with one `Material` for each kind of surface under /NAME, whose shaders are MaterialX's.
 
-    Parameters
-    ----------
     as of `materialx_text`
     """
     plain = identifier(name)

@@ -13,13 +13,6 @@ NM = (360.0, 830.0)  # what pbrt samples (Lambda_min, Lambda_max in its util/spe
 def pbrt_text(name: str, lobe: OneLobe) -> str:
     """A file for `Include`: a named medium with spectra at the asset's wavelengths.
 
-    Parameters
-    ----------
-    name : of the medium
-    lobe : the medium
-
-    Notes
-    -----
     pbrt interpolates linearly between the wavelengths and takes 0 outside of them (PiecewiseLinearSpectrum): first and last
     value are repeated at the ends of its range, as Bakery has them.  Its single precision takes 9 digits.
     """

@@ -16,9 +16,7 @@ from bakery.store.tree import Group
 def ply_files(root: Group) -> dict[str, str]:
     """End of file name -> text of each tile as PLY: one vertex a sphere, with the property `radius`; the cell in a comment.
 
-    Raises
-    ------
-    AssetError : there is no tile
+    Raises AssetError : there is no tile
     """
     files = {}
     for name, tile in _tiles(root).items():
@@ -31,9 +29,7 @@ def ply_files(root: Group) -> dict[str, str]:
 def xyz_files(root: Group) -> dict[str, str]:
     """End of file name -> text of each tile as extended XYZ, with cell and radii, as OVITO and ASE read it.
 
-    Raises
-    ------
-    AssetError : there is no tile
+    Raises AssetError : there is no tile
     """
     files = {}
     for name, tile in _tiles(root).items():

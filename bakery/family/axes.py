@@ -16,22 +16,13 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Swept:
-    """One key that takes several values.
+    """One key that takes several values."""
 
-    Attributes
-    ----------
-    key : dotted, with the indices of items
-    name : a short one, of letters, digits and `_`
-    units : of the values, such as m
-    texts : the values as the recipe writes them, with their units
-    values : the same in `units`
-    """
-
-    key: str
-    name: str
-    units: str
-    texts: tuple[str, ...]
-    values: tuple[float, ...]
+    key: str  # dotted, with the indices of items
+    name: str  # a short one, of letters, digits and `_`
+    units: str  # of the values, such as m
+    texts: tuple[str, ...]  # the values as the recipe writes them, with their units
+    values: tuple[float, ...]  # the same in `units`
 
     @property
     def logarithmic(self) -> bool:
@@ -79,20 +70,12 @@ class Axis:
 
 @dataclass(frozen=True)
 class Sweep:
-    """What a recipe sweeps.
+    """What a recipe sweeps."""
 
-    Attributes
-    ----------
-    axes : every combination of their values is a point
-    tolerance : of the interpolation between points
-    refine : whether points are added where its error is larger
-    where : the place in the recipe of each dotted key
-    """
-
-    axes: tuple[Axis, ...]
-    tolerance: float
-    refine: bool
-    where: dict[str, str]
+    axes: tuple[Axis, ...]  # every combination of their values is a point
+    tolerance: float  # of the interpolation between points
+    refine: bool  # whether points are added where its error is larger
+    where: dict[str, str]  # the place in the recipe of each dotted key
 
 
 def points(coordinates: Sequence[Sequence[float]]) -> Iterator[tuple[float, ...]]:

@@ -24,24 +24,15 @@ UNKNOWN = math.inf  # error of an interval whose middle, or one of whose points,
 
 @dataclass
 class Refined:
-    """Points on axes, and what is between them.
+    """Points on axes, and what is between them."""
 
-    Attributes
-    ----------
-    axes : what is swept
-    values : of the points on each axis, in SI units
-    tables : of the media at the points
-    method : of interpolation, the one with the smaller error
-    errors : half-way between the points of each axis, infinite where it is not known; None where nothing was measured
-    limits : why no more points were added where the error is too large, in words
-    """
-
-    axes: Sequence[Axis]
-    values: list[list[float]]
-    tables: Tables
-    method: str = METHODS[0]
+    axes: Sequence[Axis]  # what is swept
+    values: list[list[float]]  # of the points on each axis, in SI units
+    tables: Tables  # of the media at the points
+    method: str = METHODS[0]  # of interpolation, the one with the smaller error
+    # half-way between the points of each axis, infinite where it is not known; None where nothing was measured
     errors: list[np.ndarray | None] = field(default_factory=list)
-    limits: list[str] = field(default_factory=list)
+    limits: list[str] = field(default_factory=list)  # why no more points were added where the error is too large, in words
 
     @property
     def error(self) -> float | None:
@@ -66,8 +57,6 @@ class _Media:
 def given(axes: Sequence[Axis], medium: Callable[[tuple[float, ...]], Optics | None]) -> Refined:
     """The points that a recipe gives, and nothing between them.
 
-    Parameters
-    ----------
     medium : place in SI units -> the medium there, None where there is none
     """
     values = [list(axis.first.values) for axis in axes]
@@ -82,8 +71,6 @@ def refined(axes: Sequence[Axis], medium: Callable[[tuple[float, ...]], Optics |
     Every middle between two neighbours on an axis, at each point of the other axes, is compared with what the points give there;
     where the difference is too large the middle becomes a point, until no difference is.
 
-    Parameters
-    ----------
     medium : as of `given`
     tolerance : of the interpolation, which the axes share
     integrated : whether phase functions are compared as a whole, see `between.difference`

@@ -46,13 +46,9 @@ def tree_of(axes: Sequence[Axis], values: Sequence[Sequence[float]], tables: Tab
             errors: Sequence[np.ndarray | None], attributes: Mapping) -> Group:
     """The group `family`.
 
-    Parameters
-    ----------
-    axes : what was swept
     values : of the points on each axis, in SI units; `tables` holds what they are interpolated in
     members : of all points, the last axis fastest
     errors : between the points of each axis, None where nothing was measured
-    attributes : of the group
     """
     shape = tuple(map(len, values))
     groups = {axis.first.name: _axis(order, axis, at, error)

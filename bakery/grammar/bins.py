@@ -25,18 +25,11 @@ _NAMES = ("a first line with the names radius_um or diameter_um (centres of bins
 
 
 class Bins(NamedTuple):
-    """What was counted.
+    """What was counted."""
 
-    Attributes
-    ----------
-    edge : (B + 1,) um, radii, ascending
-    amount : (B,) in any unit
-    power : of the radius that was counted: 0 number, 2 surface, 3 volume
-    """
-
-    edge: np.ndarray
-    amount: np.ndarray
-    power: float
+    edge: np.ndarray  # (B + 1,) um, radii, ascending
+    amount: np.ndarray  # (B,) in any unit
+    power: float  # of the radius that was counted: 0 number, 2 surface, 3 volume
 
 
 def read(data: bytes, label: str, key: str) -> Bins:

@@ -19,15 +19,11 @@ _FILTERS = {"gzip", "lzf", None}
 def read(data: bytes, kind: str, dataset: str | None = None) -> np.ndarray:
     """Relative densities (X, Y, Z) float32, the largest 1.
 
-    Parameters
-    ----------
     data : content of the file
     kind : one of `KINDS`
     dataset : its name in an HDF5 file
 
-    Raises
-    ------
-    Wrong : what was found, and what would do
+    Raises Wrong : what was found, and what would do
     """
     try:
         values = _npy(data) if kind == "npy" else _hdf5(data, dataset)

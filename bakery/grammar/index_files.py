@@ -50,17 +50,12 @@ class Formula(NamedTuple):
 
 
 class Constants(NamedTuple):
-    """Optical constants of a material.
+    """Optical constants of a material."""
 
-    Attributes
-    ----------
-    n, k : each with a range of its own; k is None where the file has none
-    in_air : n is relative to air, at wavelengths in air; None where nothing is said
-    """
-
+    # n, k: each with a range of its own; k is None where the file has none
     n: Tabulated | Formula
     k: Tabulated | None
-    in_air: bool | None = None
+    in_air: bool | None = None  # n is relative to air, at wavelengths in air; None where nothing is said
 
 
 def is_foreign(data: bytes, name: str) -> bool:
@@ -71,10 +66,6 @@ def is_foreign(data: bytes, name: str) -> bool:
 def read(data: bytes, name: str, key: str, fewest: dict[int, int], most: dict[int, int]) -> Constants:
     """The constants of a file; raises `BadTable`.
 
-    Parameters
-    ----------
-    name : of the file, for messages
-    key : of the recipe that names it
     fewest, most : number of a formula -> coefficients that it takes
     """
     label = show(name, 300)[1:-1]

@@ -50,28 +50,17 @@ class Row(NamedTuple):
 
 
 class OpticalProperties(NamedTuple):
-    """What a file holds.
+    """What a file holds."""
 
-    Attributes
-    ----------
-    wavelength : (W,) um, ascending
-    axis : what the second axis is: `RADIUS`, `HUMIDITY` or ""
-    values : (P,) um or 1, ascending; (1,) where there is no such axis
-    extinction : (W, P) 1/m of `per` = 1, that is m^2/kg of a mass concentration, m^2 of a number density; 1/m where there is none
-    albedo : (W, P) 1
-    rows : W tuples of P `Row`s
-    integral : the integral over cos theta that rows should have
-    per : `MASS` or `NUMBER`, the key whose amount 1 kg/m^3 or 1 /m^3 the extinction is of; "" where it is the medium's own
-    """
-
-    wavelength: np.ndarray
-    axis: str
-    values: np.ndarray
+    wavelength: np.ndarray  # (W,) um, ascending
+    axis: str  # what the second axis is: `RADIUS`, `HUMIDITY` or ""
+    values: np.ndarray  # (P,) um or 1, ascending; (1,) where there is no such axis
+    # (W, P) 1/m of `per` = 1, that is m^2/kg of a mass concentration, m^2 of a number density; 1/m where there is none
     extinction: np.ndarray
-    albedo: np.ndarray
-    rows: tuple[tuple[Row, ...], ...]
-    integral: float
-    per: str
+    albedo: np.ndarray  # (W, P) 1
+    rows: tuple[tuple[Row, ...], ...]  # W tuples of P `Row`s
+    integral: float  # the integral over cos theta that rows should have
+    per: str  # `MASS` or `NUMBER`, the key whose amount 1 kg/m^3 or 1 /m^3 the extinction is of; "" where it is the medium's own
 
 
 def read(data: bytes) -> OpticalProperties:

@@ -9,41 +9,23 @@ from bakery.errors import UsageError
 
 
 class Panel(NamedTuple):
-    """The preview of an asset.
+    """The preview of an asset."""
 
-    Attributes
-    ----------
-    width : pixels of a panel
-    samples : a pixel and wavelength, at most
-    noise : at which it stops, of what the PNG shows
-    time : s, after which no pass is begun
-    """
-
-    width: int
-    samples: int
-    noise: float
-    time: float
+    width: int  # pixels of a panel
+    samples: int  # a pixel and wavelength, at most
+    noise: float  # at which it stops, of what the PNG shows
+    time: float  # s, after which no pass is begun
 
 
 class Quality(NamedTuple):
-    """One quality.
+    """One quality."""
 
-    Attributes
-    ----------
-    words : for people
-    recipe : settings of a bake, measured by `bake trade` (docs/trade.md)
-    coarser : times the noise of a scene; its samples and time over the square of that
-    time : s, after which a render ends whose scene sets no time; None: never
-    panel : of the preview of an asset
-    marker : in pictures of error against time
-    """
-
-    words: str
-    recipe: Mapping[str, str]
-    coarser: float
-    time: float | None
-    panel: Panel
-    marker: str
+    words: str  # for people
+    recipe: Mapping[str, str]  # settings of a bake, measured by `bake trade` (docs/trade.md)
+    coarser: float  # times the noise of a scene; its samples and time over the square of that
+    time: float | None  # s, after which a render ends whose scene sets no time; None: never
+    panel: Panel  # of the preview of an asset
+    marker: str  # in pictures of error against time
 
 
 QUALITIES = {

@@ -60,10 +60,7 @@ def _short(value) -> str:
 def resolved(value, key: str, replacements: Mapping[str, Any]):
     """A parsed value with all that was found behind its key and the keys below it.
 
-    Parameters
-    ----------
     value : a pydantic model, a list or tuple of values, a value
-    key : dotted key of the value in the recipe
     replacements : dotted key -> what stands behind it
     """
     if key in replacements:

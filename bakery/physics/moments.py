@@ -195,12 +195,8 @@ def expansion_coefficients(theta, s11, s12, s33, s34, orders: int, s22=None, s44
 def wigner(theta, m: int, n: int, orders: int) -> Iterator[tuple[int, np.ndarray]]:
     """Wigner's d^l_mn(theta) for l from the larger of |m| and |n| to `orders`, each of theta's shape.
 
-    Parameters
-    ----------
     m, n : (0, 0), (2, 0), (0, 2), (2, 2) or (2, -2)
 
-    Notes
-    -----
     d^l_00 are Legendre polynomials.  The recurrence over l is stable upwards; its rounding grows as l^2 * 1e-16 near theta = 0.
     Source: Mishchenko, Travis & Lacis 2002, appendix B, eqs. B.22-B.25.
     """

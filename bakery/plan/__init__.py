@@ -146,10 +146,6 @@ def make(
 ) -> Plan:
     """Order the stages and say of each whether and why it runs.
 
-    Parameters
-    ----------
-    recipe : a checked `bakery.recipe.Recipe`
-    output : where the asset goes
     only : names of stages, empty for all
     force : run every stage whatever is known
     held : the stages of the intact asset that stands at `output`; None where there is none

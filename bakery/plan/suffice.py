@@ -17,30 +17,19 @@ _WORDS = {"measure": ("integrated", "pointwise")}
 
 
 class Held(NamedTuple):
-    """A stage as an asset holds it.
+    """A stage as an asset holds it."""
 
-    Attributes
-    ----------
-    parts : what it depends on, as `bakery.plan.inputs.parts` names it
-    input_hash : over all of that
-    achieved_error : by the stage's own measure
-    """
-
-    parts: Mapping
-    input_hash: str
-    achieved_error: float
+    parts: Mapping  # what it depends on, as `bakery.plan.inputs.parts` names it
+    input_hash: str  # over all of that
+    achieved_error: float  # by the stage's own measure
 
 
 def lacking(held: Mapping[str, Held], steps: Iterable, recipe_parts: Mapping[str, Mapping], knobs: Iterable, recipe) -> list[str]:
     """Why an asset will not do in place of a bake, in words; nothing where it will.
 
-    Parameters
-    ----------
-    held : the asset's stages
     steps : of the bake (`bakery.plan.Step`)
     recipe_parts : parts of each stage of the recipe as it stands: what it holds may stay where no more is asked for
     knobs : values that somebody decided (`renderers.scene.requirements.Knob`): `key`, `value`, `demand`
-    recipe : of the bake, checked
     """
     reasons, knobs = [], list(knobs)
     for step in steps:

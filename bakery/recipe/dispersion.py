@@ -23,15 +23,10 @@ class Outside(Exception):
 def constants_at(constants: Constants, wavelength: Sequence[float], in_air: bool) -> tuple[np.ndarray, np.ndarray]:
     """n and k (L,) relative to vacuum; k is 0 where the file has none.
 
-    Parameters
-    ----------
-    constants : of the file
     wavelength : (L,) um, in vacuum
     in_air : the file's n are relative to air, its wavelengths in air
 
-    Raises
-    ------
-    Outside : a wavelength beyond the range of n or of k; nothing is extrapolated
+    Raises Outside : a wavelength beyond the range of n or of k; nothing is extrapolated
     """
     wavelength = np.asarray(wavelength, float)
     # beyond the formula's range the index of air changes by less than 4e-5 (docs of `tables.in_vacuum`)

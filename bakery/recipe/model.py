@@ -17,15 +17,6 @@ class Recipe:
     """A recipe whose values are all checked; see docs/architecture.md.
 
     Every section that a stage declares is an attribute: its `Values`, or None where the recipe does without it.
-
-    Attributes
-    ----------
-    wavelength : (L,) um, in vacuum
-    sections : name -> values of the section, or None
-    leaves : every value, defaults included: dotted key -> text, number or truth in base units
-    files : every file that was read
-    places : dotted key -> where it stands
-    sweep : what is swept; all else is then of its first point.  None where there is one point
     """
 
     path: Path
@@ -35,13 +26,14 @@ class Recipe:
     seed: int
     tolerance: float
     measure: str
-    wavelength: tuple[float, ...]
-    sections: Mapping[str, Values | None]
+    wavelength: tuple[float, ...]  # (L,) um, in vacuum
+    sections: Mapping[str, Values | None]  # name -> values of the section, or None
+    # every value, defaults included: dotted key -> text, number or truth in base units
     leaves: Mapping[str, str | int | float | bool]
-    files: tuple[DataFile, ...]
-    places: Mapping[str, str] = field(repr=False)
+    files: tuple[DataFile, ...]  # every file that was read
+    places: Mapping[str, str] = field(repr=False)  # dotted key -> where it stands
     warnings: tuple[Problem, ...] = ()  # what is legal and probably not meant
-    sweep: Sweep | None = None
+    sweep: Sweep | None = None  # what is swept; all else is then of its first point.  None where there is one point
 
     def __getattr__(self, name: str):
         if not name.startswith("_") and name in self.__dict__.get("sections", ()):

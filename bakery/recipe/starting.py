@@ -17,20 +17,12 @@ _NAME = re.compile(r"^name: *\S+( +(?=#))?", re.MULTILINE)  # up to a comment, w
 
 @dataclass(frozen=True)
 class Start:
-    """A recipe to start from.
+    """A recipe to start from."""
 
-    Attributes
-    ----------
-    name : of the file, without .yaml
-    folder : `KINDS`, `PUBLISHED` or `SHIPPED`
-    about : one line
-    path : of the recipe
-    """
-
-    name: str
-    folder: str
-    about: str
-    path: Path
+    name: str  # of the file, without .yaml
+    folder: str  # `KINDS`, `PUBLISHED` or `SHIPPED`
+    about: str  # one line
+    path: Path  # of the recipe
 
     def files(self, name: str) -> dict[str, str]:
         """Name of a file -> text: the recipe, called `name`, its tables, and the recipes of the layers below it."""

@@ -29,27 +29,17 @@ _FLIP = "FLIP: what a person sees of the difference of the pictures as they are 
 
 @dataclass(frozen=True)
 class Shown:
-    """What is shown of a method.
+    """What is shown of a method."""
 
-    Attributes
-    ----------
-    name : of the method, or of the reference's file
-    picture : PNG
-    difference : PNG of the signed map, or b""
-    flip : PNG of the map, or b""
-    """
-
-    name: str
-    picture: bytes
-    difference: bytes = b""
-    flip: bytes = b""
+    name: str  # of the method, or of the reference's file
+    picture: bytes  # PNG
+    difference: bytes = b""  # PNG of the signed map, or b""
+    flip: bytes = b""  # PNG of the map, or b""
 
 
 def page(summary: Mapping, shown: Sequence[Shown], limit: float, times: Picture | None = None, title: str = "") -> str:
     """The whole page, UTF-8.
 
-    Parameters
-    ----------
     summary : what `bake compare --json` prints
     shown : in the order of the page
     limit : relative difference at the ends of the signed maps' colours

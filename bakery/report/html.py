@@ -16,16 +16,11 @@ def document(title: str, parts: Iterable[str], *, broad: bool = False, script: s
              asks: bool = False) -> str:
     """A whole page, UTF-8: light or dark as the reader's system is, from the width of a phone on.
 
-    Parameters
-    ----------
-    title : text
     parts : HTML, in which every text is escaped
     broad : for pictures side by side, not for text
     script, style : names of files beside this one; the style comes on top of that of all pages
     asks : the script may ask the server that the page came from, and no other
 
-    Notes
-    -----
     The policy keeps the page from fetching or running anything but this script, should a text ever slip through unescaped.
     """
     code = _file(script) if script else ""

@@ -14,13 +14,7 @@ _FIGURES = (("noise", "Noise"), ("samples", "Samples a pixel"), ("spent", "Time 
 
 
 def page(name: str, source: str) -> str:
-    """The whole page, UTF-8.
-
-    Parameters
-    ----------
-    name : of the scene
-    source : its file
-    """
+    """The whole page, UTF-8."""
     zoom = "".join(f'<button type="button" data-zoom="{key}" title="{words}" aria-label="{words}">{sign}</button>'
                    for key, sign, words in _ZOOM)
     rows = "".join(f'<div><dt>{words}</dt><dd id="{key}">–</dd></div>' for key, words in _FIGURES)

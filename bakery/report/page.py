@@ -17,8 +17,6 @@ from bakery.store.tree import Dataset, Group, read_text
 def page(root: Group, description: str = "", picture: bytes = b"", source: str = "ASSET") -> str:
     """The whole page, UTF-8.
 
-    Parameters
-    ----------
     description : the recipe's, or none
     picture : a rendered picture of the asset (PNG or JPEG), or none
     source : the asset's file, for what is said of it

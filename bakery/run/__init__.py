@@ -93,16 +93,12 @@ def prepare(recipe, output: str | os.PathLike | None = None, *, asked: Asked = E
             progress: Progress | None = None) -> Plan:
     """Plan the bake of a checked recipe; runs nothing and writes nothing.
 
-    Parameters
-    ----------
     recipe : a `bakery.recipe.Recipe`, read with the settings that are asked for
     asked : the stages and, where scenes decide what is baked, why; an asset at the output that is as good is then left alone, and
         one that would lose something is not replaced (but for `overwrite`)
 
-    Raises
-    ------
-    UsageError : the recipe sweeps keys, the output cannot be written, is an input or (but for `overwrite`) no asset of this
-        recipe, or the bake is larger than this machine
+    Raises UsageError : the recipe sweeps keys, the output cannot be written, is an input or (but for `overwrite`) no asset of
+        this recipe, or the bake is larger than this machine
     """
     cache, progress = cache or Cache(), progress or Progress()
     with progress.during(f"planning {recipe.path.name}"):
@@ -178,12 +174,7 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
             address: str | None = None, progress: Progress | None = None) -> Baked:
     """Run a plan and write its asset.
 
-    Parameters
-    ----------
-    plan : from `prepare`
-    cache : of finished stages
     jobs : threads, unless `executor` (any `concurrent.futures` executor) or `address` (a Dask scheduler) is given
-    progress : receives the progress
     """
     from bakery.store import scratch
     from bakery.store.write import sweep, write

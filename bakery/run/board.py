@@ -13,15 +13,7 @@ _ONCE = "cache: ", "cluster: "  # remarks that are not about a recipe: said once
 
 
 class Board:
-    """Shows several bakes on the display of one.
-
-    Parameters
-    ----------
-    progress : the display
-    names : of the recipes
-    plans : theirs
-    workers : recipes that are baked at once
-    """
+    """Shows several bakes on the display of one."""
 
     def __init__(self, progress: Progress, names: Sequence[str], plans: Sequence, workers: int):
         self._progress, self._names = progress, names

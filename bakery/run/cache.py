@@ -91,14 +91,10 @@ def _checked(shown: str, data: bytes, name: str, key: str) -> tuple[Group, Group
 class Cache:
     """Finished stages by (name, input hash).
 
-    Parameters
-    ----------
     where : the folder, made when the first entry is written, of a cache that is not shared; BAKERY_CACHE by default
     say : takes remarks for the user
 
-    Raises
-    ------
-    UsageError : BAKERY_CACHE names what is no place for a cache
+    Raises UsageError : BAKERY_CACHE names what is no place for a cache
     """
 
     def __init__(self, where: Path | None = None, say: Callable[[str], None] = lambda text: None):
@@ -244,14 +240,9 @@ class Cache:
     def speed(self, kind: str, key: str, work: float) -> tuple[float, int]:
         """Time on this machine over the modelled time, and how many bakes say so (0: none, the model alone counts).
 
-        Parameters
-        ----------
-        kind : of work
         key : the stage's input hash
         work : modelled seconds
 
-        Notes
-        -----
         The same inputs take what they took.  Else the median of what is known of the kind: amounts of work that are alike count
         most, since models err differently where little and where much is done.  The model, at the speed that this machine shows
         in other kinds of work, counts as half a bake.

@@ -78,8 +78,6 @@ CALLS = {"local": "bash cluster.sh", "slurm": "sbatch cluster.sh"}
 def script(kind: str, workers: int, memory: float, time: str = "") -> str:
     """The text of a bash script.
 
-    Parameters
-    ----------
     kind : "local" or "slurm"
     workers : processes of one thread each
     memory : bytes of each of them

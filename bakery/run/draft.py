@@ -21,23 +21,15 @@ OF_PARTICLES = {"phase.radii": "33", "phase.angles": "257"}
 
 
 class Medium(NamedTuple):
-    """A continuous medium at L wavelengths.
+    """A continuous medium at L wavelengths."""
 
-    Attributes
-    ----------
-    wavelength : (L,) um
-    sigma_t : (L,) 1/m
-    albedo, g : (L,) 1
-    theta : (A,) rad
-    phase : (L, A) 1/sr
-    """
-
-    wavelength: np.ndarray
-    sigma_t: np.ndarray
+    wavelength: np.ndarray  # (L,) um
+    sigma_t: np.ndarray  # (L,) 1/m
+    # albedo, g: (L,) 1
     albedo: np.ndarray
     g: np.ndarray
-    theta: np.ndarray
-    phase: np.ndarray
+    theta: np.ndarray  # (A,) rad
+    phase: np.ndarray  # (L, A) 1/sr
 
 
 def medium(recipe, settings: Mapping[str, str], cache: Cache, progress: Progress | None = None) -> Medium:

@@ -107,22 +107,13 @@ def _is_said(key: str, settings: Mapping[str, str]) -> bool:
 
 
 class Planned(NamedTuple):
-    """What `ensured` will do.
+    """What `ensured` will do."""
 
-    Attributes
-    ----------
-    asset : path of the one that is good enough, or where it will be baked
-    plan : of its bake; None where it is there
-    asked : what is asked of it
-    lines : what is to be said of it
-    kept : where the cache has, or would have, the asset with just what is asked
-    """
-
-    asset: Path
-    plan: Plan | None
-    asked: Asked
-    lines: tuple[str, ...]
-    kept: Path
+    asset: Path  # path of the one that is good enough, or where it will be baked
+    plan: Plan | None  # of its bake; None where it is there
+    asked: Asked  # what is asked of it
+    lines: tuple[str, ...]  # what is to be said of it
+    kept: Path  # where the cache has, or would have, the asset with just what is asked
 
 
 def planned(recipe: str | os.PathLike, *, require: Callable, cache: Cache, progress: Progress, candidates: Sequence[Path] = (),
@@ -159,22 +150,14 @@ def ensured(recipe: str | os.PathLike, *, require: Callable, candidates: Sequenc
             progress: Progress | None = None, by: str = "the scene") -> Path:
     """The asset of a recipe with what is asked of it.
 
-    Parameters
-    ----------
-    recipe : path of the recipe
     require : what is asked of it, see the head of this module
     candidates : paths of assets that are used as they stand where they are good enough; they need not be there
     output : where the asset goes if nothing is there; into the cache if None
     progress : what is baked, remarks and missed targets are told to it
     by : what messages call those that ask
 
-    Returns
-    -------
-    path : of an asset that is there
-
-    Raises
-    ------
-    RecipeError, UsageError, StageError, StoreError : see `bakery.errors`
+    Returns path : of an asset that is there
+    Raises RecipeError, UsageError, StageError, StoreError : see `bakery.errors`
     """
     progress = progress or Progress()
     cache = Cache(say=progress.say)

@@ -29,18 +29,12 @@ _HEAD = FORMAT.encode() + b" "
 
 
 class Held(NamedTuple):
-    """What a folder holds.
+    """What a folder holds."""
 
-    Attributes
-    ----------
-    entries : path, size in bytes and time of last use of each entry, stages and assets, oldest first
-    bad : what was set aside as damaged
-    others : files and folders that do not belong to the cache
-    """
-
+    # path, size in bytes and time of last use of each entry, stages and assets, oldest first
     entries: list[tuple[Path, int, float]]
-    bad: list[Path]
-    others: list[Path]
+    bad: list[Path]  # what was set aside as damaged
+    others: list[Path]  # files and folders that do not belong to the cache
 
 
 def has_form(name: str) -> bool:
@@ -58,8 +52,6 @@ def is_stage(root: Group) -> bool:
 def asset_key(name: str, recipe: str, hashes: Mapping[str, str]) -> str:
     """Hash of a whole asset.
 
-    Parameters
-    ----------
     name, recipe : of the recipe; its text with every override applied
     hashes : input hash of each stage
     """

@@ -18,10 +18,7 @@ from bakery.errors import StageError
 class Context:
     """What a running stage may ask of its surroundings (see `stages.declaration.Context`).
 
-    Parameters
-    ----------
     tolerance : error that the stage has to reach
-    seed : of the recipe
     executor : runs the blocks; None runs them one by one, here
     report : takes the share done and the error so far
     """
@@ -64,8 +61,6 @@ def threads(count: int) -> Iterator[Executor]:
 class Lent(ThreadPoolExecutor):
     """Threads of this process of which only as many run at once as are lent to it just now.
 
-    Parameters
-    ----------
     most : threads that may be lent, at first one
     """
 

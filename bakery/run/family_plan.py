@@ -32,24 +32,14 @@ EACH = 0.06  # seconds that a place takes besides its stages: recipe, plan, cach
 
 @dataclass(frozen=True)
 class FamilyPlan:
-    """The bake of a family.
+    """The bake of a family."""
 
-    Attributes
-    ----------
-    recipe : of the first point, with what is swept
-    output : where the family's file goes; members go into the folder of its name
-    samples : plans of some of the points, the first one first
-    write : whether there is anything to do
-    missed : a line for each target that the family which stands there misses, where there is not
-    input_hash : of everything that decides it
-    """
-
-    recipe: object
-    output: Path
-    samples: tuple[Plan, ...]
-    write: bool
-    missed: tuple[str, ...]
-    input_hash: str
+    recipe: object  # of the first point, with what is swept
+    output: Path  # where the family's file goes; members go into the folder of its name
+    samples: tuple[Plan, ...]  # plans of some of the points, the first one first
+    write: bool  # whether there is anything to do
+    missed: tuple[str, ...]  # a line for each target that the family which stands there misses, where there is not
+    input_hash: str  # of everything that decides it
     options: Mapping = field(repr=False)
     read: tuple[Path, ...] = ()  # no scene decides families
 

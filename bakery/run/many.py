@@ -39,17 +39,11 @@ _SINGLE = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OM
 
 @dataclass(frozen=True)
 class Outcome:
-    """How the bake of one recipe ended: with what it did, or with what went wrong.
+    """How the bake of one recipe ended: with what it did, or with what went wrong."""
 
-    Attributes
-    ----------
-    index : of the recipe
-    baked : None where it failed
-    message, status : of the failure; the exit status is 0 where there is none
-    """
-
-    index: int
-    baked: Baked | None
+    index: int  # of the recipe
+    baked: Baked | None  # None where it failed
+    # message, status: of the failure; the exit status is 0 where there is none
     message: str = ""
     status: int = 0
 
@@ -60,13 +54,10 @@ def bake_all(names: Sequence[str], plans: Sequence, *, jobs: int | None = None, 
 
     Parameters
     ----------
-    names : of the recipes, for the display
     plans : theirs, from `bakery.run.bake.planned`
     jobs : threads of all recipes together; with `address` recipes at once
-    cache : of finished stages
     address : of a Dask scheduler whose workers run the blocks
     keep_going : start recipes also after one has failed
-    progress : receives the progress
 
     Yields
     ------

@@ -46,9 +46,6 @@ class _Message:
 class Map:
     """The blocks of one call of `map`, on their way.
 
-    Parameters
-    ----------
-    cluster : bakery.run.dask.Cluster
     function, tasks : `[function(*task) for task in tasks]` is wanted
     """
 

@@ -56,8 +56,6 @@ class Progress:
 class State:
     """How far a stage is, in words.  Between two estimates the last error stays, and the time left is counted down.
 
-    Parameters
-    ----------
     tolerance : error allowed, 0 for none
     planned : seconds that the plan expects, compiling apart; 0 where there is no plan
     clock : seconds, monotonic
@@ -114,8 +112,6 @@ class State:
 class Lines(Progress):
     """For logs: what lasts longer than a moment is named, then once a minute, and each stage when it ends.
 
-    Parameters
-    ----------
     stream : standard error by default
     first, every : seconds until something that goes on is named, and between two lines after that
     """

@@ -54,15 +54,11 @@ class _Place(Protocol):
 class Shared:
     """Entries by name, in a place that may fail at any time.
 
-    Parameters
-    ----------
     address : as BAKERY_CACHE has it: a folder, `file:///FOLDER`, `s3://BUCKET/PREFIX`, `gs://…`, `az://…`
     local : folder of the cache in front of it, for messages
     say : takes remarks for the user
 
-    Raises
-    ------
-    UsageError : another address, or a package that it needs is not installed
+    Raises UsageError : another address, or a package that it needs is not installed
     """
 
     def __init__(self, address: str, local: Path, say: Callable[[str], None] = lambda text: None):

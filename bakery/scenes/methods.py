@@ -60,8 +60,6 @@ def made(job, progress, render, *limits, **options):
 def summary(renders, comparison, base, file=None) -> dict:
     """All numbers and words of a comparison.
 
-    Parameters
-    ----------
     renders : `renderers.pictures.comparison.Made` of each method
     comparison : `renderers.pictures.differences.Compared` of each picture from the reference
     base : the reference, `renderers.pictures.differences.Picture`

@@ -23,18 +23,11 @@ PATIENCE = 60.0  # s of bakes, above which there is no pilot
 
 
 class Bake(NamedTuple):
-    """The material of some bodies.
+    """The material of some bodies."""
 
-    Attributes
-    ----------
-    asset : where it is, or goes
-    planned : of its recipe; None of an asset that the scene names and that is there
-    share : of the tolerance's square that its tables may take, see `renderers.scene.budget`
-    """
-
-    asset: Path
-    planned: Planned | None = None
-    share: float = budget.HALF
+    asset: Path  # where it is, or goes
+    planned: Planned | None = None  # of its recipe; None of an asset that the scene names and that is there
+    share: float = budget.HALF  # of the tolerance's square that its tables may take, see `renderers.scene.budget`
 
     @property
     def plan(self) -> Plan | None:
@@ -53,18 +46,11 @@ class Bake(NamedTuple):
 
 
 class ScenePlan(NamedTuple):
-    """What a render would do.
+    """What a render would do."""
 
-    Attributes
-    ----------
-    scene : `renderers.scene.Scene`
-    bakes : one a material
-    forecast : of the picture; None where the bakes before a pilot take too long
-    """
-
-    scene: Scene
-    bakes: tuple[Bake, ...]
-    forecast: Forecast | None
+    scene: Scene  # `renderers.scene.Scene`
+    bakes: tuple[Bake, ...]  # one a material
+    forecast: Forecast | None  # of the picture; None where the bakes before a pilot take too long
 
     @property
     def seconds(self) -> float:
@@ -81,9 +67,7 @@ class ScenePlan(NamedTuple):
 def plan(scene: Scene, *, quality=None, variant=None, seed=None, progress: Progress | None = None) -> ScenePlan:
     """The plan of a scene; arguments as renderers take them.
 
-    Raises
-    ------
-    BakeryError : what the render would raise before its first pass
+    Raises BakeryError : what the render would raise before its first pass
     """
     progress = progress or Progress()
     cache = Cache(say=progress.say)

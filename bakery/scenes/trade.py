@@ -32,13 +32,11 @@ def trade(source, output, names: str | None, settings: Mapping[str, str], seed, 
 
     Parameters
     ----------
-    source : path of the scene
     output : path of the page, or None
     names : of the points as `bake compare --methods` takes them, or None: those that the renderer declares
     settings : dotted key -> value as text
     seed : of the passes, or None
     budget : minutes, of the clock
-    progress : receives the progress
     beside : paths of scenes of the same picture, for other renderers
     overwrite : replace also files of other kinds
 

@@ -29,28 +29,20 @@ MOST_ROWS = 30  # of an answer in a notebook
 
 @dataclass(frozen=True)
 class Output:
-    """A dataset that the stage writes; `stages.conform` holds every asset to it.
+    """A dataset that the stage writes; `stages.conform` holds every asset to it."""
 
-    Attributes
-    ----------
-    path : capital words stand for names of the recipe (`COMPONENT/radius`)
-    shape : such as `(L, A)` or `(K + 1,)`: a letter is one length in all datasets of a group, or of what a capital word stands
-        for; L (wavelengths) and A (angles) are one length in the whole asset.  `(bytes,)` is text
-    choices : names of the values of an integer array
-    within : smallest and largest value; the largest may be a length, such as `V - 1`
-    whole : integers, as indices are
-    scaled : may be integers, to be multiplied with powers of two that another dataset of the group holds
-    """
-
-    path: str
+    path: str  # capital words stand for names of the recipe (`COMPONENT/radius`)
+    # such as `(L, A)` or `(K + 1,)`: a letter is one length in all datasets of a group, or of what a capital word stands for; L
+    # (wavelengths) and A (angles) are one length in the whole asset.  `(bytes,)` is text
     shape: str
     units: str
     description: str
     optional: bool = False
-    choices: tuple[str, ...] = ()
+    choices: tuple[str, ...] = ()  # names of the values of an integer array
+    # smallest and largest value; the largest may be a length, such as `V - 1`
     within: tuple[float, float | str] = (0.0, math.inf)
-    whole: bool = False
-    scaled: bool = False
+    whole: bool = False  # integers, as indices are
+    scaled: bool = False  # may be integers, to be multiplied with powers of two that another dataset of the group holds
 
 
 def datasets(outputs: Iterable[Output], values: Mapping[str, Any], prefix: str = "") -> dict[str, Dataset]:
@@ -66,28 +58,17 @@ def datasets(outputs: Iterable[Output], values: Mapping[str, Any], prefix: str =
 
 @dataclass(frozen=True)
 class RecipeSection:
-    """A section that a stage adds to recipes.
+    """A section that a stage adds to recipes."""
 
-    Attributes
-    ----------
-    name : its key at the top of a recipe
-    model : keys, defaults, descriptions (`bakery.grammar.section.Section`)
-    description : one line for editors
-    check : (checker, mapping): what has to hold between keys; see `bakery.recipe.checker`
-    completed : (parsed model, parsed recipe) -> model with the defaults that depend on the rest of the recipe
-    scatters : whether it says what scatters; a recipe has exactly one such section
-    alone : whether a recipe may have this section and nothing that scatters
-    beside : a section beside which this one stands with its defaults where a recipe leaves it out
-    """
-
-    name: str
-    model: type
-    description: str
-    check: Callable[[Any, Any], None]
+    name: str  # its key at the top of a recipe
+    model: type  # keys, defaults, descriptions (`bakery.grammar.section.Section`)
+    description: str  # one line for editors
+    check: Callable[[Any, Any], None]  # (checker, mapping): what has to hold between keys; see `bakery.recipe.checker`
+    # (parsed model, parsed recipe) -> model with the defaults that depend on the rest of the recipe
     completed: Callable[[Any, Any], Any] = lambda model, recipe: model
-    scatters: bool = False
-    alone: bool = False
-    beside: str = ""
+    scatters: bool = False  # whether it says what scatters; a recipe has exactly one such section
+    alone: bool = False  # whether a recipe may have this section and nothing that scatters
+    beside: str = ""  # a section beside which this one stands with its defaults where a recipe leaves it out
 
 
 def own_tolerance(least: float) -> Callable[[Any, Any], Any]:
@@ -181,22 +162,14 @@ class Answer:
 
 @dataclass(frozen=True)
 class Query:
-    """A path of an asset that `bake query` answers with more than the array that is stored there.
+    """A path of an asset that `bake query` answers with more than the array that is stored there."""
 
-    Attributes
-    ----------
-    path : `multiple/point`
-    arguments : name -> kind of its unit (`bakery.grammar.units`)
-    example : arguments as one would write them
-    answer : (what `bakery.open` gives, path, arguments) -> Answer; UsageError where an argument is missing or has no effect
-    bare : whether it is answered without arguments too, and where nothing is stored at the path
-    """
-
-    path: str
-    arguments: Mapping[str, Any]
-    example: str
+    path: str  # `multiple/point`
+    arguments: Mapping[str, Any]  # name -> kind of its unit (`bakery.grammar.units`)
+    example: str  # arguments as one would write them
+    # (what `bakery.open` gives, path, arguments) -> Answer; UsageError where an argument is missing or has no effect
     answer: Callable[[Any, str, Mapping[str, Any]], Any]
-    bare: bool = False
+    bare: bool = False  # whether it is answered without arguments too, and where nothing is stored at the path
 
 
 @dataclass(frozen=True)

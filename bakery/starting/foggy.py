@@ -24,8 +24,6 @@ _DENSITY = re.compile(r"^(\s*)number_density:.*$", re.MULTILINE)
 def filled(material: Start, mitsuba: Path, folder: Path, name: str, view, unit: str | None = None):
     """A recipe and a scene of a material in all of a Mitsuba scene's air.
 
-    Parameters
-    ----------
     material : of `materials.air`
     mitsuba : the scene's file, which stays where it is;  folder : where the files will lie
     name : of the recipe, and of the picture

@@ -15,22 +15,13 @@ from bakery.recipe.starting import Start, start, starts
 
 @dataclass(frozen=True)
 class Filling:
-    """How a material fills a mesh.
+    """How a material fills a mesh."""
 
-    Attributes
-    ----------
-    recipe : name of the recipe, as `bake new` knows it; the file of somebody's own
-    height : m, of what is usually seen of it; decides the unit of a mesh that says none
-    index : refractive index of a body; None of grains, and of what floats in air
-    roughness : alpha of the boundary of a body (GGX); 0 is smooth
-    floor : reflectance in red, green and blue of what it stands on
-    """
-
-    recipe: str | Path
-    height: float
-    index: float | None = None
-    roughness: float = 0.0
-    floor: tuple[float, float, float] = (0.20, 0.25, 0.31)
+    recipe: str | Path  # name of the recipe, as `bake new` knows it; the file of somebody's own
+    height: float  # m, of what is usually seen of it; decides the unit of a mesh that says none
+    index: float | None = None  # refractive index of a body; None of grains, and of what floats in air
+    roughness: float = 0.0  # alpha of the boundary of a body (GGX); 0 is smooth
+    floor: tuple[float, float, float] = (0.20, 0.25, 0.31)  # reflectance in red, green and blue of what it stands on
 
 
 _WARM = (0.34, 0.25, 0.18)

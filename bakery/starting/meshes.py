@@ -25,18 +25,11 @@ _NAMES = (("millimet", "mm"), ("centimet", "cm"), ("micro", "um"), ("kilomet", "
 
 @dataclass(frozen=True)
 class Solid:
-    """A closed mesh that stands on the plane z = 0, above and below the origin.
+    """A closed mesh that stands on the plane z = 0, above and below the origin."""
 
-    Attributes
-    ----------
-    vertices : (V, 3) m
-    faces : (F, 3), outward
-    size : why it is as large as it is, a sentence
-    """
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    size: str
+    vertices: np.ndarray  # (V, 3) m
+    faces: np.ndarray  # (F, 3), outward
+    size: str  # why it is as large as it is, a sentence
 
     @property
     def extent(self) -> np.ndarray:
@@ -54,17 +47,13 @@ class Solid:
 def solid(path: Path, usual_height: float, unit: str | None = None, height: float | None = None, up: str = "z") -> Solid:
     """The mesh of a file as a solid of some size.
 
-    Parameters
-    ----------
     path : PLY, OBJ, STL, OFF or 3MF file
     usual_height : m, of what such a mesh shows, by which a unit is guessed where neither the file nor the caller says one
     unit : one of `UNITS`, in place of the file's
     height : m, that the mesh shall have
     up : axis of the file that points up, "z" or "y"
 
-    Raises
-    ------
-    UsageError : the file cannot be read, is no closed mesh, or of no size that can be meant
+    Raises UsageError : the file cannot be read, is no closed mesh, or of no size that can be meant
     """
     from bakery.physics.shapes.mending import mended
 

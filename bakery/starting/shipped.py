@@ -18,18 +18,11 @@ _NAME = re.compile(r"^name: *\S+", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene that ships.
+    """A scene that ships."""
 
-    Attributes
-    ----------
-    name : of its file, without .yaml
-    about : one line
-    path : of the scene
-    """
-
-    name: str
-    about: str
-    path: Path
+    name: str  # of its file, without .yaml
+    about: str  # one line
+    path: Path  # of the scene
 
     def files(self, name: str) -> dict[str, bytes]:
         """Name of a file -> content: the scene, called `name`, and beside it all that it names, recipes too."""

@@ -78,9 +78,7 @@ def broken_hashes(root: Group) -> list[str]:
 def normalised(member: Dataset | Group, path: str) -> Dataset | Group:
     """A member as the file will hold it: scalars as shape (1,), C order, little-endian, unmasked plain arrays.
 
-    Raises
-    ------
-    ValueError : an array of objects, of unicode strings or of another type that the format does not know
+    Raises ValueError : an array of objects, of unicode strings or of another type that the format does not know
     """
     if isinstance(member, Group):
         return replace(member, members={name: normalised(inner, f"{path}/{name}") for name, inner in member.members.items()})

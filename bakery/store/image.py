@@ -32,9 +32,7 @@ _pays: dict[tuple[bytes, int], bool] = {}
 def image(root: Group) -> bytes:
     """The bytes of the asset file, user block included, of a tree that `hashes.seal` has put in order.
 
-    Raises
-    ------
-    ValueError : a name, type or attribute that the format does not allow (an error of the caller)
+    Raises ValueError : a name, type or attribute that the format does not allow (an error of the caller)
     """
     buffer = io.BytesIO()
     _pack(buffer, root)

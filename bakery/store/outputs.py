@@ -21,16 +21,10 @@ ASSET, PAGE, DEPFILE = "asset", "HTML page", "depfile"
 
 
 class FileKind(NamedTuple):
-    """A kind of files that is not among `KINDS`.
+    """A kind of files that is not among `KINDS`."""
 
-    Attributes
-    ----------
-    name : for people
-    recognised : function of the first `HEAD` bytes of a file: whether it is one
-    """
-
-    name: str
-    recognised: Callable[[bytes], bool]
+    name: str  # for people
+    recognised: Callable[[bytes], bool]  # function of the first `HEAD` bytes of a file: whether it is one
 
 
 def begins_as_text(pattern: str):
@@ -61,8 +55,6 @@ def check_outputs(outputs: Iterable[tuple[str | os.PathLike, str | FileKind]], i
                   overwrite: bool = False) -> None:
     """UsageError unless each output may be written.
 
-    Parameters
-    ----------
     outputs : paths, each with the kind of file that goes there: a key of `KINDS`, or a `FileKind`
     inputs : every file that the command reads
     overwrite : replace files of other kinds; inputs never are

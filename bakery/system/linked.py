@@ -79,9 +79,7 @@ class FunctionCompiler(dispatcher._FunctionCompiler):
     def for_linking(self, args):
         """What numba compiles for arguments of these types, for linking alone; None where that cannot be.
 
-        Raises
-        ------
-        numba.core.errors.NumbaError : as where numba compiles it
+        Raises numba.core.errors.NumbaError : as where numba compiles it
         """
         library = Library(self.targetdescr.target_context.codegen(), self.py_func.__qualname__)
         result = self._compiled(args, None, _ForLinking, library)

@@ -53,7 +53,6 @@ def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *,
 
     Parameters
     ----------
-    recipe : path
     output : folder, NAME.trade by default; a second call with it goes on where the first ended
     stages : names, all that have knobs by default
     quality, tolerance, seed, settings : override recipe values as for a bake; the tolerance is the requested one

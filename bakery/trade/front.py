@@ -30,13 +30,9 @@ def faster(a: Point, b: Point) -> bool:
 def front(points: Sequence[Point], floor: float = 0.0) -> list[int]:
     """Indices of the points on the front, fastest (least accurate) first.
 
-    Parameters
-    ----------
     points : in the order of preference among equals
     floor : error below which settings cannot be distinguished
 
-    Notes
-    -----
     Walked from the most accurate point on, so that "not faster beyond the noise" cannot creep along a row of points, each of
     which differs little from the next.
     """
@@ -69,8 +65,6 @@ def knee(points: Sequence[Point], floor: float = 0.0) -> int | None:
     The point farthest below the chord between the ends, in ln(error) over ln(time) with both scaled to 1; None where no point
     lies below it by more than a hundredth, as for fewer than three.
 
-    Notes
-    -----
     Source: I. Das, Structural Optimization 18, 107 (1999): the knee as the point of the front with the largest distance from the
     line through the individual minima.
     """

@@ -21,30 +21,18 @@ _CLOCK = 0.1  # standard error of ln(seconds), of a machine that does other thin
 
 
 class Curve(NamedTuple):
-    """A method.
+    """A method."""
 
-    Attributes
-    ----------
-    name : of it
-    seconds : that its render takes, of all cores together, with kinds of passes shared out best
-    first : s, before which it has no picture
-    noise : that is left in its picture, relative; 0 of a method without
-    error : beneath the noise, relative; 0 of the reference, and where it does not stand out of the noise
-    most : upper bound of the error
-    setup : s, of `seconds`, before the first pass
-    spread : standard error of ln(noise^2 times seconds of passes)
-    kept : share of a tolerance within which the method keeps its error by itself: it counts with no more, unless it surely is
-        more; None of a method that promises nothing
-    """
-
-    name: str
-    seconds: float
-    first: float
-    noise: float
-    error: float
-    most: float
-    setup: float = 0.0
-    spread: float = 0.0
+    name: str  # of it
+    seconds: float  # that its render takes, of all cores together, with kinds of passes shared out best
+    first: float  # s, before which it has no picture
+    noise: float  # that is left in its picture, relative; 0 of a method without
+    error: float  # beneath the noise, relative; 0 of the reference, and where it does not stand out of the noise
+    most: float  # upper bound of the error
+    setup: float = 0.0  # s, of `seconds`, before the first pass
+    spread: float = 0.0  # standard error of ln(noise^2 times seconds of passes)
+    # share of a tolerance within which the method keeps its error by itself: it counts with no more, unless it surely is more;
+    # None of a method that promises nothing
     kept: float | None = None
 
     @property
@@ -88,12 +76,10 @@ def times(curves: Sequence[Curve]) -> np.ndarray:
 def compared(curves: Sequence[Curve], tolerance: float) -> dict:
     """Which method is closest at which time, the knee, and what to take.
 
-    Returns
-    -------
-    chosen : dict with `tolerance`; `ranges`, of times in which a method is closest: `name`, `begin` and `end` (s, None at the
-        end); `knee` (`name`, `seconds`, `error`) or None; by name `until`, seconds to the tolerance or None, and `spread`, the
-        standard error of its logarithm; `advised`, see there; `advice`, sentences; `never`, names of
-        methods that surely miss the tolerance; `others`, sentences about those that are not sure to meet it
+    Returns chosen : dict with `tolerance`; `ranges`, of times in which a method is closest: `name`, `begin` and `end` (s, None at
+        the end); `knee` (`name`, `seconds`, `error`) or None; by name `until`, seconds to the tolerance or None, and `spread`,
+        the standard error of its logarithm; `advised`, see there; `advice`, sentences; `never`, names of methods that surely miss
+        the tolerance; `others`, sentences about those that are not sure to meet it
     """
     at = [(curve, seconds) for seconds in times(curves) for curve in curves if seconds >= curve.first * (1 - 1e-9)]
     points = [Point(float(seconds), float(curve.after(seconds, curve.beneath(tolerance)))) for curve, seconds in at]
@@ -145,12 +131,10 @@ def _not_sure(curve, tolerance):
 def advised(curves: Sequence[Curve], tolerance: float) -> dict | None:
     """The method that meets a tolerance first; None where none is sure to.
 
-    Returns
-    -------
-    found : dict with `name`, `seconds`, `spread` (standard error of their logarithm), `beneath` (error beneath the noise that
-        counts), `noise` (that the picture may have), `hidden` (whether noise hides that error), `bound` (whether it is an upper
-        bound), `alike` (names of methods that are not slower beyond the noise), `open` (of those that may be quicker, but noise
-        hides whether they meet the tolerance), `next` (`name`, `ratio` of the times: the quickest of the others) or None
+    Returns found : dict with `name`, `seconds`, `spread` (standard error of their logarithm), `beneath` (error beneath the noise
+        that counts), `noise` (that the picture may have), `hidden` (whether noise hides that error), `bound` (whether it is an
+        upper bound), `alike` (names of methods that are not slower beyond the noise), `open` (of those that may be quicker, but
+        noise hides whether they meet the tolerance), `next` (`name`, `ratio` of the times: the quickest of the others) or None
     """
     points = {curve.name: curve.point(tolerance) for curve in curves if math.isfinite(curve.until(tolerance))}
     if not points:

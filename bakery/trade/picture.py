@@ -19,8 +19,6 @@ _LARGEST = 9  # points, of a marker in the legend
 def picture(stage: Mapping) -> Picture:
     """Error against time over the settings of a stage.
 
-    Parameters
-    ----------
     stage : one entry of `stages` of trade.json: `runs`, `front`, `knee`, `presets`, `tolerance`, `reference`, ...
     """
     runs = {i: run for i, run in enumerate(stage["runs"]) if "failed" not in run}

@@ -27,10 +27,7 @@ class Died(StageError):
 class Worker:
     """`trade.worker.Bench` in a process of its own, which is started at the first call and again after a failure.
 
-    Parameters
-    ----------
     share : receives the share done of a run, 0 to 1
-    arguments : of `trade.worker.Task`
     """
 
     def __init__(self, share: Callable[[float], None] = lambda share: None, **arguments):

@@ -18,38 +18,23 @@ ALIKE = 1.3  # times the least, within which runs with the same values count as 
 
 @dataclass(frozen=True)
 class Sweep:
-    """What a sweep over one stage found.
+    """What a sweep over one stage found."""
 
-    Attributes
-    ----------
-    stage : its declaration
-    tolerance : requested
-    preset_tolerances : name of each preset -> its tolerance
-    runs : every setting that was run, in that order; failed ones too
-    start : index of the recipe as it stands
-    presets : name -> index into `runs`
-    inert : keys of knobs that changed nothing
-    reference : of the converged values: `setting`, `input_hash`, `seconds`, `achieved` (the error that they claim), `check`
-    floor : by name of error, how far two converged groups are apart: smaller errors are not distinguished
-    baseline : overrides of the setting that was run around every other
-    refused : (overrides, message) that the recipe does not allow
-    untried : overrides for which the time did not suffice; nothing there means that no further run can change the recommendations
-    reused : how many runs were on disk
-    """
-
-    stage: object
-    tolerance: float
-    preset_tolerances: Mapping[str, float]
-    runs: Sequence[Run]
-    start: int
-    presets: Mapping[str, int]
-    inert: Sequence[str]
+    stage: object  # its declaration
+    tolerance: float  # requested
+    preset_tolerances: Mapping[str, float]  # name of each preset -> its tolerance
+    runs: Sequence[Run]  # every setting that was run, in that order; failed ones too
+    start: int  # index of the recipe as it stands
+    presets: Mapping[str, int]  # name -> index into `runs`
+    inert: Sequence[str]  # keys of knobs that changed nothing
+    # of the converged values: `setting`, `input_hash`, `seconds`, `achieved` (the error that they claim), `check`
     reference: Mapping
-    floor: Mapping[str, float]
-    baseline: Mapping[str, str]
-    refused: Sequence[tuple[Mapping[str, str], str]]
+    floor: Mapping[str, float]  # by name of error, how far two converged groups are apart: smaller errors are not distinguished
+    baseline: Mapping[str, str]  # overrides of the setting that was run around every other
+    refused: Sequence[tuple[Mapping[str, str], str]]  # (overrides, message) that the recipe does not allow
+    # overrides for which the time did not suffice; nothing there means that no further run can change the recommendations
     untried: Sequence[Mapping[str, str]]
-    reused: int
+    reused: int  # how many runs were on disk
 
     @classmethod
     def of(cls, *, ladders: Sequence[Ladder], measured: Mapping[Setting, Run], **values) -> Sweep:

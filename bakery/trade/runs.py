@@ -23,33 +23,20 @@ MOST = 1e15  # seconds, bytes, relative errors: no run has shown that much
 
 @dataclass(frozen=True)
 class Run:
-    """A setting and what its repeats showed.
+    """A setting and what its repeats showed."""
 
-    Attributes
-    ----------
-    stage, input_hash : what was computed
-    setting : recipe key -> text, what differs from the recipe as it stands
-    seconds : of one core (processor time), one a repeat
-    wall : seconds on the wall's clock, one a repeat
-    baseline : seconds of the baseline around each repeat
-    memory : bytes, peak above the loaded process
-    errors : true errors by name, the ranking one first
-    achieved : the error that the stage claims, in its own measure
-    content : hash of the values
-    failed : why there are no figures; empty if there are
-    """
-
+    # stage, input_hash: what was computed
     stage: str
     input_hash: str
-    setting: Mapping[str, str]
-    seconds: tuple[float, ...] = ()
-    wall: tuple[float, ...] = ()
-    baseline: tuple[float, ...] = ()
-    memory: float = 0.0
-    errors: Mapping[str, float] = field(default_factory=dict)
-    achieved: float = 0.0
-    content: str = ""
-    failed: str = ""
+    setting: Mapping[str, str]  # recipe key -> text, what differs from the recipe as it stands
+    seconds: tuple[float, ...] = ()  # of one core (processor time), one a repeat
+    wall: tuple[float, ...] = ()  # seconds on the wall's clock, one a repeat
+    baseline: tuple[float, ...] = ()  # seconds of the baseline around each repeat
+    memory: float = 0.0  # bytes, peak above the loaded process
+    errors: Mapping[str, float] = field(default_factory=dict)  # true errors by name, the ranking one first
+    achieved: float = 0.0  # the error that the stage claims, in its own measure
+    content: str = ""  # hash of the values
+    failed: str = ""  # why there are no figures; empty if there are
 
     @property
     def ratios(self) -> list[float]:

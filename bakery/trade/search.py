@@ -51,9 +51,6 @@ def proposals(ladders: Sequence[Ladder], first: Sequence[Setting], tolerances: S
               seen: Mapping[Setting, Seen | None], floor: float = 0.0) -> list[Setting]:
     """Settings to run, the most informative first; empty when no further run can change what is recommended.
 
-    Parameters
-    ----------
-    ladders : of each knob
     first : settings that have to be known in any case
     tolerances : tolerances for which the cheapest setting is wanted
     seen : what has been run; None for a setting that failed

@@ -15,24 +15,14 @@ from bakery.trade.search import Ladder, Setting
 
 @dataclass(frozen=True)
 class Job:
-    """What is to be measured.
+    """What is to be measured."""
 
-    Attributes
-    ----------
-    recipe : path
-    stage : name
-    base : overrides in every setting
-    presets : name -> what it overrides beyond that, the cheapest first; it is the baseline
-    folder : of the results
-    stages : `module:function` that returns all stages
-    """
-
-    recipe: Path
-    stage: str
-    base: Mapping[str, str]
-    presets: Mapping[str, Mapping[str, str]]
-    folder: Path
-    stages: str = "bakery.stages:all_stages"
+    recipe: Path  # path
+    stage: str  # name
+    base: Mapping[str, str]  # overrides in every setting
+    presets: Mapping[str, Mapping[str, str]]  # name -> what it overrides beyond that, the cheapest first; it is the baseline
+    folder: Path  # of the results
+    stages: str = "bakery.stages:all_stages"  # `module:function` that returns all stages
 
 
 class Settings:

@@ -28,11 +28,7 @@ GRACE = 5.0  # seconds beyond the budget that a run may take to end
 class Sweeper:
     """Measures one stage.
 
-    Parameters
-    ----------
-    job : what
     budget : seconds
-    progress : receives the progress
     bench : `Worker`, or what answers like it
     now : seconds, for the budget
     verbose : report each run

@@ -27,8 +27,6 @@ def least_repeats(seconds: float) -> int:
 def repeat_again(seconds: Sequence[float], ratios: Sequence[float], hopeless: bool = False) -> bool:
     """Whether another repeat is worth it.
 
-    Parameters
-    ----------
     seconds : of the runs so far
     ratios : the same relative to the baseline
     hopeless : the first run showed that the setting is far from the front: once is enough

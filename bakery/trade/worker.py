@@ -24,36 +24,21 @@ BURST = 0.15  # seconds of baseline around a run, or one run where that takes lo
 
 
 class Task(NamedTuple):
-    """What is measured.
+    """What is measured."""
 
-    Attributes
-    ----------
-    recipe : its path
-    stage : name
-    base : overrides of the recipe in every setting (`--set`)
-    upstream : overrides under which the stages upstream are computed, once
-    baseline : overrides of the setting that is run around every other
-    loosest : overrides with which a run is short: one loads the kernels of a setting before its time is taken
-    folder : of the converged values and the values upstream
-    stages : `module:function` that returns all stages
-    """
-
-    recipe: str
-    stage: str
-    base: Mapping[str, str]
-    upstream: Mapping[str, str]
-    baseline: Mapping[str, str]
-    loosest: Mapping[str, str]
-    folder: str
-    stages: str
+    recipe: str  # its path
+    stage: str  # name
+    base: Mapping[str, str]  # overrides of the recipe in every setting (`--set`)
+    upstream: Mapping[str, str]  # overrides under which the stages upstream are computed, once
+    baseline: Mapping[str, str]  # overrides of the setting that is run around every other
+    loosest: Mapping[str, str]  # overrides with which a run is short: one loads the kernels of a setting before its time is taken
+    folder: str  # of the converged values and the values upstream
+    stages: str  # `module:function` that returns all stages
 
 
 class Bench:
     """Times and compares settings of one stage of one recipe.
 
-    Parameters
-    ----------
-    task : what is measured
     clock, wall : seconds of the processor and of the wall
     share : receives the share done of a run, 0 to 1
     """

@@ -1,7 +1,5 @@
 """The files of a scene on a worker: sent as bytes, written once a process, and the scene that is read from them there."""
 
-from __future__ import annotations
-
 import atexit
 import dataclasses
 import hashlib
@@ -58,8 +56,6 @@ def handed(scene) -> dict:
 def scene_below(folder: str, path: str, settings: Mapping[str, str], besides: dict, frame: int | None = None):
     """The `renderers.scene.Scene` that stands below a folder.
 
-    Parameters
-    ----------
     path, settings : of the scene where it was read, and what was set by hand
     besides : of `handed`
     frame : number of a frame; None: the scene as it stands

@@ -4,8 +4,6 @@ A pass depends on its number alone, so workers render passes before it is their 
 as on one machine.
 """
 
-from __future__ import annotations
-
 import math
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -31,8 +29,6 @@ _LAST: dict = {}  # in a worker: key of a picture -> its `renderers.pictures.pas
 class Picture(NamedTuple):
     """What workers have to know of a picture, besides its files.
 
-    Attributes
-    ----------
     key : of the picture among those of all scenes, seeds and sizes
     path, settings : of the scene where it was read, and what was set by hand
     handed : of `renderers.cluster.files.handed`
@@ -53,8 +49,6 @@ class Picture(NamedTuple):
 class Pass(NamedTuple):
     """A pass that was rendered, or why it was not.
 
-    Attributes
-    ----------
     layers : (H, W, 3) by name, as `renderers.pictures.engine.Part.render` gives them
     seconds : that it took
     fault, status : message and exit status where it could not be; "" and 0

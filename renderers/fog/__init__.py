@@ -1,8 +1,11 @@
 """Fog in screen space: a picture without fog and its distances become the picture with fog."""
 
-from __future__ import annotations
-
 import os
+
+import numpy as np
+
+from bakery.errors import UsageError
+from renderers import colour
 
 
 def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None, threads=None,
@@ -67,18 +70,15 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
 
 def _finished(job, picture, view, unsure, sunlight, rgb, quality):
     """Writes the picture rgb (H, W, 3), with its error `unsure` (H, W, 3) or None, and gives the report."""
-    import numpy as np
-
-    from renderers import colour
     from renderers.fog import noise
-    from renderers.pictures import reached
+    from renderers.pictures import images, reached
     from renderers.pictures.running import rgb_layers
     from renderers.scene import budget
 
     total = float(np.mean(rgb @ colour.LUMINANCE))
     layers, relative = rgb_layers("clear.", picture.rgb) | {"distance": picture.distance}, None
     if unsure is not None:
-        layers, relative = layers | noise.layers(unsure), noise.relative(unsure, total)
+        layers, relative = layers | noise.layers(unsure), images.relative_noise(rgb, unsure)
     wanted = reached.coarser(quality) * budget.of(job.scene).noise if reached.asked(job.scene.values) else None
     return job.finish(rgb, layers=layers, method="screen", reasons=_reasons(view, total),
                       samples=picture.made.get("samples"), picture=picture.made, noise=relative,
@@ -95,9 +95,6 @@ def _reasons(view, total):
 
 def _figures(view, picture, sunlight, total):
     """What the report says of distances, depths and shares of the light."""
-    import numpy as np
-
-    from renderers import colour
     from renderers.fog.filter import ERRORS
 
     direct = float(np.mean((view.through * picture.rgb) @ colour.LUMINANCE))
@@ -130,7 +127,6 @@ def describe(report) -> list[str]:
 
 
 def _medium(scene, asset):
-    from bakery.errors import UsageError
     from renderers.fog import kernels
 
     try:
@@ -140,7 +136,6 @@ def _medium(scene, asset):
 
 
 def _density(scene, threads):
-    from bakery.errors import UsageError
     from renderers.fog import density
     from renderers.scene import grids
 
@@ -161,7 +156,6 @@ def _density(scene, threads):
 
 
 def _picture(scene, quality, variant, seed, progress, view_of=None):
-    from bakery.errors import UsageError
     from renderers.fog import picture
     from renderers.pictures import reached
     from renderers.scene import budget
@@ -182,9 +176,6 @@ def _picture(scene, quality, variant, seed, progress, view_of=None):
 
 def _sunlight(scene, asset, medium, density, origin, rays, distance):
     """What the fog scatters of parallel light from outside the picture, (H, W, 3)."""
-    import numpy as np
-
-    from bakery.errors import UsageError
     from renderers.fog import external
     from renderers.fog.view import spread
 

@@ -7,8 +7,6 @@ the blocks; each has one entry of every class that the four blocks around it hol
 classes.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

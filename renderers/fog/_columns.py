@@ -5,8 +5,6 @@ density does along the column.  So nothing is solved on a lattice: where a point
 the light there.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -20,20 +18,12 @@ THIN = 1e-6  # optical depth of a slab below which what it scatters goes with it
 
 
 def moments(phase):
-    """What delta scaling needs of a phase function.
+    """What delta scaling needs of a phase function: mean cosines g (C,), and shares (C,) in the forward peak, the second Legendre
+    moments, between 0 and g.
 
-    Parameters
-    ----------
     phase : theta (A,) rad -> (C, A) 1/sr
 
-    Returns
-    -------
-    g : (C,) 1, mean cosine
-    peak : (C,) 1, share in the forward peak: the second Legendre moment, between 0 and g
-
-    Raises
-    ------
-    ValueError : an integral over the sphere is not 1, to 2 %
+    Raises ValueError where an integral over the sphere is not 1, to 2 %.
     """
     edges = np.union1d(np.geomspace(1e-6, np.pi, 120), np.linspace(0, np.pi, 181))
     x, w = np.polynomial.legendre.leggauss(4)
@@ -46,77 +36,29 @@ def moments(phase):
 
 
 def slab(albedo, g, peak, tau):
-    """Shares of a beam that a slab scatters on, and back; a plane behind it takes all that arrives.
+    """Shares of a beam that a slab scatters on, and back; a plane behind it takes all that arrives.  P1 with delta scaling.
 
-    Parameters
-    ----------
-    albedo, g, peak : 1, see `moments`
-    tau : 1, optical depth of the slab, >= 0; arguments broadcast
+    albedo, g, peak : 1, see `moments`;  tau : 1, optical depth of the slab, >= 0; arguments broadcast
 
     Returns
     -------
-    passed, reflected : 1; the direct light e^-tau is not among them.  All three make 1 at albedo 1, to rounding
+    passed, reflected : 1; the direct light e^-tau is not among them.  All three make 1 at albedo 1, to rounding.  `passed` is
+        within 3 % of what photons bring (Gaussian phase function of 30 degrees, Henyey-Greenstein g = 0.85; albedo 0.9 and 1,
+        optical depths 0.1 to 10), 11 % too low at albedo 0.5 and depth 10, where it is 1e-3
     crossing : 1, what goes forward through the plane if the medium goes on behind it: `passed`, and light that comes again
-
-    Notes
-    -----
-    P1 with delta scaling.  `passed` is within 3 % of what photons bring (Gaussian phase function of 30 degrees, Henyey-Greenstein
-    g = 0.85; albedo 0.9 and 1, optical depths 0.1 to 10), 11 % too low at albedo 0.5 and depth 10, where it is 1e-3.
     """
-    return _each(_fill_slabs, 3, albedo, g, peak, tau)
-
-
-def diffuse(albedo, g, tau, total, *, mu=1.0, irradiance=1.0):
-    """Fluence and net flux of scattered light in a column that parallel light enters; arguments broadcast.
-
-    Parameters
-    ----------
-    albedo : 1, 0 to 1
-    g : 1, mean cosine, -1 to 1
-    tau : 1, optical depth along the column, 0 at the lit face
-    total : 1, optical depth of the column, >= tau
-    mu : 1, cosine between the column and the parallel light, 0 to 1
-    irradiance : of the parallel light at the lit face, across its direction
-
-    Returns
-    -------
-    phi : fluence, unit of irradiance, without the parallel light that is left
-    flux : net flux along the column, positive away from the lit face, without the same
-
-    Notes
-    -----
-    Source: -(D phi')' + (1 - albedo) phi = albedo E e^{-tau/mu} - (3 D albedo g mu E e^{-tau/mu})', D = 1/(3 (1 - albedo g)),
-    with Marshak's conditions phi/4 + flux/2 = 0 at tau = 0, phi/4 - flux/2 = 0 at the other face.  Energy is kept to
-    rounding.  Against photons at normal incidence (albedo, g, tau = 0.9, 0.5, 2; 0.99, 0.8, 5; 0.9, 0, 1) reflectance and
-    transmittance are 1 to 11 % off; phase functions with a peak should be scaled first (`scaled`), which leaves 1 to 5 %.
-    """
-    return _each(_fill, 2, albedo, g, tau, total, mu, irradiance)
-
-
-def _each(loop, results, *arguments):
-    """Results of a loop over broadcast arguments."""
-    arrays = np.broadcast_arrays(*(np.asarray(a, float) for a in arguments))
-    out = np.empty((results, *arrays[0].shape))
-    loop(*(np.array(a).ravel() for a in arrays), *out.reshape(results, -1))  # copies: numba takes no read-only views
+    arrays = np.broadcast_arrays(*(np.asarray(a, float) for a in (albedo, g, peak, tau)))
+    out = np.empty((3, *arrays[0].shape))
+    _fill_slabs(*(np.array(a).ravel() for a in arrays), *out.reshape(3, -1))  # copies: numba takes no read-only views
     return tuple(out)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def scaled(albedo, g, peak):
-    """Delta scaling: a share `peak` of what is scattered counts as unscattered.
+    """Delta scaling: albedo and g of what remains where a share `peak` of what is scattered counts as unscattered, and the factor
+    for optical depths (Joseph, Wiscombe & Weinman, J. Atmos. Sci. 33, 2452, 1976).
 
-    Parameters
-    ----------
-    albedo, g : 1, numbers or arrays
-    peak : 1, 0 to below 1; the second Legendre moment of the phase function serves well
-
-    Returns
-    -------
-    albedo, g of what remains; factor for optical depths
-
-    Notes
-    -----
-    Source: Joseph, Wiscombe & Weinman, J. Atmos. Sci. 33, 2452 (1976).
+    albedo, g, peak : 1, numbers or arrays; the second Legendre moment of the phase function serves well as the peak, 0 to below 1
     """
     factor = 1 - albedo * peak
     return albedo * (1 - peak) / factor, (g - peak) / (1 - peak), factor
@@ -136,7 +78,19 @@ def _between(k, a, tau):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def column(albedo, g, tau, total, mu, irradiance):
-    """Literal arguments of `diffuse`; returns phi, flux."""
+    """Fluence and net flux of scattered light in a column that parallel light enters, both without that light itself.
+
+    albedo, g : 1, 0 to 1;  mean cosine, -1 to 1
+    tau, total : 1, optical depths along the column, 0 at the lit face: of the place, >= 0, and of the whole
+    mu, irradiance : 1, cosine between the column and the parallel light, 0 to 1;  of that at the lit face, across its direction
+
+    Returns fluence phi, in the unit of the irradiance, and the flux, positive away from the lit face.
+
+    Source: -(D phi')' + (1 - albedo) phi = albedo E e^{-tau/mu} - (3 D albedo g mu E e^{-tau/mu})', D = 1/(3 (1 - albedo g)),
+    with Marshak's conditions phi/4 + flux/2 = 0 at tau = 0, phi/4 - flux/2 = 0 at the other face.  Energy is kept to rounding.
+    Against photons at normal incidence (albedo, g, tau = 0.9, 0.5, 2; 0.99, 0.8, 5; 0.9, 0, 1) reflectance and transmittance are
+    1 to 11 % off; phase functions with a peak should be scaled first (`scaled`), which leaves 1 to 5 %.
+    """
     g = min(g, _LARGEST_G)
     D = 1 / (3 * (1 - albedo * g))
     k = math.sqrt(max(1 - albedo, 0.0) / D)
@@ -165,12 +119,6 @@ def column(albedo, g, tau, total, mu, irradiance):
     phi += (b0 * (2 * D * cosh0 + sinh0) + b1 * (2 * D * cosh1 + sinh1)) / N
     flux += D * (b0 * (2 * D * k * k * sinh0 + cosh0) - b1 * (2 * D * k * k * sinh1 + cosh1)) / N
     return phi, flux
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _fill(albedo, g, tau, total, mu, irradiance, phi, flux):
-    for n in range(len(phi)):
-        phi[n], flux[n] = column(albedo[n], g[n], tau[n], total[n], mu[n], irradiance[n])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -4,8 +4,6 @@ Sums of a pixel p: `NEAR` light of nearer pixels by their own kernels, `FAR` lig
 nearer ones' shares, `REST` weights of these, `MET` weights of the others by the kernel of p.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

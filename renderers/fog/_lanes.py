@@ -1,7 +1,5 @@
 """Four channels at once, in the compiler's own vectors: numba makes single numbers of a loop over them (22 ns a block, not 6)."""
 
-from __future__ import annotations
-
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
@@ -15,8 +13,6 @@ _FLOATS, _DOUBLES = (ir.VectorType(kind(), LANES) for kind in (ir.FloatType, ir.
 def add_light(typingctx, sums, at, profile, node, fraction, weight, light, source):
     """sums[at:at + 8] += weight * share * light[source:source + 8], share (4 channels, twice) the profile between two nodes.
 
-    Parameters
-    ----------
     sums, light : C-contiguous float64, any number of axes; `at` and `source` count numbers
     profile : C-contiguous float32, (nodes, 4);  node + fraction, where on it;  weight : float32
     """

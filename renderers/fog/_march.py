@@ -7,8 +7,6 @@ A grid is `values` (X, Y, Z), which stand at the whole numbers of the coordinate
 cell on each side and is 0 beyond.
 """
 
-from __future__ import annotations
-
 import math
 
 from bakery.system.compiled import njit

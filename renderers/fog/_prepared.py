@@ -1,7 +1,5 @@
 """What the filter's loops take of a picture, and the picture from their sums."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

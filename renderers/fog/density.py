@@ -5,8 +5,6 @@ the distance z.  S_0 is the column, sqrt(3 S_2/S_0) the lever: the distance at w
 far.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from abc import ABC, abstractmethod

@@ -13,8 +13,6 @@ What is approximate: light changes no columns; surfaces cast no shadows into the
 is black.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -48,14 +46,10 @@ class Sun:
 class Medium:
     """What scatters: coefficients, moments of the phase function, and what delta scaling leaves of them, all (C,).
 
-    Parameters
-    ----------
     sigma_t, sigma_s : (C,) 1/m at density 1
     phase : theta (...) rad -> (C, ...) 1/sr, integral 1 over the sphere
 
-    Raises
-    ------
-    ValueError : a phase function whose integral is not 1 to 2 %
+    Raises ValueError: a phase function whose integral is not 1 to 2 %.
     """
 
     def __init__(self, sigma_t, sigma_s, phase: Callable):
@@ -119,16 +113,12 @@ def _least(total):
 
 
 def march(density, origin, direction, distance, sigma_t, sources, tolerance):
-    """Integral of e^-tau source dtau along rays, in steps that are halved until their error is small.
+    """Integral of e^-tau source dtau along rays, in steps that are halved until their error is small: radiance and error (N, C).
 
-    Parameters
-    ----------
+    The error is the difference of two quadrature rules, and what density they missed.
+
     density, origin, direction, distance, sigma_t, tolerance : as in `scattered`
     sources : what collisions send to the camera, to be added: points (M, 3), numbers of their rays (M,) -> (M, C)
-
-    Returns
-    -------
-    radiance, error : (N, C); the error is the difference of two quadrature rules, and what density they missed
     """
     count, C = len(origin), len(sigma_t)
     summed, error = np.zeros((count, C)), np.zeros((count, C))

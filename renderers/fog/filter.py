@@ -19,8 +19,6 @@ close (POINTS), for each class of distance, and is linear between these.  So mos
 not know the kernel's size.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor

@@ -5,8 +5,6 @@ Behind an optical depth tau at distance z the scattered light that arrives at r 
 (`Fog.powers`).  Shapes are on equal steps of log tau and log x and looked up linearly in both.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -32,8 +30,6 @@ STEP = math.log(10) / PER_DECADE
 class Fog:
     """A medium and its kernels.
 
-    Attributes
-    ----------
     sigma_t, sigma_s : (C,) 1/m, at relative density 1
     g, peak : (C,) 1, of the phase function (`_columns.moments`)
     depth : (T,) 1, optical depths, 24 a decade from 1e-3 to 1e3
@@ -59,17 +55,11 @@ class Fog:
         return _within(self.ratio, self.shape)
 
     def powers(self, column, energy):
-        """What becomes of a viewing beam that is scattered behind columns (...) m.
+        """What becomes of a viewing beam that is scattered behind columns (...) m: shares of it that arrive at its surface, and
+        that come out behind the camera (0 with kept), (..., C) each.
 
-        Parameters
-        ----------
-        column : (...) m
-        energy : lost, the power T that a slab lets pass (`_columns.slab`; of a model for comparison, its own); kept,
-            (1 - e^-tau) T(albedo)/T(1): what goes back past the camera is added, so that only absorption takes anything
-
-        Returns
-        -------
-        arriving, back : (..., C) shares of the beam at its surface, and behind the camera (0 with kept)
+        energy : lost, the power T that a slab lets pass (`_columns.slab`; of a model for comparison, its own); kept, (1 - e^-tau)
+            T(albedo)/T(1): what goes back past the camera is added, so that only absorption takes anything
         """
         tau = np.asarray(column, float)[..., None] * self.sigma_t
         albedo = np.divide(self.sigma_s, self.sigma_t, out=np.zeros(len(self.sigma_t)), where=self.sigma_t > 0)
@@ -119,12 +109,6 @@ class Fog:
         with np.errstate(divide="ignore"):
             return np.clip((np.log(value) - math.log(nodes[0])) / STEP, 0, len(nodes) - 1.001)
 
-    def look(self, channel, tau, ratio):
-        """s(tau, x) of a channel, broadcast; 0 beyond the largest ratio.  The NumPy twin of what the filter does."""
-        i, j = np.broadcast_arrays(self.place(tau, self.depth), self.place(ratio, self.ratio))
-        inside = np.broadcast_to(np.asarray(ratio) <= self.ratio[-1], i.shape)
-        return np.where(inside, _bilinear(self.shape[channel], i, j), 0.0)
-
     @lru_cache(maxsize=16)  # noqa: B019  # a few media, of a picture's whole life
     def channels(self, first, last):
         """The medium of some channels."""
@@ -165,18 +149,13 @@ def fog_of(asset, channels=3, kernel="flux"):
     -----
     The plane integral of transport's flux counts light each time it passes, 1.3 times that of the beam deep in a medium that
     absorbs nothing, and at shallow depths it holds a wide glow that is the model's error.  A surface stops light when it first
-    arrives, so a kernel by transport is cut at the radius that holds that much (`_arriving`).  Against photons that stop at the
-    plane, sum of differences of shares over rings to 10 depths and what is beyond (optical depths 0.1, 0.5, 1, 3, 10;
-    benchmarks/screen.py): Gaussian of 30 degrees 0.04, 0.06, 0.09, 0.17, 0.41 at albedo 1, 0.05, 0.05, 0.06, 0.08, 0.06 at 0.9;
-    Henyey-Greenstein g = 0.85 0.04, 0.07, 0.10, 0.15, 0.27 and 0.03, 0.03, 0.04, 0.06, 0.06.  Without the cut it is up to 1.3.
+    arrives, so a kernel by transport is cut at the radius that holds that much (`_arriving`); errors:
+    docs/measurements/screen.md.
 
     Optical depths below 1e-3 have the shape of 1e-3 (their power stays right).  Depths tau beyond the asset's deepest D have the
     shape at D with another width: x goes with sqrt(q), q = b/(1 + b), b the mean square of x in the small-angle model with
     absorption on longer paths (Gaussian closure of Fokker-Planck with loss), which grows with tau and falls as 1/tau where
-    absorption rules; where the beam is as wide as deep it stops, as diffusion without absorption has one shape in r/z.  Against
-    tables eight times as deep (spread 3 to 60 degrees, albedo 0.5 to 1, D = 8 and 32) 0 to 17 % of the light is misplaced at 2 D,
-    2 to 44 % at 8 D (3 degrees, albedo 0.5, D = 32: 95 %); the shape at D as it is has 5 to 44 % and 3 to 91 %.
-    Powers hold for any depth.
+    absorption rules; where the beam is as wide as deep it stops, as diffusion without absorption has one shape in r/z.
     """
     sigma_t, albedo = (np.atleast_1d(np.asarray(asset.medium[name], float)) for name in ("sigma_t", "albedo"))
     if len(sigma_t) not in (1, channels):
@@ -320,25 +299,12 @@ def _normalised(ratio, shape):
     return normalised, total
 
 
-def _bilinear(table, i, j):
-    """Values of a table at fractional indices."""
-    m, n = i.astype(int), j.astype(int)
-    f, g = i - m, j - n
-    return ((1 - f) * ((1 - g) * table[m, n] + g * table[m, n + 1]) + f * ((1 - g) * table[m + 1, n] + g * table[m + 1, n + 1]))
-
-
 @lru_cache(maxsize=16)
 def over_pixels(fog, offsets):
-    """Means over square pixels, divided by u (pixel over lever).
+    """Means over square pixels, divided by u (pixel over lever): (C, T, X, O) float32; times u it is the share of the light that
+    falls into the pixel, X stands for u on the nodes of `ratio`.
 
-    Parameters
-    ----------
-    fog : Fog
     offsets : ((dx, dy), ...) of a pixel's centre from the axis; the first one is 0, 0
-
-    Returns
-    -------
-    (C, T, X, O) float32; times u it is the share of the light that falls into the pixel, X stands for u on the nodes of `ratio`
     """
     log_u, first = np.arange(len(fog.ratio), dtype=float), fog.shape[..., :1]
 

@@ -4,8 +4,6 @@ The filter is linear in the picture, so what is filtered is half the difference 
 scatters comes from many pixels and is smooth: that part is filtered in fewer, larger pixels.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.ndimage import uniform_filter
 
@@ -17,19 +15,15 @@ _NEIGHBOURS = 9  # pixels, edge of the square over which the standard error is a
 
 
 def filtered(unsure, through, view, fogged):
-    """What the fog makes of an error of the picture.
+    """What the fog makes of an error of the picture, (H, W, C).
 
-    Parameters
-    ----------
+    Its root mean square is 1.4 to 4.3 % below that of the filter at full size (night_street, 800 x 450, optical depths of 0.3 to
+    3), in a seventeenth of its time.
+
     unsure : (H, W, C), such as the difference of two pictures
     through : (H, W, C), share of the light that is not scattered
     view : arrays (H, W) of which a picture is filtered
     fogged : function of (picture, *view), the filter, linear in the picture
-
-    Returns
-    -------
-    (H, W, C), whose root mean square is 1.4 to 4.3 % below that of the filter at full size (night_street, 800 x 450, optical
-    depths of 0.3 to 3), in a seventeenth of its time
     """
     height, width = unsure.shape[:2]
     step = _COARSER if min(height, width) >= _COARSER * _LEAST else 1
@@ -47,8 +41,3 @@ def layers(unsure) -> dict:
     every = np.dstack([unsure, unsure @ colour.LUMINANCE])
     return {f"noise.{name}": np.sqrt(np.maximum(uniform_filter(every[..., i] ** 2, _NEIGHBOURS), 0.0)).astype(np.float32)
             for i, name in enumerate("RGBY")}
-
-
-def relative(unsure, mean) -> float:
-    """Root mean square standard error of the luminance over its mean."""
-    return float(np.sqrt(np.mean((unsure @ colour.LUMINANCE) ** 2)) / max(mean, 1e-30))

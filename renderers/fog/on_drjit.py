@@ -4,8 +4,6 @@ The sums of `filter.fogged`, each band at every pixel, in single precision; dist
 the same pixels are the nearer ones.  Blocks are put together on the card too: entry by entry from those of the four blocks below.
 """
 
-from __future__ import annotations
-
 import importlib
 import math
 from functools import lru_cache
@@ -41,8 +39,6 @@ def _filter_of(medium, channels, backend, **options):
 class Filter:
     """A medium on a card, for pictures of up to LANES channels.
 
-    Parameters
-    ----------
     medium : kernels.Fog
     channels : of the pictures
     backend : cuda or llvm

@@ -4,8 +4,6 @@ A pixel has one distance, that of the ray through its centre.  A mean over the p
 halfway to the hill behind, where nothing is; the smallest distance would widen what is near.  Colours at edges stay means.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -24,8 +22,6 @@ _MOST = 1 << 20  # samples a pixel, where noise ends a picture
 class Picture:
     """What a camera sees without fog.
 
-    Attributes
-    ----------
     rgb : (H, W, 3) linear sRGB radiance
     distance : (H, W) m along the rays through the middles of the pixels; inf where there is no surface
     camera : Camera
@@ -47,8 +43,6 @@ class Picture:
 def from_files(color, depth, look, *, layer=None, channel=None, measure="distance", unit=1.0, sky=None):
     """A picture from a file of radiance and a file of distances.
 
-    Parameters
-    ----------
     color : .exr (linear) or .png (sRGB); alpha is not looked at in EXR files and has to be 1 in PNG files
     depth : .exr, .npy (H, W) or .png of 16 bits
     look : origin, target, up (m) and fov (rad) of the camera, such as the section `camera` of a scene
@@ -57,9 +51,7 @@ def from_files(color, depth, look, *, layer=None, channel=None, measure="distanc
     unit : m, of the depth's numbers
     sky : the depth's number for no surface, besides inf
 
-    Raises
-    ------
-    UsageError : a file that cannot be read, or holds no such layer; sizes that differ; something that is no distance
+    Raises UsageError: a file that cannot be read, or holds no such layer; sizes that differ; something that is no distance.
     """
     rgb = read_color(color, layer)
     images.refuse_too_large(color, *rgb.shape[:2])
@@ -79,19 +71,22 @@ def from_files(color, depth, look, *, layer=None, channel=None, measure="distanc
 
 def read_color(path, layer=None):
     """Linear radiance (H, W, 3) of an EXR or PNG file."""
+    from renderers.mitsuba import bitmaps
+
     path = Path(path)
     if path.suffix.lower() not in (".exr", ".png"):
         raise UsageError(f"{path}: found a file that ends in {path.suffix or 'nothing'}; .exr or .png would do")
-    mi, bitmap = _bitmap(path)
+    bitmap = bitmaps.opened(path)
     if path.suffix.lower() == ".png":
         if layer is not None:
             raise UsageError(f"{path}: found a PNG file, which has no layer {layer}; an EXR file would do")
-        full = np.array(bitmap.convert(component_format=mi.Struct.Type.Float32))
-        if "A" in _names(bitmap) and np.any(full[..., _names(bitmap).index("A")] < _ALPHA):
+        mi = bitmaps.library()
+        alpha = bitmaps.channels_of(bitmap.convert(component_format=mi.Struct.Type.Float32)).get("A", 1.0)
+        if np.any(alpha < _ALPHA):
             raise UsageError(f"{path}: found transparent pixels; a picture without alpha would do")
         linear = bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
         return np.array(linear, float)
-    rgb = _layer(path, _channels(bitmap), layer)
+    rgb = _layer(path, bitmaps.channels_of(bitmap), layer).astype(float)
     _refuse(~np.isfinite(rgb).all(axis=2), f"{path}: found the radiance {{:g}} at {{}}; finite numbers would do", rgb.sum(axis=2))
     return rgb
 
@@ -115,6 +110,8 @@ def _layer(path, channels, layer):
 
 def read_depth(path, channel=None):
     """The numbers of a depth file (H, W), as they stand."""
+    from renderers.mitsuba import bitmaps
+
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in (".exr", ".npy", ".png"):
@@ -130,37 +127,15 @@ def read_depth(path, channel=None):
             raise UsageError(f"{path}: found {getattr(raw, 'dtype', type(raw))} of shape {getattr(raw, 'shape', '')}; "
                              "numbers of shape (height, width) would do")
         return np.array(raw, float)
-    _, bitmap = _bitmap(path)
-    channels = _channels(bitmap)
-    if suffix == ".png" and (len(channels) > 1 or np.array(bitmap).dtype != np.uint16):
-        raise UsageError(f"{path}: found a PNG of {len(channels)} channels, {np.array(bitmap).dtype}; one of 16 bits would do")
+    channels, _ = bitmaps.read(path)
+    kind = next(iter(channels.values())).dtype
+    if suffix == ".png" and (len(channels) > 1 or kind != np.uint16):
+        raise UsageError(f"{path}: found a PNG of {len(channels)} channels, {kind}; one of 16 bits would do")
     if channel is None and len(channels) > 1:
         raise UsageError(f"{path}: found the channels {_listed(channels)}; the name of one as `channel:` would do")
     if channel is not None and channel not in channels:
         raise UsageError(f"{path}: found the channels {_listed(channels)}, and no {channel}")
-    return channels[channel] if channel is not None else next(iter(channels.values()))
-
-
-def _bitmap(path):
-    from renderers.mitsuba.bitmaps import library
-
-    mi = library()
-    try:
-        bitmap = mi.Bitmap(str(path))
-    except (RuntimeError, ValueError) as error:
-        raise UsageError(f"{path}: cannot be read as a picture ({' '.join(str(error).split())})") from None
-    return mi, bitmap
-
-
-def _names(bitmap):
-    return [part.name for part in bitmap.struct_()]
-
-
-def _channels(bitmap):
-    """name -> (H, W) float64."""
-    values = np.array(bitmap)
-    values = values[..., None] if values.ndim == 2 else values
-    return {name: values[..., i].astype(float) for i, name in enumerate(_names(bitmap))}
+    return (channels[channel] if channel is not None else next(iter(channels.values()))).astype(float)
 
 
 def _listed(channels):
@@ -201,16 +176,12 @@ _AS_ASKED = Until()
 def from_mitsuba(path, until=_AS_ASKED, *, unit=1.0, quality="final", variant=None, seed=0, view_of=None, progress=None):
     """A picture of a Mitsuba scene, by the scene's own integrator, and the distances along rays through its sensor.
 
-    Parameters
-    ----------
     path : Mitsuba XML, without fog; its first sensor is a perspective camera
     until : `Until`
     unit : m, of the scene's lengths
     view_of : function of (camera, distance) that gives a `renderers.fog.view.View`
     quality, variant, seed, progress : as in `renderers.mitsuba.render_scene`
 
-    Notes
-    -----
     Distances are those of the first surface, whatever it is made of: glass, and the boundary of a medium, count as surfaces.
     """
     from renderers.mitsuba import passes, sensor

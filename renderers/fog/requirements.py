@@ -1,7 +1,5 @@
 """What fog in screen space needs of a recipe: how deep kernels, how good phase functions."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,14 +1,12 @@
 """What a camera sees of a picture through fog: how much of it along each ray, and what the filter makes of a picture."""
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np
 
-from renderers import colour
 from renderers.fog import filter as screen_filter
 from renderers.fog import noise
+from renderers.pictures import images
 
 _ENDLESS = 1000.0  # times the reach of fog that ends: where pixels without a surface are taken to lie; 2e-3 from infinity
 
@@ -16,8 +14,6 @@ _ENDLESS = 1000.0  # times the reach of fog that ends: where pixels without a su
 class View:
     """Fog along the rays of a camera, to the surfaces.
 
-    Attributes
-    ----------
     rays, origin : (H, W, 3), (3,) m
     distance : (H, W) m, finite
     sky : (H, W), which pixels have no surface
@@ -28,8 +24,6 @@ class View:
 
     def __init__(self, scene, medium, density, camera, distance, threads, points="final", card=False):
         """
-        Parameters
-        ----------
         scene : `renderers.scene.Scene`
         medium : kernels.Fog of 3 channels
         density : of `renderers.fog.density`
@@ -69,7 +63,7 @@ class View:
     def noise(self, rgb, error) -> float:
         """Relative noise in the fog of a picture with an error; suns would make it less."""
         seen = self.unsure(rgb - self.ambient) + self._glow
-        return noise.relative(self.unsure(error), float(np.mean(seen @ colour.LUMINANCE)))
+        return images.relative_noise(seen, self.unsure(error))
 
     def _fogged(self, rgb, angle, distance, column, lever, progress=None):
         arguments = rgb, distance, angle, column, lever, self._medium

@@ -4,8 +4,6 @@
 that is set later.  It also points Dr.Jit to the LLVM library of the extra `llvm`, unless the user chose one.
 """
 
-from __future__ import annotations
-
 from bakery.errors import UsageError
 from bakery.system import llvm as _llvm
 from renderers.mitsuba import variants

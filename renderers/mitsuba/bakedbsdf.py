@@ -37,8 +37,6 @@ behind; `twosided` would give it a second face.
 `renderers.mitsuba.layer_values` looks values up, `layer_samples` draws directions, `two_faces` tells both sides apart.
 """
 
-from __future__ import annotations
-
 import mitsuba as mi
 
 from renderers.mitsuba import layers

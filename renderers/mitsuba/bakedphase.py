@@ -37,8 +37,6 @@ are those of Bohren & Huffman 1983, eq. 4.77: s12 = (|S2|^2 - |S1|^2) / 2, s33 =
 Q = parallel - perpendicular to the scattering plane, scaled as the phase function is.
 """
 
-from __future__ import annotations
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np

@@ -1,7 +1,7 @@
 """Picture files, which Mitsuba reads and writes for all renderers."""
 
-from __future__ import annotations
-
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from bakery.errors import UsageError
@@ -10,9 +10,6 @@ from renderers.pictures import images
 
 def library():
     """Mitsuba in the variant that is set, or in some variant: without one it has no bitmaps."""
-    import drjit as dr
-    import mitsuba as mi
-
     if mi.variant() is None:
         mi.set_variant("scalar_rgb")
     if dr.thread_count() < 2:
@@ -23,16 +20,12 @@ def library():
 def write(pair, display, linear, text=None):
     """Writes a picture as PNG and as EXR of 32 bits, both whole or neither.
 
-    Parameters
-    ----------
     pair : paths (PNG, EXR) of `images.output_pair`
     display : (H, W, 3) display values, 0 to 1
     linear : (H, W, 3) linear sRGB, or a dict of (H, W) by name of the channel
     text : dict of str by name, kept in both files, or None
 
-    Raises
-    ------
-    StoreError : the files cannot be written; what stood there before stands there still
+    Raises StoreError: the files cannot be written; what stood there before stands there still.
     """
     mi = library()
     if isinstance(linear, dict):
@@ -50,15 +43,22 @@ def write(pair, display, linear, text=None):
     images.write([(path, bitmap.write) for path, bitmap in zip(pair, bitmaps)])
 
 
-def read(path):
-    """Channels (H, W) of a picture by name, and its attributes by name.
-
-    Raises UsageError where the file is no picture.
-    """
+def opened(path):
+    """The picture in a file, as Mitsuba has it; UsageError where that is none."""
     try:
-        bitmap = library().Bitmap(str(path))
+        return library().Bitmap(str(path))
     except (RuntimeError, ValueError) as error:
         raise UsageError(f"{path}: cannot be read as a picture ({' '.join(str(error).split())})") from None
+
+
+def channels_of(bitmap):
+    """Channels (H, W) of Mitsuba's picture by name."""
     values = np.array(bitmap)
-    channels = {part.name: values[..., i] for i, part in enumerate(bitmap.struct_())}
-    return channels, dict(bitmap.metadata())
+    values = values[..., None] if values.ndim == 2 else values
+    return {part.name: values[..., i] for i, part in enumerate(bitmap.struct_())}
+
+
+def read(path):
+    """Channels (H, W) of a picture by name, and its attributes by name; UsageError where the file is no picture."""
+    bitmap = opened(path)
+    return channels_of(bitmap), dict(bitmap.metadata())

@@ -1,7 +1,5 @@
 """How far the surfaces of a Mitsuba scene are from its camera, and how far they reach."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +13,6 @@ _SIZE = 48, 64  # rays of the camera
 class Extent(NamedTuple):
     """Of a scene, in its own units.
 
-    Attributes
-    ----------
     depth : median distance of the surfaces that the camera sees
     low, high : (3,) corners of the box around surfaces and camera
     sky : whether a light at infinity shines

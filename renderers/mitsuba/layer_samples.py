@@ -5,8 +5,6 @@ are scattered directions come from a table of 32 cells a side (`renderers.mitsub
 normals that are seen.
 """
 
-from __future__ import annotations
-
 import math
 
 import drjit as dr

@@ -3,8 +3,6 @@
 What `bakery.kernels.surface_reflectance` and `surface_transmittance` do in loops of numba.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Directions are drawn from a table of its own: constant in cells of both directio
 mean of all wavelengths.  Its density is exact for what is drawn, so that it may be coarse.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from typing import NamedTuple
@@ -48,7 +46,7 @@ class Layer(NamedTuple):
         return self.table.index != 1.0 and not self.rough or bool(np.any(self.table.mirrored > 0))
 
     @property
-    def from_below(self) -> Layer:
+    def from_below(self) -> "Layer":
         """As light from below meets it."""
         return self._replace(table=self.table_below, table_below=None)
 
@@ -56,8 +54,6 @@ class Layer(NamedTuple):
 class Cells(NamedTuple):
     """What directions are drawn by: x is the coordinate of an incident direction whose `cosine` it has.
 
-    Attributes
-    ----------
     below_mu : (2, C, C + 1) chance of a cosine in a cell before, reflected and transmitted, of incident cells of x
     below_phi : (2, C, C, C + 1) of an azimuth, for each cell of cosines
     density : (2, C, C, C) 1/sr over the cosine

@@ -1,7 +1,6 @@
 """The emitters of a Mitsuba scene: their names, whether any shines, and what no renderer can make a picture of."""
 
-from __future__ import annotations
-
+import mitsuba as mi
 import numpy as np
 
 from bakery.errors import UsageError
@@ -70,16 +69,12 @@ def _is_strength(key: str, values) -> bool:
 
     Where wavelengths are sampled, colours are coefficients of a curve, of any sign, times a spectrum that has the strength.
     """
-    import mitsuba as mi
-
     curve = mi.is_spectral and (key.endswith("data") or key.endswith(".value") and values.size > 1)
     return key.split(".")[0] in _STRENGTHS and not key.endswith((".to_uv", ".range")) and not curve
 
 
 def _parameters(emitter):
     """Pairs of name and numbers (n,) of an emitter's parameters."""
-    import mitsuba as mi
-
     for key, value in mi.traverse(emitter).items():
         # not `matrix` alone: letters after the dot are columns of Dr.Jit's vectors
         transform = hasattr(value, "inverse_transpose")

@@ -4,8 +4,8 @@ Where a file has none, Mitsuba adds up those of the faces around a vertex by all
 from run to run: normals differ in their last bits, and with them pictures.
 """
 
-from __future__ import annotations
-
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 _COMPUTED = 1e-5  # normals added up in another order differ by less; a file's own differ by more, or mean the same
@@ -16,9 +16,6 @@ def settle(scene):
 
     Of meshes in shape groups Mitsuba gives nothing out: these keep what they have.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     threads = dr.thread_count()
     for mesh in scene.shapes():
         if not mesh.is_mesh() or not mesh.has_vertex_normals():

@@ -1,11 +1,10 @@
 """Pictures of Mitsuba's own integrators by passes of fixed size, until the noise, the samples or the time is reached."""
 
-from __future__ import annotations
-
 import signal
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+import mitsuba as mi
 import numpy as np
 
 from renderers.mitsuba.recording import undisturbed
@@ -16,8 +15,6 @@ from renderers.pictures.engine import TRUSTED, Part, Passes, Stop
 class Picture:
     """What was rendered.
 
-    Attributes
-    ----------
     rgb : (H, W, 3) linear sRGB
     halves : pair of (H, W, 3), means of the even and of the odd passes
     variance : (H, W, 3), of `rgb`, from the scatter of the passes
@@ -43,8 +40,6 @@ PATHS = 1_800_000
 def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None, seed=0, measure=None, progress=None) -> Picture:
     """Renders one scene a wavelength and combines them to colour.
 
-    Parameters
-    ----------
     scenes : list of L scenes
     matrix : (3, L), see `colour.srgb_matrix`; None where the scene is in colour already (L = 1)
     samples, per_pass : per pixel and wavelength; at least two passes are rendered, of fewer samples where the film is large
@@ -54,17 +49,13 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
         16, ... passes, in between it goes with the picture's own, and is asked again before it stops.  None: by its own
     progress : function of (fraction 0 to 1, noise so far or None)
 
-    Notes
-    -----
     All wavelengths share the random numbers of a pass, so what is grey in the scene stays grey, without colour noise.
     """
-    import mitsuba as mi
-
     pixels = int(np.prod(scenes[0].sensors()[0].film().size()))
     per_pass = max(1, min(per_pass, PATHS // (pixels * len(scenes))))
 
     def one_pass(index):
-        with _undisturbed(mi):
+        with _undisturbed():
             images = [np.array(mi.render(scene, spp=per_pass, seed=seed * 65536 + index), dtype=float) for scene in scenes]
         rgb = _colour(images[0]) if matrix is None else np.stack([image[..., 0] for image in images], axis=-1) @ matrix.T
         return {"": rgb} | ({} if index % 2 else {"even": rgb})
@@ -80,8 +71,6 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
 class _Halves(Passes):
     """Passes whose even ones are a layer of their own, and which may stop by the noise of what is made of the picture.
 
-    Attributes
-    ----------
     measure : of `render`
     """
 
@@ -111,7 +100,7 @@ class _Halves(Passes):
 
 
 @contextmanager
-def _undisturbed(mi):
+def _undisturbed():
     """Around calls of Mitsuba, which would announce an interruption on standard output.
 
     Python's collector of cycles waits: freeing Dr.Jit objects of an earlier scene while Mitsuba traces a new one has crashed

@@ -1,16 +1,14 @@
 """What recordings of Dr.Jit's (`drjit.freeze`) need of Mitsuba's scenes."""
 
-from __future__ import annotations
-
 import gc
 from contextlib import contextmanager
+
+import mitsuba as mi
 
 
 def pointers(scene) -> list:
     """A surface, what it does with light, and a light of a scene that has them: by their kinds, as inputs of a recording, Dr.Jit
     knows to look for all that there are, also in other scenes."""
-    import mitsuba as mi
-
     shapes = [shape for shape in scene.shapes() if shape.bsdf() is not None]
     kinds = (mi.ShapePtr(shapes[0]), mi.BSDFPtr(shapes[0].bsdf())) if shapes else ()
     return [*kinds, *map(mi.EmitterPtr, scene.emitters()[:1])]

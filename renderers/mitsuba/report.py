@@ -1,7 +1,5 @@
 """What a render with Mitsuba reports, in lines for people."""
 
-from __future__ import annotations
-
 STOPPED = {"noise": "the noise wanted was reached", "samples": "all samples were taken",
            "time": "the time limit was reached, so the picture depends on the machine"}
 

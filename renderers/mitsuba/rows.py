@@ -1,7 +1,5 @@
 """Rows of a table for plugins: in device memory for the variants of Dr.Jit, in plain Python floats for the scalar ones."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 
 import drjit as dr

@@ -1,7 +1,5 @@
 """Renders a Mitsuba scene file with bakery's plugins (the `mitsuba` command of 3.9 cannot load Python plugins)."""
 
-from __future__ import annotations
-
 import time
 from functools import wraps
 from pathlib import Path
@@ -30,21 +28,10 @@ def noted(function):
 
 
 def load(path, *, colour="rgb", variant=None, parameters=None, sensor=True, integrator=False):
-    """Loads an XML scene with bakery's plugins.
+    """A scene of Mitsuba from XML, with bakery's plugins; the variant that runs, and why.
 
-    Parameters
-    ----------
-    path, colour, variant, parameters : as in `render_scene`
+    path, colour, variant, parameters : as in `render_scene`, and what it raises
     sensor, integrator : whether the scene has to have one
-
-    Returns
-    -------
-    scene : of Mitsuba
-    variant, reason : which runs, and why
-
-    Raises
-    ------
-    UsageError, AssetError : as `render_scene`
     """
     if fault := inputs.unbounded(path, parameters):
         raise UsageError(f"{path}: names {fault}")

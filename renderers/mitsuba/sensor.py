@@ -1,7 +1,7 @@
 """What a sensor of a Mitsuba scene sees: the pinhole camera that it is, and distances along its rays."""
 
-from __future__ import annotations
-
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from bakery.errors import UsageError
@@ -11,18 +11,12 @@ from renderers.camera import Camera, length
 def camera_of(sensor, path, width, height):
     """The pinhole camera that a sensor is, from the rays that it sends through four corners of its film.
 
-    Parameters
-    ----------
     sensor : of Mitsuba
     path : of its scene, for the message
     width, height : of its film, pixels
 
-    Raises
-    ------
-    UsageError : no perspective camera
+    Raises UsageError: no perspective camera.
     """
-    import mitsuba as mi
-
     matrix = np.array(sensor.world_transform().matrix, float).reshape(4, 4)
     origin, ahead = matrix[:3, 3], matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
     plane = []
@@ -43,9 +37,6 @@ def distances(scene, sensor, camera, height, width):
 
     One ray a pixel, through its middle, whatever the surface is made of.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     directions = camera.rays(height, width).reshape(-1, 3)
     slant = length(camera.points(height, width)).reshape(-1)  # distance over z
     near, far = sensor.near_clip() * slant, sensor.far_clip() * slant

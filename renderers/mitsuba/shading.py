@@ -3,10 +3,10 @@
 Samples of lights and of directions are joined by the balance heuristic (Veach and Guibas, SIGGRAPH 1995).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 # m, where lights at infinity are taken to stand: beyond any scene, and its square is a float32
@@ -17,8 +17,6 @@ LOBE = 2  # which random number of `World.shade` chooses a lobe of the BSDF: of 
 class LightSample(NamedTuple):
     """One light each, seen from n points.
 
-    Attributes
-    ----------
     direction : (n, 3) float32, unit, towards the light
     distance : (n,) m, `FAR` of lights at infinity
     radiance : (n, 3) float32, over the density of the sample; for lights without extent intensity over distance^2 and
@@ -47,8 +45,6 @@ class LightSample(NamedTuple):
 class Shading(NamedTuple):
     """What n rays found, and where they go on.
 
-    Attributes
-    ----------
     hit : (n,) bool, a surface
     point : (n, 3) m, where; of no meaning for rays that miss
     emitted : (n, 3) float32, radiance of the surface or, for rays that miss, of the environment, times the balance heuristic
@@ -78,18 +74,12 @@ class Shading(NamedTuple):
 
 def light_number(positions, emitter):
     """Positions of emitters in `World.light_names`, by `positions` of Dr.Jit's numbers for them; its 0 is none."""
-    import drjit as dr
-    import mitsuba as mi
-
     return dr.gather(mi.Int32, positions, dr.reinterpret_array(mi.UInt32, emitter))
 
 
 def met(power, scene, kinds, positions, origin, direction, drawn, random, by_ray, delta):
     """What `World.shade` gives, as Dr.Jit's arrays, in units of the scene; positions : of emitters in `World.light_names`;
     kinds : of a recording, `renderers.mitsuba.recording.pointers`."""
-    import drjit as dr
-    import mitsuba as mi
-
     context = mi.BSDFContext(mi.TransportMode.Importance if power else mi.TransportMode.Radiance)
     si = scene.ray_intersect(mi.Ray3f(origin, direction), ray_flags=mi.RayFlags.All, coherent=False)
     valid, delta = si.is_valid(), delta > 0
@@ -98,7 +88,7 @@ def met(power, scene, kinds, positions, origin, direction, drawn, random, by_ray
     before.p = drawn
     seen = mi.DirectionSample3f(scene, si, before)
     by_light = scene.pdf_emitter_direction(before, seen, ~delta)
-    emitted = seen.emitter.eval(si) * dr.select(delta, 1, _share(dr, by_ray, by_light))
+    emitted = seen.emitter.eval(si) * dr.select(delta, 1, _share(by_ray, by_light))
 
     bsdf = si.bsdf()
     sampled = valid & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
@@ -106,7 +96,7 @@ def met(power, scene, kinds, positions, origin, direction, drawn, random, by_ray
     towards = si.to_local(light.d)
     value, by_bsdf, next_way, weight = bsdf.eval_pdf_sample(context, si, towards, random[LOBE], mi.Point2f(*random[LOBE + 1:]),
                                                             valid)
-    radiance = radiance * value * dr.select(light.delta, 1, _share(dr, light.pdf, by_bsdf))
+    radiance = radiance * value * dr.select(light.delta, 1, _share(light.pdf, by_bsdf))
     away = si.spawn_ray(si.to_world(next_way.wo))
     return (valid, si.p, finite(emitted), light_number(positions, seen.emitter), by_light,
             light.d, light.dist, finite(dr.select(sampled, radiance, 0)), light.pdf, light.delta,
@@ -115,7 +105,7 @@ def met(power, scene, kinds, positions, origin, direction, drawn, random, by_ray
             mi.has_flag(next_way.sampled_type, mi.BSDFFlags.Smooth))
 
 
-def single(mi, values):
+def single(values):
     """(n,) numbers as Dr.Jit's, which takes NumPy's memory as it is and compiles anew for another alignment: always 64 bytes."""
     memory = np.empty(4 * len(values) + 64, np.uint8)
     start = -memory.ctypes.data % 64
@@ -124,17 +114,17 @@ def single(mi, values):
     return mi.Float(aligned)
 
 
-def columns(mi, values):
+def columns(values):
     """Columns one by one: a vector made of (3, n) would bake n into the kernel."""
-    return [single(mi, column) for column in np.asarray(values).T]
+    return [single(column) for column in np.asarray(values).T]
 
 
-def uniform(mi, random, first, count):
+def uniform(random, first, count):
     # what rounds to 1 in single precision is outside of what samplers take
-    return columns(mi, np.minimum(np.asarray(random)[:, first:first + count], 1 - 2.0**-24))
+    return columns(np.minimum(np.asarray(random)[:, first:first + count], 1 - 2.0**-24))
 
 
-def _share(dr, mine, rival):
+def _share(mine, rival):
     """The balance heuristic."""
     total = mine + rival
     return dr.select(total > 0, mine / total, 0)
@@ -142,8 +132,6 @@ def _share(dr, mine, rival):
 
 def finite(colour):
     """A weight that overflowed counts as dark, as in `passes.render`: it would blot out its pixel."""
-    import drjit as dr
-
     return dr.select(dr.all(dr.isfinite(colour)), colour, 0)
 
 
@@ -159,16 +147,12 @@ def empty(result):
 
 def arrays(count, *values):
     """Dr.Jit's arrays as NumPy's, (count,) or (count, 3), all computed by one launch; one number for all rays is repeated."""
-    import drjit as dr
-
     dr.eval(*values)
     return [np.stack([_row(count, column) for column in value], axis=1) if dr.depth_v(value) > 1 else _row(count, value)
             for value in values]
 
 
 def _row(count, value):
-    import drjit as dr
-
     # of a recording, `World._meets`, a constant has the length of the call that was recorded
     constant = value.state == dr.VarState.Literal
     row = np.asarray(value)

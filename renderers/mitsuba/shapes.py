@@ -1,18 +1,15 @@
 """Surfaces of a Mitsuba scene as arrays: meshes, boxes, and what their boundaries do to light."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
+import mitsuba as mi
 import numpy as np
 
 
 class Shape(NamedTuple):
     """A surface of the scene.
 
-    Attributes
-    ----------
     name : its id
     vertices, faces : (V, 3) m and (F, 3) of a mesh, as the file has them; None of another shape
     box : (2, 3) m, corners of the box around it
@@ -39,8 +36,6 @@ class Shape(NamedTuple):
 
 def of_scene(scene, unit) -> list[Shape]:
     """All surfaces of a `mitsuba.Scene`; unit : m, length of 1 in it."""
-    import mitsuba as mi
-
     shapes = []
     for shape in scene.shapes():
         vertices = faces = normals = None
@@ -68,6 +63,36 @@ def leaning(shape, angle) -> float:
     return float(area[cosine < math.cos(angle) * area].sum() / area.sum())
 
 
+def lying_on(shape, other, unit) -> float:
+    """Share of the area of a mesh that lies on another, so near that a ray which leaves one of them misses the other.
+
+    shape, other : `Shape` with vertices and faces;  unit : m, length of 1 in the scene
+    """
+    import mitsuba as mi
+
+    corners = shape.vertices[shape.faces] / unit
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normals, axis=1)
+    normals /= np.maximum(area, np.finfo(float).tiny)[:, None]
+    points = corners.mean(axis=1)
+    reach = mi.math.RayEpsilon * (1 + np.abs(points).max(axis=1))  # as far from a surface Mitsuba's rays begin anew
+    ray = mi.Ray3f(*(mi.Vector3f(*column.astype(np.float32).T) for column in (points + reach[:, None] * normals, -normals)))
+    ray.maxt = mi.Float((2 * reach).astype(np.float32))
+    return float(area[np.array(mesh_scene(other.vertices, other.faces, unit).ray_test(ray), bool)].sum() / area.sum())
+
+
+def mesh_scene(vertices, faces, unit):
+    """A Mitsuba scene of nothing but a mesh of vertices (V, 3) m and faces (F, 3); unit : m, length of 1 in it."""
+    import mitsuba as mi
+
+    mesh = mi.Mesh("mesh", len(vertices), len(faces))
+    values = mi.traverse(mesh)
+    values["vertex_positions"] = (np.asarray(vertices) / unit).astype(np.float32).ravel()
+    values["faces"] = np.asarray(faces).astype(np.uint32).ravel()
+    values.update()
+    return mi.load_dict({"type": "scene", "mesh": mesh})
+
+
 def is_sphere(shape) -> bool:
     """Whether a shape of Mitsuba's is a sphere."""
     return shape.class_name() == "Sphere"
@@ -88,8 +113,6 @@ def index_fault(shape: str, index: float | None, bsdf: float) -> str:
 
 def _index(bsdf):
     """Of refraction, as `Shape.index` says."""
-    import mitsuba as mi
-
     flags, values = bsdf.flags(), mi.traverse(bsdf)
     if mi.has_flag(flags, mi.BSDFFlags.Null):
         return None if len(values.keys()) else 1.0  # thin panes and masks have parameters
@@ -99,8 +122,6 @@ def _index(bsdf):
 
 def _specular(bsdf):
     """As `Shape.specular` says."""
-    import mitsuba as mi
-
     flags = bsdf.flags()
     turns = any(mi.has_flag(flags, flag) for flag in (mi.BSDFFlags.DeltaReflection, mi.BSDFFlags.DeltaTransmission))
     return turns and not mi.has_flag(flags, mi.BSDFFlags.Smooth)

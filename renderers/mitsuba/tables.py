@@ -22,8 +22,6 @@ ELEMENTS = ("s12", "s33", "s34")
 class Tables:
     """Phase functions on common nodes.
 
-    Attributes
-    ----------
     wavelength : (L,) um, as in the asset
     sigma_s : (L,) 1/m, weights wherever tables are averaged
     s : (A,) 1, float32 values, strictly ascending from 0 (forward) to 1 (backward)

@@ -1,14 +1,12 @@
 """Layers that look different from below: one surface for light from either side."""
 
-from __future__ import annotations
-
 import mitsuba as mi
 
 from renderers.mitsuba.layer_samples import Surface
 from renderers.mitsuba.rows import pick
 
 
-def surface_of(layer, channel=-1, wavelength=None) -> Surface | TwoFaces:
+def surface_of(layer, channel=-1, wavelength=None) -> "Surface | TwoFaces":
     """Of a `layers.Layer`, what computes its values and draws directions."""
     surface = Surface(layer, channel, wavelength)
     return surface if layer.table_below is None else TwoFaces(surface, Surface(layer.from_below, channel, wavelength))

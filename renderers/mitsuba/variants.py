@@ -1,7 +1,5 @@
 """Which variant of Mitsuba this machine can run.  LLVM decides: `bakery.system.llvm`."""
 
-from __future__ import annotations
-
 import functools
 import importlib.util
 import subprocess
@@ -16,6 +14,14 @@ from bakery.system.llvm import INSTALL, MINIMUM
 # colour -> (what follows cuda_ad_ and llvm_ad_, the scalar twin); there is no scalar_mono, grey goes through scalar_rgb.
 _NAMES = {"mono": ("mono", "scalar_rgb"), "rgb": ("rgb", "scalar_rgb"), "spectral": ("spectral", "scalar_spectral"),
           "spectral_polarized": ("spectral_polarized", "scalar_spectral_polarized")}
+
+
+SEVERAL_SCENES = ("a graphics card traces rays through one scene at a time, and bodies that touch or whose mesh is turned inward,"
+                  " and media in a mesh, need several")
+
+
+class SeveralScenes(UsageError):
+    """What a graphics card cannot render."""
 
 
 class MissingMitsuba(BakeryError, ImportError):

@@ -13,14 +13,14 @@ and at a scattering event in a medium, with the phase function's value `phase` t
     radiance += weight * light.radiance * phase * light.share(phase)
 """
 
-from __future__ import annotations
-
 import math
 from contextlib import contextmanager
 from functools import cached_property
 from os import PathLike
 from typing import NamedTuple
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from bakery.errors import UsageError
@@ -38,8 +38,6 @@ SIZE = (480, 640)  # (height, width) of pictures of scenes without a Mitsuba fil
 class IdealLight(NamedTuple):
     """A light without extent.
 
-    Attributes
-    ----------
     number : position in `World.light_names`
     place : (3,) m, of the light, or, of a distant one, unit, the direction towards it
     distant : whether it is at infinity
@@ -53,11 +51,11 @@ class IdealLight(NamedTuple):
 class World:
     """Surfaces, lights and camera.
 
-    Attributes
-    ----------
     camera : `renderers.camera.Camera` in m, or None
     size : (height, width) of the picture, pixels, or None
+    scene, unit : of Mitsuba, and the length of 1 in it, m
     light_names : names of the emitters, all different: their id, that of their shape, or their kind
+    light_positions : of emitters in `light_names`, by Dr.Jit's numbers for them
     box : (2, 3) m, corners of the box around all surfaces; None where there are none
     without_extent : whether there are lights that no ray can meet, such as points
     variant, reason : of Mitsuba, and why
@@ -65,8 +63,6 @@ class World:
         and None
     corners : (H W, 2) x and y of the pixels' upper left corners, in pixels of the camera's film; None: rows of pixels, all of it
 
-    Notes
-    -----
     Shadow rays end at any surface, also at one without a boundary (`null`) or of glass, as in Mitsuba's `path`: lights without
     extent do not shine through those.  Clipping planes of sensors are not kept.
     """
@@ -75,8 +71,6 @@ class World:
 
     def __init__(self, path=None, unit=1.0, *, view=None, size=None, variant=None, parameters=None, sensor=None):
         """
-        Parameters
-        ----------
         path : Mitsuba XML, or the scene (`mitsuba.Scene`) that was loaded of one; None is a world without surfaces and lights
         unit : m, length of 1 in the scene
         view : `camera` of a scene's YAML (origin, target, up, fov; m, rad), which takes the place of the file's sensor
@@ -84,32 +78,28 @@ class World:
         variant, parameters : as in `renderers.mitsuba.scene.load`; of a path
         sensor : of Mitsuba, in place of the scene's first one
 
-        Raises
-        ------
-        UsageError : the scene cannot be loaded, a light is of no size, below 0 or no number, its sensor is no perspective camera,
-            or no variant of Mitsuba runs that works on arrays of colours
+        Raises UsageError: the scene cannot be loaded, a light is of no size, below 0 or no number, its sensor is no perspective
+        camera, or no variant of Mitsuba runs that works on arrays of colours.
         """
-        import mitsuba as mi
-
         if path is None:
             self.variant, self.reason = variants.activate("rgb", variant)
-            self._scene = mi.load_dict({"type": "scene"})
+            self.scene = mi.load_dict({"type": "scene"})
         elif isinstance(path, (str, PathLike)):
-            self._scene, self.variant, self.reason = load(path, variant=variant, parameters=parameters, sensor=view is None)
+            self.scene, self.variant, self.reason = load(path, variant=variant, parameters=parameters, sensor=view is None)
         else:
-            self._scene, self.variant, self.reason, path = path, mi.variant(), "the one that is set", "the scene"
-            lights.refuse(path, self._scene)
+            self.scene, self.variant, self.reason, path = path, mi.variant(), "the one that is set", "the scene"
+            lights.refuse(path, self.scene)
         if not self.variant.endswith("_ad_rgb"):
             raise UsageError(f"variant {self.variant}: surfaces and lights need one that works on arrays of colours, such as "
                              f"llvm_ad_rgb ({self.reason})")
-        self._unit = float(unit)
+        self.unit = float(unit)
         self.camera, self.size = self._view(path, sensor, view, size)
-        self._name_lights(mi)
-        box = self._scene.bbox()
-        self.box = np.array([box.min, box.max], float).reshape(2, 3) * self._unit if box.valid() else None
+        self._name_lights()
+        box = self.scene.bbox()
+        self.box = np.array([box.min, box.max], float).reshape(2, 3) * self.unit if box.valid() else None
 
     @classmethod
-    def of(cls, scene, variant=None) -> World:
+    def of(cls, scene, variant=None) -> "World":
         """Of a `renderers.scene.Scene`, with the size of its film; errors as above."""
         film, surfaces = scene.values.film, scene.values.scene
         size = (film.height, film.width) if film.height else None
@@ -121,7 +111,7 @@ class World:
     @contextmanager
     def as_it_is(self):
         """What BSDFs its shapes are given meanwhile, they have no more afterwards."""
-        shapes = list(self._scene.shapes())
+        shapes = list(self.scene.shapes())
         earlier = [shape.bsdf() for shape in shapes]
         try:
             yield
@@ -130,19 +120,9 @@ class World:
                 if bsdf is not None and shape.bsdf() is not bsdf:
                     shape.set_bsdf(bsdf)
 
-    @property
-    def scene(self):
-        """The scene, of Mitsuba."""
-        return self._scene
-
-    @property
-    def unit(self):
-        """m, length of 1 in the scene."""
-        return self._unit
-
     def shapes(self) -> list[shapes.Shape]:
         """All surfaces of the scene."""
-        return shapes.of_scene(self._scene, self._unit)
+        return shapes.of_scene(self.scene, self.unit)
 
     def extents(self, within=None):
         """Where surfaces are, m: triangles (T, 3, 3) of the meshes, and boxes (B, 2, 3) around the other shapes.
@@ -160,7 +140,7 @@ class World:
 
     def _view(self, path, sensor, view, size):
         if sensor is None:
-            sensor = next(iter(self._scene.sensors()), None)
+            sensor = next(iter(self.scene.sensors()), None)
         of_sensor = None if sensor is None else tuple(int(side) for side in np.array(sensor.film().crop_size()).ravel()[::-1])
         size = size or of_sensor
         if view is not None and size is not None:
@@ -168,20 +148,18 @@ class World:
         if of_sensor is None:
             return None, size
         camera = camera_of(sensor, path, of_sensor[1], of_sensor[0])
-        camera = Camera(camera.origin * self._unit, camera.corner, camera.right, camera.down)
+        camera = Camera(camera.origin * self.unit, camera.corner, camera.right, camera.down)
         return camera.refitted(*of_sensor, *size), size
 
-    def _name_lights(self, mi):
+    def _name_lights(self):
         """Names of emitters, and their positions by Dr.Jit's numbers for them."""
-        import drjit as dr
-
-        emitters = self._scene.emitters()
+        emitters = self.scene.emitters()
         self.light_names = lights.names_of(emitters)
         numbers = np.array([int(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(emitter))[0]) for emitter in emitters], int)
         positions = np.full(numbers.max(initial=0) + 1, -1, np.int32)
         positions[numbers] = np.arange(len(numbers))
         infinite = [mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite) for emitter in emitters]
-        self._positions = mi.Int32(positions)
+        self.light_positions = mi.Int32(positions)
         self.without_extent = any(mi.has_flag(emitter.flags(), flag) for emitter in emitters
                                   for flag in (mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.DeltaDirection))
         self._infinite = np.array([*infinite, False])  # -1, no light, is the last one
@@ -192,14 +170,12 @@ class World:
 
     def trace(self, origin, direction, longest):
         """Distances to the first surface, (n,) m; inf where there is none within `longest` (n,) or (), m."""
-        import mitsuba as mi
-
         if not len(origin):
             return np.zeros(0)
         longest = np.minimum(np.broadcast_to(longest, len(origin)), FAR)
-        ray = self._ray(mi, origin, direction)
-        ray.maxt = shading.single(mi, longest / self._unit)
-        hit = self._scene.ray_intersect_preliminary(ray, coherent=False)
+        ray = self._ray(origin, direction)
+        ray.maxt = shading.single(longest / self.unit)
+        hit = self.scene.ray_intersect_preliminary(ray, coherent=False)
         distance, valid = shading.arrays(len(origin), hit.t, hit.is_valid())
         return np.where(valid, self._metres(distance), np.inf)
 
@@ -220,22 +196,17 @@ class World:
 
     def first_surface(self, origin, direction):
         """Distances to the first surface, (n,) m, inf where there is none, and cosines (n,), positive, to its normal."""
-        import drjit as dr
-        import mitsuba as mi
-
         if not len(origin):
             return np.zeros(0), np.zeros(0)
-        ray = self._ray(mi, origin, direction)
-        si = self._scene.ray_intersect(ray, ray_flags=mi.RayFlags.Minimal, coherent=False)
+        ray = self._ray(origin, direction)
+        si = self.scene.ray_intersect(ray, ray_flags=mi.RayFlags.Minimal, coherent=False)
         distance, valid, cosine = shading.arrays(len(origin), si.t, si.is_valid(), dr.abs(dr.dot(si.n, ray.d)))
         return np.where(valid, self._metres(distance), np.inf), cosine
 
     def first_shape(self, origin, direction, name):
         """Distances to the first surface, (n,) m, inf where there is none, and whether that is the shape of a name, (n,)."""
-        import mitsuba as mi
-
-        hit = self._scene.ray_intersect_preliminary(self._ray(mi, origin, direction), coherent=False)
-        (shape,) = (shape for shape in self._scene.shapes() if shape.id() == name)
+        hit = self.scene.ray_intersect_preliminary(self._ray(origin, direction), coherent=False)
+        (shape,) = (shape for shape in self.scene.shapes() if shape.id() == name)
         distance, valid, its = shading.arrays(len(origin), hit.t, hit.is_valid(), hit.shape == mi.ShapePtr(shape))
         return np.where(valid, self._metres(distance), np.inf), valid & its
 
@@ -244,15 +215,12 @@ class World:
 
         hidden : surfaces hide lights; else the caller looks what is in between
         """
-        import drjit as dr
-        import mitsuba as mi
-
         if not len(point):
             return self._no_light
         interaction = dr.zeros(mi.Interaction3f, len(point))
-        interaction.p = self._inside(mi, point)
-        u = mi.Point2f(*shading.uniform(mi, random, 0, 2))
-        sample, radiance = self._scene.sample_emitter_direction(interaction, u, hidden)
+        interaction.p = self._inside(point)
+        u = mi.Point2f(*shading.uniform(random, 0, 2))
+        sample, radiance = self.scene.sample_emitter_direction(interaction, u, hidden)
         return self._light(*shading.arrays(len(point), sample.d, sample.dist, shading.finite(radiance), sample.pdf, sample.delta,
                                     self.light_number(sample.emitter)))
 
@@ -266,11 +234,11 @@ class World:
         within some per cent, at the middle of the surfaces that do not shine, or at the camera; 0 in the dark."""
         index = np.arange(_LOOKS)
         evenly = np.stack([(index + 0.5) / _LOOKS, index * (math.sqrt(5) - 1) / 2 % 1], axis=1)  # a Fibonacci lattice
-        boxes = [shape.bbox() for shape in self._scene.shapes() if not shape.is_emitter()]
+        boxes = [shape.bbox() for shape in self.scene.shapes() if not shape.is_emitter()]
         corners = np.array([[box.min, box.max] for box in boxes], float).reshape(-1, 2, 3)
         middle = np.zeros(3) if self.camera is None else self.camera.origin
         if boxes:
-            middle = self._unit * (corners[:, 0].min(axis=0) + corners[:, 1].max(axis=0)) / 2
+            middle = self.unit * (corners[:, 0].min(axis=0) + corners[:, 1].max(axis=0)) / 2
         sample = self.lights(np.tile(middle, (_LOOKS, 1)), evenly, hidden=False)
         light = sample.radiance.sum(axis=1).astype(float)
         return float(np.sum(light * sample.share(1 / _SMALL)) / max(light.sum(), 1e-300))
@@ -283,14 +251,12 @@ class World:
     @cached_property
     def extended(self) -> bool:
         """Whether a light has an extent, so that directions may meet it by chance."""
-        import mitsuba as mi
-
-        return any(not mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta) for emitter in self._scene.emitters())
+        return any(not mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta) for emitter in self.scene.emitters())
 
     @property
     def dark(self) -> bool:
         """Whether no light shines: there is none, or each is 0 everywhere."""
-        return lights.dark(self._scene)
+        return lights.dark(self.scene)
 
     def lights_in(self, boxes) -> list[int]:
         """Positions in `light_names` of lights that stand in one of some boxes (2, 3) m, or reach into it.
@@ -298,12 +264,12 @@ class World:
         A sphere around a box does not: light of a sky that is one would be sampled from inside of glass.
         """
         positions = []
-        for position, emitter in enumerate(self._scene.emitters()):
+        for position, emitter in enumerate(self.scene.emitters()):
             if self._infinite[position]:
                 continue
             shape = emitter.get_shape() or emitter
             its, sphere = shape.bbox(), shapes.is_sphere(shape)
-            its = self._unit * np.array([its.min, its.max], float).reshape(2, 3)
+            its = self.unit * np.array([its.min, its.max], float).reshape(2, 3)
             near = (box for box in boxes if np.all((its[0] <= box[1]) & (its[1] >= box[0])))
             if not all(sphere and shapes.encloses(its, box) for box in near):
                 positions.append(position)
@@ -313,10 +279,10 @@ class World:
         """Angle (lights,) rad that each light is seen as from a place (3,) m: across its box; pi of an even sky, 0 of lights
         without extent and of skies that are pictures."""
         angles = np.zeros(len(self.light_names))
-        for position, emitter in enumerate(self._scene.emitters()):
+        for position, emitter in enumerate(self.scene.emitters()):
             shape = emitter.get_shape()
             if shape is not None:
-                its = self._unit * np.array([shape.bbox().min, shape.bbox().max], float).reshape(2, 3)
+                its = self.unit * np.array([shape.bbox().min, shape.bbox().max], float).reshape(2, 3)
                 across = np.sort(its[1] - its[0])[1]  # a rectangle's box has no thickness
                 angles[position] = 2 * np.arctan2(across / 2, np.linalg.norm(its.mean(axis=0) - point))
             elif emitter.class_name() == "ConstantBackgroundEmitter":
@@ -333,19 +299,15 @@ class World:
         origin, direction : (n, 3) m, on the light;  (n, 3) unit
         power : (n, 3) RGB, radiance times m^2 sr, over the density of the ray
         """
-        import mitsuba as mi
-
-        wave, *places = shading.uniform(mi, random, 0, 5)
-        ray, power = self._scene.emitters()[light].sample_ray(0.0, wave, mi.Point2f(*places[:2]), mi.Point2f(*places[2:]))
+        wave, *places = shading.uniform(random, 0, 5)
+        ray, power = self.scene.emitters()[light].sample_ray(0.0, wave, mi.Point2f(*places[:2]), mi.Point2f(*places[2:]))
         origin, direction, power = shading.arrays(len(random), ray.o, ray.d, shading.finite(power))
-        return self._metres(origin), direction.astype(float), power * self._unit**2
+        return self._metres(origin), direction.astype(float), power * self.unit**2
 
     def ideal_lights(self) -> list[IdealLight]:
         """Lights without extent of which a light sample tells where they are."""
-        import mitsuba as mi
-
         ideal, middle = [], self.box.mean(axis=0, keepdims=True) if self.box is not None else np.zeros((1, 3))
-        for number, emitter in enumerate(self._scene.emitters()):
+        for number, emitter in enumerate(self.scene.emitters()):
             flags = emitter.flags()
             distant = mi.has_flag(flags, mi.EmitterFlags.Infinite)
             # beams with an area have a direction, but no sample finds them
@@ -358,22 +320,17 @@ class World:
 
     def from_light(self, number, point) -> LightSample:
         """A light without extent from each of n points (n, 3) m, whatever is in between."""
-        import drjit as dr
-        import mitsuba as mi
-
         if not len(point):
             return shading.empty(self.from_light(number, np.zeros((1, 3))))
         interaction = dr.zeros(mi.Interaction3f, len(point))
-        interaction.p = self._inside(mi, point)
-        sample, radiance = self._scene.emitters()[number].sample_direction(interaction, mi.Point2f(0.5))
+        interaction.p = self._inside(point)
+        sample, radiance = self.scene.emitters()[number].sample_direction(interaction, mi.Point2f(0.5))
         return self._light(*shading.arrays(len(point), sample.d, sample.dist, shading.finite(radiance), sample.pdf, sample.delta,
                                     mi.Int32(number)))
 
     def shade(self, origin, direction, random, density, delta, drawn=None, *, power=False) -> Shading:
         """What rays meet: emission, a light sample and a next direction.
 
-        Parameters
-        ----------
         origin, direction : (n, 3) m, (n, 3) unit
         drawn : (n, 3) m, where the direction was drawn; at the origin if None
         power : the rays carry power from lights, not radiance to the eye, which differ where light is refracted
@@ -381,17 +338,16 @@ class World:
         density : (n,) 1/sr, of the direction
         delta : (n,) bool, the direction has no density, as camera rays and reflections have none: emission counts in full
         """
-        import mitsuba as mi
-
         if not len(origin):
             one_ray = np.zeros((1, 3)), np.eye(1, 3), np.zeros((1, 5)), np.ones(1), np.ones(1)
             return shading.empty(self.shade(*one_ray, power=power))
-        places = self._inside(mi, origin)
-        drawn = places if drawn is None else self._inside(mi, drawn)
-        u, by_ray = shading.uniform(mi, random, 0, LOBE + 3), [shading.single(mi, values) for values in (density, delta)]
-        directions = mi.Vector3f(*shading.columns(mi, direction))
+        places = self._inside(origin)
+        drawn = places if drawn is None else self._inside(drawn)
+        u, by_ray = shading.uniform(random, 0, LOBE + 3), [shading.single(values) for values in (density, delta)]
+        directions = mi.Vector3f(*shading.columns(direction))
         with undisturbed():
-            met = self._meets(power, self._scene, pointers(self._scene), self._positions, places, directions, drawn, u, *by_ray)
+            met = self._meets(power, self.scene, pointers(self.scene), self.light_positions, places, directions, drawn, u,
+                              *by_ray)
         hit, point, emitted, source, by_light, *sample, start, chosen, weight, by_next, smooth = shading.arrays(len(origin), *met)
         return Shading(hit, self._metres(point), emitted, source, by_light, self._light(*sample), self._metres(start), chosen,
                        weight, by_next, ~smooth)
@@ -400,9 +356,7 @@ class World:
     def _meets(self):
         """`shading.met` without what is the same for all rays: Dr.Jit's work to trace and assemble what all kinds of surfaces and
         lights do was 12 of the 15 ms of a call with few rays."""
-        import drjit as dr
-
-        if not (self._scene.shapes() and self._scene.emitters()):
+        if not (self.scene.shapes() and self.scene.emitters()):
             return shading.met  # a recording sees the surfaces and lights of all scenes that there are only if this one has some
         # as many rays as an array of the scene is long are recorded anew
         return dr.freeze(shading.met, limit=64, warn_after=1 << 30)
@@ -411,20 +365,15 @@ class World:
         distance = np.where(self._infinite[light], FAR, self._metres(distance))
         return LightSample(direction, distance, radiance, density, delta, light)
 
-    @property
-    def light_positions(self):
-        """Of emitters in `light_names`, by Dr.Jit's numbers of them."""
-        return self._positions
-
     def light_number(self, emitter):
         """Positions of emitters in `light_names`; Dr.Jit's 0 is none."""
-        return shading.light_number(self._positions, emitter)
+        return shading.light_number(self.light_positions, emitter)
 
     def _metres(self, inside):
-        return inside.astype(float) * self._unit
+        return inside.astype(float) * self.unit
 
-    def _inside(self, mi, point):
-        return mi.Point3f(*shading.columns(mi, np.asarray(point) / self._unit))
+    def _inside(self, point):
+        return mi.Point3f(*shading.columns(np.asarray(point) / self.unit))
 
-    def _ray(self, mi, origin, direction):
-        return mi.Ray3f(self._inside(mi, origin), mi.Vector3f(*shading.columns(mi, direction)))
+    def _ray(self, origin, direction):
+        return mi.Ray3f(self._inside(origin), mi.Vector3f(*shading.columns(direction)))

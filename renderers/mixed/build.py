@@ -1,7 +1,5 @@
 """Materials of a scene, each as paths meet it, and their places."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the entries of a scene are: where, and what fills them."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,12 +1,10 @@
 """How a scene of several materials is rendered: by one loop of Dr.Jit where all of it is continuous, else by wavefronts."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
 
-from renderers.materials.bodies.bodies import leans
+from renderers.materials.bodies.bodies import flaws
 from renderers.materials.grains.paths import first_grain, seen_grain
 from renderers.mixed import build, contents, surfaces
 from renderers.mixed import passes as wavefronts
@@ -34,7 +32,7 @@ def prepare(job, world, seed) -> Method:
     _refuse_overlap(scene, filled)
     _refuse_twins(scene, filled)
     reasons = [BANDS] * spectra.bands + [reason for content in filled for reason in content.reasons]
-    reasons += leans(world, [content.what for content in filled if isinstance(content.what, contents.Body)])
+    reasons += flaws(world, [content.what for content in filled if isinstance(content.what, contents.Body)])
     entries = [chosen(entry.kind, entry.method) for entry in scene.values.materials]
     stated = [declared(entry.kind)[name] for entry, name in zip(scene.values.materials, entries, strict=True)]
     widened = [getattr(content.what, "angle", 0.0) for content in filled]

@@ -1,7 +1,5 @@
 """Pictures of several materials by paths in wavefronts: their passes, as `renderers.pictures.progressive` takes them."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a scene of several materials needs of a recipe: for each entry that is made of it what its kind needs alone."""
 
-from __future__ import annotations
-
 from renderers.mixed.scene import METHODS, chosen
 from renderers.scene.entries import has_surface
 from renderers.scene.requirements import Need, merged

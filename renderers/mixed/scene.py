@@ -1,7 +1,5 @@
 """What a scene of several materials may say: the methods of each kind, and what they take."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from bakery.errors import Problem

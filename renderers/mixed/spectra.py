@@ -1,7 +1,5 @@
 """Wavelengths that all materials of a scene are rendered at: those of their assets, or three bands where these differ."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -9,8 +7,8 @@ import numpy as np
 
 from bakery import kernels
 from renderers import colour
-from renderers.materials.grains.paths import Colours
 from renderers.materials.particles.medium import in_bands
+from renderers.transport.paths import Colours
 from renderers.transport.scattering import Scatterer, scatterer
 
 BANDS = "the assets have different wavelengths: all are rendered as means over red, green and blue"
@@ -23,7 +21,7 @@ class Spectra(NamedTuple):
     bands: bool
 
     @classmethod
-    def of(cls, assets) -> Spectra:
+    def of(cls, assets) -> "Spectra":
         if not assets:
             return cls(Colours(np.eye(3), np.eye(3)), False)
         waves = [np.asarray(asset.wavelength, float) for asset in assets]

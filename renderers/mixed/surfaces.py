@@ -1,13 +1,13 @@
 """Entries that are surfaces, or are far from the camera: shapes of the Mitsuba scene that get the plugin `bakedbsdf`."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
+import mitsuba as mi
 import numpy as np
 
 from renderers.materials.surface import far as spreading
 from renderers.materials.surface import onset
+from renderers.mitsuba import layers
 from renderers.mixed.scene import chosen
 from renderers.scene.entries import declared, is_surface
 from renderers.transport.far import Far
@@ -54,10 +54,6 @@ def changing(scene, world, assets, placed) -> dict[int, Changing]:
 
 
 def _changing(scene, world, asset, number) -> Changing:
-    import mitsuba as mi
-
-    from renderers.mitsuba import layers
-
     entry, key = scene.values.materials[number], f"materials[{number}]"
     begins = _onset(scene, world, asset, number)
     if begins.near >= onset.reach(world, entry.where.shape)[1]:
@@ -80,10 +76,6 @@ def _onset(scene, world, asset, number):
 
 
 def _put(scene, world, asset, number) -> Placed:
-    import mitsuba as mi
-
-    from renderers.mitsuba import layers
-
     entry, key = scene.values.materials[number], f"materials[{number}]"
     shapes = [shape for shape in world.scene.shapes() if shape.id() == entry.where.shape]
     if len(shapes) != 1:
@@ -116,8 +108,7 @@ def _spread_in_words(scene, world, asset, layer, shape, size) -> str:
         return words
     box = world.unit * np.array([shape.bbox().min, shape.bbox().max], float).reshape(2, 3)
     nearest = float(np.linalg.norm(np.clip(world.camera.origin, box[0], box[1]) - world.camera.origin))
-    angle = float(np.sqrt(np.linalg.norm(world.camera.right) * np.linalg.norm(world.camera.down)))
-    pixel = nearest * angle
+    pixel = nearest * world.camera.pixel
     compared = (f"a pixel is {onset.length(pixel)} wide at the nearest of its box, and that {onset.length(size)}: regions of a "
                 f"ball as wide would be off by {100 * spreading.OFF * far / (0.5 * size):.2g} % or less")
     verdict = "; use another method where it is near" if far > pixel else ""

@@ -7,8 +7,6 @@ Of what the picture's own hues differ from that, as much comes back as the scatt
 of James and Stein): next to nothing with few samples, all of it with many.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers import colour
@@ -25,8 +23,6 @@ _TINY = 1e-30
 def evened(filtered, seen, variance, features):
     """(H, W, 3), a filtered picture with its luminance and hues of the pixels around.
 
-    Parameters
-    ----------
     filtered : (H, W, 3) linear sRGB, >= 0, what a network made of `seen`
     seen, variance : (H, W, 3) the picture, (H, W, 4) its variance and that of its luminance
     features : `renderers.pictures.denoise.Features`

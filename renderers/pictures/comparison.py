@@ -4,8 +4,6 @@ Beside the pictures of a method, `METHOD.png` and `METHOD.exr`, stands `METHOD.j
 finished, the report, and the time that they took.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re
@@ -34,8 +32,6 @@ _ENOUGH = 0.8  # share of the time that passes were to take, with which they are
 class Job:
     """A method that is to be rendered.
 
-    Attributes
-    ----------
     name : of the method, with what else it sets
     scene : with the method set, not baked
     pair : paths (PNG, EXR) of its pictures
@@ -47,7 +43,7 @@ class Job:
     pair: tuple[Path, Path]
     seed: int | None
 
-    def beside(self) -> Job:
+    def beside(self) -> "Job":
         """The same among those of another renderer: the name of its own before that of the method and of its files."""
         section = self.scene.section
         return dataclasses.replace(self, name=f"{section}: {self.name}",
@@ -63,8 +59,6 @@ class Job:
 class Made:
     """The pictures of a method.
 
-    Attributes
-    ----------
     job : `Job`
     report : of the renderer; its `seconds` are those of all calls, `earlier` among them those before interruptions
     processor : s, of all processors, without compiling
@@ -233,8 +227,6 @@ def _interrupted(job, error) -> Interrupted:
 def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=None, **options) -> Made:
     """The pictures of a method until a noise is reached, or passes took so long, with those of all earlier calls.
 
-    Parameters
-    ----------
     job : of `jobs`, its scene baked; what it says of when to stop does not count
     noise : relative, of what the scene's `measure` says
     seconds : of the clock

@@ -5,8 +5,6 @@ them.  What it makes of a pixel is then held to what the scatter of the passes a
 are, and with more samples the picture goes to the one without a filter, and not to the network's.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import importlib.metadata
 from types import MappingProxyType
@@ -32,8 +30,6 @@ _WIDER = 25  # pixels: side of the square whose mean a value may be too, however
 class Features(NamedTuple):
     """What pixels show of a scene, whatever its light.
 
-    Attributes
-    ----------
     albedo : (H, W, 3) 0 to 1
     normal : (H, W, 3) in the scene's axes, turned to the camera; a mean over the pixel, shorter than 1 at edges
     distance : (H, W) m, inf where there is nothing
@@ -59,8 +55,6 @@ class Features(NamedTuple):
 class Denoised(NamedTuple):
     """A picture without its noise.
 
-    Attributes
-    ----------
     rgb : (H, W, 3) linear sRGB, 0 or more
     channels : (H, W) of the EXR by name
     text : attributes of the files
@@ -99,8 +93,6 @@ def without(scene):
 def chosen(values, quality, shared) -> tuple[bool, list[str]]:
     """Whether the noise of a picture is to be taken out, and what is to be said of it.
 
-    Parameters
-    ----------
     values : of the scene
     quality : its name, None: final
     shared : sentence, why pixels share their noise; "" where they do not
@@ -118,8 +110,6 @@ def chosen(values, quality, shared) -> tuple[bool, list[str]]:
 def denoised(parts, apart=(), features=None, widened=MappingProxyType({})) -> Denoised:
     """A picture without its noise.
 
-    Parameters
-    ----------
     parts : by name, what adds up to the picture: pairs of (H, W, 3) linear sRGB and of its variance (H, W, 4), that of luminance
         last, None where that is not known
     apart : names of those that the network does not see, as it would take their detail for noise: grains, whose surfaces the
@@ -127,8 +117,6 @@ def denoised(parts, apart=(), features=None, widened=MappingProxyType({})) -> De
     features : `Features`, or None
     widened : by name, factor of the standard errors within which the network may move values, as few passes tell them
 
-    Notes
-    -----
     What the filter sees has a mean of 1: it loses light below 1e-8.  It computes on the processor, also where there is a GPU, so
     that the same picture gives the same bytes.
     """

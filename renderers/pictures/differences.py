@@ -1,7 +1,5 @@
 """How two pictures of one scene differ: the error beneath their noise, the bias of the mean, and what a person sees of it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import NamedTuple
@@ -23,8 +21,6 @@ _SURE = 2.0  # standard errors
 class Picture:
     """A picture with its noise.
 
-    Attributes
-    ----------
     name : of the method, or of the file
     rgb : (H, W, 3) linear sRGB
     variance : (H, W) of the luminance, None where it is not known
@@ -45,8 +41,6 @@ class Picture:
 class Difference(NamedTuple):
     """Of a picture from a reference, all but `map` relative to the mean luminance of the reference.
 
-    Attributes
-    ----------
     map : (H, W) difference of luminance over the reference's mean luminance, positive where the picture is brighter
     rms : root mean square of it
     noise : root mean square of the noise in it, of both pictures; None where that of neither is known
@@ -130,12 +124,8 @@ def flip_missing() -> str:
 def flip(shown, reference) -> tuple[float, np.ndarray]:
     """Mean and map (H, W), 0 to 1, of what a person sees of the difference of two pictures that are shown in turn.
 
-    Parameters
-    ----------
     shown, reference : (H, W, 3) display values, 0 to 1, seen at 67 pixels a degree
 
-    Notes
-    -----
     Source: Andersson et al., Proc. ACM Comput. Graph. Interact. Tech. 3(2), 2020 (LDR-FLIP), by its authors' package.
     """
     import flip_evaluator
@@ -149,8 +139,6 @@ def flip(shown, reference) -> tuple[float, np.ndarray]:
 class Compared:
     """A picture beside the reference.
 
-    Attributes
-    ----------
     name : of the picture
     display : (H, W, 3) display values, 0 to 1
     difference : from the reference; None of the reference itself, and where it is black
@@ -167,8 +155,6 @@ class Compared:
 def compared(pictures, reference, display, *, with_flip: bool = True) -> list[Compared]:
     """Each picture beside the reference, which is one of them, or another.
 
-    Parameters
-    ----------
     pictures : list of `Picture`
     reference : `Picture`
     display : dict, `display` of the scene: how pictures are shown

@@ -3,8 +3,6 @@
 A picture is the sum of its parts; a part is one kind of pass with a number of passes of its own, such as direct light and walks.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import signal
@@ -41,8 +39,6 @@ def layers_of(by_order, by_light=(), lights=()):
 class Stop:
     """Whichever comes first; None never comes.
 
-    Attributes
-    ----------
     noise : root mean square standard error of the luminance over its mean; the means of regions keep it too
     time : s, after which no pass ends that was begun before, but for the first two of each part
     samples : a pixel, in each part
@@ -69,8 +65,6 @@ class Stop:
 class Part(NamedTuple):
     """One kind of pass.
 
-    Attributes
-    ----------
     name : of the part, distinct from the names of layers
     render : function of the pass (0, 1, ...), on which alone its random numbers depend; gives layers (H, W, 3) of linear sRGB by
         name, of which "" is the picture.  An interruption waits for its end: some seconds at most
@@ -84,7 +78,7 @@ class Part(NamedTuple):
     name: str
     render: Callable[[int], dict[str, np.ndarray]]
     samples: int = 1
-    fewer: Callable[[int], Part] | None = None
+    fewer: Callable[[int], "Part"] | None = None
     steps: int = 1
     fewest: float = 1
 
@@ -119,8 +113,6 @@ def rendered_here(part, number):
 class Passes:
     """A picture that is being rendered.
 
-    Attributes
-    ----------
     parts, means : tuple of `Part`, and `Mean` by their names
     stopped_by : `noise`, `samples`, `time`, `request`, `interruption`, or None before `run`
     spent : s, of all calls of `run`
@@ -201,15 +193,11 @@ class Passes:
     def run(self, stop, progress=None, observer=None, draw=None):
         """Renders passes until `stop`, or until SIGINT or SIGTERM; the same signal again ends the process at once.
 
-        Parameters
-        ----------
         stop : `Stop`
         progress : function of (fraction 0 to 1, noise or None), or None
         observer : function of the noise so far or None, called before each pass once every part has one; true ends the passes,
             and another call of `run` goes on with them.  None: nobody looks
 
-        Notes
-        -----
         The next pass is one of the part that takes most variance away a second.  So the numbers of passes depend on the machine,
         unless samples alone stop them.
         """
@@ -289,7 +277,7 @@ class Passes:
         least = pace * sum(max(0, LEAST - mean.count) * mean.expected for mean, _ in passes)
         return max(least, min(ends)) if ends else None
 
-    def so_far(self) -> Passes:
+    def so_far(self) -> "Passes":
         """What there is now, as a picture that later passes do not change; no array is copied."""
         still = Passes(part._replace(render=_ended) for part in self.parts)
         still.means = {name: mean.so_far() for name, mean in self.means.items()}

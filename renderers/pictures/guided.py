@@ -6,8 +6,6 @@ what is left of the picture then as much is added again as gives the least expec
 the scatter of the passes is enough: next to nothing where that is noise, all of it in a picture without noise.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.threads import run
@@ -21,8 +19,6 @@ _ROWS = 64  # of the picture at a time
 def smoothed(image, variance, features):
     """(H, W, 3), a picture of grains without its noise.
 
-    Parameters
-    ----------
     image, variance : (H, W, 3) linear sRGB, and (H, W, 4) its variance and that of its luminance; None where that is not known
     features : `renderers.pictures.denoise.Features` with `grain` and `width`
     """

@@ -3,8 +3,6 @@
 A picture is (H, W, 3) linear sRGB, float, 1 = white of the display before exposure.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 import tempfile
@@ -78,28 +76,20 @@ def relative_noise(mean, error):
 
 
 def filtered(halves, variance, features=None, radius=7, patch=2, strength=0.7, contrast=0.1):
-    """Non-local means of two independent half renders.
+    """Non-local means of two independent half renders: the halves, filtered; their mean is the picture, their difference measures
+    the noise that is left.
 
-    Each half is averaged with weights that the other half gives, so a noise peak cannot vouch for itself.  Two pixels count
-    as equal as far as the luminance of their patches differs by no more than noise, and their features hardly at all.
+    Each half is averaged with weights that the other half gives, so a noise peak cannot vouch for itself.  Two pixels count as
+    equal as far as the luminance of their patches differs by no more than noise, and their features hardly at all. Biased: detail
+    below the noise is smoothed away.  Source: Rousselle, Knaus and Zwicker, ACM Trans. Graph. 31(6), 2012, eqs. 5-8, on
+    luminance; features as in Rousselle, Manzi and Zwicker, Comput. Graph. Forum 32(7), 2013.
 
-    Parameters
-    ----------
     halves : pair of (H, W, 3)
     variance : (H, W, 3), of one half's pixel values
     features : (H, W, F) or None, known without noise: edges that the filter must keep
     radius, patch : pixels; search window and compared patch are 2 radius + 1 and 2 patch + 1 wide
     strength : 1, differences up to this many standard deviations count as none
     contrast : 1, difference of a feature that keeps pixels apart
-
-    Returns
-    -------
-    halves : pair of (H, W, 3), filtered; their mean is the picture, their difference measures the noise that is left
-
-    Notes
-    -----
-    Biased: detail below the noise is smoothed away.  Source: Rousselle, Knaus and Zwicker, ACM Trans. Graph. 31(6), 2012,
-    eqs. 5-8, on luminance; features as in Rousselle, Manzi and Zwicker, Comput. Graph. Forum 32(7), 2013.
     """
     from scipy.ndimage import uniform_filter
 
@@ -169,8 +159,6 @@ def output_pair(output, inputs=(), overwrite=False):
 def write(files):
     """Writes pictures so that an interruption leaves no half of one.
 
-    Parameters
-    ----------
     files : list of (path, function that writes to the path it is given)
     """
     finished = []

@@ -5,8 +5,6 @@ variants that work on arrays of colours (`llvm_ad_rgb`, `cuda_ad_rgb`).  A pixel
 film has, and 0 where that is below 0, as beams of negative power leave it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.errors import UsageError

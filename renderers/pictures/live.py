@@ -4,8 +4,6 @@
         print(picture)
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from typing import NamedTuple
@@ -78,7 +76,7 @@ class Pictures:
         self._rendering, self._every = _prepared(path, output, **options), every
         self._asked, self._over, self.report = False, False, None
 
-    def __iter__(self) -> Pictures:
+    def __iter__(self) -> "Pictures":
         return self
 
     def __next__(self) -> Picture:
@@ -139,8 +137,6 @@ def _set_variant(name: str) -> None:
 class Frame(NamedTuple):
     """A layer as a page draws it.
 
-    Attributes
-    ----------
     number : 1, 2, ... of the frames of a render
     passes : in the picture that it is of
     png : bytes

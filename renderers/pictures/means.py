@@ -4,8 +4,6 @@ Pixels of a pass may share noise, such as that of the beams of light from which 
 no better than its pixels, however many they are; the scatter of the regions' own means tells.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Iterable
@@ -22,8 +20,6 @@ _ONE_SIGMA = 0.8413447460685429  # probability that a normal number is at most o
 class Mean:
     """Means of layers over passes, and the scatter of the passes' sums (Welford 1962), in double precision.
 
-    Attributes
-    ----------
     count : passes
     samples : of a pixel, in all of them
     layers : (H, W, 3) by name, means; but for the layer "" in single precision, as the EXR has them
@@ -56,7 +52,7 @@ class Mean:
                 self.spread = self.spread + before.mean((0, 1)) * after.mean((0, 1))
                 self.regions = self.regions + tiled(before[..., 3]) * tiled(after[..., 3])
 
-    def so_far(self) -> Mean:
+    def so_far(self) -> "Mean":
         """The same as a mean of its own: `add` puts new arrays in the place of those that both have."""
         still = copy.copy(self)
         still.layers = dict(self.layers)
@@ -103,8 +99,6 @@ def student(variances: Iterable[float], counts: Iterable[int]) -> float:
 
     variances : of means, which add up;  counts : passes that each is known from, 2 and more
 
-    Notes
-    -----
     Student's t with the degrees of freedom of Welch and Satterthwaite: 1.84 after two passes, 1.2 after four, 1.08 after eight.
     """
     from scipy.special import stdtrit

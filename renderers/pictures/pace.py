@@ -4,8 +4,6 @@ Times are read off a renderer by passes (`renderers.pictures.progressive`) when 
 the end.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
@@ -17,8 +15,6 @@ _MANY = 16  # passes of which a bright spot in the noise is no chance any more: 
 class Paced(NamedTuple):
     """A render by passes; of a renderer without, all is `setup`.
 
-    Attributes
-    ----------
     passes : processor seconds of them; the first of each kind, in which a machine compiles, counts as much as its second
     setup : of the rest, once; without what went into compiling
     least : processor seconds of two passes of each kind, before which there is no picture with noise
@@ -38,8 +34,6 @@ class Pace:
 
     def __init__(self, progress: Callable | None, clock: Callable[[], float], earlier: float = 0.0):
         """
-        Parameters
-        ----------
         progress : function of (fraction 0 to 1, noise or None), or None
         clock : processor seconds so far
         earlier : processor seconds of the passes of earlier calls, with which this one goes on

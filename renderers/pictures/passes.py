@@ -4,8 +4,6 @@ translucent bodies.
 Each of these renderers has a `prepare`, which makes a `Method` of a scene.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import gc
 import math
@@ -14,6 +12,7 @@ from contextlib import nullcontext
 from typing import NamedTuple
 
 from renderers import choice
+from renderers.mitsuba import variants
 from renderers.mitsuba.lights import DARK
 from renderers.mitsuba.world import World
 from renderers.pictures import denoise, images, reached, running
@@ -30,8 +29,6 @@ DEPTH = "depth.Z"  # channel of the EXR: along the camera's axis, m, as other pr
 class Method(NamedTuple):
     """How a scene is rendered.
 
-    Attributes
-    ----------
     name : of the method
     parts : of the picture
     reasons : sentences
@@ -114,8 +111,6 @@ def describe(report) -> list[str]:
 class Rendering:
     """A scene whose method is chosen and prepared.
 
-    Attributes
-    ----------
     job : `renderers.pictures.running.Render`
     method : `Method`
     estimate : `Estimate`, the passes so far
@@ -127,40 +122,47 @@ class Rendering:
 
     def __init__(self, job, variant=None, seed=None, resume=False, begins=None):
         """
-        Parameters
-        ----------
         job : the scene, as `renderers.pictures.running.Render`
         variant, seed, resume : as `render` takes them
         begins : function of the name of a part that begins: `choice` of the method, `preparation`; None: nobody asks
         """
+        self.job, self.seed, scene = job, seed or 0, job.scene
         begins = begins or (lambda name: None)
-        self.job, scene, self.seed = job, job.scene, seed or 0
-        self._world = world = World.of(scene, variant)
-        if world.camera is None:
-            raise scene.no_camera()
-        images.refuse_too_large(scene.path, *world.size)
-        job.part_over("scene")
-        begins("choice")
-        opened = choice.Opened(scene, job.assets, job.asset)
-        earlier = job.pair[1] if resume else None
-        self._taken = taken = scene.choice or choice.chosen(opened, world, job.quality, earlier)
-        if taken is not None:
-            job.part_over("choice")
-            job.scene = dataclasses.replace(choice.applied(scene, taken), choice=taken)
-        begins("preparation")
-        self.method = job.scene.prepare(job, world, self.seed)
-        job.part_over("preparation")
-        identity = {"scene": fingerprint(*made_of(scene)), "seed": self.seed, "size": list(world.size),
-                    "asset": [asset.content_hash for asset in job.assets]}
-        parts = in_time(self.method.parts, reached.limit(job.scene.values.stop.time, job.quality))
-        self.estimate = Estimate(parts, identity)
-        if resume:
-            self.estimate.resume(job.pair[1])
-        self.stop, self.reasons = self._stop()
+        try:
+            self._prepare(scene, variant, resume, begins)
+        except variants.SeveralScenes:
+            if variant is not None:
+                raise
+            self._prepare(scene, "llvm_ad_rgb", resume, begins)
+            self.reasons.append(f"rendered on the processor: {variants.SEVERAL_SCENES}")
         self.denoised = None
         # Dr.Jit compiles a call for the surfaces and lights of all scenes of a process: beside those of pilots, or of a render
         # before, kernels are others, and so are last bits
         gc.collect()
+
+    def _prepare(self, scene, variant, resume, begins):
+        self._world = world = World.of(scene, variant)
+        if world.camera is None:
+            raise scene.no_camera()
+        images.refuse_too_large(scene.path, *world.size)
+        self.job.part_over("scene")
+        begins("choice")
+        opened = choice.Opened(scene, self.job.assets, self.job.asset)
+        earlier = self.job.pair[1] if resume else None
+        self._taken = taken = scene.choice or choice.chosen(opened, world, self.job.quality, earlier)
+        if taken is not None:
+            self.job.part_over("choice")
+            self.job.scene = dataclasses.replace(choice.applied(scene, taken), choice=taken)
+        begins("preparation")
+        self.method = self.job.scene.prepare(self.job, world, self.seed)
+        self.job.part_over("preparation")
+        identity = {"scene": fingerprint(*made_of(scene)), "seed": self.seed, "size": list(world.size),
+                    "asset": [asset.content_hash for asset in self.job.assets]}
+        parts = in_time(self.method.parts, reached.limit(self.job.scene.values.stop.time, self.job.quality))
+        self.estimate = Estimate(parts, identity)
+        if resume:
+            self.estimate.resume(self.job.pair[1])
+        self.stop, self.reasons = self._stop()
 
     def _stop(self):
         """What ends the passes, and sentences."""

@@ -1,7 +1,5 @@
 """A picture while its passes go on: its layers, its noise, and what people see of them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import cached_property
 

@@ -8,8 +8,6 @@ A renderer is the sum of its parts; a part is one kind of pass with a number of 
     return estimate.finish(job, method="particles")
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path
@@ -35,8 +33,6 @@ _ANEW = "without --resume it is rendered from the beginning"
 class Estimate(Passes):
     """Passes whose picture is written to a file, and resumed from it.
 
-    Attributes
-    ----------
     identity : dict of texts and numbers by name, what the passes depend on: fingerprints of scene and asset, method, size,
         seed; not what stops them
     """

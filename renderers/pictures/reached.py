@@ -6,8 +6,6 @@ whose method states an error of its own above the tolerance.  Two cases are told
 whose 5 % nobody asked for, and a draft, which is a look within a time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -21,8 +19,6 @@ SHARED = 0.5  # of the noise of pixels: where the means of regions have more tha
 class Verdict(NamedTuple):
     """What is said of a picture that did not get there.
 
-    Attributes
-    ----------
     missed : sentences, of what was asked for
     remarks : sentences, of what was not
     """
@@ -53,8 +49,6 @@ def unreached(stopped_by: str, wanted: float | None, noise: float | None, pixels
               regions: float = 0.0) -> tuple[str, ...]:
     """A sentence where `time`, `samples` or a `request` ended the passes before a noise was reached.
 
-    Parameters
-    ----------
     stopped_by, wanted : of `renderers.pictures.progressive`: what ended the passes, and the noise that should have
     noise : that of the picture, or with `pixels` of 99 of 100 pixels; None where it is not known
     regions : noise of the means of regions, which has to be as low
@@ -70,8 +64,6 @@ def unreached(stopped_by: str, wanted: float | None, noise: float | None, pixels
 def verdict(values, name: str | None, sentences: Sequence[str], bias: float | None) -> Verdict:
     """Which of the sentences of `unreached`, and of a method's own error, tell of a miss.
 
-    Parameters
-    ----------
     values : of the scene, `renderers.scene.common.Common`
     name : of the quality; final if None
     sentences : of `unreached`

@@ -3,8 +3,6 @@
 A renderer begins a `Render`, makes a picture of linear radiance out of `scene.values` and `asset`, and finishes it.
 """
 
-from __future__ import annotations
-
 import json
 import time
 
@@ -29,8 +27,6 @@ def refuse_too_large(scene) -> None:
 class Render:
     """A scene that is being rendered.
 
-    Attributes
-    ----------
     scene : `renderers.scene.Scene`
     assets : of the scene's materials, opened; those of several may be the same
     asset : the first of them

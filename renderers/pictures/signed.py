@@ -4,8 +4,6 @@ Beams of negative power stand for a boundary, and colours may lie outside of wha
 0.  Clipped at 0 each pixel is nearer to the truth, but noise that is cut on one side makes the mean brighter.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -21,8 +19,6 @@ _ROUNDING = 1e-6  # of the picture's mean: what is less below 0 is clipped witho
 class Clipped(NamedTuple):
     """A picture without values below 0.
 
-    Attributes
-    ----------
     rgb : (H, W, 3)
     layers : channels (H, W) by name: noise, and the estimate as it was where more than rounding was clipped
     figures : `share` of the values that were below 0, `least` of them and `raised`, the change of the luminance's mean, both over
@@ -41,8 +37,6 @@ def clipped(rgb, noise) -> Clipped:
 
     Where the estimate is below 0 its error is at least that much, whatever the scatter of passes says.
 
-    Parameters
-    ----------
     rgb : (H, W, 3) linear sRGB
     noise : channels `noise.R` to `noise.Y` (H, W), standard errors; {} where they are not known
     """

@@ -1,7 +1,5 @@
 """Versions of what decides the bytes of a picture."""
 
-from __future__ import annotations
-
 from importlib.metadata import PackageNotFoundError, version
 
 import bakery

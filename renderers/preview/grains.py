@@ -3,8 +3,6 @@
 The studio's unit is here as many bounding radii as `scale` says, so that all grains are seen.
 """
 
-from __future__ import annotations
-
 import math
 import tempfile
 from dataclasses import dataclass
@@ -35,8 +33,6 @@ ROULETTE, DEPTH = 16, 400
 class Grain:
     """One component as it is drawn.
 
-    Attributes
-    ----------
     name, share : of the component; share of the number of grains
     vertices, faces : (V, 3) in bounding radii as the grain lies, its foot at z = 0, (F, 3); None for a ball
     surface : as stored: `type` with `index`, `reflectance` or `n` and `k`, one a wavelength, and `roughness`

@@ -1,7 +1,5 @@
 """The strip below a preview: what the medium is, in numbers, and its phase function."""
 
-from __future__ import annotations
-
 import textwrap
 
 import numpy as np
@@ -26,18 +24,10 @@ def length(metres) -> str:
 
 
 def strip(asset, tables, width, words=()):
-    """Draws the strip.
+    """The strip of a medium: (H, width, 3) 0 to 1, sRGB encoded; H depends on the width only.
 
-    Parameters
-    ----------
-    asset : opened asset, or anything with `wavelength` and `medium`
-    tables : Tables of the same asset
-    width : pixels
-    words : lines for the foot
-
-    Returns
-    -------
-    display : (H, width, 3) 0 to 1, sRGB encoded; H depends on the width only
+    asset : opened asset, or anything with `wavelength` and `medium`;  tables : `Tables` of the same
+    width : pixels;  words : lines for the foot
     """
     medium, colours = asset.medium, _line_colours(asset.wavelength)
     rows = [("um", "albedo", "g", "mean free path")]
@@ -52,17 +42,9 @@ def strip(asset, tables, width, words=()):
 
 
 def grain_strip(asset, grains, width, words=()):
-    """Draws the strip of exemplar grains: their statistics and phase functions.
+    """The strip of exemplar grains, as `strip`: their statistics and phase functions.
 
-    Parameters
-    ----------
-    asset : opened asset with `grains`
-    grains : of `renderers.preview.grains`, in the order of the rows
-    width, words : as in `strip`
-
-    Returns
-    -------
-    display : as `strip`
+    asset : opened asset with `grains`;  grains : of `renderers.preview.grains`, in the order of the rows
     """
     k_middle, narrow = middle(asset), width < _FULL  # fewer columns
     shown = _spread(len(asset.wavelength), 1 if narrow else 3, k_middle)
@@ -134,8 +116,6 @@ def _line_colours(wavelength):
 def _drawn(width, title, rows, words, curves):
     """The strip as an array (H, width, 3).
 
-    Parameters
-    ----------
     rows : (cells, colour) of a table below the title
     words : lines below the table, each as many as it needs
     curves : draws below, takes the figure, the upper right corner of that room, and margins for labels left and below

@@ -5,8 +5,6 @@ long it is.  Its surface is index-matched: light enters and leaves without refle
 picture on the left: the exemplars themselves.
 """
 
-from __future__ import annotations
-
 import functools
 import os
 import time
@@ -125,8 +123,6 @@ def preview(asset_path, output_path, *, quality="preview", panel=None, variant=N
 class Panel:
     """One rendered picture with its strip.
 
-    Attributes
-    ----------
     shows : "grains" or "medium"
     scenes : () -> list of L scenes, made when they are rendered
     features : () -> (height, width, F) what the filter must keep

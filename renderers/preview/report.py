@@ -1,7 +1,5 @@
 """What a preview reports, in lines for people."""
 
-from __future__ import annotations
-
 from renderers.mitsuba.report import describe as describe_render
 from renderers.preview.lobe import length
 

@@ -5,8 +5,6 @@ soft, so paths that have scattered many times meet similar radiance whatever dir
 noise low at few samples.  Everything but the medium is grey.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 # In edges of the block, z up, the block's foot at the origin; field of view across the width.
@@ -96,18 +94,12 @@ def furnished(mi, shown, width, height, integrator, target=TARGET):
 
 
 def features(width, height, tau, grid=3):
-    """What the camera sees of the studio itself, without noise: where the picture may have edges.
+    """What the camera sees of the studio itself, without noise: where the picture may have edges, (height, width, 5) 0 to 1.
 
-    Parameters
-    ----------
-    width, height : pixels
-    tau : 1, optical thickness of the block along an edge
-    grid : samples a pixel, along each side
+    Opacity of the block, where it is entered by the face towards -x, -y, +z, and the ground's reflectance as far as it shines
+    through.
 
-    Returns
-    -------
-    features : (height, width, 5) 0 to 1: opacity of the block, where it is entered by the face towards -x, -y, +z, and the
-        ground's reflectance as far as it shines through
+    width, height : pixels;  tau : 1, optical thickness of the block along an edge;  grid : samples a pixel, along each side
     """
     forward = (TARGET - CAMERA) / np.linalg.norm(TARGET - CAMERA)
     right = np.cross(forward, [0, 0, 1])

@@ -18,8 +18,6 @@ has
 - where a section names it, also `SceneFile(Common)`, what the whole file may hold, and `FILES`, its own keys of files.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from collections.abc import Iterator

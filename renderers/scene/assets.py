@@ -1,7 +1,5 @@
 """The assets of a scene: those that it names, or those of its recipes, none of which is made worse."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,13 +15,9 @@ def baked(scene: Scene, progress=None) -> Scene:
     scene requires; else one that is baked into the cache.  An asset that is named and not there is baked where it is named.
     Nothing that stands is written over.
 
-    Parameters
-    ----------
     progress : a `bakery.run.progress.Progress`, or None
 
-    Raises
-    ------
-    BakeryError : a recipe is wrong, a stage fails, an asset cannot be written
+    Raises BakeryError: a recipe is wrong, a stage fails, an asset cannot be written.
     """
     return scene if scene.assets else together([scene], progress)[0]
 

@@ -7,8 +7,6 @@ least in all is chosen.  The time of tables is that of the plan; that of noise g
 once and for all: a clock must not decide what is baked, or two machines would bake different assets of one scene.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple
@@ -27,8 +25,6 @@ _GATHERED = 4.0
 class Split(NamedTuple):
     """Errors that parts of a picture may have, relative to its mean (of `measure: pixels`, to a pixel, see docs/requirements.md).
 
-    Attributes
-    ----------
     tolerance : of the picture
     approximations : of the renderer's method
     tables : of the asset
@@ -57,14 +53,10 @@ class Split(NamedTuple):
 def of(scene, share: float | None = None, approximations: float | None = None) -> Split:
     """The split of a scene where tables have a share of what approximations leave; all that a noise leaves which it gives.
 
-    Parameters
-    ----------
     scene : `renderers.scene.Scene`
     share : 1, of squares; that which its assets were baked for if None.  Without meaning where the scene gives the noise
     approximations : error of the method where it was measured; what the renderer states if None
 
-    Notes
-    -----
     Where the method's own error is above the tolerance no split keeps it, and `lacking` says so: then noise and tables have the
     tolerance between them, as less of them would not help.
     """
@@ -91,8 +83,6 @@ def of_tables(chosen: Split, values) -> float:
 def cheapest(scene, pixels: int, pace: float, seconds: Callable[[Split], float]) -> Split:
     """The split that takes least time, of `SHARES`.
 
-    Parameters
-    ----------
     scene : `renderers.scene.Scene`
     pixels : of the picture
     pace : s, of one core, that one pixel takes to a relative variance of 1

@@ -4,8 +4,6 @@ Of one kind of material a candidate is a method, of all entries.  Of several kin
 `auto` have the first one of their kind that stands beside others, or another one that does.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
@@ -21,8 +19,6 @@ UNKNOWN_TO_MEDIA = ("fraction", "mixture")  # keys of entries that no medium tha
 class Candidate(NamedTuple):
     """A way to render a scene.
 
-    Attributes
-    ----------
     name : for people and reports
     methods : of each entry, what it changes in the scene
     exact : without an error of its own

@@ -169,8 +169,6 @@ class Common(Every):
 def problems(root: Mapping, values: dict, renderer: str, unused: MappingType[str, str]) -> Iterator[Problem]:
     """Problems of the common keys; `values` are those that are well formed by themselves.
 
-    Parameters
-    ----------
     renderer : its name
     unused : dotted key that it does without -> what would do instead
     """

@@ -5,8 +5,6 @@ Each renderer of materials has a class of its own with what its passes go by, `r
 `renderers/X/declared/`, a file and a line each.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -24,8 +22,6 @@ from renderers.scene.common import node_at
 class SceneMethod:
     """A value that the key `method` of a material may have.
 
-    Attributes
-    ----------
     name : as scenes say it
     words : for people
     brings : which light, and how

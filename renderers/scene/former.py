@@ -4,8 +4,6 @@
 own.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 
@@ -19,8 +17,6 @@ _MATERIAL = ("asset", "recipe")
 def converted(document: str, root: Mapping) -> str | None:
     """The text of a scene of format 1 in format 2; None where it is none.
 
-    Parameters
-    ----------
     document : of the scene
     root : its tree
     """

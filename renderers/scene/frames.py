@@ -10,8 +10,6 @@ A frame is the scene with a value in the place of each key, as `--set` would put
 and `to`, and places that it goes `through`, values follow a straight line; the first frame has `from` and the last one `to`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -83,8 +81,6 @@ class _Key:
 class Frames:
     """The section `frames` of a scene.
 
-    Attributes
-    ----------
     count : of frames, which have the numbers 1 to count; 0 where that is not known, as something is wrong
     rate : of the film, frames a second
     noise : `same` random numbers in all frames, or `fresh` ones in each

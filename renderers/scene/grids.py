@@ -1,7 +1,5 @@
 """Grids of densities in files: HDF5, NPY, and the VOL format of Mitsuba."""
 
-from __future__ import annotations
-
 import math
 import os
 import struct

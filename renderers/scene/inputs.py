@@ -1,7 +1,5 @@
 """The files that a scene is made of: what its pictures must not be written over."""
 
-from __future__ import annotations
-
 import os
 import re
 import stat
@@ -17,8 +15,6 @@ LONGEST = 64 << 20  # bytes of a Mitsuba scene; what is large stands in files th
 def files_of(path, parameters: Mapping[str, object] | None = None) -> list[Path]:
     """A file and, where it is a Mitsuba scene, every file that a value in it names, also in scenes that it includes.
 
-    Parameters
-    ----------
     path : Mitsuba XML, or any other file
     parameters : `$name` in the scene -> value
     """

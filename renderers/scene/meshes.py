@@ -1,7 +1,5 @@
 """Meshes that entries of a scene name."""
 
-from __future__ import annotations
-
 
 def of_entry(scene, number):
     """Vertices (V, 3) m and triangles (F, 3) of the mesh of an entry; UsageError with the key where it is no closed mesh."""

@@ -5,8 +5,6 @@ and by rays that measure the scene.  Here is what the rules of all renderers wor
 without that module needs the stages `NEEDS` of its module `scene`, with the recipe's own knobs.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -15,8 +13,6 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
-
-import numpy as np
 
 from bakery.errors import BakeryError, RecipeError
 from renderers import scene as scenes
@@ -32,8 +28,6 @@ _SERIES = 8.0
 class Knob(NamedTuple):
     """A value of a recipe that a scene decides.
 
-    Attributes
-    ----------
     key : of the recipe
     value : as `recipe.leaves` has it: a number in base units, or a word
     text : the same as a recipe says it
@@ -59,8 +53,6 @@ class Knob(NamedTuple):
 class Need(NamedTuple):
     """Whether a scene needs a stage, and why.
 
-    Attributes
-    ----------
     stage : its name
     needed : whether the renderer reads it
     why : with the number that decided it
@@ -74,7 +66,7 @@ class Need(NamedTuple):
     knobs: tuple[Knob, ...] = ()
     lacking: str = ""
 
-    def of(self, name: str) -> Need:
+    def of(self, name: str) -> "Need":
         """The same with a scene's name behind each reason."""
         knobs = (knob._replace(why=f"{knob.why} ({name})") for knob in self.knobs)
         return self._replace(why=f"{self.why} ({name})", knobs=tuple(knobs), lacking=self.lacking and f"{self.lacking} ({name})")
@@ -87,8 +79,6 @@ class Need(NamedTuple):
 class Required(NamedTuple):
     """What scenes need of one recipe.
 
-    Attributes
-    ----------
     needs : of each stage that a scene speaks of
     remarks : scenes that could not be measured, and why; tolerances that are out of reach
     share : of the tolerance's square that tables may take, see `renderers.scene.budget`; of one scene
@@ -114,8 +104,6 @@ class Required(NamedTuple):
 class About:
     """A scene and a recipe, as rules see them.
 
-    Attributes
-    ----------
     scene : `renderers.scene.Scene`; its assets need not be there
     recipe : checked values of the recipe
     bodies : of the scene that the recipe is the material of, positions in `scene.materials`; all, where it is none of theirs
@@ -131,7 +119,7 @@ class About:
         self.guessed = not made_of_it
         self.bodies = made_of_it or list(range(len(scene.materials)))
 
-    def only(self, bodies: Sequence[int], method: str) -> About:
+    def only(self, bodies: Sequence[int], method: str) -> "About":
         """The same of some of its bodies, rendered by a method."""
         values = self.scene.values
         listed = [entry.model_copy(update={"method": method}) if number in bodies else entry
@@ -188,7 +176,7 @@ class About:
         camera = self.world.camera
         if camera is None:
             raise self.scene.no_camera()
-        return float(np.sqrt(np.linalg.norm(camera.right) * np.linalg.norm(camera.down)))
+        return camera.pixel
 
 
 def _medium(about):
@@ -204,17 +192,13 @@ def _world(about):
 def of(paths: Sequence, recipe, medium: Callable, seconds: Callable, settings: Mapping[str, str] | None = None) -> Required:
     """What the union of some scenes needs of a recipe.
 
-    Parameters
-    ----------
     paths : of scenes (YAML, or Mitsuba's XML)
     recipe : checked values of the recipe (`bakery.recipe`)
     medium : () -> its medium by a draft bake, see `About.medium`; called where a rule asks for it
     seconds : (Required) -> what a bake of it takes, of one core
     settings : overrides of the scenes' values, dotted key -> text
 
-    Raises
-    ------
-    UsageError, RecipeError : a path is no scene, or names no renderer
+    Raises UsageError, RecipeError: a path is no scene, or names no renderer.
     """
     each_scene = [_of_scene(Path(path), recipe, medium, seconds, settings or {}) for path in paths]
     if len(each_scene) > 1:

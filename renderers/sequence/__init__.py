@@ -4,8 +4,6 @@ What frames are stands in `renderers.scene.frames`.  Here they are rendered, eac
 there and was made of the same is left as it is.
 """
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 

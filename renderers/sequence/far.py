@@ -1,7 +1,5 @@
 """Frames of a sequence on the workers of a cluster."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Mapping
@@ -15,8 +13,6 @@ from renderers.cluster import files
 class Task(NamedTuple):
     """A frame that is to be rendered.
 
-    Attributes
-    ----------
     number, path, settings : of the frame, of its scene where that was read, and what was set by hand
     options : as the renderer takes them
     handed : of `renderers.cluster.files.handed`
@@ -36,8 +32,6 @@ class Task(NamedTuple):
 class Answer(NamedTuple):
     """A frame that was rendered, or why it was not.
 
-    Attributes
-    ----------
     pictures : bytes (PNG, EXR)
     figures : of the renderer's report
     resumed : whether `before` was gone on with

@@ -1,7 +1,5 @@
 """A film of frames, by `ffmpeg` where that is on the path."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from collections.abc import Sequence

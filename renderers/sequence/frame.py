@@ -1,7 +1,5 @@
 """One frame: rendered by the renderer of its scene, or there, both pictures whole and made of what the frame is made of."""
 
-from __future__ import annotations
-
 import json
 
 from bakery.errors import UsageError
@@ -14,8 +12,6 @@ FIGURES = "method", "samples", "noise", "denoised", "missed"
 def drawn(scene, path, options, resume, update=None) -> tuple[dict, bool]:
     """The renderer's report, and whether the EXR that stands was gone on with.
 
-    Parameters
-    ----------
     scene : `renderers.scene.Scene` of the frame
     path : of the picture
     options : as the renderer takes them

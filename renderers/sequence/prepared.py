@@ -1,7 +1,5 @@
 """What has to be known of a sequence before its first frame is rendered: its frames, checked, with assets and method."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 from collections.abc import Iterable
@@ -29,8 +27,6 @@ CHECKED = 500  # frames of sequences that are checked whole, a second for 100; o
 class Frame(NamedTuple):
     """A frame that is to be there.
 
-    Attributes
-    ----------
     number : from 1
     scene : `renderers.scene.Scene` with its assets, its choice of method and its mark
     pair : paths (PNG, EXR)
@@ -46,8 +42,6 @@ class Frame(NamedTuple):
 class Sequence(NamedTuple):
     """Frames that were asked for.
 
-    Attributes
-    ----------
     path, settings : of the scene, and dotted key -> text of what was set by hand
     frames : of `Frame`
     output : `X.png` or `X.exr`

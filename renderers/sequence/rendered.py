@@ -1,7 +1,5 @@
 """Frames that have to be rendered: one after the other, or many at a time on the workers of a cluster."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from pathlib import Path

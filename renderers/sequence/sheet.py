@@ -1,7 +1,5 @@
 """A contact sheet: thumbnails of frames with their numbers, in rows."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Loops of Markov chains over paths: what each of them brings to the picture."""
 
-from __future__ import annotations
-
 from bakery.system.compiled import njit
 
 

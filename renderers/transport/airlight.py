@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba.shading import single
 from renderers.transport import flights, media
 
@@ -67,8 +66,6 @@ class Airlight:
 
     def __init__(self, scene, thin, hidden):
         """
-        Parameters
-        ----------
         scene : `scene.Scene`
         thin : (media,) bool, those through which flights take light samples
         hidden : bits of the bodies in which they take none: light samples do not come through their boundaries
@@ -77,7 +74,7 @@ class Airlight:
         self._thin = mi.UInt32(np.asarray(thin, np.uint32))
         emitters = scene.scene.emitters()
         anchors = self.anchors(emitters)
-        self._anchors = single(mi, anchors.ravel())
+        self._anchors = single(anchors.ravel())
         indices = [int(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(emitter))[0]) for emitter in emitters]
         rows = np.zeros(max(indices) + 1, np.uint32)
         rows[indices] = np.arange(len(emitters))

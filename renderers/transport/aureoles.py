@@ -6,8 +6,6 @@ in a way that suits narrow peaks and wide ones; the throughput counts the densit
 share with is left as it was: weights of the balance heuristic may be of any densities, if all use the same.
 """
 
-from __future__ import annotations
-
 import math
 
 import drjit as dr

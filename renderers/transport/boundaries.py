@@ -1,7 +1,5 @@
 """Bodies of a Mitsuba scene for loops of Dr.Jit: which shapes bound them, and which of them a path is in."""
 
-from __future__ import annotations
-
 import drjit as dr
 import numpy as np
 
@@ -28,8 +26,6 @@ class Boundaries:
 
     def __init__(self, world, bodies):
         """
-        Parameters
-        ----------
         world : `renderers.mitsuba.world.World`
         bodies : by the numbers of their media, each with name, vertices, faces as a `renderers.materials.bodies.bodies.Body`
             has them

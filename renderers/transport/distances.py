@@ -1,11 +1,8 @@
 """About how far it is straight from points in bodies to where ways to lights leave them, looked up in voxels."""
 
-from __future__ import annotations
-
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba.shading import single
 
 import mitsuba as mi  # isort: skip
@@ -19,8 +16,6 @@ class Distances:
 
     def __init__(self, scene, manifold, towards):
         """
-        Parameters
-        ----------
         scene : of Mitsuba;  manifold : `manifold.Manifold`, the boundaries of the bodies
         towards : functions of points and pairs of uniform numbers: unit directions, 0 where there is none
         """
@@ -31,7 +26,7 @@ class Distances:
         self._voxels = mi.UInt32(int(np.prod(shape)))
         dr.make_opaque(self._shape, self._low, self._edge, self._voxels)
         shortest = [self._shortest(scene, manifold, each, int(np.prod(shape))) for each in towards]
-        self._values = single(mi, np.concatenate(shortest))
+        self._values = single(np.concatenate(shortest))
 
     def _shortest(self, scene, manifold, towards, voxels):
         random = mi.PCG32(voxels * _RAYS)

@@ -9,8 +9,6 @@ gained.  Rays towards lights that go into a body are let in by the same chance.
 Were the boundary opaque from inside, too, light would be caught in there that leaves the body itself.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import drjit as dr
@@ -48,8 +46,6 @@ class FarSurfaces:
 
     def __init__(self, boundaries, bodies, camera, unit):
         """
-        Parameters
-        ----------
         boundaries : `boundaries.Boundaries`
         bodies : `Far` of each medium, None of those without
         camera : where it stands

@@ -39,13 +39,9 @@ class _Shown:
 def first_hits(world, entries, colours, seed, samples=SAMPLES) -> Features:
     """Albedo, normal and distance of what the camera sees.
 
-    Parameters
-    ----------
     world, entries, colours : as of `renderers.transport.passes.part`
     samples : paths of a pixel
 
-    Notes
-    -----
     Of a surface the albedo is its diffuse reflectance, of a medium that of a single scattering, of a lamp and of the environment
     its radiance, at most 1.  A medium has the normal of the boundary through which paths came into it, and none where it has no
     boundary.  Distances are medians over paths, along the way through glass: a mean would lie where nothing is.

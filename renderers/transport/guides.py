@@ -4,14 +4,11 @@ From points of each voxel ways of all directions are followed to their first lig
 so that light by way of glass around a body, of mirrors, of a wide window and of the sky are drawn alike.
 """
 
-from __future__ import annotations
-
 import math
 
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba.shading import single
 from renderers.transport.distances import Distances
 
@@ -36,8 +33,6 @@ class Guides:
 
     def __init__(self, scene, manifold, sigma, follow, bins=BINS, ways=WAYS, blur=0.0):
         """
-        Parameters
-        ----------
         scene : `scene.Scene`;  manifold : `manifold.Manifold` of the bodies
         sigma : of each medium, the least extinction if its boundary is one of `manifold`, else 0
         follow : function of points in bodies, directions, media, a PCG32 and which are active -> light of each wavelength that
@@ -59,9 +54,9 @@ class Guides:
             return
         share, solid = light / np.maximum(total, 1e-30)[:, None], 4 * math.pi / self._count
         often = np.minimum(1, total / np.quantile(total[total > 0], _BRIGHT))
-        self._density = single(mi, (share / solid).ravel())
-        self._often = single(mi, often)
-        self._cumulated = single(mi, np.cumsum(share, axis=1).ravel())
+        self._density = single((share / solid).ravel())
+        self._often = single(often)
+        self._cumulated = single(np.cumsum(share, axis=1).ravel())
         self._distances = Distances(scene.scene, manifold, [self._towards])
 
     def _measured(self, scene, manifold, voxels, follow):

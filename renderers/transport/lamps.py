@@ -18,7 +18,6 @@ from functools import partial
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba.shading import single
 from renderers.transport import flights, media
 from renderers.transport.distances import Distances
@@ -97,8 +96,6 @@ class Lamps:
 
     def __init__(self, scene, manifold, lamps, sigma, straight, through_panes):
         """
-        Parameters
-        ----------
         scene : `scene.Scene`;  manifold : `Manifold`
         lamps : how likely each is drawn, by shapes; last the environment, if it is, by a `skies.Sky`
         sigma : of each medium, the least extinction if its boundary is one of `manifold`, else 0
@@ -113,7 +110,7 @@ class Lamps:
         self._sky = next((lamp for lamp in lamps if isinstance(lamp, Sky)), None)
         areas = [1.0 if isinstance(lamp, Sky) else float(np.array(lamp.surface_area()).ravel()[0]) for lamp in lamps]
         self._from_one = numbered(scene.scene, shapes, 1 + np.arange(len(shapes)))
-        self._density = single(mi, shares / areas)
+        self._density = single(shares / areas)
         self._is_sky = mi.UInt32([int(isinstance(lamp, Sky)) for lamp in lamps])
         self._cumulated = [dr.opaque(mi.Float, float(share)) for share in np.cumsum(shares)[:-1]]
         self._shapes = mi.ShapePtr([scene.scene.shapes()[0] if isinstance(lamp, Sky) else lamp for lamp in lamps])

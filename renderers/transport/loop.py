@@ -7,12 +7,9 @@ through boundaries to which light is blind, less what the media on the way take;
 too (`samples`).
 """
 
-from __future__ import annotations
-
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba import variants
 from renderers.transport import flights, media
 from renderers.transport.samples import Before

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba.shading import single
 
 import mitsuba as mi  # isort: skip
@@ -143,8 +142,6 @@ class Manifold:
 
     def __init__(self, scene, boundaries, sigma, blind, around=None, panes=()):
         """
-        Parameters
-        ----------
         scene : of Mitsuba;  boundaries : `boundaries.Boundaries`
         sigma : least extinction in bodies, by shapes of the scene, meshes with a `dielectric`
         blind : whether there are boundaries to which light is blind
@@ -157,7 +154,7 @@ class Manifold:
         self._firsts = numbered(scene, shapes, firsts[:len(shapes)])
         self._pane_firsts = numbered(scene, panes, firsts[len(shapes):-1])
         self._around = numbered(scene, shapes, [around[shape] for shape in shapes], np.float32) if panes else None
-        self._table = single(mi, np.concatenate(tables).ravel())
+        self._table = single(np.concatenate(tables).ravel())
         corners = np.concatenate(tables[:len(shapes)])[:, :3]
         self.box = corners.min(axis=0), corners.max(axis=0)
 

@@ -4,14 +4,11 @@ As `renderers.transport.scattering`, whose arithmetic this is in single precisio
 wavelength, chosen by the throughput, and counted for all that might have been chosen (balance heuristic).
 """
 
-from __future__ import annotations
-
 import math
 
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba.shading import single
 
 import mitsuba as mi  # isort: skip
@@ -27,8 +24,6 @@ class Media:
 
     def __init__(self, media, unit):
         """
-        Parameters
-        ----------
         media : list of `renderers.transport.scattering.Scatterer` of the same wavelengths
         unit : m, length of 1 in the loop
         """
@@ -175,7 +170,7 @@ def _padded(row, length, value):
 
 
 def _column(rows):
-    return single(mi, np.concatenate(list(rows)))
+    return single(np.concatenate(list(rows)))
 
 
 def _rows(table):
@@ -183,4 +178,4 @@ def _rows(table):
     table = np.asarray(table)
     padded = np.zeros((len(table), -(-table.shape[1] // _PACKET) * _PACKET), np.float32)
     padded[:, :table.shape[1]] = table
-    return single(mi, padded.ravel())
+    return single(padded.ravel())

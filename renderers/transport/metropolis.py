@@ -14,8 +14,6 @@ weighted where it is better by the balance heuristic (Kelemen et al. 2002, secti
 all passes: they do not go with what a pass finds.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cached_property
 from typing import NamedTuple
@@ -76,7 +74,7 @@ class Figures(NamedTuple):
     large_steps: float | None
 
     @classmethod
-    def of(cls, normalisations, accepted) -> Figures:
+    def of(cls, normalisations, accepted) -> "Figures":
         """Of passes by their number: mean luminance of candidates, and shares of small and large steps of those that have any."""
         values, taken = np.array(list(normalisations.values())), np.array(list(accepted.values()))
         error = float(values.std(ddof=1) / len(values) ** 0.5) if len(values) > 1 else None
@@ -97,16 +95,12 @@ class States(NamedTuple):
 class Metropolis:
     """Passes of chains: called with the number of a pass, it gives its layers.
 
-    Attributes
-    ----------
     group : `Group`
     size : height and width, pixels
     """
 
     def __init__(self, light, size, seed, luminance, samples=None):
         """
-        Parameters
-        ----------
         light : function of a `primary.Source` -> light (n, 3 ORDERS) of its paths, and their pixels (n,)
         size : height and width, pixels
         seed : of the random numbers of all passes

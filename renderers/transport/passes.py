@@ -1,7 +1,5 @@
 """Pictures by paths of the loop: its passes, as `renderers.pictures.progressive` takes them."""
 
-from __future__ import annotations
-
 from functools import cache, partial
 from types import MappingProxyType
 
@@ -46,12 +44,18 @@ def part(name, world, entries, colours, seed, by_light=False, far=MappingProxyTy
     part : its passes have layers "", the picture (H, W, 3) of linear sRGB, and `engine.ORDERS`, by how often light has scattered
         in media.  The first pass compiles.
 
+    Raises
+    ------
+    variants.SeveralScenes : a graphics card cannot render these entries
+
     Notes
     -----
     Lights without extent are found from media without a boundary, from matched bodies and from surfaces, but not through
     boundaries that turn light, as no ray meets them.
     """
     scene = cache(lambda: Scene(world, entries, colours, far=far, most=most))  # with the first pass
+    if variants.on_gpu(world.variant):
+        scene()  # refuses here what a graphics card cannot render
     return of_loop(name, world, partial(_traced, scene), seed, by_light)
 
 

@@ -4,8 +4,6 @@ A path carries one throughput a wavelength and a random stream of its own.  Mate
 the next: which grain a path is on, which particle it has just left.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -57,7 +55,7 @@ class Paths(NamedTuple):
     first: np.ndarray
 
     @classmethod
-    def begun(cls, origin, direction, waves, states, pixel) -> Paths:
+    def begun(cls, origin, direction, waves, states, pixel) -> "Paths":
         """Paths of the camera."""
         n = len(pixel)
         nothing, unknown = np.full(n, -1), np.full((n, 3), np.nan)

@@ -4,8 +4,6 @@ The innermost material counts: of the regions around a point the one of the leas
 from one flight to the next: origin and direction tell, in double precision, which regions a ray is in.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -73,8 +73,6 @@ class Source:
 
     def __init__(self, size, pixel, words, table=None):
         """
-        Parameters
-        ----------
         size : height and width of the film, pixels
         pixel : (n,) in which paths begin, where there is no table
         words : (2, n) of 32 bits, of each path's random stream

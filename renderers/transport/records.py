@@ -30,8 +30,6 @@ class Records:
 
     def __init__(self, kinds, lanes, paths, entries):
         """
-        Parameters
-        ----------
         kinds : of records -> (for each path, at least a lane)
         lanes, paths : how many, and how many paths each follows
         entries : of lists, by the kinds of records

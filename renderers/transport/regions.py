@@ -1,15 +1,11 @@
 """Media that no surface of the scene bounds: where they are, and where rays come into them and leave them."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
-from bakery.errors import UsageError
-from renderers.mitsuba import variants
+from renderers.mitsuba import shapes, variants
 from renderers.transport import solids
 from renderers.transport.scattering import Scatterer
 
@@ -75,8 +71,6 @@ class Regions:
 
     def __init__(self, regions, unit):
         """
-        Parameters
-        ----------
         regions : list of (bit, region)
         unit : m, length of 1 in the loop
         """
@@ -124,19 +118,11 @@ class Regions:
 def boundary(vertices, faces, unit):
     """A Mitsuba scene of nothing but a mesh.
 
-    Raises
-    ------
-    UsageError : on a graphics card, where a kernel traces rays through one scene alone: others would silently be missed
+    Raises SeveralScenes on a graphics card, where others would silently be missed.
     """
     if variants.on_gpu(mi.variant()):
-        raise UsageError(f"variant {mi.variant()}: a graphics card traces rays through one scene at a time, and bodies that "
-                         "touch or whose mesh is turned inward, and media in a mesh, need several; use --variant llvm_ad_rgb")
-    mesh = mi.Mesh("boundary", len(vertices), len(faces))
-    values = mi.traverse(mesh)
-    values["vertex_positions"] = (np.asarray(vertices) / unit).astype(np.float32).ravel()
-    values["faces"] = np.asarray(faces).astype(np.uint32).ravel()
-    values.update()
-    return mi.load_dict({"type": "scene", "boundary": mesh})
+        raise variants.SeveralScenes(f"variant {mi.variant()}: {variants.SEVERAL_SCENES}; use --variant llvm_ad_rgb")
+    return shapes.mesh_scene(vertices, faces, unit)
 
 
 def _slab(ray, low, high):

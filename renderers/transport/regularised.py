@@ -19,8 +19,6 @@ that of the discs of Kaplanyan & Dachsbacher 2013 (Path Space Regularization for
 the picture goes to that of the lamp itself, and its variance to 0.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

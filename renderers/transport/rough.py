@@ -84,8 +84,6 @@ class Rough:
 
     def __init__(self, scene, manifold, sigma, surfaces):
         """
-        Parameters
-        ----------
         scene : `scene.Scene`;  manifold : `manifold.Manifold` of the bodies
         sigma : of each medium, the least extinction if its boundary is rough, else 0
         surfaces : shapes of Mitsuba that are rough and refract, all of the scene

@@ -5,8 +5,6 @@ A flight or a direction is drawn for one wavelength, chosen by the weights, and 
 fields.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -56,6 +54,11 @@ def scatterer(sigma_t, albedo, theta, phase) -> Scatterer:
     layouts = [phase_layout(theta, row) for row in np.asarray(phase, float)]
     return Scatterer(np.array(sigma_t, float), np.array(albedo, float), *layouts[0][:2],
                      *(np.array([layout[k] for layout in layouts]) for k in (2, 3)))
+
+
+def vacuum(waves) -> Scatterer:
+    """What neither scatters nor absorbs, at so many wavelengths."""
+    return scatterer(np.zeros(waves), np.zeros(waves), [0, np.pi], np.full((waves, 2), UNIFORM))
 
 
 def mean_cosines(medium) -> np.ndarray:

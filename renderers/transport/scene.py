@@ -1,13 +1,10 @@
 """What a loop of Dr.Jit asks of a Mitsuba scene with media: camera, colours, and the media on a ray."""
 
-from __future__ import annotations
-
 from types import MappingProxyType
 
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.mitsuba.recording import pointers
 from renderers.mitsuba.shading import single
 from renderers.transport import regions, thin
@@ -17,6 +14,7 @@ from renderers.transport.far import FarSurfaces
 from renderers.transport.media import Media
 from renderers.transport.regions import Grid, Medium, Regions
 from renderers.transport.samples import samples
+from renderers.transport.scattering import vacuum
 from renderers.transport.solids import volume
 from renderers.transport.splitting import Splitting, smooth
 from renderers.transport.voxels import Voxels
@@ -43,8 +41,6 @@ class View:
 
     def __init__(self, world, scene, colours):
         """
-        Parameters
-        ----------
         world : `renderers.mitsuba.world.World`
         scene : of Mitsuba, the world's, or one of the same lights and more surfaces
         colours : to_rgb (3, L) and to_waves (L, 3)
@@ -55,7 +51,7 @@ class View:
         self._camera = [mi.Point3f(*row) for row in _camera(world.camera, world.unit).tolist()]
         self._to_rgb, self._to_waves = _entries(colours.to_rgb), _entries(colours.to_waves)
         self._width = mi.UInt32(world.size[1])
-        self._corners = None if world.corners is None else [single(mi, column) for column in world.corners.T]
+        self._corners = None if world.corners is None else [single(column) for column in world.corners.T]
         dr.make_opaque(self._camera, self._width)
 
     def variables(self) -> list:
@@ -101,14 +97,12 @@ class Scene(View):
 
     def __init__(self, world, entries, colours, drawn=True, far=MappingProxyType({}), most=None):
         """
-        Parameters
-        ----------
         world, colours : as those of a `View`
         drawn : whether light samples of lamps go through smooth boundaries, and paths are split there; else they are as frequent
             as light is
         far : `far.Far` of bodies that are surfaces far from the camera, by their numbers among the entries
-        entries : at most `MOST`, of the same wavelengths: `regions.Medium`, or bodies, shapes of the Mitsuba scene, with name,
-            vertices, faces, medium, matched as a `renderers.materials.bodies.bodies.Body` has them
+        entries : none, or at most `MOST` of the same wavelengths: `regions.Medium`, or bodies, shapes of the Mitsuba scene, with
+            name, vertices, faces, medium, matched as a `renderers.materials.bodies.bodies.Body` has them
         most : of each entry, all of them bodies, scatterings between two surfaces that a path may have, after which it goes
             straight to the next with what the medium leaves of it; None: any number
         """
@@ -118,7 +112,8 @@ class Scene(View):
         unbounded = {number: entry for number, entry in numbered.items() if isinstance(entry, Medium)}
         bodies = {number: entry for number, entry in numbered.items() if number not in unbounded}
         unit = world.unit
-        self.media = Media([entry.scatterer if number in unbounded else entry.medium for number, entry in numbered.items()], unit)
+        media = [entry.scatterer if number in unbounded else entry.medium for number, entry in numbered.items()]
+        self.media = Media(media or [vacuum(self.waves)], unit)
         self.boundaries = Boundaries(world, bodies)
         self.around_camera = self.boundaries.around_camera
         self.regions = Regions([(1 << number, entry.region) for number, entry in unbounded.items()], unit)

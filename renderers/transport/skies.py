@@ -1,7 +1,5 @@
 """Lights all around a scene as lamps that are drawn: points of a sphere far away, around each point that they shine on."""
 
-from __future__ import annotations
-
 import drjit as dr
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM

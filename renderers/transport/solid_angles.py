@@ -1,7 +1,5 @@
 """How boundaries of bodies see the lamps of a scene, and which of them are worth light samples."""
 
-from __future__ import annotations
-
 import drjit as dr
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Closed meshes: what they hold."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -4,8 +4,6 @@ A lamp that is mirrored in glass is bright and reflected one time in twenty-five
 few paths would show it, each as bright as the lamp.  Reflected paths cost little, as most end at once.
 """
 
-from __future__ import annotations
-
 import drjit as dr
 import numpy as np
 

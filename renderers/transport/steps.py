@@ -4,8 +4,6 @@ Paths are any record with the fields that `renderers.transport.paths.Paths` and 
 throughput, states, pixel, order, bounces, density, single.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.threads import run

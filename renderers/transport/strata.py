@@ -4,8 +4,6 @@ Each is in a stratum of its own, of the pixel (jittered, so that edges of lamps 
 that chooses whether the path is reflected or refracted.  A sample by itself is spread evenly over both.
 """
 
-from __future__ import annotations
-
 import math
 
 import drjit as dr
@@ -21,8 +19,6 @@ _STRIDE = 7  # between strata of choices of samples whose strata of the pixel ar
 class Strata:
     """Strata of the samples of pixels.
 
-    Attributes
-    ----------
     key : two numbers of 32 bits, of the pass
     count : samples of a pixel
     columns : of their strata
@@ -35,7 +31,7 @@ class Strata:
         self._chosen = dr.rcp(mi.Float(count))
 
     @classmethod
-    def of(cls, key, samples) -> Strata:
+    def of(cls, key, samples) -> "Strata":
         """Of a pass of so many samples of each pixel."""
         columns = max(divisor for divisor in range(1, math.isqrt(samples) + 1) if samples % divisor == 0)
         *halves, count, columns = (dr.opaque(mi.UInt32, number) for number in (*key, samples, columns))

@@ -3,8 +3,6 @@
 Both are told by sizes, not by a trial: the time of one is another each time, and pictures would be, too.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.transport import regions

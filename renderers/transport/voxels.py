@@ -39,8 +39,6 @@ class Voxels:
 
     def __init__(self, grids, count, unit):
         """
-        Parameters
-        ----------
         grids : `regions.Grid` by the number of its medium
         count : of media
         unit : m, length of 1 in the loop

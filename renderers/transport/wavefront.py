@@ -4,8 +4,6 @@ Each path has a random stream of its own, so that values do not depend on thread
 is any tuple with to_rgb (3, L), linear sRGB from radiances, and to_waves (L, 3), radiances from linear sRGB.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.kernels import hashed

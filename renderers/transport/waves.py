@@ -5,8 +5,6 @@ surface.  Materials (`renderers.materials`) fly and scatter in compiled loops; M
 once for the light samples of all events.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -208,17 +206,11 @@ def _into_grains(scene, paths, ahead, sums):
 
 
 def transmittance(scene, paths, origin, direction, distance, departed=None, traced=False):
-    """What of light gets through from origins (n, 3) along directions to distances (n,) m.
+    """What of light gets through from origins (n, 3) along directions to distances (n,) m: (n, L), and (n,) m to the first
+    boundary, up to where grains of `departed` have not been looked for.
 
-    Parameters
-    ----------
     departed : (n,) material of the grain at which each way begins, or -1
     traced : surfaces of the scene hide light, but for blind boundaries
-
-    Returns
-    -------
-    passed : (n, L)
-    clear : (n,) m, to the first boundary: up to there grains of `departed` have not been looked for
     """
     n, places = len(origin), scene.places
     passed, clear, states = np.ones((n, len(scene.colours.to_waves))), np.empty(n), paths.states.copy()

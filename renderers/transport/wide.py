@@ -68,8 +68,6 @@ class Wide:
 
     def __init__(self, scene, guides, sigma, counts):
         """
-        Parameters
-        ----------
         scene : `scene.Scene`;  guides : `guides.Guides`
         sigma : of each medium, the least extinction if its boundary is smooth, else 0
         counts : function of emitters: whether they are among these lights

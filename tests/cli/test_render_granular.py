@@ -8,6 +8,8 @@ import pytest
 from bakery.cli import status_of
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
+from renderers.mitsuba import variants
+from renderers.mitsuba.world import World
 from tests.conftest import slow
 from tests.renders import picture, refused, rendered
 
@@ -89,6 +91,21 @@ def test_the_medium(call, place):
     report, found = rendered(call, place, "a", "materials[0].method=vpt")
     assert report["method"] == "vpt" and report["passes"] == {"vpt": 2} and picture(found, "order1.").any()
     assert any("no grain" in said for said in report["reasons"]) and any("opaque" in said for said in report["reasons"])
+
+
+def test_what_a_graphics_card_cannot_render_the_processor_does(call, place, monkeypatch):
+    """The medium in its mesh, where no variant is asked for; the report says so."""
+    card, of = [True], World.of
+
+    def on(scene, variant=None):
+        card[0] = variant is None
+        return of(scene, variant)
+
+    monkeypatch.setattr(World, "of", staticmethod(on))
+    monkeypatch.setattr(variants, "on_gpu", lambda variant: card[0])
+    report, found = rendered(call, place, "a", "materials[0].method=vpt")
+    assert any(sentence.startswith("rendered on the processor: a graphics card") for sentence in report["reasons"])
+    assert report["passes"] == {"vpt": 2} and picture(found, "order1.").any()
 
 
 def test_grains_and_medium(call, place):
@@ -297,10 +314,9 @@ def test_the_integrator_needs_arrays(call, place):
     assert status and "variant scalar_rgb; expected one that works on arrays of colours" in err
 
 
-def test_what_the_camera_sees_of_grains(place):
+def test_what_the_camera_sees_of_grains(place, monkeypatch):
     """Their normals: a radius against them lies the middle of a sphere, the same for all pixels of it; and where grains show."""
     from renderers.materials.grains import features, material, methods
-    from renderers.mitsuba.world import World
     from renderers.pictures.running import Render
 
     job = Render(place / "s.yaml", place / "a.png")
@@ -322,3 +338,6 @@ def test_what_the_camera_sees_of_grains(place):
     assert (found.detail[met] > 0).all() and (found.detail <= 1).all() and not found.detail[0].any()
     assert np.allclose(found.albedo[0], [0.5, 0.4, 0.3], atol=1e-5) or np.isinf(found.distance[0]).any()
     assert np.isfinite(found.albedo).all() and (abs(found.normal) <= 1 + 1e-6).all()
+    monkeypatch.setattr(variants, "on_gpu", lambda variant: True)
+    without_medium = features.first_hits(world, how, job.assets, meshes, 0)
+    assert np.array_equal(without_medium.grain, found.grain) and np.isfinite(without_medium.albedo).all()

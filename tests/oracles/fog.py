@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.system.compiled import njit
-from renderers.fog import _filter
+from renderers.fog import _columns, _filter
 from renderers.fog import filter as screen
 from renderers.fog._filter import FAR, MET, NEAR, REST, SHARE, _place
 from renderers.fog._lanes import LANES
@@ -126,3 +126,17 @@ def every_pair(chosen, reach, pixels, table, remainder, out):
                     for c in range(LANES):
                         sums[FAR, c] += share[c] * light[yy, xx, c]
                         sums[MET, c] += share[c]
+
+
+def look(fog, channel, tau, ratio):
+    """s(tau, x) of a channel of a `renderers.fog.kernels.Fog`, broadcast; 0 beyond the largest ratio: what a filter looks up."""
+    i, j = np.broadcast_arrays(fog.place(tau, fog.depth), fog.place(ratio, fog.ratio))
+    m, n, table = i.astype(int), j.astype(int), fog.shape[channel]
+    f, g = i - m, j - n
+    values = (1 - f) * ((1 - g) * table[m, n] + g * table[m, n + 1]) + f * ((1 - g) * table[m + 1, n] + g * table[m + 1, n + 1])
+    return np.where(np.broadcast_to(np.asarray(ratio) <= fog.ratio[-1], i.shape), values, 0.0)
+
+
+def diffuse(albedo, g, tau, total, *, mu=1.0, irradiance=1.0):
+    """`_columns.column` of arguments that broadcast: (phi, flux)."""
+    return np.vectorize(_columns.column)(*(np.asarray(value, float) for value in (albedo, g, tau, total, mu, irradiance)))

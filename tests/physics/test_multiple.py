@@ -334,15 +334,6 @@ def test_extremes():
     assert peaked.error(0.3, 1.0) > 0.1  # and it says that this is not to be used
 
 
-def test_threads_change_no_bit():
-    p = HG(0.6, 14)
-    one, two = fourier.propagator(0.9, p), fourier.propagator(0.9, p, threads=3)
-    assert one.scaled.tobytes() == two.scaled.tobytes()
-    at = np.array([0.5, 0.01]), np.array([1.0, 1.0])
-    assert (segment.coefficients(one, *at, 2.0, np.zeros(2)).tobytes()
-            == segment.coefficients(one, *at, 2.0, np.zeros(2), threads=3).tobytes())
-
-
 # ---- the segment ----
 
 @pytest.mark.parametrize("rho, z, length", [(0.4, 1.0, 2.0), (0.03, 0.5, 2.0), (3.0, -2.0, 0.1), (0.0, -1.0, 2.0),

@@ -201,12 +201,6 @@ def test_the_table_survives_its_arrays(tables, ready):
         table.from_arrays(arrays | {"corner": arrays["corner"] + np.int16(1)}, kind=POINT, length=0, extent=32, k0=0.3)
 
 
-def test_tables_do_not_depend_on_threads(solved, tables):
-    again = build.table(solved, SEGMENT, extent=32.0, threads=2)
-    for name, values in again.arrays().items():
-        np.testing.assert_array_equal(values, tables[SEGMENT].arrays()[name], err_msg=name)
-
-
 # ---- values
 
 # integral over directions, then theta = 0, 45, 90, 180 degrees at phi = 0; photons agree within their noise

@@ -11,6 +11,7 @@ from scipy.linalg import solve_banded
 
 from bakery.errors import UsageError
 from renderers.fog import _columns, external
+from tests.oracles.fog import diffuse
 
 FAR = 1e3
 
@@ -109,7 +110,7 @@ def cast(density, origin, direction, albedo, sigma_t, lights, g=0.0, distance=FA
                                                                  (0.9, 0, 1, 0.273, 0.233)])
 def test_slabs_of_a_published_kind(albedo, g, total, reflected, passed):
     """P1 numbers that were found by another program; three digits are known."""
-    phi, flux = _columns.diffuse(albedo, g, np.array([0, total]), total, irradiance=1.0)
+    phi, flux = diffuse(albedo, g, np.array([0, total]), total, irradiance=1.0)
     assert phi[0] / 4 - flux[0] / 2 == pytest.approx(reflected, abs=6e-4)
     assert phi[1] / 4 + flux[1] / 2 == pytest.approx(passed, abs=6e-4)
 
@@ -133,7 +134,7 @@ def test_column_solves_the_equation(albedo, g, total, mu):
     off = np.full(n, -D / h)
     expected = solve_banded((1, 1), np.array([np.r_[0, off[1:]], diagonal, np.r_[off[1:], 0]]), right)
     middle = (edge[1:] + edge[:-1]) / 2
-    phi, flux = _columns.diffuse(albedo, g, middle, total, mu=mu)
+    phi, flux = diffuse(albedo, g, middle, total, mu=mu)
     np.testing.assert_allclose(phi, expected, rtol=1e-5, atol=1e-6 * expected.max())
     np.testing.assert_allclose(flux[1:-1], (-D * np.gradient(expected, h) + 3 * D * albedo * g * mu * np.exp(-middle / mu))[1:-1],
                                atol=3e-5 * max(1, expected.max()))
@@ -144,7 +145,7 @@ def test_column_solves_the_equation(albedo, g, total, mu):
 @pytest.mark.parametrize("mu", [1, 0.3, 1e-3])
 def test_energy_is_kept_without_absorption(total, g, mu):
     tau = total * np.linspace(0, 1, 7)
-    phi, flux = _columns.diffuse(1.0, g, tau, total, mu=mu, irradiance=2.0)
+    phi, flux = diffuse(1.0, g, tau, total, mu=mu, irradiance=2.0)
     left = 2 * mu * np.exp(-tau / mu)
     reflected, passed = phi[0] / 4 - flux[0] / 2, phi[-1] / 4 + flux[-1] / 2
     assert reflected + passed + left[-1] == pytest.approx(2 * mu, rel=1e-9)
@@ -153,18 +154,18 @@ def test_energy_is_kept_without_absorption(total, g, mu):
 
 def test_limits_of_a_column():
     tau = np.array([0, 1e-9, 1, 500, 1e3])
-    np.testing.assert_allclose(_columns.diffuse(0.0, 0.0, tau, 1e3, irradiance=1.0), 0)
+    np.testing.assert_allclose(diffuse(0.0, 0.0, tau, 1e3, irradiance=1.0), 0)
     # half space that absorbs nothing sends all back; a thin layer scatters albedo tau E
-    phi, flux = _columns.diffuse(1.0, 0.0, 0.0, 1e8, irradiance=1.0)
+    phi, flux = diffuse(1.0, 0.0, 0.0, 1e8, irradiance=1.0)
     assert phi / 4 - flux / 2 == pytest.approx(1, abs=1e-7)
-    phi, flux = _columns.diffuse(0.8, 0.3, np.array([0, 1e-8]), 1e-8, irradiance=1.0)
+    phi, flux = diffuse(0.8, 0.3, np.array([0, 1e-8]), 1e-8, irradiance=1.0)
     assert (phi / 4 - flux / 2)[0] + (phi / 4 + flux / 2)[1] == pytest.approx(0.8e-8, rel=1e-6)
     # both sides of the resonance a = k, and of albedo 1
     k = math.sqrt(3 * 0.5)
-    values = [_columns.diffuse(0.5, 0.0, 1.0, 3.0, mu=(1 + step) / k, irradiance=1.0)[0] for step in (-1e-7, 0, 1e-7)]
+    values = [diffuse(0.5, 0.0, 1.0, 3.0, mu=(1 + step) / k, irradiance=1.0)[0] for step in (-1e-7, 0, 1e-7)]
     assert values[0] == pytest.approx(values[1], rel=1e-6) and values[2] == pytest.approx(values[1], rel=1e-6)
-    assert _columns.diffuse(1 - 1e-13, 0.5, 1.0, 3.0, irradiance=1.0)[0] == pytest.approx(
-        _columns.diffuse(1.0, 0.5, 1.0, 3.0, irradiance=1.0)[0], rel=1e-9)
+    assert diffuse(1 - 1e-13, 0.5, 1.0, 3.0, irradiance=1.0)[0] == pytest.approx(
+        diffuse(1.0, 0.5, 1.0, 3.0, irradiance=1.0)[0], rel=1e-9)
 
 
 # ---- viewing rays
@@ -258,9 +259,9 @@ def test_slab_is_the_column_that_is_left(albedo, g, peak):
     """The scaled medium's diffuse light, and what the peak took out of the direct light."""
     left, asymmetry, factor = scaled_by_hand(albedo, g, peak)
     for tau in (1e-3, 0.5, 3.0, 20.0):
-        phi, flux = _columns.diffuse(left, asymmetry, np.array([0, factor * tau]), factor * tau)
+        phi, flux = diffuse(left, asymmetry, np.array([0, factor * tau]), factor * tau)
         straight = math.exp(-factor * tau) - math.exp(-tau)
-        endless = _columns.diffuse(left, asymmetry, factor * tau, 1e7)
+        endless = diffuse(left, asymmetry, factor * tau, 1e7)
         expected = straight + phi[1] / 4 + flux[1] / 2, phi[0] / 4 - flux[0] / 2, straight + endless[0] / 4 + endless[1] / 2
         assert np.array(_columns.slab(albedo, g, peak, tau)) == pytest.approx(np.array(expected), rel=1e-8)
 
@@ -273,7 +274,7 @@ def test_source_term_by_term(albedo, g, peak):
     left, asymmetry, factor = scaled_by_hand(albedo, g, peak)
     true, q = before * sigma_t, (1 + g) / 2
     whole = factor * (before + behind) * sigma_t
-    phi, flux = _columns.diffuse(left, asymmetry, factor * true, whole, mu=mu, irradiance=irradiance)
+    phi, flux = diffuse(left, asymmetry, factor * true, whole, mu=mu, irradiance=irradiance)
     m = albedo * peak * true / mu
     chance = [math.exp(-m) * m**n / math.factorial(n) for n in range(1, 60)]
     forward = g * sum(p * q**n for n, p in enumerate(chance, 1)) / sum(chance)
@@ -281,11 +282,11 @@ def test_source_term_by_term(albedo, g, peak):
     lobe = (1 - forward**2) / (4 * math.pi * (1 + forward**2 - 2 * forward * c) ** 1.5)
     near = irradiance * (math.exp(-factor * true / mu) - math.exp(-true / mu)) * lobe
     expected = albedo * (single * math.exp(-true / mu) + (phi + 3 * g * cosine * flux) / (4 * math.pi) + near)
-    for diffuse, value in ((True, expected), (False, albedo * single * math.exp(-true / mu))):
+    for scattered, value in ((True, expected), (False, albedo * single * math.exp(-true / mu))):
         out = np.ones((1, 1))
         columns = (np.array([x]) for x in (before, behind))
         medium = _columns.Medium(*(np.array([x]) for x in (sigma_t, albedo, g, peak)))
-        sun = _columns.Parallel(mu, np.array([irradiance]), diffuse)
+        sun = _columns.Parallel(mu, np.array([irradiance]), scattered)
         _columns.source(*columns, np.array([[single]]), np.array([c]), np.array([cosine]), medium, sun, out)
         assert out[0, 0] - 1 == pytest.approx(value, rel=1e-9)
 
@@ -336,7 +337,7 @@ def test_slab_against_photons(albedo, g, depth):
     views = np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=1)
     radiance, shares = photons(albedo, g, depth, views, 60_000, 5)
     left, asymmetry, factor = _columns.scaled(albedo, g, g * g)
-    phi, flux = _columns.diffuse(left, asymmetry, np.array([0, depth]) * factor, depth * factor, irradiance=1.0)
+    phi, flux = diffuse(left, asymmetry, np.array([0, depth]) * factor, depth * factor, irradiance=1.0)
     assert phi[0] / 4 - flux[0] / 2 == pytest.approx(shares[0], abs=0.015)
     assert phi[1] / 4 + flux[1] / 2 + math.exp(-depth * factor) - math.exp(-depth) == pytest.approx(shares[1], abs=0.015)
     origin = np.where(views[:, 2:] > 0, [[0, 0, 2.0]], [[0, 0, -1.0]])

@@ -15,7 +15,7 @@ from renderers.fog import filter as screen
 from renderers.fog import kernels
 from tests.conftest import slow
 from tests.oracles import beam as oracle
-from tests.oracles.fog import direct
+from tests.oracles.fog import direct, look
 
 RECIPE = """\
 bakery: 1
@@ -58,10 +58,10 @@ def test_look_up_is_the_assets_kernel(asset, fog):
     for tau in (0.004, 0.3, 2.7, 9.1):
         exact = asset.beam.kernel(tau, r * tau, "flux")[::-1] * tau * tau * r
         for c in range(3):
-            keep = fog.look(c, tau, 1e-3) / exact[c, 0]  # renormalised: one factor a depth
+            keep = look(fog, c, tau, 1e-3) / exact[c, 0]  # renormalised: one factor a depth
             # cut where more would be within than arrives; the edge is two steps of the table wide
-            near = fog.look(c, tau, r * 1.25) > 0
-            assert abs(fog.look(c, tau, r) / keep - exact[c])[near].max() < 0.01 * exact[c].max(), (tau, c)
+            near = look(fog, c, tau, r * 1.25) > 0
+            assert abs(look(fog, c, tau, r) / keep - exact[c])[near].max() < 0.01 * exact[c].max(), (tau, c)
             assert near[r < 0.5].all()
     assert np.allclose(fog.within[..., -1], 1, atol=1e-9)
 
@@ -73,7 +73,7 @@ def test_means_over_pixels(asset, fog):
     tau, n = 1.0, 200
     i = round(math.log(tau / fog.depth[0]) / math.log(fog.depth[1] / fog.depth[0]))
     at = (np.arange(n) + 0.5) / n - 0.5
-    scale = fog.look(2, tau, 0.01) / (asset.beam.kernel(tau, 0.01 * tau, "flux")[0] * 0.01 * tau**2)
+    scale = look(fog, 2, tau, 0.01) / (asset.beam.kernel(tau, 0.01 * tau, "flux")[0] * 0.01 * tau**2)
     for j in np.searchsorted(fog.ratio, (0.003, 0.03, 0.3)):
         u = fog.ratio[j]
         for o, (dx, dy) in enumerate(offsets[1:], 1):
@@ -94,7 +94,7 @@ def test_deeper_than_the_tables(asset, fog, tmp_path):
     x = np.geomspace(1e-6, 100, 2000)
     weight = math.pi * x * math.log(x[1] / x[0])
     for c in range(3):
-        assert (abs(short.look(c, 10.0, x) - fog.look(c, 10.0, x)) * weight).sum() < 0.15
+        assert (abs(look(short, c, 10.0, x) - look(fog, c, 10.0, x)) * weight).sum() < 0.15
 
 
 def test_light_that_arrives(asset, fog):
@@ -165,13 +165,13 @@ def test_powers_of_a_model_for_comparison(power):
     # the shape is the Gaussian's, whatever its power
     x = np.array([0.01, 0.05, 0.1, 0.2])
     tau = fog.depth[np.searchsorted(fog.depth, 3.0)]
-    assert fog.look(0, tau, x) == pytest.approx(x * np.exp(-x * x / (0.02 * tau)) / (0.02 * math.pi * tau), rel=0.01)
+    assert look(fog, 0, tau, x) == pytest.approx(x * np.exp(-x * x / (0.02 * tau)) / (0.02 * math.pi * tau), rel=0.01)
     # beyond the deepest table that shape is stretched, and with it the length that a cut-off counts in
     deep = np.searchsorted(fog.depth, 100.0)
     for c, albedo in enumerate((0.5, 1.0)):
         far, last = kernels._spread(0.02, albedo, np.array([fog.depth[deep], 12.0]))
         square = 0.02 * 12 * far / last
-        assert fog.look(c, fog.depth[deep], x) == pytest.approx(x * np.exp(-x * x / square) / (math.pi * square), rel=0.01)
+        assert look(fog, c, fog.depth[deep], x) == pytest.approx(x * np.exp(-x * x / square) / (math.pi * square), rel=0.01)
         assert fog.width[c, deep] == pytest.approx(math.sqrt(2 * square), rel=1e-3)
 
 
@@ -300,7 +300,7 @@ def test_halo_of_a_lamp(asset, fog):
         far = (r > 2.5 * u) & (r < 1)
         exact = asset.beam.kernel(tau, np.maximum(r, u) * tau, "flux")[0] * (u * tau) ** 2
         power = -math.expm1(-tau[0])
-        exact *= power * fog.look(2, tau, 0.01) / (0.01 * tau**2 * asset.beam.kernel(tau, 0.01 * tau, "flux")[0])
+        exact *= power * look(fog, 2, tau, 0.01) / (0.01 * tau**2 * asset.beam.kernel(tau, 0.01 * tau, "flux")[0])
         assert found[..., 2][far] == pytest.approx(exact[far], rel=0.06)
         assert np.sqrt(np.mean((found[..., 2][far] / exact[far] - 1) ** 2)) < 0.02
         assert abs(np.mean(found[..., 2][far] / exact[far] - 1)) < 0.01
@@ -398,7 +398,7 @@ def test_extremes(tmp_path, spread):
     if spread == 0.1:
         # ten times deeper than the tables: M2/M0 = 4/3 B tau/(1 - e^-tau), B half the square of the spread; 1 - e^-4 at the last
         x = np.geomspace(1e-6, 1, 2000)
-        square = np.trapezoid(2 * math.pi * x**3 * fog.look(0, 40.0, x), np.log(x))
+        square = np.trapezoid(2 * math.pi * x**3 * look(fog, 0, 40.0, x), np.log(x))
         assert square == pytest.approx(2 / 3 * math.radians(spread) ** 2 * 40 / -math.expm1(-4), rel=0.05)
     image, z, angle, column, _ = scene(12, 16)
     for tau in (1e-8, 1.0, 1e3):

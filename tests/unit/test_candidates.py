@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from renderers.camera import Camera
 from renderers.materials.bodies import declared as bodies
 from renderers.materials.grains import material
 from renderers.materials.grains.declared import methods
@@ -58,7 +59,7 @@ def test_grains_that_can_be_told_apart_deviate_from_their_medium(monkeypatch, di
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     monkeypatch.setattr(meshes, "of_entry", lambda scene, number: (vertices, faces))
     monkeypatch.setattr(material, "largest_of", lambda asset: 1e-3)
-    camera = SimpleNamespace(origin=np.zeros(3), right=np.array([0, 1e-3, 0]), down=np.array([0, 0, 1e-3]))
+    camera = Camera(np.zeros(3), np.ones(3), np.array([0, 1e-3, 0]), np.array([0, 0, 1e-3]))
     assert methods()["vpt"].deviation(None, 0, None, SimpleNamespace(camera=camera)) == pytest.approx(deviation)
 
 

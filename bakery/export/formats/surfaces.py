@@ -15,21 +15,14 @@ MIRRORED = "light that the smooth boundary mirrors ({:.3g} % at normal incidence
 
 
 class Layer(NamedTuple):
-    """One thickness of an asset's surface.
+    """One thickness of an asset's surface."""
 
-    Attributes
-    ----------
-    number : its position
-    name : of the material and, with an ending, of its files
-    index, roughness : of its boundary
-    free : whether light passes it
-    """
-
-    number: int
-    name: str
+    number: int  # its position
+    name: str  # of the material and, with an ending, of its files
+    # index, roughness: of its boundary
     index: float
     roughness: float
-    free: bool
+    free: bool  # whether light passes it
 
     @property
     def mirrors(self) -> bool:
@@ -47,16 +40,11 @@ class Layer(NamedTuple):
 
 
 class Addition(NamedTuple):
-    """Files of one layer.
+    """Files of one layer."""
 
-    Attributes
-    ----------
-    files : name -> content;  loss : for machines;  lines : for people
-    """
-
-    files: Mapping[str, str | bytes]
-    loss: Mapping[str, Any]
-    lines: Sequence[str]
+    files: Mapping[str, str | bytes]  # name -> content
+    loss: Mapping[str, Any]  # for machines
+    lines: Sequence[str]  # for people
 
 
 def layers(job: Job) -> Iterator[Layer]:

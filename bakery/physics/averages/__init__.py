@@ -34,32 +34,23 @@ _MARGIN = 0.8  # of the tolerance, for quadrature (its SHARE) and interpolant to
 
 @dataclass(frozen=True)
 class Average:
-    """Averages of one component.
-
-    Attributes
-    ----------
-    radius, weight : (R,) um, 1; quadrature nodes of the cross sections, weights add up to 1
-    scattering, absorption : (L, R) um^2
-    cosine : (L, R) 1, mean cosine of each sphere
-    elements : (L, E, A) 1/sr; the phase function, and with polarisation S12, S33, S34 in the same unit (E = 1 or 4)
-    phase_bias : (L, A) 1/sr, absolute, quadrature, interpolation and rays next to the angle, for all elements
-    error : (L,) 1, the largest relative error of phase function and mean cross sections (absorption as said above), rays apart
-    choices : (L,) of `choice.Choice`; from which size parameter on rays were taken, and their measured error
-    absorption_bias : (L,) 1, relative change of the mean absorption alone
-    scale : (L,) 1, integral of the phase function before it was normalised, over the mean scattering cross section
-    """
+    """Averages of one component."""
 
     name: str
+    # radius, weight: (R,) um, 1; quadrature nodes of the cross sections, weights add up to 1
     radius: np.ndarray
     weight: np.ndarray
+    # scattering, absorption: (L, R) um^2
     scattering: np.ndarray
     absorption: np.ndarray
-    cosine: np.ndarray
-    elements: np.ndarray
-    phase_bias: np.ndarray
+    cosine: np.ndarray  # (L, R) 1, mean cosine of each sphere
+    elements: np.ndarray  # (L, E, A) 1/sr; the phase function, and with polarisation S12, S33, S34 in the same unit (E = 1 or 4)
+    phase_bias: np.ndarray  # (L, A) 1/sr, absolute, quadrature, interpolation and rays next to the angle, for all elements
+    # (L,) 1, the largest relative error of phase function and mean cross sections (absorption as said above), rays apart
     error: np.ndarray
-    absorption_bias: np.ndarray
-    scale: np.ndarray
+    absorption_bias: np.ndarray  # (L,) 1, relative change of the mean absorption alone
+    scale: np.ndarray  # (L,) 1, integral of the phase function before it was normalised, over the mean scattering cross section
+    # (L,) of `choice.Choice`; from which size parameter on rays were taken, and their measured error
     choices: tuple[Choice, ...] = ()
 
 

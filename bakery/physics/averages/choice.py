@@ -31,23 +31,15 @@ _NEIGHBOURS = 2  # sample angles on either side that share their largest differe
 
 @dataclass(frozen=True)
 class Choice:
-    """Where rays are taken for one component at one wavelength, and what that costs in accuracy.
+    """Where rays are taken for one component at one wavelength, and what that costs in accuracy."""
 
-    Attributes
-    ----------
-    switch : size parameter from which rays are taken; inf: nowhere
-    error : 1, integrated difference of the averaged phase functions, over its integral
-    saved : share of the angular work that rays save, as predicted
-    theta, difference : (A,) rad, 1/sr; the largest difference of the normalised phase functions near each sample angle
-    why : in words
-    """
-
-    switch: float
-    error: float
-    saved: float
+    switch: float  # size parameter from which rays are taken; inf: nowhere
+    error: float  # 1, integrated difference of the averaged phase functions, over its integral
+    saved: float  # share of the angular work that rays save, as predicted
+    # theta, difference: (A,) rad, 1/sr; the largest difference of the normalised phase functions near each sample angle
     theta: np.ndarray
     difference: np.ndarray
-    why: str
+    why: str  # in words
 
     @property
     def taken(self) -> bool:
@@ -65,8 +57,6 @@ def at_once(function: Callable, *arguments):
 def choose(channels: Sequence[Channel], tolerance: float, rays: Rays, remember: Callable = at_once) -> list[Choice]:
     """The choice for each channel.
 
-    Parameters
-    ----------
     channels : components at wavelengths
     tolerance : largest integrated difference that `auto` accepts
     rays : `method` "mie" (never), "goa" (from `switch`, or x = 30, whatever the error, which is measured all the same) or "auto"

@@ -30,33 +30,20 @@ class Layers(NamedTuple):
 
 @dataclass(frozen=True)
 class Coat:
-    """The shell around the spheres of a component.
+    """The shell around the spheres of a component."""
 
-    Attributes
-    ----------
-    m : (L,) complex index n + ik relative to the host, k >= 0
-    ratio : radius of the core over that of the whole; None where the thickness is given
-    thickness : um
-    """
-
-    m: np.ndarray
-    ratio: float | None = None
-    thickness: float = 0.0
+    m: np.ndarray  # (L,) complex index n + ik relative to the host, k >= 0
+    ratio: float | None = None  # radius of the core over that of the whole; None where the thickness is given
+    thickness: float = 0.0  # um
 
 
 @dataclass(frozen=True)
 class Component:
-    """One kind of sphere.
-
-    Attributes
-    ----------
-    m : (L,) complex index n + ik relative to the host, k >= 0; with a coat that of the core
-    sizes : of the whole spheres
-    """
+    """One kind of sphere."""
 
     name: str
-    m: np.ndarray
-    sizes: Population
+    m: np.ndarray  # (L,) complex index n + ik relative to the host, k >= 0; with a coat that of the core
+    sizes: Population  # of the whole spheres
     coat: Coat | None = None
 
     def spheres(self, wavenumber) -> list[complex | Layers]:
@@ -117,27 +104,20 @@ SERIES = Rays("mie")
 
 
 class Aim(NamedTuple):
-    """How good averages are to be, and of what.
+    """How good averages are to be, and of what."""
 
-    Attributes
-    ----------
-    tolerance : largest relative error of any mean cross section and of the phase function at any angle
-    polarized : also S12, S33, S34
-    integrated : the tolerance holds for the integral of the phase function's error over the sphere (twice the share of light that
-        goes elsewhere), not for its relative error at every angle
-    radii, angles : fixed numbers of sizes and of angles, whatever error they leave: it is measured all the same; None: as many as
-        the tolerance takes
-    rays : whether and how rays stand for the series of large spheres
-    sparse : begin with half as many sizes, and with steps between angles four times as wide; errors are measured and refined all
-        the same
-    """
-
-    tolerance: float
-    polarized: bool = False
+    tolerance: float  # largest relative error of any mean cross section and of the phase function at any angle
+    polarized: bool = False  # also S12, S33, S34
+    # the tolerance holds for the integral of the phase function's error over the sphere (twice the share of light that goes
+    # elsewhere), not for its relative error at every angle
     integrated: bool = False
+    # radii, angles: fixed numbers of sizes and of angles, whatever error they leave: it is measured all the same; None: as many
+    # as the tolerance takes
     radii: int | None = None
     angles: int | None = None
-    rays: Rays = SERIES
+    rays: Rays = SERIES  # whether and how rays stand for the series of large spheres
+    # begin with half as many sizes, and with steps between angles four times as wide; errors are measured and refined all the
+    # same
     sparse: bool = False
 
 

@@ -17,20 +17,12 @@ _CUT, _COARSE = 1e-6, 1e-5
 
 @dataclass(frozen=True)
 class Medium:
-    """A phase function prepared for both models.
+    """A phase function prepared for both models."""
 
-    Attributes
-    ----------
-    planar : for the small-angle model
-    line : for single scattering
-    moments : (L + 1,) Legendre moments, or None where more than `LARGEST` would be needed
-    g : mean cosine
-    """
-
-    planar: planar.Planar
-    line: single.Line
-    moments: np.ndarray | None
-    g: float
+    planar: planar.Planar  # for the small-angle model
+    line: single.Line  # for single scattering
+    moments: np.ndarray | None  # (L + 1,) Legendre moments, or None where more than `LARGEST` would be needed
+    g: float  # mean cosine
 
 
 def prepare(theta, phase) -> Medium:
@@ -50,25 +42,19 @@ def model_of(medium: Medium) -> str:
     return "transport" if medium.moments is not None else "small-angle"
 
 
-def small_angle_table(medium: Medium, albedo, depth, absorb=False, nodes=None) -> table.Table:
+def small_angle_table(medium: Medium, albedo, depth, nodes=None) -> table.Table:
     """The small-angle kernel; arguments as in `transport_tables`.  It knows forward light only: one table for all measures."""
     z, ratio = nodes or table.grid(depth, medium.planar.width)
-    return _table(z, ratio, small_angle.homogeneous(medium.planar, albedo, z, ratio, absorb))
+    return _table(z, ratio, small_angle.homogeneous(medium.planar, albedo, z, ratio))
 
 
 def transport_tables(medium: Medium, albedo, depth, nodes=None) -> dict[str, table.Table]:
     """Tables of all `kinds.MEASURES` by transport.
 
-    Parameters
-    ----------
     medium : of `prepare`
-    albedo : 0 to 1
-    depth : mfp, the deepest
     nodes : (depth, ratio) of `table.grid`, for several wavelengths that of the narrowest; None: those of this medium
 
-    Raises
-    ------
-    ValueError : the phase function is too narrow for transport
+    Raises ValueError : the phase function is too narrow for transport
     """
     if medium.moments is None:
         raise ValueError(f"the phase function needs more than {LARGEST} Legendre orders; the small-angle model takes it")
@@ -81,14 +67,10 @@ def transport_tables(medium: Medium, albedo, depth, nodes=None) -> dict[str, tab
 def errors(tables, counting):
     """Root mean square errors of tables against photons (`photons.rms`).
 
-    Parameters
-    ----------
     tables : measure -> Table, measures as in `kinds.MEASURES`
     counting : `photons.Counting`, of the medium, in planes and rings within the tables
 
-    Returns
-    -------
-    measure -> (error, noise of the photons), both relative
+    Returns measure -> (error, noise of the photons), both relative
     """
     result = {}
     for back in (False, True):

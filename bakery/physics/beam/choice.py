@@ -17,22 +17,13 @@ _QUIET = 1 / 3  # of the tables' error: noise that more photons need not lower, 
 
 
 class Tabulated(NamedTuple):
-    """Tables of one wavelength.
+    """Tables of one wavelength."""
 
-    Attributes
-    ----------
-    values : measure or "small_angle" -> (D, U) r depth kernel
-    model : in `kinds.MODELS`, of the measures
-    B : rad^2, of the Gaussian lobe with the table's width
-    errors : measure -> relative error against photons less their noise, and that noise
-    photons : counted for each
-    """
-
-    values: dict[str, np.ndarray]
-    model: str
-    B: float
-    errors: dict[str, tuple[float, float]]
-    photons: int
+    values: dict[str, np.ndarray]  # measure or "small_angle" -> (D, U) r depth kernel
+    model: str  # in `kinds.MODELS`, of the measures
+    B: float  # rad^2, of the Gaussian lobe with the table's width
+    errors: dict[str, tuple[float, float]]  # measure -> relative error against photons less their noise, and that noise
+    photons: int  # counted for each
 
 
 def counted_at(deepest):
@@ -44,8 +35,6 @@ def counted_at(deepest):
 def tabulated(albedo, theta, phase, nodes, photons, tolerance, seed, stream) -> Tabulated:
     """Tables of all measures by the best model that can be had, held against photons.
 
-    Parameters
-    ----------
     albedo : 0 to 1
     theta, phase : (A,) rad, 1/sr, linear in cos theta, normalised
     nodes : (depth, ratio) of `table.grid`

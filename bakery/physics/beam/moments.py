@@ -26,14 +26,10 @@ def levers(depth, sigma_s):
 def layered_levers(edges, sigma_s):
     """S_0, S_2, S_4 at every edge of layers of constant density, in one pass.
 
-    Parameters
-    ----------
     edges : (N + 1,) ascending, the first where the light enters
     sigma_s : (..., N) in each layer
 
-    Returns
-    -------
-    S_0, S_2, S_4 : (..., N + 1); exact, sums of positive terms only
+    Returns S_0, S_2, S_4 : (..., N + 1); exact, sums of positive terms only
     """
     edges, sigma_s = np.asarray(edges, float), np.asarray(sigma_s, float)
     S = np.zeros((5, *sigma_s.shape[:-1], len(edges)))
@@ -48,15 +44,11 @@ def layered_levers(edges, sigma_s):
 def moments(S_0, S_2, S_4, tau_a, B):
     """M0, M2, M4.
 
-    Parameters
-    ----------
     S_0, S_2, S_4 : of `levers` or `layered_levers`
     tau_a : absorption optical depth
     B : rad^2, a quarter of the mean square scattering angle; broadcasts
 
-    Returns
-    -------
-    M0, M2, M4 : 1, mfp^2, mfp^4; full relative precision down to optical depths of 1e-300
+    Returns M0, M2, M4 : 1, mfp^2, mfp^4; full relative precision down to optical depths of 1e-300
     """
     transmitted = np.exp(-np.asarray(tau_a, float))
     return -transmitted * np.expm1(-S_0), 4 * B * transmitted * S_2, 32 * np.square(B) * transmitted * (np.square(S_2) + S_4)
@@ -76,13 +68,9 @@ def absorbed(depth, sigma_s, sigma_a, B):
     left, x^2 = 2 B n sigma_a z, and the mean square radius shrinks by 3 (x - tanh x)/x^3 (Gaussian closure of Fokker-Planck with
     loss; exact to first order in x^2 for every n); both are averaged over the number of events, at least one.
 
-    Parameters
-    ----------
     depth, sigma_s, sigma_a, B : broadcast
 
-    Returns
-    -------
-    weight, shrink : 1, in (0, 1]
+    Returns weight, shrink : 1, in (0, 1]
     """
     depth, sigma_s, sigma_a, B = np.broadcast_arrays(*(np.asarray(x, float) for x in (depth, sigma_s, sigma_a, B)))
     S, y = sigma_s * depth, 2 * B * sigma_a * depth

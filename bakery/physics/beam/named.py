@@ -27,23 +27,15 @@ LAYERED = ("forward", "flux", "single", "small_angle", "erf")
 
 @dataclass(frozen=True)
 class Kernels:
-    """Kernels of one wavelength.
+    """Kernels of one wavelength."""
 
-    Attributes
-    ----------
-    albedo : 1
-    theta, phase : (A,) rad, 1/sr
-    B : rad^2, of the Gaussian lobe that the closed forms are given
-    transport : whether the tables are by transport; otherwise all are by the small-angle model
-    table : name in `TABLES` -> Table
-    """
-
-    albedo: float
+    albedo: float  # 1
+    # theta, phase: (A,) rad, 1/sr
     theta: np.ndarray
     phase: np.ndarray
-    B: float
-    transport: bool
-    table: Callable[[str], Table]
+    B: float  # rad^2, of the Gaussian lobe that the closed forms are given
+    transport: bool  # whether the tables are by transport; otherwise all are by the small-angle model
+    table: Callable[[str], Table]  # name in `TABLES` -> Table
 
     def kernel(self, depth, r, name):
         """Psi, mfp^-2, at depths up to the tables' last and distances r from the axis, mfp; broadcast.
@@ -67,8 +59,6 @@ class Kernels:
     def layered(self, thickness, density, r, name):
         """Psi behind layers, per square of the unit of length, which is the mean free path at density 1.
 
-        Parameters
-        ----------
         thickness, density : (N,) of the layers from where the beam enters to the plane
         r : any shape, > 0
         name : of `LAYERED`

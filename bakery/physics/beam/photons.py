@@ -29,24 +29,17 @@ _GONE = 20.0  # optical depths to the next plane after which a photon that canno
 
 @dataclass(frozen=True)
 class Counted:
-    """Scattered light in rings of planes, with standard errors from `BLOCKS` independent blocks.
+    """Scattered light in rings of planes, with standard errors from `BLOCKS` independent blocks."""
 
-    Attributes
-    ----------
-    depth : (D,) mfp
-    edges : (R + 1,) mfp, of the rings
-    flux, flux_error : (D, R) mfp^-2, crossings of the plane, forward and back, over the area of the ring
-    fluence, fluence_error : (D, R) mfp^-2, crossings over the cosine: radiance integrated over directions
-    photons : followed
-    """
-
-    depth: np.ndarray
-    edges: np.ndarray
+    depth: np.ndarray  # (D,) mfp
+    edges: np.ndarray  # (R + 1,) mfp, of the rings
+    # flux, flux_error: (D, R) mfp^-2, crossings of the plane, forward and back, over the area of the ring
     flux: np.ndarray
     flux_error: np.ndarray
+    # fluence, fluence_error: (D, R) mfp^-2, crossings over the cosine: radiance integrated over directions
     fluence: np.ndarray
     fluence_error: np.ndarray
-    photons: int
+    photons: int  # followed
 
     @property
     def radius(self):
@@ -57,8 +50,6 @@ class Counted:
 class Counting:
     """Photons of a narrow beam, of which more can be followed: n at first and m later are the same ones as n + m at once.
 
-    Parameters
-    ----------
     albedo, theta, phase, depth, edges, layers : as of `count`
     source : its seed and stream
     events : its first and last

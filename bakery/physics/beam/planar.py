@@ -38,8 +38,6 @@ class Planar:
 def table(theta, phase) -> Planar:
     """Any phase table.
 
-    Parameters
-    ----------
     theta : (A,) rad, ascending from 0 (forward) to pi
     phase : (A,) 1/sr, linear in cos theta between the angles, normalised
     """

@@ -22,29 +22,18 @@ _BINS, _BACK = 720, 180
 
 @dataclass(frozen=True)
 class Line:
-    """A phase table summed over ranges of theta (not of solid angle).
+    """A phase table summed over ranges of theta (not of solid angle)."""
 
-    Attributes
-    ----------
-    theta : (N + 1,) rad, edges of the ranges
-    edge : (N + 1,) 1/sr, p at the edges
-    weight : (2, N) 1/sr rad, integral of p, and of p |cos theta|
-    tangent : (N,) tan(theta/2), mean weighted with p
-    forward : number of ranges below pi/2
-    """
-
-    theta: np.ndarray
-    edge: np.ndarray
-    weight: np.ndarray
-    tangent: np.ndarray
-    forward: int
+    theta: np.ndarray  # (N + 1,) rad, edges of the ranges
+    edge: np.ndarray  # (N + 1,) 1/sr, p at the edges
+    weight: np.ndarray  # (2, N) 1/sr rad, integral of p, and of p |cos theta|
+    tangent: np.ndarray  # (N,) tan(theta/2), mean weighted with p
+    forward: int  # number of ranges below pi/2
 
 
 def line(theta, phase) -> Line:
     """Sums of a phase table over theta, exact for the interpolant that is linear in cos theta.
 
-    Parameters
-    ----------
     theta, phase : (A,) rad, 1/sr, ascending from 0 (forward) to pi
     """
     theta, phase = np.asarray(theta, float), np.asarray(phase, float)
@@ -73,14 +62,11 @@ def line(theta, phase) -> Line:
 def single(albedo, line: Line, depth, r):
     """Light scattered once.
 
-    Parameters
-    ----------
     albedo : 1
     depth, r : mfp, r > 0; broadcast against each other
 
-    Returns
-    -------
-    forward, back : (2, ...) mfp^-2, fluence and flux of the light that travels forward, and back, of the shape of depth and r
+    Returns forward, back : (2, ...) mfp^-2, fluence and flux of the light that travels forward, and back, of the shape of depth
+        and r
     """
     depth, r = np.broadcast_arrays(np.asarray(depth, float), np.asarray(r, float))
     out = np.empty((2, 2, depth.size))

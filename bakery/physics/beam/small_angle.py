@@ -24,17 +24,13 @@ _FLOOR = 1e-6
 def homogeneous(planar: Planar, albedo, depth, ratio, absorb=False):
     """The kernel.
 
-    Parameters
-    ----------
     planar : phase function
     albedo : 0 to 1
     depth : (D,) mfp, > 0
     ratio : (U,) r/depth, > 0
     absorb : whether longer paths are absorbed more (see `moments.absorbed`)
 
-    Returns
-    -------
-    (D, U) mfp^-2; its integral over the plane is M0 within 1e-4 (times the weight of `absorbed`)
+    Returns (D, U) mfp^-2; its integral over the plane is M0 within 1e-4 (times the weight of `absorbed`)
     """
     depth, ratio = np.atleast_1d(np.asarray(depth, float)), np.asarray(ratio, float)
     S = albedo * depth
@@ -55,8 +51,6 @@ def homogeneous(planar: Planar, albedo, depth, ratio, absorb=False):
 def layered(planar: Planar, albedo, edges, density, r, once=True):
     """The kernel behind layers of constant density, at the last edge.
 
-    Parameters
-    ----------
     planar : phase function
     albedo : 0 to 1
     edges : (N + 1,) ascending, of the layers, from where the beam enters to the plane; mfp at density 1
@@ -64,9 +58,7 @@ def layered(planar: Planar, albedo, edges, density, r, once=True):
     r : (R,) > 0
     once : whether light that was scattered once is counted too
 
-    Returns
-    -------
-    (R,) mfp^-2
+    Returns (R,) mfp^-2
     """
     edges, density, r = (np.asarray(x, float) for x in (edges, density, r))
     sigma = albedo * density

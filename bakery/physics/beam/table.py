@@ -24,18 +24,11 @@ _BACK = 30.0  # ratio beyond which the light at shallow depths has forgotten the
 
 @dataclass(frozen=True)
 class Table:
-    """A kernel.
+    """A kernel."""
 
-    Attributes
-    ----------
-    depth : (D,) mfp, equal steps of the logarithm
-    ratio : (U,) r/depth, equal steps of the logarithm
-    value : (D, U) 1, r depth Psi
-    """
-
-    depth: np.ndarray
-    ratio: np.ndarray
-    value: np.ndarray
+    depth: np.ndarray  # (D,) mfp, equal steps of the logarithm
+    ratio: np.ndarray  # (U,) r/depth, equal steps of the logarithm
+    value: np.ndarray  # (D, U) 1, r depth Psi
 
     def __post_init__(self):
         value = np.asarray(self.value, float)
@@ -52,9 +45,7 @@ class Table:
     def kernel(self, depth, r):
         """Psi, mfp^-2, at depths (mfp, >= 0) and distances r > 0 from the axis; broadcast.
 
-        Raises
-        ------
-        ValueError : deeper than the table, or negative
+        Raises ValueError : deeper than the table, or negative
         """
         return self._look(depth, r, False)
 
@@ -65,15 +56,11 @@ class Table:
     def stretched(self, tau, effective, r):
         """Psi behind a layered density: that of the homogeneous medium with the same M0 and M2/M0.
 
-        Parameters
-        ----------
         tau : optical depth
         effective : sqrt(3 S_2/S_0), length; with all density at the near end it is sqrt(3) times the distance, at the plane 0
         r : the same unit of length
 
-        Returns
-        -------
-        Psi, 1 over that unit squared
+        Returns Psi, 1 over that unit squared
         """
         scale = np.asarray(tau, float) / effective
         return self.kernel(tau, r * scale) * scale**2
@@ -97,14 +84,10 @@ class Table:
 def grid(depth, width):
     """Nodes of a table.
 
-    Parameters
-    ----------
     depth : mfp, the deepest
     width : rad, of the phase function (`planar.Planar.width`)
 
-    Returns
-    -------
-    depth (D,) mfp, ratio (U,)
+    Returns depth (D,) mfp, ratio (U,)
     """
     first = min(FIRST, depth / 10)
     inner, outer = min(_INNER * width, 1e-3), _OUTER / first

@@ -33,39 +33,24 @@ _LOOSE = 0.2
 
 @dataclass(frozen=True)
 class Classes:
-    """Size classes of one component, K of them, by ascending radius.
+    """Size classes of one component, K of them, by ascending radius."""
 
-    Attributes
-    ----------
-    edge : (K + 1,) um; equal to the radius where there is one size
-    radius : (K,) um, root mean square radius, as float32 holds it
-    share : (K,) of the component's number, adds up to 1
-    sizes : the distribution within each class
-    """
-
-    edge: np.ndarray
-    radius: np.ndarray
-    share: np.ndarray
-    sizes: tuple[Population, ...]
+    edge: np.ndarray  # (K + 1,) um; equal to the radius where there is one size
+    radius: np.ndarray  # (K,) um, root mean square radius, as float32 holds it
+    share: np.ndarray  # (K,) of the component's number, adds up to 1
+    sizes: tuple[Population, ...]  # the distribution within each class
 
 
 @dataclass(frozen=True)
 class Optics:
-    """What the particles of one component's classes do to light.
+    """What the particles of one component's classes do to light."""
 
-    Attributes
-    ----------
-    extinction, scattering : (L, K) um^2, means over the class
-    spread : (L, K) 1, relative variance of the extinction within the class
-    phase : (L, K, A) 1/sr float32, averaged by scattering, integral 1 to 1e-6
-    error : (L, K) 1, relative error of the means, and of the phase function integrated over the sphere
-    """
-
+    # extinction, scattering: (L, K) um^2, means over the class
     extinction: np.ndarray
     scattering: np.ndarray
-    spread: np.ndarray
-    phase: np.ndarray
-    error: np.ndarray
+    spread: np.ndarray  # (L, K) 1, relative variance of the extinction within the class
+    phase: np.ndarray  # (L, K, A) 1/sr float32, averaged by scattering, integral 1 to 1e-6
+    error: np.ndarray  # (L, K) 1, relative error of the means, and of the phase function integrated over the sphere
 
 
 def classes(population: Population, most: int = MOST, exactly: int | None = None) -> Classes:

@@ -23,8 +23,6 @@ _TERMS = 60  # of the continued fraction: 12 digits from 1 on
 def mixture_moments(share, scattering, spread, phase):
     """Mean and mean square of C f over the particles, (L, ...) um^2/sr and um^4/sr^2.
 
-    Parameters
-    ----------
     share : (K,) of the number, adds up to 1
     scattering, spread : (L, K) um^2, 1; mean and relative variance of the cross section within the class
     phase : (L, K, ...) 1/sr
@@ -38,19 +36,13 @@ def mixture_moments(share, scattering, spread, phase):
 def relative_variance(mean, square, number_density, sigma_t, near, far, solid_angle):
     """Variance of a pixel's radiance over its squared mean, from particles between two distances; broadcasts.
 
-    Parameters
-    ----------
     mean, square : of C f, um^2/sr and um^4/sr^2, from `mixture_moments`
     number_density : 1/m^3;  sigma_t : 1/m
     near, far : m, 0 < near < far; far may be inf where sigma_t > 0
     solid_angle : sr, of the pixel, small
 
-    Returns
-    -------
-    The reciprocal of a number: so many equal particles would be as grainy.
+    Returns the reciprocal of a number: so many equal particles would be as grainy.
 
-    Notes
-    -----
     Particles stand for points: where a disc covers more than a pixel, neighbouring pixels share it and each deviates less.
     """
     mean, square, near, far = (np.asarray(value, float) for value in (mean, square, near, far))

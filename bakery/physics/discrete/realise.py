@@ -29,17 +29,12 @@ _TRIES = 8
 
 @dataclass(frozen=True)
 class Region:
-    """Where particles are: a box from the origin, and in it everything, a grid of densities, or the inside of a mesh.
+    """Where particles are: a box from the origin, and in it everything, a grid of densities, or the inside of a mesh."""
 
-    Attributes
-    ----------
-    edge : (3,) m
-    density : (X, Y, Z) relative density 0 to 1 at the middles of the voxels, trilinear in between, constant in the outer halves
-    vertices, faces : (V, 3) m, (F, 3), a closed mesh inside the box, wound outward
-    """
-
-    edge: tuple[float, float, float]
+    edge: tuple[float, float, float]  # (3,) m
+    # (X, Y, Z) relative density 0 to 1 at the middles of the voxels, trilinear in between, constant in the outer halves
     density: np.ndarray | None = None
+    # vertices, faces: (V, 3) m, (F, 3), a closed mesh inside the box, wound outward
     vertices: np.ndarray | None = None
     faces: np.ndarray | None = None
 
@@ -107,20 +102,14 @@ def realised(region: Region, number, seed: int, map: Callable = in_turn,
              report: Callable[[float], None] = lambda share: None):
     """Places of so many particles of each class.
 
-    Parameters
-    ----------
     region : where they are
     number : (K,) from `numbers`
     map : `map(function, tasks)` -> list in the order of the tasks
     report : takes the share of the work that is done
 
-    Returns
-    -------
-    position : (N, 3) float32 m, class by class; those of a class cell by cell, row-major (x slowest), about one particle a cell
-
-    Raises
-    ------
-    NoRoom : the region fills too little of its box for rejection
+    Returns position : (N, 3) float32 m, class by class; those of a class cell by cell, row-major (x slowest), about one particle
+        a cell
+    Raises NoRoom : the region fills too little of its box for rejection
     """
     filled = region.volume / math.prod(region.edge)
     if filled < LEAST_VOLUME:

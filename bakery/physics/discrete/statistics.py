@@ -26,17 +26,11 @@ class Figure(NamedTuple):
 def dispersion(observed, probability) -> Figure | None:
     """Pearson's sum of squared deviations over its expectation: 1 for independent particles, and its standard error.
 
-    Parameters
-    ----------
     observed : (B,) particles in each bin
     probability : (B,) of each bin, adds up to 1
 
-    Returns
-    -------
-    None where fewer than two bins are expected to hold `LEAST` particles.
+    Returns None where fewer than two bins are expected to hold `LEAST` particles.
 
-    Notes
-    -----
     For bins of equal probability it is the variance of the counts over their mean (Fisher's index of dispersion).  The error is
     exact: Var X^2 = 2 (B - 1) + (sum 1/p - B^2 - 2 B + 2) / N (Haldane 1937, Biometrika 29, 133).
     """
@@ -83,13 +77,9 @@ def histogram(observed, probability):
 def in_cells(region, position):
     """Particles in each of some thousand cells, and the share of all particles that each expects: what `dispersion` takes.
 
-    Parameters
-    ----------
     region : `bakery.physics.discrete.realise.Region`
     position : (N, 3) m, inside its box
 
-    Notes
-    -----
     Shares are exact.  Of a mesh, cells that its surface cuts are one bin with all that lies outside of the others.
     """
     cells = _lattice(region, len(position))
@@ -153,13 +143,9 @@ def _inside(region, cells):
 def mean_cross_section(number, share, cross_section):
     """Mean cross section of the particles that are there, its standard error about the law, and the law's, (L,) each.
 
-    Parameters
-    ----------
     number : (K,) particles of each class;  share : (K,) that the law expects, adds up to 1
     cross_section : (L, K) mean of each class
 
-    Notes
-    -----
     The classes' own means stand for their particles, so the error is that of the classes' numbers alone.
     """
     number, share = np.asarray(number, float), np.asarray(share, float)

@@ -15,12 +15,8 @@ def extinction_of_rays(m, x):
 
     Parameters, errors as `bakery.goa.amplitudes`.
 
-    Returns
-    -------
-    q_ext : of the broadcast shape; 1
+    Returns q_ext : of the broadcast shape; 1
 
-    Notes
-    -----
     2 - (8/x) Im[m^2 exp(2ix(m-1))/((m+1)^2 (m-1))] + 1.99226 x^(-2/3), for n above and below 1; where x |m - 1| < 1 the axial ray
     diverges and anomalous diffraction, 4 Re[1/2 + e^-w/w + (e^-w - 1)/w^2] with w = -2ix(m-1), stands in (van de Hulst 1957,
     ch. 11).  For absorbing spheres the edge term is that of transparent ones.

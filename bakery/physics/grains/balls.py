@@ -94,20 +94,12 @@ def _walk(radius, coat, events_max, uniform, numbers, paths):
 
 @dataclass(frozen=True)
 class BallWalker:
-    """Traces rays against a ball in the middle of its bounding sphere.
+    """Traces rays against a ball in the middle of its bounding sphere."""
 
-    Attributes
-    ----------
-    surface : of the ball; its channels are one or as many as mu's
-    mu : (C,) 1/R, absorption coefficient of the interior
-    radius : R, of the ball, up to 1
-    events_max : meetings with the surface after which a path is cut
-    """
-
-    surface: Surface
-    mu: np.ndarray
-    radius: float = 1.0
-    events_max: int = EVENTS_MAX
+    surface: Surface  # of the ball; its channels are one or as many as mu's
+    mu: np.ndarray  # (C,) 1/R, absorption coefficient of the interior
+    radius: float = 1.0  # R, of the ball, up to 1
+    events_max: int = EVENTS_MAX  # meetings with the surface after which a path is cut
 
     def __post_init__(self):
         if not 0 < self.radius <= 1:

@@ -28,28 +28,16 @@ _SLACK = 1.15 * math.sqrt(2) * math.sqrt(3)
 
 
 class Grid(NamedTuple):
-    """What walks take.
+    """What walks take."""
 
-    Attributes
-    ----------
-    low : (3,) R, corner of the grid
-    scale : cells per R
-    count : (3,) cells along the axes
-    leaps : (8 cells,) uint8, x fastest, cells to leap over, + FULL where the cell has triangles
-    first : (cells,) int32, number of the first block of a cell, 0 where it has none
-    blocks : (BLOCK B,) int8, see `_rays`
-    corners : (9 T,) R, [triangle][corner][axis]
-    longest : largest number of blocks of a cell
-    """
-
-    low: np.ndarray
-    scale: float
-    count: np.ndarray
-    leaps: np.ndarray
-    first: np.ndarray
-    blocks: np.ndarray
-    corners: np.ndarray
-    longest: int
+    low: np.ndarray  # (3,) R, corner of the grid
+    scale: float  # cells per R
+    count: np.ndarray  # (3,) cells along the axes
+    leaps: np.ndarray  # (8 cells,) uint8, x fastest, cells to leap over, + FULL where the cell has triangles
+    first: np.ndarray  # (cells,) int32, number of the first block of a cell, 0 where it has none
+    blocks: np.ndarray  # (BLOCK B,) int8, see `_rays`
+    corners: np.ndarray  # (9 T,) R, [triangle][corner][axis]
+    longest: int  # largest number of blocks of a cell
 
     @property
     def nbytes(self) -> int:

@@ -38,48 +38,31 @@ class Statistics(WithErrors):
     """Means over uniform isotropic rays through the bounding sphere; lengths in units of its radius R.
 
     Every figure X has its standard error as X_error, of the same shape.  C channels (absorption coefficients, colours), B bins.
-
-    Attributes
-    ----------
-    hit_probability : share of the rays that meet the grain's surface, even if they leave undeflected
-    lambda_delta : mean chord of the rays that do not; 0 if there is none
-    chord : mean chord of the bounding sphere along the rays that do
-    albedo : (C,) share of the light that hits which leaves
-    lambda_s, lambda_o : (C,) mean displacement from entry to exit of the sphere, projected on the incoming and on the outgoing
-        direction, over the light that leaves; signed
-    mean_square : (C,) mean squared distance of entry and exit, over the light that leaves
-    g : (C,) mean cosine between the directions of travel, undeflected rays included
-    forward_delta : (C,) unscattered (delta) share of the light that leaves (to 1e-6 rad)
-    inner_path : (C,) mean path length inside the grain, over the light that leaves
-    phase : (C, B) 1/sr, means over bins of theta of what leaves changed, integrating to 1 (uniform where nothing does); its
-        error is at least that of one path in the bin
-    edges : (B + 1,) rad, 0 to pi
-    paths, hits : numbers
-    events : mean number of meetings with the surface of a ray that hits
-    contradicted : share of the paths ended because inside and outside did not agree; they count nowhere
-    lost : (C,) share of the light that hits which was still under way when a path was cut; counted as absorbed
-    achieved_error : largest error of the asked figures, in the unit of the tolerance;  reached : whether that met the tolerance
     """
 
-    hit_probability: float
-    lambda_delta: float
-    chord: float
-    albedo: np.ndarray
+    hit_probability: float  # share of the rays that meet the grain's surface, even if they leave undeflected
+    lambda_delta: float  # mean chord of the rays that do not; 0 if there is none
+    chord: float  # mean chord of the bounding sphere along the rays that do
+    albedo: np.ndarray  # (C,) share of the light that hits which leaves
+    # lambda_s, lambda_o: (C,) mean displacement from entry to exit of the sphere, projected on the incoming and on the outgoing
+    # direction, over the light that leaves; signed
     lambda_s: np.ndarray
     lambda_o: np.ndarray
-    mean_square: np.ndarray
-    g: np.ndarray
-    forward_delta: np.ndarray
-    inner_path: np.ndarray
+    mean_square: np.ndarray  # (C,) mean squared distance of entry and exit, over the light that leaves
+    g: np.ndarray  # (C,) mean cosine between the directions of travel, undeflected rays included
+    forward_delta: np.ndarray  # (C,) unscattered (delta) share of the light that leaves (to 1e-6 rad)
+    inner_path: np.ndarray  # (C,) mean path length inside the grain, over the light that leaves
+    # (C, B) 1/sr, means over bins of theta of what leaves changed, integrating to 1 (uniform where nothing does); its error is at
+    # least that of one path in the bin
     phase: np.ndarray
-    edges: np.ndarray
+    edges: np.ndarray  # (B + 1,) rad, 0 to pi
     paths: int
     hits: int
-    events: float
-    contradicted: float
-    lost: np.ndarray
-    achieved_error: float
-    reached: bool
+    events: float  # mean number of meetings with the surface of a ray that hits
+    contradicted: float  # share of the paths ended because inside and outside did not agree; they count nowhere
+    lost: np.ndarray  # (C,) share of the light that hits which was still under way when a path was cut; counted as absorbed
+    achieved_error: float  # largest error of the asked figures, in the unit of the tolerance
+    reached: bool  # whether that met the tolerance
     errors: dict[str, float | np.ndarray] = field(repr=False)
 
 
@@ -88,8 +71,6 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
             tracer=None) -> Statistics:
     """Scattering statistics of a grain.
 
-    Parameters
-    ----------
     mesh : closed, inside the unit sphere, which is its bounding sphere
     surface : from `bakery.physics.grains.surface`
     mu : (C,) or a number, 1/R, absorption coefficient of the interior (4 pi k / wavelength, times R), >= 0
@@ -104,17 +85,11 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
     report : called with the share of the work that is done and the error reached so far
     tracer : stands in for `walk.Walker(mesh, surface, mu)`: picklable, with its `trace`
 
-    Raises
-    ------
-    ValueError : before any work
+    Raises ValueError : before any work
 
-    Notes
-    -----
     Rays enter at scrambled Sobol points in 32 independent replicates; errors come from the spread of the replicates (31 degrees
     of freedom).  At least 2^14 hits; then paths are added, a quarter to as many again, until the errors are met.
 
-    Examples
-    --------
     >>> from bakery.physics.grains.bvh import Mesh
     >>> from bakery.physics.grains.surface import dielectric
     >>> from bakery.physics.shapes.build import build

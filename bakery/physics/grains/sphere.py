@@ -45,25 +45,17 @@ class Ball:
 def ball(surface: Surface, mu=0.0, edges=None, radius=1.0, polarised=False) -> Ball:
     """Exact scattering statistics of a ball centred in the unit bounding sphere.
 
-    Parameters
-    ----------
     surface : smooth, from `bakery.physics.grains.surface`
     mu : (C,) or a number, 1/R, absorption coefficient of a dielectric's interior
     edges : (B + 1,) rad of the bins of the phase function, 0 to pi; one degree by default
     radius : of the ball, up to 1; 1 for a dielectric
     polarised : whether light keeps its polarisation from one meeting with the surface to the next; walks mix it at each
 
-    Raises
-    ------
-    ValueError : a rough surface, or a dielectric that does not fill the sphere
+    Raises ValueError : a rough surface, or a dielectric that does not fill the sphere
 
-    Notes
-    -----
     Checked against mpmath for index 0.5 to 2.42 and mu 0 to 100.  Sums over orders: geometric series of Fresnel's coefficients,
     each order with its turned angle (van de Hulst 1957, section 12.2).
 
-    Examples
-    --------
     >>> from bakery.physics.grains.surface import dielectric
     >>> glass = ball(dielectric(1.5))
     >>> round(float(glass.lambda_s[0]), 8), round(float(glass.g[0]), 8)

@@ -21,20 +21,12 @@ DIELECTRIC, DIFFUSE, CONDUCTOR = 0, 1, 2
 
 @dataclass(frozen=True)
 class Surface:
-    """What the kernels need of a surface.  Made by `dielectric`, `diffuse` and `conductor`.
+    """What the kernels need of a surface.  Made by `dielectric`, `diffuse` and `conductor`."""
 
-    Attributes
-    ----------
-    kind : DIELECTRIC, DIFFUSE or CONDUCTOR
-    index : of a dielectric, relative to the host
-    roughness : GGX's alpha, 0 for smooth
-    channels : (2, C) rows of n and k (conductor) or of the reflectance and zeros (diffuse); C = 1 for a dielectric
-    """
-
-    kind: int
-    index: float
-    roughness: float
-    channels: np.ndarray
+    kind: int  # DIELECTRIC, DIFFUSE or CONDUCTOR
+    index: float  # of a dielectric, relative to the host
+    roughness: float  # GGX's alpha, 0 for smooth
+    channels: np.ndarray  # (2, C) rows of n and k (conductor) or of the reflectance and zeros (diffuse); C = 1 for a dielectric
 
 
 def dielectric(index, roughness=0.0) -> Surface:

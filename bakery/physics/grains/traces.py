@@ -19,22 +19,13 @@ CELLS = 180  # of the phase function
 
 @dataclass(frozen=True)
 class Trace:
-    """Paths that several wavelengths and sizes share.
+    """Paths that several wavelengths and sizes share."""
 
-    Attributes
-    ----------
-    surface : of the grain, `bakery.physics.grains.surface`
-    mu : (C,) 1/R
-    rows : wavelengths that it serves
-    channel : (S, rows) channels of the radii and wavelengths
-    white : the channel in which nothing is absorbed
-    """
-
-    surface: object
-    mu: np.ndarray
-    rows: tuple[int, ...]
-    channel: np.ndarray
-    white: int
+    surface: object  # of the grain, `bakery.physics.grains.surface`
+    mu: np.ndarray  # (C,) 1/R
+    rows: tuple[int, ...]  # wavelengths that it serves
+    channel: np.ndarray  # (S, rows) channels of the radii and wavelengths
+    white: int  # the channel in which nothing is absorbed
 
 
 def traces(grain: Mapping, radii, wavelengths: int, apart: float) -> list[Trace]:
@@ -97,15 +88,10 @@ def tracer_of(grain, trace: Trace, depth: int, tree=None):
 def figures(traced: Sequence[Trace], statistics: Sequence, name: str, white=False):
     """A figure of every size and wavelength, from the traces that share them.
 
-    Parameters
-    ----------
-    traced : the traces of a grain
     statistics : what was measured of each, `scatterometer.Statistics` or `sphere.Ball`, whose figures have the same names
     white : of light that is not absorbed
 
-    Returns
-    -------
-    values, errors : (S, L, ...)
+    Returns values, errors : (S, L, ...)
     """
     values, errors = [], []
     for trace, stats in zip(traced, statistics):

@@ -20,27 +20,21 @@ EVENTS_MAX = 100_000
 
 
 class Paths(NamedTuple):
-    """What became of n rays.
+    """What became of n rays."""
 
-    Attributes
-    ----------
-    status : (n,) MISSED the grain, LEFT the sphere after a hit, ABSORBED (by the surface or by roulette), CONTRADICTED (inside
-        where the surface says outside, or the reverse: a mesh that is not closed, or rounding), CUT after `events_max` hits
-    start, leave : (n, 3) R, on the bounding sphere;  leave is undefined unless the ray missed or left
-    incoming, outgoing : (n, 3) unit directions of travel
-    inside : (n,) R, path length inside the grain
-    weight : (n, C) 1, per channel; of a path that was cut, what it carried; 0 for ABSORBED and CONTRADICTED, 1 for MISSED
-    events : (n,) meetings with the surface
-    """
-
+    # (n,) MISSED the grain, LEFT the sphere after a hit, ABSORBED (by the surface or by roulette), CONTRADICTED (inside where the
+    # surface says outside, or the reverse: a mesh that is not closed, or rounding), CUT after `events_max` hits
     status: np.ndarray
+    # start, leave: (n, 3) R, on the bounding sphere;  leave is undefined unless the ray missed or left
     start: np.ndarray
     leave: np.ndarray
+    # incoming, outgoing: (n, 3) unit directions of travel
     incoming: np.ndarray
     outgoing: np.ndarray
-    inside: np.ndarray
+    inside: np.ndarray  # (n,) R, path length inside the grain
+    # (n, C) 1, per channel; of a path that was cut, what it carried; 0 for ABSORBED and CONTRADICTED, 1 for MISSED
     weight: np.ndarray
-    events: np.ndarray
+    events: np.ndarray  # (n,) meetings with the surface
 
     @classmethod
     def empty(cls, count, channels) -> Paths:
@@ -51,20 +45,12 @@ class Paths(NamedTuple):
 
 @dataclass(frozen=True)
 class Walker:
-    """Traces rays against a mesh in numba, on any machine.
+    """Traces rays against a mesh in numba, on any machine."""
 
-    Attributes
-    ----------
-    mesh : of the grain
-    surface : of the grain; its channels are one or as many as mu's
-    mu : (C,) 1/R, absorption coefficient of the interior
-    events_max : meetings with the surface after which a path is cut; what it carried is recorded as lost
-    """
-
-    mesh: Mesh
-    surface: Surface
-    mu: np.ndarray
-    events_max: int = EVENTS_MAX
+    mesh: Mesh  # of the grain
+    surface: Surface  # of the grain; its channels are one or as many as mu's
+    mu: np.ndarray  # (C,) 1/R, absorption coefficient of the interior
+    events_max: int = EVENTS_MAX  # meetings with the surface after which a path is cut; what it carried is recorded as lost
 
     def trace(self, uniform, first, replicate, key) -> Paths:
         """Follow the rays of `uniform` (n, 4), numbers in [0, 1): direction (2), place on the disc across it (2).

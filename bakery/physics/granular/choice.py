@@ -12,41 +12,30 @@ from bakery.physics.granular.packed import Walks
 
 
 class Matched(NamedTuple):
-    """What was chosen.
+    """What was chosen."""
 
-    Attributes
-    ----------
-    sigma_t, error : (L,) in the inverse unit of length, and its standard error
-    bias : (L,) of sigma_t by `farther`, its size
-    each : name in `kinds.CHOICES` -> sigma_t and its standard error, (L,); random_walk only where `walked`
-    walked : whether the random walk gives a mean square displacement
-    farther : relative, how much farther light spreads in the walk than sigma_t says; 0 where that is matched, or not known
-    spread : relative error of the walk's root mean square displacement; 0 where it gives none
-    """
-
+    # sigma_t, error: (L,) in the inverse unit of length, and its standard error
     sigma_t: np.ndarray
     error: np.ndarray
-    bias: np.ndarray
+    bias: np.ndarray  # (L,) of sigma_t by `farther`, its size
+    # name in `kinds.CHOICES` -> sigma_t and its standard error, (L,); random_walk only where `walked`
     each: dict[str, tuple[np.ndarray, np.ndarray]]
-    walked: bool
+    walked: bool  # whether the random walk gives a mean square displacement
+    # relative, how much farther light spreads in the walk than sigma_t says; 0 where that is matched, or not known
     farther: float
-    spread: float
+    spread: float  # relative error of the walk's root mean square displacement; 0 where it gives none
 
 
 def matched(coefficients: Effective, lossless: Effective, walks: Walks, radius: float, at: int, wanted: str | None) -> Matched:
     """Chooses sigma_t: as wanted, or the random walk's, or that of Eq. 4 where the walk gives none.
 
-    Parameters
-    ----------
     coefficients, lossless : the medium, and the same if nothing were absorbed
     walks : `packed.walk`, lengths in units of
     radius : in the unit of the medium
     at : the channel of the walk's grains
     wanted : in `kinds.CHOICES`, or None
 
-    Raises
-    ------
-    ValueError : the random walk is wanted and gives no mean square displacement
+    Raises ValueError : the random walk is wanted and gives no mean square displacement
     """
     measured = {"mean_flight": (coefficients.sigma_t, coefficients.errors["sigma_t"]),
             "second_moment": (coefficients.sigma_t_second_moment, coefficients.errors["sigma_t_second_moment"])}

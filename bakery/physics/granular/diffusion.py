@@ -50,17 +50,11 @@ class Diffuse(NamedTuple):
 def decay(albedo, moments):
     """Decay of light far from its sources, over sigma_t: exact transport in an infinite medium.
 
-    Parameters
-    ----------
     albedo : 0 to 1
     moments : (N,) Legendre moments of the phase function, g the one after the first, 1
 
-    Returns
-    -------
-    0 without absorption; isotropic: the root of albedo = k / artanh k
+    Returns 0 without absorption; isotropic: the root of albedo = k / artanh k
 
-    Notes
-    -----
     1/k is the largest eigenvalue of the moments' recurrence, h_l phi_l = k (l phi_(l-1) + (l + 1) phi_(l+1)) with
     h_l = (2 l + 1)(1 - albedo p_l).  At albedo 0.9 and g = 0.65 that is 0.331; similarity and the improved D (Grosjean 1956)
     give 0.317.

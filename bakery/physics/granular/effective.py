@@ -17,29 +17,21 @@ _NAMES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square"
 
 @dataclass(frozen=True)
 class Means:
-    """What packed grains need of a grain's statistics, as in `scatterometer.Statistics`; L channels, A angles or bins.
+    """What packed grains need of a grain's statistics, as in `scatterometer.Statistics`; L channels, A angles or bins."""
 
-    Attributes
-    ----------
-    hit_probability : share of the rays through the bounding sphere that hit
-    lambda_delta : mean chord of those that miss
-    albedo : (L,) share of the light of hits that leaves; of it:
-    lambda_s, mean_square : (L,) mean displacement along the incoming direction, mean squared distance, from entry to exit
-    g, forward_delta : (L,) mean cosine, unscattered (delta) share
-    phase : (L, A) 1/sr, of what is deflected, or None
-    missed_square : mean squared chord of rays that miss; None: 9/8 lambda_delta^2, exact for a round silhouette in the middle
-    errors : standard errors by name, of the same shapes; a figure that is not there is exact
-    """
-
-    hit_probability: float
-    lambda_delta: float
-    albedo: np.ndarray
+    hit_probability: float  # share of the rays through the bounding sphere that hit
+    lambda_delta: float  # mean chord of those that miss
+    albedo: np.ndarray  # (L,) share of the light of hits that leaves; of it:
+    # lambda_s, mean_square: (L,) mean displacement along the incoming direction, mean squared distance, from entry to exit
     lambda_s: np.ndarray
     mean_square: np.ndarray
+    # g, forward_delta: (L,) mean cosine, unscattered (delta) share
     g: np.ndarray
     forward_delta: np.ndarray
-    phase: np.ndarray | None = None
+    phase: np.ndarray | None = None  # (L, A) 1/sr, of what is deflected, or None
+    # mean squared chord of rays that miss; None: 9/8 lambda_delta^2, exact for a round silhouette in the middle
     missed_square: float | None = None
+    # standard errors by name, of the same shapes; a figure that is not there is exact
     errors: dict[str, float | np.ndarray] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -60,19 +52,13 @@ class Means:
 def mixed(parts: Sequence[Means], weights=(1.0,), radii=None) -> Means:
     """Statistics of one grain of a mixture: which one a ray meets is chance.
 
-    Parameters
-    ----------
     parts : K of the same channels and angles; lengths in units of each one's bounding radius.  Several sizes of a grain that
         absorbs are several parts: its absorption over a radius differs
     weights : (K,) shares of the number of grains, >= 0; their sum does not matter
     radii : (K,) bounding radii, any unit, which the lengths of the result have; all 1 by default
 
-    Returns
-    -------
-    Means whose `missed_square` is given.  0 stands for means over no light at all, and an even phase function.
+    Returns Means whose `missed_square` is given.  0 stands for means over no light at all, and an even phase function.
 
-    Notes
-    -----
     A ray meets part k in proportion to its number and cross section, w_k R_k^2.  Means are over the light that they belong to:
     the albedo over hits, lambda_s and g over light that leaves, the phase function over light that leaves changed.
 
@@ -121,8 +107,6 @@ def mixed(parts: Sequence[Means], weights=(1.0,), radii=None) -> Means:
 def mixed_of_sizes(values, errors, weights, radii, shares, lossless=False) -> Means:
     """`mixed` of grains that all come in the same sizes.
 
-    Parameters
-    ----------
     values, errors : (K,) of each grain, name as in `Means` -> (S, ...) over its sizes
     weights : (K,) shares of the number of grains
     radii, shares : (S,) bounding radii, which the lengths of the result have the unit of; shares of the number
@@ -160,13 +144,9 @@ def _average(weight, x):
 def void_chord(fraction, radii=(1.0,), shares=None):
     """Mean free path between bounding spheres, (4/3) <R^3>/<R^2> (1 - f)/f, in the unit of the radii (Eq. 1 for equal ones).
 
-    Parameters
-    ----------
     fraction : of the volume in bounding spheres, more than 0, less than 1
     radii, shares : (S,) and how many of the spheres have each, by number; equal shares by default
 
-    Notes
-    -----
     Exact for every packing of disjoint spheres, and for scattered light as long as grains do not absorb: Eqs 1 to 3 hold for the
     means, their exponential laws are approximations.
     """
@@ -219,13 +199,9 @@ def flight(hit_probability, lambda_delta, missed_square, void_chord, second_mome
 def step(mean, square, lambda_s, mean_square, g, albedo=1.0):
     """M (1 - albedo g), M the mean square displacement per hit of light that goes by `flight` and is teleported by grains.
 
-    Parameters
-    ----------
     mean, square : of the flight
     lambda_s, mean_square, g, albedo : as in `Means`, one unit of length
 
-    Notes
-    -----
     Light from a point is absorbed at a mean squared distance <r^2> = M/(1 - albedo); without absorption M is the growth of <r^2>
     a hit.  With independent steps and lambda_s the same along both directions (reciprocity), the sum over all pairs of steps is
 
@@ -241,29 +217,23 @@ def step(mean, square, lambda_s, mean_square, g, albedo=1.0):
 
 @dataclass(frozen=True)
 class Effective:
-    """The medium; lengths in the unit of what it is made from.
+    """The medium; lengths in the unit of what it is made from."""
 
-    Attributes
-    ----------
-    void_chord, lambda_beta : mean paths to the next sphere (Eq. 1) and to the next hit (Eq. 3); infinite if nothing is hit
-    flight_square : mean square of the path to the next hit
-    lambda_t, sigma_t : (L,) lambda_beta + albedo lambda_s (Eq. 4) and its inverse
-    sigma_t_second_moment : (L,) with which light spreads as far as by flights and teleportation, sqrt(2/((1 - albedo g) m_tele));
-        that of Eq. 4 where albedo g = 1: such light is never deflected, and only its mean free path is left to match
-    m_rte, m_tele : (L,) mean square displacement per hit (`step`) of the medium with sigma_t and by flights and teleportation;
-        infinite at albedo g = 1
-    errors : bounds of the standard errors by name
-    """
-
+    # void_chord, lambda_beta: mean paths to the next sphere (Eq. 1) and to the next hit (Eq. 3); infinite if nothing is hit
     void_chord: float
     lambda_beta: float
-    flight_square: float
+    flight_square: float  # mean square of the path to the next hit
+    # lambda_t, sigma_t: (L,) lambda_beta + albedo lambda_s (Eq. 4) and its inverse
     lambda_t: np.ndarray
     sigma_t: np.ndarray
+    # (L,) with which light spreads as far as by flights and teleportation, sqrt(2/((1 - albedo g) m_tele)); that of Eq. 4 where
+    # albedo g = 1: such light is never deflected, and only its mean free path is left to match
     sigma_t_second_moment: np.ndarray
+    # m_rte, m_tele: (L,) mean square displacement per hit (`step`) of the medium with sigma_t and by flights and teleportation;
+    # infinite at albedo g = 1
     m_rte: np.ndarray
     m_tele: np.ndarray
-    errors: dict[str, float | np.ndarray] = field(repr=False)
+    errors: dict[str, float | np.ndarray] = field(repr=False)  # bounds of the standard errors by name
 
 
 _FIGURES = ("lambda_beta", "flight_square", "lambda_t", "sigma_t", "sigma_t_second_moment", "m_rte", "m_tele")
@@ -272,23 +242,17 @@ _FIGURES = ("lambda_beta", "flight_square", "lambda_t", "sigma_t", "sigma_t_seco
 def effective(means: Means, void_chord: float, second_moment: float | None = None, second_moment_error: float = 0.0) -> Effective:
     """The medium that stands for packed grains.
 
-    Parameters
-    ----------
     means : of one grain, or of a mixture (`mixed`)
     void_chord : mean chord between bounding spheres, in the unit of the means; without error
     second_moment : <z^2>/(2 <z>^2) of these chords in a tile; None: the flight from hit to hit is exponential, as in Eq. 4.  It
         changes `flight_square`, `m_tele` and `sigma_t_second_moment`
 
-    Notes
-    -----
     lambda_beta and lambda_t are exact means where nothing is absorbed, and positive for any grain up to a fraction of 0.8.  What
     sigma_t leaves out and how much that is: docs/effective-medium.md.  For light that survives, replace the albedo by 1.
 
     Errors are the sums of what each figure's standard error changes: figures of one grain err together in unknown ways, and this
     bound covers any.  Infinite where a hit probability cannot be distinguished from 0.
 
-    Examples
-    --------
     >>> from bakery.physics.grains import sphere, surface
     >>> glass = Means.of(sphere.ball(surface.dielectric(1.5)))
     >>> round(float(effective(glass, void_chord(0.63)).sigma_t[0]), 6)

@@ -35,27 +35,20 @@ _BLOCK = 1 << 12  # walks of a task that goes to the second order, an eighth of 
 
 @dataclass(frozen=True)
 class Counts:
-    """Light that came back, of C channels; the last axis of `cells` numbers the cells of `CELLS`, that of others the bins.
+    """Light that came back, of C channels; the last axis of `cells` numbers the cells of `CELLS`, that of others the bins."""
 
-    Attributes
-    ----------
-    cells : (R, 3, C, K) share of the light of a walk, by order: first, second, higher; sums over walks
-    entered : (R, 3, C, B) the same, by bin of entry
-    walks, walks_through : (R, B) walks of all and of those that go beyond the second order, which alone count higher ones
-    deeper, later : (R, C, B) light of these that the first two orders did not bring back; and of it, what comes back, that which
-        was still inside included
-    inside : (R, C) share of the higher orders that was counted twice over for light still inside at the end of its walk
-    sums : (R, 5) hits, walks, given up, contradicted, cut
-    """
-
-    cells: np.ndarray
-    entered: np.ndarray
+    cells: np.ndarray  # (R, 3, C, K) share of the light of a walk, by order: first, second, higher; sums over walks
+    entered: np.ndarray  # (R, 3, C, B) the same, by bin of entry
+    # walks, walks_through: (R, B) walks of all and of those that go beyond the second order, which alone count higher ones
     walks: np.ndarray
     walks_through: np.ndarray
+    # deeper, later: (R, C, B) light of these that the first two orders did not bring back; and of it, what comes back, that which
+    # was still inside included
     deeper: np.ndarray
     later: np.ndarray
+    # (R, C) share of the higher orders that was counted twice over for light still inside at the end of its walk
     inside: np.ndarray
-    sums: np.ndarray
+    sums: np.ndarray  # (R, 5) hits, walks, given up, contradicted, cut
 
 
 @dataclass(eq=False)

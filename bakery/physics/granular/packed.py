@@ -40,78 +40,53 @@ _GAP = -1e-9  # of the mean diameter: so much spheres may overlap by rounding
 
 @dataclass(frozen=True)
 class Grain:
-    """A type of grain in its bounding sphere of radius 1; whatever has a `mesh` and a `surface` will do too (`walk.Walker`).
+    """A type of grain in its bounding sphere of radius 1; whatever has a `mesh` and a `surface` will do too (`walk.Walker`)."""
 
-    Attributes
-    ----------
-    surface : from `bakery.physics.grains.surface`
-    mesh : closed, inside the unit sphere; None for an exact ball
-    radius : of the ball, up to 1
-    """
-
-    surface: Surface
-    mesh: Mesh | None = None
-    radius: float = 1.0
+    surface: Surface  # from `bakery.physics.grains.surface`
+    mesh: Mesh | None = None  # closed, inside the unit sphere; None for an exact ball
+    radius: float = 1.0  # of the ball, up to 1
 
 
 @dataclass(frozen=True)
 class Walks(WithErrors):
-    """Means over the walks, in the unit of the tile; figure X has its standard error as X_error.
+    """Means over the walks, in the unit of the tile; figure X has its standard error as X_error."""
 
-    Attributes
-    ----------
-    hit_probability : share of the entered spheres whose grain is hit
-    void_chord, second_moment : mean flight z from sphere to sphere, and <z^2>/(2 <z>^2)
-    flight, flight_second : mean path from leaving the sphere of one hit to entering that of the next, and mean square
-    lambda_s, lambda_o : mean displacement from entry to exit of a hit's sphere along the incoming and the outgoing direction
-    mean_square : mean squared distance from entry to exit
-    g : mean cosine of a hit
-    correlation : between the lengths of successive flights, -1 to 1
-    mean_square_displacement : M, a hit, at long times
-    lambda_t : flight + lambda_s, the mean free path of the medium
-    mean_square_rte : 2 lambda_t^2 / (1 - g): M of that medium
-    mean_square_tele : M of a medium in which light is teleported and successive flights know nothing of each other
-    drift : relative change of M with windows twice as long: its bias, with an error of its own
-    windows, by_window : (W,) hits n, and M from windows of n and 2n;  window : the n that M is taken from
-    void_chord_exact : 4 V/S of the tile
-    hits, walks : numbers;  length : hits of a walk
-    events : mean meetings with the surface of a hit
-    lost, contradicted, cut : hits that were drawn again because a rough surface kept the light, because inside and outside did
-        not agree, because they met the surface too often; over all hits
-    given_up : share of the walks that ended before their time and count nowhere
-    achieved_error : relative standard error of sqrt(M);  reached : whether it meets the tolerance;  reason : why not, in words
-    """
-
-    hit_probability: float
+    hit_probability: float  # share of the entered spheres whose grain is hit
+    # void_chord, second_moment: mean flight z from sphere to sphere, and <z^2>/(2 <z>^2)
     void_chord: float
     second_moment: float
+    # flight, flight_second: mean path from leaving the sphere of one hit to entering that of the next, and mean square
     flight: float
     flight_second: float
+    # lambda_s, lambda_o: mean displacement from entry to exit of a hit's sphere along the incoming and the outgoing direction
     lambda_s: float
     lambda_o: float
-    mean_square: float
-    g: float
-    correlation: float
-    mean_square_displacement: float
-    lambda_t: float
-    mean_square_rte: float
-    mean_square_tele: float
-    drift: float
+    mean_square: float  # mean squared distance from entry to exit
+    g: float  # mean cosine of a hit
+    correlation: float  # between the lengths of successive flights, -1 to 1
+    mean_square_displacement: float  # M, a hit, at long times
+    lambda_t: float  # flight + lambda_s, the mean free path of the medium
+    mean_square_rte: float  # 2 lambda_t^2 / (1 - g): M of that medium
+    mean_square_tele: float  # M of a medium in which light is teleported and successive flights know nothing of each other
+    drift: float  # relative change of M with windows twice as long: its bias, with an error of its own
+    # windows, by_window: (W,) hits n, and M from windows of n and 2n
     windows: np.ndarray
     by_window: np.ndarray
-    window: int
-    void_chord_exact: float
+    window: int  # the n that M is taken from
+    void_chord_exact: float  # 4 V/S of the tile
     hits: int
     walks: int
-    length: int
-    events: float
+    length: int  # hits of a walk
+    events: float  # mean meetings with the surface of a hit
+    # lost, contradicted, cut: hits that were drawn again because a rough surface kept the light, because inside and outside did
+    # not agree, because they met the surface too often; over all hits
     lost: float
     contradicted: float
     cut: float
-    given_up: float
-    achieved_error: float
-    reached: bool
-    reason: str
+    given_up: float  # share of the walks that ended before their time and count nowhere
+    achieved_error: float  # relative standard error of sqrt(M)
+    reached: bool  # whether it meets the tolerance
+    reason: str  # why not, in words
     errors: dict[str, float | np.ndarray] = field(repr=False)
 
 
@@ -119,8 +94,6 @@ def walk(tile, grains, weights=None, *, seed, tolerance, hits=None, depth=EVENTS
          report: Callable[[float, float], None] | None = None) -> Walks:
     """Random walks of light through the grains of a tile, repeated without end in all directions.
 
-    Parameters
-    ----------
     tile : centers (N, 3), radii (N,), cell (3,): spheres that do not overlap, in a periodic cuboid; from `packing.pack`
     grains : (T) types of grain, each with `mesh` (None: an exact ball) and `surface`; their unit sphere is the tile's sphere
     weights : (T,) share of each type in the number; equal ones if not given
@@ -131,18 +104,12 @@ def walk(tile, grains, weights=None, *, seed, tolerance, hits=None, depth=EVENTS
     map : `map(function, tasks)` returns [function(*task) for task in tasks]
     report : called with the share of the work that is done and the error reached so far
 
-    Raises
-    ------
-    ValueError : before any work
+    Raises ValueError : before any work
 
-    Notes
-    -----
     Light is not absorbed: reflectances, conductors' losses and interiors are left out.  Where a rough surface would keep the
     light, the hit is drawn again from the same entry, so the figures are those of light that goes on.
     Errors: jackknife over 32 replicates.  They do not hold what another tile of the same kind would differ by.
 
-    Examples
-    --------
     >>> from bakery.physics.grains.surface import dielectric
     >>> from bakery.physics.packing import pack
     >>> tile = pack(0.3, np.ones(100), seed=1, schedule="draft")
@@ -358,9 +325,7 @@ def _checked(tile, grains, weights, seed, tolerance, depth):
 def checked_tile(centers, radii, cell, grains, weights, seed):
     """A tile and its grains as the loops take them: centers, radii, cell, grains, cumulated shares.
 
-    Raises
-    ------
-    ValueError : spheres overlap, grains or shares are missing, a seed is none
+    Raises ValueError : spheres overlap, grains or shares are missing, a seed is none
     """
     # copies can be written to: for arrays that cannot, as those of an asset, the loops would be compiled anew
     centers, radii, cell = (np.array(a, float, order="C") for a in (centers, radii, cell))

@@ -26,46 +26,31 @@ _SPARE = 1.1  # of the variance
 
 @dataclass(frozen=True)
 class Reflectance:
-    """What light of one wavelength does.
+    """What light of one wavelength does."""
 
-    Attributes
-    ----------
-    factors : as of `surfaces.corrected.Corrected`
-    lossless : whether grains keep all light
-    albedo, albedo_error : (3, B) by order and bin of the root of the cosine of incidence, a polynomial through what was counted,
-        and the standard error of a bin's own count
-    error : (A, U, V) relative standard error of the light in the cells of `SHOWN`
-    achieved_error : root mean square of that over the light of the walks
-    inside : share of the higher orders that was still inside when its walks ended, and counts as leaving like late light
-    """
-
-    factors: Factors
-    lossless: bool
+    factors: Factors  # as of `surfaces.corrected.Corrected`
+    lossless: bool  # whether grains keep all light
+    # albedo, albedo_error: (3, B) by order and bin of the root of the cosine of incidence, a polynomial through what was counted,
+    # and the standard error of a bin's own count
     albedo: np.ndarray
     albedo_error: np.ndarray
-    error: np.ndarray
-    achieved_error: float
-    inside: float
+    error: np.ndarray  # (A, U, V) relative standard error of the light in the cells of `SHOWN`
+    achieved_error: float  # root mean square of that over the light of the walks
+    inside: float  # share of the higher orders that was still inside when its walks ended, and counts as leaving like late light
 
 
 @dataclass(frozen=True)
 class Measured:
-    """Of all wavelengths of a goniometer.
+    """Of all wavelengths of a goniometer."""
 
-    Attributes
-    ----------
-    each : `Reflectance` of each channel
-    hits, walks : numbers;  given_up, contradicted, cut : shares of the walks that ended so
-    reached : whether the error does not exceed the tolerance
-    """
-
-    each: tuple[Reflectance, ...]
+    each: tuple[Reflectance, ...]  # one a channel
     hits: int
     walks: int
+    # given_up, contradicted, cut: shares of the walks that ended so
     given_up: float
     contradicted: float
     cut: float
-    reached: bool
+    reached: bool  # whether the error does not exceed the tolerance
 
     @property
     def achieved_error(self) -> float:
@@ -76,16 +61,12 @@ def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: f
              map: Callable | None = None, report: Callable[[float, float], None] | None = None) -> Measured:
     """Walk until the reflectance is known.
 
-    Parameters
-    ----------
     solutions : half space of the medium that stands for the grains, for each channel of the goniometer
     tolerance : relative standard error of the reflectance in cells of `SHOWN`, root mean square weighted by their light
     hits : stop after about so many; 2^32 if not given
     map : `map(function, tasks)` returns [function(*task) for task in tasks]
     report : called with the share of the work that is done and the error reached so far
 
-    Notes
-    -----
     The same bytes for any number of workers: what is walked follows from counts alone.
     """
     map, most = map or in_turn, HITS_MAX if hits is None else hits

@@ -24,7 +24,6 @@ def index(table: Table, wavelength) -> tuple[np.ndarray, np.ndarray]:
 
     Parameters
     ----------
-    table : Table
     wavelength : (L,) um, in vacuum, within the table
 
     Returns

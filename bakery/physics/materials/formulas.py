@@ -6,8 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-NAMES = {1: "Sellmeier", 2: "Sellmeier-2", 3: "polynomial", 4: "RefractiveIndex.INFO", 5: "Cauchy", 6: "gases", 7: "Herzberger",
-         8: "retro", 9: "exotic"}
 FEWEST = {1: 1, 2: 1, 3: 1, 4: 9, 5: 1, 6: 1, 7: 3, 8: 4, 9: 6}  # coefficients
 MOST = {1: 17, 2: 17, 3: 17, 4: 17, 5: 11, 6: 11, 7: 6, 8: 4, 9: 6}
 
@@ -15,14 +13,10 @@ MOST = {1: 17, 2: 17, 3: 17, 4: 17, 5: 11, 6: 11, 7: 6, 8: 4, 9: 6}
 def refractive_index(number: int, coefficients: Sequence[float], wavelength) -> np.ndarray:
     """n (L,) by a formula; nan where it has no real value.
 
-    Parameters
-    ----------
-    number : 1 to 9, see `NAMES`
+    number : 1 to 9
     coefficients : as many as the formula takes; those left out at its end are 0
     wavelength : (L,) um
 
-    Notes
-    -----
     Source: M. N. Polyanskiy, refractiveindex.info, "Dispersion formulas".
     """
     lam = np.asarray(wavelength, float)

@@ -13,8 +13,6 @@ def growth_factor(kappa: float, humidity: float) -> float:
 
     The volume of water over that of the dry particle is kappa a/(1 - a), where the activity a is the humidity.
 
-    Examples
-    --------
     >>> round(growth_factor(0.61, 0.9), 4)  # ammonium sulphate
     1.8653
     """
@@ -27,14 +25,10 @@ def tabulated(humidity, factor, wanted: float) -> float:
     Between the rows kappa, (g^3 - 1)(1 - h)/h, is linear in h: the factor rises towards 1 as particles do.  Below the first row
     above 0 it has the kappa of that row; at 0 the factor is 1.
 
-    Parameters
-    ----------
     humidity : (T,) 1, ascending, 0 to below 1
     factor : (T,) radius over the dry radius
 
-    Raises
-    ------
-    ValueError : above the table
+    Raises ValueError : above the table
     """
     h, g = np.asarray(humidity, float), np.asarray(factor, float)
     if wanted > h[-1]:

@@ -15,28 +15,17 @@ _STEPS, _RESIDUAL = 400, 1e-12
 def mixed(rule: str, index, share, matrix=None):
     """Index of a mixture.
 
-    Parameters
-    ----------
     rule : `bruggeman` (all alike), `maxwell_garnett` (inclusions in a matrix, which has the rest of the volume), `lorentz_lorenz`
         (molar refractions add up) or `volume` (n and k add up)
     index : (K, L) complex, n + ik with k >= 0, relative to vacuum
     share : (K,) of the volume, adding up to 1; with a matrix to less than 1
     matrix : (L,) complex, of `maxwell_garnett` only
 
-    Returns
-    -------
-    index : (L,) complex
+    Returns index : (L,) complex
+    Raises ValueError : a mixture that the rule knows nothing of
 
-    Raises
-    ------
-    ValueError : a mixture that the rule knows nothing of
-
-    Notes
-    -----
     Rules of effective media hold for pieces that are much smaller than the wavelength in them.
 
-    Examples
-    --------
     >>> mixed("volume", [[1.5], [1.3]], [0.25, 0.75])
     array([1.35+0.j])
     """

@@ -23,43 +23,27 @@ SAME = 1e-9  # relative distance of two coordinates that are one
 
 
 class Optics(NamedTuple):
-    """One medium.
+    """One medium."""
 
-    Attributes
-    ----------
-    theta : (A,) rad
-    sigma_s, sigma_a : (L,) 1/m
-    elements : (L, E, A) 1/sr, of which the first is the phase function
-    bias : (L, A) 1/sr, error that the phase function is known to have, or None
-    """
-
-    theta: np.ndarray
+    theta: np.ndarray  # (A,) rad
+    # sigma_s, sigma_a: (L,) 1/m
     sigma_s: np.ndarray
     sigma_a: np.ndarray
-    elements: np.ndarray
-    bias: np.ndarray | None = None
+    elements: np.ndarray  # (L, E, A) 1/sr, of which the first is the phase function
+    bias: np.ndarray | None = None  # (L, A) 1/sr, error that the phase function is known to have, or None
 
 
 class Tables(NamedTuple):
-    """Media over k axes.
+    """Media over k axes."""
 
-    Attributes
-    ----------
-    axes : k coordinates (Nk,), ascending, in which is interpolated
-    theta : (A,) rad
-    sigma_s, sigma_a : (N1, ..., L) 1/m
-    phase : (N1, ..., L, A) 1/sr, each integrates to 1
-    ratios : (N1, ..., L, E - 1, A) 1, the other elements over the phase function
-    missing : (N1, ...) whether there is no medium at a point
-    """
-
-    axes: tuple[np.ndarray, ...]
-    theta: np.ndarray
+    axes: tuple[np.ndarray, ...]  # k coordinates (Nk,), ascending, in which is interpolated
+    theta: np.ndarray  # (A,) rad
+    # sigma_s, sigma_a: (N1, ..., L) 1/m
     sigma_s: np.ndarray
     sigma_a: np.ndarray
-    phase: np.ndarray
-    ratios: np.ndarray
-    missing: np.ndarray
+    phase: np.ndarray  # (N1, ..., L, A) 1/sr, each integrates to 1
+    ratios: np.ndarray  # (N1, ..., L, E - 1, A) 1, the other elements over the phase function
+    missing: np.ndarray  # (N1, ...) whether there is no medium at a point
 
 
 def common_angles(grids: Sequence[np.ndarray]) -> np.ndarray:
@@ -115,8 +99,6 @@ def hole(tables: Tables, at: Sequence[float]) -> tuple[int, ...] | None:
 def interpolated(tables: Tables, at: Sequence[float], method: str) -> Optics:
     """The medium at coordinates (k,) within the axes; at a point of the tables what they hold there.
 
-    Parameters
-    ----------
     method : one of `METHODS`; cubic needs a table without missing points
     """
     sigma_s, sigma_a, table, ratios = (_along(tables.axes, values, at, method)

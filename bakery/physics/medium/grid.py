@@ -43,18 +43,12 @@ class Refined:
 def start(features, bows=(), wider=1.0):
     """First angles for spheres.
 
-    Parameters
-    ----------
     features : pairs (size parameter, relative width of its distribution); width 0 for spheres of one size
     bows : angles (rad) near which a rainbow stands, with its width (rad)
     wider : factor of all steps but those in ripples
 
-    Returns
-    -------
-    theta : (A,) rad
+    Returns theta : (A,) rad
 
-    Notes
-    -----
     Steps grow in proportion to the distance from 0, pi and the bows, from a fraction of 1/x, to 1 degree.  Narrow distributions
     keep interference ripples of period pi/x up to an angle of about 4/(x width) from the axis: there the steps resolve them.
     """
@@ -113,8 +107,6 @@ def refine(theta, evaluate, tolerance, crest=None, earlier=None, limit=LIMIT, fi
            integrated=False):
     """Bisect a grid until the interpolant meets a tolerance half-way between all neighbours.
 
-    Parameters
-    ----------
     theta : (A,) rad, first grid
     evaluate : (theta (B,), floor (C, B)) -> values (C, E, B), error (C, B), tag (C, B).  `error` is relative to element 0;
         `floor` is the larger tag of the two neighbours, None at first: what the values should at least be made with
@@ -127,12 +119,8 @@ def refine(theta, evaluate, tolerance, crest=None, earlier=None, limit=LIMIT, fi
     most : of the values' own error, as much as counts where a cell is judged: more angles do not lower what is beyond it
     finest : rad; cells narrower than this are left as they are: what an approximation does there is no structure of its object
 
-    Raises
-    ------
-    TooManyAngles
+    Raises TooManyAngles
 
-    Notes
-    -----
     Few sizes leave ripples of single spheres, which are errors of the values and no structure of their average.  Resolving them
     took 11,896 angles for hail (0.5 to 3 mm) at 3 % of the light; bisecting only what exceeds them takes 504.
     """

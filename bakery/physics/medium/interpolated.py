@@ -17,47 +17,35 @@ from bakery.physics.medium.phase import normalised, phase_at
 
 @dataclass(frozen=True)
 class Tabulated:
-    """Media at W wavelengths by P places of another axis.
+    """Media at W wavelengths by P places of another axis."""
 
-    Attributes
-    ----------
-    wavelength : (W,) um, ascending;  values : (P,) ascending
-    extinction, albedo : (W, P)
-    theta, phase : W tuples of P arrays: angles (A,) rad from 0 to pi, phase functions in any scale, linear in cos theta
-    """
-
-    wavelength: np.ndarray
-    values: np.ndarray
+    wavelength: np.ndarray  # (W,) um, ascending
+    values: np.ndarray  # (P,) ascending
+    # extinction, albedo: (W, P)
     extinction: np.ndarray
     albedo: np.ndarray
+    # theta, phase: W tuples of P arrays: angles (A,) rad from 0 to pi, phase functions in any scale, linear in cos theta
     theta: Sequence[Sequence[np.ndarray]]
     phase: Sequence[Sequence[np.ndarray]]
 
 
 @dataclass(frozen=True)
 class Between:
-    """A medium at L wavelengths.
+    """A medium at L wavelengths."""
 
-    Attributes
-    ----------
-    sigma_s, sigma_a : (L,) unit of the extinction
-    theta, phase, bias : (A,) rad, (L, A) 1/sr with the integral 1, (L, A) 1/sr estimated error of phase
-    error : 1, largest estimated relative error of extinction, albedo and phase function
-    """
-
+    # sigma_s, sigma_a: (L,) unit of the extinction
     sigma_s: np.ndarray
     sigma_a: np.ndarray
+    # theta, phase, bias: (A,) rad, (L, A) 1/sr with the integral 1, (L, A) 1/sr estimated error of phase
     theta: np.ndarray
     phase: np.ndarray
     bias: np.ndarray
-    error: float
+    error: float  # 1, largest estimated relative error of extinction, albedo and phase function
 
 
 def between(table: Tabulated, wavelength, value: float) -> Between:
     """The medium at wavelengths (L,) um and a value of the other axis, all within the table.
 
-    Notes
-    -----
     The error is what a bracket one place wider on either side changes, times the share that the error of a linear interpolation
     in the narrower bracket has of the change: exact for a parabola.  Where there are no wider places a quarter of the difference
     of the two ends counts.  A tabulated place has none.

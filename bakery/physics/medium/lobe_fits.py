@@ -39,20 +39,14 @@ class Fit:
 def fits(theta, phase, diameter: float | None = None) -> dict[str, Fit]:
     """Mixtures for one phase function, by name.
 
-    Parameters
-    ----------
     theta, phase : (A,) rad, 1/sr; linear in cos theta, integrates to 1 over the sphere
     diameter : um, of water droplets in air: adds the published parametrisation
 
-    Returns
-    -------
-    fits : hg_g (the table's mean cosine), hg2_moments (its first three Legendre moments, where two lobes have them), hg2_g,
-        hg_draine_g (its mean cosine, else least misdirected light); hg, draine, hg2, hg_draine (least misdirected light);
-        hg_draine_published (for `diameter`, where the parametrisation reaches), hg_draine_published_best (for the diameter
-        that misdirects least).  A kind that holds another is never worse.
+    Returns fits : hg_g (the table's mean cosine), hg2_moments (its first three Legendre moments, where two lobes have them),
+        hg2_g, hg_draine_g (its mean cosine, else least misdirected light); hg, draine, hg2, hg_draine (least misdirected light);
+        hg_draine_published (for `diameter`, where the parametrisation reaches), hg_draine_published_best (for the diameter that
+        misdirects least).  A kind that holds another is never worse.
 
-    Notes
-    -----
     |g| <= 1 - 1e-8, alpha <= 30.  A lobe or an alpha that saves less than 1e-4 of the light is left out.
     """
     search = _Search(theta, phase)
@@ -86,8 +80,6 @@ def hg_draine(theta, phase, steepest: float = 1 - NARROWEST) -> Lobes:
 def matched(theta, phase) -> Lobes | None:
     """Two HG lobes with the first three Legendre moments of a table; None where there are none.
 
-    Notes
-    -----
     The n-th Legendre moment of HG is g^n, so weights and g are the two-point Gauss rule of the moments 1, <P1>, <P2>, <P3>.
     In q = 1 - g, whose moments are integrals of small polynomials of v = 1 - cos theta, peaks keep their digits.
     """

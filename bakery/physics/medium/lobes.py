@@ -23,18 +23,11 @@ _GAUSS = 0.5 / math.sqrt(3)
 
 @dataclass(frozen=True)
 class Lobes:
-    """A mixture of Draine lobes, normalised over the sphere.
+    """A mixture of Draine lobes, normalised over the sphere."""
 
-    Attributes
-    ----------
-    weight : (K,) 1, shares of the light, add up to 1
-    g : (K,) 1, -1 < g < 1
-    alpha : (K,) 1, >= 0; 0 for Henyey-Greenstein
-    """
-
-    weight: tuple[float, ...]
-    g: tuple[float, ...]
-    alpha: tuple[float, ...]
+    weight: tuple[float, ...]  # (K,) 1, shares of the light, add up to 1
+    g: tuple[float, ...]  # (K,) 1, -1 < g < 1
+    alpha: tuple[float, ...]  # (K,) 1, >= 0; 0 for Henyey-Greenstein
 
     def __call__(self, theta):
         """Values at angles (...,) rad, 1/sr."""
@@ -48,45 +41,31 @@ class Lobes:
 
 @dataclass(frozen=True)
 class Misfit:
-    """What a mixture loses against a table.
+    """What a mixture loses against a table."""
 
-    Attributes
-    ----------
-    misdirected : 1, share of the scattered light that goes to another angle: half of the integral of |fit - table|
-    g : 1, mean cosine of the fit less that of the table
-    log_sphere, log_angle : 1, root mean square of log10(fit / table), mean over solid angle and over theta
-    factor, factor_at : 1, rad: the ratio fit / table that is furthest from 1, and where
-    peak, peak_angle : 1, rad: share of the fit's light within the angle where the table has fallen to half of its forward value
-        (pi where it never does)
-    peak_table : 1, share of the table's light within that angle
-    """
-
-    misdirected: float
-    g: float
+    misdirected: float  # 1, share of the scattered light that goes to another angle: half of the integral of |fit - table|
+    g: float  # 1, mean cosine of the fit less that of the table
+    # log_sphere, log_angle: 1, root mean square of log10(fit / table), mean over solid angle and over theta
     log_sphere: float
     log_angle: float
+    # factor, factor_at: 1, rad: the ratio fit / table that is furthest from 1, and where
     factor: float
     factor_at: float
+    # peak, peak_table: 1, share of the fit's, and of the table's, light within peak_angle
     peak: float
     peak_table: float
-    peak_angle: float
+    peak_angle: float  # rad, where the table has fallen to half of its forward value (pi where it never does)
 
 
 def draine(theta, g, alpha):
     """Draine's phase function.
 
-    Parameters
-    ----------
     theta : (...,) rad
     g : float, -1 < g < 1; the mean cosine only where alpha = 0
     alpha : float, >= 0
 
-    Returns
-    -------
-    (...,) 1/sr, integrates to 1 over the sphere
+    Returns (...,) 1/sr, integrates to 1 over the sphere
 
-    Notes
-    -----
     Source: Draine, Astrophys. J. 598, 1017 (2003).
     """
     a = abs(g)
@@ -108,12 +87,8 @@ def draine_mean_cosine(g, alpha):
 def published(diameter: float) -> Lobes:
     """HG + Draine of water droplets in air by their diameter in um, above 0.1 to 50.
 
-    Raises
-    ------
-    ValueError : a diameter outside
+    Raises ValueError : a diameter outside
 
-    Notes
-    -----
     Source: Jendersie & d'Eon, "An Approximate Mie Scattering Function for Fog and Cloud Rendering", SIGGRAPH 2023 Talks,
     and the supplement for diameters below 5 um; coefficients as several public renderers quote them alike.
     """
@@ -166,13 +141,8 @@ def quadrature(theta, most: int | None = None):
 def misfit(theta, phase, lobes: Lobes) -> Misfit:
     """How far a mixture is from a table.
 
-    Parameters
-    ----------
     theta, phase : (A,) rad, 1/sr; linear in cos theta, integrates to 1 over the sphere
-    lobes : Lobes
 
-    Notes
-    -----
     Integrals are to about 3e-5: the kink of |fit - table| lies inside of cells.  `factor` looks at the table's own angles.
     """
     theta, phase = np.asarray(theta, float), np.asarray(phase, float)

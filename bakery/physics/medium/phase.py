@@ -50,8 +50,6 @@ def normalised(theta, f):
 def with_delta(theta, f, share):
     """A phase function with unscattered (delta) transmission beside it, which stands in the table as a peak below theta[1].
 
-    Parameters
-    ----------
     f : (..., A) 1/sr, of light that is deflected
     share : (...,) of the light that keeps its direction, 0 to 1
     """

@@ -24,14 +24,10 @@ def albedo_error(albedo, sigma_t, scattering, absorbed) -> np.ndarray:
 def angstrom_exponent(wavelength, values, error):
     """-d ln(values) / d ln(wavelength) between neighbouring wavelengths.
 
-    Parameters
-    ----------
     wavelength : (L,) um, ascending
     values, error : (L,), absolute
 
-    Returns
-    -------
-    exponent, error : (L - 1,) 1; not a number where a value is 0, for then there is no power law
+    Returns exponent, error : (L - 1,) 1; not a number where a value is 0, for then there is no power law
     """
     values, relative = np.asarray(values, float), ratio(error, values)
     logarithm = np.log(np.where(values > 0, values, np.nan))

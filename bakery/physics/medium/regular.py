@@ -13,24 +13,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Loss:
-    """What a regular table has lost against the phase function that it stands for.
+    """What a regular table has lost against the phase function that it stands for."""
 
-    Attributes
-    ----------
-    misdirected : 1, share of the scattered light that the table sends to another angle (half of the mean absolute error)
-    largest : 1, largest relative error of the value at any angle
-    largest_at : rad, the angle where that is
-    g : 1, mean cosine of the table less that of the source
-    peak : 1, share of the forward peak that was cut: of the light within `peak_angle`, what the table puts outside of it
-    peak_angle : rad, where the source has fallen to half of its forward value (pi where it never does)
-    """
-
-    misdirected: float
-    largest: float
-    largest_at: float
-    g: float
-    peak: float
-    peak_angle: float
+    misdirected: float  # 1, share of the scattered light that the table sends to another angle (half of the mean absolute error)
+    largest: float  # 1, largest relative error of the value at any angle
+    largest_at: float  # rad, the angle where that is
+    g: float  # 1, mean cosine of the table less that of the source
+    peak: float  # 1, share of the forward peak that was cut: of the light within `peak_angle`, what the table puts outside of it
+    peak_angle: float  # rad, where the source has fallen to half of its forward value (pi where it never does)
 
 
 def haversine(theta):
@@ -41,18 +31,12 @@ def haversine(theta):
 def regular_table(theta, phase, count):
     """Averages of a phase function on a regular grid in the cosine.
 
-    Parameters
-    ----------
     theta : (A,) rad, ascending from 0 (forward) to pi
     phase : (A,) 1/sr, linear in cos theta between the angles
     count : number of values, at least 2
 
-    Returns
-    -------
-    values : (count,) 1/sr, at equidistant cosines from -1 (backward) to +1 (forward), linear between them
+    Returns values : (count,) 1/sr, at equidistant cosines from -1 (backward) to +1 (forward), linear between them
 
-    Notes
-    -----
     The value at a grid point is the average of `phase` weighted with the hat function of that point.  The hats add up to 1
     everywhere, so the integral is kept exactly; their first moments make the mean cosine exact but for the two end cells
     (error: a third of a cell times the light in the last half cell).
@@ -75,8 +59,6 @@ def regular_table(theta, phase, count):
 def loss(theta, phase, values) -> Loss:
     """What is lost when a regular table takes the place of a phase function.
 
-    Parameters
-    ----------
     theta, phase : (A,) rad, 1/sr, as for `regular_table`; integrates to 1 over the sphere
     values : (N,) as from `regular_table`, in the precision that will be used
     """

@@ -21,16 +21,12 @@ _ANGLES = 9  # over which the largest relative error counts at each: between cre
 
 
 class Places(NamedTuple):
-    """Where wanted wavelengths lie among stored ones, each (W,).
+    """Where wanted wavelengths lie among stored ones, each (W,)."""
 
-    Attributes
-    ----------
-    lower, upper : indices of the stored neighbours, one index twice at a stored wavelength
-    power, linear : 1, how far towards the upper one in the logarithm of the wavelength, and in the wavelength itself
-    """
-
+    # lower, upper: indices of the stored neighbours, one index twice at a stored wavelength
     lower: np.ndarray
     upper: np.ndarray
+    # power, linear: 1, how far towards the upper one in the logarithm of the wavelength, and in the wavelength itself
     power: np.ndarray
     linear: np.ndarray
 
@@ -74,15 +70,11 @@ def phase_functions(at: Places, theta, table) -> np.ndarray:
 def missed(stored, wanted, compute: Callable[[Places], np.ndarray], values, over_angles: bool = False) -> np.ndarray:
     """What interpolation is off by at wanted wavelengths, (W, ...) absolute; 0 at stored ones, not a number where not known.
 
-    Parameters
-    ----------
     stored, wanted : (L,), (W,) um
     compute : places -> values there
     values : (L, ...) as stored
     over_angles : whether the last axis goes over angles, of which the largest relative error within a few counts
 
-    Notes
-    -----
     The larger of what leaving out either neighbour shows, in the middle of two wavelengths, and less towards them, as t (1 - t).
     An error that goes as the square of the spacing is a quarter of that where wavelengths are equidistant; what is claimed is the
     whole, as ripples and bows follow no such law.  A gap wider than those that were left out counts by its square.  The ends have

@@ -22,8 +22,6 @@ _BYTES = 4
 def blend(typingctx, grid, at, row, basis, shift, ring, count, weights):
     """a_0 + B_0 + sum over k of a_k B_k, float32.
 
-    Parameters
-    ----------
     grid, basis : C-contiguous float32, a_k and B_k with k along the last axis
     at, shift : of the first corner, counted in numbers; row, ring : from one corner to the next along the first axis
     count : of k, padded, also from one corner to the next along the second axis

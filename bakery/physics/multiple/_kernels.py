@@ -139,8 +139,6 @@ def rows_of(M, L):
 def columns(j, k, c, uncounted, pivots, events, transform, k0, out):
     """Elements (l <= j, j) of the sum over events, as functions of r; element (l, m) at l (l + 1)/2 + m of `out`.
 
-    Parameters
-    ----------
     k : (N,) wave numbers, logarithmic;  c : (L + 1,) albedo p_l
     uncounted : (L + 1,) of each order, light that is turned and not counted
     pivots : of streaming up and down, and of scattering down, each (.., N), row l of M at rows_of(M, L) + l

@@ -59,8 +59,6 @@ def quarter_turns(order):
 def turn_of(l, d, doubled, out):
     """The quarter turn of one l between c and b into out (2, >= l // 2 + 1, K') by parity of m, m and k; zeros beyond the last k.
 
-    Parameters
-    ----------
     d : (L + 1, L + 1) quarter turn of this l
     doubled : whether what is summed over is m (to b) or k (to c): those above 0 stand for themselves and their negatives
     """
@@ -79,8 +77,6 @@ def turn_of(l, d, doubled, out):
 def to_normal(l, turn, c, out):
     """b of one l from many c.
 
-    Parameters
-    ----------
     turn : from `turn_of`, of c's type
     c : (l + 1, A);  out : (A, 2 K')
     """
@@ -185,17 +181,13 @@ def _filtered(f, R):
 def point_table(l, order, by_distance, rows, harmonics, columns, d):
     """b of one l for every distance and angle of a table, times r exp(k0 r).
 
-    Parameters
-    ----------
     by_distance : (.., P) of the propagator, of whose splines
     rows : those distances are wanted: number of the first, and how many
     harmonics : (L + 1, L + 1, H) by m and l, of the first half of the angles; the others mirror them about a right angle
     columns : A, H = (A + 1) // 2
     d : (L + 1, L + 1) quarter turn of this l
 
-    Returns
-    -------
-    (R, A, 2 K') float32, K padded with zeros to K'.  Only the sum over l' cancels, and it is in double precision
+    Returns (R, A, 2 K') float32, K padded with zeros to K'.  Only the sum over l' cancels, and it is in double precision
     """
     (lowest, R), A, H = rows, columns, harmonics.shape[2]
     K = l // 2 + 1
@@ -264,8 +256,6 @@ class Points(NamedTuple):
 def along(l, table, d, points, phases, out):
     """Sums a table of b over the points of segments, and turns the sums to c in frames with given axes.
 
-    Parameters
-    ----------
     table : (R, A, 2 K') from `point_table`, as spline coefficients
     points : `Points`
     phases : from `phases`, of the angles from the frame's axis to the position as seen from that point

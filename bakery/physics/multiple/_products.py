@@ -27,14 +27,10 @@ def multiply(factors, lines, out, rows, columns, count):
     For i < rows and a < columns: out[to + below i + a] = sum over n < count of
     factors[first + row i + step n] lines[at + line n + a].
 
-    Parameters
-    ----------
     factors : array, first, row, step
     lines : array, at, line
     out : array, to, below; all three arrays contiguous, of one type, places counted in numbers
 
-    Notes
-    -----
     Terms are added in the order of n, from 0 on.  Tiles at the edges overlap their neighbours: what is set twice is the same.
     """
     b, at, line = lines

@@ -23,8 +23,6 @@ _INT = ir.IntType(32)
 def add_turned(typingctx, table, at, row, column, points, weight, phases, sums):
     """sums += (a + i b) (cosine + i sine) for each point and order k, a + i b the weighted sum over four rows and columns.
 
-    Parameters
-    ----------
     table : C-contiguous float32, by `LANES` along the last axis real parts of so many k, then their imaginary ones
     at : of the first neighbour, counted in numbers;  row, column : from one to the next, `column` also of k, both parts
     points : the first, the one after the last, and whose they are (Q,)

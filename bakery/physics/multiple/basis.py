@@ -27,14 +27,10 @@ def weights(lobes, solid_angle):
 def start(logs, weight, count):
     """Functions to begin with: the mean, then `count` times the lobe that is represented worst so far, less what is.
 
-    Parameters
-    ----------
     logs : (N, D) with any constant added to each
     weight : (N, D)
 
-    Returns
-    -------
-    (K + 1, D): B_0, then B_k with mean 0 and mean square 1, orthogonal to each other under the mean weight
+    Returns (K + 1, D): B_0, then B_k with mean 0 and mean square 1, orthogonal to each other under the mean weight
     """
     overall = weight.sum(axis=0) / weight.sum()
     basis = np.zeros((count + 1, logs.shape[1]))

@@ -47,20 +47,17 @@ def extent_needed(medium, share=1e-4):
     return float(np.clip(beyond, 1.0, MOST_EXTENT))
 
 
-def coefficients(medium, kind, length, rho, z, threads=1):
+def coefficients(medium, kind, length, rho, z):
     """Harmonic coefficients (N, (L + 1)(L + 2)/2) of the lobes in the frames of positions (N,)."""
     rho = np.maximum(rho, frame.CLOSEST)
     if kind == POINT:
         return point.coefficients(medium, np.hypot(rho, z), np.arctan2(rho, z))
-    return segment.coefficients(medium, rho, z, length, np.arctan2(rho, z), threads=threads)
+    return segment.coefficients(medium, rho, z, length, np.arctan2(rho, z))
 
 
-def table(solution, kind, *, extent, length=LENGTH, tolerance=TOLERANCE, most=COUNTS[-1], finest=_FINE, seed=0,
-          threads=1) -> Table:
+def table(solution, kind, *, extent, length=LENGTH, tolerance=TOLERANCE, most=COUNTS[-1], finest=_FINE, seed=0) -> Table:
     """The table of a solution.
 
-    Parameters
-    ----------
     solution : from `solution.solve`
     kind : POINT or SEGMENT
     extent : mfp; the table ends earlier where less than `OUTSIDE` of the light is left
@@ -69,15 +66,9 @@ def table(solution, kind, *, extent, length=LENGTH, tolerance=TOLERANCE, most=CO
     most : functions of the basis, at most
     finest : depth of the smallest cells: 2^finest in each direction of the square
     seed : of the places where the basis and the error are taken
-    threads : of this process; the result does not depend on it
 
-    Returns
-    -------
-    Table : its `error` says what was reached; empty (no corner) where nothing scatters
-
-    Raises
-    ------
-    ValueError : extent or length out of range
+    Returns Table : its `error` says what was reached; empty (no corner) where nothing scatters
+    Raises ValueError : extent or length out of range
     """
     medium, length = solution.medium, float(length) if kind == SEGMENT else 0.0
     if not 0.5 <= extent <= MOST_EXTENT:
@@ -87,14 +78,14 @@ def table(solution, kind, *, extent, length=LENGTH, tolerance=TOLERANCE, most=CO
     if medium.albedo == 0:
         return empty(kind, length, extent, medium.k0)
     extent = min(float(extent), extent_needed(medium, OUTSIDE), _SOLVED * float(np.exp(medium.log_r[-1])))
-    return _Build(solution, (kind, length, extent), (tolerance, most, finest), seed, threads).run()
+    return _Build(solution, (kind, length, extent), (tolerance, most, finest), seed).run()
 
 
 class _Build:
     """source : kind, length, extent;  limits : tolerance, most, finest;  all as of `table`"""
 
-    def __init__(self, solution, source, limits, seed, threads):
-        self.solution, self.medium, self.threads = solution, solution.medium, threads
+    def __init__(self, solution, source, limits, seed):
+        self.solution, self.medium = solution, solution.medium
         self.kind, self.length, self.extent = source
         self.tolerance, self.most, self.finest = limits
         self.shape = shape(self.medium.order)
@@ -117,7 +108,7 @@ class _Build:
         give_back()  # 40 to 70 MB that the solver or the table before has freed
         at_once = self.kind == SEGMENT  # a table of the point source is shared
         rho, z = (np.append(rho, tests[0]), np.append(z, tests[1])) if at_once else (rho, z)
-        c = coefficients(self.medium, self.kind, self.length, rho, z, self.threads)
+        c = coefficients(self.medium, self.kind, self.length, rho, z)
         lobe, integral, near = self.normalised(first, c[:len(first)])
         of_tests = c[len(first):].copy()
         del c  # the largest array, of which the tests' are needed once more
@@ -139,7 +130,7 @@ class _Build:
 
     def sample(self, lattice):
         """Coefficients a (N, K + 1), lobes (N, D) and how much places near the source count (N,)."""
-        c = coefficients(self.medium, self.kind, self.length, *self.positions(lattice), self.threads)
+        c = coefficients(self.medium, self.kind, self.length, *self.positions(lattice))
         lobe, integral, near = self.normalised(lattice, c)
         return self.represent(lobe, integral), lobe, near
 
@@ -287,9 +278,9 @@ def places(kind, length, extent, random):
     return rho, z
 
 
-def errors(table, medium, rho, z, threads=1):
+def errors(table, medium, rho, z):
     """Relative error of the table's lobes at positions (N,): root mean square over directions that are not the basis's."""
-    return _errors(table, medium.order, rho, z, coefficients(medium, table.kind, table.length, rho, z, threads))
+    return _errors(table, medium.order, rho, z, coefficients(medium, table.kind, table.length, rho, z))
 
 
 def between_directions(order):

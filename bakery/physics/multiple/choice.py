@@ -20,89 +20,55 @@ _ALL = 1 - 1e-9  # share of the scattered light above which nothing but the delt
 
 
 class Medium(NamedTuple):
-    """One wavelength of a medium.
+    """One wavelength of a medium."""
 
-    Attributes
-    ----------
-    albedo : 1
-    theta, phase : (A,) rad, 1/sr, linear in cos theta, normalised
-    delta : share of the scattered light that keeps its direction, part of phase below theta[1] (packed grains)
-    """
-
-    albedo: float
+    albedo: float  # 1
+    # theta, phase: (A,) rad, 1/sr, linear in cos theta, normalised
     theta: np.ndarray
     phase: np.ndarray
-    delta: float
+    delta: float  # share of the scattered light that keeps its direction, part of phase below theta[1] (packed grains)
 
 
 class Asked(NamedTuple):
-    """What is asked of tables.
+    """What is asked of tables."""
 
-    Attributes
-    ----------
-    extent : mfp, or None: all but 1e-4 of the light
-    length : of the segment, mfp
-    tolerance : error of a lobe
-    orders : Legendre orders, or None: as many as it takes, or so many that narrower peaks may be left out
-    photons : most of them, or None: `counted.MOST_FLIGHTS`
-    seed : of all random numbers
-    """
-
-    extent: float | None
-    length: float
-    tolerance: float
-    orders: int | None
-    photons: int | None
-    seed: int
+    extent: float | None  # mfp, or None: all but 1e-4 of the light
+    length: float  # of the segment, mfp
+    tolerance: float  # error of a lobe
+    orders: int | None  # Legendre orders, or None: as many as it takes, or so many that narrower peaks may be left out
+    photons: int | None  # most of them, or None: `counted.MOST_FLIGHTS`
+    seed: int  # of all random numbers
 
 
 class Solved(NamedTuple):
-    """The solution for one wavelength, and what was done with a forward peak.
+    """The solution for one wavelength, and what was done with a forward peak."""
 
-    Attributes
-    ----------
-    solution : of the medium without the peak
-    peak : share of the scattered light that counts as not scattered
-    phase : (A,) 1/sr, that of the solution
-    peak_angle : rad, below which light is in the peak; 0 where there is none
-    peak_effect : what it would change if light in the peak kept its direction (see `peaks.effect`)
-    """
-
-    solution: solution.Solution
-    peak: float
-    phase: np.ndarray
-    peak_angle: float = 0.0
-    peak_effect: float = 0.0
+    solution: solution.Solution  # of the medium without the peak
+    peak: float  # share of the scattered light that counts as not scattered
+    phase: np.ndarray  # (A,) 1/sr, that of the solution
+    peak_angle: float = 0.0  # rad, below which light is in the peak; 0 where there is none
+    peak_effect: float = 0.0  # what it would change if light in the peak kept its direction (see `peaks.effect`)
 
 
 class Tabulated(NamedTuple):
-    """A table, and the medium that it holds for.
+    """A table, and the medium that it holds for."""
 
-    Attributes
-    ----------
-    table : error and all
-    albedo : of that medium
-    extinction : sigma_t of that medium over that of the one asked for
-    peak, phase, peak_angle, peak_effect : as in `Solved`
-    counted : what tables of photons alone have, name -> array: offset_error (N,), photons (1,), resolution (1,) rad
-    """
-
-    table: Table
-    albedo: float
-    extinction: float
+    table: Table  # error and all
+    albedo: float  # of that medium
+    extinction: float  # sigma_t of that medium over that of the one asked for
+    # peak, phase, peak_angle, peak_effect: as in `Solved`
     peak: float
     phase: np.ndarray
     peak_angle: float
     peak_effect: float
+    # what tables of photons alone have, name -> array: offset_error (N,), photons (1,), resolution (1,) rad
     counted: dict[str, np.ndarray]
 
 
 def solved(medium: Medium, orders: int | None) -> Solved:
     """Solves for one wavelength; `orders` as in `Asked`.
 
-    Raises
-    ------
-    ValueError : a narrow peak backward
+    Raises ValueError : a narrow peak backward
     """
     albedo, theta, phase, delta = medium
     p = legendre.moments(theta, phase, max(_MOMENTS, (orders or 0) + 8))
@@ -124,9 +90,7 @@ def solved(medium: Medium, orders: int | None) -> Solved:
 def by_solver(medium: Medium, kinds: Iterable[int], asked: Asked) -> dict[int, Tabulated]:
     """Tables of several kinds of sources from one solution, by kind.
 
-    Raises
-    ------
-    ValueError : the solver or a table refuses
+    Raises ValueError : the solver or a table refuses
     """
     result = solved(medium, asked.orders)
     prepared = result.solution.medium

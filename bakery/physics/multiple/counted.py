@@ -33,20 +33,15 @@ _SECOND = 1 / 3  # halving bins makes an error of second order 1/4 of it
 
 @dataclass(frozen=True)
 class Counted:
-    """Tables by kind, and what they are made of.
+    """Tables by kind, and what they are made of."""
 
-    Attributes
-    ----------
-    tables : kind -> Table; `error` holds what more photons would not change, `error_with_solver` all
-    offset_error : kind -> (N,) standard error of each `offset`: the relative one of the integral over directions at a corner
-    resolution : rad, of the cone about forward (and backward) that the phase function was spread over where the first and the
-        last scattering are done, because its peak is narrower than a table resolves; 0: it was not
-    photons, flights : followed
-    """
-
-    tables: dict[int, Table]
+    tables: dict[int, Table]  # kind -> Table; `error` holds what more photons would not change, `error_with_solver` all
+    # kind -> (N,) standard error of each `offset`: the relative one of the integral over directions at a corner
     offset_error: dict[int, np.ndarray]
+    # rad, of the cone about forward (and backward) that the phase function was spread over where the first and the last
+    # scattering are done, because its peak is narrower than a table resolves; 0: it was not
     resolution: float
+    # photons, flights: followed
     photons: int
     flights: int
 
@@ -55,8 +50,6 @@ def build(albedo, theta, phase, kinds=(POINT,), *, extent=None, length=LENGTH, t
           seed=0) -> Counted:
     """Tables of the light of third and later events around a source, by following photons.
 
-    Parameters
-    ----------
     albedo : 1
     theta, phase : (A,) rad, 1/sr, linear in cos theta, normalised
     kinds : POINT, SEGMENT
@@ -66,9 +59,7 @@ def build(albedo, theta, phase, kinds=(POINT,), *, extent=None, length=LENGTH, t
     photons : most of them; None: as many as fly `MOST_FLIGHTS` times
     seed : of all random numbers
 
-    Returns
-    -------
-    Counted : the same for any number of workers
+    Returns Counted : the same for any number of workers
     """
     medium = tally.medium(albedo, theta, phase, extent)
     if albedo == 0:
@@ -102,14 +93,10 @@ def build(albedo, theta, phase, kinds=(POINT,), *, extent=None, length=LENGTH, t
 def agreement(photons: Table, offset_error, compared: Table, nearest=_FROM):
     """Integrals over directions at the corners of a table of photons against those of another table, in standard errors.
 
-    Parameters
-    ----------
     offset_error : (N,) of the table of photons
     nearest : m (see `frame`) of the first corners that are compared, mfp
 
-    Returns
-    -------
-    (P,) deviations: their mean square is 1 where both agree.  Neighbours share photons, so they come in groups.
+    Returns (P,) deviations: their mean square is 1 where both agree.  Neighbours share photons, so they come in groups.
     """
     u, v = (photons.corner / ((1 << photons.depth) * np.array([1, ASPECT]))).T
     these = u >= math.asinh(nearest / frame.CORE[photons.kind]) / math.asinh(photons.extent / frame.CORE[photons.kind])

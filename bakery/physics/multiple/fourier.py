@@ -7,7 +7,6 @@ there is to know is T^m_ll'(r): into spherical harmonic (l, m) at distance r fro
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,21 +25,13 @@ _FLOOR = 1e-8  # of r^2 T over its largest value, where the table ends
 
 @dataclass(frozen=True)
 class Propagator:
-    """T^m_ll'(r), mfp^-3 (sr^-1 by the harmonics), of the chosen events.
+    """T^m_ll'(r), mfp^-3 (sr^-1 by the harmonics), of the chosen events."""
 
-    Attributes
-    ----------
-    albedo : 1
-    p : (L + 1,) Legendre moments of the phase function
-    k0 : 1/mfp, decay of diffuse light: far away T ~ exp(-k0 r) / r
-    log_r : (R,) equidistant
-    by_distance : (R, P) r exp(k0 r) T, element `_kernels.packed(l', l, m)` for l <= l', m <= l; tends to constants at both ends
-    """
-
-    albedo: float
-    p: np.ndarray
-    k0: float
-    log_r: np.ndarray
+    albedo: float  # 1
+    p: np.ndarray  # (L + 1,) Legendre moments of the phase function
+    k0: float  # 1/mfp, decay of diffuse light: far away T ~ exp(-k0 r) / r
+    log_r: np.ndarray  # (R,) equidistant
+    # (R, P) r exp(k0 r) T, element `_kernels.packed(l', l, m)` for l <= l', m <= l; tends to constants at both ends
     by_distance: np.ndarray
 
     @property
@@ -101,24 +92,17 @@ def _checked(albedo, p):
     return albedo, p / p[0]
 
 
-def propagator(albedo, p, *, first=3, last=None, uncounted=None, threads=1, step=STEP, r_min=R_MIN, r_max=R_MAX) -> Propagator:
+def propagator(albedo, p, *, first=3, last=None, uncounted=None, step=STEP, r_min=R_MIN, r_max=R_MAX) -> Propagator:
     """Solves for the events `first` .. `last` of light that enters its first collision at the origin.
 
-    Parameters
-    ----------
     albedo : 1, 0 to 1
     p : (L + 1,) Legendre moments; what they leave out is taken as 0 (see `legendre.order_needed`, `legendre.truncated`)
     first : 3 or more
     last : None for all further events in closed form, or the same as first for one event alone
     uncounted : (K + 1,), K >= L, or None: share of each order that goes on, turned but not counted; with albedo p at most 1
-    threads : of this process; the result does not depend on it
 
-    Returns
-    -------
-    Propagator
+    Returns Propagator
 
-    Notes
-    -----
     No truncation in order: streaming beyond L is in the last row of the matrices.  The transform back is an FFTLog with the
     kernel's exact Mellin transform; against the closed form for isotropic scattering the error is below 1e-8 of the value for
     0.02 <= r <= 100 and albedos up to 1 - 1e-9.  r ends where the light has fallen below 1e-11 of its largest (r ~ 25 / k0).
@@ -147,18 +131,14 @@ def propagator(albedo, p, *, first=3, last=None, uncounted=None, threads=1, step
         _kernels.columns(j, k, c, uncounted, solver.pivots, (first - 3, last is None), (r[:reach], hankel), k0, out)
         return out
 
-    with ThreadPoolExecutor(threads) as pool:  # starts none until it is given something to do
-        mapped = pool.map if threads > 1 else map
-        list(mapped(solver.prepare, range(order + 1)))
-        light = column(0, len(r))[0]
-        reached = light > _FLOOR * light.max()
-        reach = len(r) if reached.all() else max(int(np.argmin(reached)), _STENCIL)
-        by_distance, scale = np.empty((reach, count)), (np.exp(k0 * r) / r)[:reach]
-
-        def store(j):
-            by_distance[:, _kernels.packed(j, 0, 0):_kernels.packed(j + 1, 0, 0)] = (column(j, reach) * scale).T
-
-        list(mapped(store, range(order, -1, -1)))
+    for l in range(order + 1):
+        solver.prepare(l)
+    light = column(0, len(r))[0]
+    reached = light > _FLOOR * light.max()
+    reach = len(r) if reached.all() else max(int(np.argmin(reached)), _STENCIL)
+    by_distance, scale = np.empty((reach, count)), (np.exp(k0 * r) / r)[:reach]
+    for j in range(order, -1, -1):
+        by_distance[:, _kernels.packed(j, 0, 0):_kernels.packed(j + 1, 0, 0)] = (column(j, reach) * scale).T
     return Propagator(albedo, p, k0, log_r[:reach], by_distance)
 
 

@@ -21,18 +21,12 @@ _BACK = 0.05  # share of the light in an unresolved backward peak that is refuse
 def moments(theta, phase, order):
     """Legendre moments of a table that is linear in cos theta, exact for that interpolant.
 
-    Parameters
-    ----------
     theta : (A,) rad, ascending from 0 (forward) to pi
     phase : (A,) 1/sr, integrates to 1 over the sphere
     order : highest moment
 
-    Returns
-    -------
-    (order + 1,) 1, within 1e-13
+    Returns (order + 1,) 1, within 1e-13
 
-    Notes
-    -----
     Gauss-Legendre on pieces short enough for P_order, with P_l from its recurrence in v = 1 - cos theta: moments of a peak of
     1e-4 rad keep their digits.
     """
@@ -76,15 +70,10 @@ class Truncated:
 
     Light in the peak counts as unscattered.  With it the meaning of an event changes: single and double scattering beside a table
     of such a medium have to be taken with the same phase function, albedo and mean free path.
-
-    Attributes
-    ----------
-    peak : share f of the scattered light that is left where it was going
-    moments : (L + 1,) of the rest, (p_l - f) / (1 - f)
     """
 
-    peak: float
-    moments: np.ndarray
+    peak: float  # share f of the scattered light that is left where it was going
+    moments: np.ndarray  # (L + 1,) of the rest, (p_l - f) / (1 - f)
 
     def albedo(self, albedo):
         """Albedo of the medium without the peak."""
@@ -98,14 +87,10 @@ class Truncated:
 def truncated(p, order) -> Truncated:
     """Takes the forward peak that moments up to `order` cannot resolve out of a phase function.
 
-    Parameters
-    ----------
     p : moments, at least order + 4 of them
     order : of the highest moment kept
 
-    Raises
-    ------
-    ValueError : what cannot be resolved is not a forward peak (a backward one cannot be left out)
+    Raises ValueError : what cannot be resolved is not a forward peak (a backward one cannot be left out)
     """
     p = np.asarray(p, float)
     refuse_backward(p, order)

@@ -199,14 +199,10 @@ def _add_integral(to, points, ends, rho, z, x, y, along, weight):
 def point(table: Ready, rho, z, theta, phi):
     """Source of the third and later events around a point where power 1 enters its first collision travelling along +z.
 
-    Parameters
-    ----------
     table : `ready` one of a point source
     rho, z : mfp; theta, phi : rad, direction of travel from +z, and from the azimuth of the position; all broadcast
 
-    Returns
-    -------
-    mfp^-3 sr^-1, finite everywhere; error: `Table.error`
+    Returns mfp^-3 sr^-1, finite everywhere; error: `Table.error`
     """
     arrays, out = _broadcast(rho, z, theta, phi)
     _points(table, *arrays, out.reshape(-1))

@@ -37,21 +37,13 @@ class Clipped:
 
     Light in the peak counts as unscattered.  With it the meaning of an event changes: single and double scattering beside a table
     of such a medium have to be taken with this phase function, albedo and mean free path.
-
-    Attributes
-    ----------
-    peak : share f of the scattered light above the cap
-    angle : rad, where the cap ends
-    phase : (A,) 1/sr, of the rest, integrates to 1
-    moments : (P,) of the rest, to 2.5 order and a little more
-    deflection : (P,) moments of the peak: 1 for undeflected light
     """
 
-    peak: float
-    angle: float
-    phase: np.ndarray
-    moments: np.ndarray
-    deflection: np.ndarray
+    peak: float  # share f of the scattered light above the cap
+    angle: float  # rad, where the cap ends
+    phase: np.ndarray  # (A,) 1/sr, of the rest, integrates to 1
+    moments: np.ndarray  # (P,) of the rest, to 2.5 order and a little more
+    deflection: np.ndarray  # (P,) moments of the peak: 1 for undeflected light
 
     def albedo(self, albedo):
         """Albedo of the medium without the peak."""
@@ -65,25 +57,16 @@ class Clipped:
 def clipped(theta, phase, order, tolerance=TOLERANCE) -> Clipped:
     """Takes the forward peak that moments up to `order` cannot resolve out of a phase function.
 
-    Parameters
-    ----------
     theta : (A,) rad, ascending from 0 (forward) to pi
     phase : (A,) 1/sr, linear in cos theta, integrates to 1
     order : of the highest moment that will be kept
     tolerance : largest moment beyond it
 
-    Returns
-    -------
-    Clipped : by the narrowest cap that reaches the tolerance, by none where none is needed.  Where none reaches it, because the
-        phase function has narrow features elsewhere (rainbows, halos, a glory), by the narrowest that leaves at most 1.5 times as
-        much as the best
+    Returns Clipped : by the narrowest cap that reaches the tolerance, by none where none is needed.  Where none reaches it,
+        because the phase function has narrow features elsewhere (rainbows, halos, a glory), by the narrowest that leaves at most
+        1.5 times as much as the best
+    Raises ValueError : what cannot be resolved is not a forward peak (a backward one cannot be left out)
 
-    Raises
-    ------
-    ValueError : what cannot be resolved is not a forward peak (a backward one cannot be left out)
-
-    Notes
-    -----
     The cap is a polynomial in 1 - cos theta that continues the phase function; its other coefficients are those that leave least
     squares of moments from order + 1 to 2.5 order.  Angles of caps are angles of the table.
     """
@@ -139,18 +122,11 @@ def deflected(albedo, clip: Clipped, order) -> fourier.Propagator:
 
     Events are still those of the clipped phase function: what is deflected does not count.
 
-    Parameters
-    ----------
     albedo : of the medium with the peak
-    clip : of it
     order : of the highest moment that scatters, at most that of the clip
 
-    Returns
-    -------
-    Propagator in mean free paths of the clipped medium, as one of its albedo and moments would be without deflections
+    Returns Propagator in mean free paths of the clipped medium, as one of its albedo and moments would be without deflections
 
-    Notes
-    -----
     Between events the order l decays as 1 + rate (1 - deflection_l) in place of 1.  In units of what that is at the last moment
     it is the solver's own matrix with something kept on its diagonal; only deflections that this moment does not see are lost.
     """
@@ -169,10 +145,7 @@ def deflected(albedo, clip: Clipped, order) -> fourier.Propagator:
 def solve(albedo, clip: Clipped, order) -> solution.Solution:
     """Third and later events of the clipped medium with the deflections between them, and an estimate of the solver's error.
 
-    Parameters
-    ----------
     albedo : of the medium with the peak
-    clip : of it
     order : of the highest moment, at most; that of the clip
     """
     needed = legendre.order_needed(clip.moments)
@@ -190,14 +163,10 @@ def solve(albedo, clip: Clipped, order) -> solution.Solution:
 def effect(clip: Clipped, solved: solution.Solution, reach) -> float:
     """What the deflections change: relative difference of the lobes of a point source where the peak is unscattered.
 
-    Parameters
-    ----------
     clip, solved : of each other
     reach : mfp of the clipped medium, where the last places are
 
-    Returns
-    -------
-    1, root mean square over directions, then over places (distances logarithmic from 0.1 mfp, angles from the axis alike)
+    Returns 1, root mean square over directions, then over places (distances logarithmic from 0.1 mfp, angles from the axis alike)
     """
     true = solved.coarse
     if clip.peak <= _NONE or true.albedo == 0:

@@ -52,13 +52,9 @@ def value(medium: Propagator, rho, z, theta, phi):
 def coefficients(medium: Propagator, r, angle):
     """Harmonic coefficients of the source at distance r and angle from the axis, in the frame of `to_frame`.
 
-    Parameters
-    ----------
     r, angle : (...,) broadcast; mfp > 0, rad from +z
 
-    Returns
-    -------
-    (..., (L + 1)(L + 2)/2) coefficient l (l + 1)/2 + m of Y_lm for m >= 0; -m has the same times (-1)^m
+    Returns (..., (L + 1)(L + 2)/2) coefficient l (l + 1)/2 + m of Y_lm for m >= 0; -m has the same times (-1)^m
     """
     r, angle = np.broadcast_arrays(np.asarray(r, float), np.asarray(angle, float))
     shape = r.shape
@@ -88,13 +84,9 @@ def integral(medium: Propagator, r, angle):
 def to_frame(angle, theta, phi):
     """Direction (theta, phi) in the frame whose axis points from the source to the position, source direction at azimuth 0.
 
-    Parameters
-    ----------
     angle : of the position from +z, rad;  theta, phi : of the direction, rad; all broadcast
 
-    Returns
-    -------
-    polar, azimuth : rad
+    Returns polar, azimuth : rad
     """
     x, y, z = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)
     sine, cosine = np.sin(angle), np.cos(angle)
@@ -129,14 +121,10 @@ def directions(order, polar, azimuth) -> Directions:
 def lobes(c, order, polar, azimuth):
     """Many lobes on one grid of directions.
 
-    Parameters
-    ----------
     c : (N, (L + 1)(L + 2)/2) coefficients
     polar, azimuth : (A,), (B,) rad, in the frame of the coefficients
 
-    Returns
-    -------
-    (N, A, B)
+    Returns (N, A, B)
     """
     return lobes_at(c, directions(order, polar, azimuth))
 

@@ -31,15 +31,11 @@ STRIDE = 3.0  # mfp, the same where the source is far
 def point_to_point(points: Ready, vertex, incoming, target, outgoing):
     """In-scattered light of third and later events at `target` into `outgoing`.
 
-    Parameters
-    ----------
     points : `lookup.ready` table of a point source
     vertex, incoming : (..., 3) where power 1 enters its first collision, and its direction before it
     target, outgoing : (..., 3)
 
-    Returns
-    -------
-    (...) mfp^-3 sr^-1
+    Returns (...) mfp^-3 sr^-1
     """
     vectors, _, out = _arrays((vertex, incoming, target, outgoing), ())
     _point_to_point(points, *vectors, out.reshape(-1))
@@ -56,9 +52,7 @@ def segment_to_point(points: Ready, segments: Ready, origin, direction, length, 
 def point_to_segment(points: Ready, vertex, incoming, eye, view, distance):
     """Radiance at the eye: integral of exp(-t) point_to_point(eye + t view, -view) over t from 0 to `distance`.
 
-    Returns
-    -------
-    (...) mfp^-2 sr^-1; the sum over samples is within 1e-4 of the integral over the table
+    Returns (...) mfp^-2 sr^-1; the sum over samples is within 1e-4 of the integral over the table
     """
     vectors, (distance,), out = _arrays((vertex, incoming, eye, view), (distance,))
     _to_segment(points, points, False, tuple(vectors), np.zeros_like(distance), distance, out.reshape(-1))

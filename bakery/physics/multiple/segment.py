@@ -7,7 +7,6 @@ All in mean free paths.
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
 import numpy as np
@@ -25,25 +24,21 @@ _GONE = 40.0  # mfp after which nothing is left of the beam
 _AXIS = 1e-9  # mfp, closest to the axis
 
 
-def value(medium: Propagator, rho, z, theta, phi, length, threads=1):
+def value(medium: Propagator, rho, z, theta, phi, length):
     """T_S(rho, z, theta, phi; length), mfp^-3 sr^-1.
 
-    Parameters
-    ----------
     medium : from `fourier.propagator`
     rho, z, theta, phi : broadcast; mfp, mfp, rad, rad (phi from the azimuth of the position)
     length : mfp > 0, inf for a pencil of light
 
-    Returns
-    -------
-    Like the arguments.  On the segment itself the source is infinite (as log rho); the value at rho = 1e-9 is returned.
+    Of the arguments' shape.  On the segment itself the source is infinite (as log rho); there it is the value at rho = 1e-9.
     """
     rho, z, theta, phi = np.broadcast_arrays(*(np.asarray(x, float) for x in (rho, z, theta, phi)))
     shape = rho.shape
     theta, phi = theta.ravel(), phi.ravel()
     places, which = np.unique(np.column_stack([rho.ravel(), z.ravel()]), axis=0, return_inverse=True)
     axis = local_axis(places[:, 0], places[:, 1], length)
-    c = coefficients(medium, places[:, 0], places[:, 1], length, axis, threads=threads)
+    c = coefficients(medium, places[:, 0], places[:, 1], length, axis)
     out = np.empty(len(theta))
     for n in range(len(places)):
         these = which == n
@@ -57,22 +52,16 @@ def local_axis(rho, z, length):
     return (np.arctan2(rho, z) + np.arctan2(rho, np.asarray(z) - length)) / 2
 
 
-def coefficients(medium: Propagator, rho, z, length, axis, *, fine=1.0, threads=1):
+def coefficients(medium: Propagator, rho, z, length, axis, *, fine=1.0):
     """Harmonic coefficients of the source at many positions, each in the frame about its axis (`point.to_frame`).
 
-    Parameters
-    ----------
     rho, z : (N,) mfp
     length : mfp
     axis : (N,) rad from +z, of the frames
     fine : scales the number of points along the segment (`_rule`)
 
-    Returns
-    -------
-    (N, (L + 1)(L + 2)/2), element l (l + 1)/2 + m
+    Returns (N, (L + 1)(L + 2)/2), element l (l + 1)/2 + m
 
-    Notes
-    -----
     Cubic splines in ln r and the angle of a table of the point source.  Error 1e-5 .. 1e-4 of the lobe (see docs/multiple.md).
     """
     rho, z, axis = (np.atleast_1d(np.asarray(x, float)) for x in (rho, z, axis))
@@ -82,15 +71,11 @@ def coefficients(medium: Propagator, rho, z, length, axis, *, fine=1.0, threads=
     points_of, owners_angle, rows = _points(medium, grid, _rule(rho, z, length, order, fine), axis)
     harmonics, turns = _waves(order, grid), _plane.quarter_turns(order)
     out = np.empty((len(rho), (order + 1) * (order + 2) // 2))
-
-    def one(l, phases):
-        table = _plane.point_table(l, order, medium.by_distance, rows, harmonics, len(grid), turns[l])
-        _plane.along(l, table, turns[l], points_of, phases, out)
-
-    with ThreadPoolExecutor(threads) as pool:
-        for last in range(order, max(order - 2, -1), -1):  # even and odd orders: phases of either at a time
-            phases = _plane.phases(owners_angle, last % 2)
-            list(pool.map(lambda l, phases=phases: one(l, phases), range(last, -1, -2)))
+    for last in range(order, max(order - 2, -1), -1):  # even and odd orders: phases of either at a time
+        phases = _plane.phases(owners_angle, last % 2)
+        for l in range(last, -1, -2):
+            table = _plane.point_table(l, order, medium.by_distance, rows, harmonics, len(grid), turns[l])
+            _plane.along(l, table, turns[l], points_of, phases, out)
     return out
 
 

@@ -19,22 +19,14 @@ _LOOK = 8  # moments beyond the last, of which the largest counts as cut
 
 @dataclass(frozen=True)
 class Solution:
-    """Third and later events, solved twice.
+    """Third and later events, solved twice."""
 
-    Attributes
-    ----------
-    medium : Propagator in mean free paths of the medium without `peak`
-    solve_coarse : solves for the same with fewer orders, `coarse`
-    cut : largest moment left out over the largest that `coarse` leaves out: the error of `medium` over the difference of the two
-    peak : share of the scattered light that is taken as unscattered; 0 where `MOST` orders resolve the phase function
-    extinction : sigma_t of the medium that was solved over that of the one asked for, 1 - albedo peak
-    """
-
-    medium: Propagator
-    solve_coarse: Callable[[], Propagator]
+    medium: Propagator  # in mean free paths of the medium without `peak`
+    solve_coarse: Callable[[], Propagator]  # solves for the same with fewer orders, `coarse`
+    # largest moment left out over the largest that `coarse` leaves out: the error of `medium` over the difference of the two
     cut: float
-    peak: float
-    extinction: float
+    peak: float  # share of the scattered light that is taken as unscattered; 0 where `MOST` orders resolve the phase function
+    extinction: float  # sigma_t of the medium that was solved over that of the one asked for, 1 - albedo peak
 
     @cached_property
     def coarse(self) -> Propagator:
@@ -64,19 +56,15 @@ def _norms(c, twice):
     return np.array([np.sum(twice * row**2) for row in rows]).reshape(c.shape[:-1])
 
 
-def solve(albedo, p, *, tolerance=TOLERANCE, most=MOST, threads=1) -> Solution:
+def solve(albedo, p, *, tolerance=TOLERANCE, most=MOST) -> Solution:
     """Solves for the third and later events with as many orders as the phase function needs.
 
-    Parameters
-    ----------
     albedo : 1, 0 to 1
     p : Legendre moments, to well beyond where they fall below the tolerance, or `most + 4` of them
     tolerance : largest moment that may be cut
     most : orders, at most; a narrower forward peak is left out
 
-    Raises
-    ------
-    ValueError : the moments end before the tolerance; a narrow peak backward, which only photons can follow
+    Raises ValueError : the moments end before the tolerance; a narrow peak backward, which only photons can follow
     """
     p = np.asarray(p, float)
     order, peak, moments = legendre.order_needed(p, tolerance), 0.0, p
@@ -90,8 +78,8 @@ def solve(albedo, p, *, tolerance=TOLERANCE, most=MOST, threads=1) -> Solution:
     else:
         of, extinction = albedo, 1.0
     coarse, cut = coarser(moments, order)
-    return Solution(propagator(of, moments[:order + 1], threads=threads),
-                    partial(propagator, of, moments[:coarse + 1], threads=threads), cut, peak, float(extinction))
+    return Solution(propagator(of, moments[:order + 1]), partial(propagator, of, moments[:coarse + 1]), cut, peak,
+                    float(extinction))
 
 
 def coarser(p, order):

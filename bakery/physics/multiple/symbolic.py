@@ -25,17 +25,11 @@ _PACK = 4  # functions that are read at once
 class Tables:
     """Tables of one wavelength on Dr.Jit's arrays.
 
-    Parameters
-    ----------
     points, segments : `lookup.Ready` of a point and of a segment source; without segments only points can be asked
     Float : Dr.Jit's type of the numbers, such as `mitsuba.Float` or `drjit.llvm.Float64`
 
-    Raises
-    ------
-    UsageError : Dr.Jit, or for LLVM's arrays an LLVM that it can use, is missing
+    Raises UsageError : Dr.Jit, or for LLVM's arrays an LLVM that it can use, is missing
 
-    Notes
-    -----
     Lengths are mean free paths; positions and unit vectors are arrays of three components, such as `mitsuba.Point3f`.
     """
 
@@ -268,9 +262,7 @@ class _Table:
 def required(Float):
     """The module drjit, with what numbers of this type need.
 
-    Raises
-    ------
-    UsageError : it, or an LLVM that it can use, is missing
+    Raises UsageError : it, or an LLVM that it can use, is missing
     """
     llvm.find()
     try:

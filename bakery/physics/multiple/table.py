@@ -36,40 +36,26 @@ STEPS = 32767  # of int16
 
 @dataclass(frozen=True)
 class Table:
-    """One source and one wavelength.  Arrays as in the asset.
+    """One source and one wavelength.  Arrays as in the asset."""
 
-    Attributes
-    ----------
-    kind : POINT or SEGMENT
-    length : of the segment, mfp; 0 for a point
-    extent : m (see `frame`) where the table ends, mfp
-    k0 : decay of diffuse light beyond the extent, 1/mfp
-    node_bounds : (M, 4) u_min, u_max, v_min, v_max of each cell
-    node_child : (M,) index of the first of four children, or -1
-    corner : (N, 2) place of a corner in units of 2^-depth for u and 2^-depth / ASPECT for v, ascending
-    offset : (N,) a_0
-    coefficient : (N, K) times coefficient_scale (K,): a_k
-    basis : (K + 1, A, B) times basis_scale (K + 1,): B_k on s, t equidistant with both ends
-    error : relative error of a lobe (root mean square over directions, then over positions between the corners, plus three of its
-        standard errors), without and with what the solver contributes
-    worst : largest of these positions
-    """
-
-    kind: int
-    length: float
-    extent: float
-    k0: float
-    node_bounds: np.ndarray = field(repr=False)
-    node_child: np.ndarray = field(repr=False)
+    kind: int  # POINT or SEGMENT
+    length: float  # of the segment, mfp; 0 for a point
+    extent: float  # m (see `frame`) where the table ends, mfp
+    k0: float  # decay of diffuse light beyond the extent, 1/mfp
+    node_bounds: np.ndarray = field(repr=False)  # (M, 4) u_min, u_max, v_min, v_max of each cell
+    node_child: np.ndarray = field(repr=False)  # (M,) index of the first of four children, or -1
+    # (N, 2) place of a corner in units of 2^-depth for u and 2^-depth / ASPECT for v, ascending
     corner: np.ndarray = field(repr=False)
-    offset: np.ndarray = field(repr=False)
-    coefficient: np.ndarray = field(repr=False)
+    offset: np.ndarray = field(repr=False)  # (N,) a_0
+    coefficient: np.ndarray = field(repr=False)  # (N, K) times coefficient_scale (K,): a_k
     coefficient_scale: np.ndarray = field(repr=False)
-    basis: np.ndarray = field(repr=False)
+    basis: np.ndarray = field(repr=False)  # (K + 1, A, B) times basis_scale (K + 1,): B_k on s, t equidistant with both ends
     basis_scale: np.ndarray = field(repr=False)
+    # relative error of a lobe (root mean square over directions, then over positions between the corners, plus three of its
+    # standard errors), without and with what the solver contributes
     error: float = 0.0
     error_with_solver: float = 0.0
-    worst: float = 0.0
+    worst: float = 0.0  # largest of these positions
 
     @property
     def depth(self) -> int:
@@ -104,9 +90,7 @@ class Table:
 def from_arrays(arrays, *, kind, length, extent, k0, error=0.0, error_with_solver=0.0, worst=0.0) -> Table:
     """A table of stored arrays (as `Table.arrays` names them).
 
-    Raises
-    ------
-    ValueError : they do not make a table
+    Raises ValueError : they do not make a table
     """
     a = {name: np.asarray(arrays[name]) for name in ARRAYS}
     count, corners = len(a["coefficient_scale"]), len(a["corner"])

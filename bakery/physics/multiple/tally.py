@@ -45,30 +45,20 @@ _MILNE = 0.7104  # lengths of diffusion from where light would vanish to the sur
 
 @dataclass(frozen=True)
 class Medium:
-    """What photons fly through, and what they are sorted into.
+    """What photons fly through, and what they are sorted into."""
 
-    Attributes
-    ----------
-    albedo, k0 : 1, 1/mfp
-    theta, phase : (A,) rad, 1/sr
-    extent : mfp, of the boxes
-    edges : (B + 1,) rad, of the bins of angles, 0 to pi
-    orders : of the azimuth
-    capped : whether the phase function has more of them
-    resolution : rad, of the cones that narrow peaks are spread over for the first and the last scattering; or 0
-    outer : angles and values of the phase function that is used there
-    """
-
+    # albedo, k0: 1, 1/mfp
     albedo: float
     k0: float
+    # theta, phase: (A,) rad, 1/sr
     theta: np.ndarray
     phase: np.ndarray
-    extent: float
-    edges: np.ndarray
-    orders: int
-    capped: bool
-    resolution: float
-    outer: tuple[np.ndarray, np.ndarray]
+    extent: float  # mfp, of the boxes
+    edges: np.ndarray  # (B + 1,) rad, of the bins of angles, 0 to pi
+    orders: int  # of the azimuth
+    capped: bool  # whether the phase function has more of them
+    resolution: float  # rad, of the cones that narrow peaks are spread over for the first and the last scattering; or 0
+    outer: tuple[np.ndarray, np.ndarray]  # angles and values of the phase function that is used there
 
     @property
     def g(self) -> float:
@@ -77,19 +67,13 @@ class Medium:
 
 @dataclass(frozen=True)
 class Sums:
-    """Arrivals, times exp(k0 r) r^2 over the volume of their box, so that they hardly depend on the box.
+    """Arrivals, times exp(k0 r) r^2 over the volume of their box, so that they hardly depend on the box."""
 
-    Attributes
-    ----------
-    photons, flights : followed
-    halves : (2, boxes, B, B, M) of u, d and the azimuth; two independent estimates of the same
-    blocks : (BLOCKS, boxes, B) of u alone
-    """
-
+    # photons, flights: followed
     photons: int
     flights: int
-    halves: np.ndarray
-    blocks: np.ndarray
+    halves: np.ndarray  # (2, boxes, B, B, M) of u, d and the azimuth; two independent estimates of the same
+    blocks: np.ndarray  # (BLOCKS, boxes, B) of u alone
 
     def __add__(self, other: Sums) -> Sums:
         a, b = self.photons / (self.photons + other.photons), other.photons / (self.photons + other.photons)
@@ -188,15 +172,11 @@ def at_even(sums):
 def lobes(medium: Medium, arrivals, first, last, azimuth):
     """T r exp(k0 r) from arrivals.
 
-    Parameters
-    ----------
     arrivals : (I, B, B, M)
     first, last : (M, J, B), (M, A, B), `means` of the angles Theta of the positions from +z, and polar of the directions
     azimuth : (C,) rad, of the directions in the frame at the position
 
-    Returns
-    -------
-    (I, J, A, C)
+    Returns (I, J, A, C)
     """
     m = np.arange(medium.orders)
     turns = np.where(m == 0, 1.0, 2.0)[:, None] * np.cos(m[:, None] * np.asarray(azimuth))

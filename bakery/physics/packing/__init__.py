@@ -26,18 +26,13 @@ _LIGHT = 20  # events a collision that no run of growth comes near to; of a dilu
 
 @dataclass(frozen=True)
 class Schedule:
-    """How a tile is made.
+    """How a tile is made."""
 
-    Attributes
-    ----------
-    growth : (until fraction, rate) in order; rate = d(mean diameter)/dt over the thermal speed.  The fractions are those of
-        equal spheres and are stretched with `limit` for others
-    equilibrate : collisions a sphere at fixed size, for fractions up to 0.5
-    top : fraction (of equal spheres) that this growth still reaches with room to spare; denser tiles take `SCHEDULES["final"]`
-    """
-
+    # (until fraction, rate) in order; rate = d(mean diameter)/dt over the thermal speed.  The fractions are those of equal
+    # spheres and are stretched with `limit` for others
     growth: tuple[tuple[float, float], ...]
-    equilibrate: float
+    equilibrate: float  # collisions a sphere at fixed size, for fractions up to 0.5
+    # fraction (of equal spheres) that this growth still reaches with room to spare; denser tiles take `SCHEDULES["final"]`
     top: float = 1.0
 
 
@@ -51,32 +46,22 @@ SCHEDULES = {
 
 @dataclass(frozen=True)
 class Packing:
-    """A periodic tile, in units of the mean radius, and how it came about.
+    """A periodic tile, in units of the mean radius, and how it came about."""
 
-    Attributes
-    ----------
-    centers : (N, 3) in [0, cell);  radii : (N,) in the caller's order, mean 1;  cell : (3,)
-    fraction : volume of the spheres over that of the cell, as reached;  wished : as requested
-    reached : whether they agree;  status : "reached", "jammed", "budget" or "crystal";  reason : in words, "" if reached
-    pressure : Z = PV/NkT over the last window; nan for one sphere
-    order : bond order Q6 over all bonds; nan where it is not looked at (below fraction 0.48 or 64 spheres)
-    gap : smallest gap over the mean diameter, by a search that shares nothing with the dynamics; at least 0 up to rounding
-    shrink : relative amount by which the radii were shrunk against rounding; the fraction is that after it
-    collisions, events, attempts : of all attempts together
-    """
-
-    centers: np.ndarray
-    radii: np.ndarray
-    cell: np.ndarray
-    fraction: float
-    wished: float
-    reached: bool
-    status: str
-    reason: str
-    pressure: float
-    order: float
+    centers: np.ndarray  # (N, 3) in [0, cell)
+    radii: np.ndarray  # (N,) in the caller's order, mean 1
+    cell: np.ndarray  # (3,)
+    fraction: float  # volume of the spheres over that of the cell, as reached
+    wished: float  # as requested
+    reached: bool  # whether they agree
+    status: str  # "reached", "jammed", "budget" or "crystal"
+    reason: str  # in words, "" if reached
+    pressure: float  # Z = PV/NkT over the last window; nan for one sphere
+    order: float  # bond order Q6 over all bonds; nan where it is not looked at (below fraction 0.48 or 64 spheres)
+    # smallest gap over the mean diameter, by a search that shares nothing with the dynamics; at least 0 up to rounding
     gap: float
-    shrink: float
+    shrink: float  # relative amount by which the radii were shrunk against rounding; the fraction is that after it
+    # collisions, events, attempts: of all attempts together
     collisions: int
     events: int
     attempts: int
@@ -86,8 +71,6 @@ def pack(fraction, radii, cell=(1.0, 1.0, 1.0), *, seed, stream=0, schedule="fin
          report: Callable[[float, float, float], None] | None = None, budget=None) -> Packing:
     """Pack spheres at random into a periodic cuboid.
 
-    Parameters
-    ----------
     fraction : of the volume that the spheres fill; 1e-6 to `limit(radii)`
     radii : (N,) relative, 1 to 1e6 spheres
     cell : (3,) proportions of the cell's edges
@@ -97,22 +80,13 @@ def pack(fraction, radii, cell=(1.0, 1.0, 1.0), *, seed, stream=0, schedule="fin
         calling thread; an exception that it raises, or an interrupt, ends the work
     budget : collisions a sphere after which an attempt ends
 
-    Returns
-    -------
-    Packing : up to fraction 0.5 a fluid in equilibrium; above, the random packing that growth leads to.  Where the spheres jam
-        short of the requested fraction (tried again with slower growth) or order themselves (tried again from another start),
-        `reached` is False and the densest disordered attempt is returned
+    Returns Packing : up to fraction 0.5 a fluid in equilibrium; above, the random packing that growth leads to.  Where the
+        spheres jam short of the requested fraction (tried again with slower growth) or order themselves (tried again from another
+        start), `reached` is False and the densest disordered attempt is returned
+    Raises ValueError : before any work: a fraction out of range, a cell so thin that a sphere would meet its own image
 
-    Raises
-    ------
-    ValueError : before any work: a fraction out of range, a cell so thin that a sphere would meet its own image
-
-    Notes
-    -----
     The fraction is exact to rounding.  Source: Skoge, Donev, Stillinger & Torquato, Phys. Rev. E 74, 041127 (2006), section II.
 
-    Examples
-    --------
     >>> tile = pack(0.3, [1.0] * 100, seed=1, schedule="draft")
     >>> round(tile.fraction, 12), tile.gap >= 0
     (0.3, True)
@@ -143,15 +117,11 @@ def pack(fraction, radii, cell=(1.0, 1.0, 1.0), *, seed, stream=0, schedule="fin
 def predicted(fraction, count, spread=0.0, schedule="final") -> float:
     """Seconds of one core that `pack` takes, within a factor of two.
 
-    Parameters
-    ----------
     fraction : requested
     count : spheres
     spread : standard deviation over mean of the radii
     schedule : as for `pack`
 
-    Notes
-    -----
     Collisions from the pressure of the fluid and of a packing that jams, times what one takes: measured on one machine
     (docs/packing.md); the kernels' first compilation (10 s) is not in it.
     """

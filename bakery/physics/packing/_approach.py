@@ -45,8 +45,6 @@ def approach(typingctx, sphere, near, first, shift, centre, moving, now, soon, o
 
     The squared gap is c + 2 b tau + a tau^2; none before `until` where c > 0 and c + until (2 b + until min(a, 0)) >= 0.
 
-    Parameters
-    ----------
     sphere, near, shift : of `State`
     centre : code of the image without shift
     moving : x, y, z now, velocity, radius of the sphere

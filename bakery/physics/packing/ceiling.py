@@ -14,16 +14,10 @@ GAP = 0.7654  # smallest gap over the shorter of its two rods (Farr & Groot, fit
 def limit(radii) -> float:
     """Greatest fraction to which spheres of these sizes are packed; 0.64 where all are equal.
 
-    Parameters
-    ----------
     radii : (N,), any unit
 
-    Returns
-    -------
-    fraction : 0.64 plus what Farr & Groot's rods say that the spread of sizes adds
+    Returns fraction : 0.64 plus what Farr & Groot's rods say that the spread of sizes adds
 
-    Notes
-    -----
     The spheres that a line meets, with the chords as rods, are packed again on the line: longest first, each into the widest gap.
     Measured against our own slow compressions in docs/packing.md.  Source: J. Chem. Phys. 131, 244104 (2009), section II.
     """

@@ -23,8 +23,6 @@ class OutOfBudget(Exception):
 class Spheres:
     """N spheres in a periodic cuboid, at `scale` times their final radii.
 
-    Parameters
-    ----------
     radii : (N,) final radii, descending
     cell : (3,) edges, each longer than the largest final diameter
     rng : numpy Generator, draws places and velocities

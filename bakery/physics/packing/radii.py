@@ -8,13 +8,9 @@ import numpy as np
 def lognormal(sigma: float, count: int) -> np.ndarray:
     """Quantiles of a log-normal law, (count,) ascending, mean 1.
 
-    Parameters
-    ----------
     sigma : geometric standard deviation by number, above 1
     count : spheres; radius i stands for the share (i + 1/2)/count
 
-    Notes
-    -----
     The tails beyond half a sphere are left out: at sigma 1.3 and 500 spheres <r^3>/<r>^3 is 0.8 % below the law's.
     """
     from scipy.special import ndtri
@@ -26,15 +22,11 @@ def lognormal(sigma: float, count: int) -> np.ndarray:
 def species(shares, radii, count: int) -> np.ndarray:
     """Radii of species in given shares of the number of spheres, (count,) species by species, mean 1.
 
-    Parameters
-    ----------
     shares : (S,) adding up to 1
     radii : (S,) any unit
     count : spheres; the numbers are rounded so that they add up, each share to less than one sphere
 
-    Raises
-    ------
-    ValueError : a species would have no sphere
+    Raises ValueError : a species would have no sphere
     """
     exact = np.asarray(shares, float) * count
     number = np.floor(exact + 1e-9).astype(int)
@@ -50,8 +42,6 @@ def species(shares, radii, count: int) -> np.ndarray:
 def room(fraction: float, radii, cell) -> float:
     """Shortest edge of the cell over the largest diameter; at 1 a sphere touches its own image.
 
-    Parameters
-    ----------
     fraction : of the volume that the spheres fill
     radii : (N,), any unit
     cell : (3,) proportions of the edges

@@ -164,13 +164,9 @@ def shells(radii, cell, reach: float = 8.0) -> np.ndarray:
 def pair_correlation(centers, radii, cell, edges) -> PairCorrelation:
     """Pair correlation of centres, all species together: number of pairs over that of random points.
 
-    Parameters
-    ----------
     centers : (N, 3), N at least 2; radii : (N,); cell : (3,), one unit of length
     edges : (B + 1,) ascending, in the same unit
 
-    Notes
-    -----
     Random points: (N - 1) others a sphere, so that a tile of random points has g = 1 on average; own images are left out.
     Beyond half of the shortest edge a tile meets its own periodicity, which the errors do not know.
     Errors are what another tile of the same kind would differ by: the larger of the Poisson error of the number of pairs and of
@@ -248,28 +244,22 @@ def bond_order(centers, radii, cell) -> BondOrder:
 
 @dataclass(frozen=True)
 class Chords:
-    """Chords between spheres along isotropic uniform lines through one tile, with standard errors of the sampling of lines.
+    """Chords between spheres along isotropic uniform lines through one tile, with standard errors of the sampling of lines."""
 
-    Attributes
-    ----------
-    edges : (B + 1,) density, density_error : (B,) whose integral is 1
-    mean, mean_error : of the chords; `exact` is 4 V_void/S
-    spread, spread_error : <z^2>/(2 <z>^2), 1 for an exponential law
-    lines : number of chords; `cut` of them were followed no further than 1000 mean chords
-    error : largest relative standard error of the mean and of any bin with at least 1/64 of the chords
-    """
-
-    edges: np.ndarray
+    edges: np.ndarray  # (B + 1,)
+    # density, density_error: (B,) whose integral is 1
     density: np.ndarray
     density_error: np.ndarray
+    # mean, mean_error: of the chords; `exact` is 4 V_void/S
     mean: float
     mean_error: float
     exact: float
+    # spread, spread_error: <z^2>/(2 <z>^2), 1 for an exponential law
     spread: float
     spread_error: float
-    lines: int
+    lines: int  # number of chords; `cut` of them were followed no further than 1000 mean chords
     cut: int
-    error: float
+    error: float  # largest relative standard error of the mean and of any bin with at least 1/64 of the chords
 
 
 def chord_edges(mean: float) -> np.ndarray:
@@ -282,16 +272,12 @@ def chord_lengths(centers, radii, cell, tolerance: float, stream: Callable, map_
                   most: int = 1 << 26) -> Chords:
     """Distribution of the chords between spheres along isotropic uniform lines.
 
-    Parameters
-    ----------
     centers : (N, 3), radii : (N,), cell : (3,), one unit of length
     tolerance : relative standard error of the mean and of every bin that holds at least 1/64 of the chords
     stream : task index -> numpy Generator; a task draws its lines from its own
     map_tasks : `[function(*task) for task in tasks]`, in order, on any workers; one by one if not given
     most : chords at most; beyond, the errors say what was reached
 
-    Notes
-    -----
     A line that leaves a sphere does so uniformly in area and with the cosine of the angle: chords are started that way and
     followed to the next sphere, through as many repeats of the tile as it takes.  There is no bias from ends of lines.
     """

@@ -8,8 +8,6 @@ import numpy as np
 def mean_chord(fraction, radii=(1.0,)):
     """Mean chord between disjoint spheres along isotropic uniform lines, 4 V_void/S: exact for every arrangement.
 
-    Parameters
-    ----------
     fraction : 1, of the volume in spheres
     radii : (N,) any length
     """

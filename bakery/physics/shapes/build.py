@@ -21,21 +21,14 @@ _ROCK, _CRYSTAL, _AGGREGATE = 11, 12, 13  # streams of random numbers
 
 @dataclass(frozen=True)
 class Mesh:
-    """A grain whose smallest bounding sphere is the unit sphere.
+    """A grain whose smallest bounding sphere is the unit sphere."""
 
-    Attributes
-    ----------
-    vertices : (V, 3), norms at most 1
-    faces : (F, 3) int32, counterclockwise seen from outside; each edge has two
-    analytic : "sphere" where the grain is exactly the unit ball and the triangles are for pictures only: scattering by a faceted
-        ball does not converge to that of the ball
-    notes : what was mended in a file, or is not as asked for
-    """
-
-    vertices: np.ndarray
-    faces: np.ndarray
+    vertices: np.ndarray  # (V, 3), norms at most 1
+    faces: np.ndarray  # (F, 3) int32, counterclockwise seen from outside; each edge has two
+    # "sphere" where the grain is exactly the unit ball and the triangles are for pictures only: scattering by a faceted ball does
+    # not converge to that of the ball
     analytic: str | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what was mended in a file, or is not as asked for
 
     @property
     def volume(self) -> float:
@@ -55,17 +48,11 @@ class Mesh:
 def build(shape, triangles=LEVELS["middle"]) -> Mesh:
     """The mesh of a shape.
 
-    Parameters
-    ----------
     shape : mapping with `type`, a name in `SHAPES`, and the keywords of that function
     triangles : wanted number, 20 to 2 million; a box has 12 whatever is wished, a file no more than it holds
 
-    Raises
-    ------
-    ValueError : what is wrong with a number, or with the file
+    Raises ValueError : what is wrong with a number, or with the file
 
-    Examples
-    --------
     >>> grain = build({"type": "box", "size": [1, 1, 1]})
     >>> len(grain.faces), round(grain.volume * 3**1.5 / 8, 12)
     (12, 1.0)
@@ -108,13 +95,9 @@ def ellipsoid(axes=(1.0, 0.8, 0.65), triangles=LEVELS["middle"]) -> Mesh:
 def superellipsoid(axes=(1.0, 1.0, 1.0), exponents=(0.5, 0.5), triangles=LEVELS["middle"]) -> Mesh:
     """((x/a)^(2/f) + (y/b)^(2/f))^(f/e) + (z/c)^(2/e) = 1.
 
-    Parameters
-    ----------
     exponents : e (from pole to pole) and f (around), 0.1 to 4, or one number for both: towards 0 a box, 1 an ellipsoid, 2 an
         octahedron, above hollow
 
-    Notes
-    -----
     Source: Barr, IEEE Computer Graphics and Applications 1 (1), 11 (1981).
     """
     axes = _three("axes", axes)
@@ -137,8 +120,6 @@ def superellipsoid(axes=(1.0, 1.0, 1.0), exponents=(0.5, 0.5), triangles=LEVELS[
 def rock(seed=0, axes=(1.0, 0.8, 0.65), corners=45, sharpness=24.0, roughness=0.02, triangles=LEVELS["middle"]) -> Mesh:
     """A worn fragment: the hull of random points on an ellipsoid, with rounded edges and a rough surface.
 
-    Parameters
-    ----------
     corners : points, 8 to 300; few give a splinter, many a pebble
     sharpness : 4 to 1000 or inf: of the edges
     roughness : 0 to 0.3: height of the largest of five octaves of noise over the radius, about
@@ -161,8 +142,6 @@ def crystal(seed=0, habit="cube", axes=(1.0, 1.0, 1.0), chips=2, depth=0.2, shar
             triangles=LEVELS["middle"]) -> Mesh:
     """A crystal with chipped corners, rounded edges and a slightly rough surface.
 
-    Parameters
-    ----------
     habit : a name in `HABITS`: cube (salt), octahedron, hexagonal prism (ice) or sucrose
     axes : proportions, by which the perfect crystal is stretched
     chips : 0 to 30 corners cut off;  depth : 0 to 0.6, largest share of the height that one takes
@@ -184,8 +163,6 @@ def aggregate(seed=0, arrangement="cluster", bodies=6, smallest=0.6, length=0.0,
               triangles=LEVELS["middle"]) -> Mesh:
     """Balls or rods grown together: starch in flour, sintered snow.
 
-    Parameters
-    ----------
     arrangement : cluster (each grows on one that is there, somewhere) or star (rods from the first, which is a ball, outward)
     bodies : 1 to 64
     smallest : 0.05 to 1, radius of the smallest over the largest; the first is the largest
@@ -216,14 +193,10 @@ def aggregate(seed=0, arrangement="cluster", bodies=6, smallest=0.6, length=0.0,
 def mesh(data: bytes, kind: str, triangles=LEVELS["middle"], repair=None) -> Mesh:
     """A grain from a file, checked, with at most `triangles` triangles.
 
-    Parameters
-    ----------
     data : content of the file;  kind : "ply", "obj", "stl" or "off"
     repair : "pymeshlab" closes holes and the like before the check
 
-    Raises
-    ------
-    ValueError : what is wrong, and where
+    Raises ValueError : what is wrong, and where
     """
     from bakery.physics.shapes.files import triangles as read
     from bakery.physics.shapes.mending import Unsound, mended
@@ -263,8 +236,6 @@ def level(grain: Mesh, triangles) -> Mesh:
 def sucrose_planes():
     """Normals and distances of a sugar crystal: the forms a, c, d, p, p' and q, elongated along b as it grows from pure solution.
 
-    Notes
-    -----
     Cell 10.863 x 8.705 x 7.759 A, beta 102.9 degrees (Brown & Levy, Acta Cryst. B 29, 790, 1973); the distances are chosen to
     look like the usual habit.
     """

@@ -22,17 +22,11 @@ def directions(rng, count):
 def gradient_noise(points, rng):
     """Noise with continuous second derivatives on the lattice of whole numbers, root mean square 0.19, within -1 and 1.
 
-    Parameters
-    ----------
     points : (N, 3)
     rng : gives the table of 256 directions and the permutation; the pattern repeats after 256
 
-    Returns
-    -------
-    value : (N,)
+    Returns value : (N,)
 
-    Notes
-    -----
     Source: Perlin, Improving noise, SIGGRAPH 2002; with directions that are uniform on the sphere.
     """
     slope = directions(rng, 256)

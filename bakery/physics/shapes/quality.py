@@ -57,8 +57,6 @@ def body_volumes(vertices, faces, body):
 def around(vertices, faces, body):
     """How many other bodies each body (B,) lies in, if none crosses another.
 
-    Notes
-    -----
     Solid angles of a body's triangles, seen from a corner of another, add up to 4 pi inside and 0 outside, whatever the winding.
     Source: Van Oosterom & Strackee, IEEE Trans. Biomed. Eng. 30, 125 (1983).
     """

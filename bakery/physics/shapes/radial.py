@@ -17,13 +17,9 @@ from bakery.physics.shapes.noise import directions, fractal_noise
 def icosphere(triangles):
     """Directions and triangles of a sphere, from an icosahedron whose edges are divided evenly.
 
-    Parameters
-    ----------
     triangles : wanted number, at least 20; made are 20 n^2, the nearest
 
-    Returns
-    -------
-    vertices : (V, 3) unit vectors;  faces : (F, 3) int32, outward; both read-only
+    Returns vertices : (V, 3) unit vectors;  faces : (F, 3) int32, outward; both read-only
     """
     n = max(round((triangles / 20) ** 0.5), 1)
     corner, face = _icosahedron()
@@ -82,8 +78,6 @@ def sampling(triangles, axes=(1.0, 1.0, 1.0), corners=()):
 def between_planes(direction, normal, distance, sharpness):
     """Radius (N,) of the body within planes n.x = h > 0, whose edges are rounded: 1/r = (sum (n.u/h)^p)^(1/p) over n.u > 0.
 
-    Parameters
-    ----------
     direction : (N, 3) unit vectors;  normal : (P, 3) outward unit vectors;  distance : (P,)
     sharpness : p; edges of two planes lose a share of about ln 2 / p of the radius; inf leaves them sharp
     """

@@ -39,18 +39,12 @@ class _Mesh(NamedTuple):
 def simplified(vertices, faces, target):
     """A closed mesh with about `target` triangles.
 
-    Parameters
-    ----------
     vertices : (V, 3) about the size of 1
     faces : (F, 3), closed and wound outward
     target : triangles, at least 4
 
-    Returns
-    -------
-    vertices : (V', 3), faces : (F', 3) int32; F' exceeds the target where no further edge may collapse, or by one
+    Returns vertices : (V', 3), faces : (F', 3) int32; F' exceeds the target where no further edge may collapse, or by one
 
-    Notes
-    -----
     Topology is kept.  Nothing guards against crossings between distant parts: `quality.self_crossings` tells.  From
     80,000 triangles of a ball to 20,000 and 1,300, volume falls by 0.02 % and 0.4 %.
     """

@@ -94,9 +94,7 @@ def population(size) -> Population:
     Shares of a mixture count particles.  `min` and `max` cut the density and the rest is renormalised; on a mixture they cut
     the sum, so that the shares of what is left change.
 
-    Raises
-    ------
-    ValueError : nothing is left between `min` and `max`, or a parameter is out of its range
+    Raises ValueError : nothing is left between `min` and `max`, or a parameter is out of its range
     """
     pieces = _parts(size)
     total = math.fsum(weight for weight, *_ in pieces)

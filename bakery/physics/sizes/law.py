@@ -13,20 +13,12 @@ LENGTH, DEVIATION, FRACTION, NUMBER, COLUMNS, BINS = "length", "deviation", "fra
 
 
 class Key(NamedTuple):
-    """A key of a recipe's size.
+    """A key of a recipe's size."""
 
-    Attributes
-    ----------
-    words : what it is
-    kind : one of those above
-    bounds : `least`, `most`, `above`, `below`, of fractions and numbers
-    instead_of : the key in place of which it may stand; "" where it stands for itself
-    """
-
-    words: str
-    kind: str = LENGTH
-    bounds: Mapping[str, float] = {}
-    instead_of: str = ""
+    words: str  # what it is
+    kind: str = LENGTH  # one of those above
+    bounds: Mapping[str, float] = {}  # `least`, `most`, `above`, `below`, of fractions and numbers
+    instead_of: str = ""  # the key in place of which it may stand; "" where it stands for itself
 
 
 def positive(radius: float) -> float:
@@ -37,26 +29,16 @@ def positive(radius: float) -> float:
 
 
 class Law:
-    """A distribution of radii, one particle over its whole range; classes are frozen dataclasses, with fields as they like.
+    """A distribution of radii, one particle over its whole range; classes are frozen dataclasses, with fields as they like."""
 
-    Attributes
-    ----------
-    name : as recipes name it
-    words : for people
-    keys : of a recipe's size, by their names
-    cut : whether `min` and `max` may cut it
-    discrete : whether all particles have one radius, its `radius`, and there is no density
-    widened_by : key of which a smaller value would make the tail of large radii shorter; "" where there is none
-    bends : radii (um) between which its density is smooth, ascending; () where it is everywhere
-    """
-
-    name: ClassVar[str]
-    words: ClassVar[str]
-    keys: ClassVar[Mapping[str, Key]]
-    cut: ClassVar[bool] = True
-    discrete: ClassVar[bool] = False
+    name: ClassVar[str]  # as recipes name it
+    words: ClassVar[str]  # for people
+    keys: ClassVar[Mapping[str, Key]]  # of a recipe's size, by their names
+    cut: ClassVar[bool] = True  # whether `min` and `max` may cut it
+    discrete: ClassVar[bool] = False  # whether all particles have one radius, its `radius`, and there is no density
+    # key of which a smaller value would make the tail of large radii shorter; "" where there is none
     widened_by: ClassVar[str] = ""
-    bends: tuple[float, ...] = ()
+    bends: tuple[float, ...] = ()  # radii (um) between which its density is smooth, ascending; () where it is everywhere
 
     @classmethod
     def of(cls, size: Any) -> Law:

@@ -46,17 +46,12 @@ class _Map:
 class Nodes:
     """Nested quadrature levels for a population.
 
-    Parameters
-    ----------
-    population : Population
     wavenumber : (L,) 1/um, in the host; the longest decides how far the tails reach, the shortest how fine the first level is
     tolerance : the neglected part of the number, and of the r^4-weighted number (r^6 below x = 1), is under a hundredth of it
     steps : begin with at most so many, whatever they resolve, for errors that are judged over all angles together
     count : about so many sizes for each part in all three levels, whatever they resolve; None: as fine as the ripples ask, and
         levels to refine
 
-    Notes
-    -----
     Averages of `f` follow from sums over new nodes only: with `F` the sum over `fixed()`, `C_0` the sum over `fresh(0)` and
     `C_j = C_(j-1)/2 + sum over fresh(j)`, the average at level j is `(F + C_j(f)) / (F + C_j(1))`.
     """

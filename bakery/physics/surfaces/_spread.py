@@ -197,8 +197,6 @@ def _deep(stream, weight, importance, position, direction, thickness, transport,
 def follow(stream, walks, layers, table, edges, light, square, beyond):
     """Walks of a block, `CLASSES` times `walks`, added to sums.
 
-    Parameters
-    ----------
     stream : numpy.random.Generator
     walks : of each class of incidence
     layers : media (J, 5) from the top: sigma_t, albedo, thickness, transport mean free path, decay of diffuse light;

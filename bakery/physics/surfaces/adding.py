@@ -37,8 +37,6 @@ def below(nodes: Sequence[Directions], parts, media, under, order: int):
 
     That is (N,) unscattered and (K, N) scattered, K directions in air; None where nothing does.
 
-    Parameters
-    ----------
     under : what lies under all layers, and of each layer the facets on top
     """
     (bottom, facets), through = under, None

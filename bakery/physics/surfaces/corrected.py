@@ -37,18 +37,11 @@ _ACROSS, _AROUND = 24, 24  # directions out along the root of the cosine and ove
 
 @dataclass(frozen=True)
 class Factors:
-    """What light of each order is times that of the medium.
+    """What light of each order is times that of the medium."""
 
-    Attributes
-    ----------
-    cells : by order, tables (A, U, V) over the coordinates of `pairs`, values at the middles of cells
-    scale : (3, B) of either direction, at the middles of B equal steps of the root of its cosine from `least` to 1
-    least : root of the smallest cosine
-    """
-
-    cells: tuple[np.ndarray, ...]
-    scale: np.ndarray
-    least: float
+    cells: tuple[np.ndarray, ...]  # by order, tables (A, U, V) over the coordinates of `pairs`, values at the middles of cells
+    scale: np.ndarray  # (3, B) of either direction, at the middles of B equal steps of the root of its cosine from `least` to 1
+    least: float  # root of the smallest cosine
 
     def at(self, order: int, mu, mu0, phi):
         """Factor (K,) of an order at pairs (K,)."""
@@ -68,16 +61,10 @@ def middles(bins: int, least: float):
 
 @dataclass(frozen=True)
 class Corrected:
-    """The reflectance of grains.
+    """The reflectance of grains."""
 
-    Attributes
-    ----------
-    solution : of the medium's half space without a boundary
-    factors : of the orders
-    """
-
-    solution: Solution
-    factors: Factors
+    solution: Solution  # of the medium's half space without a boundary
+    factors: Factors  # of the orders
 
     def reflection(self, mu, mu0, phi):
         """R at cosines above 0 and azimuths (0: forward); the BRDF is R / pi.  Arguments broadcast."""
@@ -147,8 +134,6 @@ def _terms(cells, degrees):
 class Fit:
     """Fits `Factors` to counted light, of one medium.
 
-    Parameters
-    ----------
     solution : of the medium's half space
     cells : (3,) cells of what was counted
     bins, least : bins of the root of the cosine of incidence, from `least` to 1
@@ -202,13 +187,9 @@ class Fit:
     def fitted(self, order: int, cells, albedo, walks: float):
         """Table and scale of an order, and the relative variance (K,) of its light in the cells of `SHOWN`.
 
-        Parameters
-        ----------
         cells : light in each cell, of a walk;  albedo : (B,) of each bin of incidence
         walks : that were counted, those that bring all or nothing
 
-        Notes
-        -----
         A polynomial takes the light that was counted.  Then, level by level, each cell moves from what that and larger ones say
         by as much as its own counts are worth beside a number that is the inverse of the relative variance which they leave
         (empirical Bayes with a gamma distribution).

@@ -24,20 +24,13 @@ _NEGLIGIBLE = 1e-3  # of the tolerance
 
 @dataclass(frozen=True)
 class Covered:
-    """Reflection of a slab under facets: radiance out = (1 / pi) int R mu0 L0 dmu0 dphi; the BRDF is R / pi.
-
-    Attributes
-    ----------
-    cuts : of all layers, from the top
-    reflected : (M, N, N) Fourier orders of all but what facets reflect once; odd ones over both sines
-    albedo : (N,) share of light from the nodes' directions that comes back
-    """
+    """Reflection of a slab under facets: radiance out = (1 / pi) int R mu0 L0 dmu0 dphi; the BRDF is R / pi."""
 
     slab: Slab
     nodes: Nodes
-    cuts: tuple[Cut, ...]
-    reflected: np.ndarray
-    albedo: np.ndarray
+    cuts: tuple[Cut, ...]  # of all layers, from the top
+    reflected: np.ndarray  # (M, N, N) Fourier orders of all but what facets reflect once; odd ones over both sines
+    albedo: np.ndarray  # (N,) share of light from the nodes' directions that comes back
 
     @property
     def cut(self) -> Cut:
@@ -83,9 +76,7 @@ class Covered:
 def covered(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Covered:
     """The slab with a given number of Legendre moments; arguments are those of `solution.solve`.
 
-    Raises
-    ------
-    ValueError : air below
+    Raises ValueError : air below
     """
     parts, bottom = layers(slab)
     cuts = tuple(cut(row, part.albedo, count) for row, part in zip(moments if slab.under else [moments], parts, strict=True))

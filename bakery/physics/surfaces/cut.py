@@ -9,32 +9,20 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Cut:
-    """A phase function whose peak counts as light that goes straight on.
+    """A phase function whose peak counts as light that goes straight on."""
 
-    Attributes
-    ----------
-    moments : (M,) Legendre moments of what is left, the first is 1
-    share : of the scattered light that was in the peak
-    albedo : single-scattering albedo without it
-    shrinks : optical depths without the peak over those with it
-    """
-
-    moments: np.ndarray
-    share: float
-    albedo: float
-    shrinks: float
+    moments: np.ndarray  # (M,) Legendre moments of what is left, the first is 1
+    share: float  # of the scattered light that was in the peak
+    albedo: float  # single-scattering albedo without it
+    shrinks: float  # optical depths without the peak over those with it
 
 
 def cut(moments, albedo: float, count: int) -> Cut:
     """Keep `count` moments.
 
-    Parameters
-    ----------
     moments : at least count + 1 Legendre moments of the phase function
     albedo : single-scattering albedo
 
-    Notes
-    -----
     The first moment that is not carried becomes that of the peak.  A negative one is no forward peak, and nothing is cut.
     """
     moments = np.asarray(moments, float)

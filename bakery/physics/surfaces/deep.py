@@ -29,16 +29,10 @@ _STEPS = 60
 
 @dataclass(frozen=True)
 class Deep:
-    """A layer that light of this order does not pass; as `layer.Layer`.
+    """A layer that light of this order does not pass; as `layer.Layer`."""
 
-    Attributes
-    ----------
-    reflection : (N, N) upward light of light that enters at the top
-    direct : (N,) zeros
-    """
-
-    reflection: np.ndarray
-    direct: np.ndarray
+    reflection: np.ndarray  # (N, N) upward light of light that enters at the top
+    direct: np.ndarray  # (N,) zeros
 
     def scattered(self, mirror) -> tuple[np.ndarray, np.ndarray]:
         """Light (N, N) scattered upward at the top, under a boundary that sends shares (N,) back in; and downward: none."""
@@ -52,8 +46,6 @@ class Deep:
 def layer_of_order(without: Cut, order: int, parts, missed, directions, depth: float, accuracy: float) -> Layer | Deep:
     """A homogeneous layer, by modes or by iteration.
 
-    Parameters
-    ----------
     without : the medium
     parts : even and odd part of its phase function, (N, N) each, without what nodes miss
     missed, accuracy : see `deep`; by modes where accuracy is 0
@@ -70,8 +62,6 @@ def layer_of_order(without: Cut, order: int, parts, missed, directions, depth: f
 def deep(even, odd, missed, mu, flux, albedo: float, accuracy: float) -> Deep:
     """The layer, from parts of the phase function.
 
-    Parameters
-    ----------
     even, odd : (N, N) parts of the phase function, `orders.phase_matrices`, without what nodes miss
     missed : (N,) what nodes miss of a peak, `orders.unresolved`; 0 where they miss nothing
     mu, flux : (N,) of `nodes.Nodes`

@@ -10,8 +10,6 @@ import numpy as np
 def inside(mu, index):
     """Cosine in the medium of light with cosine mu in air; 0 where it is totally reflected (index below 1).
 
-    Parameters
-    ----------
     mu : any shape, 0 to 1
     index : refractive index of the medium over that of the air
     """
@@ -32,8 +30,6 @@ def critical(index):
 def reflected(mu, index):
     """Unpolarised share of light from air that the boundary reflects, like mu.
 
-    Notes
-    -----
     The same share is reflected from inside, for the direction that this one is refracted to.
     """
     mu = np.asarray(mu, float)

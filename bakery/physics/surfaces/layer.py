@@ -35,30 +35,21 @@ _LEAST = 1e-14  # eigenvalue of Y, where rounding leaves less
 
 @dataclass(frozen=True)
 class Layer:
-    """What a layer does to light.
+    """What a layer does to light."""
 
-    Attributes
-    ----------
-    alike, opposite : (N, N) E and O less their values where nothing scatters
-    alike0, opposite0 : (N,) these values
-    direct : (N,) share of light that passes unscattered
-    """
-
+    # alike, opposite: (N, N) E and O less their values where nothing scatters
     alike: np.ndarray
     opposite: np.ndarray
+    # alike0, opposite0: (N,) these values
     alike0: np.ndarray
     opposite0: np.ndarray
-    direct: np.ndarray
+    direct: np.ndarray  # (N,) share of light that passes unscattered
 
     def scattered(self, mirror) -> tuple[np.ndarray, np.ndarray]:
         """Light (N, N) scattered upward at the top and downward at the bottom, of light that enters at the top.
 
-        Parameters
-        ----------
         mirror : (N,) share that the boundaries above and below, which are the same, send back in
 
-        Notes
-        -----
         For light that enters both faces alike, (1 - r) u + (1 + r) v is twice what enters.  Where r = 1, that is E u: light
         that is caught between the faces of a thin layer loses no digits.
         """
@@ -80,8 +71,6 @@ class Layer:
 def homogeneous(even, odd, mu, flux, albedo: float, depth: float) -> Layer:
     """A homogeneous layer.
 
-    Parameters
-    ----------
     even, odd : (N, N) parts of the phase function, `orders.phase_matrices`
     mu, flux : (N,) of `nodes.Nodes`
     albedo : single-scattering albedo, 0 to 1
@@ -118,8 +107,6 @@ def _by_modes(even, odd, mu, flux, albedo: float, half: float):
 def _modes(even, odd, mu, flux, albedo: float):
     """Rates k (N,), and modes (N, N) in columns, such that E = modes k tanh(k h) modes', for ascending mu.
 
-    Notes
-    -----
     C is upper triangular, so that M C M^-1 is no larger than C, and C M^-1 B a diagonal matrix times a well-conditioned one: of
     such, Jacobi rotations (Drmac and Veselic 2008) find even the smallest singular values to rounding; other ways to rounding of
     the largest, which lost all digits at an albedo of 1e-4 under 72 nodes.
@@ -165,8 +152,6 @@ def between(layer: Layer, below, top):
 
     What the base sends back of light that is scattered nowhere else, and not mirrored either, is left out.
 
-    Parameters
-    ----------
     below : (N, N) reflection of what lies under the layer
     top : (N,) share that the boundary above sends back in
     """

@@ -24,39 +24,24 @@ _FULL_TURN = 2 * math.pi
 
 
 class Losses(NamedTuple):
-    """What the table loses of light from all sides, largest of all wavelengths.
+    """What the table loses of light from all sides, largest of all wavelengths."""
 
-    Attributes
-    ----------
-    misdirected : share of the reflected light that goes to another direction
-    albedo : largest relative error of the albedo from 0, 30, 60 and 80 degrees
-    """
-
-    misdirected: float
-    albedo: float
+    misdirected: float  # share of the reflected light that goes to another direction
+    albedo: float  # largest relative error of the albedo from 0, 30, 60 and 80 degrees
 
 
 class Measured(NamedTuple):
-    """A table.
+    """A table."""
 
-    Attributes
-    ----------
-    nm : (L,) ascending;  theta_in : (I,) rad
-    values : (I, L, V, U) BRDF times the cosine of exitance, 1/sr
-    losses : against what it stands for
-    """
-
-    nm: np.ndarray
-    theta_in: np.ndarray
-    values: np.ndarray
-    losses: Losses
+    nm: np.ndarray  # (L,) ascending
+    theta_in: np.ndarray  # (I,) rad
+    values: np.ndarray  # (I, L, V, U) BRDF times the cosine of exitance, 1/sr
+    losses: Losses  # against what it stands for
 
 
 def measured(reflectance, um, tolerance: float = TOLERANCE) -> Measured:
     """A reflectance as a table.
 
-    Parameters
-    ----------
     reflectance : function of theta_in, theta_out, phi (Q,) to (L, Q), pi times the BRDF, as `asset.surface.reflectance`
     um : (L,) wavelengths
     tolerance : of `Losses.misdirected`, which the finest grid may miss

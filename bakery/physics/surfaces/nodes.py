@@ -24,24 +24,14 @@ POWER = 2  # mu = s^POWER; 3 would converge faster, but its smallest cosines cos
 
 @dataclass(frozen=True)
 class Nodes:
-    """Directions of a hemisphere.
+    """Directions of a hemisphere."""
 
-    Attributes
-    ----------
-    mu : (N + C,) cosines in the medium; the first N are those that leave it
-    flux : (N + C,) shares of the flux of isotropic light, 2 mu times weight, that add up to 1
-    air : (N,) cosines in air of those that leave
-    reflected : (N + C,) share of the light that the boundary sends back into the medium, 1 where it is total
-    at : (N,) `coordinate` of the directions that leave: between them what leaves is a polynomial
-    index : of the medium, over that of the air
-    """
-
-    mu: np.ndarray
-    flux: np.ndarray
-    air: np.ndarray
-    reflected: np.ndarray
-    at: np.ndarray
-    index: float
+    mu: np.ndarray  # (N + C,) cosines in the medium; the first N are those that leave it
+    flux: np.ndarray  # (N + C,) shares of the flux of isotropic light, 2 mu times weight, that add up to 1
+    air: np.ndarray  # (N,) cosines in air of those that leave
+    reflected: np.ndarray  # (N + C,) share of the light that the boundary sends back into the medium, 1 where it is total
+    at: np.ndarray  # (N,) `coordinate` of the directions that leave: between them what leaves is a polynomial
+    index: float  # of the medium, over that of the air
 
     @property
     def leaving(self) -> int:
@@ -67,8 +57,6 @@ def enough(count: int, least: int) -> int:
 def nodes(count: int, index: float = 1.0) -> Nodes:
     """The directions of a medium under a smooth boundary.
 
-    Parameters
-    ----------
     count : of the directions that leave
     index : 1 for no boundary
     """
@@ -114,8 +102,6 @@ def sines(mu, mu0, index: float):
 def vanishing(weights, air, mu):
     """Weights (K, N) of `interpolation` for even orders from 2 on, which fall as the squared sine at normal incidence.
 
-    Parameters
-    ----------
     air : (N,) cosines in air of the nodes;  mu : (K,) those of the coordinates
     """
     return weights * ((1 - mu) * (1 + mu))[:, None] / ((1 - air) * (1 + air))

@@ -12,15 +12,11 @@ from bakery.system.compiled import njit
 def harmonics(mu, order: int, count: int):
     """Normalised associated Legendre functions sqrt((l-m)!/(l+m)!) P_l^m(mu), without the sign (-1)^m.
 
-    Parameters
-    ----------
     mu : (N,)
     order : m
     count : degrees l below this one
 
-    Returns
-    -------
-    (count - m, N) for l = m, m + 1, ...
+    Returns (count - m, N) for l = m, m + 1, ...
     """
     mu = np.ascontiguousarray(mu, float)
     values = np.zeros((max(count - order, 0), len(mu)))

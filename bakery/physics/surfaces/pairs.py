@@ -63,14 +63,10 @@ def _spread(mu, mu0, cosine, counts, index, weight):
 def interpolation(mu, mu0, phi, counts):
     """Where pairs lie among the middles of cells.
 
-    Parameters
-    ----------
     mu, mu0, phi : (K,) cosines above 0, and the azimuth between the directions of travel (0: forward)
     counts : (3,) cells along the coordinates
 
-    Returns
-    -------
-    index, weight : (K, 8) cells and weights that add up to 1
+    Returns index, weight : (K, 8) cells and weights that add up to 1
     """
     cosine = mu * mu0 - np.sqrt(np.maximum((1 - mu * mu) * (1 - mu0 * mu0), 0.0)) * np.cos(phi)
     index, weight = np.empty((len(mu), 8), np.int64), np.empty((len(mu), 8))

@@ -22,32 +22,21 @@ _ONE, _TWO = 0.5 - 2 / (3 * math.pi), 2 / 3 - 28 / (15 * math.pi)
 
 
 class Principled(NamedTuple):
-    """A fit.
+    """A fit."""
 
-    Attributes
-    ----------
-    colour : (3,) linear, of the base: light from all sides is reflected as much as by the surface, unless `clipped`
-    diffuse_roughness : of the base, 0 (Lambert) to 1
-    index, roughness : of the boundary over that of the air, 1: none; alpha of its facets (GGX)
-    misdirected : (3,) share of the light from all sides that goes to another direction; mirrored light is left out
-    brightness_error : (3, A) of the same light, in light from all sides, as it is seen from `ANGLES`; relative
-    clipped : largest share of the light from all sides that a base of colour 1 lacks
-    """
-
-    colour: np.ndarray
-    diffuse_roughness: float
+    colour: np.ndarray  # (3,) linear, of the base: light from all sides is reflected as much as by the surface, unless `clipped`
+    diffuse_roughness: float  # of the base, 0 (Lambert) to 1
+    # index, roughness: of the boundary over that of the air, 1: none; alpha of its facets (GGX)
     index: float
     roughness: float
-    misdirected: np.ndarray
-    brightness_error: np.ndarray
-    clipped: float
+    misdirected: np.ndarray  # (3,) share of the light from all sides that goes to another direction; mirrored light is left out
+    brightness_error: np.ndarray  # (3, A) of the same light, in light from all sides, as it is seen from `ANGLES`; relative
+    clipped: float  # largest share of the light from all sides that a base of colour 1 lacks
 
 
 def diffuse(mu, mu0, phi, colour, roughness: float):
     """pi times the BRDF of the base; phi as of `asset.surface.reflectance`.
 
-    Notes
-    -----
     Fujii's improved form of Oren and Nayar 1994, and light that its facets send on several times by its albedo.
     Source: Portsmouth, Kutz and Hill, EON: A Practical Energy-Preserving Rough Diffuse BRDF, J. Comput. Graph. Tech. 2025.
     """
@@ -69,14 +58,10 @@ def _once(mu, roughness: float):
 def principled(reflectance, index: float, roughness: float, bands) -> Principled:
     """The fit of a layer.
 
-    Parameters
-    ----------
     reflectance : function of theta_in, theta_out, phi (Q,) to (L, Q), pi times the BRDF, as `asset.surface.reflectance`
     index, roughness : of its boundary
     bands : (3, L) 1, red, green and blue as means over the wavelengths; rows add up to 1
 
-    Notes
-    -----
     Facets of a rough boundary are the same in both: only what comes out of the layer is compared.
     """
     directions = nodes(_DIRECTIONS)

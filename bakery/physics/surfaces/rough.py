@@ -28,22 +28,13 @@ LEAST = 0.05  # roughness: of smoother facets the nodes of a layer tell too litt
 
 @dataclass(frozen=True)
 class Facets:
-    """Operators of the boundary in the form of `layer`, flux inside counted with the square of the index.
+    """Operators of the boundary in the form of `layer`, flux inside counted with the square of the index."""
 
-    Attributes
-    ----------
-    above : (M, A, A) reflected once, back to where light comes from
-    inward : (M, B, A) from above into the medium; outward it is the transpose
-    within : (M, B, B) reflected inside
-    again : (A, A) of light from above, what facets send back after it met several of them, order 0
-    mirrored : (A,) share of light from above that is sent back in all
-    """
-
-    above: np.ndarray
-    inward: np.ndarray
-    within: np.ndarray
-    again: np.ndarray
-    mirrored: np.ndarray
+    above: np.ndarray  # (M, A, A) reflected once, back to where light comes from
+    inward: np.ndarray  # (M, B, A) from above into the medium; outward it is the transpose
+    within: np.ndarray  # (M, B, B) reflected inside
+    again: np.ndarray  # (A, A) of light from above, what facets send back after it met several of them, order 0
+    mirrored: np.ndarray  # (A,) share of light from above that is sent back in all
 
     def over(self, inside, order: int):
         """Of one order, all that comes back to above the facets but for what they reflect once.
@@ -58,8 +49,6 @@ class Facets:
 def facets(above, below, index: float, roughness: float, orders: int) -> Facets:
     """The boundary between directions above and below it.
 
-    Parameters
-    ----------
     above, below : directions, such as `shared.Side`: mu and flux, (A,) and (B,), and polynomials between them (`spans`)
     index : of the medium below over that above
     orders : M

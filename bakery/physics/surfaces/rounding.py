@@ -20,8 +20,6 @@ _FINEST = 2.0**-20  # single precision has little more
 def rounded(solution, step: float):
     """A solution (`Solution`, `Covered` or `Stacked`) whose orders above 0 are rounded.
 
-    Parameters
-    ----------
     step : relative to the light of a pair of directions; below a millionth nothing is rounded
     """
     if step < _FINEST:

@@ -34,24 +34,14 @@ class Side(NamedTuple):
 
 @dataclass(frozen=True)
 class Directions:
-    """Nodes that media of several indices share.
+    """Nodes that media of several indices share."""
 
-    Attributes
-    ----------
-    ends : indices between which nodes lie, ascending from 0
-    above : (K,) squared index at which the medium grazes that is next to the node
-    cosine : (K,) times that index, its cosine there
-    etendue : (K,) d(n^2 sin^2), share of a hemisphere of air
-    at : (K,) coordinate between the ends, 0 to 1
-    refracted : whether the first ones are dense nowhere, as light from air into a medium of a larger index is
-    """
-
-    ends: tuple[float, ...]
-    above: np.ndarray
-    cosine: np.ndarray
-    etendue: np.ndarray
-    at: np.ndarray
-    refracted: bool
+    ends: tuple[float, ...]  # indices between which nodes lie, ascending from 0
+    above: np.ndarray  # (K,) squared index at which the medium grazes that is next to the node
+    cosine: np.ndarray  # (K,) times that index, its cosine there
+    etendue: np.ndarray  # (K,) d(n^2 sin^2), share of a hemisphere of air
+    at: np.ndarray  # (K,) coordinate between the ends, 0 to 1
+    refracted: bool  # whether the first ones are dense nowhere, as light from air into a medium of a larger index is
 
     def mu(self, index: float):
         """Cosines in a medium, of those nodes that it has."""
@@ -100,8 +90,6 @@ def _limit(low: float, high: float) -> float:
 def directions(count: int, indices: Sequence[float], refracted: bool = False) -> Directions:
     """Nodes of media, `count` of them up to the lowest index.
 
-    Parameters
-    ----------
     indices : of the media, and 1 where light of them goes to air or comes from there through smooth boundaries
     refracted : whether the uppermost medium has a smooth boundary to air, and an index above 1; all indices are 1 or more then
     """

@@ -13,41 +13,28 @@ from bakery.physics.surfaces.nodes import grazing, interpolation
 
 @dataclass(frozen=True)
 class Slab:
-    """A plane layer.
+    """A plane layer."""
 
-    Attributes
-    ----------
-    theta, phase : (A,) rad and 1/sr, the phase function, linear in cos theta in between
-    albedo : single-scattering albedo
-    depth : optical depth, 0 to infinity
-    index : of the medium over that of the air, 1 for no boundary; on top, and below too where there is no base
-    roughness : of the boundary on top (GGX's alpha), 0 for a smooth one; above 0 the layer has a base or is infinite
-    base : albedo of a Lambertian base in contact with the medium; None for air
-    under : another layer in contact with this one, or a surface that is known, in place of a base
-    length : um, mean free path; thickness of a layer of depth 0
-    """
-
+    # theta, phase: (A,) rad and 1/sr, the phase function, linear in cos theta in between
     theta: np.ndarray
     phase: np.ndarray
-    albedo: float
-    depth: float
-    index: float = 1.0
-    base: float | None = None
+    albedo: float  # single-scattering albedo
+    depth: float  # optical depth, 0 to infinity
+    index: float = 1.0  # of the medium over that of the air, 1 for no boundary; on top, and below too where there is no base
+    base: float | None = None  # albedo of a Lambertian base in contact with the medium; None for air
+    # of the boundary on top (GGX's alpha), 0 for a smooth one; above 0 the layer has a base or is infinite
     roughness: float = 0.0
+    # another layer in contact with this one, or a surface that is known, in place of a base
     under: Slab | Reflector | None = None
-    length: float = 1.0
+    length: float = 1.0  # um, mean free path; thickness of a layer of depth 0
 
 
 @dataclass(frozen=True)
 class Reflector:
-    """A surface whose reflectance is known as light from air sees it.
+    """A surface whose reflectance is known as light from air sees it."""
 
-    Attributes
-    ----------
-    orders : (M, K, K) Fourier orders of R times the sum of both cosines at the K Gauss nodes of the root of the cosine; odd ones
-        over both sines
-    """
-
+    # (M, K, K) Fourier orders of R times the sum of both cosines at the K Gauss nodes of the root of the cosine; odd ones over
+    # both sines
     orders: np.ndarray
 
     def matrix(self, mu, flux, order: int):
@@ -77,9 +64,7 @@ def reflector(reflection, nodes: int = 40, azimuths: int = 96, orders: int = 32)
 def layers(slab: Slab) -> tuple[list[Slab], Reflector | float | None]:
     """Media of a stack from the top, and what is under them: a reflector, the albedo of a matt base, None: nothing, or air.
 
-    Raises
-    ------
-    ValueError : an index below 1; facets over air
+    Raises ValueError : an index below 1; facets over air
     """
     parts = [slab]
     while isinstance(parts[-1].under, Slab):

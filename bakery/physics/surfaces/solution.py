@@ -28,24 +28,18 @@ _NEGLIGIBLE = 1e-3  # of the tolerance: a Fourier order below that twice in a ro
 
 @dataclass(frozen=True)
 class Solution:
-    """Reflection and transmission of a slab: radiance out = (1 / pi) int R mu0 L0 dmu0 dphi; the BRDF is R / pi.
-
-    Attributes
-    ----------
-    reflected, transmitted : (M, N, N) Fourier orders of what is scattered more than once, inside of the boundary, times the sum
-        of the cosines inside, over `single.interacts` of both and, of odd orders, over both sines: smooth, however thin the
-        layer is, and near normal incidence too
-    albedo : (N,) share of light from the nodes' directions in air that comes back, mirrored light included
-    passed : (N,) share that leaves below, unscattered light included; 0 over a base
-    """
+    """Reflection and transmission of a slab: radiance out = (1 / pi) int R mu0 L0 dmu0 dphi; the BRDF is R / pi."""
 
     slab: Slab
     nodes: Nodes
     cut: Cut
+    # reflected, transmitted: (M, N, N) Fourier orders of what is scattered more than once, inside of the boundary, times the sum
+    # of the cosines inside, over `single.interacts` of both and, of odd orders, over both sines: smooth, however thin the layer
+    # is, and near normal incidence too
     reflected: np.ndarray
     transmitted: np.ndarray
-    albedo: np.ndarray
-    passed: np.ndarray
+    albedo: np.ndarray  # (N,) share of light from the nodes' directions in air that comes back, mirrored light included
+    passed: np.ndarray  # (N,) share that leaves below, unscattered light included; 0 over a base
 
     @property
     def spherical_albedo(self) -> float:
@@ -60,8 +54,6 @@ class Solution:
     def transmission(self, mu, mu0, phi):
         """The same of light that leaves below, 0 over a base; unscattered light left out.
 
-        Notes
-        -----
         Within the peak that is cut off (`cut.share` of the light) it counts light that the peak deflects several times as if
         once.
         """
@@ -119,8 +111,6 @@ class Solution:
 def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution | Covered | Stacked:
     """The slab with a given number of Legendre moments.
 
-    Parameters
-    ----------
     moments : at least count + 1 Legendre moments of the phase function; a list of them where other layers are under it
     count : that are carried
     tolerance : relative; Fourier orders that matter less are left out

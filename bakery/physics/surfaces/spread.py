@@ -32,25 +32,19 @@ TOLERANCE, COARSEST = 0.02, 0.08  # relative standard error of the mean square o
 
 @dataclass(frozen=True)
 class Spread:
-    """Of light on a layer, C classes of directions of equal flux, from the normal to grazing; lengths in um.
+    """Of light on a layer, C classes of directions of equal flux, from the normal to grazing; lengths in um."""
 
-    Attributes
-    ----------
-    edges : (B + 1,) distances
-    light, light_error : (C, C, B) share that comes out in a class o at a distance between two edges; what is mirrored left out
-    square, square_error : (C, C) mean squared distance of the light that comes out, within the last edge
-    mean_square, mean_square_error : of light from all sides to all sides
-    beyond : share of the light from all sides that comes out further away, or has been as deep
-    """
-
-    edges: np.ndarray
+    edges: np.ndarray  # (B + 1,) distances
+    # light, light_error: (C, C, B) share that comes out in a class o at a distance between two edges; what is mirrored left out
     light: np.ndarray
     light_error: np.ndarray
+    # square, square_error: (C, C) mean squared distance of the light that comes out, within the last edge
     square: np.ndarray
     square_error: np.ndarray
+    # mean_square, mean_square_error: of light from all sides to all sides
     mean_square: float
     mean_square_error: float
-    beyond: float
+    beyond: float  # share of the light from all sides that comes out further away, or has been as deep
 
     def scaled(self, unit: float) -> Spread:
         """With lengths in another unit."""
@@ -62,8 +56,6 @@ class Spread:
 def edges_of(transport, thickness):
     """(BINS + 1,) distances between bins: 0, and from near to far by equal factors.
 
-    Parameters
-    ----------
     transport, thickness : (J,) transport mean free paths and thicknesses of layers from the top, either may be infinite
     """
     finite = [part[np.isfinite(part)] for part in (transport, thickness)]
@@ -80,13 +72,9 @@ def edges_of(transport, thickness):
 def spread(slab: Slab, seed: int, *stream: int, tolerance: float = TOLERANCE) -> Spread:
     """Of a layer, and of all that lie under it.
 
-    Parameters
-    ----------
     seed, stream : of the random numbers, `surface.spread`
 
-    Raises
-    ------
-    ValueError : what lies under it is known as light from air sees it only
+    Raises ValueError : what lies under it is known as light from air sees it only
     """
     parts, bottom = layers(slab)
     if isinstance(bottom, Reflector):
@@ -203,8 +191,6 @@ def profile_within(radius, width):
 def profile(edges, light, beyond: float) -> tuple[float, float]:
     """The width d of the profile that light is nearest to, and the largest difference of the shares within a distance.
 
-    Parameters
-    ----------
     edges : (B + 1,);  light : (B,) share of the light between two edges
     beyond : share further away
     """

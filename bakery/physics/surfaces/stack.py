@@ -30,29 +30,20 @@ _NEGLIGIBLE = 1e-3  # of the tolerance: a Fourier order below that twice in a ro
 
 @dataclass(frozen=True)
 class Stacked:
-    """Reflection of a stack: radiance out = (1 / pi) int R mu0 L0 dmu0 dphi; the BRDF is R / pi.
+    """Reflection of a stack: radiance out = (1 / pi) int R mu0 L0 dmu0 dphi; the BRDF is R / pi."""
 
-    Attributes
-    ----------
-    slab : the uppermost layer, `under` which the others are
-    cuts : of all layers, from the top
-    reflected : (M, N, N) Fourier orders of what is scattered more than once, inside of the uppermost boundary, times the sum of
-        the cosines there and, of odd orders, over both sines
-    albedo : (N,) share of light from the nodes' directions in air that comes back, mirrored light included
-    mirrored : (N,) of it, what boundaries between the layers send back unscattered
-    transmitted : (M, N, N) of what leaves below by more than one scattering, rows the directions of exitance, over `factor` and,
-        of odd orders, over both sines as above; zeros where nothing does
-    passed : (N,) share that leaves below, unscattered light included
-    """
-
-    slab: Slab
+    slab: Slab  # the uppermost layer, `under` which the others are
     nodes: Nodes
-    cuts: tuple[Cut, ...]
+    cuts: tuple[Cut, ...]  # of all layers, from the top
+    # (M, N, N) Fourier orders of what is scattered more than once, inside of the uppermost boundary, times the sum of the cosines
+    # there and, of odd orders, over both sines
     reflected: np.ndarray
-    albedo: np.ndarray
-    mirrored: np.ndarray
+    albedo: np.ndarray  # (N,) share of light from the nodes' directions in air that comes back, mirrored light included
+    mirrored: np.ndarray  # (N,) of it, what boundaries between the layers send back unscattered
+    # (M, N, N) of what leaves below by more than one scattering, rows the directions of exitance, over `factor` and, of odd
+    # orders, over both sines as above; zeros where nothing does
     transmitted: np.ndarray
-    passed: np.ndarray
+    passed: np.ndarray  # (N,) share that leaves below, unscattered light included
 
     @property
     def cut(self) -> Cut:
@@ -163,8 +154,6 @@ def _reached(parts: Sequence[Slab], cuts: Sequence[Cut], mu) -> Iterator[tuple]:
 def stacked(slab: Slab, moments: Sequence, count: int, tolerance: float = 1e-6) -> Stacked:
     """A stack with a given number of Legendre moments.
 
-    Parameters
-    ----------
     moments : of each medium from the top, at least count + 1 Legendre moments of the phase function
     count : that are carried
     tolerance : relative; Fourier orders that matter less are left out

@@ -35,42 +35,26 @@ _BUCKETS = 512  # of scattering angles, in which their interval is looked for
 
 
 class SurfaceTable(NamedTuple):
-    """A layer at L wavelengths, for `look_up`.
+    """A layer at L wavelengths, for `look_up`."""
 
-    Attributes
-    ----------
-    index : refractive index of the medium over that of the air
-    roughness : of the boundary's facets, 0 for a smooth one or none
-    depth : (L,) optical depth without the cut peak, inf of infinite layers
-    once : (L,) a quarter of the single-scattering albedo over the share of the depth that is left without the peak
-    peak : (L,) optical depth of the peak, whose light transmittance counts as deflected once
-    base : (L,) albedo of the base, 0 where there is none
-    s : (A,) sin^2 of half the scattering angle, ascending from 0 to 1
-    phase : (L, A) 4 pi times the phase function, linear in s
-    guide : (B,) int64, interval of s at which the bucket of its root begins
-    reflected, transmitted : (L, K, K, P) float32, what is smooth; transmitted (0, 1, 1, 1) where nothing is let through
-    free : whether there is air below
-    index_below : of the lowest medium over that of the air
-    mirrored : (L, S) of layers on each other, share of the light that boundaries below the uppermost send back unscattered, at S
-        cosines (`cosines`); (L, 0) where the upper numbers tell it
-    straight : the same of light that leaves below unscattered, less what of it is counted as deflected once by peaks
-    """
-
-    index: float
-    roughness: float
-    depth: np.ndarray
-    once: np.ndarray
-    peak: np.ndarray
-    base: np.ndarray
-    s: np.ndarray
-    phase: np.ndarray
-    guide: np.ndarray
+    index: float  # refractive index of the medium over that of the air
+    roughness: float  # of the boundary's facets, 0 for a smooth one or none
+    depth: np.ndarray  # (L,) optical depth without the cut peak, inf of infinite layers
+    once: np.ndarray  # (L,) a quarter of the single-scattering albedo over the share of the depth that is left without the peak
+    peak: np.ndarray  # (L,) optical depth of the peak, whose light transmittance counts as deflected once
+    base: np.ndarray  # (L,) albedo of the base, 0 where there is none
+    s: np.ndarray  # (A,) sin^2 of half the scattering angle, ascending from 0 to 1
+    phase: np.ndarray  # (L, A) 4 pi times the phase function, linear in s
+    guide: np.ndarray  # (B,) int64, interval of s at which the bucket of its root begins
+    # reflected, transmitted: (L, K, K, P) float32, what is smooth; transmitted (0, 1, 1, 1) where nothing is let through
     reflected: np.ndarray
     transmitted: np.ndarray
-    free: bool
-    index_below: float
+    free: bool  # whether there is air below
+    index_below: float  # of the lowest medium over that of the air
+    # (L, S) of layers on each other, share of the light that boundaries below the uppermost send back unscattered, at S cosines
+    # (`cosines`); (L, 0) where the upper numbers tell it
     mirrored: np.ndarray
-    straight: np.ndarray
+    straight: np.ndarray  # the same of light that leaves below unscattered, less what of it is counted as deflected once by peaks
 
     def combined(self, weights) -> SurfaceTable:
         """Of layers of infinite depth: tables that are means over the wavelengths, by (N, L) weights.
@@ -101,8 +85,6 @@ class Errors(NamedTuple):
 def surface_table(solutions: Sequence, tolerance: float = TOLERANCE) -> tuple[SurfaceTable, Errors]:
     """The table of one layer, and its error.
 
-    Parameters
-    ----------
     solutions : `solution.Solution`, `covered.Covered`, `stack.Stacked` or `corrected.Corrected` of each of L wavelengths, of the
         same layer, base or none, and boundary
     tolerance : largest relative error, which the finest grid may miss: the errors say so

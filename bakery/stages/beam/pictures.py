@@ -28,22 +28,13 @@ _MARKS = ("o", "s", "D")
 
 @dataclass(frozen=True)
 class Shown:
-    """The tables of one wavelength, averaged over rings.
+    """The tables of one wavelength, averaged over rings."""
 
-    Attributes
-    ----------
-    um : wavelength
-    depth : (D,) mfp
-    edges : (R + 1,) mfp, of the rings
-    spread : name in `SHOWN` -> (D, R) 2 pi r Psi, 1/mfp
-    error : name -> relative root mean square difference from photons, where the bake measured it
-    """
-
-    um: float
-    depth: np.ndarray
-    edges: np.ndarray
-    spread: dict[str, np.ndarray]
-    error: dict[str, float]
+    um: float  # wavelength
+    depth: np.ndarray  # (D,) mfp
+    edges: np.ndarray  # (R + 1,) mfp, of the rings
+    spread: dict[str, np.ndarray]  # name in `SHOWN` -> (D, R) 2 pi r Psi, 1/mfp
+    error: dict[str, float]  # name -> relative root mean square difference from photons, where the bake measured it
 
     @property
     def radius(self) -> np.ndarray:

@@ -18,15 +18,9 @@ _TOLD = Remark("light of the third and later scattering events, per unit power")
 def looked_up(asset, path: str, arguments: Mapping[str, float | tuple[float, ...]]) -> Answer:
     """The in-scattered light of third and later events at a position and direction.
 
-    Parameters
-    ----------
-    asset : from `bakery.open`
-    path : of a kind of source
     arguments : rho, z and length in mean free paths, theta and phi (0 if not given) in rad; one of them may be several
 
-    Raises
-    ------
-    UsageError : an argument is missing, has no effect, or more than one is a list
+    Raises UsageError : an argument is missing, has no effect, or more than one is a list
     """
     kind = path.rpartition("/")[2]
     keys = [name for name in UNITS if kind == "segment" or name != "length"]

@@ -75,7 +75,6 @@ def amounts(particles, volume, mass) -> tuple[float, list[float]]:
 
     Parameters
     ----------
-    particles : values of the section
     volume : (K,) um^3, mean volume of a dry particle of each component, its coating included
     mass : (K,) um^3 kg/m^3, mean mass of the same; nan where no density is given
 

@@ -19,23 +19,14 @@ _OF_A_SPHERE = {"goa": "goa (amplitudes by rays, cross sections by the series)"}
 
 @dataclass(frozen=True)
 class Boundary:
-    """The change from series to rays in one component at one wavelength.
-
-    Attributes
-    ----------
-    wavelength : um
-    radius : um, the smallest node that was computed by rays
-    below : how smaller ones were computed, in words; "" where there are none
-    size_parameter : 1, from which rays are taken; None where the asset does not say
-    error : 1, integral of the difference to the series' phase function over the sphere; None likewise
-    """
+    """The change from series to rays in one component at one wavelength."""
 
     component: str
-    wavelength: float
-    radius: float
-    below: str
-    size_parameter: float | None
-    error: float | None
+    wavelength: float  # um
+    radius: float  # um, the smallest node that was computed by rays
+    below: str  # how smaller ones were computed, in words; "" where there are none
+    size_parameter: float | None  # 1, from which rays are taken; None where the asset does not say
+    error: float | None  # 1, integral of the difference to the series' phase function over the sphere; None likewise
 
     def as_dict(self) -> dict:
         """The same for machines (`--json`)."""

@@ -38,15 +38,11 @@ _NO_S12 = "needs the matrix element s12, which the asset does not hold; particle
 def table(root: Group, length=None, density=None, wavelength=None) -> QuantityTable:
     """The table of an asset's tree.
 
-    Parameters
-    ----------
     length : m, or text with its unit: the path of which the optical depth is wanted
     density : kg/m^3, or text with its unit, of components of which the recipe states none
     wavelength : um, one or several, or text: instead of the baked ones, also between them
 
-    Raises
-    ------
-    UsageError : an asset without a medium, values that have no meaning
+    Raises UsageError : an asset without a medium, values that have no meaning
     """
     medium = root.members.get("medium")
     if not can(medium):

@@ -17,21 +17,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Sphere:
-    """One component.
+    """One component."""
 
-    Attributes
-    ----------
-    whole : sizes of the particles as they are, shell and water included
-    volume : um^3, mean of the dry particles with their coatings: what amounts count
-    mass : um^3 kg/m^3, mean of the same; nan where a density is missing
-    water : share of the volume of what takes up water, the particle or its coating
-    ratio, thickness : of the core to the whole, and um of the shell; None and 0 without a shell
-    """
-
-    whole: Population
-    volume: float
-    mass: float
-    water: float = 0.0
+    whole: Population  # sizes of the particles as they are, shell and water included
+    volume: float  # um^3, mean of the dry particles with their coatings: what amounts count
+    mass: float  # um^3 kg/m^3, mean of the same; nan where a density is missing
+    water: float = 0.0  # share of the volume of what takes up water, the particle or its coating
+    # ratio, thickness: of the core to the whole, and um of the shell; None and 0 without a shell
     ratio: float | None = None
     thickness: float = 0.0
 

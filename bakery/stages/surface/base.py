@@ -122,9 +122,7 @@ def _fit(name: str, index: float) -> None:
 def of_tree(root: Group, layer: int, name: str) -> list:
     """Of each wavelength of an asset, its layer as it lies under another one: a `Slab`, or a `Reflector` of grains.
 
-    Raises
-    ------
-    Wrong : no such layer, or one that cannot lie there
+    Raises Wrong : no such layer, or one that cannot lie there
     """
     from bakery.physics.surfaces.corrected import Corrected
     from bakery.physics.surfaces.slab import reflector
@@ -148,8 +146,6 @@ def of_tree(root: Group, layer: int, name: str) -> list:
 def layers_of(under, wavelength, layer: int, context) -> list:
     """The same of what stands behind `base`, at the recipe's wavelengths.
 
-    Parameters
-    ----------
     under : layers, as `_of_asset` found them, or a recipe (`recipe.checker.Named`), whose stages are run here
     """
     if isinstance(under, tuple):

@@ -33,8 +33,6 @@ NAMES = tuple(output.path for output in OUTPUTS)
 def spread_of(slab, tolerance: float, seed: int, wave: int, layer: int):
     """Of a layer at a wavelength: a task that any worker may run.
 
-    Parameters
-    ----------
     tolerance : of the root mean square distance: 1 % at best without end, 2 % of a thickness, where far light is dearer
     """
     from bakery.physics.surfaces.slab import layers
@@ -78,8 +76,6 @@ def length(sigma_t: float, width: float) -> float:
 def within(radius_of, light, beyond, radius):
     """Share (L, T, ...) of the light that comes out within distances; between the ends of bins in proportion.
 
-    Parameters
-    ----------
     radius_of, light : (L, T, S);  beyond : (L, T);  radius : um, any shape
     """
     radius = np.asarray(radius, float)

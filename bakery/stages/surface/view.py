@@ -42,12 +42,8 @@ class Surface(Members):
     def reflectance(self, theta_in, theta_out, phi=0.0, layer: int | None = None) -> np.ndarray:
         """pi times the BRDF (L, ...), 1 for a white Lambertian surface; arguments broadcast.
 
-        Parameters
-        ----------
         layer : position of the thickness; all of them if absent
 
-        Notes
-        -----
         Light that a smooth boundary mirrors is left out, that of the facets of a rough one is not.
         """
         return self._looked_up("reflection", theta_in, theta_out, phi, layer)
@@ -59,9 +55,7 @@ class Surface(Members):
     def by_order(self, theta_in, theta_out, phi=0.0) -> np.ndarray:
         """The reflectance (3, L, ...) of light that one grain, two, and more have deflected; of grains only.
 
-        Raises
-        ------
-        MissingStage : the layer is that of a medium
+        Raises MissingStage : the layer is that of a medium
         """
         if "first" not in self:
             raise MissingStage("orders are kept apart where the reflectance is counted among grains (surface.method: grains)")
@@ -78,13 +72,9 @@ class Surface(Members):
     def spread_within(self, radius) -> np.ndarray:
         """Share (L, ...) of the light from all sides that comes out within distances (um) of where it went in.
 
-        Notes
-        -----
         Of what comes out; what a boundary mirrors is left out.
 
-        Raises
-        ------
-        MissingStage : the asset has no walks of light in the layer
+        Raises MissingStage : the asset has no walks of light in the layer
         """
         if "spread" not in self:
             raise MissingStage("light that is counted among grains has no spread, nor has an asset of a former version; "
@@ -268,9 +258,7 @@ def _corrected(solution, group: Group, k: int):
 def looked_up(asset, path: str, arguments: Mapping[str, float | tuple[float, ...]]) -> Answer:
     """Reflectance, transmittance or albedo at angles, or light within a distance.
 
-    Raises
-    ------
-    UsageError : an argument is missing, has no effect, or more than one is a list
+    Raises UsageError : an argument is missing, has no effect, or more than one is a list
     """
     name = path.rpartition("/")[2]
     accepted = {"albedo": ("theta_in",), "spread": ("radius",)}.get(name, ("theta_in", "theta_out", "phi"))

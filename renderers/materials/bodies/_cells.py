@@ -1,7 +1,5 @@
 """Grids of cells that know what may come near them: beams, or light that a triangle lets in."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

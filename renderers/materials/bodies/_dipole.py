@@ -1,7 +1,5 @@
 """The directional dipole, and its sums over places where light comes in."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Where rays inside of bodies go: the triangles of the bodies and of what is in them, and how far it is to them at least."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

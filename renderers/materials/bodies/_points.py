@@ -1,7 +1,5 @@
 """Loops that join points, events of light, with lines of sight that pass close by (photon points; Jarosz et al. 2011)."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

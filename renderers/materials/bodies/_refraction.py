@@ -1,7 +1,5 @@
 """Loops that find where light of a light without extent is refracted towards a point in a body."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ place over the radius; its direction; number of events, up to 3; factors of the 
 wavelength, of the flights and directions that were drawn.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

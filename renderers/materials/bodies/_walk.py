@@ -1,7 +1,5 @@
 """Loops of paths inside a body: flights and scatterings up to its boundary."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """How far pictures of bodies are off, as their passes measure it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers import colour

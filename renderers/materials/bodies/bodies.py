@@ -1,8 +1,6 @@
 """The bodies of a scene: their boundaries among the shapes of the Mitsuba scene, their media, and the triangles that rays in
 them meet."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -13,7 +11,7 @@ from bakery.errors import UsageError
 from renderers.materials.bodies import _geometry
 from renderers.materials.bodies._geometry import Geometry
 from renderers.materials.bodies._shells import Shells
-from renderers.mitsuba.shapes import encloses, index_fault, leaning
+from renderers.mitsuba.shapes import encloses, index_fault, leaning, lying_on
 from renderers.scene.budget import percent
 from renderers.threads import run
 from renderers.transport import solids
@@ -22,6 +20,7 @@ from renderers.transport.scattering import Scatterer, scatterer
 _ROUNDING = 0.4  # light lost, times mean free paths over the distance of neighbouring numbers
 # A slab whose normals lean by 55 degrees shows 0.83 of the light of an even sky, a cube 0.92, an icosahedron (37 degrees) 0.97
 _LEANS, _LEANING = math.radians(40.0), 0.1  # so far, on this share of the boundary, are worth a word
+_TOUCHING = 0.01  # of a boundary, on glass, is worth a word
 _VOXELS = 64  # along the longest edge of the box around all bodies
 
 
@@ -88,6 +87,11 @@ def refusal(shapes, name, index) -> str:
     return ""
 
 
+def flaws(world, bodies):
+    """Sentences on meshes by which boundaries send light where it should not go."""
+    return leans(world, bodies) + lies_on_glass(world, bodies)
+
+
 def leans(world, bodies):
     """Sentences on bodies whose boundary refracts by normals that are means over sharp edges."""
     names = {body.name for body in bodies if not body.matched}
@@ -95,6 +99,22 @@ def leans(world, bodies):
     return [f"normals on {percent(share)} of {name} lean by more than {math.degrees(_LEANS):.0f} degrees from its triangles: "
             "light is lost there, or leaves where it should not; use face_normals in the Mitsuba file, or normals in the mesh "
             "that keep edges sharp" for name, share in shares.items() if share > _LEANING]
+
+
+def lies_on_glass(world, bodies):
+    """Sentences on bodies that lie on glass which is no body: rays that meet one of both surfaces miss the other there."""
+    shapes, names = world.shapes(), {body.name for body in bodies}
+    glass = [shape for shape in shapes if shape.index is not None and shape.faces is not None and shape.name not in names]
+    shares = {(shape.name, other.name): lying_on(shape, other, world.unit)
+              for shape in shapes if shape.name in names for other in glass if _near(shape.box, other.box)}
+    return [f"{percent(share)} of the boundary of {name} lie on {other}: light that meets one of the surfaces misses the other; "
+            f"leave a gap, or make {other} solid where {name} is, and boundary.index that of {name} over that of {other}"
+            for (name, other), share in shares.items() if share > _TOUCHING]
+
+
+def _near(box, other):
+    beyond = 1e-3 * (np.ptp(box, axis=0).max() + np.ptp(other, axis=0).max())
+    return bool((box[0] <= other[1] + beyond).all() and (other[0] <= box[1] + beyond).all())
 
 
 def rounding(body) -> float:

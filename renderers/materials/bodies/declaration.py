@@ -1,7 +1,5 @@
 """What a method of the renderer of translucent bodies declares."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

@@ -5,8 +5,6 @@ wrong near that place, in thin and curved parts, and of light that goes on forwa
 in it, too, which diffusion does not tell apart: with it rendered on its own, as is usual, pictures are too bright.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery import kernels

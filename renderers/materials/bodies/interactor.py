@@ -1,7 +1,5 @@
 """Translucent bodies: a medium inside of a shape of the scene, through which compiled loops take paths up to its boundary."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.materials.bodies import _walk, shells

@@ -13,7 +13,7 @@ from bakery.grammar import fields
 from renderers import colour
 from renderers.materials.bodies import beams, chains, dipole, events, light, mutations, refraction, shells, smooth, transport
 from renderers.materials.bodies.bias import CLOSER, SHARPER, TURNS
-from renderers.materials.bodies.bodies import Body, has_tables, holds, laid_out, leans, medium_of, rounding, solid_shape, untabled
+from renderers.materials.bodies.bodies import Body, flaws, has_tables, holds, laid_out, medium_of, rounding, solid_shape, untabled
 from renderers.materials.bodies.declaration import DIFFUSED, FEW, GATHERED, JOINED, MUTATED
 from renderers.materials.bodies.declared import methods
 from renderers.materials.bodies.gather import Gather
@@ -56,7 +56,7 @@ def prepare(job, world, seed) -> Method:
         return Method(name, kinds, [], lambda estimate: {"bias": None})
     declared = methods()[name]
     looped = _looped(setup, declared)
-    reasons = _reasons(assets, setup.bodies, declared, looped) + leans(world, setup.bodies)
+    reasons = _reasons(assets, setup.bodies, declared, looped) + flaws(world, setup.bodies)
     reasons += shells.reasons(shells.laid(setup)) if declared.spheres else []
     missing, sentences = chains.left_out(setup, seed)
     rounded = _rounded(setup.bodies) if looped else []

@@ -1,7 +1,5 @@
 """Paths from the eye, or from the lights, through bodies and the surfaces around them: their state."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -44,7 +42,7 @@ class Paths(NamedTuple):
     bounces: np.ndarray
 
     @classmethod
-    def begun(cls, origin, direction, throughput, states, pixel) -> Paths:
+    def begun(cls, origin, direction, throughput, states, pixel) -> "Paths":
         """Paths in the open, or on a surface."""
         n = len(pixel)
         return cls(origin=np.array(origin, float), direction=np.array(direction, float), throughput=np.array(throughput, float),

@@ -22,8 +22,6 @@ Usage::
 Pictures, cameras and variants: `renderers.pictures.integrator`.
 """
 
-from __future__ import annotations
-
 import bakery
 from bakery.errors import UsageError
 from renderers.materials.bodies.scene import METHODS, NEEDS

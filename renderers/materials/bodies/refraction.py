@@ -7,8 +7,6 @@ several ways is lost (Walter, Zhao, Holzschuch and Bala, SIGGRAPH 2009, search t
 Droske and Fascione, EGSR 2015, walk to one place).  One of the ways is followed, drawn by what it brings.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a scene of the renderer of translucent bodies may say: its methods, and what they take."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from bakery.errors import Problem

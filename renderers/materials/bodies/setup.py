@@ -1,7 +1,5 @@
 """Bodies and what is around them, as paths are given it, and the light that they bring."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -6,8 +6,6 @@ smaller ones, so that they take about as long.  The exits do not depend on the s
 the same in all of its passes.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

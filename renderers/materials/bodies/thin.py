@@ -1,7 +1,5 @@
 """How large bodies are for light: chords, the share of light that is scattered three times and more, beams on their boundary."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.transport.solids import area

@@ -1,7 +1,5 @@
 """Where rays come into the mesh of grains from outside."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

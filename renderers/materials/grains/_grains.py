@@ -1,7 +1,5 @@
 """Surfaces of explicit grains along rays: which one a ray meets next, and where."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Loops of paths in the medium that stands for grains, inside of their mesh: from one need of the scene to the next."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

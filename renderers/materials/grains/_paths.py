@@ -201,8 +201,6 @@ def leave(grains, d, n, at, walk, i):
 def advance(grains, occupied, walk, switching, event, begin, end):
     """Takes paths begin to end on, through all surfaces that only reflect and refract, until they need something of the scene.
 
-    Parameters
-    ----------
     occupied : (X, Y, Z) uint8, voxels of the aggregate with surfaces of the scene; empty where there are none
     walk : `Walk`, changed;  switching : `Switching`, of which `last` changes;  event : `Event`, filled
     """

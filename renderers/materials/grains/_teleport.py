@@ -1,7 +1,5 @@
 """Loops of paths among grains that have no arrangement: flights from sphere to sphere are drawn, grains are traced."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Collisions in a medium of which there is more in some places than in others (`bakery.kernels.Varied`)."""
 
-from __future__ import annotations
-
 import math
 
 from bakery.kernels import extinctions_at

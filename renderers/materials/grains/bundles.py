@@ -4,8 +4,6 @@ Meng et al. 2015, section 5, whose bundle is 16 paths of one pixel; here it is o
 sample of a pass.
 """
 
-from __future__ import annotations
-
 import copy
 from typing import NamedTuple
 

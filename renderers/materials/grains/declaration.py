@@ -1,7 +1,5 @@
 """What a method of the renderer of grains declares."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -20,8 +18,6 @@ def explicit(*grains) -> Any:
 class GrainMethod(SceneMethod):
     """A method of grains.  Its `error`, where nothing measures it, is the largest of eight scenes against ept (docs/granular.md).
 
-    Attributes
-    ----------
     grains : what makes the interactor of a body's grains, of grains, occupied voxels and colours
     medium : whether light goes on in the medium that stands for the grains; where it is `continuous` it begins there
     diffuses : whether it diffuses far inside of the medium

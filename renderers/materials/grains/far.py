@@ -10,8 +10,6 @@ The surface is that of all grains whose centres lie below it, those that stick o
 none of these: grains are ahead of it only where it comes into a mesh again, from where they stick out on.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

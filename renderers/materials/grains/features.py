@@ -1,7 +1,5 @@
 """What the camera sees of grains, whatever the light: which way their surfaces are turned, and how far they are."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.mitsuba import variants
@@ -22,16 +20,12 @@ def places_for(quality) -> np.ndarray:
 def first_hits(world, scene, assets, meshes, seed, quality=None) -> Features:
     """Of the grain that each ray meets first, or of the mesh, where a medium stands for the grains from the beginning.
 
-    Parameters
-    ----------
     world : `renderers.mitsuba.world.World`
     scene : `renderers.materials.grains.transport.Transport`
     assets, meshes : of its bodies
     seed : of the surfaces around
     quality : of the picture
 
-    Notes
-    -----
     Grains have the albedo of a meeting with one of their body, and are seen along straight rays: behind glass it is the medium
     which stands for them that counts, and that has no normals.  Pixels show detail where grains are wider than they are, all
     of it where they are four times as wide.
@@ -47,8 +41,6 @@ def first_hits(world, scene, assets, meshes, seed, quality=None) -> Features:
 def of_grains(world, bodies, albedo, around, at=_PLACES) -> Features:
     """Of grains, where a ray meets any, else of what is around them.
 
-    Parameters
-    ----------
     world : `renderers.mitsuba.world.World`
     bodies : pairs of a function of rays' origin, direction and far (n,) m, which gives the distance (n,) m to the first grain
         before that or inf, with its normal (n, 3), and the radius of the largest grain, m

@@ -1,7 +1,5 @@
 """Packed grains, each by itself: they stick out of their region, and hide light wherever they are seen."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.materials.grains import _paths

@@ -1,7 +1,5 @@
 """Every grain of a body by itself: where it is, how large, of which type and how it is turned."""
 
-from __future__ import annotations
-
 import itertools
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """What varies in a body of grains: its packing fraction and its mixture, by the grids of a scene."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

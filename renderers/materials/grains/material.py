@@ -1,7 +1,5 @@
 """What an asset and a scene say of the grains, laid out for the loops."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -11,9 +9,10 @@ from renderers import colour
 from renderers.materials.grains._grains import Grains
 from renderers.materials.grains._medium import Medium
 from renderers.materials.grains.local import UNIFORM
-from renderers.materials.grains.paths import SELDOM, Colours
+from renderers.materials.grains.paths import SELDOM
 from renderers.scene import meshes
 from renderers.transport import solids
+from renderers.transport.paths import Colours
 
 _FIGURES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "forward_delta", "phase")
 _PEAK = np.radians(5.0)  # light that a grain turns by less may count as not turned: it meets ten more
@@ -53,8 +52,7 @@ def largest_of(asset) -> float:
 
 def pixels_wide(world, triangles, radius) -> float:
     """Diameter of grains of a radius, m, at the nearest point of a mesh, triangles (F, 3, 3) m, in pixels."""
-    pixel = float(np.sqrt(np.linalg.norm(world.camera.right) * np.linalg.norm(world.camera.down)))
-    return 2 * radius / (pixel * max(distance(world.camera.origin, triangles), radius))
+    return 2 * radius / (world.camera.pixel * max(distance(world.camera.origin, triangles), radius))
 
 
 def distance(point, triangles) -> float:
@@ -67,8 +65,6 @@ def distance(point, triangles) -> float:
 def meetings(asset, vertices, faces) -> float:
     """Grains of an asset in a mesh, vertices (V, 3) m, that light meets on average, at the wavelength where these are most.
 
-    Notes
-    -----
     Without absorption paths through an evenly lit body are 4 V/S long in the mean, however light turns (Blanco & Fournier,
     Europhys. Lett. 61, 168, 2003).  What a half-space sends back has been scattered d ln R / d ln albedo times, of little
     absorption 2/sqrt(3 (1 - albedo)(1 - g)), as R = 1 - 4 s/sqrt 3, s^2 = (1 - albedo)/(1 - g) (van de Hulst 1980).  Inverse
@@ -91,14 +87,10 @@ def colours_of(asset) -> Colours:
 
 
 def medium_of(asset, grains):
-    """The asset's effective medium in the mesh of its grains, without the forward peak of its phase functions.
+    """The asset's effective medium in the mesh of its grains, without the forward peak of its phase functions: `_medium.Medium`,
+    and `bakery.kernels.Varied` of it and of the light that its grains meet, which passes where it is in the peak.
 
     Panes such as two faces of a cube let light go on as it came.  Samples of lights would hardly ever find it.
-
-    Returns
-    -------
-    medium : `_medium.Medium`
-    varied, met_by : `bakery.kernels.Varied` of it and of the light that its grains meet, which passes where it is in the peak
     """
     theta = np.asarray(asset.medium.theta, float)
     parts = _components(asset) if grains.mixture.values.size > 0 else [_whole(asset)]

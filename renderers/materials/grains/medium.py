@@ -1,7 +1,5 @@
 """Paths in the continuous medium that stands for grains, in their mesh, whose boundary is none to light."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery import kernels

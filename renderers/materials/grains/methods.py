@@ -1,7 +1,5 @@
 """The methods of a scene: which passes make its picture, and what is to be said of them."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import NamedTuple
 

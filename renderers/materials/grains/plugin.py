@@ -25,8 +25,6 @@ Usage::
 Pictures, cameras and variants: `renderers.pictures.integrator`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import bakery

@@ -1,7 +1,5 @@
 """What a scene of grains needs of a recipe: whether their statistics, how fine the grains are, which tiles."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -94,13 +92,11 @@ def _radius(about):
 
 def _pixels_farthest(about):
     """Diameter of the largest grain at the farthest corner of its bodies, pixels."""
-    from renderers.materials.grains import seen
-
     if about.world.camera is None:
         raise about.scene.no_camera()
     corners = np.concatenate([meshes.of_entry(about.scene, number)[0] for number in about.bodies])
     farthest = float(np.max(np.linalg.norm(corners - about.world.camera.origin, axis=1)))
-    return 2 * _radius(about) / max(seen.angle_of_pixel(about.world) * farthest, 1e-30)
+    return 2 * _radius(about) / max(about.world.camera.pixel * farthest, 1e-30)
 
 
 def _pixels(about):

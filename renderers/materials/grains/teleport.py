@@ -4,8 +4,6 @@ Between spheres light flies as far as chords of the tile's void are long; in a s
 offset by chance, and leaves where the grain sends it.  Each sphere is forgotten once it is left.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.kernels import stream_key
@@ -75,8 +73,6 @@ class Teleports(Explicit):
 def flights(aggregate, *, exponential=False) -> _teleport.Flights:
     """Flights between the spheres of an aggregate's tile, widened as it is.
 
-    Notes
-    -----
     A million chords of isotropic uniform lines, half a second of a core, scaled to their exact mean 4 V/S; <z^2> of the 65,536
     that are kept is good to 0.3 %.
     """

@@ -9,8 +9,6 @@ each other before they switch, and what a compiled loop finds ahead of a path ne
 materials ahead in every step: a path took 1.2 (20,000 glass balls, the only entry) and 1.6 times as long (grey stones).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -21,10 +19,10 @@ from renderers import threads
 from renderers.materials.grains import _paths, bundles, far
 from renderers.materials.grains._grains import OFF, UNKNOWN
 from renderers.materials.grains._paths import GRAINS, MEDIUM
-from renderers.materials.grains.paths import NEVER, Colours, Explicit, Paths
+from renderers.materials.grains.paths import NEVER, Explicit, Paths
 from renderers.materials.surface import lobes
 from renderers.transport import regularised, steps, wavefront
-from renderers.transport.paths import joined, of_camera
+from renderers.transport.paths import Colours, joined, of_camera
 
 _ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 _MANY, _SHARE = 4096, 1 / 16  # where fewer paths than that, and than that share of them, are left, lights are sampled less often
@@ -120,8 +118,6 @@ class Sums(steps.Sums):
 def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=None, samples=1) -> Sums:
     """Camera paths, so many `samples` for each pixel, all together.
 
-    Parameters
-    ----------
     world : `renderers.mitsuba.world.World`
     transport : `Transport`
     camera : `renderers.camera.Camera`

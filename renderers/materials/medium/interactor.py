@@ -1,7 +1,5 @@
 """Continuous media: homogeneous, or with a density on a grid."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

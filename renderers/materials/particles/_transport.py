@@ -4,8 +4,6 @@ A path carries one weight a wavelength.  Where a disc stops it at some wavelengt
 likely than at others, it is drawn by the weights which of them go on; so no wavelength is special.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -43,7 +41,7 @@ class Walk(NamedTuple):
     density: np.ndarray
 
     @classmethod
-    def of(cls, paths) -> Walk:
+    def of(cls, paths) -> "Walk":
         """Of a record of paths, without a copy."""
         return cls(*(getattr(paths, name) for name in cls._fields))
 
@@ -87,8 +85,6 @@ def ray_of(origin, direction, i):
 def collide(medium, paths, far, discrete, kind, distance, point, begin, end):
     """The next scattering of paths begin to end; changes their throughput and streams.
 
-    Parameters
-    ----------
     paths : `Walk`; a particle that is left out is also left out of the continuous medium
     far : (n,) m, where a surface ends the ray, or inf
     discrete : (n,) m, distance up to which particles stop the ray; beyond, the continuous medium
@@ -310,8 +306,6 @@ def drawn(scatterer, kind, weight, guide, i, towards, v, values):
 def light(scatterer, kind, paths, guide, share, sample, added, begin, end):
     """What sampled lights send by way of particles of classes kind (n,), added (n, 3) linear sRGB.
 
-    Parameters
-    ----------
     scatterer : `renderers.materials.particles.medium.Scatterer`
     paths : `Walk`, as they arrived from the camera;  guide : as `scatter` takes it
     share : (n, L) of the light that gets through

@@ -1,7 +1,5 @@
 """Rays through the box that holds particles."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

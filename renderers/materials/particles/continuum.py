@@ -1,7 +1,5 @@
 """The continuous medium that particles make on average, by the loop of `renderers.transport`."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery import kernels

@@ -1,7 +1,5 @@
 """What a method of the renderer of particles declares."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -14,8 +12,6 @@ from renderers.scene.declaration import SceneMethod
 class Passes(NamedTuple):
     """What makes the picture.
 
-    Attributes
-    ----------
     passes : `renderers.pictures.engine.Part`, or its name, its function, and what that takes of the method
     depth : (H, W) m, up to which particles are seen one by one; None where it has no meaning
     reasons : sentences
@@ -30,8 +26,6 @@ class Passes(NamedTuple):
 class ParticleMethod(SceneMethod):
     """A method of particles.
 
-    Attributes
-    ----------
     passes : (`methods.Setup`, tolerance, seed) -> Passes
     peak : whether a forward peak may count as unscattered
     """

@@ -6,8 +6,6 @@ the rest of the variance is below (tolerance x mean)^2 the continuous medium doe
 scatters, and takes away what is behind its disc; a disc larger than the pixel adds to it only its part.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -32,8 +30,6 @@ def depths(world, medium, camera, height, width, tolerance, seed):
 
     tolerance : relative deviation of a pixel that may be lost
 
-    Notes
-    -----
     Light is what one sample of the lights brings to each depth, weakened by the mean medium; surfaces behind it shine as their
     emission and one sample of the lights make them.  Light that is scattered more than once is not counted: it makes pixels
     smoother than predicted.

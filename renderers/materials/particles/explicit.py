@@ -5,8 +5,6 @@ by chance, as those of any path tracer among spheres of glass do.  All wavelengt
 one; absorption is each wavelength's own.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

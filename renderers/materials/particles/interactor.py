@@ -1,7 +1,5 @@
 """Separate particles: discs that stop rays."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.kernels import NO_DISC

@@ -1,7 +1,5 @@
 """A discrete medium as its kernels see it: discs, and how each class of particles scatters, forward peak taken out or not."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -136,18 +134,11 @@ def without_peak(classes, angle) -> Classes:
 
 
 def medium(classes, discs_of, to_rgb, to_waves) -> tuple[Medium, np.ndarray]:
-    """The layout for the kernels.
+    """The layout for the kernels, and (K,) which of `classes` each of the medium's is.
 
-    Parameters
-    ----------
     classes : `Classes`
     discs_of : function of (extinction (L, K), density (K,), order (K,)) with the classes from large to small -> `Discs`
     to_rgb, to_waves : see `Medium`
-
-    Returns
-    -------
-    medium : `Medium`
-    order : (K,) which of `classes` each of the medium's is
     """
     order = kernels.disc_order(classes.extinction)
     extinction, scattering = classes.extinction[:, order], classes.scattering[:, order]

@@ -1,7 +1,5 @@
 """The methods of a scene: which passes make its picture, and what is to be said of them."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -38,8 +36,6 @@ class Setup(NamedTuple):
 def prepare(job, world, seed, tolerance=None) -> Method:
     """The method that a scene asks for.
 
-    Parameters
-    ----------
     job : `renderers.pictures.running.Render`
     world : `renderers.mitsuba.world.World`
     seed : of the passes

@@ -1,7 +1,5 @@
 """Where a scene puts an asset's particles, and the particles there."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery import kernels

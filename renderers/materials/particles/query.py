@@ -6,8 +6,6 @@ where it holds none, nothing does (the printed delta function is light that goes
 mean over realisations is not the continuous medium's: docs/discrete.md measures by how much.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """What a scene of separate particles needs of a recipe: how good their optics, at how many wavelengths."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How much of a picture is light that particles scatter: before anything is baked, from a medium and rays through the scene."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -26,15 +24,11 @@ class Box(NamedTuple):
 def share(world, medium, box, peak) -> float:
     """Root mean square, over pixels, of the light of particles over the larger of the pixel and the mean of the picture; 0 to 1.
 
-    Parameters
-    ----------
     world : `renderers.mitsuba.world.World`, with a camera and lights
     medium : `renderers.scene.requirements.About.medium`, of which the middle wavelength counts
     box : `Box`
     peak : rad, light that is scattered by less counts as unscattered
 
-    Notes
-    -----
     Light that is scattered once, of one sample of the lights at some depths along one ray in each of `_PROBES` places; light of
     surfaces is one sample of the lights too.  Lamps that are seen themselves are left out: how many rays meet them is chance.
     """

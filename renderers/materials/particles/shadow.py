@@ -7,8 +7,6 @@ medium, and of splats that are hidden by chance, is multiplied by the last facto
 camera: ways that part by an angle g overlap for a length of 2 r / g.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -28,8 +26,6 @@ _NODE, _WEIGHT = (_NODE + 1) / 2, _WEIGHT / 2
 class Overlap(NamedTuple):
     """Discs that lie across two ways.
 
-    Attributes
-    ----------
     reach : m, distance of two ways from which on no disc lies across both
     shared : (L, D) 1/m, extinction that two ways share, by the root of their distance over `reach`, evenly from 0 to 1
     aside : (Q,) m, evenly spaced quantiles of how far from its middle a particle is met that scatters
@@ -58,8 +54,6 @@ def overlap_of(density, extinction, scattering) -> Overlap:
 def factors(medium, eye, seen, towards, distance, aside):
     """By which light is to be multiplied that reaches what is seen from a place, where means of both ways are taken, (n, L).
 
-    Parameters
-    ----------
     medium : `renderers.materials.particles.medium.Medium`
     eye : (3,) m;  seen : (n, 3) m, where pencils from there end
     towards, distance : (n, 3) unit, (n,) m, of the light, from the middle of what it reaches

@@ -7,8 +7,6 @@ others hide, on places on lights, and on where some pencils go on.  The sum is t
 once.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -7,8 +7,6 @@ A loop of its own beside `renderers.transport.waves`, with the steps of `rendere
 particle, lights guide scattering, particles stop rays up to a depth of each pixel, and light that splats bring is left out.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -74,14 +72,14 @@ class Squares(NamedTuple):
     side: np.ndarray
 
     @classmethod
-    def every(cls, side) -> Squares:
+    def every(cls, side) -> "Squares":
         """All of pixels with so many, (H W,): the first one of each, and after them all others."""
         others = np.repeat(np.arange(len(side)), side**2 - 1)
         pixel = np.concatenate([np.arange(len(side)), others])
         number = np.concatenate([np.zeros(len(side), np.int64), 1 + np.arange(len(others)) - np.searchsorted(others, others)])
         return cls(pixel, number, side[pixel])
 
-    def of(self, rows) -> Squares:
+    def of(self, rows) -> "Squares":
         """Some of them, by an index of arrays."""
         return Squares(*(values[rows] for values in self))
 

@@ -3,8 +3,6 @@
 What `renderers.mitsuba.layer_samples` does in Dr.Jit, of layers without a boundary that let nothing through.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Light leaves a surface where it came in.  In the body it leaves some way off, wh
 where the boundary bends away from it, and at the edges of shadows.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -42,8 +40,6 @@ class Seen(NamedTuple):
 def spread(asset, layer: int = 0) -> np.ndarray:
     """How far from where it came in light leaves an asset's layer, (L,) m: root mean square, as baked, or else by diffusion.
 
-    Notes
-    -----
     Counted among grains, and of former versions, assets hold none.  Of a point of light under the surface, a transport mean free
     path l' deep, and its image above it, at 2 l' of the boundary's own (index 1):
     <r^2> = 2 (z0 e^(-k z0) + z1 e^(-k z1)) / k / (e^(-k z0) + e^(-k z1)), z0 = l', z1 = 7/3 l'.  k is that of diffusion, and no
@@ -61,8 +57,6 @@ def spread(asset, layer: int = 0) -> np.ndarray:
 def mean_distance(asset, layer: int = 0) -> np.ndarray:
     """The same, (L,) m: the mean distance, which few paths that go far hardly change; of baked bins their middle.
 
-    Notes
-    -----
     Of the same two points z0, z1: light that leaves at r goes with z (1 + k d) e^(-k d) / d^3, d^2 = r^2 + z^2.
     """
     if baked(asset):
@@ -105,8 +99,6 @@ def _diffusion(asset, layer):
 def deviation(scene, number, asset, world) -> float:
     """Expected error of a body by its surface alone, root mean square over its light and wavelengths, at most 1.
 
-    Notes
-    -----
     A ball is off by `OFF` times the spread over its radius: of a mesh the radii go by the angles between its triangles, and a
     body is no larger than the ball of its mean chord.  The edge of a shadow moves light by the mean distance m over pi, of
     pixels wider than that, w, by m / (pi w) of their light; of narrower ones the square is m / (4 w), over as many pixels.
@@ -192,7 +184,7 @@ def seen(world, box, first) -> Seen:
     rows, columns = max(2, round(shrink * height)), max(2, round(shrink * width))
     direction = world.camera.refitted(height, width, rows, columns).rays(rows, columns).reshape(-1, 3)
     distance, meets = first(np.full(direction.shape, world.camera.origin), direction)
-    angle = float(np.sqrt(np.linalg.norm(world.camera.right) * np.linalg.norm(world.camera.down)))
+    angle = world.camera.pixel
     if not meets.any():
         nearest = np.clip(world.camera.origin, *box) - world.camera.origin
         return Seen(np.array([angle * float(np.linalg.norm(nearest))]), 1.0, angle)

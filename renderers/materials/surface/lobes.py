@@ -1,7 +1,5 @@
 """Baked layers as compiled loops of wavefronts take them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.materials.surface import _lobes

@@ -5,8 +5,6 @@ between, up to twice the distance, either happens with a chance that the place g
 the surface leaves out fades in with it: a place is off by the chance times what its surface is off there.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -56,8 +54,6 @@ def begins(scene, number, look: Look, near_error=0.0) -> Onset:
     """Of an entry of a scene: as it says, or else the nearest where the error is what a method may have, near_error : that of
     what is near included, where that is less.
 
-    Notes
-    -----
     Nearer than where a pixel is as wide as light spreads in the mean, edges of shadows would be seen to be sharper; and a
     boundary that bends too much is nowhere a surface.
     """

@@ -1,7 +1,5 @@
 """The methods of media, which only scenes of several materials have."""
 
-from __future__ import annotations
-
 from functools import cache
 
 from renderers.scene.declaration import SceneMethod, table

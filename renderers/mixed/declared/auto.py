@@ -1,7 +1,5 @@
 """The only method that there is."""
 
-from __future__ import annotations
-
 from renderers.scene.declaration import SceneMethod
 
 METHOD = SceneMethod(name="auto", kind="medium", words="paths", exact=True, candidates=("paths",), brings="as paths")

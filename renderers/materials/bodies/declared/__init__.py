@@ -1,7 +1,5 @@
 """The methods of the renderer of translucent bodies, in the order of messages."""
 
-from __future__ import annotations
-
 from functools import cache
 
 from renderers.materials.bodies.declaration import BodyMethod

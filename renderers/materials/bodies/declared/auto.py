@@ -1,7 +1,5 @@
 """The cheapest method that keeps the tolerance, by pilots."""
 
-from __future__ import annotations
-
 from renderers.materials.bodies.declaration import BodyMethod
 from renderers.materials.bodies.declared import vrl_tables
 

@@ -1,7 +1,5 @@
 """Beams of all flights, joined with lines of sight that pass close by."""
 
-from __future__ import annotations
-
 from renderers.materials.bodies.declaration import FEW, FEWEST_MET, JOINED, BodyMethod
 
 METHOD = BodyMethod(

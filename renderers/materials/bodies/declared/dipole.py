@@ -1,7 +1,5 @@
 """Later events by the directional dipole, for comparison."""
 
-from __future__ import annotations
-
 from renderers.materials.bodies.declaration import DIFFUSED, FEW, FEWEST_MET, BodyMethod
 
 METHOD = BodyMethod(

@@ -1,7 +1,5 @@
 """Event by event, by chains of paths that stay where there is light."""
 
-from __future__ import annotations
-
 from renderers.materials.bodies.declaration import BodyMethod
 
 METHOD = BodyMethod(

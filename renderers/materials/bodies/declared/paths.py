@@ -1,7 +1,5 @@
 """Event by event, from the eye."""
 
-from __future__ import annotations
-
 from renderers.materials.bodies.declaration import BodyMethod
 
 

@@ -1,7 +1,5 @@
 """Event by event near the camera, the surface that is baked far from it."""
 
-from __future__ import annotations
-
 from renderers.materials.bodies.declaration import BodyMethod
 from renderers.materials.bodies.declaration import unfit as unfilled
 

@@ -1,7 +1,5 @@
 """Event by event, with jumps through empty spheres."""
 
-from __future__ import annotations
-
 from renderers.materials.bodies.declaration import BodyMethod
 
 METHOD = BodyMethod(

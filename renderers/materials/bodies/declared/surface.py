@@ -1,7 +1,5 @@
 """The shape as a surface that is baked: no path goes inside."""
 
-from __future__ import annotations
-
 from renderers.materials.bodies.declaration import BodyMethod
 
 

@@ -1,7 +1,5 @@
 """Beams of light between two events, joined with lines of sight by second events."""
 
-from __future__ import annotations
-
 from renderers.materials.bodies.declaration import FEW, FEWEST_GATHERED, GATHERED, BodyMethod
 
 METHOD = BodyMethod(

@@ -1,7 +1,5 @@
 """Third and later events from the asset's tables of beams and negative beams."""
 
-from __future__ import annotations
-
 from renderers.materials.bodies.declaration import FEW, FEWEST_GATHERED, GATHERED, BodyMethod
 
 METHOD = BodyMethod(

@@ -1,7 +1,5 @@
 """The methods of the renderer of grains, in the order of messages."""
 
-from __future__ import annotations
-
 from functools import cache
 
 from renderers.materials.grains.declaration import GrainMethod

@@ -1,7 +1,5 @@
 """The cheapest method that keeps the tolerance, by pilots."""
 
-from __future__ import annotations
-
 from renderers.materials.grains.declaration import GrainMethod
 from renderers.scene.budget import ROOM
 

@@ -1,7 +1,5 @@
 """Paths from grain to grain."""
 
-from __future__ import annotations
-
 from renderers.materials.grains.declaration import GrainMethod
 
 # Grains that light meets, from which on a draft takes less in the medium: two passes among 22 took 14 s of a core (medium 17 s),

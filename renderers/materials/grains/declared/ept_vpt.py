@@ -1,7 +1,5 @@
 """From grain to grain first, then in the medium."""
 
-from __future__ import annotations
-
 from renderers.materials.grains.declaration import GrainMethod
 
 METHOD = GrainMethod(

@@ -1,7 +1,5 @@
 """From grain to grain near the camera, then in the medium; far from it the surface that is baked."""
 
-from __future__ import annotations
-
 from renderers.materials.grains.declaration import GrainMethod
 from renderers.materials.grains.declared import ept_vpt
 

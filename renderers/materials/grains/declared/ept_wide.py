@@ -1,7 +1,5 @@
 """Paths from grain to grain, with small lamps wider than they are."""
 
-from __future__ import annotations
-
 from renderers.materials.grains.declaration import GrainMethod
 from renderers.materials.grains.declared.ept import LITTLE, smooth
 

@@ -1,7 +1,5 @@
 """Grains without an arrangement."""
 
-from __future__ import annotations
-
 from renderers.materials.grains.declaration import GrainMethod
 
 

@@ -1,7 +1,5 @@
 """The medium that stands for the grains."""
 
-from __future__ import annotations
-
 from renderers.materials.grains.declaration import GrainMethod
 
 

@@ -1,7 +1,5 @@
 """The cheapest method that keeps the tolerance, by pilots."""
 
-from __future__ import annotations
-
 from renderers.materials.particles.declaration import ParticleMethod
 from renderers.materials.particles.declared import particles_continuous
 

@@ -1,7 +1,5 @@
 """The medium that particles make on average."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.materials.particles.declaration import ParticleMethod, Passes

@@ -1,7 +1,5 @@
 """Spheres of glass."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every particle is one."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.materials.particles.declaration import ParticleMethod, Passes

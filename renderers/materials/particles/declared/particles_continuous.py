@@ -1,7 +1,5 @@
 """Particles where they can be told apart, the continuous medium elsewhere."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.materials.particles.declaration import ParticleMethod, Passes

@@ -1,7 +1,5 @@
 """Queries of cylinders and spheres, as the paper has them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

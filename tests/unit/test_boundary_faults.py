@@ -1,4 +1,4 @@
-"""Boundaries that refract by normals which are means over sharp edges are told."""
+"""Boundaries that refract by normals which are means over sharp edges, or that lie on glass, are told."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import trimesh
 
 from bakery.store import ply
 from renderers.materials.bodies import bodies
-from renderers.mitsuba.shapes import Shape, leaning
+from renderers.mitsuba import variants
+from renderers.mitsuba.shapes import Shape, leaning, lying_on
 from tests.odds import SIGMAS
 
 
@@ -37,6 +38,19 @@ def test_it_is_told_of_boundaries_that_refract(matched, normals, told):
     world = SimpleNamespace(shapes=lambda: [shape(cube, np.sign(cube.vertices) / math.sqrt(3) if normals else None)])
     said = bodies.leans(world, [SimpleNamespace(name="it", matched=matched)])
     assert len(said) == told and all("100 % of it lean by more than 40 degrees" in sentence for sentence in said)
+
+
+@pytest.mark.parametrize("gap, share", [(0, 1 / 6), (1e-5, 1 / 6), (1e-3, 0)])
+def test_milk_that_lies_on_glass(gap, share):
+    """A cube whose one side lies on that of another, of other triangles: with no gap, and with one below Mitsuba's epsilon."""
+    variants.activate("rgb")
+    cube, glass = trimesh.creation.box(), trimesh.creation.box((3, 3, 3)).subdivide()
+    glass.apply_translation([0, 0, 2 + gap])
+    milk, pane = shape(cube, None), shape(glass, None)._replace(name="pane")
+    assert lying_on(milk, pane, 1.0) == pytest.approx(share) and lying_on(milk._replace(
+        vertices=0.01 * milk.vertices), pane._replace(vertices=0.01 * pane.vertices), 0.01) == pytest.approx(share)
+    said = bodies.lies_on_glass(SimpleNamespace(shapes=lambda: [milk, pane], unit=1.0), [SimpleNamespace(name="it")])
+    assert len(said) == (share > 0) and all("17 % of the boundary of it lie on pane" in sentence for sentence in said)
 
 
 @pytest.mark.slow
