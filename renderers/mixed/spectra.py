@@ -7,8 +7,8 @@ import numpy as np
 
 from bakery import kernels
 from renderers import colour
-from renderers.materials.grains.paths import Colours
 from renderers.materials.particles.medium import in_bands
+from renderers.transport.paths import Colours
 from renderers.transport.scattering import Scatterer, scatterer
 
 BANDS = "the assets have different wavelengths: all are rendered as means over red, green and blue"

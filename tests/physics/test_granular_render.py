@@ -14,6 +14,7 @@ from bakery.store import ply
 from renderers.materials.grains import material, medium, paths, transport
 from renderers.materials.grains._grains import Grains
 from renderers.mitsuba.world import World
+from renderers.transport.paths import Colours
 from tests.conftest import slow
 from tests.odds import ODDS, SIGMAS
 from tests.oracles.instances import instances
@@ -40,7 +41,7 @@ def grains(kinds, mesh, spheres=None, unit=1.0, waves=3, absorption=0.0, weights
                   np.full((len(kinds), waves), absorption), material.seldom(aggregate, 0.4))
 
 
-COLOURS = paths.Colours(np.eye(3), np.eye(3))  # three wavelengths that are R, G and B
+COLOURS = Colours(np.eye(3), np.eye(3))  # three wavelengths that are R, G and B
 NOTHING = np.zeros((0, 0, 0), np.uint8)
 
 

@@ -12,13 +12,13 @@ import pytest
 from bakery import kernels
 from renderers.materials.bodies.bodies import solid_shape, untabled
 from renderers.materials.grains import material, paths, transport
-from renderers.materials.grains.paths import Colours
 from renderers.materials.particles import walk
 from renderers.mitsuba.world import World
 from renderers.mixed import build, passes
 from renderers.mixed.build import Material
 from renderers.mixed.contents import Body
 from renderers.transport import places, regions, waves
+from renderers.transport.paths import Colours
 from tests.odds import sigmas
 from tests.physics.particles import hashed, henyey_greenstein, of_depth
 from tests.physics.test_aggregate import tile

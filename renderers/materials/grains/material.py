@@ -9,9 +9,10 @@ from renderers import colour
 from renderers.materials.grains._grains import Grains
 from renderers.materials.grains._medium import Medium
 from renderers.materials.grains.local import UNIFORM
-from renderers.materials.grains.paths import SELDOM, Colours
+from renderers.materials.grains.paths import SELDOM
 from renderers.scene import meshes
 from renderers.transport import solids
+from renderers.transport.paths import Colours
 
 _FIGURES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "forward_delta", "phase")
 _PEAK = np.radians(5.0)  # light that a grain turns by less may count as not turned: it meets ten more

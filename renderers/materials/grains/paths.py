@@ -14,7 +14,6 @@ from renderers.materials.grains._grains import UNKNOWN
 from renderers.materials.grains._paths import Event, Switching, Walk
 from renderers.threads import run
 from renderers.transport import paths as wavefront_paths
-from renderers.transport.paths import Colours  # noqa: F401
 
 NEVER = 2**62  # a stage that no path comes to
 TOGETHER = 256  # paths that one processor takes on: 4096 are often all those of a body, which then wait for one

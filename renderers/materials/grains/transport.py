@@ -19,10 +19,10 @@ from renderers import threads
 from renderers.materials.grains import _paths, bundles, far
 from renderers.materials.grains._grains import OFF, UNKNOWN
 from renderers.materials.grains._paths import GRAINS, MEDIUM
-from renderers.materials.grains.paths import NEVER, Colours, Explicit, Paths
+from renderers.materials.grains.paths import NEVER, Explicit, Paths
 from renderers.materials.surface import lobes
 from renderers.transport import regularised, steps, wavefront
-from renderers.transport.paths import joined, of_camera
+from renderers.transport.paths import Colours, joined, of_camera
 
 _ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 _MANY, _SHARE = 4096, 1 / 16  # where fewer paths than that, and than that share of them, are left, lights are sampled less often
