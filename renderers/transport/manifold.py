@@ -163,15 +163,15 @@ class Manifold:
         surface = hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, hit.is_valid())
         return hit.is_valid() & ((self._first(hit.shape) == 0) | (dr.dot(surface.n, ray.d) > 0))
 
-    def walk(self, x, y, active, most=_STEPS):
-        """`Walk` from x, in bodies, to y; most : rays."""
+    def walk(self, x, y, active):
+        """`Walk` from x, in bodies, to y."""
         width = dr.width(active)
         start = Walk(mi.Point3f(x), dr.normalize(y - x), dr.zeros(mi.UInt32, width), dr.zeros(mi.Point2f, width),
                      dr.zeros(mi.UInt32, width), mi.Bool(active), dr.full(mi.Bool, False, width))
-        return dr.while_loop((start,), lambda walk: walk.active, lambda walk: (self._stepped(walk, x, y, most),),
+        return dr.while_loop((start,), lambda walk: walk.active, lambda walk: (self._stepped(walk, x, y),),
                              label="walks on boundaries")[0]
 
-    def _stepped(self, walk, x, y, most):
+    def _stepped(self, walk, x, y):
         ray = mi.Ray3f(walk.origin, walk.direction)
         hit = self._scene.ray_intersect_preliminary(ray, coherent=False, active=walk.active)
         valid, first = walk.active & hit.is_valid(), self._first(hit.shape)
@@ -189,7 +189,7 @@ class Manifold:
         towards = dr.normalize(bend.point + bend.step() - x)
         active &= ~walk.ends & dr.all(dr.isfinite(towards))
         walk.direction = dr.select(active, towards, walk.direction)
-        active &= walk.steps < most
+        active &= walk.steps < _STEPS
         walk.origin = dr.select(active, x, walk.origin)
         walk.active = active | crosses
         return walk
