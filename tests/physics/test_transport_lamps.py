@@ -170,8 +170,8 @@ def test_solid_angles_are_those_of_neighbouring_walks(tmp_path):
 
 
 def test_lamps_are_looked_for_from_below_the_boundary(tmp_path):
-    """Points in a ball, up to 0.1 below the half of the boundary that the lamp shines on, are told to be near it, not as far from
-    it as the lamp, whose way voxels outside of the ball see free.  A voxel has an edge of 0.25, of which a point sees a diagonal."""
+    """Points in a ball, up to 0.1 below the half of the boundary that the lamp shines on, are told to be near it, not as far
+    from it as the lamp, whose way voxels outside of the ball see free.  A voxel has an edge of 0.25: a point sees a diagonal."""
     how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, LAMP, [1.4])
     small = Scene(how.world, how.bodies, how.colours).lamps.small
     random, lamp, n = np.random.default_rng(0), np.array([3.0, -4.0, 8.0]), 4000
