@@ -3,8 +3,6 @@
 `import bakery` loads nothing heavy; what is named here is loaded on first use.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import TYPE_CHECKING
 

@@ -4,8 +4,6 @@ Anything that a user can cause is a `BakeryError`: its text is the whole message
 line returns.  Any other exception that reaches the user is a bug in bakery.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -4,8 +4,6 @@ A stream's word is part of what its numbers are made of, and a name is never use
 numbers, whatever the seeds.  A stage whose stream changes changes its values: its version goes up.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which coordinate belongs to which axis of a stored array, from the declarations of the stages."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

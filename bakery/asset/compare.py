@@ -8,8 +8,6 @@ Tables over different angles are compared at the angles of both, as the format r
 spheres at different nodes of a size distribution are compared at the radii that both have: no others were computed.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Where two families differ: as the assets that they give at the points of both."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """One baked array at given arguments: the logic of `bake query`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What an asset holds, as plain values: the one description that `inspect`, its `--json` and the page share."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

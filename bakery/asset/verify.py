@@ -4,8 +4,6 @@ The container's digest is checked in this process.  Everything that parses HDF5 
 memory limit, so that a crash or an endless loop of the library, too, is only an answer: damaged.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -4,8 +4,6 @@ Commands are imported when they are called, so that `bake --help` starts without
 progress and messages to standard error; a `BakeryError` becomes its message and its exit status.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

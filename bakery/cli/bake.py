@@ -1,7 +1,5 @@
 """`bake RECIPE…`: bake each recipe into one asset."""
 
-from __future__ import annotations
-
 import os
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 What machines share is looked at, never tidied: others may need what this one does not.
 """
 
-from __future__ import annotations
-
 import sys
 
 import click

@@ -1,7 +1,5 @@
 """`bake cluster-script slurm|local`: what starts a cluster for `--cluster`."""
 
-from __future__ import annotations
-
 import click
 
 from bakery.cli.options import FiniteRange

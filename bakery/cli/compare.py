@@ -1,7 +1,5 @@
 """`bake compare SCENE --methods a,b,c`: one scene by several methods, beside one another on one page."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """`bake completion SHELL`: click's own script."""
 
-from __future__ import annotations
-
 import click
 
 SHELLS = {"bash": "~/.bashrc", "zsh": "~/.zshrc", "fish": "~/.config/fish/completions/bake.fish"}

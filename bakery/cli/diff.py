@@ -1,7 +1,5 @@
 """`bake diff A B`: where the values of two assets differ."""
 
-from __future__ import annotations
-
 import os
 
 import click

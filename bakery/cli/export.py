@@ -1,7 +1,5 @@
 """`bake export ASSET --to FORMAT`: exports an asset to other software and reports the losses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """`bake inspect ASSET [PATH]`: the tree of an asset, its errors and its provenance."""
 
-from __future__ import annotations
-
 import os
 
 import click

@@ -1,7 +1,5 @@
 """The page of `bake render --live`: its server, its address, a browser where somebody sits in front of one."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterator

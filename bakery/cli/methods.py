@@ -1,7 +1,5 @@
 """What methods of scenes declare, and how they compare, for people."""
 
-from __future__ import annotations
-
 
 def declared_lines():
     """What each method of each kind of material declares, for people."""

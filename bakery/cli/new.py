@@ -1,7 +1,5 @@
 """`bake new KIND`: a commented recipe to start from, a published material, a scene; or a scene of one's own mesh."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

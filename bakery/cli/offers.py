@@ -1,7 +1,5 @@
 """What shells are offered for values: formats, qualities, stages, paths inside of an asset."""
 
-from __future__ import annotations
-
 from click.shell_completion import CompletionItem
 
 from bakery.grammar.qualities import QUALITIES

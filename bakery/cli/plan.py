@@ -1,7 +1,5 @@
 """`bake plan RECIPE|SCENE`: what a bake would run, why, and what it will cost; of a scene what its render will."""
 
-from __future__ import annotations
-
 import click
 
 from bakery.cli.options import (

@@ -1,7 +1,5 @@
 """`bake plan SCENE`: the bakes that are due, and seconds, noise and memory of the picture, from a pilot."""
 
-from __future__ import annotations
-
 import math
 
 from bakery.errors import UsageError

@@ -1,7 +1,5 @@
 """`bake plot ASSET`: pictures, and the data of each beside it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """`bake query ASSET PATH [key=value …]`: one baked value, or one looked up; `bakery.asset.ask` finds it."""
 
-from __future__ import annotations
-
 import math
 
 import click

@@ -1,7 +1,5 @@
 """`bake render SCENE|ASSET`: a scene, or the standard preview of an asset."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

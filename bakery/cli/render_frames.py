@@ -1,7 +1,5 @@
 """`bake render SCENE --frames NUMBERS`: frames of a sequence, a film and a contact sheet."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from pathlib import Path
 

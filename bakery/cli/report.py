@@ -1,7 +1,5 @@
 """`bake report ASSET`: one self-contained page."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """`bake schema`: the recipe's JSON Schema."""
 
-from __future__ import annotations
-
 import click
 
 from bakery.cli.options import print_json

@@ -1,7 +1,5 @@
 """`bake trade RECIPE` or `SCENE`: error against time over the knobs of every stage, or over the methods of a scene."""
 
-from __future__ import annotations
-
 import click
 
 from bakery.cli import offers

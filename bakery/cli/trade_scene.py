@@ -1,7 +1,5 @@
 """What `bake trade SCENE` tells people."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 from bakery.scenes.trade import front

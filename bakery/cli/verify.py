@@ -1,7 +1,5 @@
 """`bake verify ASSET…`: integrity and physics."""
 
-from __future__ import annotations
-
 import os
 
 import click

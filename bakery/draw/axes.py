@@ -1,7 +1,5 @@
 """Axes, legends and sentences that pictures have in common."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Folders for what people look at, and tables as CSV."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

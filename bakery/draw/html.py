@@ -1,7 +1,5 @@
 """Tables and pictures as notebooks show them: HTML with the notebook's own look; every text is escaped."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Iterable, Sequence
 from html import escape

@@ -1,7 +1,5 @@
 """The light of sun and sky on what a picture shows, by a depth buffer for each direction."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

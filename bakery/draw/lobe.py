@@ -1,7 +1,5 @@
 """Polar diagrams of scattered light on plain axes: matplotlib's polar ones, with a tick for every circle, take twice as long."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Numbers of pixels as colours: differences with a sign, and shares."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

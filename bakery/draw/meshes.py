@@ -5,8 +5,6 @@ Why not matplotlib's polygons: quicker, but with seams and facets, and without t
 (`python benchmarks/meshes.py picture`, docs/grain-shapes.md).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

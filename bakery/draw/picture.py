@@ -1,7 +1,5 @@
 """One figure: what it shows, and the numbers behind it; notebooks show it inline, `save` writes it."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ In plain NumPy: loading compiled kernels takes longer than a picture.  Why not m
 shade each other.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.draw.light import shaded

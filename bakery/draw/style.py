@@ -1,7 +1,5 @@
 """How figures look, and how they become the same bytes on every run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """Powers of ten beside logarithmic axes in plain letters, 10⁻³."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Error against time of several methods, each a curve of what it would reach."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from bakery.draw.axes import plain_decades

@@ -1,7 +1,5 @@
 """What rendered pictures share: where the viewer stands, depth buffers, and how light becomes the numbers of a picture."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import pairwise
 

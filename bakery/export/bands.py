@@ -1,7 +1,5 @@
 """Red, green and blue light that an asset's wavelengths do not reach."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

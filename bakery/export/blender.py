@@ -4,8 +4,6 @@ Cycles takes sums of Henyey-Greenstein and Draine lobes, with coefficients in co
 takes the shares of all channels together (measured in Blender 5.0): one mixture stands for all wavelengths.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

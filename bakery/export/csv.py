@@ -1,7 +1,5 @@
 """Every table of an asset as CSV: one file for each coordinate of each group, units in the headings."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.asset.axes import axes

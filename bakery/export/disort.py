@@ -1,7 +1,5 @@
 """A medium as solvers of discrete ordinates take it: Legendre moments, single-scattering albedo, optical depth."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A picture of a phase function and of the lobes that stand for it in production renderers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

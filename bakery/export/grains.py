@@ -3,8 +3,6 @@
 Coordinates are in radii of the bounding sphere, which is the unit sphere, with all their digits.
 """
 
-from __future__ import annotations
-
 from bakery.errors import AssetError
 from bakery.stages.grains.view import Exemplar, components_of, exemplar
 from bakery.store import ply

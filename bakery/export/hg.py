@@ -1,7 +1,5 @@
 """Henyey-Greenstein and Draine lobes for renderers without tables: parameters, coefficients, and what each fit gets wrong."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import asdict, dataclass

@@ -3,8 +3,6 @@
 What they tabulate is of `bakery.physics.surfaces.measured`; the warp of the square that the format has is uniform here.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """A medium as other software takes it: without what leaves a collision in its old direction."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A medium for stock Mitsuba 3: homogeneous, with one `tabphase` table, and what that loses."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import asdict, dataclass, replace

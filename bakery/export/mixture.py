@@ -1,7 +1,5 @@
 """A medium with the same few lobes at all wavelengths, as production renderers take it, and what that loses."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import asdict, dataclass

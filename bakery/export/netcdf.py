@@ -1,7 +1,5 @@
 """NetCDF 3 files (64-bit offsets), which every NetCDF library reads, and a medium in them: CF, Eradiate, libRadtran."""
 
-from __future__ import annotations
-
 import io
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """A medium with one Henyey-Greenstein lobe for all wavelengths, which is all that pbrt and OpenPBR take, and what that loses."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

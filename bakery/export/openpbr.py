@@ -7,8 +7,6 @@ free path and the colour that a thick body has, which renderers turn into an alb
 Plain text: neither format needs its library to be written.  The tests read the files with both.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.export.mixture import identifier

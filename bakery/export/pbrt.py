@@ -1,7 +1,5 @@
 """A homogeneous medium for pbrt-v4."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.export.mixture import identifier

@@ -3,8 +3,6 @@
 Every number has all its digits; lengths are in mean radii.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.errors import AssetError

@@ -1,7 +1,5 @@
 """The files of a family's members, held against what the family says of them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Pictures of a family: its figures and its phase functions over each of its axes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The asset of any place between the points of a family."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Sequence

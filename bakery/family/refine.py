@@ -3,8 +3,6 @@
 Media come from a function of their place, so nothing here knows how they are baked.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ The group `family` carries the attributes of a stage's group, so that hashes, `b
 of any other; docs/asset-format.md describes it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple

@@ -4,8 +4,6 @@ diameter_lower_um,diameter_upper_um,dN      or  radius_um,dN/dlnr  and the like:
 0.30,0.40,152
 """
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Densities on a regular grid, from the bytes of an HDF5 or NPY file that a recipe names."""
 
-from __future__ import annotations
-
 import io
 import math
 

@@ -9,8 +9,6 @@
             0.300 2.8607E-06
 """
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Variables of a NetCDF file from its bytes: NetCDF 3 through SciPy, NetCDF 4, which is HDF5, through h5py."""
 
-from __future__ import annotations
-
 import io
 import math
 import struct

@@ -5,8 +5,6 @@ out, and a table "volume phase function" (1/km) of scattering angles by the same
 sometimes without a space before a minus.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

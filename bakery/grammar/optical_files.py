@@ -12,8 +12,6 @@ NetCDF is that of libRadtran (its `mie` tool and OPAC), of Eradiate, and of our 
 | phase function | phase, integral 2 over mu | phase, integral 2 over mu | phase_function, 1/sr |
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

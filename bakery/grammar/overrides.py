@@ -4,8 +4,6 @@ The tree takes the new nodes as they are, so a problem in one names `--set KEY` 
 text is edited in place, so that comments stay and the asset's recipe alone gives the same values.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping as MappingType

@@ -1,7 +1,5 @@
 """What is wrong with a tree, in words: pydantic's errors become problems with a line, a key, what was found and what would do."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from pydantic import BaseModel, ValidationError

@@ -1,7 +1,5 @@
 """Qualities: what `draft`, `preview` and `final` mean to a bake, a render and a preview."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ wavelength_um,n,k                optional names of the columns; a name may end i
 0.200,1.42370,1.100e-07
 """
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ degree is a power of ten, so the exponent is added to the number's text and roun
 float.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

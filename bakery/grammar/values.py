@@ -4,8 +4,6 @@ Pydantic's models say what may stand in a recipe.  What the checks found behind 
 material, one number a wavelength behind a single one, columns behind the name of a file) takes the place of what was written.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

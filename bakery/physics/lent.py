@@ -4,8 +4,6 @@ Where a compiled function takes arrays, they are counted when it is called and w
 dozen arrays of an aggregate that is most of the time of finding a sphere (1.0 us against 0.6).
 """
 
-from __future__ import annotations
-
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic

@@ -8,8 +8,6 @@ each cell by Gauss's rule at nodes close enough for the highest order.
 Shapes: theta (A,) rad, ascending from 0 to pi; elements (..., A) 1/sr; orders l = 0 .. N on the last axis.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

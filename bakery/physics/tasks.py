@@ -1,7 +1,5 @@
 """How physics has its work done where nobody says how."""
 
-from __future__ import annotations
-
 
 def in_turn(function, tasks) -> list:
     """`function(*task)` of each task, one after the other."""

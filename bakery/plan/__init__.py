@@ -3,8 +3,6 @@
 `bake` executes the very object that `bake plan` prints.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -5,8 +5,6 @@ the stage's own version and the input hashes of the stages upstream.  The hash n
 key by key, why a stage has to run again.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

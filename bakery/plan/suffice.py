@@ -5,8 +5,6 @@ or differ in nothing but how good they ask the stage to be, the asset can be use
 less would make it worse.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple

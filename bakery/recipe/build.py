@@ -1,7 +1,5 @@
 """A tree that passed all checks becomes a `Recipe`; else all problems are raised at once."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path

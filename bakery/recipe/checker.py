@@ -4,8 +4,6 @@ The checks see the tree and the values that were well formed (dotted key -> valu
 keys are wrong.  A key that is missing or malformed is passed over here: the schema has reported it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Optical constants of a file at a recipe's wavelengths."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The JSON Schema of recipes: completion and hover texts in editors."""
 
-from __future__ import annotations
-
 from bakery.grammar import files
 from bakery.recipe import schema, sweep
 

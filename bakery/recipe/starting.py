@@ -1,7 +1,5 @@
 """Recipes to start from: one commented recipe a kind, the catalogue of published materials, and the recipes that ship."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 The values are put into the tree where they belong, so whatever a section says of one names the line on which it stands.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections import Counter

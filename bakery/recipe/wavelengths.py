@@ -1,7 +1,5 @@
 """Wavelengths in the wrong unit: a bare 610 is 610 um, where a medium given by numbers bakes as well as in the visible."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 EYE = 0.36, 0.83  # um; luminous efficiency below 1e-5 outside

@@ -1,7 +1,5 @@
 """Recipes that are no files: a text, or a dict of the same keys."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Mapping

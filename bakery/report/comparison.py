@@ -1,7 +1,5 @@
 """One HTML page about pictures of one scene by several methods, beside one another."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape

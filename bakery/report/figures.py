@@ -1,7 +1,5 @@
 """The pictures of an asset, those of each of its stages, and drawings in a page."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from html import escape
 

@@ -1,7 +1,5 @@
 """What pages are made of: one document without outside resources, sections, tables, images inside of it."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 from collections.abc import Iterable, Sequence

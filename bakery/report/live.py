@@ -1,7 +1,5 @@
 """The page of a render that goes on: it asks its server for news, and needs none once the render is over."""
 
-from __future__ import annotations
-
 from html import escape
 
 from bakery.report.html import document

@@ -1,7 +1,5 @@
 """One HTML page about an asset: no script, no link to anywhere, every text from the asset escaped."""
 
-from __future__ import annotations
-
 from functools import partial
 from html import escape
 

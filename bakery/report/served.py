@@ -4,8 +4,6 @@ Whoever is to see the page needs its address, which holds a token of 192 random 
 can send requests to any port, neither know that nor are they answered: their requests name another host or another origin.
 """
 
-from __future__ import annotations
-
 import hmac
 import json
 import secrets

@@ -1,7 +1,5 @@
 """Executes plans: stages, cache, locks, progress, and the one asset at the end."""
 
-from __future__ import annotations
-
 import json
 import os
 import shlex

@@ -10,8 +10,6 @@ process, or when there is no more to do.
 Nothing depends on it: a kernel that is not on the list, or is no more what the list says, is compiled where it is met.
 """
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import json

@@ -1,7 +1,5 @@
 """One display over several recipes that are baked: what is done, what goes on, what failed, the time that is left."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from bakery.plan import RUN

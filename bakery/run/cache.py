@@ -6,8 +6,6 @@ needed: a cache that cannot be written costs one warning and the time to compute
 Where machines share entries (`bakery.run.shared`), this folder is the local layer in front of them.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 import math

@@ -1,7 +1,5 @@
 """Shell scripts that start a Dask scheduler and workers for `--cluster`, and bake there."""
 
-from __future__ import annotations
-
 import math
 import shlex
 import sys

@@ -3,8 +3,6 @@
 Only workers that have been asked for their versions get blocks: each message names those that may run it.
 """
 
-from __future__ import annotations
-
 import logging
 import pickle
 import re

@@ -3,8 +3,6 @@
 One target, all files read, and an empty rule a file (as `gcc -MP` writes), so that a removed input does not stop Make.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

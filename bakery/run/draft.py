@@ -1,7 +1,5 @@
 """What is known of a recipe's medium before it is baked: by a bake that is only as good as a decision needs."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from typing import NamedTuple

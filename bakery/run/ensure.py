@@ -8,8 +8,6 @@ What is asked is a function of (checked recipe, () -> its medium by a draft bake
 that says how long a bake of it would take.  Nothing here knows of scenes.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 from collections.abc import Callable, Mapping, Sequence

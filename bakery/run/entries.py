@@ -5,8 +5,6 @@ HASH is that of the recipe's text and of the input hashes of all stages.  `.bad`
 Whatever else lies in the folder is somebody else's: it is never read as an entry, counted or removed.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -4,8 +4,6 @@ Kernels release the interpreter's lock, so threads use every processor without c
 Values do not depend on the choice: blocks are fixed by a stage's inputs and come back in order.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager

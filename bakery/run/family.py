@@ -4,8 +4,6 @@ Members stand in a folder beside the family's file, of its name without the endi
 points give there leave nothing but entries in the cache.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Iterable, Mapping, Sequence

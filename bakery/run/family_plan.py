@@ -1,7 +1,5 @@
 """Plans of swept recipes: what a family takes, by the plans of some of its points, and whether it stands already."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

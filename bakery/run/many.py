@@ -5,8 +5,6 @@ recipes are few, so that the last ones have the whole machine.  Recipes that nee
 compiled, follow each other: the second one finds them in the cache while others are baked meanwhile.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

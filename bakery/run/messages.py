@@ -3,8 +3,6 @@
 Values do not depend on who runs a block: what a lost worker had is done again, and what is late by another worker as well.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 import pickle

@@ -5,8 +5,6 @@ see an old one, a new one or none; of two writers the last one wins.  Entries ar
 that is slow, absent or closed to us costs one warning, and is not asked again by the same run.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import secrets

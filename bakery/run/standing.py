@@ -1,7 +1,5 @@
 """The asset that stands where a bake would write: what it holds, what it was made from, and whether it may be replaced."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Mapping

@@ -3,8 +3,6 @@
 A stage goes as its place in the list of stages, which every process of a bakery declares alike.
 """
 
-from __future__ import annotations
-
 import io
 import pickle
 import threading

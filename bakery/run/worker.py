@@ -4,8 +4,6 @@ It lives as long as the bake, so libraries and compiled kernels are loaded once.
 away and gives more as other recipes begin and end.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -3,8 +3,6 @@
 Rendering is the renderers'; plans, curves and pages are bakery's.  Here the two meet, and nothing is parsed or printed.
 """
 
-from __future__ import annotations
-
 import re
 
 from bakery.errors import BakeryError

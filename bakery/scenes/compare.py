@@ -1,7 +1,5 @@
 """A scene by several methods, beside one another on one page: what `bake compare` does."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from bakery.draw.files import folder_for

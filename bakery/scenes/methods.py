@@ -1,7 +1,5 @@
 """A scene by several methods, as comparing and trading have in common: rendering, numbers and words, curves, a page."""
 
-from __future__ import annotations
-
 import re
 import time
 from pathlib import Path

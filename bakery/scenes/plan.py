@@ -4,8 +4,6 @@ Nothing is written beside the scene.  Assets that the pilot needs and that are s
 render takes them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import NamedTuple

@@ -4,8 +4,6 @@ First every point gets the same time, then the reference, then the points that m
 Pictures and records stay beside the page: a later call goes on with them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from bakery.draw.files import folder_for

@@ -1,7 +1,5 @@
 """All stages, in the order in which a plan runs them."""
 
-from __future__ import annotations
-
 from functools import cache
 from importlib import import_module
 

@@ -4,8 +4,6 @@ Every `bakery.open` asks, so this is quick and imports no physics; `verify` adds
 the asset, findings are one sentence each.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections import ChainMap

@@ -1,7 +1,5 @@
 """Where an asset keeps the coordinate of an axis, and the standard error and the bias of an array."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.errors import UsageError

@@ -4,8 +4,6 @@ A stage is a pure function from recipe values and upstream arrays to one group o
 clock, and draws random numbers only from the streams of its context.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """True errors of a stage's values: how far they are from values that have converged."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

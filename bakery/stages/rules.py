@@ -1,7 +1,5 @@
 """Rules that the groups of several stages keep: `verify` and the store name the ones that are broken."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np

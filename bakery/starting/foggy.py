@@ -1,7 +1,5 @@
 """Fog in somebody's scene of Mitsuba: as thick as shows in a picture of that scene."""
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -1,7 +1,5 @@
 """What a mesh may be filled with, and what its surroundings may be filled with: by the name of a recipe."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Somebody's mesh as a solid of known size that stands on the floor."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The scenes that ship, with all files that they need."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

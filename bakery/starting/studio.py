@@ -1,7 +1,5 @@
 """A studio around somebody's mesh: floor, a window to the side, sky, and a camera that frames it."""
 
-from __future__ import annotations
-
 import math
 import os
 from pathlib import Path

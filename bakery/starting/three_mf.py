@@ -3,8 +3,6 @@
 Source: 3MF Core Specification 1.3, chapters 3 and 4.  Read are the meshes of the items to build, with their transforms.
 """
 
-from __future__ import annotations
-
 import io
 import zipfile
 from xml.etree import ElementTree

@@ -4,8 +4,6 @@ The first 512 bytes hold one line with the SHA-256 of everything after them, so 
 parses a single byte.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import re

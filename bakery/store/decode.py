@@ -4,8 +4,6 @@ The tree is walked by its links; an object is opened only when its link is a pla
 type, layout and size are allowed.  Chunks are unpacked here, not by the HDF5 library: the room that one may take is known before.
 """
 
-from __future__ import annotations
-
 import io
 import math
 import zlib

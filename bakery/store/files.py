@@ -1,7 +1,5 @@
 """Every file call of the store goes through one object, so that a test can make the n-th one fail."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import stat

@@ -3,8 +3,6 @@
 The digest of a group is taken over the digests of its members, so the hash of the root is the hash of its stages' hashes.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import replace

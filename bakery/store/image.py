@@ -4,8 +4,6 @@ The 1.10 file format has checksums on its metadata and fletcher32 covers chunks,
 variable-length strings have none: so every dataset is chunked and every string has a fixed length.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import os

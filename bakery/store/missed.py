@@ -4,8 +4,6 @@ A stage misses where `achieved_error` is above `tolerance`, or where it says its
 provenance).  Both are stored with the values, so a bake that finds its asset up to date says the same as the one that made it.
 """
 
-from __future__ import annotations
-
 from bakery.store.tree import Group, is_text
 
 

@@ -4,8 +4,6 @@ The kind of a file follows from its first bytes, never from its name.  Checked b
 is computed.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping

@@ -1,7 +1,5 @@
 """Meshes and spheres as PLY files, which every 3D program reads."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 import numpy as np

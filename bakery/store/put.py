@@ -1,7 +1,5 @@
 """Small files that are written whole or not at all: pictures, pages, tables, scenes, depfiles."""
 
-from __future__ import annotations
-
 import os
 import secrets
 from collections.abc import Mapping

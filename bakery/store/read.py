@@ -1,7 +1,5 @@
 """An asset file as a tree: read once into memory from one descriptor, its digest checked before HDF5 sees a byte."""
 
-from __future__ import annotations
-
 import os
 from typing import BinaryIO
 

@@ -3,8 +3,6 @@
 A folder is locked as long as its process lives: the kernel frees the lock however that ends.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

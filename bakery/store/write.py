@@ -1,7 +1,5 @@
 """The one write path: a file is put in its place whole and checked, or not at all."""
 
-from __future__ import annotations
-
 import os
 import re
 import secrets

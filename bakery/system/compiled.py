@@ -10,8 +10,6 @@ garbage, which would go over all of numba's objects again and again, and by a si
 has kept.  What only kernels call has no machine code of its own (`bakery/system/linked.py`).
 """
 
-from __future__ import annotations
-
 import gc
 from contextlib import contextmanager, nullcontext
 from pathlib import Path

@@ -1,7 +1,5 @@
 """On which kind of disk a folder lies."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

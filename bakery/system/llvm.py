@@ -4,8 +4,6 @@ Dr.Jit picks its library once, when it is imported; it refuses versions up to 14
 at the first `dr.minimum` of a kernel.  So the choice is made by number, before anything is compiled.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

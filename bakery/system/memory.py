@@ -1,7 +1,5 @@
 """What the machine has, and what an address limit (`ulimit -v`) leaves of it."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

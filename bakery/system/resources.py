@@ -1,7 +1,5 @@
 """What the machine has and what a stage used: processors, memory, disk."""
 
-from __future__ import annotations
-
 import os
 import resource
 import sys

@@ -14,8 +14,6 @@ Most of what compiling takes is numba's own Python, and much of that finds out a
 Outside of it numba is as it was: other people's kernels are compiled as ever.
 """
 
-from __future__ import annotations
-
 from contextlib import ExitStack, contextmanager
 
 from llvmlite import binding as llvm

@@ -3,8 +3,6 @@
 Exceptions, not exits: part files are removed on the way out.
 """
 
-from __future__ import annotations
-
 import signal
 import sys
 from types import FrameType

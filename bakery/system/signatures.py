@@ -4,8 +4,6 @@ A scalar is its name (`float64`); an array `float64[2C]`, by its dimensions and 
 end where it is read only; a tuple a list; a named tuple `{"module:Class": [...]}`.
 """
 
-from __future__ import annotations
-
 import re
 from importlib import import_module
 

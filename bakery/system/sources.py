@@ -1,7 +1,5 @@
 """Sources of compiled kernels: a hash of a file and of all that it imports of these packages."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

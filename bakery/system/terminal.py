@@ -1,7 +1,5 @@
 """Text for terminals: any encoding, any width, nothing that a hostile name could do to them."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

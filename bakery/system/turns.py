@@ -4,8 +4,6 @@ A turn is a byte of one file that all processes of a user lock, by the hash of w
 turn any more.  Where no file can be locked, nobody waits: the same is done twice, with the same outcome.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import time

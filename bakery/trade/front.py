@@ -4,8 +4,6 @@ Times are noisy and errors are known down to a floor only.  A setting is on the 
 every more accurate setting on it; errors below the floor count as equal.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 error(t)^2 = error beneath the noise^2 + noise^2 * (time of passes taken / (t - time before them)).  Pure arithmetic.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import groupby

@@ -1,7 +1,5 @@
 """The picture of a sweep: true error against time, the front, the knee, the presets."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Mapping
 

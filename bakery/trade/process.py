@@ -1,7 +1,5 @@
 """The parent's end of the worker: starts it, sends calls, ends it, and reports its failures."""
 
-from __future__ import annotations
-
 import json
 import os
 import selectors

@@ -1,7 +1,5 @@
 """Stages of a recipe by name, and the hashes of what they depend on: the same in the parent and in the worker."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from importlib import import_module
 

@@ -5,8 +5,6 @@ Systems 535, 177 (2004)): neighbours of settings on the front are tried.  Here a
 from what the same step did elsewhere, does not beat the cheapest setting known for any requested tolerance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

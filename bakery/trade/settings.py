@@ -1,7 +1,5 @@
 """The settings of one stage of one recipe: ladders of its knobs, presets, and the hash and expected time of each setting."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass

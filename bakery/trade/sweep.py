@@ -1,7 +1,5 @@
 """The sweep over the knobs of one stage: converged values, then settings until the front is known or the time is up."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

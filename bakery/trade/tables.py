@@ -1,7 +1,5 @@
 """A sweep in words and columns, from its machine-readable form."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 

@@ -4,8 +4,6 @@ Every run is bracketed by runs of one fixed setting, the baseline.  A machine th
 ratio; seconds are that ratio times the median of all baselines.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from itertools import combinations

@@ -3,8 +3,6 @@
 `Bench` does the work; `main` is the process around it: a line of JSON in, a line of JSON out.
 """
 
-from __future__ import annotations
-
 import gc
 import json
 import os

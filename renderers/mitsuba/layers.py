@@ -80,13 +80,8 @@ def _load(layer, path, modified, size) -> Layer:
 
 
 def layer_of(asset, layer: int = 0) -> Layer:
-    """Of an opened asset.
-
-    Raises
-    ------
-    AssetError : it has no stage `surface`
-    UsageError : no such layer; or its transmittance is no use, as its forward peak deflects light several times
-    """
+    """Of an opened asset; UsageError where it has no such layer, or its transmittance is no use, as its forward peak deflects
+    light several times."""
     table, errors = asset.surface.table(layer)
     result = Layer(np.asarray(asset.wavelength, float), table, errors.largest)
     if table.free and table.straight.size:

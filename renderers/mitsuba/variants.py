@@ -81,12 +81,8 @@ def choose(colour: str = "mono") -> Choice:
 
 
 def activate(colour: str = "mono", variant: str | None = None) -> tuple[str, str]:
-    """Sets the best variant, or the one that the user names; returns its name and the reason.
-
-    Raises
-    ------
-    UsageError : the user's variant does not exist, or would not work here
-    """
+    """Sets the best variant, or the one that the user names, with UsageError where it does not exist or would not work here;
+    returns its name and the reason."""
     import mitsuba as mi
 
     choice = choose(colour)

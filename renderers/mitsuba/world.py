@@ -290,14 +290,10 @@ class World:
         return angles
 
     def light_rays(self, light, random):
-        """Rays on which a light (position in `light_names`) sends its power.
+        """Rays on which a light (position in `light_names`) sends its power: origins (n, 3) m on it, unit directions (n, 3), and
+        powers (n, 3) RGB, radiance times m^2 sr, over the density of the ray.
 
         random : (n, 5) or more columns, of which five are used
-
-        Returns
-        -------
-        origin, direction : (n, 3) m, on the light;  (n, 3) unit
-        power : (n, 3) RGB, radiance times m^2 sr, over the density of the ray
         """
         wave, *places = shading.uniform(random, 0, 5)
         ray, power = self.scene.emitters()[light].sample_ray(0.0, wave, mi.Point2f(*places[:2]), mi.Point2f(*places[2:]))

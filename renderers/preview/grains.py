@@ -76,7 +76,7 @@ def scene(mi, grains: list[Grain], radius: float, k: int, width: int, height: in
     places = _PLACES[len(grains)][0]
     with tempfile.TemporaryDirectory() as folder:
         for i, (grain, position) in enumerate(zip(grains, places)):
-            shown[f"grain{i}"] = _shape(mi, grain, position, unit, radius, k, Path(folder))
+            shown[f"grain{i}"] = _shape(grain, position, unit, radius, k, Path(folder))
         return studio.furnished(mi, shown, width, height, {"type": "volpath", "max_depth": DEPTH, "rr_depth": ROULETTE},
                                  (0.0, 0.0, _AIM * max(grain.height for grain in grains) / unit))
 
@@ -135,7 +135,7 @@ def _turning(start, end):
     return np.eye(3) + cross + cross @ cross / (1 + cosine)
 
 
-def _shape(mi, grain: Grain, position, unit: float, radius: float, k: int, folder: Path) -> dict:
+def _shape(grain: Grain, position, unit: float, radius: float, k: int, folder: Path) -> dict:
     """A grain's shape for Mitsuba, its radius 1 / unit; absorption per unit of the studio."""
     right = np.cross(studio.TARGET - studio.CAMERA, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)

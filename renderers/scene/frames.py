@@ -94,14 +94,10 @@ class Frames:
     problems: tuple[Problem, ...] = field(default=(), repr=False)
 
     def put(self, root: Mapping, number: int, settings) -> tuple[dict[str, str], list[Problem]]:
-        """Puts the values of a frame into the tree of its scene.
+        """Puts the values of a frame into the tree of its scene; gives them as text by dotted key, and the keys that have no
+        place in the tree.
 
         settings : keys that were set by hand, which no frame may change without a word
-
-        Returns
-        -------
-        texts : dotted key -> value as text
-        problems : keys for which the tree has no place
         """
         texts, problems = {}, []
         for key in self.keys:

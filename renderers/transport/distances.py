@@ -39,7 +39,8 @@ class Distances:
         some = dr.squared_norm(direction) > 0
         ray = mi.Ray3f(point, dr.select(some, direction, mi.Vector3f(0, 0, 1)))
         hit = scene.ray_intersect_preliminary(ray, coherent=False)
-        distance = np.array(dr.select(some & manifold.begins_within(ray, hit), hit.t, dr.inf)).reshape(-1, _RAYS).min(axis=1)
+        begins = some & hit.is_valid() & manifold.begins_within(ray)
+        distance = np.array(dr.select(begins, hit.t, dr.inf)).reshape(-1, _RAYS).min(axis=1)
         return np.where(np.isfinite(distance), distance, 0).astype(np.float32)
 
     def of(self, point, number, active):

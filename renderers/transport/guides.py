@@ -70,7 +70,7 @@ class Guides:
         direction = self._in_bin(number, random.next_float32(), random.next_float32())
         ray = mi.Ray3f(point, direction)
         hit = scene.scene.ray_intersect_preliminary(ray, coherent=False)
-        active = manifold.begins_within(ray, hit) & scene.boundaries.is_body(hit.shape)
+        active = hit.is_valid() & scene.boundaries.is_body(hit.shape) & manifold.begins_within(ray)
         medium = scene.boundaries.medium(hit.shape)
         seen, within, these = follow(point, direction, medium, random, active)
         sigma = dr.minimum(dr.gather(mi.Float, self._sigma, medium, active), 1 / (_SHARE * self._edge))

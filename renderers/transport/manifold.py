@@ -24,6 +24,7 @@ _CLOSE, _ROUNDING = 1e-4, 3e-7
 _STRIDE = 1.0  # of the distance to the boundary: the longest step along it
 # of the distance to x, and of coordinates and 1: places so near are one.  Mitsuba starts rays a third of the latter off surfaces
 _SAME, _OFF = 2e-3, 3e-4
+_CROSSED = 16  # other surfaces in the way of the boundary that tells whether a point is in a body, at most
 _COLUMNS = 20  # of the table of triangles, in packets of four
 
 
@@ -158,20 +159,29 @@ class Manifold:
         corners = np.concatenate(tables[:len(shapes)])[:, :3]
         self.box = corners.min(axis=0), corners.max(axis=0)
 
-    def begins_within(self, ray, hit):
-        """Whether rays begin in bodies, by what they meet first: a boundary that they leave, or another surface."""
-        surface = hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, hit.is_valid())
-        return hit.is_valid() & ((self._first(hit.shape) == 0) | (dr.dot(surface.n, ray.d) > 0))
+    def begins_within(self, ray):
+        """Whether rays begin in bodies: the first boundary that they meet, behind whatever else, is one that they leave."""
+        def step(ray, active, within, count):
+            surface = self._scene.ray_intersect(ray, mi.RayFlags.Minimal, False, active)
+            boundary = self._first(surface.shape) > 0
+            active = active & surface.is_valid()
+            within = within | active & boundary & (dr.dot(surface.n, ray.d) > 0)
+            ray.o = dr.select(active, surface.spawn_ray(ray.d).o, ray.o)
+            return ray, active & ~boundary & (count < _CROSSED), within, count + 1
 
-    def walk(self, x, y, active, most=_STEPS):
-        """`Walk` from x, in bodies, to y; most : rays."""
+        width = dr.width(ray.o)
+        start = mi.Ray3f(ray), dr.full(mi.Bool, True, width), dr.full(mi.Bool, False, width), dr.zeros(mi.UInt32, width)
+        return dr.while_loop(start, lambda ray, active, within, count: active, step, label="ways out of bodies")[2]
+
+    def walk(self, x, y, active):
+        """`Walk` from x, in bodies, to y."""
         width = dr.width(active)
         start = Walk(mi.Point3f(x), dr.normalize(y - x), dr.zeros(mi.UInt32, width), dr.zeros(mi.Point2f, width),
                      dr.zeros(mi.UInt32, width), mi.Bool(active), dr.full(mi.Bool, False, width))
-        return dr.while_loop((start,), lambda walk: walk.active, lambda walk: (self._stepped(walk, x, y, most),),
+        return dr.while_loop((start,), lambda walk: walk.active, lambda walk: (self._stepped(walk, x, y),),
                              label="walks on boundaries")[0]
 
-    def _stepped(self, walk, x, y, most):
+    def _stepped(self, walk, x, y):
         ray = mi.Ray3f(walk.origin, walk.direction)
         hit = self._scene.ray_intersect_preliminary(ray, coherent=False, active=walk.active)
         valid, first = walk.active & hit.is_valid(), self._first(hit.shape)
@@ -189,7 +199,7 @@ class Manifold:
         towards = dr.normalize(bend.point + bend.step() - x)
         active &= ~walk.ends & dr.all(dr.isfinite(towards))
         walk.direction = dr.select(active, towards, walk.direction)
-        active &= walk.steps < most
+        active &= walk.steps < _STEPS
         walk.origin = dr.select(active, x, walk.origin)
         walk.active = active | crosses
         return walk

@@ -118,7 +118,7 @@ class Refractions:
         arrives = walk.active & ~meets & (walk.boundaries > 0) & (ahead > 0)
         walk.rays += 1
         refracted, transmits = self._refracted(walk, dr.select(meets, row, 0), hit.prim_uv)
-        corrected = _corrected(walk, x, y, ahead)
+        corrected = _corrected(walk, y, ahead)
         goes_on = arrives & ~corrected.ends & (walk.steps < _STEPS) & dr.all(dr.isfinite(corrected.towards))
         ended = arrives & corrected.ends
         active = (meets & transmits | goes_on) & (walk.rays < _RAYS)
@@ -171,7 +171,7 @@ class Refractions:
                           walk.steps, mi.Bool(walk.active), mi.Bool(walk.ends)), transmits
 
 
-def _corrected(walk, x, y, ahead):
+def _corrected(walk, y, ahead):
     """Walks that have come to y, or by it: with the direction of the next step."""
     frame, first = mi.Frame3f(walk.direction), mi.Frame3f(walk.towards)
     miss = frame.to_local(y - walk.point - ahead * walk.direction)

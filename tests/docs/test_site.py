@@ -1,4 +1,4 @@
-"""The site: no warning when it is made, no dead link in it, no page wider than a phone."""
+"""The site: no warning when it is made, notebooks run and show pictures, no dead link in it, no page wider than a phone."""
 
 from __future__ import annotations
 
@@ -23,6 +23,10 @@ WHOLE = ('mistake.yaml:11: particles.components[0].size.radius: found "5", which
 PHONE = 390  # pixels
 # of the page, and of its text, for which furo has a box that scrolls by itself
 WIDTH = "Math.max(...['html', '.content'].map(one => document.querySelector(one).scrollWidth))"
+NOTEBOOKS = [path.relative_to(ROOT).with_suffix("") for path in sorted((ROOT / "docs").rglob("*.md"))
+             if path.read_text(encoding="utf-8").startswith("---\nfile_format: mystnb\n")]
+PICTURE = re.compile(r'class="cell_output(?:(?!class="cell_input).)*?(?:src="[./]*_images/[0-9a-f]{64}\.png|data:image/png)',
+                     re.DOTALL)
 SAMPLE = ["README", "docs/index", "docs/cli", "docs/asset-format", "docs/gallery", "docs/translucent-claims", "docs/tutorial/fog",
           "docs/how-to/own-renderer", "docs/how-to/clouds", "docs/api/kernels", "docs/api/assets", "genindex"]
 
@@ -51,6 +55,7 @@ def test_the_site(tmp_path):
     made(tmp_path)
     tutorial = (tmp_path / "html/docs/tutorial/fog.html").read_text(encoding="utf-8")
     assert WHOLE in unescape(tutorial)  # in one piece
+    notebooks_show_pictures(tmp_path / "html")
     no_link_is_dead(tmp_path / "html")
     if CHROMIUM is None:
         pytest.skip("the pages are there, and no link is dead; without chromium nobody sees how wide they are")
@@ -64,6 +69,16 @@ def made(folder):
                            folder / "doctrees", ".", folder / "html"], cwd=ROOT, text=True, capture_output=True,
                           env={**os.environ, "PYTHONPATH": str(ROOT)})
     assert done.returncode == 0, done.stderr
+
+
+def notebooks_show_pictures(site):
+    """Among what their cells give; sphinx has failed where a cell has."""
+    for name in NOTEBOOKS:
+        assert PICTURE.search((site / name).with_suffix(".html").read_text(encoding="utf-8")), name
+
+
+def test_there_are_a_tutorial_and_how_tos():
+    assert {name.parent.name for name in NOTEBOOKS} == {"tutorial", "how-to"} and len(NOTEBOOKS) >= 5
 
 
 def no_link_is_dead(site):

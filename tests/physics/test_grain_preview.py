@@ -91,7 +91,7 @@ def test_balls_return_the_light_of_the_closed_form(variant):
     for stored, interior, surface, absorbed in cases:
         grain = grains.Grain("ball", 1.0, None, None, stored, np.array([interior]))
         unit = grains.scale(1)
-        shape = grains._shape(mi, grain, (0.0, 0.0), unit, RADIUS, 0, None)
+        shape = grains._shape(grain, (0.0, 0.0), unit, RADIUS, 0, None)
         place = mi.ScalarTransform4f().look_at(origin=[0, -5, 1 / unit], target=[0, 0, 1 / unit], up=[0, 0, 1])
         built = mi.load_dict({"type": "scene", "integrator": {"type": "volpath", "max_depth": 200}, "light": {"type": "constant"},
                               "sensor": {"type": "orthographic", "to_world": place @ mi.ScalarTransform4f().scale([1 / unit] * 3),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bakery import kernels
-from renderers.materials.bodies import refraction, setup, shells, surfaces, transport
+from renderers.materials.bodies import _refraction, refraction, setup, shells, surfaces, transport
 from renderers.materials.bodies.bodies import Body, laid_out
 from renderers.materials.bodies.paths import Paths
 from renderers.mitsuba import variants
@@ -96,3 +96,25 @@ def test_no_way_of_light_through_a_boundary_is_lost(shape):
     outside, error = from_outside(how, 200_000)
     assert abs(inside - outside) < 5 * np.hypot(its_error, error)
     assert np.hypot(its_error, error) < 0.01 * outside
+
+
+def test_a_front_of_light_is_near_a_point_where_it_passes_it():
+    """Points in fronts of light of triangles that are as wide, and whose light parts as widely, as of coarse meshes, and points
+    beside them from which Newton's method begins."""
+    random, count = np.random.default_rng(3), 300
+    corners, ahead = random.normal(size=(count, 3, 3)), [0.0, 0, 1] + 0.2 * random.normal(size=(count, 3, 3))
+    ahead /= np.linalg.norm(ahead, axis=2, keepdims=True)
+    wide = np.stack([np.linalg.norm(rows - rows.mean(axis=1, keepdims=True), axis=2).max(axis=1) for rows in (corners, ahead)], 1)
+    front = _refraction.Front(corners, corners, ahead, wide, np.zeros(3), False, INDEX)
+    margin, narrow = _refraction._OUTSIDE, 0
+    for f in range(count):
+        u, v = random.dirichlet(np.ones(3))[:2] * (1 + 3 * margin) - margin
+        s = random.uniform(0, 20)
+        y = np.array([1 - u - v, u, v]) @ (corners[f] + s * ahead[f])
+        begins, ends = _refraction._near(front, f, tuple(y), 20.0)
+        roots = np.full(3, np.nan)
+        many = _refraction._distances(front, f, tuple(y), 20.0, np.empty(4), np.empty(4), roots)
+        assert begins <= s <= ends
+        assert np.min(np.abs(roots[:many] - s)) <= (ends - begins) / 2**_refraction._HALVINGS
+        narrow += ends - begins < 15
+    assert narrow > 50, "nothing would be left out"

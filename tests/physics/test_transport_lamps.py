@@ -169,6 +169,22 @@ def test_solid_angles_are_those_of_neighbouring_walks(tmp_path):
     assert np.median(abs(ratio - 1)) < 0.005 and np.quantile(abs(ratio - 1), 0.8) < 0.05
 
 
+def test_lamps_are_looked_for_from_below_the_boundary(tmp_path):
+    """Points in a ball, up to 0.1 below the half of the boundary that the lamp shines on, are told to be near it, not as far from
+    it as the lamp, whose way voxels outside of the ball see free.  A voxel has an edge of 0.25, of which a point sees a diagonal."""
+    how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, LAMP, [1.4])
+    small = Scene(how.world, how.bodies, how.colours).lamps.small
+    random, lamp, n = np.random.default_rng(0), np.array([3.0, -4.0, 8.0]), 4000
+    normal = random.normal(size=(n, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    x = normal * random.uniform(4.85, 4.95, (n, 1))
+    towards = lamp - x
+    cosine = (normal * towards).sum(axis=1) / np.linalg.norm(towards, axis=1)
+    x = x[cosine > 0.3].astype(np.float32)
+    distance = np.array(small._distances.of(mi.Point3f(*map(mi.Float, x.T)), mi.UInt32(0), True))
+    assert distance.max() < 2
+
+
 def test_which_lamps_are_drawn(tmp_path):
     """Small ones in proportion to their light; none that is wide, or that nothing sees, or that has no extent."""
     dim = LAMP.replace('x="3" y="-4"', 'x="-3" y="4"').replace("100 100 100", "50 50 50").replace('"lamp"', '"dim"')

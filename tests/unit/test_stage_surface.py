@@ -387,11 +387,12 @@ def test_layers_under_facets(soil):
     assert asset.surface.table()[1].largest < 5e-3
 
 
-@pytest.mark.parametrize("on_top", [0.0, 0.3])
-def test_facets_between_layers(soil, on_top):
+@pytest.mark.parametrize("on_top, tolerance", [(0.0, 0.08), (0.3, 0.02)])  # 2 % of the first ask for 54 moments, 12 s of a core
+def test_facets_between_layers(soil, on_top, tolerance):
     """Those of the recipe below, of a larger index and of a smaller one than what lies on it: the solver's values, and light
     that spreads through them."""
-    options = f"{{thickness: 0.2 mm, boundary: {{index: 1.4, roughness: {on_top}}}, base: {{recipe: rough.yaml}}}}"
+    options = (f"{{thickness: 0.2 mm, boundary: {{index: 1.4, roughness: {on_top}}}, base: {{recipe: rough.yaml}}, "
+               f"tolerance: {tolerance}}}")
     (soil / "rough.yaml").write_text(SOIL.replace("{index: 1.2}", "{index: 1.2, roughness: 0.4}"))
     (soil / "varnish.yaml").write_text(RECIPE.replace("{options}", options))
     asset, base = bakery.bake(soil / "varnish.yaml", output=soil / "varnish.h5", overwrite=True), bakery.open(soil / "soil.h5")
@@ -399,9 +400,9 @@ def test_facets_between_layers(soil, on_top):
     lower = Slab(np.asarray(base.medium.theta), np.asarray(base.medium["phase"][2]), 0.9, 1.0, 1.2, 0.2, 0.4)
     slab = Slab(np.asarray(asset.medium.theta), np.asarray(asset.medium["phase"][1]), 0.9, 0.2, 1.4, None, on_top, lower)
     count = int(asset.surface.moments)
-    solution = solve(slab, [moments(part.theta, part.phase, count + 1) for part in (slab, lower)], count, 0.02)
+    solution = solve(slab, [moments(part.theta, part.phase, count + 1) for part in (slab, lower)], count, tolerance)
     at = THETA[:, None], THETA, 1.0
-    compare(asset.surface.reflectance(*at)[1], solution.reflection(np.cos(at[1]), np.cos(at[0]), at[2]), at, 2e-3)
+    compare(asset.surface.reflectance(*at)[1], solution.reflection(np.cos(at[1]), np.cos(at[0]), at[2]), at, 0.1 * tolerance)
     assert (asset.surface["mean_square"] > 0).all()
 
 

@@ -1,7 +1,5 @@
 """All formats, in the order of the help."""
 
-from __future__ import annotations
-
 from functools import cache
 from importlib import import_module
 

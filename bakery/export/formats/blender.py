@@ -1,7 +1,5 @@
 """A script that makes a material for Cycles."""
 
-from __future__ import annotations
-
 from bakery.errors import UsageError
 from bakery.export.declaration import Exporter, Job, Option, Written
 from bakery.export.formats.lobes import WITHIN, written

@@ -1,7 +1,5 @@
 """Every table of an asset as CSV."""
 
-from __future__ import annotations
-
 from bakery.export.declaration import Exporter, Job, Written
 
 

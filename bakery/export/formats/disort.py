@@ -1,7 +1,5 @@
 """Moments for solvers of discrete ordinates."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.errors import UsageError

@@ -1,7 +1,5 @@
 """Particle data of Eradiate."""
 
-from __future__ import annotations
-
 from bakery.export.declaration import Exporter, Job, Written
 from bakery.export.formats.disort import MOMENTS
 from bakery.export.formats.solvers import NETCDF, moments, named, of_grains, of_polarisation

@@ -1,7 +1,5 @@
 """Lobes of production renderers, fitted at each wavelength."""
 
-from __future__ import annotations
-
 import math
 
 from bakery.errors import RecipeError

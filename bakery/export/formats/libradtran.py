@@ -1,7 +1,5 @@
 """Optical properties for libRadtran: a table as its `mie` tool writes it, and the text of a layer."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.errors import UsageError

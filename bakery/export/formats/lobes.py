@@ -1,7 +1,5 @@
 """What formats share whose media have the same lobes at all wavelengths, and say what those lose."""
 
-from __future__ import annotations
-
 import math
 
 from bakery.errors import UsageError

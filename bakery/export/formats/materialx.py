@@ -1,7 +1,5 @@
 """OpenPBR surfaces around a medium, as MaterialX."""
 
-from __future__ import annotations
-
 from bakery.export.declaration import Exporter, Job, Written
 from bakery.export.formats.lobes import WITHIN, written
 from bakery.export.formats.surfaces import Addition, Layer, fit_of, with_surfaces

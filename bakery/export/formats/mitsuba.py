@@ -1,7 +1,5 @@
 """A medium for stock Mitsuba 3, and a baked surface for it and for bakery's plugin."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A medium by the CF conventions."""
 
-from __future__ import annotations
-
 from bakery.export.declaration import Exporter, Job, Written
 from bakery.export.formats.solvers import NETCDF, named, of_grains, of_polarisation
 

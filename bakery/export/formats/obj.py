@@ -1,7 +1,5 @@
 """Grains as meshes, as OBJ."""
 
-from __future__ import annotations
-
 from bakery.export.declaration import Exporter, Job, Written
 from bakery.export.formats.shapes import written
 from bakery.store.outputs import FileKind, begins_as_text

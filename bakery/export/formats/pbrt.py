@@ -1,7 +1,5 @@
 """A medium for pbrt-v4, and a baked surface as a measured BRDF."""
 
-from __future__ import annotations
-
 from bakery.export.declaration import Exporter, Job, Written
 from bakery.export.formats.lobes import WITHIN, written
 from bakery.export.formats.surfaces import MIRRORED, TENSOR, Addition, Layer, table_of, with_surfaces

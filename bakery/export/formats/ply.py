@@ -1,7 +1,5 @@
 """Grains as meshes and tiles as points, as PLY."""
 
-from __future__ import annotations
-
 from bakery.export.declaration import Exporter, Job, Written
 from bakery.export.formats.shapes import written
 

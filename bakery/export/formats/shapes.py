@@ -1,7 +1,5 @@
 """What formats of meshes and of packed spheres share."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from bakery.export.declaration import Job, Written

@@ -1,7 +1,5 @@
 """What the formats share that hold a medium as numbers: what is lost in words, moments, errors."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.export.declaration import Job, Option

@@ -1,7 +1,5 @@
 """What formats add where an asset holds a baked surface: files of its layers, and what those lose."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 

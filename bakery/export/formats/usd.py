@@ -1,7 +1,5 @@
 """The same as materials of USD."""
 
-from __future__ import annotations
-
 from bakery.export.declaration import Exporter, Job, Written
 from bakery.export.formats.lobes import WITHIN, written
 from bakery.store.outputs import FileKind

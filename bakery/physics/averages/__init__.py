@@ -5,8 +5,6 @@ relative to the intensity itself (Mueller elements: to S11), and the same for ea
 means for absorption).  Where rays stand for series, their own error counts apart, as an integrated difference (`choice`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

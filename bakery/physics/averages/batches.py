@@ -5,8 +5,6 @@ absorption converge like 1/nodes) go on.  Sums of blocks are formed in their ord
 blocks were run.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -7,8 +7,6 @@ cancel in an average; fewer samples cancel less, so the figure errs on the safe 
 the recipe alone.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ of 0.01 tolerance^2 in the albedo changes what a half-space of cloud reflects by
 the absorption itself is kept beside it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Seconds are operation counts times rates.  The counts were fitted to runs of 16 
 0.3 % (docs/averages.md gives the spread); the rates hold for one core of the machine named below.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

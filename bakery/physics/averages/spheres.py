@@ -1,7 +1,5 @@
 """What is averaged: spheres of some index and size distribution at some wavelengths, by series or by rays."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The account of the work, and its cut into blocks that depend on the inputs alone."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.errors import StageError

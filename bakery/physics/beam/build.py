@@ -1,7 +1,5 @@
 """Tables of the kernels of one medium: transport where the phase function can be resolved, the small-angle model otherwise."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

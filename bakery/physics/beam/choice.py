@@ -1,7 +1,5 @@
 """The tables that stand for a narrow beam: which model makes them, and how many photons show their error."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -3,8 +3,6 @@
 All take what `moments` gives and a distance r > 0 from the axis (mfp), broadcast, and return mfp^-2.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

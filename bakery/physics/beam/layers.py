@@ -5,8 +5,6 @@ plus what the exact small-angle model says that the order of the layers changes.
 about as before it.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -8,8 +8,6 @@ S_n = integral of sigma_s (z - z')^n dz' from 0 to z, all three are closed and e
 The formula for M2 of Shinya et al. 2016 (eqs. 26 and 29) is 1.3 to 2.9 times too large.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The kernels of one medium by name: what `asset.beam.kernel` and `asset.beam.layered` return."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property

@@ -3,8 +3,6 @@
 The medium fills z >= 0, in layers if wanted; photons enter it at the origin along +z and are gone when they come back to z < 0.
 """
 
-from __future__ import annotations
-
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ the transform of p(s), P(0) = 1, and nearly the Legendre moment of order q - 1/2
     mean(q) = 1/q * integral of P from 0 to q,        beyond(t) = integral of p from t to infinity.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """How many photons show that tables of a narrow beam meet a tolerance; known before anything is computed."""
 
-from __future__ import annotations
-
 import numpy as np
 
 LEAST, MOST = 20_000, 4_000_000

@@ -6,8 +6,6 @@ r / sin(theta) after the event, so (cot and sine cancel into one tangent)
     Psi_1 = albedo e^-z / r * integral of p(theta) e^(-r tan(theta/2)) dtheta from arctan(r/z) to pi;   flux: times |cos theta|.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

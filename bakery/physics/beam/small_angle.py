@@ -6,8 +6,6 @@ Homogeneous: E = S mean(kappa z), so that Psi z^2 depends on S = sigma_s z and r
 Single scattering has a closed form, a sharp 1/r; the transform takes the rest, e^E - 1 - E.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ What is stored is r z Psi, a pure number without the 1/r of single scattering, o
 depths it is z times a function of the ratio alone, so the table begins where that holds.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@ beam has left.  Two things are approximate: a mirror beam of negative power take
 forward and backward light are separated by their first two moments.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

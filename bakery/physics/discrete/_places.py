@@ -1,7 +1,5 @@
 """Places of particles put in the order of cells."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.system.compiled import njit

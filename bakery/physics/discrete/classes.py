@@ -6,8 +6,6 @@ have a relative standard deviation of about 13 %) and wide in the tails, and the
 they stand for, so that the sum over classes is the continuous medium.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

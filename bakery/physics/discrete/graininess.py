@@ -10,8 +10,6 @@ to arrive as it is: what weakens it weakens mean and deviation alike, but shadow
 Source: N. Campbell, Proc. Camb. Phil. Soc. 15, 117 (1909).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

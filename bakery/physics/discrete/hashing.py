@@ -4,8 +4,6 @@ Nothing is stored, any thread gets the same answer, and a lattice has no end.  T
 in it, so that the particles of any set of cells are a Poisson process.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ Particles of like discs share a level.  Its cells hold one or two particles, so 
 do not make every pencil look through the cells of the small ones far from its way.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ A pencil goes through the lattice of a level in layers across its main axis; in 
 nearer than the level's largest disc, so a particle is listed once, in the cell of its centre, and need not be stored at all.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ Where the density is not the same everywhere, candidates are kept with the chanc
 are six standard deviations more of them than needed, and what is left over is taken away at random, which leaves the law alone.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Where a discrete medium is: a box, and in it everything, a grid of relative densities, or the inside of a closed mesh."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

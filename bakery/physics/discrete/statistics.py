@@ -1,7 +1,5 @@
 """How far a realisation is from its law: counts in cells and in classes, mean cross sections, and what chance does to each."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Rays with phases, diffraction, uniform formulas at rainbows and on the axis, and
 edge.  Conventions of `bakery.mie`.  Measured errors, and where it pays: docs/goa.md.  Below x = 30 take `bakery.mie`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.goa import _inputs

@@ -10,8 +10,6 @@ The notation of `bakery.mie.series`: psi, chi the Riccati-Bessel functions of x,
 Where neither holds `reach` says so, and the series from n = 1 has to serve.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.goa._special import STRICT

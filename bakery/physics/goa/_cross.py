@@ -1,7 +1,5 @@
 """The ray integral of absorption."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.system.compiled import njit

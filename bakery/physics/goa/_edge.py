@@ -13,8 +13,6 @@ Bubbles have a second window around the critical order n x, as wide as sqrt(x).
 The kernels of `bakery.mie`, `_special` and `_asymptotic` are compiled in; numba's disk cache does not see changes there.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.goa._asymptotic import reach, stretch

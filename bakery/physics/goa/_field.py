@@ -11,8 +11,6 @@ Caustics without such a formula are floored at their diffraction width.  Stretch
 lanes need in loops without branches, what few need (floors, shares of the exact waves) one by one.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

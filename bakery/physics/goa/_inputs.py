@@ -1,7 +1,5 @@
 """What the functions of geometrical optics take: ranges, and what is said of values beyond them."""
 
-from __future__ import annotations
-
 import operator
 
 import numpy as np

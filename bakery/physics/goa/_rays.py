@@ -13,8 +13,6 @@ pair of complex rays.
 Angles ascend: then the rays of one segment, pole and sign belong to a stretch of neighbouring angles, and so do those that pair.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

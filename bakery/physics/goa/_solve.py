@@ -15,8 +15,6 @@ Lanes.  A buffer of rows of WIDTH doubles; loops over the lanes of a row have no
 instructions.  A lane that is done stands still: its result does not depend on the others.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.goa._special import INLINE, STRICT, sincos

@@ -4,8 +4,6 @@ Taylor polynomials about the nodes of a small table for small arguments, asympto
 DLMF 9.7).  Other kernels here compile these in and numba's disk cache there does not see changes here: clear it after an edit.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from llvmlite import ir
 from numba import types

@@ -4,8 +4,6 @@ Absorption: chords of the real index n, weakened by exp(-2 x p k cos tt), and th
 by k is left out: it shifts phases by x k^2, and where that counts exp(-x k) leaves nothing.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.goa._solve import C_I, FOUND, S_I, T_I, V_I, WIDTH, C, S, T, V, over, root, times

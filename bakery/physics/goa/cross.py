@@ -1,7 +1,5 @@
 """Cross sections of large spheres in closed form: extinction from the forward rays, absorption from all rays summed."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.goa import _inputs

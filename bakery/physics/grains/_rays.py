@@ -4,8 +4,6 @@ The state of the rays is one float32 array (FIELDS, rays), some rows of which ho
 three where it belongs to the axes.
 """
 
-from __future__ import annotations
-
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic

@@ -5,8 +5,6 @@ cell, meetings with the surface.  So the memory that one waits for is fetched wh
 vector instructions.  What happens to a path depends on its own numbers only, never on its neighbours.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@
 that a ball keeps shut.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

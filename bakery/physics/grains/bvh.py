@@ -3,8 +3,6 @@
 Boxes are float32 and widened, so that the rounding of rays and boxes loses no hit; triangles are float64 and watertight.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 import threading

@@ -1,7 +1,5 @@
 """Figures with standard errors: what is measured of grains."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

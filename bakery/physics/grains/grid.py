@@ -6,8 +6,6 @@ blocks of eight, their corners rounded to int8: good enough to sort out those th
 memory.  What remains is tested exactly.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

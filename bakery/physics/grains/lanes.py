@@ -1,7 +1,5 @@
 """Eight boxes or four triangles against one ray, in vector instructions."""
 
-from __future__ import annotations
-
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils

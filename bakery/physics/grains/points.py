@@ -4,8 +4,6 @@ Scrambling is linear (Matousek 1998) with a digital shift: each point is uniform
 means of independent replicates is their error.  Direction numbers: Joe & Kuo 2008.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What walks of all engines share: random numbers of paths, where rays enter, the frame of a surface, what became of a path."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Rays enter as uniform isotropic radiance does (isotropic uniform chords of the u
 docs/scatterometer.md.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ Deterministic quadrature; a tessellated ball does not tend to these figures (its
 keeps shut), so spheres are never walked.  Lengths in units of the bounding radius.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from functools import cache

@@ -6,8 +6,6 @@ docs/scatterometer.md.
 Kernels take local directions: z is the outward normal, wi and wo point away from the surface.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

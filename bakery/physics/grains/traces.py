@@ -4,8 +4,6 @@ A grain is a mapping: type ("dielectric", "diffuse", "conductor"), index (L,) co
 absorption (L,) 1/m, reflectance (L,) or None, shape with its type.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

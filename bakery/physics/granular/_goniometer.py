@@ -1,7 +1,5 @@
 """Loops of `goniometer`: light that falls on a half space of packed grains, grain by grain, until it is out again."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Loops of `packed`: one meeting with a grain, whole walks."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ mesh is.  A sphere is known by its number in the tile and the copy of the tile t
 how that is turned, is a hash of both (`packing.instances`).  Lengths are in the tile's unit, from the corner of copy (0, 0, 0).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Which sigma_t stands for packed grains, and how far light spreads otherwise among the grains themselves."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -9,8 +9,6 @@ there, and on to the next sphere; near the mesh, where light does not diffuse, i
 unit.  Source: Muller, Ann. Math. Stat. 27, 569 (1956), for walks on spheres.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

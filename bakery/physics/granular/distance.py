@@ -1,7 +1,5 @@
 """How far a point is from a closed mesh: the nearest triangle, by the tree that its rays use."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Types of grain laid out for compiled loops: one table, and the trees of all meshes one after the other."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Numbers that vary in space: values at the middles of the cells of a box, trilinear in between, constant in the outer halves."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

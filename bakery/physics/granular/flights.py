@@ -5,8 +5,6 @@ number it keeps, so nothing is cut at the tile's faces.  A sphere is known by it
 start of a flight is that image, not the sphere.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ means are over surfaces of one arrangement.  Nothing about a medium is assumed. 
 light; whatever light does inside of its bounding sphere belongs to it.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 from collections.abc import Callable, Sequence

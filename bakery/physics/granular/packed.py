@@ -4,8 +4,6 @@ Every copy of the tile holds its own grains in its own rotations (`packing.insta
 to stand for the grains, and the figures' definitions: docs/random-walk.md.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import threading

@@ -3,8 +3,6 @@
 Walks to the second order are cheap and walks to their end are dear; each kind goes on for as long as it is worth it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Radii that stand for a law of sizes in packed grains."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.packing import radii

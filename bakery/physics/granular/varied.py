@@ -9,8 +9,6 @@ s_c beta_c, with its own albedo and phase function.  The asset's sigma_t differs
 spheres makes: 1 + excess.  Where spheres are left out it is 1 + share excess, within 3.3 % (`python benchmarks/thinned.py`).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,8 +1,6 @@
 """Voxels of a closed mesh: which are outside of it, which inside, which its surface passes through, which lie near it; rays
 from one to the next."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Optical constants over the wavelength: tables in, n and k out."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

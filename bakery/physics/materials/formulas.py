@@ -1,7 +1,5 @@
 """Dispersion formulas by the numbers that refractiveindex.info gives them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 Source: Petters & Kreidenweis, Atmos. Chem. Phys. 7, 1961 (2007), eq. 6, without the effect of curvature (Kelvin).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -4,8 +4,6 @@ Sources: Bruggeman, Ann. Phys. 24, 636 (1935); Maxwell Garnett, Phil. Trans. R. 
 section 8.5; volume mean: Hess, Koepke & Schult, Bull. Am. Meteorol. Soc. 79, 831 (1998).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 RULES = ("bruggeman", "maxwell_garnett", "lorentz_lorenz", "volume")

@@ -6,8 +6,6 @@ Formulas for glass and salt are measured in air: the tables hold n relative to v
 index of standard air.  Tables of measured n (ice, dust, soot) are their own source and are not made here.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 All wavelengths share one grid, bisected until linear interpolation in cos theta meets the tolerance.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ by monotone cubics (Fritsch and Butland, SIAM J. Sci. Stat. Comput. 5, 300 (1984
 Shapes: L wavelengths, A angles, E = 1 (phase function) or 4 (and s12, s33, s34), N1 ... Nk points of k axes.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 Any unit of length; coefficients are 1 over it.  Arrays broadcast.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.medium.similarity import reduced

@@ -3,8 +3,6 @@
 The grid is theta ascending from exactly 0 to exactly pi; all tables that share it are refined together.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Extinction, scattering and scattered light are linear between the tabulated plac
 the albedo goes weighted by extinction, the phase function by scattering, as libRadtran and Eradiate have it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce

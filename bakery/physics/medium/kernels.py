@@ -3,8 +3,6 @@
 All is in v = 1 - cos theta, which keeps its digits in a forward peak; between the nodes phase functions are linear in it.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ best weight is a weighted median: exact, without a search.  A search over the sh
 Nelder-Mead from its best places; nothing is random.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

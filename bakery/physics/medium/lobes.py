@@ -4,8 +4,6 @@ Draine's function with alpha = 0 is Henyey and Greenstein's, with alpha = 1 that
 Rayleigh's; so every mixture here is one of Draine lobes.  The fits themselves stand in `lobe_fits`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -8,8 +8,6 @@ absorbing host, and k of water or ice in the visible changes nothing visible ove
 4 pi k / wavelength, over the share of volume that it fills, is added to sigma_a.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

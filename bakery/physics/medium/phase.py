@@ -7,8 +7,6 @@ products of sines: cosines of small angles have lost the digits that a forward p
 Shapes: theta (A,) rad, ascending from 0 to pi; f (..., A) 1/sr.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figures of a medium or a population that other fields ask for, from coefficients, phase functions and radii."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

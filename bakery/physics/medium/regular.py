@@ -4,8 +4,6 @@ A narrow forward peak does not fit on a regular grid.  Values are therefore aver
 the grid cannot place exactly is moved to a neighbouring angle, and neither its sum nor the mean cosine changes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Coefficients of media that stand for a given one: isotropic and diffusing alike, or without a forward peak."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.medium import phase as tables

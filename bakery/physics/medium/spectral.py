@@ -7,8 +7,6 @@ wavelength is interpolated from its two neighbours and compared with what is sto
 Shapes: L stored wavelengths in any order, W wanted ones, values (L, ...).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Conventions: time factor exp(-i w t), m = n + ik with k >= 0 relative to the hos
 perpendicular and S2 parallel to the scattering plane (Bohren & Huffman 1983).  Range and measured errors: docs/mie.md.
 """
 
-from __future__ import annotations
-
 import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial

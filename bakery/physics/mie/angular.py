@@ -12,8 +12,6 @@ p_n(pi - theta) = (-1)^(n+1) q_n(theta).
 Rounding: as in `coefficients`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import types
 from numba.core import cgutils

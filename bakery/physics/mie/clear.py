@@ -16,8 +16,6 @@ Sums have units of their own in many processors; products are what bounds this l
 takes as long as two, which take three products' time each (docs/measurements/limits.md).
 """
 
-from __future__ import annotations
-
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils

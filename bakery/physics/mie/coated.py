@@ -20,8 +20,6 @@ light fades in the shell (Im z2 >= 1), psi and chi are nearly the same function,
 Where psi_0 is small its rounding error is not: Q then starts from psi_1 over the ratio that the recurrence gives.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.mie.angular import BLOCK, angular_coefficients, gather, order_table, reset, sweep, tiles_of

@@ -1,7 +1,5 @@
 """Lorenz-Mie coefficients and cross sections of spheres: arrays of floats in and out.  Equations and rounding: `series`."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.mie.clear import COS_Z, SIN_Z, Z, series_real, series_real_single

@@ -10,8 +10,6 @@ k1, factors exp(2 pi i k2 (n1 + 1/4)/N), transforms over k2.  A row is S1 and S2
 Passes of radix 4, 5 and 2 go to and fro between two buffers of such vectors (Stockham), in natural order.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

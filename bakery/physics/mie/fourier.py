@@ -17,8 +17,6 @@ Rounding.  As in `series`; the transform in the middle is SciPy's where spheres 
 Grids depend on the sphere alone, so that neither other spheres nor other angles change a result.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

@@ -10,8 +10,6 @@ method in one dimension (Alpert & Rokhlin, SIAM J. Sci. Stat. Comput. 12, 158 (1
 parities.  Sums are those written here, in this order, and what a radius adds does not depend on those beside it.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -17,8 +17,6 @@ Rounding.  Operations are those written here, in this order, fused where it says
 the processor, nor on the number of threads, nor on a radius' neighbours.
 """
 
-from __future__ import annotations
-
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils

@@ -6,8 +6,6 @@ number of lanes, and the fused multiply-add is the correctly rounded one on ever
 C library elsewhere.  So the bits do not depend on the kind of processor.
 """
 
-from __future__ import annotations
-
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils

@@ -4,8 +4,6 @@ Written in the compiler's own vectors: of the loop in Python numba makes single 
 functions).  The order of the sums is fixed, so it does not depend on how wide the processor's vectors are.
 """
 
-from __future__ import annotations
-
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils

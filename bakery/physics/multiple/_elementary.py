@@ -4,8 +4,6 @@ Polynomials that miss least at most (Lawson's weighted least squares), summed in
 Three arc tangents of the C library were half of the time of a look-up.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

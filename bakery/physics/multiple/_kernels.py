@@ -5,8 +5,6 @@ the wave number k are contiguous: every loop over k is a vector instruction.  Op
 for l' = 0, 1, ... and l <= l' and m <= l, element `packed(l', l, m)`.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -7,8 +7,6 @@ Stored for one l: k = ..., l - 4, l - 2, l from 0 or 1 on, with zeros up to a mu
 real parts, then the imaginary ones (that of k = 0 is 0).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

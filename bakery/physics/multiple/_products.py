@@ -1,7 +1,5 @@
 """Products of matrices as loops of our own: BLAS may add in another order on another number of threads."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.multiple._tiles import (

@@ -1,7 +1,5 @@
 """Loops of `tally`: photons that are followed and sorted, means of the phase function over bins, sums folded into lobes."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ takes twice as long.  Each sum goes by the same order of terms, each product add
 and the processor.
 """
 
-from __future__ import annotations
-
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils

@@ -5,8 +5,6 @@ long as the sum.  Points that have the same neighbours take eight orders of them
 cache.  The order of the sums is fixed, so it does not depend on how wide the processor's vectors are.
 """
 
-from __future__ import annotations
-
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic

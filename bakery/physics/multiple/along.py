@@ -4,8 +4,6 @@ No photons of its own: what the table of points misses, the integral has too, an
 shared by all places along the beam.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

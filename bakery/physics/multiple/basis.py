@@ -6,8 +6,6 @@ of the lobe: weights w_d (f^2/int f^2 + FAINT/4 pi), so that the least squares o
 with a little weight where they are dark.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.multiple._products import product

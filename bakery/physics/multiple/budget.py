@@ -5,8 +5,6 @@ of photons: its basis, then noise, whose square falls as the number of photons. 
 beside the table's own error: the solver's, and moments beyond the last one.
 """
 
-from __future__ import annotations
-
 BASIS = 0.5  # that the basis may miss: errors of coefficients add to it as squares
 SEGMENT = 0.2  # the same of a table of segments, which is made of a table of points and has its errors besides
 GAIN = 2  # by which quarters of a cell are better than the cell at least: those that are good enough then are not looked at

@@ -1,7 +1,5 @@
 """Tables of a solution, by an error-driven quadtree: a cell is divided where interpolation misses the lobe at its middle."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

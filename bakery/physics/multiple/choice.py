@@ -1,7 +1,5 @@
 """How the tables of a medium are made: which orders are solved, where a forward peak is cut, when photons stand in."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import NamedTuple

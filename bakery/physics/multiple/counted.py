@@ -8,8 +8,6 @@ noise has the mean 0.  Deviations are those of the table from arrivals in boxes 
 what twice as wide bins of angles change.  The noise is half the difference of the tables of both halves.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple

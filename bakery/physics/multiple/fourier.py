@@ -4,8 +4,6 @@ Lengths are in mean free paths.  In the frame with its axis along the displaceme
 there is to know is T^m_ll'(r): into spherical harmonic (l, m) at distance r from (l', m) at the origin, symmetric in l and l'.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

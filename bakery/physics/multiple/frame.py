@@ -15,8 +15,6 @@ square: s = (2/pi) arctan(SHARP tan(polar/2)), t = |azimuth| / pi.
 The kernels of it are in `locate`.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

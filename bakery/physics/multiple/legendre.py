@@ -3,8 +3,6 @@
 p_l = 2 pi int f(mu) P_l(mu) dmu with mu = cos theta: p_0 = 1, p_1 = g.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 Every difference that could cancel is formed as rho^2 over a sum.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ it is given; nearer than `frame.CLOSEST` to the axis the answer is the one there
 beyond the extent coefficients go on as 1/m, and the light as exp(-k0 m) N with them.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

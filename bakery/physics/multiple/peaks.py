@@ -8,8 +8,6 @@ Light in the peak is deflected all the same, by less than that angle.  The solve
 what it finds is right for the undivided phase function, however much light is in the peak.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import partial

@@ -3,8 +3,6 @@
 Position (rho, z), direction of travel (theta from +z, phi from the azimuth of the position).  All in mean free paths.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -9,8 +9,6 @@ itself is never closer than `frame.CLOSEST`.  There a value on the source is tak
 counted from there), and a line of sight through a point source, whose integral grows without limit as a logarithm, is cut off.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

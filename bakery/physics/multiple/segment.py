@@ -4,8 +4,6 @@ T_S(x; l) = int_0^l exp(-s) T_P(x - s z) ds: power 1 enters the medium at the or
 All in mean free paths.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

@@ -1,7 +1,5 @@
 """From albedo and moments to a propagator with a stated error: how many orders, what is done with a peak, what the cut costs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial

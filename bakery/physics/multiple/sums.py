@@ -4,8 +4,6 @@ A sum is made of groups of eight: places and weights of all eight first, which c
 one after the other.  That takes less than half the time of single look-ups, which wait for their own results.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

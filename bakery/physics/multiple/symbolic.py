@@ -5,8 +5,6 @@ any number of them is compiled once.  Values are those of numba's to 1e-6 (root 
 to 2e-6 (5e-5; 4e-4 where a line of sight begins on the source) with single ones.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 

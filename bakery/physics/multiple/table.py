@@ -7,8 +7,6 @@ that no cell has are filled in by cubics, level by level, so that a look-up find
 and of the work, not of the look-up.  What makes a table of a solution: `build`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The quadtree of a stored table: what its corners and cells must be, before anything is laid out from them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -5,8 +5,6 @@ weights of the noise, and has as many functions as are needed where the noise do
 leave over, noise has the mean 0.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.multiple import basis as bases

@@ -3,8 +3,6 @@
 Event-driven growth of moving spheres (Lubachevsky & Stillinger 1990).  Range, method and measured figures: docs/packing.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ Written in the compiler's own vectors: a record of eight numbers is one load, ei
 that follows is the same for each.  A loop over neighbours takes them one by one.  No sum is in another order than in such a loop.
 """
 
-from __future__ import annotations
-
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils

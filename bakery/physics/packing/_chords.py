@@ -1,7 +1,5 @@
 """Lines through a periodic tile of spheres, whose images lie in a grid of cells (`cells`)."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -7,8 +7,6 @@ Masses are 1.  Positions are kept for clock zero: a pair's distance at t takes n
 clock back before that costs digits.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import carray
 

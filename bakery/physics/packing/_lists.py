@@ -5,8 +5,6 @@ against the spheres whose bubbles touch its own.  The image of a pair is that of
 between two events of kind leave; in a small cell one sphere may stand in a list several times, once an image.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The queue of events, a tree of pending times, and memory that is asked for before it is needed."""
 
-from __future__ import annotations
-
 import numpy as np
 from llvmlite import ir
 from numba import types

@@ -1,7 +1,5 @@
 """How densely spheres of given sizes pack at random."""
 
-from __future__ import annotations
-
 import heapq
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A periodic tile of spheres in a grid of cells: what rays through it look among."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Lengths in mean final radii, masses 1, thermal speed 1 after every window.
 """
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -10,8 +10,6 @@ Any ray, thread or renderer gets the same answer.  All arithmetic is modulo 2^64
 part of the spheres is left out, u_4 says which.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How the radii of a tile's spheres are spread: data only, so that it loads nothing."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -1,7 +1,5 @@
 """Radii of a tile's spheres from a law, without random numbers: every tile of a law has the same ones."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

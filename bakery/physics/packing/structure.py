@@ -4,8 +4,6 @@ Any radii and any cuboid cell; a sphere may meet its own images.  Nothing here k
 a k-d tree over explicit periodic images.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

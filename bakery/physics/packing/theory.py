@@ -1,7 +1,5 @@
 """What theory says of every packing of disjoint spheres: the mean chord between them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

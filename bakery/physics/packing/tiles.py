@@ -1,7 +1,5 @@
 """Which of several tiles stands for a fraction."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """Loops over triangles: a tree of boxes, and crossings of triangles with each other."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.system.compiled import njit

@@ -3,8 +3,6 @@
 Why not trimesh's: every grain's bytes would change, and its sphere is up to 2 % too large (`python benchmarks/meshes.py ball`).
 """
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

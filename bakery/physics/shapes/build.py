@@ -4,8 +4,6 @@ Every shape is scaled so that its smallest bounding sphere is the unit sphere.  
 and how good the meshes are: docs/grain-shapes.md.
 """
 
-from __future__ import annotations
-
 import inspect
 from dataclasses import dataclass, replace
 

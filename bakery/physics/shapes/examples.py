@@ -4,8 +4,6 @@ What each measures stands in docs/grain-shapes.md.  A different seed gives anoth
 turned at random, make a heap.
 """
 
-from __future__ import annotations
-
 EXAMPLES = {
     "glass beads": {"type": "sphere"},
     "sand": {"type": "rock", "seed": 3, "axes": (1.0, 0.8, 0.65), "corners": 45, "sharpness": 24, "roughness": 0.05},

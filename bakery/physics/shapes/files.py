@@ -8,8 +8,6 @@ polygons of several sizes, read relative indices of obj files wrongly and 0 as 1
 minutes for as many empty solids of a text stl file.
 """
 
-from __future__ import annotations
-
 import re
 from array import array
 

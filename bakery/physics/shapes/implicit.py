@@ -5,8 +5,6 @@ so the mesh is closed, has two triangles to an edge and crosses itself nowhere, 
 Grid points near the surface step back from it, which leaves hardly any slivers.
 """
 
-from __future__ import annotations
-
 from itertools import permutations
 
 import numpy as np

@@ -3,8 +3,6 @@
 Loads nothing, so that a recipe is checked before anything heavy is imported.
 """
 
-from __future__ import annotations
-
 # ---- shapes: least and most of each number
 ASPECT = 1e4  # largest of three axes over the smallest
 SEED = 0, 2**53

@@ -7,8 +7,6 @@ become one, triangles that stand there twice go, bodies are wound alike and outw
 Winding is one call of trimesh's connected components; `trimesh.repair.fix_winding` walks its graph in Python and needs networkx.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.shapes.files import triangles

@@ -1,7 +1,5 @@
 """Random directions and solid noise, both fixed by a seed and free of NumPy's own distributions, which may change."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery import rng as streams

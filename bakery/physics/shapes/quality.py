@@ -4,8 +4,6 @@ Topology is trimesh's to tell (`mending` asks it); here stands what generated sh
 Crossings are our own: trimesh and manifold3d do not find them, and pymeshlab, which does, is an extra because of its licence.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

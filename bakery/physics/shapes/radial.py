@@ -3,8 +3,6 @@
 Radii that are positive give a mesh that crosses itself nowhere: each triangle stays in the cone of its own directions.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from itertools import combinations
 

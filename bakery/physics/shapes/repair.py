@@ -4,8 +4,6 @@ pymeshlab is under the GPL and 280 MB large, therefore an extra that nothing els
 has passed, never a file, and what it gives back passes through `mending.mended` like any other mesh.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.errors import UsageError

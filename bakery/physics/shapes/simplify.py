@@ -8,8 +8,6 @@ pymeshlab takes four times as long and loses as much volume, fast-simplification
 0.9 to 3.6 times as much (`python benchmarks/meshes.py fewer`).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

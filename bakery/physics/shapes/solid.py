@@ -3,8 +3,6 @@
 Whether a solid crosses itself is not asked here: `quality.self_crossings` tells, in half a second.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Size distributions of spheres: moments, cuts, and quadrature nodes that refine level by level."""
 
-from __future__ import annotations
-
 from bakery.physics.sizes.distributions import MIXTURE, Part, Population, laws, population
 from bakery.physics.sizes.gamma import Gamma
 from bakery.physics.sizes.histogram import Histogram

@@ -4,8 +4,6 @@ Every law is normalised to one particle over its whole range, `dn/dr` in 1/um.  
 laws with shares by number, each between a lower and an upper radius, renormalised after the cut.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 Source: Hansen & Travis 1974, Space Sci. Rev. 16, 527.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,7 +1,5 @@
 """A distribution counted in bins, as instruments give it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar

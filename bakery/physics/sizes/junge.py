@@ -3,8 +3,6 @@
 Source: Junge, J. Meteorol. 12, 13 (1955); moments from its definition.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar

@@ -3,8 +3,6 @@
 Source: moments from its definition.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar

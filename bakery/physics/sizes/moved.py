@@ -1,7 +1,5 @@
 """A distribution whose particles have all grown: by a factor, by a shell, or both."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar

@@ -8,8 +8,6 @@ for quantities that grow like r^2 .. r^3 when a node costs ~r, and with a floor 
 density is bounded, edges of a cut and steps of a table cost no more than a cell.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A tabulated distribution."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar

@@ -5,8 +5,6 @@ plane nearer to the face, in a layer of a thickness to where it first meets a sp
 not absorbed on the way.  So light that comes back late takes tens of steps, not millions.
 """
 
-from __future__ import annotations
-
 import math
 
 from bakery.physics.medium.kernels import phase_sample, turned_direction

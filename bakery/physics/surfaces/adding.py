@@ -6,8 +6,6 @@ order is what is only mirrored, D, a number a node, and what is scattered, S.  N
 that passed unscattered apart; it is not symmetric: the other way is that of the stack upside down.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -7,8 +7,6 @@ The table is a polynomial of the pair's coordinates through the counts; cells le
 order of the directions, so reciprocity holds exactly.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

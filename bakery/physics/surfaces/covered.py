@@ -4,8 +4,6 @@ What facets of the boundary reflect once is exact at every angle.  Light that co
 taken out of it: facets turn light once more where it enters and where it leaves.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The medium without its forward peak: what a given number of Legendre moments can carry (delta-M, Wiscombe 1977)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -12,8 +12,6 @@ terms keep their digits at all cosines.  What nodes miss of a peak (`orders.unre
 diagonal of p; it belongs to the left side.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

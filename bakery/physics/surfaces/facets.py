@@ -1,7 +1,5 @@
 """Nodes of the layers of a stack: media between which boundaries are smooth share them, facets stand between the nodes of two."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple

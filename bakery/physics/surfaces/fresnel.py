@@ -1,7 +1,5 @@
 """A smooth boundary between air and the medium: where light is refracted to, and how much of it is reflected."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

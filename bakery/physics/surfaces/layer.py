@@ -18,8 +18,6 @@ harmonic mean, so that a layer twice as thick has the mean of E and O for its O,
 what scattering adds to the E and O of a layer that only absorbs: all digits of that stay, however thin or faint the layer is.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Light scattered once, the boundary and the base are computed at the angle that i
 between the nodes of a grid over both directions and the azimuth.
 """
 
-from __future__ import annotations
-
 import math
 
 from bakery.system.compiled import njit

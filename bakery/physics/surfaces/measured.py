@@ -6,8 +6,6 @@ angle, v their azimuth against that of incidence, for angles of incidence and wa
 square first; a surface that is baked needs no warp.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -7,8 +7,6 @@ What leaves is then smooth in the cosine in air itself, and nodes over that keep
 some 1e-12, and light scattered into them would drown in the rounding of what is not.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

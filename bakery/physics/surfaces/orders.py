@@ -1,7 +1,5 @@
 """Fourier orders in azimuth of a phase function between directions."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

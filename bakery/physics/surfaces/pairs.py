@@ -13,8 +13,6 @@ Coordinates here run from 0 to 1: sqrt(alpha/pi), so that places lie close where
 Source: Hapke 2012, Theory of Reflectance and Emittance Spectroscopy, section 8.3 (luminance coordinates).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -4,8 +4,6 @@ OpenPBR and Blender's Principled BSDF layer both: light that the boundary reflec
 is looked from.  The base is Oren and Nayar's model in the form that keeps energy.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Half as many moments again until the answer no longer changes by more than what is asked for, then rounded to what is left."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

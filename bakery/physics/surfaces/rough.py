@@ -9,8 +9,6 @@ is averaged over the facets that a node sees (their normals are uniform in a sph
 smooth.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

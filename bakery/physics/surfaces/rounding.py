@@ -4,8 +4,6 @@ A step is a power of two, the same for all orders of a pair of directions: a sha
 Order 0 stays: it is energy.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -4,8 +4,6 @@ All are factors of the phase function (integral 4 pi) times a quarter of the alb
 over incident directions.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -4,8 +4,6 @@ The part that is scattered once is exact: at the nodes that of the cut phase fun
 of the full one is put in, with optical depths without the peak (TMS, Nakajima and Tanaka 1988).  What is left is smooth.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ uppermost facets between them, is exact at every angle; the rest is smooth (`add
 facets.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -83,9 +81,11 @@ class Stacked:
         spans = [(span, vanishing(span, self.nodes.air, cosine)) for cosine in (out, into)
                 for span in (interpolation(self.nodes.at, coordinate(cosine, n)),)]
         smooth, odd = np.zeros(mu.shape), sines(mu, mu0, n)
+        row, column = row.reshape(mu.shape), column.reshape(mu.shape)
+        grid = len(out) * len(into) <= mu.size  # most pairs of cosines occur: those of a table, at each of its azimuths
         for m, order in enumerate(orders):
             out, into = (span[m > 1 and m % 2 == 0] for span in spans)
-            term = np.einsum("...i,...i->...", (out @ order)[row.reshape(mu.shape)], into[column.reshape(mu.shape)])
+            term = (out @ order @ into.T)[row, column] if grid else np.einsum("...i,...i->...", (out @ order)[row], into[column])
             smooth += (2.0 if m else 1.0) * term * np.cos(m * phi) * (odd if m % 2 else 1.0)
         return smooth
 

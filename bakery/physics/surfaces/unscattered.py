@@ -4,8 +4,6 @@ Smooth boundaries keep n sin(theta), so that each layer takes exp(-depth / mu) a
 and again (the sums are those of `adding` at its nodes).  Facets leave nothing unscattered.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -3,8 +3,6 @@
 Lengths are mean free paths.  `benchmarks/beam_pictures.py` draws the same beside counted photons and other models.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

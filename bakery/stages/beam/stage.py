@@ -1,7 +1,5 @@
 """Stage `beam`: how a narrow beam spreads in the medium, as tables over depth and distance from its axis."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 import numpy as np

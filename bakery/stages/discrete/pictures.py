@@ -1,7 +1,5 @@
 """Pictures of separate particles: a slab of them, their sizes and counts beside the law, and how grainy they look."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Stage `discrete`: separate particles by place and class, and what the classes do to light."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 

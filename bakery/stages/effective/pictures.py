@@ -1,7 +1,5 @@
 """Picture of the extinction of packed grains: sigma_t by three ways, and what the walk through the grains met."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Stage `medium` from packed grains: the continuous medium that stands for them, held against a walk through the grains."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 

@@ -1,7 +1,5 @@
 """Figures of grains as CSV, one file a component."""
 
-from __future__ import annotations
-
 from bakery.draw.files import csv_text
 from bakery.stages.grains.view import components_of
 from bakery.store.tree import Dataset, Group

@@ -1,7 +1,5 @@
 """How far a group `grains` is from a converged one."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the stage `grains` stores: names, shapes, units and ranges."""
 
-from __future__ import annotations
-
 import math
 
 from bakery.stages.declaration import ANY, SIGNED, Output

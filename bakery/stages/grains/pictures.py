@@ -1,7 +1,5 @@
 """Pictures of packed grains: the exemplars, how each scatters, and the statistics of its walks."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence

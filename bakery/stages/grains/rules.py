@@ -1,7 +1,5 @@
 """What holds in every group `grains`: what readers count on, and what `verify` asks besides."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """Stage `grains`: what light does in the bounding sphere of each exemplar grain, by the virtual scatterometer."""
 
-from __future__ import annotations
-
 import json
 import math
 

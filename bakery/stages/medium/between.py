@@ -1,7 +1,5 @@
 """The group `medium` at wavelengths between the baked ones: a medium like those, whose errors say what the interpolation adds."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.medium import spectral

@@ -1,7 +1,5 @@
 """Legendre moments of a medium's phase function, expansion coefficients of its scattering matrix, their errors, what is cut."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The datasets of the group `medium`, and how they follow from coefficients and phase function."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pictures and the table of a medium: phase functions, polarisation, coefficients."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stage `medium`: what a continuous renderer needs, from particles or from given coefficients."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A value of a table of multiple scattering at given arguments: what `bake query` prints of `multiple/point` and `segment`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

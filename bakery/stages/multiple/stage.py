@@ -1,7 +1,5 @@
 """Stage `multiple`: tables of the light that is scattered three times and more, around a point and a segment source."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace

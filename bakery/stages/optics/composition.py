@@ -1,7 +1,5 @@
 """What the components of an asset are by number and mass: read from the recipe that the asset keeps."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.errors import RecipeError

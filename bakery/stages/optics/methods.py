@@ -1,7 +1,5 @@
 """Where rays stood in for the series: read from what the stage `optics` recorded, in words and as values."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 

@@ -1,7 +1,5 @@
 """Pictures of single scattering: cross sections against the radius, and where rays stood in for the series."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ group `optics`.
 What an asset cannot say stands in the table with the reason.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A table of quantities with unit and error each: over the wavelengths, between neighbouring ones, or single numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from html import escape

@@ -1,7 +1,5 @@
 """Stage `optics`: cross sections and phase functions of each component, averaged over its sizes."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections import deque

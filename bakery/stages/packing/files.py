@@ -1,7 +1,5 @@
 """Packed tiles as CSV."""
 
-from __future__ import annotations
-
 from bakery.draw.files import csv_text
 from bakery.stages.packing.view import tiles
 from bakery.store.tree import Dataset, Group

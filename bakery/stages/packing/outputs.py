@@ -1,7 +1,5 @@
 """What the stage `packing` stores: names, shapes, units and ranges, of one tile or of each of a dictionary."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from bakery.stages.declaration import ANY, Output

@@ -1,7 +1,5 @@
 """Pictures of packed tiles: the spheres themselves, their pair correlation, the chords between them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

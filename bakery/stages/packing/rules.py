@@ -1,7 +1,5 @@
 """What holds in every group `packing`: what readers count on, and what `verify` asks besides."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 import numpy as np

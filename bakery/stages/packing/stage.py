@@ -1,7 +1,5 @@
 """Stage `packing`: periodic tiles of hard spheres, what they look like, and what lies between the spheres."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The tiles that a group `packing` holds."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.packing import tiles as tiles_of_physics

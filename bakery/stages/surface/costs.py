@@ -3,8 +3,6 @@
 Measured on one core of an Intel Xeon, in processor time: docs/measurements/surface.md.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

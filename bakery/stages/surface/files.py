@@ -1,7 +1,5 @@
 """Surfaces as CSV: reflectance over a grid of angles, and albedos."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

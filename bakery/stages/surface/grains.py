@@ -1,7 +1,5 @@
 """Stage `surface` of packed grains: light counted among the grains themselves; layers and boundaries by their medium."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

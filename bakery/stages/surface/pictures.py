@@ -1,7 +1,5 @@
 """Pictures of surfaces: lobes at four incidences, albedo against the angle of incidence, spread."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How far from where it went in light comes out of a layer: walks for each wavelength and thickness, arrays, look-ups."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stage `surface`: light that a plane layer of the medium sends back and lets through, by direction."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 

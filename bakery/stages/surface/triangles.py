@@ -1,7 +1,5 @@
 """Symmetric matrices as their upper triangles, and rounded ones as integers, which pack better."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

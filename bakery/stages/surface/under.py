@@ -1,7 +1,5 @@
 """Layers of other assets that lie under one, as arrays of its group."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 

@@ -25,41 +25,23 @@ _FIRST = 8192  # places that tell where light comes into a body, where only what
 _RAYS = 4096  # of light in a pass: places on each boundary, and rays of each light inside of a body
 _NUMBERS = 1 << 29  # passes whose places light comes in at are numbered from here
 _APART = 1 << 28  # random streams of lights are so far apart
-_SHARPER = 0.5  # width over which beams are spread a second time, over the first: what that changes tells the error of it
 
 
-class Gathering:
-    """Lines of sight gather beams of a pass, once spread as wide as they are and once half as wide (as `gather.Gather`).
-
-    wide, sharp : `setup.Sums` of what they bring
-    """
-
-    def __init__(self, setup, beams_of_bodies, width, width_of_events, pixels, every):
-        self.wide, self.sharp = Sums(pixels), Sums(pixels)
-        direct, events = beams_of_bodies
-        self._joins = [beams.joins(setup, [(direct, beams.spread(width * factor)),
-                                           (events, beams.spread(width_of_events * factor))], every=every)
-                       for factor in (1.0, _SHARPER)]
-
-    def __call__(self, *args):
-        *args, _ = args
-        for gather, sums in zip(self._joins, (self.wide, self.sharp), strict=True):
-            gather(*args, sums)
-
-
-def gathering(setup, entries, number, seed, every, events) -> Gathering:
+def gathering(setup, entries, number, seed, every, events, changed) -> beams.Joins:
     """What gathers the beams of a pass.
 
     setup : `setup.Transport`;  entries : `light.Entries` of each body
     every : whether all flights gather them; else those that come from surfaces alone
     events : whether beams count that begin at the first events of these
+    changed : `setup.Sums` of what half the width would change
     number, seed : of the pass: its random numbers
     """
     beams_of_bodies = _Collected(setup, events)
     paths, power, joined_directly = _arriving(setup, entries, number, seed)
     _follow(setup, paths, power, joined_directly, beams_of_bodies)
-    widths = [half_width * beams.narrower(number) for half_width in beams.half_widths(setup)]
-    return Gathering(setup, beams_of_bodies.concatenated(), *widths, int(np.prod(setup.world.size)), every)
+    sets = zip(beams_of_bodies.concatenated(), beams.half_widths(setup), strict=True)
+    return beams.joins(setup, [(lit, beams.spread(width * beams.narrower(number))) for lit, width in sets], every=every,
+                       changed=changed)
 
 
 def left_out(setup, seed) -> tuple[np.ndarray | None, list[str]]:

@@ -232,19 +232,18 @@ class _Passes:
     def by_paths(self, number):
         """Light that paths find by themselves, and that of lights without extent which they cannot find."""
         setup, method = self._setup, self._method
-        gather = chains.gathering(setup, self._entries, number, self._seed, not method.parts, method.beams_of_events) \
+        changed = Sums(self._size[0] * self._size[1], by_paths=False)
+        gather = chains.gathering(setup, self._entries, number, self._seed, not method.parts, method.beams_of_events, changed) \
             if setup.chained else None
         if method.joined:
             setup = setup._replace(rivals=self._rivals)
         sums = transport.from_eye(setup, self.most, gather, number, self._seed)
-        if gather:
-            sums.by_order += gather.wide.by_order
         if method.diffused:
             # what scatters again where a boundary turns it back
             sums.by_order[2:] = 0.0
         layers = self._images(sums)
         if gather:
-            layers[SHARPER] = (gather.sharp.by_order - gather.wide.by_order).sum(axis=0).reshape(*self._size, 3)
+            layers[SHARPER] = changed.by_order.sum(axis=0).reshape(*self._size, 3)
         return layers
 
     def diffused(self, number):

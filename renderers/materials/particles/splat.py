@@ -67,16 +67,9 @@ def plan(medium, camera, height, width, depth, drawn) -> Plan:
 
 
 def one_pass(world, discs, camera, height, width, number, seed, *, discrete, lights):
-    """A share of the particles, and one pencil, or more for large discs, to each.
+    """A share of the particles, and one pencil, or more for large discs, to each: what `walk.one_pass` gives, of order 1 alone.
 
-    Parameters
-    ----------
-    discs : pair of `renderers.materials.particles.medium.Medium` and `Plan`
-    others : as in `walk.one_pass`
-
-    Returns
-    -------
-    by_order : (ORDERS, H, W, 3), of which only order 1 is filled;  by_light : (lights, H, W, 3) linear sRGB
+    discs : pair of `renderers.materials.particles.medium.Medium` and `Plan`;  others : as in `walk.one_pass`
     """
     plan = discs[1]
     pixels = height * width

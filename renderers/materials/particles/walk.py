@@ -201,20 +201,13 @@ def _shining(world, camera, x, y):
 
 
 def one_pass(world, method, camera, height, width, number, seed, *, discrete, lights):
-    """One camera path for each square of each pixel; those of `Discs` part at their first particle.
+    """One camera path for each square of each pixel; those of `Discs` part at their first particle.  Gives by_order
+    (ORDERS, H, W, 3) and by_light (lights, H, W, 3), linear sRGB.
 
-    Parameters
-    ----------
-    world : `renderers.mitsuba.world.World`
     method : `Discs` or another one with its attributes and methods
-    camera : `renderers.camera.Camera`
     number, seed : of the pass: its random numbers
     discrete : (H, W) m, depth up to which particles stop camera rays
     lights : number of lights
-
-    Returns
-    -------
-    by_order : (ORDERS, H, W, 3), by_light : (lights, H, W, 3) linear sRGB
     """
     pixels = height * width
     sums = steps.Sums(pixels, lights)
