@@ -23,29 +23,26 @@ RADII = (10.0, 100.0, 1000.0)
 ALONG = sized((2.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1000.0), (10.0, 100.0, 1000.0))
 
 
-def errors(m, radius, averaged):
-    """{switches: (rms log10, L1)}; six orders; single: mean over the spheres of `measures.SINGLE`."""
-    sizes = [of.log_normal(radius, nodes=71)] if averaged else [
-        (v, np.ones(1)) for v in (of.size_parameter(radius) * of.SINGLE)[:, None]]
-    rows, out, solid = {name: [] for name in SWITCHES}, np.empty(of.THETA.size), np.sin(of.THETA)
-    for x, weight in sizes:
-        exact = of.exact(m, x, weight, of.THETA)
-        for name, options in SWITCHES.items():
-            goa.intensity_block(m, x, weight, of.THETA, out, 6, **options)
-            rows[name].append((of.rms_log10(out, exact), np.sum(abs(out - exact) * solid) / np.sum(exact * solid)))
-    return {name: tuple(float(v) for v in np.mean(row, axis=0)) for name, row in rows.items()}
+def errors(m, radius):
+    """{switches: (rms log10, L1)} of a log-normal average; six orders."""
+    x, weight = of.log_normal(radius, nodes=71)
+    by_switches, out, solid = {}, np.empty(of.THETA.size), np.sin(of.THETA)
+    exact = of.exact(m, x, weight, of.THETA)
+    for name, options in SWITCHES.items():
+        goa.intensity_block(m, x, weight, of.THETA, out, 6, **options)
+        by_switches[name] = float(of.rms_log10(out, exact)), float(np.sum(abs(out - exact) * solid) / np.sum(exact * solid))
+    return by_switches
 
 
 def measure():
-    cells = [(name, radius, averaged) for name in of.INDICES for radius in ALONG for averaged in (False, True)]
-    return dict(zip(cells, of.together(lambda name, radius, averaged: errors(of.INDICES[name], radius, averaged), cells)))
+    cells = [(name, radius) for name in of.INDICES for radius in ALONG]
+    return dict(zip(cells, of.together(lambda name, radius: errors(of.INDICES[name], radius), cells)))
 
 
 def tables(numbers):
-    body = [[name, f"{radius:g}", "log-normal" if averaged else "one sphere",
-             *(f"{of.short(a)} / {of.short(b)}" for a, b in numbers[name, radius, averaged].values())]
-            for name in of.INDICES for radius in RADII for averaged in (False, True)]
-    return {"corrections": of.table(["", "radius, µm", "", *SWITCHES], body)}
+    body = [[name, f"{radius:g}", *(f"{of.short(a)} / {of.short(b)}" for a, b in numbers[name, radius].values())]
+            for name in of.INDICES for radius in RADII]
+    return {"corrections": of.table(["", "radius, µm", *SWITCHES], body)}
 
 
 def draw(numbers):
@@ -55,7 +52,7 @@ def draw(numbers):
     for panel, name in zip(axes.flat, of.INDICES):
         for which in SWITCHES:
             alone = "alone" in which  # drawn over the wide lines that they mostly coincide with
-            panel.loglog(ALONG, [numbers[name, radius, True][which][0] for radius in ALONG], "o--" if alone else "o-", ms=3,
+            panel.loglog(ALONG, [numbers[name, radius][which][0] for radius in ALONG], "o--" if alone else "o-", ms=3,
                          label=which, color=COLOUR[which], lw=1.2 if alone or "all" in which else 3, zorder=3 if alone else 2)
         panel.set(title=f"{name.capitalize()}, index {of.INDICES[name]}")
         panel.set_xticks([2, 10, 100, 1000], ["2", "10", "100", "1000"])
