@@ -59,6 +59,7 @@ STREAMS = {
     "render.lamps": Stream(0x726C6D70, ("pass",)),
     "render.solid_angles": Stream(0x72736C61, ("lamp",)),
     "render.chains": Stream(0x7263686E, ("pass",)),
+    "render.shares": Stream(0x72736872, ("pass",)),
     "render.light": Stream(0x726C6774, ("pass",)),
     "render.shells": Stream(0x7273686C, ("radius",)),
 }

@@ -236,7 +236,7 @@ def test_beams_that_are_far_away_bring_numbers(baked, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["vrl", "vrl+tables"])
 def test_few_lines_of_sight_gather_for_all(baked, tmp_path, name):
-    """In a short render an eighth of them, with other random numbers: the same in the mean, with more noise."""
+    """In a short render those of an eighth of the pixels, with other random numbers: the same in the mean, with more noise."""
     how = transport(tmp_path, [baked()], {"ball": BALL}, PANEL, index=1.4)
     all_gather = methods.parts(how, name, "negative", 0)[1]
     assert all_gather.fewest == 1 / 8

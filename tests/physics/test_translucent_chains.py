@@ -17,6 +17,7 @@ import bakery
 from bakery.store import ply
 from renderers.materials.bodies import chains, methods
 from renderers.mitsuba.world import World
+from renderers.pictures.engine import in_time
 from tests.odds import SIGMAS
 
 INDEX, ALBEDO, HALF = 1.5, 0.9, 0.6  # half an edge, mean free paths
@@ -158,25 +159,27 @@ def transport(folder, asset, point, index=INDEX, around="", origin=AWAY * EYE, t
     return how, (2 * half_width) ** 2
 
 
-def measured(how, area, name, count):
-    """(passes, 4) W/sr, by events."""
+def measured(how, area, name, count, seconds=None):
+    """(passes, 4) W/sr, by events, of a render of so many seconds."""
     passes = []
     for number in range(count):
-        layers = [part.render(number) for part in methods.parts(how, name, "negative", 1)]
+        layers = [part.render(number) for part in in_time(methods.parts(how, name, "negative", 1), seconds)]
         passes.append([sum(layer[order].mean() for layer in layers) * area for order in ("order0", "order1", "order2", "orders")])
     return np.array(passes)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name, place, count", [
-    ("paths", "outside", 30), ("vrl", "outside", 20), ("vrl+tables", "outside", 20), ("beams", "outside", 12),
-    ("beams+tables", "outside", 12), ("paths", "inside", 40), ("vrl+tables", "inside", 25)])
-def test_light_that_glass_turns_back_is_there(glass, photons, tmp_path, name, place, count):
-    """By events; events near a point inside are bright and rare, so its noise is three times that of one outside."""
+@pytest.mark.parametrize("name, place, count, seconds", [
+    ("paths", "outside", 30, None), ("vrl", "outside", 20, None), ("vrl+tables", "outside", 20, None),
+    ("beams", "outside", 12, None), ("beams+tables", "outside", 12, None), ("paths", "inside", 40, None),
+    ("vrl+tables", "inside", 25, None), ("paths", "outside", 90, 1.0), ("vrl+tables", "outside", 90, 1.0)])
+def test_light_that_glass_turns_back_is_there(glass, photons, tmp_path, name, place, count, seconds):
+    """By events; events near a point inside are bright and rare, so its noise is three times that of one outside.  In a render
+    of a second shares of paths stand for all."""
     more = 3.0 if place == "inside" else 1.0
     all_light, turned_back = photons(place)
     how, area = transport(tmp_path, glass, POINTS[place])
-    ours = measured(how, area, name, count)
+    ours = measured(how, area, name, count, seconds)
     for select, within in ((slice(1, 2), 0.02), (slice(2, 3), 0.05), (slice(1, 4), 0.03)):
         theirs, mine = all_light[:, select].sum(axis=1), ours[:, select].sum(axis=1)
         error = math.hypot(theirs.std(ddof=1) / len(theirs)**0.5, mine.std(ddof=1) / len(mine)**0.5)

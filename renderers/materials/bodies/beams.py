@@ -21,7 +21,7 @@ import numpy as np
 from renderers.materials.bodies import _beams, _points, light, surfaces
 from renderers.materials.bodies._beams import CHANGED, Lit, Spread
 from renderers.materials.bodies._cells import Cells, cells_of
-from renderers.materials.bodies.paths import Paths
+from renderers.materials.bodies.paths import Paths, some
 from renderers.materials.bodies.setup import Sums
 from renderers.threads import run
 
@@ -106,15 +106,17 @@ class Joins(NamedTuple):
         (`_beams.Spread` or `_points.Disc`), each of every body
     every : whether flights after events gather, too; of `sets` then no beam begins at an event
     changed : `setup.Sums` of what half the width would change, or None
+    share : of the lines of sight, by chance, that gather for all
     """
 
     sets: list
     every: bool = False
     changed: Sums | None = None
+    share: float = 1.0
 
     def __call__(self, setup, paths, number, sums):
         """Adds what beams and points send to lines of sight in body `number`: those that come from a surface, or all."""
-        lines = paths.of(((paths.events == 0) | self.every) & (paths.throughput > 0).any(axis=1))
+        lines = some(paths, (paths.events == 0) | self.every, self.share)[1]
         if not lines.count:
             return
         brought, facing = np.zeros((CHANGED + 1, *lines.throughput.shape)), surfaces.facing(setup, lines)
@@ -126,11 +128,11 @@ class Joins(NamedTuple):
             self.changed.add(lines, brought[CHANGED] * lines.throughput @ setup.colours.to_rgb.T, CHANGED)
 
 
-def joins(setup, sets, points=(), every=False, changed=None) -> Joins:
+def joins(setup, sets, points=(), every=False, changed=None, share=1.0) -> Joins:
     """`Joins` of tuples of lit (`Lit`), `_beams.Spread`, and of tuples of `Points`, `_points.Disc`, each of every body."""
     sets = [(_beams.join, lit, list(map(_cells, setup.bodies, lit, spread)), spread) for lit, spread in sets]
     return Joins(sets + [(_points.join, its, list(map(_cells_of_points, setup.bodies, its, disc)), disc) for its, disc in points],
-                 every, changed)
+                 every, changed, share)
 
 
 def spread(radius, rival=None, against=None):

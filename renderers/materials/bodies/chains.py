@@ -27,13 +27,13 @@ _NUMBERS = 1 << 29  # passes whose places light comes in at are numbered from he
 _APART = 1 << 28  # random streams of lights are so far apart
 
 
-def gathering(setup, entries, number, seed, every, events, changed) -> beams.Joins:
+def gathering(setup, entries, number, seed, every, events, changed, share=1.0) -> beams.Joins:
     """What gathers the beams of a pass.
 
     setup : `setup.Transport`;  entries : `light.Entries` of each body
     every : whether all flights gather them; else those that come from surfaces alone
     events : whether beams count that begin at the first events of these
-    changed : `setup.Sums` of what half the width would change
+    changed : `setup.Sums` of what half the width would change;  share : of the lines of sight, by chance, that gather for all
     number, seed : of the pass: its random numbers
     """
     beams_of_bodies = _Collected(setup, events)
@@ -41,7 +41,7 @@ def gathering(setup, entries, number, seed, every, events, changed) -> beams.Joi
     _follow(setup, paths, power, joined_directly, beams_of_bodies)
     sets = zip(beams_of_bodies.concatenated(), beams.half_widths(setup), strict=True)
     return beams.joins(setup, [(lit, beams.spread(width * beams.narrower(number))) for lit, width in sets], every=every,
-                       changed=changed)
+                       changed=changed, share=share)
 
 
 def left_out(setup, seed) -> tuple[np.ndarray | None, list[str]]:

@@ -7,12 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from renderers.materials.bodies import _choice, _gather
+from renderers.materials.bodies.paths import some
 from renderers.materials.bodies.surfaces import facing
 from renderers.threads import run
 from renderers.transport import wavefront
 from renderers.transport.scattering import mean_cosines
-
-_WEAK = 0.1  # weight of lines of sight, below which not all of them gather
 
 
 class Gather(NamedTuple):
@@ -23,7 +22,6 @@ class Gather(NamedTuple):
     picks : beams for a line of sight;  fewer : of each body, for those that share what they gather
     shares : (pixels,) body of which the camera's lines of sight share it, or -1
     beyond : of each body (L,) m, distance of a mirror outside of its boundary; inf where there is none
-    share : of the lines of sight, by chance, that gather for all
     """
 
     beams: list
@@ -33,12 +31,11 @@ class Gather(NamedTuple):
     fewer: list
     shares: np.ndarray
     beyond: list
-    share: float = 1.0
 
     def __call__(self, transport, paths, number, sums):
         """Adds to sums what beams bring to lines of sight in body `number` that come from a surface."""
         body, beams = transport.bodies[number], self.beams[number]
-        rows, lines = sights(paths, self.share)
+        rows, lines = sights(paths)
         if not len(rows):
             return
         order = by_place(lines.origin, body.vertices)
@@ -63,16 +60,9 @@ class Gather(NamedTuple):
         sums.add(lines, beyond, 3)
 
 
-def sights(paths, share=1.0):
-    """A share of the lines of sight of paths that come from a surface, by chance, of little weight only some of these: their
-    numbers (m,) and themselves."""
-    rows = np.flatnonzero((paths.events == 0) & (paths.throughput > 0).any(axis=1))
-    numbers, chance = np.empty((paths.count, 1)), share * np.minimum(paths.throughput.max(axis=1) / _WEAK, 1.0)
-    wavefront.draw(paths.states, numbers)
-    rows = rows[numbers[rows, 0] < chance[rows]]
-    lines = paths.of(rows)
-    lines.throughput[:] /= chance[rows, None]
-    return rows, lines
+def sights(paths):
+    """Lines of sight of paths that come from a surface, as `some`: their rows and themselves."""
+    return some(paths, paths.events == 0)
 
 
 def by_place(points, vertices):

@@ -24,14 +24,16 @@ from renderers.pictures.engine import ORDERS, Part
 from renderers.pictures.passes import Method
 from renderers.scene.budget import percent
 from renderers.scene.declaration import settled
+from renderers.transport import wavefront
 from renderers.transport.paths import Colours
 
 ENTRIES, PICKS, _LEAST, _ALONE = 16384, 64, 4, 32
 _LIT = 1 << 15  # places on each boundary where beams begin that lines of sight meet
 _FIRST = 8192  # places that tell where light comes into a body
-# Of the lines of sight, that gather beams in passes of a short render: with tables a pass of bumpy_ball_point, 192 x 192, takes
+# Of the pixels, whose paths gather beams in passes of a short render: with tables a pass of bumpy_ball_point, 192 x 192, takes
 # 0.84 s in place of 2.8, and beams are a hundredth of its variance
 _FEWEST = 1 / 8
+_FEWEST_SEARCHED = 1 / 4  # and of those, and of the events, that light of lights without extent is looked for from there
 _LATER = 1 << 31  # passes of lines of sight that gather beams are numbered from here
 _BESIDE = 3 << 30  # and of those that meet beams
 _MOST = 31  # bodies of which one loop keeps in which a path is
@@ -174,15 +176,16 @@ def parts(setup, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS)
         # they bring lights without extent, too
         setup = setup._replace(bent=[[] for _ in setup.bodies])
     kinds = _Passes(setup, method, boundary, seed, _Counts(places, walks, picks))
-    of_kind = {FEW: Part(FEW, kinds.by_paths), GATHERED: _gathered(kinds.gathered), DIFFUSED: Part(DIFFUSED, kinds.diffused),
-               JOINED: Part(JOINED, kinds.joined), MUTATED: Part(MUTATED, kinds.mutations)}
+    of_kind = {FEW: _by_shares(FEW, kinds.by_paths, _FEWEST_SEARCHED), GATHERED: _by_shares(GATHERED, kinds.gathered, _FEWEST),
+               DIFFUSED: Part(DIFFUSED, kinds.diffused), JOINED: Part(JOINED, kinds.joined),
+               MUTATED: Part(MUTATED, kinds.mutations)}
     return tuple(_by_loop(setup, FEW, method, seed, kinds.most) if kind == FEW and looped else of_kind[kind]
-                 for kind in method.parts) or (Part(name, kinds.by_paths),)
+                 for kind in method.parts) or (_by_shares(name, kinds.by_paths, _FEWEST_SEARCHED),)
 
 
-def _gathered(passes, share=1) -> Part:
-    """The part of beams that lines of sight gather, of a short render a share of these."""
-    return Part(GATHERED, partial(passes, share=share), fewer=partial(_gathered, passes), fewest=_FEWEST)
+def _by_shares(name, passes, fewest, share=1) -> Part:
+    """A part of whose lines of sight a share, in short renders, gathers beams or has its light looked for."""
+    return Part(name, partial(passes, share=share), fewer=partial(_by_shares, name, passes, fewest), fewest=fewest)
 
 
 def _by_loop(setup, name, method, seed, most=None) -> Part:
@@ -229,12 +232,12 @@ class _Passes:
         self._second = [method.second(setup.world, body) for body in setup.bodies]
         self.most = [UNLIMITED if not method.parts else 1 if joins else 2 for joins in self._second]
 
-    def by_paths(self, number):
-        """Light that paths find by themselves, and that of lights without extent which they cannot find."""
-        setup, method = self._setup, self._method
+    def by_paths(self, number, share=1):
+        """Light that paths find by themselves, and that of lights without extent which they cannot find, of a share of them."""
+        setup, method = self._setup._replace(searched=share), self._method
         changed = Sums(self._size[0] * self._size[1], by_paths=False)
-        gather = chains.gathering(setup, self._entries, number, self._seed, not method.parts, method.beams_of_events, changed) \
-            if setup.chained else None
+        gather = chains.gathering(setup, self._entries, number, self._seed, not method.parts, method.beams_of_events, changed,
+                                  share) if setup.chained else None
         if method.joined:
             setup = setup._replace(rivals=self._rivals)
         sums = transport.from_eye(setup, self.most, gather, number, self._seed)
@@ -257,19 +260,22 @@ class _Passes:
         return {"": later, "orders": later, CLOSER: half - later}
 
     def gathered(self, number, share=1):
-        """Light of beams by a share of the lines of sight: by tables, or from virtual ray lights."""
+        """Light of beams that the paths of a share of the pixels gather for all: by tables, or from virtual ray lights."""
         setup, tabled, picks = self._setup, self._method.tabled, self._counts.picks
         beams_in = self._beams(number, negative=self._negative, by_events=not tabled)
         beyond = [_beyond(body, self._mirrored) for body in setup.bodies]
         number += _LATER
         view = self._view(number) if tabled else None
-        gathers = self._gathers(view, number) if tabled else None
+        gathers = self._gathers(view, number) if tabled else np.ones(self._size, bool)
         if tabled:
-            gather = Gather(beams_in, True, self._second, _ALONE, self._shared_picks, view.body.ravel(), beyond, share)
+            gather = Gather(beams_in, True, self._second, _ALONE, self._shared_picks, view.body.ravel(), beyond)
         else:
             nobody = np.full(self._size[0] * self._size[1], -1)
-            gather = Gather(beams_in, False, self._second, picks, [picks] * len(setup.bodies), nobody, beyond, share)
-        sums = transport.from_eye(setup, self.most, gather, number, self._seed, by_paths=False, chosen=gathers)
+            gather = Gather(beams_in, False, self._second, picks, [picks] * len(setup.bodies), nobody, beyond)
+        chosen = gathers & self._some(number, share)
+        sums = transport.from_eye(setup, self.most, gather, number, self._seed, by_paths=False, chosen=chosen)
+        sums.by_order /= share
+        sums.gathered /= share
         layers, later = self._images(sums), sums.gathered.reshape(*self._size, 3)
         if tabled:
             half, later = smooth.smoothed(later, gathers, view, 0.5), smooth.smoothed(later, gathers, view)
@@ -319,6 +325,13 @@ class _Passes:
     def _gathers(self, view, number):
         """Pixels that gather; all where what they find is not shared."""
         return np.ones(self._size, bool) if any(self._second) else smooth.chosen(view, number)
+
+    def _some(self, number, share):
+        """(H, W) bool, a share of the pixels, by chance."""
+        states, numbers = np.empty(math.prod(self._size), np.uint64), np.empty((math.prod(self._size), 1))
+        wavefront.begin_streams(kernels.stream_key(self._seed, "render.shares", number), 0, states)
+        wavefront.draw(states, numbers)
+        return numbers.reshape(self._size) < share
 
     @cached_property
     def _entries(self):

@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from renderers.transport import paths
+from renderers.transport import paths, wavefront
 
 UNLIMITED = 1 << 40  # events between two surfaces
+_WEAK = 0.1  # weight of paths, below which not all of them count
 
 
 class Paths(NamedTuple):
@@ -52,3 +53,16 @@ class Paths(NamedTuple):
                    bounces=np.zeros(n, np.int64))
 
     count, of = paths.Paths.count, paths.Paths.of
+
+
+def some(every, counts, share=1.0) -> tuple[np.ndarray, Paths]:
+    """A share of paths, by chance, of little weight only some of these: their rows (m,), and copies that stand for all.
+
+    every : `Paths`, of which each draws a number;  counts : (n,) bool, of which
+    """
+    numbers, chance = np.empty((every.count, 1)), share * np.minimum(every.throughput.max(axis=1) / _WEAK, 1.0)
+    wavefront.draw(every.states, numbers)
+    rows = np.flatnonzero(counts & (numbers[:, 0] < chance))
+    chosen = every.of(rows)
+    chosen.throughput[:] /= chance[rows, None]
+    return rows, chosen

@@ -23,6 +23,7 @@ class Transport(NamedTuple):
     points, enclosed : lights without extent (`renderers.mitsuba.world.IdealLight`) outside of all bodies whose boundary turns
         light, and inside of one
     lamps : numbers of the bodies that lights reach into, or nearly
+    searched : share of the events from which, by chance, ways of `bent` are looked for for all
     """
 
     world: object
@@ -35,6 +36,7 @@ class Transport(NamedTuple):
     points: tuple = ()
     enclosed: tuple = ()
     lamps: frozenset = frozenset()
+    searched: float = 1.0
 
     @property
     def chained(self):
