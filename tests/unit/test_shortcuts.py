@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from llvmlite import binding as llvm
 from numba import njit as njit_of_numba
 from numba.core import compiler, cpu, ir, postproc, types
+from numba.core.runtime import _nrt_python, rtsys
+from numba.core.runtime.context import NRTContext
 from numba.core.typing import templates
+from numba.np import arrayobj
 
 from bakery.system import linked, shortcuts
 from bakery.system.compiled import Overload, njit
 
 CHANGED = (
     (types.Function, "get_call_type"), (cpu.CPUContext, "refresh"), (ir.Inst, "_rec_list_vars"), (postproc.PostProcessor, "run"),
-    (templates._OverloadFunctionTemplate, "_get_jit_decorator"), (llvm.ffi.lib._lock, "_cblist"))
+    (templates._OverloadFunctionTemplate, "_get_jit_decorator"), (llvm.ffi.lib._lock, "_cblist"), (NRTContext, "get_meminfos"),
+    (arrayobj, "make_array"))
 
 
 def sums(count, values):
@@ -72,6 +78,54 @@ def test_a_kernel_with_other_flags_has_signatures_and_functions_of_its_own():
     x = np.array([1 + 2.0**-30, 1 - 2.0**-30])
     assert njit(spread)(x) == max(x[0] * x[1] + 1.0, x[1])
     assert njit(spread, fastmath={"contract"})(x) == pytest.approx(2.0, rel=1e-15)
+
+
+class Record(NamedTuple):
+    values: np.ndarray
+    count: int
+    inner: tuple[np.ndarray, float]
+
+
+def rows(record, indices):
+    """Reads and writes by negative, unsigned, partial, sliced and boolean indices; arrays of records outlive these."""
+    out = np.zeros((record.count, 3))
+    for i, index in enumerate(indices):
+        out[i] = record.values[index]
+        out[-1, i] += record.values[np.uint64(i), -1] * record.inner[1]
+        out[i, 1:] *= record.inner[0][::-1][:2]
+    out[0][record.values[0] > 0.5] = -1.0
+    kept = Record(out[:-1].T, len(out), (record.inner[0][1:], 2.0))
+    return kept.values, kept.inner[0]
+
+
+def test_records_and_indexed_arrays_are_what_they_are_without_them():
+    values = np.random.default_rng(3).random((4, 3))
+    record = Record(values, 4, (np.array([2.0, 3.0, 4.0]), 0.25))
+    result = njit(rows)(record, np.array([0, -1, 2]))
+    for mine, theirs, plain in zip(result, njit_of_numba(rows)(record, np.array([0, -1, 2])), rows(record, [0, -1, 2])):
+        assert np.array_equal(mine, theirs)
+        assert np.array_equal(mine, plain)
+
+
+def test_counts_of_references_are_kept():
+    """What a kernel returns is freed with its last name, and what it was given is not."""
+    def turned(record):
+        first = Record(record.values[::-1].copy(), record.count, (record.inner[0] + 1, 1.0))
+        return first, first.values[0]
+
+    kernel, given = njit(turned), Record(np.ones((5, 2)), 5, (np.arange(3.0), 1.0))
+    kernel(given)
+    _nrt_python.memsys_enable_stats()
+    try:
+        before = rtsys.get_allocation_stats()
+        for _ in range(20):
+            copy, row = kernel(given)
+        assert row.tolist() == [1.0, 1.0]
+        del copy, row
+        after = rtsys.get_allocation_stats()
+    finally:
+        _nrt_python.memsys_disable_stats()
+    assert after.alloc - before.alloc == after.free - before.free >= 40
 
 
 def test_variables_of_instructions_are_those_that_numba_lists():
