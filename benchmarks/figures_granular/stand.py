@@ -10,6 +10,7 @@ import numpy as np
 
 import bakery
 from bakery.physics.shapes.radial import icosphere
+from benchmarks.sizes import sized
 from renderers.materials.grains import material
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -40,7 +41,7 @@ def asset(recipe, **settings):
         text, recipe = recipe, folder() / "own.yaml"
         recipe.write_text(text)
     made = folder() / f"{recipe.stem}.h5"
-    bakery.bake(recipe, output=made, settings=settings)
+    bakery.bake(recipe, output=made, settings=sized({}, {"tolerance": "20%", "packing.count": "100"}) | settings)
     return bakery.open(made)
 
 

@@ -9,7 +9,7 @@ from . import stand
 
 PAGE = "measurements/translucent.md"
 RADII = sized((0.5, 2.0, 5.0, 20.0, 100.0), (2.0,))  # mean free paths
-ALBEDOS, COSINES, INDICES = sized((0.5, 0.95, 0.99, 0.999), (0.5,)), sized((0.0, 0.8), (0.0,)), (1.0, 1.4)
+ALBEDOS, COSINES, INDICES = sized((0.5, 0.95, 0.99, 0.999), (0.5,)), sized((0.0, 0.8), (0.0,)), sized((1.0, 1.4), (1.4,))
 BOUNDARIES = ("negative", "mirrored", "none")
 SECONDS = {"paths": 3.0, "few": 1.0, "negative": 3.5, "mirrored": 1.0, "none": 1.0}
 OF = 2  # pictures are so many times smaller than asked for

@@ -17,7 +17,7 @@ CASES = {
     "the same, with index 1.4": (5.0, 1.0, 0.0, 1.4, True),
     "50, albedo 1, light 1 from everywhere": (50.0, 1.0, 0.0, 1.0, True),
 }
-CASES = dict(list(CASES.items())[::sized(1, 6)])
+CASES = dict(list(CASES.items())[:sized(None, 1)])
 SECONDS = {"paths": 6.0}
 OTHERS = 3.0
 OF = 2  # pictures are so many times smaller than asked for

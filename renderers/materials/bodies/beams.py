@@ -96,7 +96,7 @@ def begun(origin, direction, length, power, before):
 def of(origin, direction, normal, length, power, density, before) -> Lit:
     """`Lit` of arrays of any layout."""
     return Lit(*map(np.ascontiguousarray, (np.concatenate([origin, direction], axis=1), normal, length, power,
-                                           np.asarray(density, float), np.broadcast_to(np.int64(before), len(length)))))
+                                           np.asarray(density, float), np.full(len(length), before, np.int64))))
 
 
 class Joins(NamedTuple):
