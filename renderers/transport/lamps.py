@@ -32,6 +32,7 @@ import mitsuba as mi  # isort: skip
 # Lanes without space leave lamps to chance: with two scatterings a path the cup had 2.9 times the variance, and 4.1 times where a
 # lane has a single pixel.  Memory that has no record takes no place: the cup has 1.07 GB, with two 0.58
 SCATTERINGS, ARRIVALS = (8.0, 8), (0.25, 2)
+_TRIED = 1 << 14  # walks that tell how many end
 _SHORT = 1e-3  # of the distance to a lamp: the ray that meets it begins so far before the point
 
 
@@ -170,6 +171,21 @@ class Lamps:
         if arrival is not None:
             share = self._share(arrival)
             yield self._columns(arrival, [value * share for value in arrival.light])
+
+    def success(self):
+        """Share of walks that end, from places near boundaries, by how likely lamps are looked for from there."""
+        manifold, random = self._manifold, mi.PCG32(_TRIED)
+        low, high = (mi.Point3f(*map(float, corner)) for corner in manifold.box)
+        x = low + (high - low) * mi.Vector3f(*(random.next_float32() for _ in range(3)))
+        u, v = (mi.Point2f(random.next_float32(), random.next_float32()) for _ in range(2))
+        ray = mi.Ray3f(x, mi.warp.square_to_uniform_sphere(u))
+        hit = self._scene.scene.ray_intersect_preliminary(ray, coherent=False)
+        active = hit.is_valid() & self._scene.boundaries.is_body(hit.shape) & manifold.begins_within(ray)
+        lamp = self._drawn(random.next_float32()) if self._cumulated else dr.zeros(mi.UInt32, _TRIED)
+        chance = self._chance(self._scene.boundaries.medium(hit.shape), x, lamp, active)
+        chance, ends = (np.array(dr.select(active, values, 0), float) for values in (
+            chance, self._walk(x, self._drawn_points(lamp, x, v, active))[1]))
+        return float((chance * ends).sum() / max(chance.sum(), 1e-30))
 
     def _columns(self, record, light):
         return record.number, record.order, dr.gather(mi.EmitterPtr, self._emitters, record.lamp), light

@@ -18,8 +18,12 @@ from renderers.transport import media, specular
 
 import mitsuba as mi  # isort: skip
 
-# records of a lane, for each path, and at least: a glass of milk has 1.3 a path of its picture
-SPACE = 3.0, 8
+# records of a lane, for each path, and at least: a glass of milk has 1.3 a path of its picture.  With a pixel a lane, three
+# have 1.6 times the variance of eight, in 0.9 of the time
+SPACE = 8.0, 8
+# of the light of voxels and bins, that neighbours get.  Variance times time with over without: the shipped glass of milk 0.85,
+# milk that shares the tumbler's inner wall, under a lamp of 25 mm, 0.85
+BLUR = 0.1
 
 
 @dataclass

@@ -33,6 +33,7 @@ def widest(monkeypatch, angle):
         monkeypatch.setattr(solid_angles, name, angle)
     monkeypatch.setattr(samples, "_SHARE", 0.0)
     monkeypatch.setattr(samples, "_CONTRAST", 0.0)
+    monkeypatch.setattr(samples, "_SUCCESS", 0.0)
 
 
 @pytest.fixture
@@ -170,8 +171,8 @@ def test_solid_angles_are_those_of_neighbouring_walks(tmp_path):
 
 
 def test_lamps_are_looked_for_from_below_the_boundary(tmp_path):
-    """Points in a ball, up to 0.1 below the half of the boundary that the lamp shines on, are told to be near it, not as far
-    from it as the lamp, whose way voxels outside of the ball see free.  A voxel has an edge of 0.25: a point sees a diagonal."""
+    """Points in a ball, up to 0.1 below the half of the boundary that the lamp shines on, are told to be near it, not as far from
+    it as the lamp, which voxels outside of the ball see.  A voxel has an edge of 0.25."""
     how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, LAMP, [1.4])
     small = Scene(how.world, how.bodies, how.colours).lamps.small
     random, lamp, n = np.random.default_rng(0), np.array([3.0, -4.0, 8.0]), 4000
@@ -183,6 +184,16 @@ def test_lamps_are_looked_for_from_below_the_boundary(tmp_path):
     x = x[cosine > 0.3].astype(np.float32)
     distance = np.array(small._distances.of(mi.Point3f(*map(mi.Float, x.T)), mi.UInt32(0), True))
     assert distance.max() < 2
+
+
+def test_directions_where_few_walks_end(tmp_path, monkeypatch):
+    """Most end on a ball.  Where fewer than are asked for do, directions are drawn for all lights."""
+    how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, LAMP + FLOOR, [1.4])
+    drawn = Scene(how.world, how.bodies, how.colours).lamps
+    assert drawn.small and not drawn.wide and 0.75 < drawn.small.success() <= 1
+    monkeypatch.setattr(samples, "_SUCCESS", 1.1)
+    drawn = Scene(how.world, how.bodies, how.colours).lamps
+    assert drawn.wide and not drawn.small
 
 
 def test_which_lamps_are_drawn(tmp_path):
