@@ -86,6 +86,13 @@ def means(*args, **more):
     return passes(*args, **more).mean(axis=(1, 2, 3))
 
 
+def means_of_layers(how, name, layers, *, numbers, seed=0):
+    """Means (layers, passes) of pictures that are rendered once for all layers."""
+    parts = methods.parts(how, name, "negative", seed)
+    pictures = [[part.render(number) for part in parts] for number in numbers]
+    return np.array([[sum(part[layer] for part in picture).mean() for picture in pictures] for layer in layers])
+
+
 def chance(ours, theirs):
     """That means of two sets of passes differ by chance as they do (Welch's t)."""
     return stats.ttest_ind(ours, theirs, equal_var=False).pvalue

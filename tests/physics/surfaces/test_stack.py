@@ -150,7 +150,7 @@ def test_facets_over_what_reflects_totally(monkeypatch):
     for count in (48, rough._KINKED, 2 * rough._KINKED):
         monkeypatch.setattr(rough, "_KINKED", count)
         facets_between.cache_clear()
-        values.append(solve(slab, wanted, 16, 1e-3).reflection(MU, MU0, PHI))
+        values.append(solve(slab, wanted, 8, 1e-3).reflection(MU, MU0, PHI))
     facets_between.cache_clear()
     few, enough = (np.abs(value / values[2] - 1).max() for value in values[:2])
     assert enough < 0.02 and 4 * enough < few, (few, enough)
