@@ -24,7 +24,7 @@ class Front(NamedTuple):
     """Where light of one light comes in.
 
     corners, normals, ahead : (F, 3, 3) m, unit, unit, of triangles, and directions of refracted light at their corners
-    wide : (F, 2) m, 1, at most: how far corners are off the mean of them, and these directions off theirs
+    off_mean : (F, 2) m, 1, at most: how far corners are off the mean of them, and these directions off theirs
     light : (3,) m, place of the light, or, of a `distant` one, unit, direction towards it
     index : refractive index inside over that outside
     """
@@ -32,7 +32,7 @@ class Front(NamedTuple):
     corners: np.ndarray
     normals: np.ndarray
     ahead: np.ndarray
-    wide: np.ndarray
+    off_mean: np.ndarray
     light: np.ndarray
     distant: bool
     index: float
@@ -103,8 +103,8 @@ def _refracted(front, f, u, v):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def directions(front, spread, begin, end):
-    """Makes `ahead` and `wide` of triangles, and spread (F,), how far light refracted in them is off a linear law; negative of
-    those that face away from the light."""
+    """Makes `ahead` and `off_mean` of triangles, and spread (F,), how far light refracted in them is off a linear law; negative
+    of those that face away from the light."""
     front = lent(front)
     light = front.light[0], front.light[1], front.light[2]
     for f in range(begin, end):
@@ -114,10 +114,10 @@ def directions(front, spread, begin, end):
             d = _refracted(front, f, u, v)[3]
             front.ahead[f, k, 0], front.ahead[f, k, 1], front.ahead[f, k, 2] = d
         for column, array in enumerate((front.corners, front.ahead)):
-            front.wide[f, column] = 0.0
+            front.off_mean[f, column] = 0.0
             for k in range(3):
                 off = _plus(_row(array, f, k), -1.0, _at(array, f, 1 / 3, 1 / 3))
-                front.wide[f, column] = max(front.wide[f, column], math.sqrt(_dot(off, off)))
+                front.off_mean[f, column] = max(front.off_mean[f, column], math.sqrt(_dot(off, off)))
         most = 0.0
         for u, v in ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5), (1 / 3, 1 / 3)):
             off = _plus(_refracted(front, f, u, v)[3], -1.0, _at(front.ahead, f, u, v))
@@ -157,7 +157,8 @@ def _cubic(c, s):
 def _near(front, f, y, longest):
     """From which distance to which, up to the longest, point y may be in a front of light of triangle f or `_OUTSIDE` of it."""
     d, wider = _at(front.ahead, f, 1 / 3, 1 / 3), 1 + 3 * _OUTSIDE
-    r, radius, turns = _plus(y, -1.0, _at(front.corners, f, 1 / 3, 1 / 3)), wider * front.wide[f, 0], wider * front.wide[f, 1]
+    r = _plus(y, -1.0, _at(front.corners, f, 1 / 3, 1 / 3))
+    radius, turns = wider * front.off_mean[f, 0], wider * front.off_mean[f, 1]
     # |r - s d| is at most radius + s turns
     a, b = _dot(d, d) - turns * turns, _dot(r, d) + radius * turns
     square = b * b - a * (_dot(r, r) - radius * radius)

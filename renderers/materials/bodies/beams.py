@@ -21,7 +21,7 @@ import numpy as np
 from renderers.materials.bodies import _beams, _points, light, surfaces
 from renderers.materials.bodies._beams import CHANGED, Lit, Spread
 from renderers.materials.bodies._cells import Cells, cells_of
-from renderers.materials.bodies.paths import Paths, some
+from renderers.materials.bodies.paths import Paths, thinned
 from renderers.materials.bodies.setup import Sums
 from renderers.threads import run
 
@@ -116,7 +116,9 @@ class Joins(NamedTuple):
 
     def __call__(self, setup, paths, number, sums):
         """Adds what beams and points send to lines of sight in body `number`: those that come from a surface, or all."""
-        lines = some(paths, (paths.events == 0) | self.every, self.share)[1]
+        sights = (paths.events == 0) | self.every
+        # all of them, also of little weight: near a light inside few are bright
+        lines = thinned(paths, sights, self.share)[1] if self.share < 1 else paths.of(sights & (paths.throughput > 0).any(axis=1))
         if not lines.count:
             return
         brought, facing = np.zeros((CHANGED + 1, *lines.throughput.shape)), surfaces.facing(setup, lines)

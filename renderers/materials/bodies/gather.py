@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from renderers.materials.bodies import _choice, _gather
-from renderers.materials.bodies.paths import some
+from renderers.materials.bodies.paths import thinned
 from renderers.materials.bodies.surfaces import facing
 from renderers.threads import run
 from renderers.transport import wavefront
@@ -62,7 +62,7 @@ class Gather(NamedTuple):
 
 def sights(paths):
     """Lines of sight of paths that come from a surface, as `some`: their rows and themselves."""
-    return some(paths, paths.events == 0)
+    return thinned(paths, paths.events == 0)
 
 
 def by_place(points, vertices):

@@ -55,7 +55,7 @@ class Paths(NamedTuple):
     count, of = paths.Paths.count, paths.Paths.of
 
 
-def some(every, counts, share=1.0) -> tuple[np.ndarray, Paths]:
+def thinned(every, counts, share=1.0) -> tuple[np.ndarray, Paths]:
     """A share of paths, by chance, of little weight only some of these: their rows (m,), and copies that stand for all.
 
     every : `Paths`, of which each draws a number;  counts : (n,) bool, of which

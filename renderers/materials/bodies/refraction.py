@@ -55,8 +55,8 @@ def _ways(corners, normals, light, index):
     low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
     # voxels about as wide as the tubes
     edge = float((high - low).max()) / np.clip(np.sqrt(len(corners)) / 2, 1, _VOXELS)
-    ahead, wide, spread = np.empty(corners.shape), np.empty((len(corners), 2)), np.empty(len(corners))
-    front = Front(corners, normals, ahead, wide, light.place, light.distant, index)
+    ahead, off_mean, spread = np.empty(corners.shape), np.empty((len(corners), 2)), np.empty(len(corners))
+    front = Front(corners, normals, ahead, off_mean, light.place, light.distant, index)
     run(_refraction.directions, len(corners), front, spread)
     return front, cells_of(low, high, edge, _refraction.entered, front, spread)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from bakery.kernels import stream_key
 from renderers.materials.bodies import _beams, _geometry, _walk, refraction
-from renderers.materials.bodies.paths import Paths, some
+from renderers.materials.bodies.paths import Paths, thinned
 from renderers.materials.bodies.setup import Sums
 from renderers.materials.bodies.surfaces import at_surfaces, located, splits
 from renderers.threads import run
@@ -160,8 +160,9 @@ def transmittance(transport, origin, towards, distance, bright):
 
 def _add_refracted_light(transport, number, bent, paths, sums):
     """Adds what a light without extent sends through the boundary of body `number` to events in it."""
-    paths = some(paths, np.ones(paths.count, bool), transport.searched)[1]
-    wavefront.skip(paths.states, 1 << 43)
+    if transport.searched < 1:
+        paths = thinned(paths, np.ones(paths.count, bool), transport.searched)[1]
+        wavefront.skip(paths.states, 1 << 43)
     ways = refraction.joined(transport, number, bent, paths)
     with_light = np.flatnonzero(ways.share > 0)
     if not len(with_light):
