@@ -113,15 +113,19 @@ def test_beams_of_negative_power_leave_no_picture_below_0(call, place):
     """Behind glass: 0 in the picture where the estimate is below, which its layer keeps; of 12 seeds the scatter of the means is
     what two passes state, within a factor that 11 and 12 to 24 degrees of freedom leave once in 10,000 runs."""
     (place / "lit.xml").write_text(XML.replace('<bsdf type="null"/>', '<bsdf type="dielectric"/>', 1))
-    means, stated = [], []
+    means, stated, below = [], [], 0
     for seed in range(12):
         report, found = rendered(call, place, "a", "materials[0].method=vrl+tables", options=("--seed", str(seed), "--overwrite"))
-        kept, shown = picture(found, "signed."), picture(found)
-        assert (kept < 0).any() and report["below_zero"]["raised"] > 0 and np.array_equal(shown, np.maximum(kept, 0))
+        shown = picture(found)
+        kept = picture(found, "signed.") if report["below_zero"] else shown  # of few pixels all may be above 0
+        below += (kept < 0).any()
+        assert np.array_equal(shown, np.maximum(kept, 0))
+        assert (kept < 0).any() == bool(report["below_zero"]) and (not report["below_zero"] or report["below_zero"]["raised"] > 0)
         assert (np.stack([found[f"noise.{c}"] for c in "RGB"], axis=-1) >= shown - kept).all()
         means.append(np.mean(kept @ [0.2126, 0.7152, 0.0722]))
         stated.append(report["noise_mean"])
         assert report["noise"] > report["noise_region"] > 0
+    assert below > 5
     ratio = np.std(means, ddof=1) / np.mean(means) / np.sqrt(np.mean(np.square(stated)))
     assert 0.15 < ratio < 2.5
 
