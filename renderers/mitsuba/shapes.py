@@ -63,10 +63,10 @@ def leaning(shape, angle) -> float:
     return float(area[cosine < math.cos(angle) * area].sum() / area.sum())
 
 
-def lying_on(shape, other, unit) -> float:
+def lying_on(shape, surface, unit) -> float:
     """Share of the area of a mesh that lies on another, so near that a ray which leaves one of them misses the other.
 
-    shape, other : `Shape` with vertices and faces;  unit : m, length of 1 in the scene
+    shape, surface : `Shape` with vertices and faces;  unit : m, length of 1 in the scene
     """
     import mitsuba as mi
 
@@ -78,7 +78,7 @@ def lying_on(shape, other, unit) -> float:
     reach = mi.math.RayEpsilon * (1 + np.abs(points).max(axis=1))  # as far from a surface Mitsuba's rays begin anew
     ray = mi.Ray3f(*(mi.Vector3f(*column.astype(np.float32).T) for column in (points + reach[:, None] * normals, -normals)))
     ray.maxt = mi.Float((2 * reach).astype(np.float32))
-    return float(area[np.array(mesh_scene(other.vertices, other.faces, unit).ray_test(ray), bool)].sum() / area.sum())
+    return float(area[np.array(mesh_scene(surface.vertices, surface.faces, unit).ray_test(ray), bool)].sum() / area.sum())
 
 
 def mesh_scene(vertices, faces, unit):

@@ -105,16 +105,16 @@ def lies_on_glass(world, bodies):
     """Sentences on bodies that lie on glass which is no body: rays that meet one of both surfaces miss the other there."""
     shapes, names = world.shapes(), {body.name for body in bodies}
     glass = [shape for shape in shapes if shape.index is not None and shape.faces is not None and shape.name not in names]
-    shares = {(shape.name, other.name): lying_on(shape, other, world.unit)
-              for shape in shapes if shape.name in names for other in glass if _near(shape.box, other.box)}
-    return [f"{percent(share)} of the boundary of {name} lie on {other}: light that meets one of the surfaces misses the other; "
-            f"leave a gap, or make {other} solid where {name} is, and boundary.index that of {name} over that of {other}"
-            for (name, other), share in shares.items() if share > _TOUCHING]
+    shares = {(shape.name, pane.name): lying_on(shape, pane, world.unit)
+              for shape in shapes if shape.name in names for pane in glass if _near(shape.box, pane.box)}
+    return [f"{percent(share)} of the boundary of {name} lie on {pane}: light that meets one of the surfaces misses the other; "
+            f"leave a gap, or make {pane} solid where {name} is, and boundary.index that of {name} over that of {pane}"
+            for (name, pane), share in shares.items() if share > _TOUCHING]
 
 
-def _near(box, other):
-    beyond = 1e-3 * (np.ptp(box, axis=0).max() + np.ptp(other, axis=0).max())
-    return bool((box[0] <= other[1] + beyond).all() and (other[0] <= box[1] + beyond).all())
+def _near(first, second):
+    beyond = 1e-3 * (np.ptp(first, axis=0).max() + np.ptp(second, axis=0).max())
+    return bool((first[0] <= second[1] + beyond).all() and (second[0] <= first[1] + beyond).all())
 
 
 def rounding(body) -> float:
