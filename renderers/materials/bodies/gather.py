@@ -61,7 +61,7 @@ class Gather(NamedTuple):
 
 
 def sights(paths):
-    """Lines of sight of paths that come from a surface, as `some`: their rows and themselves."""
+    """Lines of sight of paths that come from a surface, as `thinned`: their rows and themselves."""
     return thinned(paths, paths.events == 0)
 
 

@@ -272,7 +272,7 @@ class _Passes:
         else:
             nobody = np.full(self._size[0] * self._size[1], -1)
             gather = Gather(beams_in, False, self._second, picks, [picks] * len(setup.bodies), nobody, beyond)
-        chosen = gathers & self._some(number, share)
+        chosen = gathers & self._gathering_pixels(number, share)
         sums = transport.from_eye(setup, self.most, gather, number, self._seed, by_paths=False, chosen=chosen)
         sums.by_order /= share
         sums.gathered /= share
@@ -326,7 +326,7 @@ class _Passes:
         """Pixels that gather; all where what they find is not shared."""
         return np.ones(self._size, bool) if any(self._second) else smooth.chosen(view, number)
 
-    def _some(self, number, share):
+    def _gathering_pixels(self, number, share):
         """(H, W) bool, a share of the pixels, by chance."""
         states, numbers = np.empty(math.prod(self._size), np.uint64), np.empty((math.prod(self._size), 1))
         wavefront.begin_streams(kernels.stream_key(self._seed, "render.shares", number), 0, states)

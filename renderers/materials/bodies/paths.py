@@ -56,7 +56,7 @@ class Paths(NamedTuple):
 
 
 def thinned(every, counts, share=1.0) -> tuple[np.ndarray, Paths]:
-    """A share of paths, by chance, of little weight only some of these: their rows (m,), and copies that stand for all.
+    """A share of paths, by chance, and fewer of little weight: their rows (m,), and copies that stand for all.
 
     every : `Paths`, of which each draws a number;  counts : (n,) bool, of which
     """
