@@ -19,7 +19,7 @@ FRAME = """<!-- A street at night.  Written by night_street.py.  Lengths in m, z
     <transform name="to_world"> <lookat origin="-1.6, -6, 1.7" target="0.5, 30, 4.4" up="0, 0, 1"/> </transform>
     <film type="hdrfilm">
         <integer name="width" value="800"/> <integer name="height" value="450"/>
-        <rfilter type="gaussian"/>
+        <rfilter type="box"/>
     </film>
     <sampler type="independent"> <integer name="sample_count" value="512"/> </sampler>
 </sensor>

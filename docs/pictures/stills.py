@@ -1,9 +1,9 @@
 """Renders the shipped scenes as docs/ shows them: `python docs/pictures/stills.py [NAME …] [--time 90] [--keep]`.
 
 The longer side gets so many pixels.  A render ends after the time, or once its pixels have a noise of 4 %, and has its noise
-taken out; the picture beneath a filter of fog ends after the time, or its samples.  Noise, samples and seconds of each are
-printed.  `--keep` puts the PNG into this folder, with colours as coarse as it takes to stay below 450 kB; `--only-keep` does that
-with what an earlier call has rendered.
+taken out; the picture beneath a filter of fog ends after the time, or its samples, and has its noise taken out, too.  Noise,
+samples and seconds of each are printed.  `--keep` puts the PNG into this folder, with colours as coarse as it takes to stay below
+450 kB; `--only-keep` does that with what an earlier call has rendered.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def of_fog(scene, folder: Path, longest: int) -> list[str]:
         larger = f'name="{side}" value="{round(pixels * longest / max(sides.values()))}"'
         text = re.sub(SIDE.format(side), larger, text)
     (folder / shipped.name).write_text(text)
-    return ["--set", f"picture.mitsuba={(folder / shipped.name).resolve()}"]
+    return ["--denoise", "--set", f"picture.mitsuba={(folder / shipped.name).resolve()}"]
 
 
 def settings(path: Path, folder: Path, longest: int, seconds: float) -> list[str]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from bakery.errors import UsageError
 from renderers import colour
+from renderers.pictures import denoise
 
 
 def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None, threads=None,
@@ -38,7 +39,8 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     -----
     Noise of a picture from Mitsuba is that of two halves of its passes, each of which is filtered; of files it is not known.
     The EXR holds R, G, B, that noise as `noise.R` … (standard error, a mean over some pixels), the picture without fog as
-    `clear.R`, `clear.G`, `clear.B`, and `distance` (m): with
+    `clear.R`, `clear.G`, `clear.B`, both without their noise where that is taken out (`denoised.R` …, `denoised.clear.R` …), and
+    `distance` (m): with
     `picture: {color: X.exr, layer: clear, depth: X.exr, channel: distance, measure: distance}` it gets other fog in seconds.
     """
     from renderers.fog.view import View
@@ -65,11 +67,29 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
         progress(0.9)
     sunlight = _sunlight(scene, asset, medium, density, view.origin, view.rays, view.distance)
     job.part_over("sun")
-    return _finished(job, picture, view, unsure, sunlight, result + sunlight, quality)
+    filters, remarks = denoise.chosen(scene.values, quality, picture.shared) if picture.cleared else (False, [])
+    clean = None
+    if filters:
+        clean = _denoised(picture.cleared(), view, sunlight)
+        remarks = [*remarks, denoise.sentence(clean.figures)]
+        job.part_over("denoising")
+    return _finished(job, picture, view, unsure, sunlight, result + sunlight, clean, remarks)
 
 
-def _finished(job, picture, view, unsure, sunlight, rgb, quality):
-    """Writes the picture rgb (H, W, 3), with its error `unsure` (H, W, 3) or None, and gives the report."""
+def _denoised(clear, view, sunlight):
+    """The foggy picture of the one without noise and without fog; `denoised.clear` of the EXR is that."""
+    from renderers.pictures.running import rgb_layers
+
+    rgb = view.seen(clear.rgb) + sunlight
+    channels = clear.channels | rgb_layers(denoise.PREFIX, rgb) | rgb_layers(f"{denoise.PREFIX}clear.", clear.rgb)
+    return clear._replace(rgb=rgb, channels=channels)
+
+
+def _finished(job, picture, view, unsure, sunlight, rgb, clean, remarks):
+    """Writes the picture rgb (H, W, 3), with its error `unsure` (H, W, 3) or None, and gives the report.
+
+    clean, remarks : `Denoised` of what the PNG shows, or None; sentences
+    """
     from renderers.fog import noise
     from renderers.pictures import images, reached
     from renderers.pictures.running import rgb_layers
@@ -79,8 +99,8 @@ def _finished(job, picture, view, unsure, sunlight, rgb, quality):
     layers, relative = rgb_layers("clear.", picture.rgb) | {"distance": picture.distance}, None
     if unsure is not None:
         layers, relative = layers | noise.layers(unsure), images.relative_noise(rgb, unsure)
-    wanted = reached.coarser(quality) * budget.of(job.scene).noise if reached.asked(job.scene.values) else None
-    return job.finish(rgb, layers=layers, method="screen", reasons=_reasons(view, total),
+    wanted = reached.coarser(job.quality) * budget.of(job.scene).noise if reached.asked(job.scene.values) else None
+    return job.finish(rgb, layers=layers, method="screen", reasons=[*_reasons(view, total), *remarks], denoised=clean,
                       samples=picture.made.get("samples"), picture=picture.made, noise=relative,
                       unreached=reached.unreached(picture.made.get("stopped_by", ""), wanted, relative),
                       **_figures(view, picture, sunlight, total))

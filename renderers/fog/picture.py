@@ -4,6 +4,7 @@ A pixel has one distance, that of the ray through its centre.  A mean over the p
 halfway to the hill behind, where nothing is; the smallest distance would widen what is near.  Colours at edges stay means.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -12,10 +13,13 @@ import numpy as np
 
 from bakery.errors import UsageError
 from renderers.camera import Camera, length
-from renderers.pictures import images, reached
+from renderers.pictures import denoise, images, reached
+from renderers.pictures.means import student
 
 _ALPHA = 1 - 1e-6
 _MOST = 1 << 20  # samples a pixel, where noise ends a picture
+_FEATURES = 16  # samples a pixel of albedo and normal
+_SHARED = 'the film spreads samples over pixels; <rfilter type="box"/> keeps them apart'
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +32,8 @@ class Picture:
     made : dict, how, for the report
     unsure : (H, W, 3), half the difference of two halves of the passes, whose square is in the mean the variance of `rgb`; None
         of files
+    cleared : function that gives the same without its noise, a `renderers.pictures.denoise.Denoised`; None of files
+    shared : sentence, why its pixels share their noise; "" where they do not
     """
 
     rgb: np.ndarray
@@ -35,6 +41,8 @@ class Picture:
     camera: Camera
     made: dict = field(default_factory=dict)
     unsure: np.ndarray | None = None
+    cleared: Callable[[], denoise.Denoised] | None = None
+    shared: str = ""
 
 
 # ---- from files
@@ -204,7 +212,25 @@ def from_mitsuba(path, until=_AS_ASKED, *, unit=1.0, quality="final", variant=No
                             measure=_noise_in(view_of(camera, distance)) if noise and view_of else None, progress=progress)
     origin = {"from": "mitsuba", "scene": str(path), "variant": chosen, "reason": reason, "samples": picture.samples,
             "noise": picture.noise, "stopped_by": picture.stopped_by, "at_most": at_most}
-    return Picture(picture.rgb, distance, camera, origin, _error(picture))
+
+    def cleared():
+        return denoise.denoised({"picture": (picture.rgb, picture.variance)}, features=_features(scene, distance),
+                                widened={"picture": student([1.0], [picture.passes])})
+
+    shared = "" if first.film().rfilter().is_box_filter() else _SHARED
+    return Picture(picture.rgb, distance, camera, origin, _error(picture), cleared, shared)
+
+
+def _features(scene, distance):
+    """Albedo and normal of the surfaces that the camera meets first, for the filter."""
+    import mitsuba as mi
+
+    from renderers.mitsuba.recording import undisturbed
+
+    integrator = mi.load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"})
+    with undisturbed():
+        layers = np.array(mi.render(scene, integrator=integrator, spp=_FEATURES), dtype=float)
+    return denoise.Features(np.clip(layers[..., -6:-3], 0, 1), layers[..., -3:], distance)
 
 
 def _noise_in(view):

@@ -156,6 +156,9 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
         yield owner(picture).problem("missing", "expected camera: {origin: …, target: …, fov: …}, of this picture", key="camera")
     if isinstance(picture, Mapping) and "mitsuba" not in picture and "stop" in root:
         yield root.names["stop"].problem("found when to stop beside a picture from files", "expected none: it is not rendered")
+    if isinstance(picture, Mapping) and "mitsuba" not in picture and values.get("denoise") == "yes":
+        yield owner(root["denoise"]).problem("found yes beside a picture from files",
+                                             "expected no, or a picture that is rendered: the noise of files is not known")
     yield from direction_problems(root, values, "fog.density.up")
     yield from _grid(root, values)
     lights = node_at(root, "fog.light")

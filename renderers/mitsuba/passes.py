@@ -17,8 +17,9 @@ class Picture:
 
     rgb : (H, W, 3) linear sRGB
     halves : pair of (H, W, 3), means of the even and of the odd passes
-    variance : (H, W, 3), of `rgb`, from the scatter of the passes
+    variance : (H, W, 4), of `rgb` and its luminance, from the scatter of the passes
     samples : per pixel and wavelength
+    passes : that they took
     noise : root mean square standard error of the luminance over its mean
     stopped_by : `noise`, `samples` or `time`; None of what goes on
     seconds : wall time
@@ -28,6 +29,7 @@ class Picture:
     halves: tuple[np.ndarray, np.ndarray]
     variance: np.ndarray
     samples: int
+    passes: int
     noise: float
     stopped_by: str | None
     seconds: float
@@ -86,7 +88,8 @@ class _Halves(Passes):
 
     def picture(self) -> Picture:
         """What there is after two passes or more."""
-        return Picture(self.rgb, self.halves, self.variance[..., :3], self.samples, self.noise, self.stopped_by, self.spent)
+        mean, = self.means.values()
+        return Picture(self.rgb, self.halves, self.variance, self.samples, mean.count, self.noise, self.stopped_by, self.spent)
 
     def _noise_to_reach(self, stop):
         noise = super()._noise_to_reach(stop)

@@ -21,6 +21,7 @@ from renderers.scene.frames import read as read_frames
 
 FORMAT = 2
 FILES = ("scene.mitsuba",)  # keys of files
+DENOISE = ("auto", "yes", "no")
 
 # scenes are as large as rooms and landscapes: their lengths are in m
 LENGTH = Quantity("length", "lengths", "m", {"um": -6, "mm": -3, "cm": -2, "m": 0, "km": 3}, "m")
@@ -149,6 +150,7 @@ class Every(Section):
     display: Display = Field(
         Display.model_construct(curve="reinhard", exposure=1.0, white=4.0), description="How the PNG shows the picture."
     )
+    denoise: word(*DENOISE) = Field("auto", description="Whether noise is removed from the PNG; auto: at draft and preview.")
     frames: leaf(read_frames, {"type": "object"}) | None = Field(
         None, description="For a sequence: dotted key -> its value in each frame; used by `--frames` only."
     )

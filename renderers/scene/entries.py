@@ -42,7 +42,6 @@ KINDS = {"particles": "particles", "grains": "grains", "medium": "a medium", "bo
 # kind -> the package that declares its methods and stages; a medium has neither of its own
 PACKAGES = {"particles": "renderers.materials.particles", "grains": "renderers.materials.grains",
             "body": "renderers.materials.bodies"}
-DENOISE = ("auto", "yes", "no")
 BOUNDARIES = ("negative", "mirrored", "none")  # how tables see the boundary of a body
 PLACES = {"particles": ("box", "mesh", "grid", ""), "grains": ("mesh",), "medium": ("everywhere", "box", "mesh", "shape", "grid"),
           "body": ("shape",)}  # kind -> keys of `where`; "" where it may be absent
@@ -209,7 +208,6 @@ class SceneFile(Every):
 
     materials: Annotated[list[Entry], Field(min_length=1, max_length=MOST)] = Field(description="The materials, with places.")
     method: fields.Text | None = Field(None, description="Method of all materials without one of their own.")
-    denoise: word(*DENOISE) = Field("auto", description="Whether noise is removed from the PNG; auto: at draft and preview.")
 
 
 def declared(kind: str) -> dict:

@@ -15,7 +15,7 @@ import bakery
 from bakery.cli import status_of
 from renderers import scene as scenes
 from renderers.fog import kernels
-from renderers.pictures import images
+from renderers.pictures import denoise, images
 from tests.exr import layers, library
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -170,6 +170,31 @@ def test_a_mitsuba_scene_and_its_picture_again(call, place):
     for told in (("--seed", "3"), ("--variant", "scalar_rgb")):
         status, _, err = call("render", place / "again.yaml", *told)
         assert status == 2 and "comes from files" in err
+
+
+def test_the_noise_of_a_picture_is_taken_out_before_its_fog(call, place):
+    """Where pixels do not share samples; the noise of files is not known."""
+    if denoise.fault():
+        pytest.skip("mitsuba-oidn is not installed")
+    text = SCENE.replace("camera: {origin: [0, -12, 1.7] m, target: [0, 0, 2] m, fov: 40 deg}\n", "")
+    files, rendered = "{color: clear.exr, depth: depth.npy, measure: distance}", "{mitsuba: street.xml, far: 100 m, samples: 64}"
+    text = text.replace(files, rendered)
+    (place / "m.yaml").write_text(text)
+    status, out, err = call("render", place / "m.yaml", "-o", place / "m.exr", "--quality", "draft", "--json")
+    report = json.loads(out)
+    assert status == 0 and report["denoised"] is False and any('<rfilter type="box"/>' in line for line in report["reasons"]), err
+    (place / "street.xml").write_text(XML.replace("</film>", '<rfilter type="box"/></film>'))
+    status, out, err = call("render", place / "m.yaml", "-o", place / "m.exr", "--quality", "draft", "--json", "--seed", "1")
+    report, found = json.loads(out), layers(place / "m.exr")
+    assert status == 0 and report["denoised"] is True and report["denoising"]["features"] == ["albedo", "normal"], err
+    assert "denoising" in report["seconds"] and abs(report["denoising"]["mean_change"]) < 0.02
+    ball = found["albedo.G"] == 0.5  # of a surface that does not say, in all of a pixel
+    assert 60 < ball.sum() < 120 and (found["distance"][ball] < 12).all() and (found["normal.Y"][ball] < 0).all()
+    clear, clean = (np.sqrt(np.mean((found[f"{name}.G"][ball] - 0.25) ** 2)) for name in ("clear", "denoised.clear"))
+    assert clean < 0.7 * clear  # a ball that reflects half of a sky of 0.5
+    assert not np.array_equal(found["denoised.G"], found["denoised.clear.G"])  # which is behind the fog
+    status, _, err = call("render", place / "s.yaml", "--denoise")
+    assert status == 2 and "denoise: found yes beside a picture from files" in err
 
 
 def test_a_scene_takes_its_own_samples_unless_told(call, place):
