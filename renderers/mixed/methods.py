@@ -6,6 +6,7 @@ import numpy as np
 
 from renderers.materials.bodies.bodies import flaws
 from renderers.materials.grains.paths import first_grain, seen_grain
+from renderers.materials.particles.interactor import seen_particle
 from renderers.mixed import build, contents, surfaces
 from renderers.mixed import passes as wavefronts
 from renderers.mixed.scene import chosen
@@ -65,11 +66,9 @@ def prepare(job, world, seed) -> Method:
     def features(quality):
         # what is told apart looks like noise: there the network does not see the picture
         seen = _features(world, [filled[number].stands for number in inside], spectra.colours, seed)
-        packed = [content for content in filled if isinstance(content.what, contents.Grains)]
-        seen = _with_grains(world, packed, spectra.colours, seen, quality) if packed else seen
+        seen = _with_grains(world, [filled[inside[number]] for number in explicit], spectra.colours, seen, quality)
         particles = [number for number in explicit if isinstance(materials[number], contents.Particles)]
-        of_grains = 0.0 if seen.detail is None else seen.detail
-        return seen._replace(detail=np.minimum(of_grains + shares[0][..., particles].sum(axis=-1), 1.0))
+        return seen._replace(detail=np.minimum(seen.detail + shares[0][..., particles].sum(axis=-1), 1.0))
 
     seen = features if len(materials) <= MOST_IN_A_LOOP else None
     return Method(name, (part,), reasons, after, features=seen, apart=("paths",) if explicit else (), entry=_entry(materials),
@@ -92,13 +91,23 @@ def _features(world, entries, colours, seed):
     return features.first_hits(world, entries, colours, seed)
 
 
-def _with_grains(world, packed, colours, around, quality):
-    """Features for a quality with those of grains, `contents.Content`, in place of what stands for them."""
+def _with_grains(world, explicit, colours, around, quality):
+    """Features for a quality with those of grains and particles, `contents.Content`, in place of what stands for them."""
     from renderers.materials.grains import features, material
 
-    bodies = [(partial(seen_grain, content.what.grains), material.radius_of(content.what.grains)) for content in packed]
-    albedo = features.albedos([content.stands for content in packed], colours)
+    bodies = [features.with_radius(partial(seen_grain, content.what.grains), material.radius_of(content.what.grains))
+              if isinstance(content.what, contents.Grains) else partial(_wide_particle, world, content.what.medium)
+              for content in explicit]
+    albedo = features.albedos([content.stands for content in explicit], colours)
     return features.of_grains(world, bodies, albedo, around, features.places_for(quality))
+
+
+def _wide_particle(world, medium, origin, direction, far):
+    """As `seen_particle`, of the camera's rays through all pixels, where it is as wide as a pixel or more."""
+    distance, normal, radius = seen_particle(medium, origin, direction, far)
+    narrow = 2 * radius < world.camera.angle(*world.size).ravel() * distance
+    distance[narrow], normal[narrow], radius[narrow] = np.inf, 0.0, 0.0
+    return distance, normal, radius
 
 
 def _of_entries(layer, inside):

@@ -324,8 +324,10 @@ def test_what_the_camera_sees_of_grains(place, monkeypatch):
     meshes = material.meshes_of(job.scene)
     grains = [material.grains_of(job.assets[0], *meshes[0])]
     how, _ = methods.transport_of("ept", world, job.assets, meshes, grains)
-    body, normal, distance = features._at(world, [how.interactor(0, how.technique).seen], np.array([0.5, 0.5]))
+    seen = features.with_radius(how.interactor(0, how.technique).seen, how.bodies[0].radius)
+    body, normal, distance, radius = features._at(world, [seen], np.array([0.5, 0.5]))
     met = body >= 0
+    assert np.array_equal(radius, np.where(met, how.bodies[0].radius, 0))
     towards = world.camera.rays(*world.size)
     middle = world.camera.origin + np.where(met, distance, 0)[..., None] * towards - how.bodies[0].radius * normal
     aggregate, unit = grains[0].aggregate, grains[0].unit

@@ -14,6 +14,7 @@ from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from renderers import choice
 from renderers.mitsuba.world import World
+from renderers.pictures import denoise
 from tests.exr import layers
 
 RECIPES = {
@@ -100,6 +101,22 @@ def test_report_and_layers(call):
     orders = sum(found[f"{name}.G"].astype(float) for name in ("order0", "order1", "order2", "orders"))
     assert np.allclose(orders, found["G"], rtol=1e-3, atol=1e-6) and np.allclose(found["light.panel.G"], found["G"], atol=1e-5)
     assert {0, 2, 3} <= set(np.unique(found["material"])), "the entry that most paths of a pixel first scatter in"
+
+
+def test_particles_wider_than_pixels_are_filtered_each_by_itself(call):
+    """Drops three pixels wide in a box of 20 cm: a disc is as bright everywhere, so that what differs in it is noise."""
+    if denoise.fault():
+        pytest.skip("mitsuba-oidn is not installed")
+    near = "camera={origin: [0, -0.5, 0.12] m, target: [0, 0, 0.11] m, fov: 2 deg}"
+    report, found = rendered(call, "near.png", "--denoise", "--set", near, "--set", "film.width=48", "--set", "film.height=36",
+                             "--set", "stop.samples=4")
+    assert report["denoising"]["grains"] is True and report["denoising"]["apart"] == ["paths"]
+    facing = np.stack([found[f"normal.{axis}"] for axis in "XYZ"], axis=-1)
+    drops = np.linalg.norm(facing, axis=-1) > 0.999  # of all four places in a pixel
+    assert 20 < drops.sum() < 400 and (facing[drops] @ [0, 1, 0] < -0.99).all()
+    assert ((found["distance.Z"][drops] > 0.39) & (found["distance.Z"][drops] < 0.61)).all()
+    noisy, clean = (found[name][drops].astype(float) for name in ("G", "denoised.G"))
+    assert clean.std() < 0.6 * noisy.std() and clean.mean() == pytest.approx(noisy.mean(), rel=0.1)
 
 
 @pytest.mark.slow

@@ -34,29 +34,37 @@ def first_hits(world, scene, assets, meshes, seed, quality=None) -> Features:
     # a graphics card traces rays through one scene at a time, and each mesh is one (`regions.boundary`): there what stands behind
     # the medium is seen in its place
     around = features.first_hits(world, [] if variants.on_gpu(world.variant) else media, scene.colours, seed)
-    bodies = [(scene.interactor(body, scene.technique).seen, filled.radius) for body, filled in enumerate(scene.bodies)]
+    seen = [scene.interactor(body, scene.technique).seen for body in range(len(scene.bodies))]
+    bodies = [with_radius(of_body, filled.radius) for of_body, filled in zip(seen, scene.bodies, strict=True)]
     return of_grains(world, bodies, albedos(media, scene.colours), around, places_for(quality))
+
+
+def with_radius(seen, radius):
+    """What `of_grains` takes of a body.
+
+    seen : as `renderers.materials.grains.paths.seen_grain` without the grains;  radius : m, of the largest of them
+    """
+    return lambda origin, direction, far: (*seen(origin, direction, far), np.full(len(origin), radius))
 
 
 def of_grains(world, bodies, albedo, around, at=_PLACES) -> Features:
     """Of grains, where a ray meets any, else of what is around them.
 
     world : `renderers.mitsuba.world.World`
-    bodies : pairs of a function of rays' origin, direction and far (n,) m, which gives the distance (n,) m to the first grain
-        before that or inf, with its normal (n, 3), and the radius of the largest grain, m
+    bodies : functions of rays' origin, direction and far (n,) m, each of which gives the distance (n,) m to the first grain
+        before that or inf, its normal (n, 3), and the radius (n,) m of such grains
     albedo : (bodies, 3)
     around : `Features` without grains
     at : as `places_for` gives them
     """
-    seen = [_at(world, [grain for grain, _ in bodies], offset) for offset in at]
-    share = np.mean([body >= 0 for body, _, _ in seen], axis=0)
-    colours = np.mean([np.where((body >= 0)[..., None], albedo[body], 0) for body, _, _ in seen], axis=0)
-    normal = np.mean([normal for _, normal, _ in seen], axis=0)
-    distance = np.quantile([distance for *_, distance in seen], 0.5, axis=0, method="lower")
+    seen = [_at(world, bodies, offset) for offset in at]
+    share = np.mean([body >= 0 for body, *_ in seen], axis=0)
+    colours = np.mean([np.where((body >= 0)[..., None], albedo[body], 0) for body, *_ in seen], axis=0)
+    normal = np.mean([normal for _, normal, *_ in seen], axis=0)
+    distance = np.quantile([distance for _, _, distance, _ in seen], 0.5, axis=0, method="lower")
     without_grains = (1 - share)[..., None]
-    angle, radius = world.camera.angle(*world.size), np.array([radius for _, radius in bodies])
-    grain = np.max([np.where(body >= 0, radius[body], 0.0) for body, _, _ in seen], axis=0)
-    widths = [np.where(body >= 0, 2 * radius[body] / (angle * distance), 0.0) for body, _, distance in seen]
+    angle, grain = world.camera.angle(*world.size), np.max([radius for *_, radius in seen], axis=0)
+    widths = [2 * radius / (angle * distance) for *_, distance, radius in seen]
     detail = np.mean([np.clip((width - _NARROW) / (_WIDE - _NARROW), 0, 1) for width in widths], axis=0)
     return Features(colours + without_grains * around.albedo, normal + without_grains * around.normal,
                     np.where(np.isfinite(distance), distance, around.distance), detail, grain, np.max(widths, axis=0))
@@ -74,15 +82,16 @@ def _scatterer(asset):
 
 
 def _at(world, grains, offset):
-    """Body (H, W) whose grain is seen at a place in each pixel, -1 for none, its normal (H, W, 3) and distance (H, W) m."""
+    """Body (H, W) whose grain is seen at a place in each pixel, -1: none;  normal (H, W, 3);  distance, radius (H, W) m."""
     height, width = world.size
     row, column = np.divmod(np.arange(height * width), width)
     origin, direction = world.camera_rays(np.tile(offset, (height * width, 1)), np.stack([row, column], axis=1))
     far = world.trace(origin, direction, np.inf)
     body, distance, normal = np.full(len(far), -1), np.full(len(far), np.inf), np.zeros((len(far), 3))
+    radius = np.zeros(len(far))
     for number, first in enumerate(grains):
-        its, turned = first(origin, direction, far)
+        its, turned, wide = first(origin, direction, far)
         nearer = its < distance
-        body[nearer], distance[nearer], normal[nearer] = number, its[nearer], turned[nearer]
+        body[nearer], distance[nearer], normal[nearer], radius[nearer] = number, its[nearer], turned[nearer], wide[nearer]
     normal *= -np.sign(np.einsum("nk,nk->n", normal, direction))[:, None]
-    return body.reshape(height, width), normal.reshape(height, width, 3), distance.reshape(height, width)
+    return *(layer.reshape(height, width, *layer.shape[1:]) for layer in (body, normal, distance, radius)),

@@ -57,5 +57,19 @@ class Particles:
         run(_transport.scatter, paths.count, self.medium.scatterer, *event, Walk.of(paths), _no_guide(paths))
 
 
+def seen_particle(medium, origin, direction, far):
+    """Distances (n,) m from points along directions to the first particle before far (n,) m, inf: none, at the first wavelength;
+    normals (n, 3) that face the point, as a disc is as bright everywhere, 0 where there is none; radii (n,) m of the discs."""
+    n, waves = len(origin), medium.discs.square.shape[1]
+    kind, distance, centre = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
+    throughput = np.zeros((n, waves))
+    throughput[:, 0] = 1.0  # of one wavelength: no random number says which of them a disc stops
+    rays = Walk(origin, direction, throughput, np.zeros(n, np.uint64), np.full((n, 3), np.nan), np.zeros(n))
+    run(_transport.collide, n, medium, rays, far, np.full(n, np.inf), kind, distance, centre)
+    met = kind != NO_DISC
+    radius = np.where(met, np.sqrt(medium.discs.square[kind, 0]), 0.0)
+    return np.where(met, distance, np.inf), np.where(met[:, None], -direction, 0.0), radius
+
+
 def _no_guide(paths):
     return Guide(paths.direction, np.zeros(paths.count, bool))
