@@ -55,8 +55,14 @@ class Solution:
         Within the peak that is cut off (`cut.share` of the light) it counts light that the peak deflects several times as if
         once.
         """
-        value = self._value(self.transmitted[:0] if self.slab.depth == math.inf else self.transmitted, mu, mu0, phi, 1)
+        value = self._value(self.transmitted[:0] if self.slab.depth == math.inf else self.through, mu, mu0, phi, 1)
         return value * (self.slab.base is None)
+
+    @property
+    def through(self):
+        """`transmitted` without the sum of the cosines: light that grazes on both ways leaves no smaller share of them."""
+        mu = self.nodes.mu[:self.nodes.leaving]
+        return self.transmitted / (mu[:, None] + mu)
 
     def factor(self, mu, mu0, side: int):
         """What the sum of Fourier orders counts by, in reflection (side -1) or transmission (1); arguments as there."""
@@ -102,7 +108,7 @@ class Solution:
         once = 0.25 * slab.albedo / self.cut.shrinks * phase * shape(inner, inner0, depth)
         if side < 0 and slab.base and depth < math.inf:
             once = once + slab.base * np.exp(-depth * (1 / inner + 1 / inner0))
-        result[entering] = through * (smooth * twice / (inner + inner0) + once)
+        result[entering] = through * (smooth * twice / (inner + inner0 if side < 0 else 1.0) + once)
         return result
 
 
