@@ -67,18 +67,20 @@ def deep(even, odd, missed, mu, flux, albedo: float, accuracy: float) -> Deep:
     accuracy : above 0, absolute, of R mu0 + mu R in units of radiance
     """
     share = np.sqrt(0.5 * flux / mu)
-    weight = albedo * np.outer(share, share)
+    shares = share[:, None] * share
+    weight = albedo * shares
     forward, backward = 0.5 * weight * (even + odd), 0.5 * weight * (even - odd)
     straight = 1 - albedo * share * share * missed
-    sums = np.outer(mu, straight)
-    sums += sums.T
-    least = 2 * accuracy * np.outer(share, share)
-    r, before = backward / sums, float(np.max(np.abs(backward) / least))
+    sums = mu[:, None] * straight
+    sums = sums + sums.T
+    scale = sums / (2 * accuracy * shares)
+    r = backward / sums
+    before = float(np.abs(r * scale).max())
     for _ in range(_STEPS):
         w = r * mu
         several = (forward + 0.5 * w.T @ backward) @ w
         new = (backward + several + several.T) / sums
-        change = float(np.max(np.abs(new - r) * sums / least))
+        change = float(np.abs((new - r) * scale).max())
         r = new
         # what further steps add is a geometric series
         if change == 0 or change < before and change * change / (before - change) <= 1:
