@@ -81,14 +81,25 @@ def deep(parts, missed, directions, albedo: float, ends, accuracy: float) -> Dee
     r, older, extrapolated = backward / sums, 0.0, 1.0
     low, high = ends  # between which the factors are by which parts of the error change in a step
     centred, half = 2 / (2 - low - high), (high - low) / (2 - low - high)
+    halved, inverse = 0.5 * backward, 1 / sums
     for step in range(_STEPS):
         w = r * mu
-        several = (forward + 0.5 * w.T @ backward) @ w
-        change = (backward + several + several.T) / sums - r
+        several = w.T @ halved
+        several += forward
+        several = several @ w
+        change = several + several.T
+        change += backward
+        change *= inverse
+        change -= r
         # what further steps add is at most a geometric series
         if float(np.abs(change * scale).max()) <= 1 - high:
             root = np.sqrt(mu)
             return Deep(root[:, None] * (r + change) * root, np.zeros(len(mu)))
-        r, older = extrapolated * (centred * change + r - older) + older, r
+        change *= centred
+        change += r
+        change -= older
+        change *= extrapolated
+        change += older
+        r, older = change, r
         extrapolated = 1 / (1 - half * half * (0.25 * extrapolated if step else 0.5))
     return None

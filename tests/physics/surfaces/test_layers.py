@@ -223,6 +223,16 @@ def test_orders_that_are_iterated(monkeypatch, index, depth, base):
     np.testing.assert_allclose(iterated.reflection(*EVERYWHERE), exact.reflection(*EVERYWHERE), rtol=1e-5)
 
 
+@pytest.mark.parametrize(("g", "steps"), [(-0.8, 40), (0.8, 40), (0.8, 3)])
+def test_orders_that_iteration_does_not_reach_go_by_modes(monkeypatch, g, steps):
+    """Moments of both signs; with too few steps for the lower orders."""
+    slab, wanted = Slab(*henyey_greenstein(g), 1.0, math.inf), g ** np.arange(33.0)
+    monkeypatch.setattr(deep, "_STEPS", steps)
+    iterated = solve(slab, wanted, 32, 1e-3)
+    monkeypatch.setattr(deep, "FAINT", 0.0)
+    np.testing.assert_allclose(iterated.reflection(*EVERYWHERE), solve(slab, wanted, 32, 1e-3).reflection(*EVERYWHERE), rtol=1e-5)
+
+
 @pytest.mark.parametrize("slab", [Slab(*henyey_greenstein(0.85), 0.99, math.inf), Slab(*henyey_greenstein(0.8), 1.0, 2.0, 1.33)])
 def test_orders_are_rounded_within_the_tolerance(slab):
     """Reciprocity and energy (order 0) stay; most numbers become 0, or have few digits; the error that is stated holds."""
