@@ -56,6 +56,7 @@ class Values:
         self._depth, self._once, self._peak, self._base = (
             self._held(values) for values in (table.depth, table.once, table.peak, table.base))
         self._index_below, self._told = table.index_below, table.mirrored.shape[1]  # how often unscattered light is told
+        self._rooted = table.rooted
         self._single = self._held(np.concatenate([table.mirrored, np.maximum(table.straight, 0.0)]))
 
     def _held(self, values):
@@ -112,19 +113,15 @@ class Values:
             return back
         return pick(pair.reflects, back, (1 - self.fresnel(pair.mu, pair.inner, below)) * enters / (self.index * below))
 
-    def _coordinate(self, mu, inner, index):
-        s = mu if index > 1 and not self.rough else dr.sqrt(inner)
+    def _coordinate(self, mu, inner):
+        s = dr.sqrt(dr.minimum(mu, inner)) if self._rooted else mu
         x = (1 - dr.sqrt(dr.maximum(1 - s, 0.0))) * (self._nodes - 1)
         node = dr.minimum(mi.UInt32(x), self._nodes - 2)
         return node, x - node
 
     def values(self, channels, pair, active):
         """pi times BRDF or BTDF of each channel, without light that goes on in single directions; facets included."""
-        i, x = self._coordinate(pair.mu, pair.inner, self.index)
-        j, y = self._coordinate(pair.mu0, pair.inner0, self.index)
-        if self._index_below != self.index:
-            k, z = self._coordinate(pair.mu, pair.inner, self._index_below)
-            i, x = pick(pair.reflects, i, k), pick(pair.reflects, x, z)
+        (i, x), (j, y) = self._coordinate(pair.mu, pair.inner), self._coordinate(pair.mu0, pair.inner0)
         z = azimuth_coordinate(pair.cos_phi) * (self._azimuths - 1)
         k = dr.minimum(mi.UInt32(z), self._azimuths - 2)
         z = z - k
@@ -174,7 +171,7 @@ class Values:
         """Reflectance or transmittance inside of the boundary, from what is smooth and what is scattered once."""
         total = pair.inner + pair.inner0
         if not self._finite:
-            return (smooth + (pick(pair.reflects, once, 0.0) if self.free else once)) / total
+            return pick(pair.reflects, (smooth + once) / total, smooth) if self.free else (smooth + once) / total
         depth = self._at(self._depth, row + mi.UInt32(0), active)
         x, x0 = 1 / dr.maximum(pair.inner, LEAST), 1 / dr.maximum(pair.inner0, LEAST)
         stopped, stopped0 = _stopped(depth * x), _stopped(depth * x0)
@@ -187,7 +184,7 @@ class Values:
         rate = depth * dr.abs(x - x0)
         mean = pick(rate > 1e-6, _stopped(rate) / dr.maximum(rate, 1e-6), 1.0)
         direct = x * x0 * depth * (1 - dr.minimum(stopped, stopped0)) * mean
-        return pick(pair.reflects, result, smooth * stopped * stopped0 / total + once * direct)
+        return pick(pair.reflects, result, smooth * stopped * stopped0 + once * direct)
 
     def _angle(self, pair, active):
         """Interval of the scattering angle, and its share of it: s = sin^2(theta / 2) by differences of the directions."""

@@ -12,6 +12,8 @@ def inside(mu, index):
     index : refractive index of the medium over that of the air
     """
     mu = np.asarray(mu, float)
+    if index == 1:
+        return mu.copy()
     return np.sqrt(np.maximum((index - 1) * (index + 1) + mu * mu, 0.0)) / index
 
 
@@ -31,8 +33,10 @@ def reflected(mu, index):
     The same share is reflected from inside, for the direction that this one is refracted to.
     """
     mu = np.asarray(mu, float)
+    if index == 1:
+        return np.zeros_like(mu)
     within = inside(mu, index)
-    # at grazing incidence on an index of exactly 1 both cosines are 0
+    # grazing light on an index below 1 has both cosines 0
     across = np.divide(mu - index * within, mu + index * within, out=np.zeros_like(mu), where=mu + index * within > 0)
     along = np.divide(index * mu - within, index * mu + within, out=np.zeros_like(mu), where=index * mu + within > 0)
     return 0.5 * (across**2 + along**2)

@@ -19,9 +19,9 @@ def _fresnel(mu, within, index):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _coordinate(within, mu, index, nodes):
+def _coordinate(within, mu, rooted, nodes):
     """Node below a direction, and its share of the way to the next one."""
-    s = mu if index > 1.0 else math.sqrt(within)
+    s = math.sqrt(min(within, mu)) if rooted else mu
     x = (1.0 - math.sqrt(max(1.0 - s, 0.0))) * (nodes - 1)
     i = min(int(x), nodes - 2)
     return i, x - i
@@ -83,7 +83,7 @@ def surface_reflectance(table, wave, mu, mu0, cos_phi):
     """
     index, depth, nodes = table.index, table.depth[wave], table.reflected.shape[1]
     if table.roughness > 0.0:
-        at, at0 = _coordinate(mu, mu, 1.0, nodes), _coordinate(mu0, mu0, 1.0, nodes)
+        at, at0 = _coordinate(mu, mu, True, nodes), _coordinate(mu0, mu0, True, nodes)
         azimuth = _azimuth(cos_phi, table.reflected.shape[3])
         return _between(table.reflected, wave, at, at0, azimuth) + _facets(mu, mu0, cos_phi, index, table.roughness)
     inner = math.sqrt(max((index - 1.0) * (index + 1.0) + mu * mu, 0.0)) / index
@@ -91,7 +91,7 @@ def surface_reflectance(table, wave, mu, mu0, cos_phi):
     through = (1.0 - _fresnel(mu, inner, index)) * (1.0 - _fresnel(mu0, inner0, index)) / (index * index)
     if not through > 0.0:
         return 0.0
-    at, at0 = _coordinate(inner, mu, index, nodes), _coordinate(inner0, mu0, index, nodes)
+    at, at0 = _coordinate(inner, mu, table.rooted, nodes), _coordinate(inner0, mu0, table.rooted, nodes)
     smooth = _between(table.reflected, wave, at, at0, _azimuth(cos_phi, table.reflected.shape[3]))
     sines = math.sqrt(max((1.0 - mu * mu) * (1.0 - mu0 * mu0), 0.0)) / (index * index)
     once = table.once[wave] * _phase(table, wave, min(max(0.5 * (1.0 + inner * inner0 - sines * cos_phi), 0.0), 1.0))
@@ -114,10 +114,10 @@ def surface_transmittance(table, wave, mu, mu0, cos_phi):
     through = (1.0 - _fresnel(mu, inner, below)) * (1.0 - _fresnel(mu0, inner0, index)) / (index * below)
     if not through > 0.0:
         return 0.0
-    at, at0 = _coordinate(inner, mu, below, nodes), _coordinate(inner0, mu0, index, nodes)
+    at, at0 = _coordinate(inner, mu, table.rooted, nodes), _coordinate(inner0, mu0, table.rooted, nodes)
     smooth = _between(table.transmitted, wave, at, at0, _azimuth(cos_phi, table.transmitted.shape[3]))
     if depth == math.inf:  # of layers on each other all is in the grid
-        return through * smooth / (inner + inner0)
+        return through * smooth
     sines = math.sqrt(max((1.0 - mu * mu) * (1.0 - mu0 * mu0), 0.0)) / (index * index)
     # differences of the directions keep the digits of small angles
     s = 0.25 * ((inner - inner0) ** 2 + ((1.0 - mu * mu) + (1.0 - mu0 * mu0)) / (index * index) - 2.0 * sines * cos_phi)
@@ -127,7 +127,7 @@ def surface_transmittance(table, wave, mu, mu0, cos_phi):
     rate = depth * abs(x - x0)
     mean = -math.expm1(-rate) / rate if rate > 0.0 else 1.0
     direct = x * x0 * depth * (1.0 - min(stopped, stopped0)) * mean
-    return through * (smooth * stopped * stopped0 / (inner + inner0) + once * direct)
+    return through * (smooth * stopped * stopped0 + once * direct)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)

@@ -52,6 +52,7 @@ def enough(count: int, least: int) -> int:
     return max(least, min(count + SPARE, _RESOLVED + count // 16))
 
 
+@lru_cache(maxsize=16)
 def nodes(count: int, index: float = 1.0) -> Nodes:
     """The directions of a medium under a smooth boundary.
 

@@ -20,8 +20,7 @@ def harmonics(mu, order: int, count: int):
     values = np.zeros((max(count - order, 0), len(mu)))
     if not len(values):
         return values
-    start = math.prod(math.sqrt((2 * k - 1) / (2 * k)) for k in range(1, order + 1))
-    values[0] = start * ((1 - mu) * (1 + mu)) ** (order / 2)
+    values[0] = math.sqrt(math.comb(2 * order, order) / 4**order) * ((1 - mu) * (1 + mu)) ** (order / 2)
     _upward(mu, order, values)
     return values
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from bakery.physics.multiple.legendre import moments
-from bakery.physics.surfaces.rounding import rounded
+from bakery.physics.surfaces.rounding import least_light, rounded
 from bakery.physics.surfaces.slab import Slab, free, layers, rough_within
 from bakery.physics.surfaces.solution import Covered, Solution, Stacked, solve
 
@@ -86,9 +86,9 @@ def _before(count: int) -> int:
 def compact(solution: Solution | Covered | Stacked, error: float, tolerance: float):
     """A solution of an error with its orders rounded to what that leaves of a tolerance, and its error with rounding."""
     budget = min(max(tolerance - error, _ROUNDED * tolerance), 0.5 * tolerance)
-    values, step = _values(solution), _STEP * budget
+    values, step, light = _values(solution), _STEP * budget, least_light(solution)
     while True:
-        result = rounded(solution, step)
+        result = rounded(solution, step, light)
         # elsewhere than at the few angles of the test it is somewhat larger
         change = 0.0 if result is solution else 2 * max(map(_change, _values(result), values))
         if change <= budget:

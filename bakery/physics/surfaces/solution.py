@@ -55,8 +55,15 @@ class Solution:
         Within the peak that is cut off (`cut.share` of the light) it counts light that the peak deflects several times as if
         once.
         """
-        value = self._value(self.transmitted[:0] if self.slab.depth == math.inf else self.transmitted, mu, mu0, phi, 1)
-        return value * (self.slab.base is None)
+        if self.slab.base is not None or self.slab.depth == math.inf:
+            return np.zeros(np.broadcast_shapes(*map(np.shape, (mu, mu0, phi))))
+        return self._value(self.through, mu, mu0, phi, 1)
+
+    @property
+    def through(self):
+        """`transmitted` without the sum of the cosines: light that grazes on both ways leaves no smaller share of them."""
+        mu = self.nodes.mu[:self.nodes.leaving]
+        return self.transmitted / (mu[:, None] + mu)
 
     def factor(self, mu, mu0, side: int):
         """What the sum of Fourier orders counts by, in reflection (side -1) or transmission (1); arguments as there."""
@@ -72,9 +79,12 @@ class Solution:
                 for span in (interpolation(self.nodes.at, coordinate(cosine, self.slab.index)),)]
         # few cosines in many pairs: between all of them first
         terms, crossed = np.empty((len(orders), len(mu))), len(out) * len(into) <= 2 * len(mu)
-        for m, order in enumerate(orders):
-            out, into = (span[m > 1 and m % 2 == 0] for span in spans)
-            terms[m] = (out @ order @ into.T)[row, column] if crossed else np.einsum("ki,ki->k", (out @ order)[row], into[column])
+        for some, falling in ((slice(1), 0), (slice(1, None, 2), 0), (slice(2, None, 2), 1)):
+            out, into = (span[falling] for span in spans)
+            if crossed:
+                terms[some] = (out @ orders[some] @ into.T)[:, row, column]
+            else:
+                terms[some] = [np.einsum("ki,ki->k", (out @ order)[row], into[column]) for order in orders[some]]
         terms[1::2] *= sines(mu, mu0, self.slab.index)
         return terms
 
@@ -92,9 +102,10 @@ class Solution:
             return result
         mu, mu0, phi, through = mu[entering], mu0[entering], phi[entering], through[entering]
         inner, inner0 = fresnel.inside(mu, n), fresnel.inside(mu0, n)
-        terms = self._terms(orders, mu, mu0)
-        factors = np.where(np.arange(len(orders)) == 0, 1.0, 2.0)[:, None]
-        smooth = np.sum(factors * terms * np.cos(np.arange(len(orders))[:, None] * phi), axis=0)
+        smooth = 0.0
+        if len(orders):
+            factors, order = np.where(np.arange(len(orders)) == 0, 1.0, 2.0)[:, None], np.arange(len(orders))[:, None]
+            smooth = np.sum(factors * self._terms(orders, mu, mu0) * np.cos(order * phi), axis=0)
         depth = slab.depth * self.cut.shrinks
         shape = single.upward if side < 0 else single.downward
         phase = 4 * math.pi * phase_at(slab.theta, slab.phase, single.turned(inner, inner0, phi, side))
@@ -102,7 +113,7 @@ class Solution:
         once = 0.25 * slab.albedo / self.cut.shrinks * phase * shape(inner, inner0, depth)
         if side < 0 and slab.base and depth < math.inf:
             once = once + slab.base * np.exp(-depth * (1 / inner + 1 / inner0))
-        result[entering] = through * (smooth * twice / (inner + inner0) + once)
+        result[entering] = through * (smooth * twice / (inner + inner0 if side < 0 else 1.0) + once)
         return result
 
 
@@ -123,16 +134,17 @@ def solve(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Solution 
     directions = nodes(max(_LEAST_NODES, count + SPARE) if passes else enough(count, _LEAST_NODES), slab.index)
     missed = (directions.leaving < count + SPARE) * unresolved(without.moments, directions.mu, directions.flux)
     depth = slab.depth * without.shrinks if slab.depth else 0.0
-    orders, largest, small = [], [], 0
+    several, orders, largest, small = _Several(slab, without, directions), [], [], 0
     for order in range(count):
         even, odd = phase_matrices(without.moments, directions.mu, order)
         accuracy = ITERATED * tolerance * largest[0] if largest else 0.0
         layer = layer_of_order(without, order, (even, odd), missed, (directions.mu, directions.flux), depth, accuracy)
-        even, odd = even + np.diag(missed), odd + np.diag(missed)
+        for part in (even, odd):
+            np.einsum("ii->i", part)[:] += missed
         upward, downward = _scattered(slab, directions, order, layer)
         if order == 0:
             albedo, passed = _shares(slab, directions, layer, upward, downward)
-        orders.append(_several_times(slab, without, directions, order, layer, upward, downward, even, odd))
+        orders.append(several.times(order, upward, downward, even, odd))
         largest.append(max(float(np.abs(part).max()) for part in orders[-1]))
         small = small + 1 if largest[-1] <= _NEGLIGIBLE * tolerance * largest[0] else 0
         if small == 2:
@@ -166,14 +178,25 @@ def _shares(slab: Slab, directions: Nodes, layer: Layer, upward, downward):
     return back + mirrored, through + direct
 
 
-def _several_times(slab: Slab, without: Cut, directions: Nodes, order: int, layer: Layer, upward, downward, even, odd):
-    """Upward and downward light of one order without what is scattered once, each (N, N)."""
-    keep, depth = slice(directions.leaving), slab.depth * without.shrinks if slab.depth else 0.0
-    mu, flux = directions.mu[keep], np.sqrt(directions.flux[keep])
-    up, down = (part[keep, keep] / np.outer(flux, flux) for part in (upward, downward))
-    out, into, quarter = mu[:, None], mu[None, :], 0.25 * without.albedo
-    up = up - quarter * (even - odd)[keep, keep] * single.upward(out, into, depth)
-    if slab.base is None and depth < math.inf:
-        down = down - quarter * (even + odd)[keep, keep] * single.downward(out, into, depth)
-    share = single.interacts(mu, depth) * (np.sqrt((1 - mu) * (1 + mu)) if order % 2 else 1.0)
-    return tuple(0.5 * (part + part.T) * ((out + into) / np.outer(share, share)) for part in (up, down))
+class _Several:
+    """Light without what is scattered once, at the nodes that leave."""
+
+    def __init__(self, slab: Slab, without: Cut, directions: Nodes):
+        self.keep, depth = slice(directions.leaving), slab.depth * without.shrinks if slab.depth else 0.0
+        mu, flux = directions.mu[self.keep], np.sqrt(directions.flux[self.keep])
+        out, into, quarter = mu[:, None], mu, 0.25 * without.albedo
+        self.flux, self.passes = flux[:, None] * flux, slab.base is None and depth < math.inf
+        self.up = quarter * single.upward(out, into, depth)
+        self.down = quarter * single.downward(out, into, depth) if self.passes else None
+        share = single.interacts(mu, depth)
+        odd = share * np.sqrt((1 - mu) * (1 + mu))
+        self.sums = [0.5 * (out + into) / (part[:, None] * part) for part in (share, odd)]
+
+    def times(self, order: int, upward, downward, even, odd):
+        """Upward and downward light of one order, each (N, N), from that of all nodes and both parts of the phase function."""
+        keep = self.keep
+        parts = [upward[keep, keep] / self.flux - (even - odd)[keep, keep] * self.up]
+        if self.passes:
+            parts.append(downward[keep, keep] / self.flux - (even + odd)[keep, keep] * self.down)
+        parts = [(part + part.T) * self.sums[order % 2] for part in parts]
+        return parts[0], parts[1] if self.passes else np.zeros_like(parts[0])

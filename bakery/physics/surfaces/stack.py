@@ -58,15 +58,19 @@ class Stacked:
         mu, mu0, phi = np.broadcast_arrays(*(np.asarray(value, float) for value in (mu, mu0, phi)))
         if not (((mu > 0) & (mu <= 1)).all() and ((mu0 > 0) & (mu0 <= 1)).all()):
             raise ValueError("cosines of directions lie above 0 and do not exceed 1")
-        n = self.nodes.index
-        return (1 - fresnel.reflected(mu, n)) * (1 - fresnel.reflected(mu0, n)) / n**2 * self.inside(mu, mu0, phi)
+        return self.boundaries(mu, mu0, -1) * self.inside(mu, mu0, phi)
 
     def factor(self, mu, mu0, side: int):
         """What the sum of Fourier orders counts by, in reflection (side -1) or transmission (1)."""
         n = self.nodes.index
         last = n if side < 0 else layers(self.slab)[0][-1].index
-        through = (1 - fresnel.reflected(mu, last)) * (1 - fresnel.reflected(mu0, n)) / (n * last)
-        return through / (fresnel.inside(mu, last) + fresnel.inside(mu0, n))
+        return self.boundaries(mu, mu0, side) / (fresnel.inside(mu, last) + fresnel.inside(mu0, n))
+
+    def boundaries(self, mu, mu0, side: int = 1):
+        """Share that the uppermost boundary lets in and, of what leaves below (side 1) or above, the last one out."""
+        n = self.nodes.index
+        last = n if side < 0 else layers(self.slab)[0][-1].index
+        return (1 - fresnel.reflected(mu, last)) * (1 - fresnel.reflected(mu0, n)) / (n * last)
 
     def inside(self, mu, mu0, phi):
         """The same inside of the uppermost boundary, at directions that are those in air; arrays of one shape."""
@@ -96,7 +100,8 @@ class Stacked:
             return np.zeros(mu.shape)
         if not (((mu > 0) & (mu <= 1)).all() and ((mu0 > 0) & (mu0 <= 1)).all()):
             raise ValueError("cosines of directions lie above 0 and do not exceed 1")
-        result = self.factor(mu, mu0, 1) * self._smooth(self.transmitted, mu, mu0, phi)
+        out, into = (fresnel.inside(self.nodes.air, index) for index in (layers(self.slab)[0][-1].index, self.nodes.index))
+        result = self.boundaries(mu, mu0) * self._smooth(self.transmitted / (out[:, None] + into), mu, mu0, phi)
         for part, without, inner, inner0, weight in _once_through(self.slab, self.cuts, mu, mu0):
             turned = single.turned(inner, inner0, phi, 1)
             result += 0.25 * part.albedo / without.shrinks * 4 * math.pi * phase_at(part.theta, part.phase, turned) * weight

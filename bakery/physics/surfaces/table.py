@@ -1,8 +1,9 @@
 """Solutions of layers as tables that compiled loops and plugins look up (`look_up`): a grid in place of Fourier orders.
 
 What is left of reflectance and transmittance without light scattered once is sampled over both directions and the azimuth.  The
-grid is uniform in x = 1 - sqrt(1 - s), s the coordinate of `nodes` (the cosine in air under a boundary, else its root): there
-grazing angles have room, and the sine, with which odd orders begin at normal incidence, is linear.
+grid is uniform in x = 1 - sqrt(1 - s), s the coordinate of `nodes`: the cosine in air where all media have a larger index, else
+the root of the cosine in the thinnest one.  There grazing angles have room, and the sine, with which odd orders begin at normal
+incidence, is linear.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ GRIDS = (32, 24), (48, 32), (64, 48), (96, 64)  # directions and azimuths, from 
 TOLERANCE = 2e-3
 PROBES = 4000  # pairs of directions at which the error is measured, from normal incidence to 89.9 degrees
 _GRAZING = math.cos(math.radians(89.9))
+_LEAST = 1e-9  # cosine in air at which what is exact of layers on each other is computed
 _UNSCATTERED = 129  # cosines at which unscattered light of layers on each other is told: 2e-4 in between
 _BUCKETS = 512  # of scattering angles, in which their interval is looked for
 
@@ -51,6 +53,7 @@ class SurfaceTable(NamedTuple):
     transmitted: np.ndarray
     free: bool  # whether there is air below
     index_below: float  # of the lowest medium over that of the air
+    rooted: bool  # whether the grids go by the root of the cosine
     # (L, S) of layers on each other, share of the light that boundaries below the uppermost send back unscattered, at S cosines
     # (`cosines`); (L, 0) where the upper numbers tell it
     mirrored: np.ndarray
@@ -140,7 +143,7 @@ def _sampled(solutions, nodes: int, azimuths: int) -> SurfaceTable:
     phase = 4 * math.pi * np.stack([solution.slab.phase[keep] for solution in solutions])
     buckets = np.searchsorted(s[keep], np.linspace(0, 1, _BUCKETS) ** 2, side="right") - 1
     through = free(first)
-    transmitted = [_grid(solution, solution.transmitted, nodes, azimuths) for solution in solutions] if through else []
+    transmitted = [_grid(solution, solution.through, nodes, azimuths) for solution in solutions] if through else []
     return SurfaceTable(
         float(first.index), first.roughness if rough else 0.0,
         np.array([solution.slab.depth * solution.cut.shrinks if solution.slab.depth else 0.0 for solution in solutions]),
@@ -151,7 +154,7 @@ def _sampled(solutions, nodes: int, azimuths: int) -> SurfaceTable:
         np.clip(buckets, 0, len(phase[0]) - 2).astype(np.int64),
         np.stack([_grid(solution, solution.reflected, nodes, azimuths) for solution in solutions]),
         np.stack(transmitted) if through else np.zeros((0, 1, 1, 1), np.float32), through, float(first.index),
-        *np.zeros((2, len(solutions), 0)))
+        rough or first.index <= 1, *np.zeros((2, len(solutions), 0)))
 
 
 def _counted(solutions, nodes: int, azimuths: int) -> SurfaceTable:
@@ -173,7 +176,9 @@ def _of_stacks(solutions, nodes: int, azimuths: int) -> SurfaceTable:
     scattered = -np.expm1(-2 * np.array([solution.slab.depth * solution.cut.shrinks if solution.slab.depth else 0.0
                                          for solution in solutions]))
     table = table._replace(once=table.once * scattered, peak=np.zeros(len(solutions)))
-    mu = np.maximum(cosines(nodes, table.index), _GRAZING)
+    parts, _ = layers(solutions[0].slab)
+    thinnest, last = min(part.index for part in parts), float(parts[-1].index)
+    mu = np.maximum(cosines(nodes, thinnest), _LEAST)
     at = np.broadcast_arrays(mu[:, None, None], mu[:, None], angles(azimuths))
     inner, inner0 = (fresnel.inside(cosine, table.index) for cosine in at[:2])
     turned = single.turned(inner, inner0, at[2], -1)
@@ -182,18 +187,17 @@ def _of_stacks(solutions, nodes: int, azimuths: int) -> SurfaceTable:
         row -= once * 4 * math.pi * phase_at(slab.theta, slab.phase, turned)
     mirrored, passed, peaks = np.stack([unscattered(solution.slab, solution.cuts, _unscattered_at()) for solution in solutions],
                                        axis=1)
-    table = table._replace(reflected=np.ascontiguousarray(grid, np.float32), mirrored=mirrored, straight=passed * (1 - peaks))
+    table = table._replace(reflected=np.ascontiguousarray(grid, np.float32), mirrored=mirrored, straight=passed * (1 - peaks),
+                           rooted=thinnest <= 1)
     if not free(solutions[0].slab):
         return table
-    last = float(layers(solutions[0].slab)[0][-1].index)
-    mu = np.maximum(cosines(nodes, last), _GRAZING)[:, None, None], at[1][:1]
-    grid = np.stack([solution.transmission(*mu, at[2][:1]) / solution.factor(*mu, 1) for solution in solutions])
+    grid = np.stack([solution.transmission(*at) / solution.boundaries(*at[:2]) for solution in solutions])
     return table._replace(transmitted=np.ascontiguousarray(grid, np.float32), free=True, index_below=last)
 
 
 def _unscattered_at():
     """Cosines (S,) at which unscattered light is told."""
-    return np.maximum(cosines(_UNSCATTERED, 1.0), 1e-9)
+    return np.maximum(cosines(_UNSCATTERED, 1.0), _LEAST)
 
 
 def _grid(solution, orders, nodes: int, azimuths: int):

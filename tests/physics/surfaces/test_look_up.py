@@ -17,11 +17,10 @@ from tests.physics.surfaces.layers import table as table_of
 @pytest.mark.parametrize("name", LAYERS)
 def test_tables_keep_the_error_that_they_state(name):
     looked_up, errors = table_of(name)
-    # light that a thin layer lets through from 89.8 degrees to there is 3 % off, and no other
-    assert errors.largest < (0.03 if name == "bare" else 3e-3) and errors.mean_square < (2e-3 if name == "bare" else 6e-4)
+    assert errors.largest < 3e-3 and errors.mean_square < 6e-4
     # at other directions than those by which the grid was chosen
     rng = np.random.default_rng(5)
-    mu, mu0 = rng.uniform(0.05 if name == "bare" else 0.01, 1, (2, 300))
+    mu, mu0 = rng.uniform(0.002, 1, (2, 300))
     phi = rng.uniform(0, math.pi, 300)
     for wave, solution in enumerate(solutions(name)):
         for function, exact in ((surface_reflectance, solution.reflection(mu, mu0, phi)),

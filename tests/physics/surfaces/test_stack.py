@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bakery.kernels import surface_transmittance
 from bakery.physics.surfaces import fresnel, rough
 from bakery.physics.surfaces.facets import facets_between
 from bakery.physics.surfaces.refine import converged
@@ -61,9 +62,9 @@ def test_stacks_over_air(indices, depths):
     solution, turned = solve(*stack(*media), 16, 1e-3), solve(*stack(*media[::-1]), 16, 1e-3)
     np.testing.assert_allclose(solution.albedo + solution.passed, 1, atol=1e-6)
     there, back = solution.transmission(MU, MU0, PHI), turned.transmission(MU0, MU, PHI)
-    steep = np.broadcast_to(np.minimum(MU, MU0) > 0.04, there.shape)
-    # by other nodes where only one of the two has its upper boundary
-    np.testing.assert_allclose(there[steep], back[steep], rtol=3e-3 if indices[0] == 1 else 1e-9)
+    # by other nodes where only one of the two has its upper boundary: a layer of 1e-3 at 89.9 degrees is told worst
+    rtol = 1e-9 if indices[0] > 1 else 1e-3 if min(depths) != 1e-3 else 0.03
+    np.testing.assert_allclose(there, back, rtol=rtol)
 
 
 def test_unscattered_light_at_any_angle():
@@ -193,6 +194,17 @@ def test_a_surface_that_is_known():
               for slab, rows in ((exact, moments), (replace(exact, under=known), moments[:1]))]
     np.testing.assert_allclose(values[1], values[0], rtol=3e-3)
     np.testing.assert_allclose(values[1][2:, 2:], values[0][2:, 2:], rtol=1e-5)
+
+
+@pytest.mark.parametrize("media", [((0.5, 0.9, 0.3, 1.0), (0.0, 0.8, 0.5, 1.5)), ((0.5, 0.9, 0.3, 1.5), (0.5, 0.8, 0.5, 1.0))])
+def test_tables_of_stacks_over_air_at_grazing_angles(media):
+    """To 89.9 degrees, both ways at once too; at the forward lobe's side the grid is coarse."""
+    solution = solve(*stack(*media), 36, 1e-4)
+    looked_up, errors = surface_table([solution])
+    assert errors.largest < 8e-3 and errors.mean_square < 6e-4
+    mu, mu0 = np.meshgrid(np.cos(np.radians([20.0, 70, 89, 89.5, 89.89])), np.cos(np.radians([0.0, 45, 85, 89.2, 89.9])))
+    values = np.vectorize(lambda *at: surface_transmittance(looked_up, 0, *at, math.cos(1.0)))(mu, mu0)
+    np.testing.assert_allclose(values, solution.transmission(mu, mu0, 1.0), rtol=4e-3)
 
 
 def test_the_table_is_the_stack():
