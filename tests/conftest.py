@@ -8,6 +8,7 @@ import gc
 import importlib
 import io
 import itertools
+import json
 import os
 import signal
 import subprocess
@@ -110,6 +111,23 @@ def call(capsys, monkeypatch):
 
 
 @pytest.fixture
+def verified_here(monkeypatch):
+    """`bake verify` reads files in this process, for tests of what it finds; `test_damaged_assets.py` sees its own process."""
+    verify = importlib.import_module("bakery.asset.verify")
+    apart = verify._in_child
+
+    def here(path, task, time_limit, memory):
+        if task != "all":
+            return apart(path, task, time_limit, memory)
+        with monkeypatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as out:
+            patch.setattr(sys, "argv", ["verify", task, path, "0"])
+            verify._child()
+        return json.loads(out.getvalue())
+
+    monkeypatch.setattr(verify, "_in_child", here)
+
+
+@pytest.fixture
 def undrawn(monkeypatch):
     """Blank pictures in no time, for tests of what stands around them: `bake plot` and `bake report` draw nothing."""
     from PIL import Image
@@ -186,6 +204,30 @@ def pytest_collection_finish(session):
     gc.collect()
     gc.freeze()
     gc.enable()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item, nextitem):
+    """What is there behind the last test of a file stays as well: kernels above all, of which there are more and more."""
+    result = yield
+    if nextitem is None or nextitem.path != item.path:
+        gc.collect()
+        gc.freeze()
+    return result
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _nothing_ahead():
+    """Workers have tests for all processors, and compile what these meet; a process that compiles ahead of one only has to start.
+
+    Where the machine gives no process, a bake or a render goes on without.
+    """
+    def refused():
+        raise OSError("no process for kernels ahead of tests")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bakery.run.ahead._process", refused)
+        yield
 
 
 @pytest.fixture(autouse=True, scope="session")

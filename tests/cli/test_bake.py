@@ -271,6 +271,7 @@ def test_assets_of_texts_and_dicts_stand_in_a_folder_that_goes(drops, tmp_path, 
     assert sorted(tmp_path.iterdir()) == before and not os.path.exists(done.stdout.strip())
 
 
+@pytest.mark.usefixtures("verified_here")
 def test_a_missed_tolerance_is_status_3_each_time(call, drops, tmp_path):
     out = tmp_path / "drops.h5"
     for _ in range(2):  # computed, then up to date

@@ -94,6 +94,7 @@ def test_a_cache_of_its_own_is_cleared_without_a_question(call, milk, drops, tmp
     assert call("cache", "clear")[:2] == (0, "3 entries removed\n") and not list(cache.glob("*.h5"))
 
 
+@pytest.mark.usefixtures("verified_here")
 def test_an_asset_under_the_name_of_an_entry_is_a_miss(call, tmp_path, milk, monkeypatch):
     """Its values are right, its provenance is that of an asset: computed again, each time, and never replaced."""
     cache = tmp_path / "cache"

@@ -177,6 +177,7 @@ def test_query_answers_texts_of_members(call, lobes):
     assert json.loads(call("query", lobes, "family/members/reason", "--json")[1])["value"] == ["", "", ""]
 
 
+@pytest.mark.usefixtures("verified_here")
 def test_verify_names_a_damaged_member(call, tmp_path, lobes):
     import shutil
 

@@ -15,7 +15,7 @@ import pytest
 import bakery
 from bakery.store.tree import Dataset, Group, text
 from bakery.store.write import write
-from tests.conftest import ROOT
+from tests.conftest import ROOT, slow
 from tests.samples import small_asset, with_member
 
 HOSTILE = '<script>alert("x")</script>\x1b[2J'
@@ -79,6 +79,7 @@ def test_json_says_the_same(call, fog):
     assert found["stages"][0]["seconds"] == 1.5 and found["stages"][0]["notes"] == ["none"]
 
 
+@pytest.mark.usefixtures("verified_here")
 def test_nothing_is_written(call, milk):
     """Read-only commands leave no trace, not even a time stamp."""
     asset = milk.with_suffix(".h5")
@@ -112,7 +113,7 @@ def test_control_characters_do_not_reach_the_terminal(call, hostile):
     assert "\x1b" not in out and "\\x1b[2J" in out
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "utf-8"])
+@pytest.mark.parametrize("encoding", ["ascii", slow("utf-8")])
 def test_any_encoding(fog, encoding):
     done = subprocess.run([sys.executable, "-m", "bakery", "inspect", str(fog)], capture_output=True, check=True,
                           env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONIOENCODING": encoding, "COLUMNS": "1"})

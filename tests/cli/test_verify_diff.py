@@ -42,6 +42,7 @@ def test_a_sound_asset(call, milk):
     assert json.loads(call("verify", milk, "--json")[1]) == [{"file": str(milk), "ok": True, "broken": []}]
 
 
+@pytest.mark.usefixtures("verified_here")
 def test_each_asset_has_its_verdict(call, milk, scaled, tmp_path):
     data = bytearray(milk.read_bytes())
     data[len(data) // 2] ^= 4
@@ -55,6 +56,7 @@ def test_each_asset_has_its_verdict(call, milk, scaled, tmp_path):
     assert all(not row["ok"] and row["broken"] for row in found)
 
 
+@pytest.mark.usefixtures("verified_here")
 def test_what_is_no_asset(call, milk, tmp_path):
     status, out, err = call("verify", milk, tmp_path / "none.h5")
     assert status == 2 and out.splitlines() == [

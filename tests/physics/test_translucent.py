@@ -44,19 +44,22 @@ multiple_scattering: {{extent: {extent}, tolerance: {tolerance}}}
 BALL = icosphere(320)[0] * 5, icosphere(320)[1]
 
 
+ASSETS = {}  # that `baked` has baked, for the tests of every file
+
+
 @pytest.fixture(scope="module")
 def baked(tmp_path_factory):
     """The asset of albedo, g, extent of its tables (mean free paths of 1 m)."""
-    folder, made = tmp_path_factory.mktemp("assets"), {}
+    folder = tmp_path_factory.mktemp("assets")
 
     def bake(albedo=0.9, g=0.0, extent=12, tolerance="5%"):
         name = f"m{albedo}_{g}_{extent}_{tolerance[:-1]}".replace(".", "_")
-        if name not in made:
+        if name not in ASSETS:
             (folder / f"{name}.yaml").write_text(RECIPE.format(name=name, albedo=albedo, g=g, extent=extent, tolerance=tolerance))
             with pytest.MonkeyPatch.context() as patch:
                 patch.setenv("BAKERY_CACHE", str(folder / "cache"))
-                made[name] = bakery.open(bakery.bake(folder / f"{name}.yaml", output=folder / f"{name}.h5"))
-        return made[name]
+                ASSETS[name] = bakery.open(bakery.bake(folder / f"{name}.yaml", output=folder / f"{name}.h5"))
+        return ASSETS[name]
 
     return bake
 

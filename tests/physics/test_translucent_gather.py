@@ -34,6 +34,7 @@ multiple_scattering: {{extent: 24, tolerance: 1%}}
 CORNERS = 40.0 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) - [0, 0, 40.0]
 FACES = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
                   [1, 5, 7], [1, 7, 3]])
+GEL = []
 EYE, VIEW, FAR = np.array([0.5, 0.2, 0.0]), np.array([0.0, 0.6, -0.8]), 9.0
 # origin, direction, length (m), power (W): beside the line of sight, across it, a pencil, and one whose power is taken away
 NEAR = [((2.0, 1.0, -1.0), (0.0, 0.0, -1.0), 4.0, 3.0), ((-3.0, 2.0, -4.0), (0.8, 0.0, 0.6), 5.0, 1.0),
@@ -43,8 +44,13 @@ DISTANT = [((14.0, 3.0, -6.0), (0.0, 0.8, -0.6), 3.0, 3.0), ((-12.0, 8.0, -5.0),
 
 @pytest.fixture(scope="module")
 def gel(tmp_path_factory):
-    """A body, its geometry, and the asset."""
-    folder = tmp_path_factory.mktemp("gel")
+    """A body, its geometry, and the asset, for the tests of every file."""
+    if not GEL:
+        GEL.append(baked_gel(tmp_path_factory.mktemp("gel")))
+    return GEL[0]
+
+
+def baked_gel(folder):
     (folder / "gel.yaml").write_text(RECIPE)
     asset = bakery.open(bakery.bake(folder / "gel.yaml", output=folder / "gel.h5"))
     theta = angles()

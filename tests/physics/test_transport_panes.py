@@ -62,8 +62,9 @@ def test_a_ball_in_glass_in_a_white_room_of_lamps(tmp_path, every, of_milk, monk
     assert white(how, 0.007) == counted
 
 
-@pytest.mark.parametrize("meshes, boundary, around", [({"shell": SHELL}, IN_GLASS, 1.5), ({"pane": PANE}, glass(1.4), 1.0)],
-                         ids=["in-glass", "behind-a-pane"])
+@pytest.mark.parametrize("meshes, boundary, around", [
+    pytest.param({"shell": SHELL}, IN_GLASS, 1.5, marks=pytest.mark.slow, id="in-glass"),
+    pytest.param({"pane": PANE}, glass(1.4), 1.0, id="behind-a-pane")])
 def test_solid_angles_are_those_of_neighbouring_refractions(tmp_path, monkeypatch, meshes, boundary, around):
     """Directions from x to where walks to three points of a small triangle end; and the guess of the index around the body."""
     monkeypatch.setitem(loops.bodies.BOUNDARIES, 1.4, boundary)
@@ -107,6 +108,7 @@ def test_refractions_follow_the_rays_of_mitsuba(tmp_path, of_milk):
     assert np.allclose(np.array(squared)[ends], np.array(walk.passes())[ends], rtol=0.01)
 
 
+@pytest.mark.slow
 def test_any_number_of_threads(tmp_path, of_milk):
     """Light samples through panes, strata and reflections do not depend on it."""
     around = LAMP + panes(tmp_path, {"shell": SHELL})

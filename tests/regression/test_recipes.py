@@ -53,8 +53,8 @@ def held(case: str) -> dict:
     return json.loads((FOLDER / f"{case}.json").read_text())
 
 
-# the recipes of the scenes of particles take seconds each; motes and snow_storm are of their kind
-LONG = {"glass_spheres", "clouds", "blowing_snow", "grains", "photons", "drizzle"}
+# the recipes of the scenes of particles take seconds each; motes are of their kind
+LONG = {"glass_spheres", "snow_storm", "clouds", "blowing_snow", "grains", "photons", "drizzle"}
 LONG |= {case for case in CASES if case.endswith("_particles")}
 
 

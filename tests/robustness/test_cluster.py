@@ -18,7 +18,7 @@ from bakery.errors import StageError, UsageError
 from bakery.run import dask, many, messages
 from bakery.run.executors import library_versions
 from bakery.store.read import read
-from tests.conftest import DROPS, ROOT
+from tests.conftest import DROPS, ROOT, slow
 from tests.robustness import blocks
 
 
@@ -78,7 +78,7 @@ def test_what_is_no_address_is_refused(call, drops, tmp_path, address):
 
 
 @pytest.mark.parametrize(("address", "encrypted", "says"), [
-    ("tls://localhost:9", "False", "Dask has no certificates for it; its options distributed.comm.tls.ca-file"),
+    slow("tls://localhost:9", "False", "Dask has no certificates for it; its options distributed.comm.tls.ca-file"),
     ("tcp://localhost:9", "True", "where no Dask scheduler answers (encryption required by Dask configuration"),
 ])
 def test_an_address_that_dask_cannot_call_ends_at_once(drops, tmp_path, address, encrypted, says):

@@ -62,6 +62,7 @@ def test_standard_error_and_bias_together_are_the_stated_error():
     assert np.array_equal(standard_error(root, "medium/sigma_t"), 0.03 * sigma_t.data)
 
 
+@pytest.mark.usefixtures("verified_here")
 def test_assets_of_the_first_version_open(tmp_path):
     """There the estimated errors of particles are called like standard errors."""
     root = small_asset()

@@ -76,6 +76,7 @@ def milk(tmp_path_factory):
     return bakery.open(bakery.bake(recipe, folder / "milk.h5"))
 
 
+@pytest.mark.slow
 def test_tables_of_multiple_scattering(milk):
     rho, z = np.array([0.3, 1.0, 4.0]), np.array([-1.0, 0.5, 3.0])
     theta = math.acos(0.8)

@@ -64,18 +64,25 @@ def start(features, bows=(), wider=1.0):
     combs = [c for c in combs if not any(o[0] >= c[0] and o[1] <= c[1] and o != c for o in combs)]
 
     def step(t):
-        h = min(widest, min((max(fine, ratio * abs(t - a)) for a, fine in places), default=widest))
+        h = widest
+        for angle, finest in places:
+            h = min(h, max(finest, ratio * abs(t - angle)))
         edge = min(t, math.pi - t)
-        return min([h] + [period for reach, period in combs if edge <= reach])
+        for reach, period in combs:
+            if edge <= reach:
+                h = min(h, period)
+        return h
 
-    theta = [0.0]
+    theta, h = [0.0], step(0.0)
     while theta[-1] < math.pi:
         if len(theta) > LIMIT:
             raise TooManyAngles(f"more than {LIMIT} angles")
         last = theta[-1]
-        h = step(last)
+        ahead = min(last + h, math.pi)
+        there = step(ahead)
         # a place ahead may ask for smaller steps than the present one: do not jump over it
-        theta.append(last + max(min(h, step(min(last + h, math.pi)) * 2), h / 8))
+        theta.append(last + max(min(h, there * 2), h / 8))
+        h = there if theta[-1] == ahead else step(theta[-1])
     theta[-1] = math.pi
     if len(theta) > 2 and theta[-1] - theta[-2] < 0.3 * (theta[-2] - theta[-3]):
         del theta[-2]

@@ -6,6 +6,7 @@ Draws are seeded.  A test that compares with chance is made so that a right prog
 from __future__ import annotations
 
 import math
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from bakery.physics.surfaces.solution import solve
 from bakery.physics.surfaces.table import surface_table
 from bakery.physics.surfaces.unscattered import unscattered
 from renderers.mitsuba import layers
+from tests.conftest import slow
 from tests.devices import jit, on_each_device
 from tests.odds import sigmas
 from tests.physics.surfaces.layers import LAYERS, RGB, solutions, table
@@ -237,11 +239,17 @@ def test_a_layer_that_would_make_light_is_refused(monkeypatch):
 WHITE = ((0.5, 1.0, 0.6, 1.33), (0.0, 1.0, 1.0, 1.5))  # g, albedo, depth, index
 
 
-def two_sided(media, monkeypatch):
-    """The plugin of a stack, and its solutions for light from above and from below."""
+@cache
+def solved_on_both_sides(media):
+    """Solutions of a stack for light from above and from below, and their tables."""
     slab, wanted = stack(*media)
     above, below = solve(slab, wanted, 24, 1e-3), solve(upside_down(slab), wanted[::-1], 24, 1e-3)
-    (front, errors), (back, _) = surface_table([above]), surface_table([below])
+    return (above, below), surface_table([above]), surface_table([below])
+
+
+def two_sided(media, monkeypatch):
+    """The plugin of a stack, and its solutions for light from above and from below."""
+    (above, below), (front, errors), (back, _) = solved_on_both_sides(media)
     monkeypatch.setattr(layers, "load", lambda path, number: layers.Layer(np.array([0.55]), front, errors.largest, back))
     return plugin("stack"), (above, below)
 
@@ -262,7 +270,7 @@ def test_both_sides_of_a_stack_are_the_solutions(variant, monkeypatch):
 
 
 @on_each_device
-@pytest.mark.parametrize("mu", [0.8, -0.8, 0.2])
+@pytest.mark.parametrize("mu", [0.8, -0.8, slow(0.2)])
 def test_a_stack_loses_nothing(device, mu, monkeypatch):
     """Weights of samples of lossless layers, mirrored and unscattered light among them; single directions by themselves."""
     mi.set_variant(f"{device}_ad_rgb")

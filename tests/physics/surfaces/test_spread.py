@@ -17,6 +17,7 @@ from bakery.physics.surfaces._spread import _return_to_plane
 from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.solution import solve
 from bakery.physics.surfaces.spread import CLASSES, profile, profile_within, spread, without_aureole
+from tests.conftest import slow
 from tests.odds import sigmas
 from tests.physics.surfaces.test_layers import henyey_greenstein
 from tests.physics.surfaces.test_photons import deflected
@@ -107,7 +108,8 @@ def followed_in_two(media, index, base, count, seed):
 
 
 @pytest.mark.parametrize(("media", "index"), [
-    (((0.98, 0.5, 2.0, 0.3), (0.9, 0.1, 0.5, 4.0)), (1.0, 1.0)), (((0.9, 0.1, 0.4, 2.0), (0.995, 0.7, 4.0, 20.0)), (1.4, 1.2)),
+    (((0.98, 0.5, 2.0, 0.3), (0.9, 0.1, 0.5, 4.0)), (1.0, 1.0)),
+    slow(((0.9, 0.1, 0.4, 2.0), (0.995, 0.7, 4.0, 20.0)), (1.4, 1.2)),
     (((0.0, 0.0, 0.2, 1.0), (0.99, 0.3, 3.0, 0.5)), (1.3, 1.6))])
 def test_photons_followed_in_two_layers(media, index):
     """Mean squared distance of light of the three classes of exitance and of all, and light within some distances.

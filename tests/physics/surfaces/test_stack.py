@@ -17,6 +17,7 @@ from bakery.physics.surfaces.slab import Slab, reflector
 from bakery.physics.surfaces.solution import solve
 from bakery.physics.surfaces.table import surface_table
 from bakery.physics.surfaces.unscattered import unscattered
+from tests.conftest import slow
 from tests.odds import sigmas
 from tests.physics.surfaces.test_layers import EVERYWHERE, SPHERE, henyey_greenstein
 
@@ -122,8 +123,9 @@ def test_energy_and_reciprocity(indices, depths):
     np.testing.assert_allclose(there, back, rtol=1e-6)
 
 
-@pytest.mark.parametrize("boundaries", [((1.5, 0.0), (1.0, 0.3)), ((1.33, 0.0), (1.5, 0.3), (1.2, 0.0)), ((1.5, 0.3), (1.2, 0.2)),
-                                        ((1.0, 0.0), (1.2, 0.0), (1.4, 0.3))])
+@pytest.mark.parametrize("boundaries", [
+    slow(((1.5, 0.0), (1.0, 0.3))), ((1.33, 0.0), (1.5, 0.3), (1.2, 0.0)), ((1.5, 0.3), (1.2, 0.2)),
+    slow(((1.0, 0.0), (1.2, 0.0), (1.4, 0.3)))])
 def test_energy_and_reciprocity_with_facets_between(boundaries):
     """Of a lower index too, where facets reflect totally; with smooth boundaries above and below, and facets above."""
     media = [(0.5 * (k % 2), 1.0, 0.3, *boundary) for k, boundary in enumerate(boundaries)]
@@ -144,6 +146,7 @@ def test_air_over_facets_is_their_boundary():
     np.testing.assert_allclose(bare.reflection(MU, MU0, PHI)[1:, 1:], exact.reflection(MU, MU0, PHI)[1:, 1:], rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_facets_over_what_reflects_totally(monkeypatch):
     """Twice as many facets change little: a lobe that is cut off at the critical angle takes more of them than a smooth one."""
     slab, wanted = stack((0.5, 0.5, 0.01, 1.4, 0.2), (0.0, 0.6, math.inf, 1.0))
@@ -166,7 +169,7 @@ def test_facets_under_what_absorbs():
     assert np.abs(several[2:, 2:]).max() < 0.02 * np.abs(once[2:, 2:]).max() and np.abs(several).max() > 0
 
 
-@pytest.mark.parametrize("indices", [(1.5, 1.2), (1.0, 1.5)])
+@pytest.mark.parametrize("indices", [slow((1.5, 1.2)), (1.0, 1.5)])
 def test_nearly_smooth_facets_between(indices):
     smooth, facets = (solve(*stack((0.5, 0.95, 0.5, indices[0]), (0.0, 0.9, math.inf, indices[1], roughness)), 24, 0.01)
                       for roughness in (0.0, 0.05))
