@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from bakery.physics import packing
-from bakery.physics.packing import _events, ceiling, dynamics, pack, predicted, structure
+from bakery.physics.packing import _events, _lists, _queue, ceiling, dynamics, pack, predicted, structure
 from bakery.physics.packing.radii import lognormal, species
 
 IMAGES = np.array(list(itertools.product((-1, 0, 1), repeat=3)))
@@ -150,6 +150,26 @@ def test_it_moves_as_a_literal_simulation_does(radii, cell, rate, start):
     drift = v.mean(axis=0)
     assert np.abs(away).max() < 1e-6
     assert np.abs(spheres.sphere[:, 3:6] - (theirs[1][order] - drift)).max() < 1e-6
+
+
+@pytest.mark.parametrize(("entries", "buckets"), [(8, 4), (2, 4), (8, 1)])  # the last two end a year every few events
+@pytest.mark.parametrize("rate", [0.0, 0.1])
+def test_each_event_is_the_earliest_that_pends(entries, buckets, rate, monkeypatch):
+    monkeypatch.setattr(_queue, "ENTRIES", entries)
+    monkeypatch.setattr(_queue, "BUCKETS", buckets)
+    spheres = spheres_at(0.5, lognormal(1.2, 80), 1)
+    spheres.grow(0.4, 0.2, 1e6)
+    spheres._prepare((0.5 / spheres.volume) ** (1 / 3))
+    spheres.clock[:] = 0.0
+    spheres.clock[_events.SCALE], spheres.clock[_events.RATE] = spheres.scale, rate
+    _events.predict_all(spheres.state)
+    years, pending = set(), spheres.sphere[:, _lists.DUE]
+    for _ in range(1000):
+        earliest = pending.min()
+        assert _events.run(spheres.state, np.inf, 10**9, 1) == _events.PAUSED
+        assert spheres.clock[_events.TIME] == earliest <= pending.min()
+        years.add(spheres.state.year[0])
+    assert len(years) > (1000 // (8 * 80) if (entries, buckets) == (8, 4) else 10)
 
 
 def test_many_collisions_without_drift():
