@@ -25,7 +25,7 @@ from bakery.run.executors import Context, threads
 from bakery.run.progress import Progress
 from bakery.stages.declaration import Cost, Stage, remembering
 from bakery.store.tree import Dataset, Group
-from bakery.system import resources
+from bakery.system import blas, resources
 from bakery.system.memory import free_memory
 
 LARGEST_FILE = 16 << 30
@@ -204,6 +204,7 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
         ahead.expect([kernel for step in plan.steps if step.action == RUN
                       for kernel in ahead.of(f"stage {step.stage.name}", step.cost.kernels)])
     with ExitStack() as stack:
+        stack.enter_context(blas.one_thread())
         with progress.during(f"calling {address}" if address else "starting workers"):
             running = stack.enter_context(pool)
         stack.enter_context(remembering(cache))

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from bakery.physics import packing
-from bakery.physics.packing import _events, ceiling, dynamics, pack, predicted, structure
+from bakery.physics.packing import _events, _lists, _queue, ceiling, dynamics, pack, predicted, structure
 from bakery.physics.packing.radii import lognormal, species
 
 IMAGES = np.array(list(itertools.product((-1, 0, 1), repeat=3)))
@@ -152,6 +152,26 @@ def test_it_moves_as_a_literal_simulation_does(radii, cell, rate, start):
     assert np.abs(spheres.sphere[:, 3:6] - (theirs[1][order] - drift)).max() < 1e-6
 
 
+@pytest.mark.parametrize(("entries", "buckets"), [(8, 4), (2, 4), (8, 1)])  # the last two end a year every few events
+@pytest.mark.parametrize("rate", [0.0, 0.1])
+def test_each_event_is_the_earliest_that_pends(entries, buckets, rate, monkeypatch):
+    monkeypatch.setattr(_queue, "ENTRIES", entries)
+    monkeypatch.setattr(_queue, "BUCKETS", buckets)
+    spheres = spheres_at(0.5, lognormal(1.2, 80), 1)
+    spheres.grow(0.4, 0.2, 1e6)
+    spheres._prepare((0.5 / spheres.volume) ** (1 / 3))
+    spheres.clock[:] = 0.0
+    spheres.clock[_events.SCALE], spheres.clock[_events.RATE] = spheres.scale, rate
+    _events.predict_all(spheres.state)
+    years, pending = set(), spheres.sphere[:, _lists.DUE]
+    for _ in range(1000):
+        earliest = pending.min()
+        assert _events.run(spheres.state, np.inf, 10**9, 1) == _events.PAUSED
+        assert spheres.clock[_events.TIME] == earliest <= pending.min()
+        years.add(spheres.state.year[0])
+    assert len(years) > (1000 // (8 * 80) if (entries, buckets) == (8, 4) else 10)
+
+
 def test_many_collisions_without_drift():
     spheres = spheres_at(0.5, np.ones(200), 1)
     spheres.grow(0.5, 0.2, 1e6)
@@ -200,7 +220,8 @@ def test_equal_spheres_by_a_second_search():
     nearest = cKDTree(tile.centers, boxsize=tile.cell).query(tile.centers, k=2)[0][:, 1]
     assert nearest.min() >= 2 - 1e-13
     # random, not crystalline: Q6 of 5000 random spheres is 0.016 +- 0.004, of the crystal 0.57
-    assert tile.order < 0.06 and structure.bond_order(tile.centers, tile.radii, tile.cell).q6 == tile.order
+    assert tile.order < 0.06
+    assert structure.bond_order(tile.centers, tile.radii, tile.cell).q6 == pytest.approx(tile.order, rel=1e-12)
 
 
 def test_the_search_can_fail():
@@ -245,17 +266,16 @@ def test_a_budget_ends_it_at_the_same_place(monkeypatch):
 
 
 def test_a_crystal_is_refused_and_tried_again(monkeypatch):
-    crystal = structure.BondOrder(0.5, 0.5, 12.0)
-    real, calls = structure.bond_order, []
+    real, calls = structure.global_bond_order, []
 
     def order(*tile):
         calls.append(tile)
-        return crystal if len(calls) == 1 else real(*tile)
+        return 0.5 if len(calls) == 1 else real(*tile)
 
-    monkeypatch.setattr(structure, "bond_order", order)
+    monkeypatch.setattr(structure, "global_bond_order", order)
     tile = pack(0.55, np.ones(100), seed=1, schedule="draft")
     assert tile.reached and tile.attempts == 2 and tile.order < 0.3
-    monkeypatch.setattr(structure, "bond_order", lambda *tile: crystal)
+    monkeypatch.setattr(structure, "global_bond_order", lambda *tile: 0.5)
     tile = pack(0.55, np.ones(100), seed=1, schedule="draft")
     assert not tile.reached and tile.status == "crystal" and tile.attempts == packing.ATTEMPTS and "0.5" in tile.reason
 

@@ -55,6 +55,7 @@ def test_face_centred_crystal(n, gap):
     touching = structure.contacts(centers, radii, cell)
     assert (touching.mean, touching.rattlers) == ((12.0, 0.0) if gap == 0 else (0.0, 1.0)) and touching.error == 0
     order = structure.bond_order(centers, radii, cell)
+    assert structure.global_bond_order(centers, radii, cell) == pytest.approx(order.q6, rel=1e-12)
     assert order.bonds == 12 and order.q6 == pytest.approx(0.57452, abs=1e-5) == pytest.approx(order.local, abs=1e-5)
 
 

@@ -216,7 +216,7 @@ def _attempt(fraction, radii, edges, plan, stretch, rng, report, budget):
     centers[centers >= edges] = 0.0
     order = np.nan
     if fraction >= _ORDERED_FROM and radii.size >= _ORDERED_COUNT:
-        order = structure.bond_order(centers, radii, edges).q6
+        order = structure.global_bond_order(centers, radii, edges)
         if order > 3.0 / np.sqrt(radii.size) + 0.03:  # at random 1.1/sqrt(N), standard deviation 0.25/sqrt(N)
             status, reason = "crystal", f"ordered itself: bond order Q6 {order:.3g}, at random {1.1 / np.sqrt(radii.size):.2g}"
     return Packing(centers, radii, edges, fraction if complete and not shrink else structure.fraction(radii, edges), fraction,

@@ -38,31 +38,31 @@ def lowest(typingctx, bits):
 
 
 @intrinsic
-def approach(typingctx, sphere, near, first, shift, centre, moving, now, soon, out):
+def approach(typingctx, sphere, near, first, shift, moving, now, soon, out):
     """Which of the eight neighbours near[first] .. near[first + 7] may touch: a bit each.
 
     The squared gap is c + 2 b tau + a tau^2; none before `until` where c > 0 and c + until (2 b + until min(a, 0)) >= 0.
 
     sphere, near, shift : of `State`
-    centre : code of the image without shift
     moving : x, y, z now, velocity, radius of the sphere
     now : scale, rate, time
     soon : time from now after which nothing matters; the neighbour's own next event, where that is earlier
     out : memory for a, b, c and the time until a neighbour's next event, LANES of each
     """
-    signature = types.int64(sphere, near, types.int64, shift, types.int64, types.UniTuple(types.float64, 7),
+    signature = types.int64(sphere, near, types.int64, shift, types.UniTuple(types.float64, 7),
                             types.UniTuple(types.float64, 3), types.float64, out)
     return signature, _code
 
 
 def _code(context, builder, signature, args):
-    sphere, near, first, shift, centre, moving, now, soon, out = args
+    sphere, near, first, shift, moving, now, soon, out = args
     sphere, near, shift = (context.make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 1, 3))
     x, y, z, vx, vy, vz, radius = (_splat(builder, builder.extract_value(moving, n)) for n in range(7))
     scale, rate, t = (_splat(builder, builder.extract_value(now, n)) for n in range(3))
-    entries = [builder.load(builder.gep(near, [builder.add(first, _LONG(n))])) for n in range(LANES)]
+    entries = builder.load(builder.bitcast(builder.gep(near, [first]), ir.VectorType(_INT, LANES).as_pointer()))
+    entries.align = 32
     px, py, pz, ux, uy, uz, r, due = _columns(builder, sphere, entries)
-    sx, sy, sz = _shifts(builder, shift, centre, entries)
+    sx, sy, sz = _shifts(builder, shift, entries)
     sub, mul, add = builder.fsub, builder.fmul, builder.fadd
     dx, dy, dz = (sub(sub(at, s), add(p, mul(v, t))) for at, s, p, v in ((x, sx, px, ux), (y, sy, py, uy), (z, sz, pz, uz)))
     ux, uy, uz = sub(vx, ux), sub(vy, uy), sub(vz, uz)
@@ -91,7 +91,8 @@ def _code(context, builder, signature, args):
 def _columns(builder, sphere, entries):
     """The records of eight spheres as eight vectors, one for each number of a record."""
     rows = []
-    for entry in entries:
+    for n in range(LANES):
+        entry = builder.extract_element(entries, _INT(n))
         at = builder.mul(builder.zext(builder.lshr(entry, entry.type(5)), _LONG), _LONG(8))
         row = builder.load(builder.bitcast(builder.gep(sphere, [at]), _VECTOR.as_pointer()))
         row.align = 64
@@ -108,33 +109,21 @@ def _columns(builder, sphere, entries):
     return rows
 
 
-def _shifts(builder, shift, centre, entries):
-    """Translations of the images of eight neighbours; nearly always none of them is translated."""
-    codes = [builder.and_(entry, entry.type(31)) for entry in entries]
-    inside = ir.IntType(1)(1)
-    for code in codes:
-        inside = builder.and_(inside, builder.icmp_unsigned("==", builder.zext(code, _LONG), centre))
-    zero = ir.Constant(_VECTOR, [0.0] * LANES)
-    before = builder.block
-    across, done = (builder.append_basic_block(name) for name in ("across", "shifted"))
-    builder.cbranch(inside, done, across)
-    builder.position_at_end(across)
-    vectors = []
-    for axis in range(3):
-        vector = ir.Constant(_VECTOR, ir.Undefined)
-        for n, code in enumerate(codes):
-            at = builder.add(builder.mul(builder.zext(code, _LONG), _LONG(3)), _LONG(axis))
-            vector = builder.insert_element(vector, builder.load(builder.gep(shift, [at])), _INT(n))
-        vectors.append(vector)
-    builder.branch(done)
-    builder.position_at_end(done)
-    shifts = []
-    for vector in vectors:
-        phi = builder.phi(_VECTOR)
-        phi.add_incoming(zero, before)
-        phi.add_incoming(vector, across)
-        shifts.append(phi)
-    return shifts
+def _shifts(builder, shift, entries):
+    """Translations of the images of eight neighbours, from their codes 9 a + 3 b + c of 0, 1, 2 along each axis.
+
+    Without a branch: in a tile of 1000 spheres a third of the eights has a translated neighbour.
+    """
+    codes = builder.and_(entries, _whole(31))
+    nines, threes = (builder.lshr(builder.mul(codes, _whole(factor)), _whole(bits)) for factor, bits in ((57, 9), (43, 7)))
+    steps = nines, builder.sub(threes, builder.mul(nines, _whole(3))), builder.sub(codes, builder.mul(threes, _whole(3)))
+    edges = [builder.load(builder.gep(shift, [_LONG(3 * code + axis)])) for axis, code in enumerate((22, 16, 14))]
+    return [builder.fmul(builder.sitofp(builder.sub(step, _whole(1)), _VECTOR), _splat(builder, edge))
+            for step, edge in zip(steps, edges, strict=True)]
+
+
+def _whole(number):
+    return ir.Constant(ir.VectorType(_INT, LANES), [number] * LANES)
 
 
 def _indices(numbers):

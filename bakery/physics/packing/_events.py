@@ -8,16 +8,15 @@ clock back before that costs digits.
 """
 
 import numpy as np
-from numba import carray
 
 from bakery.physics.packing._approach import DUE as NEXT
 from bakery.physics.packing._approach import LANES, A, B, C, approach, lowest, scratch
-from bakery.physics.packing._lists import CENTRE, CODES, DUE, FIRST, INNER, LAST, PARTNER, STRICT, R, V, X, relist
-from bakery.physics.packing._queue import best_of, call_ahead, call_neighbours, reschedule, runner_up
+from bakery.physics.packing._lists import CODES, DUE, FIRST, INNER, LAST, STRICT, R, V, X, relist
+from bakery.physics.packing._queue import USED, next_event, push
 from bakery.system.compiled import njit
 
 LEAVE, CHECK, NONE = -1, -2, -3  # in place of a partner
-DEEP = 2000  # nodes of a tree (beyond 4096 spheres) from which memory is asked for ahead: with fewer all stays in the cache
+DEEP = 4096  # spheres beyond which memory is asked for ahead: with fewer all stays in the cache
 STOPPED, PAUSED, WINDOW, FULL = 0, 1, 2, 3  # why `run` came back
 TIME, SCALE, RATE, VIRIAL, NEAREST, FARTHEST = range(6)  # of `clock`
 COLLISIONS, LEAVES, CHECKS = range(3)  # of `tally`
@@ -56,20 +55,27 @@ def _touching(a, b, c):
 
 
 @njit(**INNER)
-def _agree(st, i, choice, agreed, due):
-    """Enter the next event of sphere i, for its partner too; partners that they had before have to look again."""
+def _let_go(st, i):
+    """Sphere i goes elsewhere: who had agreed to meet it has to look again when they would have met."""
+    if st.partner[i] >= 0:
+        st.partner[st.partner[i] >> 5] = CHECK
+        push(st, st.partner[i] >> 5, st.sphere[i, DUE])
+
+
+@njit(**INNER)
+def _agree(st, i, choice, due):
+    """Enter the next event of sphere i, for its partner too."""
+    _let_go(st, i)
+    first = i
     if choice >= 0:
         j = choice >> 5
-        if agreed >= 0:
-            st.index[agreed >> 5, PARTNER] = CHECK
-        if st.index[j, PARTNER] >= 0:
-            st.index[st.index[j, PARTNER] >> 5, PARTNER] = CHECK
-        st.index[j, PARTNER] = 32 * i + CODES - 1 - (choice & 31)
-        reschedule(st, j, due)
-    elif agreed >= 0:
-        st.index[agreed >> 5, PARTNER] = CHECK
-    st.index[i, PARTNER] = choice
-    reschedule(st, i, due)
+        first = min(i, j)
+        _let_go(st, j)
+        st.partner[j] = 32 * i + CODES - 1 - (choice & 31)
+        st.sphere[j, DUE] = due
+    st.partner[i] = choice
+    st.sphere[i, DUE] = due
+    push(st, first, due)
 
 
 @njit(**INNER)
@@ -81,18 +87,17 @@ def predict(st, i, t):
 
     soon = _leaving(st, i, x, y, z, scale)
     choice = LEAVE
-    agreed = st.index[i, PARTNER]
+    agreed = st.partner[i]
     if agreed >= 0 and st.sphere[i, DUE] - t <= soon:
         soon = st.sphere[i, DUE] - t
         choice = agreed
 
     moving, now = (x, y, z, vx, vy, vz, radius), (scale, rate, t)
-    gaps = scratch()
-    gap = carray(gaps, 4 * LANES)
+    gap = scratch()
     last = st.index[i, LAST]
     # lists take whole cache lines: what stands behind the last one is some sphere's number, or was
     for first in range(st.index[i, FIRST], last, LANES):
-        bits = approach(st.sphere, st.near, first, st.shift, CENTRE, moving, now, soon, gaps)
+        bits = approach(st.sphere, st.near, first, st.shift, moving, now, soon, gap)
         bits &= (1 << min(last - first, LANES)) - 1
         while bits != 0:
             k = lowest(bits)
@@ -108,7 +113,7 @@ def predict(st, i, t):
 
     if choice == agreed and agreed >= 0:
         return
-    _agree(st, i, choice, agreed, t + soon)
+    _agree(st, i, choice, t + soon)
 
 
 @njit(**INNER)
@@ -146,11 +151,10 @@ def collide(st, i, j, code, t):
 def predict_all(st):
     """Forget all events and find them anew at clock zero."""
     count = st.sphere.shape[0]
-    st.tree[:, :4] = np.inf
-    st.tree[:, 4:] = -1.0
+    st.page[USED] = st.entry.shape[0]  # the next to ask for an event begins a year
     for i in range(count):
         st.sphere[i, DUE] = np.inf
-        st.index[i, PARTNER] = NONE
+        st.partner[i] = NONE
     for i in range(count):
         predict(st, i, 0.0)
 
@@ -179,11 +183,10 @@ def advance(st):
 def run(st, stop, collisions, events):
     """Handle events up to a time, a number of collisions in all, or a number of events, and say which it was."""
     handled = 0
-    deep = st.tree.shape[0] > DEEP
-    ahead = -1
+    deep = st.sphere.shape[0] > DEEP
     while True:
-        first = best_of(st, 0)
-        t = st.tree[0, first]
+        i = next_event(st, st.clock[TIME], deep)
+        t = st.sphere[i, DUE] if i >= 0 else np.inf
         if t >= stop:
             st.clock[TIME] = stop
             return STOPPED
@@ -193,27 +196,15 @@ def run(st, stop, collisions, events):
         if handled >= events:
             return PAUSED
         handled += 1
-        i = int(st.tree[0, 4 + first])
         st.clock[TIME] = t
-        partner = st.index[i, PARTNER]
+        partner = st.partner[i]
         partner_left = -1
-        if deep:
-            if i != ahead:
-                call_neighbours(st, i)
-                if partner >= 0:
-                    call_neighbours(st, partner >> 5)
-            second = runner_up(st, first)
-            if second != ahead:
-                ahead = second
-                call_neighbours(st, second)
-                if st.index[second, PARTNER] >= 0:
-                    call_neighbours(st, st.index[second, PARTNER] >> 5)
         if partner >= 0:
             partner_left = partner >> 5
             collide(st, i, partner_left, partner & 31, t)
             st.tally[COLLISIONS] += 1
-            st.index[i, PARTNER] = NONE
-            st.index[partner_left, PARTNER] = NONE
+            st.partner[i] = NONE
+            st.partner[partner_left] = NONE
             st.sphere[i, DUE] = np.inf
             st.sphere[partner_left, DUE] = np.inf
         elif partner == LEAVE:
@@ -222,11 +213,6 @@ def run(st, stop, collisions, events):
                 return FULL
         else:
             st.tally[CHECKS] += 1
-        first_changed, second_changed = i, partner_left
         while i >= 0:  # one call of `predict` in the code, for it is compiled in place
             predict(st, i, t)
             i, partner_left = partner_left, -1
-        if deep:
-            while first_changed >= 0:
-                call_ahead(st, first_changed)
-                first_changed, second_changed = second_changed, -1

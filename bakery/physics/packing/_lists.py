@@ -11,12 +11,13 @@ import numpy as np
 
 from bakery.system.compiled import njit
 
-STRICT = dict(cache=True, nogil=True, error_model="numpy")
+# no arrays are created here, so none are counted: numba's counters cost up to a sixth of the time
+STRICT = dict(cache=True, nogil=True, error_model="numpy", _nrt=False)
 INNER = dict(STRICT, forceinline=True)  # a call would copy the whole of `State`: a third of the time of an event
 CENTRE = 13  # code of the image without shift; CODES - 1 - code is the opposite one
 CODES = 27
 X, V, R, DUE = 0, 3, 6, 7  # columns of `sphere`
-FIRST, LAST, ROOM, PARTNER = 4, 5, 6, 7  # columns of `index`; a partner is 32 j + code of j's image, or one of `_events`
+FIRST, LAST, ROOM = 4, 5, 6  # columns of `index`
 
 
 class State(NamedTuple):
@@ -27,8 +28,13 @@ class State(NamedTuple):
 
     sphere: np.ndarray  # (N, 8): position at clock zero, velocity, final radius, time of the pending event
     bubble: np.ndarray  # (N, 8): centre in [0, cell), radius; the other half is that of `index`
-    index: np.ndarray  # (N, 8) integers, the same memory: FIRST, LAST (excluded) and end of ROOM of i's list in `near`, PARTNER
-    tree: np.ndarray  # (M, 8): four pending times, whose they are; node n is fed by 4 n + 1 ... 4 n + 4, the last ones by spheres
+    index: np.ndarray  # (N, 8) integers, the same memory: FIRST, LAST (excluded) and end of ROOM of i's list in `near`
+    partner: np.ndarray  # (N,): 32 j + code of the image of whom a sphere will meet next, or one of `_events`
+    entry: np.ndarray  # (E, 2): time of an event; the other half is that of `link`
+    link: np.ndarray  # (E, 4) integers, the same memory: in the last two the sphere, and the next entry in its bucket, or -1
+    bucket: np.ndarray  # (B,): first entry of each bucket, or -1
+    year: np.ndarray  # (2,): time at which it begins, buckets a time
+    page: np.ndarray  # (2,): the open bucket, entries of the year so far
     near: np.ndarray  # neighbours as 32 j + code of the image
     shift: np.ndarray  # (27, 3): translation of each image
     cell: np.ndarray  # (3,)

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from bakery.physics.packing import _events, _lists
+from bakery.physics.packing import _events, _lists, _queue
 
 WINDOW = 20  # collisions a sphere between two settings of the clock and of the temperature
 NEIGHBOURS = 12.0  # target length of a list of equal spheres
@@ -62,14 +62,14 @@ class Spheres:
         index = bubble.view(np.int64)
         index[:, _lists.ROOM] = np.cumsum(capacity)
         index[:, _lists.FIRST] = index[:, _lists.LAST] = index[:, _lists.ROOM] - capacity
-        index[:, _lists.PARTNER] = _events.NONE
-        leaves = 1
-        while 4 * leaves < count:
-            leaves *= 4
+        entry = _lines(_queue.ENTRIES * count // 4 + 8, 8).reshape(-1, 2)
         near = _lines(int(capacity.sum()) // 16, 8).view(np.uint32).reshape(-1)
+        calendar = (entry, entry.view(np.int32), np.full(_queue.BUCKETS * count + 8, -1, np.int32), np.zeros(2),
+                    np.zeros(2, np.int64))
         return _lists.State(
-            sphere, bubble, index, _lines((4 * leaves - 1) // 3, 8), near, shift, cell, level.astype(np.int32), reach, cells,
-            offset[:-1].copy(), np.full(offset[-1], -1, np.int32), np.full(count, -1, np.int32), self.clock, self.tally)
+            sphere, bubble, index, np.full(count, _events.NONE, np.int32), *calendar, near, shift, cell, level.astype(np.int32),
+            reach, cells, offset[:-1].copy(), np.full(offset[-1], -1, np.int32), np.full(count, -1, np.int32), self.clock,
+            self.tally)
 
     def place(self, fraction):
         """Random sequential addition at a volume fraction; tries lower ones where it gets stuck (few spheres)."""

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial import Legendre
 
 from bakery.physics.packing.theory import mean_chord
 
@@ -238,6 +239,20 @@ def bond_order(centers, radii, cell) -> BondOrder:
     bound = number > 0
     return BondOrder(float(order(total.sum(axis=0) / number.sum())),
                      float(order(total[bound] / number[bound, None]).mean()), float(number.mean()))
+
+
+def global_bond_order(centers, radii, cell) -> float:
+    """`q6` of `bond_order` alone, to 1e-12: Y_6m is exp(i m azimuth) sin^m d^m P_6/dz^m, up to a factor whose square is known."""
+    total, number = np.zeros(7, complex), 0
+    for i, _, vector, distance in neighbours(centers, radii, cell, 0.0, BOND):
+        x, y, z = (vector / distance[:, None]).T
+        power = np.ones(i.size, complex)
+        for m in range(7):
+            total[m] += np.sum(power * Legendre.basis(6).deriv(m)(z))
+            power *= x + 1j * y
+        number += i.size
+    weights = np.array([(1 + (m > 0)) * math.factorial(6 - m) / math.factorial(6 + m) for m in range(7)])
+    return float(np.sqrt(np.sum(weights * np.abs(total) ** 2)) / max(number, 1))
 
 
 @dataclass(frozen=True)
