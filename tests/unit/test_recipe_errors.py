@@ -172,6 +172,12 @@ def test_particles(refuse, old, new, says):
         ("g: 0.7", "g: [0.5, 0.6, -1]", ['6: medium.phase.g[2]: found "-1"; expected a number above -1 and below 1']),
         ("{type: hg, g: 0.7}", "{type: gaussian, spread: 200 deg}",
          ['6: medium.phase.spread: found "200 deg"; expected an angle at least 1e-06 and at most 3.14159 rad']),
+        ("{type: hg, g: 0.7}", "{type: table}",
+         ["6: medium.phase.file: missing; expected file: CSV file with the columns theta_deg (or theta_rad), 0 to 180 degrees, "
+          "and value (any scale)"]),
+        ("medium:\n", "packing: {fraction: 0.5, radii: 3}\nmedium:\n",
+         ["3: packing: found packing beside medium, which it has no effect on; expected it alone or with grains",
+          '3: packing.radii: found "3"; expected equal, a list of {share, radius}, or {distribution: lognormal, sigma}']),
         ("{type: hg, g: 0.7}", "hg", ['6: medium.phase: found "hg"; expected a mapping such as {type: hg, …}']),
         ("  albedo: 0.9\n  mean_free_path: 1 mm", "  sigma_s: 0 /m\n  sigma_a: 0 /m",
          ["3: medium: found sigma_s and sigma_a that are both 0; expected a positive sum"]),
