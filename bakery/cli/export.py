@@ -94,9 +94,10 @@ def _check(asset, exporter):
     if not exporter.takes or any(stage in asset.stages for stage in exporter.takes):
         return
     stages = " or ".join(f"`{stage}`" for stage in exporter.takes)
-    sections = dict.fromkeys(section for stage in exporter.takes for section_of in sections_for(stage) for section in section_of)
+    alternatives = (sections for stage in exporter.takes for sections in sections_for(stage))
+    wanted = dict.fromkeys(" and ".join(f"`{section}`" for section in sections) for sections in alternatives)
     raise AssetError(f"{asset.name}: holds no stage {stages}, which {exporter.name} takes; bake it from a recipe with "
-                     + " or ".join(f"`{section}`" for section in sections))
+                     + " or ".join(wanted))
 
 
 def _asked(target, given):

@@ -212,13 +212,14 @@ def _in_steps(quantity: Quantity, limits: Range, most: int):
         "count": {"type": "integer", "minimum": 2, "maximum": most}}})
 
 
-def word(*choices: str):
-    """One of a few words."""
+def word(*choices: str, otherwise: str = ""):
+    """One of a few words; `otherwise` says what may stand in their place."""
+    expected = one_of(choices) + (f", {otherwise}" if otherwise else "")
 
     def read(node):
-        text = scalar(node, one_of(choices)).text
+        text = scalar(node, expected).text
         if text not in choices:
-            raise Wrong(f"found {show(text)}", f"expected {one_of(choices)}" + nearest(text, choices))
+            raise Wrong(f"found {show(text)}", f"expected {expected}" + nearest(text, choices))
         return text
 
     return leaf(read, {"enum": list(choices)})

@@ -66,7 +66,8 @@ def translate(error: dict) -> Iterator[Problem]:
 
 
 def _lower(description: str) -> str:
-    return (description[:1].lower() + description[1:]).rstrip(".")
+    acronym = description[1:2].isupper()  # CSV
+    return (description if acronym else description[:1].lower() + description[1:]).rstrip(".")
 
 
 def _below(node: Mapping, name: str) -> str:

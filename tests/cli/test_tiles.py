@@ -54,3 +54,5 @@ def test_exports(call, tmp_path):
         found = np.array([row[-4:-1] for row in rows], float)
         assert np.array_equal(found, bakery.open(asset).packing.centers)
     assert call("export", asset, "--to", "csv", "-o", tmp_path / "csv")[0] == 0
+    status, _, err = call("export", asset, "--to", "netcdf", "-o", tmp_path / "netcdf")
+    assert status == 2 and "from a recipe with `particles` or `medium` or `packing` and `grains`" in err

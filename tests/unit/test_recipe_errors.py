@@ -84,9 +84,17 @@ def test_the_message_of_the_contract(tmp_path, monkeypatch):
          ['10: particles.components[0].size.sigma: found "1.5 um"; expected a number without unit']),
         ("max: 60 um", "max: 0.1 um",
          ["10: particles.components[0].size.max: found max 0.1 um, not above min 0.1 um; expected min below max"]),
-        ("min: 0.1 um", "min: 6 um",
-         ["10: particles.components[0].size.radius: found a radius of 5 um outside of min and max (6 to 60 um); "
-          "expected it between them"]),
+        ("min: 0.1 um, max: 60 um", "min: 5 mm, max: 6 mm",
+         ["10: particles.components[0].size.min: found no particle between min and max (5000 to 6000 um); "
+          "expected an interval with some of the distribution"]),
+        ("lognormal, radius: 5 um, sigma: 1.5, min: 0.1 um, max: 60 um", "gamma, radius: 5 um, variance: 0.01, min: 50 um",
+         ["10: particles.components[0].size.min: found no particle between min and max (50 to … um); "
+          "expected an interval with some of the distribution"]),
+        ("lognormal, radius: 5 um, sigma: 1.5, min: 0.1 um, max: 60 um",
+         "mixture, max: 2 um, of: [{share: 50%, distribution: single, radius: 3 um}, "
+         "{share: 50%, distribution: junge, exponent: 3, min: 4 um, max: 5 um}]",
+         ["10: particles.components[0].size.max: found no particle between min and max (… to 2 um); "
+          "expected an interval with some of the distribution"]),
         ("  number_density: 1e8 /m^3\n", "",
          ["4: particles: found no amount of particles; expected number_density, volume_fraction, volume_concentration or "
           "mass_concentration, here or in each component"]),
@@ -164,6 +172,12 @@ def test_particles(refuse, old, new, says):
         ("g: 0.7", "g: [0.5, 0.6, -1]", ['6: medium.phase.g[2]: found "-1"; expected a number above -1 and below 1']),
         ("{type: hg, g: 0.7}", "{type: gaussian, spread: 200 deg}",
          ['6: medium.phase.spread: found "200 deg"; expected an angle at least 1e-06 and at most 3.14159 rad']),
+        ("{type: hg, g: 0.7}", "{type: table}",
+         ["6: medium.phase.file: missing; expected file: CSV file with the columns theta_deg (or theta_rad), 0 to 180 degrees, "
+          "and value (any scale)"]),
+        ("medium:\n", "packing: {fraction: 0.5, radii: 3}\nmedium:\n",
+         ["3: packing: found packing beside medium, which it has no effect on; expected it alone or with grains",
+          '3: packing.radii: found "3"; expected equal, a list of {share, radius}, or {distribution: lognormal, sigma}']),
         ("{type: hg, g: 0.7}", "hg", ['6: medium.phase: found "hg"; expected a mapping such as {type: hg, …}']),
         ("  albedo: 0.9\n  mean_free_path: 1 mm", "  sigma_s: 0 /m\n  sigma_a: 0 /m",
          ["3: medium: found sigma_s and sigma_a that are both 0; expected a positive sum"]),
@@ -299,3 +313,27 @@ def test_a_table_of_sizes_counts_up_to_its_cut(refuse, tmp_path):
     path = tmp_path / "cut.yaml"
     path.write_text(GOOD.replace(size, "{distribution: table, file: sizes.csv, max: 1 mm}"))
     load(path)
+
+
+def test_a_law_as_narrow_as_rounding_has_no_tail(tmp_path):
+    text = GOOD.replace("sigma: 1.5, min: 0.1 um, max: 60 um", "sigma: 1.0000000001")
+    (tmp_path / "fog.yaml").write_text(text, encoding="utf-8")
+    assert load(tmp_path / "fog.yaml").particles.components[0].size.max is None
+
+
+@pytest.mark.parametrize("size", [
+    "distribution: lognormal, radius: 5 um, sigma: 1.5, min: 6 um, max: 60 um",
+    "distribution: lognormal, effective_radius: 5 um, sigma: 1.5, max: 3 um",
+    "distribution: mixture, min: 4 um, max: 60 um, of: [{share: 10%, distribution: single, radius: 3 um}, "
+    "{share: 90%, distribution: lognormal, radius: 0.5 um, sigma: 2}]",
+])
+def test_a_cut_may_leave_one_side_of_a_distribution_or_some_of_a_mixture(tmp_path, size):
+    from bakery.physics.sizes import population
+    from bakery.stages.optics.size_keys import sizes
+
+    text = GOOD.replace("distribution: lognormal, radius: 5 um, sigma: 1.5, min: 0.1 um, max: 60 um", size)
+    (tmp_path / "fog.yaml").write_text(text, encoding="utf-8")
+    size = load(tmp_path / "fog.yaml").particles.components[0].size
+    cut = population(sizes(size))
+    assert cut.cumulative(size.max) == pytest.approx(1, rel=1e-12)
+    assert cut.cumulative((size.min or 0.0) * (1 - 1e-12)) == 0

@@ -115,13 +115,22 @@ def _parts(size):
     for weight, law, lower, upper in uncut:
         before = law.moment(0, lower, upper)
         lower, upper = max(lower, low), min(upper, high)
-        share_left = law.moment(0, lower, upper) if lower <= upper else 0.0
-        if weight > 0 and share_left > _NOTHING:
-            cut.append((weight * share_left / before, law, lower, upper))
+        kept = share_between(law, lower, upper)
+        if weight > 0 and kept:
+            cut.append((weight * kept / before, law, lower, upper))
     if not cut:
         raise ValueError(f"no particle has a radius between min = {low:g} um and max = {high:g} um; a wider interval would do"
                          + (", or distribution: single" if low == high else ""))
     return cut
+
+
+def share_between(law, lower, upper):
+    """Share of a law's particles between two radii (um); 0 where it is too small to be computed."""
+    near, far = law.reach()
+    if lower > upper or not law.discrete and (lower >= far or upper <= near):
+        return 0.0
+    share = law.moment(0, lower, upper)
+    return share if share > _NOTHING else 0.0
 
 
 def _law(size):

@@ -15,7 +15,7 @@ from bakery.grammar.fields import GeometricDeviation, Length, Path, Share, numbe
 from bakery.grammar.section import Section, given, pick
 from bakery.grammar.text import Mapping, Node, Sequence, mappings, owner
 from bakery.grammar.values import Index, Values
-from bakery.physics.sizes import MIXTURE, Part, laws, tails
+from bakery.physics.sizes import MIXTURE, Part, laws, share_between, tails
 from bakery.physics.sizes.law import BINS, COLUMNS, DEVIATION, FRACTION, LENGTH, NUMBER, Law
 
 if TYPE_CHECKING:
@@ -73,12 +73,12 @@ Size = _one_of(_SIZES | {MIXTURE: MixtureSize})
 
 
 def check_size(checker: "Checker", size: Mapping, host: Index | None, low: float | None = None,
-               high: float | None = None) -> None:
-    """One distribution; `low` and `high` are the cuts of the mixture that it is part of."""
+               high: float | None = None) -> bool:
+    """One distribution; `low` and `high` are the cuts of the mixture that it is part of.  Whether they leave any of it."""
     smallest, largest = (checker.value(size, name) for name in ("min", "max"))
     if smallest is not None and largest is not None and smallest >= largest:
         checker.report(size["max"], f"found max {largest:g} um, not above min {smallest:g} um", "expected min below max")
-        return
+        return True
     for name in ("radius", "effective_radius", "min", "max"):
         if checker.value(size, name) is not None:
             words = name.replace("_", " ")
@@ -87,18 +87,24 @@ def check_size(checker: "Checker", size: Mapping, host: Index | None, low: float
     law = laws().get(distribution)
     cuts = tuple(nearer((v for v in pair if v is not None), default=None)
                  for nearer, pair in ((max, (low, smallest)), (min, (high, largest))))
+    remains = True
     if distribution == MIXTURE:
         of = size.get("of")
         parts = list(mappings(*of)) if isinstance(of, Sequence) else []
-        for part in parts:
-            check_size(checker, part, host, *cuts)
+        remains = any([check_size(checker, part, host, *cuts) for part in parts]) or not parts
         if parts and len(parts) == len(of):
             checker.shares(of, "share", parts, None)
     elif law is not None:
-        _check_law(checker, size, law, host, cuts)
+        remains = _check_law(checker, size, law, host, cuts)
+    if not remains and low is None and high is None:  # else the mixture may hold more
+        bounds = " to ".join("…" if v is None else f"{v:g}" for v in cuts)
+        checker.report_section(size.get("min", size.get("max", size)), f"found no particle between min and max ({bounds} um)",
+                               "expected an interval with some of the distribution")
+    return remains
 
 
-def _check_law(checker: "Checker", size: Mapping, law: type[Law], host: Index | None, cuts: tuple) -> None:
+def _check_law(checker: "Checker", size: Mapping, law: type[Law], host: Index | None, cuts: tuple) -> bool:
+    """Whether the cuts leave any of it, but for files, which say so themselves."""
     for names in law.choices().values():
         _one_given(checker, size, law, names)
     for name, key in law.keys.items():
@@ -107,14 +113,28 @@ def _check_law(checker: "Checker", size: Mapping, law: type[Law], host: Index | 
         elif key.kind == BINS:
             _histogram(checker, size, name, host, *cuts)
     if any(key.kind in (COLUMNS, BINS) for key in law.keys.values()):
-        return
-    radius, (low, high) = checker.value(size, "radius"), cuts
-    if radius is not None and (low is not None and radius < low or high is not None and radius > high):
-        bounds = " to ".join("…" if v is None else f"{v:g}" for v in cuts)
-        checker.report(size["radius"], f"found a radius of {radius:g} um outside of min and max ({bounds} um)",
-                       "expected it between them")
-    elif high is None:
-        _tail(checker, size, law, host)
+        return True
+    remains = _remains(checker, size, law, *cuts)
+    if remains and cuts[1] is None:
+        _tail(checker, size, law, host, cuts[0])
+    return remains
+
+
+def _remains(checker: "Checker", size: Mapping, law: type[Law], low: float | None, high: float | None) -> bool:
+    """Whether a law has particles between the cuts; True where that is not known."""
+    low, high = low or 0.0, math.inf if high is None else high
+    middle = next((radius for name in ("radius", "effective_radius") if (radius := checker.value(size, name)) is not None), None)
+    if middle is None:
+        return low < high
+    known = None if low <= middle <= high else _known(checker, size, law)
+    return known is None or share_between(known, low, high) > 0
+
+
+def _known(checker: "Checker", size: Mapping, law: type[Law]) -> Law | None:
+    """The law itself; None where a value is missing or wrong."""
+    values = {name: checker.value(size, name) for name in law.keys}
+    chosen = [next((name for name in names if name in size), names[0]) for names in law.choices().values()]
+    return None if any(values[name] is None for name in chosen) else law.of(SimpleNamespace(**values))
 
 
 def _one_given(checker: "Checker", size: Mapping, law: type[Law], names: tuple[str, ...]) -> None:
@@ -129,19 +149,17 @@ def _one_given(checker: "Checker", size: Mapping, law: type[Law], names: tuple[s
         checker.report_section(size.get(present[1], size), f"found {present[1]} beside {present[0]}", "expected only one of them")
 
 
-def _tail(checker: "Checker", size: Mapping, law: type[Law], host: Index | None) -> None:
+def _tail(checker: "Checker", size: Mapping, law: type[Law], host: Index | None, low: float | None) -> None:
     """The largest spheres of a distribution without `max` that count at the recipe's tolerance."""
     tolerance = checker.values.get("tolerance", 0.01)
-    chosen = [next((name for name in names if name in size), names[0]) for names in law.choices().values()]
-    values = {name: checker.value(size, name) for name in law.keys}
-    if not law.widened_by or any(values[name] is None for name in chosen) or tolerance is None or host is None \
-            or checker.wavelength is None:
+    known = _known(checker, size, law) if law.widened_by else None
+    if known is None or known.discrete or tolerance is None or host is None or checker.wavelength is None:
         return
     width = next(name for name in law.choices()[law.widened_by] if name in size)
     k = 2 * math.pi * host.n / np.array(checker.wavelength)
-    if max(values.get(name) or 0.0 for name in ("radius", "effective_radius")) * k.max() > LARGEST:
+    if max(checker.value(size, name) or 0.0 for name in ("radius", "effective_radius")) * k.max() > LARGEST:
         return  # said of the radius
-    largest = tails(Part(law.of(SimpleNamespace(**values)), 1.0), k, tolerance)[1]
+    largest = tails(Part(known, 1.0, low or 0.0), k, tolerance)[1]
     if largest * k.max() > LARGEST:
         cut = math.floor(LARGEST / k.max())
         checker.report(size[width],

@@ -28,8 +28,9 @@ class RadiusLaw(Section):
     sigma: GeometricDeviation = Field(description="Geometric standard deviation by number, above 1.")
 
 
+_OTHER_RADII = "a list of {share, radius}, or {distribution: lognormal, sigma}"
 Radii = Annotated[
-    Annotated[word("equal"), Tag("word")]
+    Annotated[word("equal", otherwise=_OTHER_RADII), Tag("word")]
     | Annotated[list[RadiusShare], Field(min_length=1, max_length=256), Tag("list")]
     | Annotated[RadiusLaw, Tag("law")],
     Discriminator(lambda node: "list" if isinstance(node, Sequence) else "law" if isinstance(node, Mapping) else "word"),
@@ -46,7 +47,7 @@ class Packing(Section):
     cell: Annotated[list[number(least=1e-6, most=1e6)], Field(min_length=3, max_length=3)] = Field(
         (1.0, 1.0, 1.0), description="Proportions of the cell."
     )
-    radii: Radii = Field("equal", description="equal, a list of {share, radius}, or {distribution: lognormal, sigma}.")
+    radii: Radii = Field("equal", description=f"equal, {_OTHER_RADII}.")
     growth: number(least=1e-5, most=1, words=AUTO) = Field(
         "auto", description="Slowest growth rate of the diameters over the thermal speed; auto: by the tolerance."
     )
