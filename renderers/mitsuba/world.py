@@ -124,6 +124,15 @@ class World:
         """All surfaces of the scene."""
         return shapes.of_scene(self.scene, self.unit)
 
+    def left_out(self, besides=frozenset()) -> list[str]:
+        """Sentences on light of lamps without extent that comes by way of mirrors and smooth glass, but for shapes of some names:
+        no ray meets such lamps, and light samples end at glass."""
+        turning = [shape.name for shape in self.shapes() if shape.specular and shape.name not in besides] \
+            if self.without_extent else []
+        examples = ", ".join(turning[:3]) + (", …" if len(turning) > 3 else "")
+        return [f"light of lamps without extent by way of mirrors and smooth glass ({examples}) is left out, and how much is not "
+                "measured; a small sphere that shines in its place is found"] if turning else []
+
     def extents(self, within=None):
         """Where surfaces are, m: triangles (T, 3, 3) of the meshes, and boxes (B, 2, 3) around the other shapes.
 

@@ -32,7 +32,8 @@ def prepare(job, world, seed) -> Method:
     _refuse_overlap(scene, filled)
     _refuse_twins(scene, filled)
     reasons = [BANDS] * spectra.bands + [reason for content in filled for reason in content.reasons]
-    reasons += flaws(world, [content.what for content in filled if isinstance(content.what, contents.Body)])
+    left_out = world.left_out()
+    reasons += left_out + flaws(world, [content.what for content in filled if isinstance(content.what, contents.Body)])
     entries = [chosen(entry.kind, entry.method) for entry in scene.values.materials]
     stated = [declared(entry.kind)[name] for entry, name in zip(scene.values.materials, entries, strict=True)]
     widened = [getattr(content.what, "angle", 0.0) for content in filled]
@@ -41,8 +42,8 @@ def prepare(job, world, seed) -> Method:
     listed = [{"kind": entry.kind, "method": name, "bias": None if stand_in else 0.0, "reasons": list(content.reasons),
                "pilot": None}
               for entry, name, stand_in, content in zip(scene.values.materials, entries, stand_ins, filled, strict=True)]
-    exact = not spectra.bands and not any(stand_ins)
-    figures = {"materials": listed, "bias": 0.0 if exact else None}
+    exact = not spectra.bands and not any(stand_ins) and not left_out
+    figures = {"materials": listed, "bias": 0.0 if exact else None, "left_out": left_out}
     name = " and ".join(dict.fromkeys(entries))
     materials = [filled[number].what for number in inside]
     explicit = [number for number, content in enumerate(materials) if isinstance(content, contents.Particles | contents.Grains)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import re
 import weakref
 
 import numpy as np
@@ -78,8 +79,8 @@ def call(folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     monkeypatch.setenv("BAKERY_CACHE", str(folder / "cache"))
 
-    def called(*arguments):
-        status = status_of(["render", "all.yaml", "--json", *arguments])
+    def called(*arguments, scene="all.yaml"):
+        status = status_of(["render", scene, "--json", *arguments])
         output = capsys.readouterr()
         return status, json.loads(output.out) if output.out.startswith("{") else None, output.err
 
@@ -103,6 +104,20 @@ def test_report_and_layers(call):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("entries", [(0, 3), (1, 3), (1,), (2,)], ids=["media", "particles", "particles alone", "grains alone"])
+def test_light_that_smooth_glass_keeps_from_points_is_left_out(call, folder, entries):
+    """No ray meets a point behind glass, and no light sample gets through: said, and nobody claims to know how much it is."""
+    point = '<emitter type="point"><point name="position" x="0.1" y="-0.2" z="0.4"/></emitter></scene>'
+    (folder / "dim.xml").write_text(re.sub('<shape type="rectangle" id="panel">.*', point, XML, flags=re.DOTALL))
+    kept = [line for number, line in enumerate(line for line in SCENE.splitlines() if "  - " in line) if number in entries]
+    text = SCENE[:SCENE.index("  - ")].replace("room.xml", "dim.xml") + "\n".join(kept)
+    (folder / "dim.yaml").write_text(text.replace("drops.yaml", "drops.yaml, method: particles"))
+    status, report, error = call("-o", "dim.png", scene="dim.yaml")
+    assert status == 0, error
+    assert "smooth glass (jelly) is left out" in report["left_out"][0] and report["left_out"][0] in report["reasons"]
+    assert report["bias"] is None
+
+
 def test_smooth_grains_show_small_lamps_wider(call, folder):
     """Beads of glass in the light of a point, which they show by no other method."""
     matt, glass = "{type: diffuse, reflectance: [0.7, 0.6, 0.5]}", "{type: dielectric, material: {n: 1.5, k: 0}}"
