@@ -118,6 +118,16 @@ def test_light_that_smooth_glass_keeps_from_points_is_left_out(call, folder, ent
     assert report["bias"] is None
 
 
+def test_light_that_single_precision_loses_is_left_out(call, folder):
+    """Of a body in a medium, 30 km from the origin, as of one by itself."""
+    (folder / "distant.xml").write_text(XML.replace('x="0.06"', 'x="30000"'))
+    (folder / "distant.yaml").write_text(SCENE[:SCENE.index("  - ")].replace("room.xml", "distant.xml") + "\n".join(
+        line for line in SCENE.splitlines() if "mist.yaml" in line or "jelly.yaml" in line))
+    status, report, error = call("-o", "distant.png", scene="distant.yaml")
+    assert status == 0, error
+    assert "jelly reaches 3e+04 m from the origin, where single precision" in report["left_out"][0] and report["bias"] is None
+
+
 def test_smooth_grains_show_small_lamps_wider(call, folder):
     """Beads of glass in the light of a point, which they show by no other method."""
     matt, glass = "{type: diffuse, reflectance: [0.7, 0.6, 0.5]}", "{type: dielectric, material: {n: 1.5, k: 0}}"
