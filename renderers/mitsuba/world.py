@@ -58,6 +58,7 @@ class World:
     light_positions : of emitters in `light_names`, by Dr.Jit's numbers for them
     box : (2, 3) m, corners of the box around all surfaces; None where there are none
     without_extent : whether there are lights that no ray can meet, such as points
+    lens : whether the sensor has one; it is seen through the middle of it, with all in focus
     variant, reason : of Mitsuba, and why
     coarser, whole : of a pilot (`renderers.choice.trial.smaller`): side of a pixel over that of the picture's, and its world; 1
         and None
@@ -67,7 +68,7 @@ class World:
     extent do not shine through those.  Clipping planes of sensors are not kept.
     """
 
-    coarser, whole, corners = 1.0, None, None
+    coarser, whole, corners, lens = 1.0, None, None, False
 
     def __init__(self, path=None, unit=1.0, *, view=None, size=None, variant=None, parameters=None, sensor=None):
         """
@@ -156,6 +157,7 @@ class World:
             return Camera.looking(**dict(view), height=size[0], width=size[1]), size
         if of_sensor is None:
             return None, size
+        self.lens = bool(sensor.needs_aperture_sample())
         camera = camera_of(sensor, path, of_sensor[1], of_sensor[0])
         camera = Camera(camera.origin * self.unit, camera.corner, camera.right, camera.down)
         return camera.refitted(*of_sensor, *size), size

@@ -23,6 +23,7 @@ from renderers.pictures.running import Render
 from renderers.scene import budget
 from renderers.scene.budget import percent
 
+LENS = "the camera has a lens, which is left out: it is a pinhole, and all is in focus"
 DEPTH = "depth.Z"  # channel of the EXR: along the camera's axis, m, as other programs composite by
 
 
@@ -173,7 +174,7 @@ class Rendering:
         measured = method.approximations if taken is None or taken.approximations is None else taken.approximations
         split = budget.of(self.job.scene, approximations=measured)
         stop = Stop.of(split, values.measure, time=values.stop.time, samples=values.stop.samples, quality=self.job.quality)
-        return stop, [*(taken.reasons if taken else []), *method.reasons, *split.lacking]
+        return stop, [*(taken.reasons if taken else []), *method.reasons, *split.lacking, *[LENS] * self._world.lens]
 
     @property
     def variant(self) -> str:

@@ -15,6 +15,7 @@ from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from renderers import choice
 from renderers.mitsuba.world import World
+from renderers.pictures.passes import LENS
 from tests.exr import layers
 
 RECIPES = {
@@ -126,6 +127,14 @@ def test_light_that_single_precision_loses_is_left_out(call, folder):
     status, report, error = call("-o", "distant.png", scene="distant.yaml")
     assert status == 0, error
     assert "jelly reaches 3e+04 m from the origin, where single precision" in report["left_out"][0] and report["bias"] is None
+
+
+def test_a_lens_is_said_to_be_left_out(call, folder):
+    lens = '"thinlens"><float name="aperture_radius" value="0.05"/><float name="focus_distance" value="0.5"/>'
+    (folder / "lens.xml").write_text(XML.replace('"perspective">', lens))
+    sharp, _ = rendered(call, "sharp.png")
+    through, _ = rendered(call, "lens.png", "--set", "scene.mitsuba=lens.xml")
+    assert [LENS in report["reasons"] for report in (sharp, through)] == [False, True]
 
 
 def test_smooth_grains_show_small_lamps_wider(call, folder):
