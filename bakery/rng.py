@@ -43,6 +43,7 @@ STREAMS = {
     "render.clear": Stream(0x72636C65, ()),
     "render.walk": Stream(0x7277616C, ("pass",)),
     "render.mixed": Stream(0x726D6978, ("pass",)),
+    "render.mitsuba": Stream(0x726D6974, ("pass",)),
     "render.splat": Stream(0x7273706C, ("pass",)),
     "render.aims": Stream(0x7261696D, ()),
     "render.blocks": Stream(0x72626C6B, ()),

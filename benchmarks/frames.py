@@ -69,8 +69,8 @@ def rendered(folder, name, seed=0, **settings):
     return np.array(shown, float)
 
 
-def main():
-    folder = Path(tempfile.mkdtemp(prefix="bakery-frames-"))
+def measured(folder: Path):
+    """Prints flicker and error of frames in a folder."""
     vertices, faces = icosphere(320)
     (folder / "ball.ply").write_bytes(ply.mesh(5 * vertices, faces, single=True))
     (folder / "wax.yaml").write_text(RECIPE)
@@ -88,6 +88,11 @@ def main():
                 flicker = np.sqrt(np.mean(np.diff(error, axis=0) ** 2))
                 print(f"{speed:4g} pixels a frame, denoise: {wish:3s}, noise: {noise:5s}: flicker {flicker:.4f}, "
                       f"error {np.sqrt(np.mean(error**2)):.4f}", flush=True)
+
+
+def main():
+    with tempfile.TemporaryDirectory() as folder:
+        measured(Path(folder))
 
 
 if __name__ == "__main__":

@@ -6,10 +6,12 @@ sizes as `sized(usual, small)`; processes that it starts are small, too.  What i
 
 from __future__ import annotations
 
+import atexit
 import os
 import shutil
 import sys
 import tempfile
+from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
 
@@ -25,13 +27,17 @@ def sized(usual, small):
     return small if SMALL else usual
 
 
+_COPIES = ExitStack()  # gone with the process
+atexit.register(_COPIES.close)
+
+
 @cache
 def docs() -> Path:
     """The folder of the documentation; in the small form a copy of its pages in a temporary folder."""
     folder = Path(__file__).resolve().parents[1] / "docs"
     if not SMALL:
         return folder
-    copy = Path(tempfile.mkdtemp(prefix="bakery-benchmarks-"))
+    copy = Path(_COPIES.enter_context(tempfile.TemporaryDirectory(prefix="bakery-benchmarks-")))
     (copy / "pictures").mkdir()
     for page in (*folder.glob("*.md"), *folder.glob("measurements/*.md")):
         (copy / page.relative_to(folder)).parent.mkdir(exist_ok=True)

@@ -7,6 +7,7 @@ import click
 
 from bakery.cli import offers
 from bakery.cli.options import (
+    SEED,
     gathered,
     json_option,
     overwrite_option,
@@ -60,7 +61,7 @@ class _Pictures(NamedTuple):
     click.option("--quality", metavar="|".join(qualities.QUALITIES), shell_complete=offers.qualities,
                  help="4, 2 or 1 times the noise that the scene asks for.  [default: what the scene asks for]"),
     click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_rgb); the best that runs by default."),
-    click.option("--seed", type=click.IntRange(0), metavar="N", help="Seed, from which each method gets its own.  [default: 0]"),
+    click.option("--seed", type=SEED, metavar="N", help="Seed, from which each method gets its own.  [default: 0]"),
     click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one value of the scene; repeatable."),
     click.option("--resume", is_flag=True, help="Also continue from samples that were enough for an earlier call."),
     click.option("--force", is_flag=True, help="Render every method again."))

@@ -32,6 +32,7 @@ sweep_option = click.option("--sweep", "sweeps", multiple=True, metavar="KEY=VAL
                             help="Bake a family over values of a key, such as 'KEY=[2, 4, 8] um'; repeatable.")
 at_option = click.option("--at", "coordinates", multiple=True, metavar="AXIS=VALUE",
                          help="For a family: interpolate the asset at this value, such as radius=5um; once for each axis.")
+SEED = click.IntRange(0, 2**53)  # as recipes take it
 verbose_option = click.option("--verbose", "-v", is_flag=True, help="Print more on standard error.")
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import ExitStack
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bakery.errors import StageError
@@ -20,6 +23,7 @@ from bakery.run.dask import check_address
 from bakery.run.family import execute_family
 from bakery.run.family_plan import FamilyPlan, prepare_family
 from bakery.run.progress import Progress
+from bakery.store import scratch
 
 if TYPE_CHECKING:
     from bakery.asset import Asset, Family
@@ -94,7 +98,7 @@ def bake(
 
     recipe = as_path(recipe)
     if output is None and isinstance(recipe, Written):
-        output = tempfile.mkdtemp(dir=_own_folder().name) + os.sep
+        output = tempfile.mkdtemp(dir=_own_folder()) + os.sep
     if cluster is not None:
         check_address(cluster)
     stored = Cache(say=progress.say if progress else lambda text: None)
@@ -108,6 +112,8 @@ def bake(
 
 
 @cache
-def _own_folder() -> tempfile.TemporaryDirectory:
+def _own_folder() -> Path:
     """A folder for assets that nobody gave a place, removed when the process ends."""
-    return tempfile.TemporaryDirectory(prefix="bakery-")
+    held = ExitStack()
+    atexit.register(held.close)
+    return held.enter_context(scratch.folder("bake"))

@@ -13,12 +13,12 @@ from pathlib import Path
 
 from bakery.store.files import FILES, Files
 
-_FOLDER = re.compile(r"bakery-(?:draft|family|place|scene)-[a-z0-9_]{8}")
+_FOLDER = re.compile(r"bakery-(?:bake|draft|family|frame|frames|pilot|place|scene)-[a-z0-9_]{8}")
 
 
 @contextmanager
 def folder(purpose: str, files: Files = FILES) -> Iterator[Path]:
-    """A new folder of one's own, `bakery-PURPOSE-…`, for `draft`, `family`, `place` or `scene`."""
+    """A new folder of one's own, `bakery-PURPOSE-…`; PURPOSE is one of those in `_FOLDER`."""
     sweep(files)
     path, lock = _locked(f"bakery-{purpose}-", files)
     try:

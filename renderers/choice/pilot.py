@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import tempfile
 import tracemalloc
 from collections.abc import Mapping
-from pathlib import Path
 from typing import NamedTuple
 
+from bakery.store import scratch
 from bakery.system import resources
 from renderers import choice
 from renderers.choice import trial
@@ -94,10 +93,10 @@ def _forecast_of(scene, quality, variant, seed) -> Forecast:
     """Of a scene as it is to be rendered."""
     stop = choice.stop_of(scene, quality)
     options = {"variant": variant, "seed": seed}
-    with tempfile.TemporaryDirectory(prefix="bakery-pilot-") as folder:
+    with scratch.folder("pilot") as folder:
         if scene.rules.RESUMES:
-            return _by_passes(scene, stop, quality, options, Path(folder, "pilot.png"))
-        return _of_filter(scene, stop, quality, options, Path(folder, "pilot.png"))
+            return _by_passes(scene, stop, quality, options, folder / "pilot.png")
+        return _of_filter(scene, stop, quality, options, folder / "pilot.png")
 
 
 # ---- of a renderer by passes

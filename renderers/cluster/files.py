@@ -4,12 +4,12 @@ import atexit
 import dataclasses
 import hashlib
 import os
-import tempfile
 import threading
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
+from bakery.store import scratch
 from renderers.pictures.versions import versions
 
 _UNTIL_THE_END = ExitStack()  # folders of scenes
@@ -34,7 +34,7 @@ def unpacked(files: Mapping[str, bytes]) -> str:
     for path, data in files.items():
         digest.update(path.encode("utf-8", "surrogateescape") + b"\0" + hashlib.sha256(data).digest())
     if digest.hexdigest() not in _FOLDERS:
-        folder = _UNTIL_THE_END.enter_context(tempfile.TemporaryDirectory(prefix="bakery-frames-"))
+        folder = str(_UNTIL_THE_END.enter_context(scratch.folder("frames")))
         write(folder, files)
         _FOLDERS[digest.hexdigest()] = folder
     return _FOLDERS[digest.hexdigest()]

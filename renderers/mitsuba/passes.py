@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import mitsuba as mi
 import numpy as np
 
+from bakery.kernels import stream_key
 from renderers.mitsuba.recording import undisturbed
 from renderers.pictures.engine import TRUSTED, Part, Passes, Stop
 
@@ -37,6 +38,7 @@ class Picture:
 
 # Paths of one pass: an interruption waits for its end, some seconds.
 PATHS = 1_800_000
+_PASSES = 1 << 16  # seeds of the passes of a picture follow each other; as many pictures fit into 32 bits
 
 
 def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None, seed=0, measure=None, progress=None) -> Picture:
@@ -58,7 +60,7 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
 
     def one_pass(index):
         with _undisturbed():
-            images = [np.array(mi.render(scene, spp=per_pass, seed=seed * 65536 + index), dtype=float) for scene in scenes]
+            images = [np.array(mi.render(scene, spp=per_pass, seed=_seed_of(seed, index)), dtype=float) for scene in scenes]
         rgb = _colour(images[0]) if matrix is None else np.stack([image[..., 0] for image in images], axis=-1) @ matrix.T
         return {"": rgb} | ({} if index % 2 else {"even": rgb})
 
@@ -68,6 +70,11 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
     if passes.signal:
         signal.raise_signal(passes.signal)  # to whoever handles it otherwise: there is no picture of some of the passes
     return passes.picture()
+
+
+def _seed_of(seed: int, index: int) -> int:
+    """Of a pass; Mitsuba takes seeds of 32 bits."""
+    return seed * _PASSES + index if seed < _PASSES else int(stream_key(seed, "render.mitsuba", index)) >> 32
 
 
 class _Halves(Passes):

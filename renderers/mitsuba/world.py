@@ -58,6 +58,7 @@ class World:
     light_positions : of emitters in `light_names`, by Dr.Jit's numbers for them
     box : (2, 3) m, corners of the box around all surfaces; None where there are none
     without_extent : whether there are lights that no ray can meet, such as points
+    lens : whether the sensor has one; it is seen through the middle of it, with all in focus
     variant, reason : of Mitsuba, and why
     coarser, whole : of a pilot (`renderers.choice.trial.smaller`): side of a pixel over that of the picture's, and its world; 1
         and None
@@ -67,7 +68,7 @@ class World:
     extent do not shine through those.  Clipping planes of sensors are not kept.
     """
 
-    coarser, whole, corners = 1.0, None, None
+    coarser, whole, corners, lens = 1.0, None, None, False
 
     def __init__(self, path=None, unit=1.0, *, view=None, size=None, variant=None, parameters=None, sensor=None):
         """
@@ -124,6 +125,15 @@ class World:
         """All surfaces of the scene."""
         return shapes.of_scene(self.scene, self.unit)
 
+    def left_out(self, besides=frozenset()) -> list[str]:
+        """Sentences on light of lamps without extent that comes by way of mirrors and smooth glass, but for shapes of some names:
+        no ray meets such lamps, and light samples end at glass."""
+        turning = [shape.name for shape in self.shapes() if shape.specular and shape.name not in besides] \
+            if self.without_extent else []
+        examples = ", ".join(turning[:3]) + (", …" if len(turning) > 3 else "")
+        return [f"light of lamps without extent by way of mirrors and smooth glass ({examples}) is left out, and how much is not "
+                "measured; a small sphere that shines in its place is found"] if turning else []
+
     def extents(self, within=None):
         """Where surfaces are, m: triangles (T, 3, 3) of the meshes, and boxes (B, 2, 3) around the other shapes.
 
@@ -147,6 +157,7 @@ class World:
             return Camera.looking(**dict(view), height=size[0], width=size[1]), size
         if of_sensor is None:
             return None, size
+        self.lens = bool(sensor.needs_aperture_sample())
         camera = camera_of(sensor, path, of_sensor[1], of_sensor[0])
         camera = Camera(camera.origin * self.unit, camera.corner, camera.right, camera.down)
         return camera.refitted(*of_sensor, *size), size

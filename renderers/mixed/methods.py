@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from renderers.materials.bodies.bodies import flaws
+from renderers.materials.bodies.bodies import flaws, rounded
 from renderers.materials.grains.paths import first_grain, seen_grain
 from renderers.materials.particles.interactor import seen_particle
 from renderers.mixed import build, contents, surfaces
@@ -33,7 +33,12 @@ def prepare(job, world, seed) -> Method:
     _refuse_overlap(scene, filled)
     _refuse_twins(scene, filled)
     reasons = [BANDS] * spectra.bands + [reason for content in filled for reason in content.reasons]
-    reasons += flaws(world, [content.what for content in filled if isinstance(content.what, contents.Body)])
+    materials = [filled[number].what for number in inside]
+    explicit = [number for number, content in enumerate(materials) if isinstance(content, contents.Particles | contents.Grains)]
+    bodies = [content for content in materials if isinstance(content, contents.Body)]
+    looped = not explicit and len(materials) <= MOST_IN_A_LOOP
+    left_out = world.left_out() + (rounded(bodies) if looped else [])
+    reasons += left_out + flaws(world, bodies)
     entries = [chosen(entry.kind, entry.method) for entry in scene.values.materials]
     stated = [declared(entry.kind)[name] for entry, name in zip(scene.values.materials, entries, strict=True)]
     widened = [getattr(content.what, "angle", 0.0) for content in filled]
@@ -42,13 +47,11 @@ def prepare(job, world, seed) -> Method:
     listed = [{"kind": entry.kind, "method": name, "bias": None if stand_in else 0.0, "reasons": list(content.reasons),
                "pilot": None}
               for entry, name, stand_in, content in zip(scene.values.materials, entries, stand_ins, filled, strict=True)]
-    exact = not spectra.bands and not any(stand_ins)
-    figures = {"materials": listed, "bias": 0.0 if exact else None}
+    exact = not spectra.bands and not any(stand_ins) and not left_out
+    figures = {"materials": listed, "bias": 0.0 if exact else None, "left_out": left_out}
     name = " and ".join(dict.fromkeys(entries))
-    materials = [filled[number].what for number in inside]
-    explicit = [number for number, content in enumerate(materials) if isinstance(content, contents.Particles | contents.Grains)]
     far = {inside.index(number): entry.far for number, entry in changing.items() if entry.far}
-    if not explicit and len(materials) <= MOST_IN_A_LOOP:
+    if looped:
         return _in_one_loop(name, world, materials, spectra.colours, seed, reasons, figures, inside, far)._replace(
             unmeasured=spectra.bands)
     if far:

@@ -23,6 +23,7 @@ from renderers.pictures.running import Render
 from renderers.scene import budget
 from renderers.scene.budget import percent
 
+LENS = "the camera has a lens, which is left out: it is a pinhole, and all is in focus"
 DEPTH = "depth.Z"  # channel of the EXR: along the camera's axis, m, as other programs composite by
 
 
@@ -173,7 +174,7 @@ class Rendering:
         measured = method.approximations if taken is None or taken.approximations is None else taken.approximations
         split = budget.of(self.job.scene, approximations=measured)
         stop = Stop.of(split, values.measure, time=values.stop.time, samples=values.stop.samples, quality=self.job.quality)
-        return stop, [*(taken.reasons if taken else []), *method.reasons, *split.lacking]
+        return stop, [*(taken.reasons if taken else []), *method.reasons, *split.lacking, *[LENS] * self._world.lens]
 
     @property
     def variant(self) -> str:
@@ -201,7 +202,8 @@ class Rendering:
         after["layers"] = (after.get("layers") or {}) | {DEPTH: self._world.depth(self.method.entry)}
         if taken and "materials" in after:
             after["materials"] = taken.of_entries(after["materials"])
-        if taken and taken.approximations and not self.method.unmeasured:
+        known = after.get("bias") is not None or not after.get("left_out")
+        if taken and taken.approximations and known and not self.method.unmeasured:
             after["bias"] = max(after.get("bias") or 0.0, taken.approximations)
         self.denoised, remarks = self.cleared(self.method.features)
         if self.denoised is not None:

@@ -1,12 +1,11 @@
 """Frames of a sequence on the workers of a cluster."""
 
-import tempfile
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import NamedTuple
 
 from bakery.errors import BakeryError
+from bakery.store import scratch
 from renderers.cluster import files
 
 
@@ -60,15 +59,15 @@ def rendered(common: Mapping[str, bytes], besides: Mapping[str, bytes], task: Ta
     """Renders a frame in a worker."""
     if unlike := files.unlike(task.versions):
         return Answer(None, {}, fault=unlike, status=2)
-    with files.ONE_AT_A_TIME, tempfile.TemporaryDirectory(prefix="bakery-frame-") as output:
+    with files.ONE_AT_A_TIME, scratch.folder("frame") as output:
         folder = files.unpacked(common)
         files.write(folder, besides)
         began = time.monotonic()
         try:
-            report, resumed = _drawn(folder, task, Path(output, "frame.png"))
+            report, resumed = _drawn(folder, task, output / "frame.png")
         except BakeryError as error:
             return Answer(None, {}, fault=str(error).replace(folder, ""), status=error.exit_status)
-        pictures = tuple(Path(output, f"frame.{kind}").read_bytes() for kind in ("png", "exr"))
+        pictures = tuple((output / f"frame.{kind}").read_bytes() for kind in ("png", "exr"))
         return Answer(pictures, report, resumed, time.monotonic() - began)
 
 

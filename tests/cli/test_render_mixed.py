@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import re
 import weakref
 
 import numpy as np
@@ -15,6 +16,7 @@ from bakery.store import ply
 from renderers import choice
 from renderers.mitsuba.world import World
 from renderers.pictures import denoise
+from renderers.pictures.passes import LENS
 from tests.exr import layers
 
 RECIPES = {
@@ -79,8 +81,8 @@ def call(folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     monkeypatch.setenv("BAKERY_CACHE", str(folder / "cache"))
 
-    def called(*arguments):
-        status = status_of(["render", "all.yaml", "--json", *arguments])
+    def called(*arguments, scene="all.yaml"):
+        status = status_of(["render", scene, "--json", *arguments])
         output = capsys.readouterr()
         return status, json.loads(output.out) if output.out.startswith("{") else None, output.err
 
@@ -120,6 +122,38 @@ def test_particles_wider_than_pixels_are_filtered_each_by_itself(call):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("entries", [(0, 3), (1, 3), (1,), (2,)], ids=["media", "particles", "particles alone", "grains alone"])
+def test_light_that_smooth_glass_keeps_from_points_is_left_out(call, folder, entries):
+    """No ray meets a point behind glass, and no light sample gets through: said, and nobody claims to know how much it is."""
+    point = '<emitter type="point"><point name="position" x="0.1" y="-0.2" z="0.4"/></emitter></scene>'
+    (folder / "dim.xml").write_text(re.sub('<shape type="rectangle" id="panel">.*', point, XML, flags=re.DOTALL))
+    kept = [line for number, line in enumerate(line for line in SCENE.splitlines() if "  - " in line) if number in entries]
+    text = SCENE[:SCENE.index("  - ")].replace("room.xml", "dim.xml") + "\n".join(kept)
+    (folder / "dim.yaml").write_text(text.replace("drops.yaml", "drops.yaml, method: particles"))
+    status, report, error = call("-o", "dim.png", scene="dim.yaml")
+    assert status == 0, error
+    assert "smooth glass (jelly) is left out" in report["left_out"][0] and report["left_out"][0] in report["reasons"]
+    assert report["bias"] is None
+
+
+def test_light_that_single_precision_loses_is_left_out(call, folder):
+    """Of a body in a medium, 30 km from the origin, as of one by itself."""
+    (folder / "distant.xml").write_text(XML.replace('x="0.06"', 'x="30000"'))
+    (folder / "distant.yaml").write_text(SCENE[:SCENE.index("  - ")].replace("room.xml", "distant.xml") + "\n".join(
+        line for line in SCENE.splitlines() if "mist.yaml" in line or "jelly.yaml" in line))
+    status, report, error = call("-o", "distant.png", scene="distant.yaml")
+    assert status == 0, error
+    assert "jelly reaches 3e+04 m from the origin, where single precision" in report["left_out"][0] and report["bias"] is None
+
+
+def test_a_lens_is_said_to_be_left_out(call, folder):
+    lens = '"thinlens"><float name="aperture_radius" value="0.05"/><float name="focus_distance" value="0.5"/>'
+    (folder / "lens.xml").write_text(XML.replace('"perspective">', lens))
+    sharp, _ = rendered(call, "sharp.png")
+    through, _ = rendered(call, "lens.png", "--set", "scene.mitsuba=lens.xml")
+    assert [LENS in report["reasons"] for report in (sharp, through)] == [False, True]
+
+
 def test_smooth_grains_show_small_lamps_wider(call, folder):
     """Beads of glass in the light of a point, which they show by no other method."""
     matt, glass = "{type: diffuse, reflectance: [0.7, 0.6, 0.5]}", "{type: dielectric, material: {n: 1.5, k: 0}}"

@@ -255,6 +255,19 @@ def test_parameters_of_a_mitsuba_scene(call, place):
     assert rgb(place / "street.exr")[0, 0] == pytest.approx([2, 2, 2], rel=1e-3)
 
 
+def test_large_seeds_are_seeds_too(call, place):
+    """Mitsuba takes 32 bits: of those above other pictures, the same for the same seed, and nothing above what recipes take."""
+    pictures = []
+    for seed in (0, 1 << 16, 1 << 32, 1 << 32):
+        assert call("render", place / "street.xml", "-o", place / "s.png", "--quality", "draft", "--seed", seed)[0] == 0
+        pictures.append(rgb(place / "s.exr"))
+    assert [np.array_equal(pictures[2], picture) for picture in pictures] == [False, False, True, True]
+    assert not np.array_equal(*pictures[:2])
+    for name in "street.xml", "m.yaml":
+        status, _, err = call("render", place / name, "--seed", 2**53 + 1)
+        assert status == 2 and f"{2**53 + 1} is not in the range 0<=x<={2**53}" in err
+
+
 def test_a_mitsuba_scene_without_light_or_integrator(call, place):
     """Black, which is said of the file itself and of the scene in fog; who renders it has to be said."""
     (place / "dark.xml").write_text(re.sub("<emitter.*?</emitter>", "", XML, flags=re.DOTALL))

@@ -13,7 +13,7 @@ import pytest
 from bakery.physics.medium import phase
 from renderers import colour
 from renderers.materials.bodies import methods
-from renderers.materials.bodies.bodies import rounding, untabled
+from renderers.materials.bodies.bodies import rounded, rounding, untabled
 from renderers.materials.bodies.declaration import FEW
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
@@ -347,5 +347,5 @@ def test_light_that_rounding_takes(tmp_path):
     (body,) = around.bodies
     assert 0.02 < rounding(body) < 0.04 and np.all(lost < 1.5 * rounding(body) + sigmas(64) * error)
     assert lost[1] > 0.5 * rounding(body) + sigmas(64) * error[1]
-    assert "3.28e+04 m" in methods._rounded([body])[0]
-    assert not methods._rounded([body._replace(vertices=body.vertices - [far, 0, 0])])
+    assert "3.28e+04 m" in rounded([body])[0]
+    assert not rounded([body._replace(vertices=body.vertices - [far, 0, 0])])

@@ -342,5 +342,6 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    os.environ.setdefault("BAKERY_CACHE", tempfile.mkdtemp(prefix="cache"))
-    sys.exit(main())
+    with tempfile.TemporaryDirectory(prefix="cache") as kept:
+        os.environ.setdefault("BAKERY_CACHE", kept)
+        sys.exit(main())

@@ -45,6 +45,22 @@ def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path, milk, monke
             process.stdout.close()
 
 
+def test_what_a_killed_worker_of_a_cluster_left_is_removed_by_the_next(tmp_path, monkeypatch):
+    """The folder with the files of a scene, and that of a frame which it was rendering."""
+    holder = (f"import sys, time, tempfile; tempfile.tempdir = {str(tmp_path)!r}\n"
+              "from renderers.cluster import files; from bakery.store import scratch\n"
+              "print(files.unpacked({'/s.yaml': b'bakery_scene: 2'}), flush=True)\n"
+              "with scratch.folder('frame'):\n    print(flush=True)\n    time.sleep(60)")
+    with subprocess.Popen([sys.executable, "-c", holder], stdout=subprocess.PIPE, text=True, cwd=ROOT) as worker:
+        folder = Path(worker.stdout.readline().strip())
+        worker.stdout.readline()
+        worker.kill()
+    assert (folder / "s.yaml").is_file() and len(list(tmp_path.iterdir())) == 2
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with scratch.folder("frame") as other:
+        assert list(tmp_path.iterdir()) == [other]
+
+
 def test_no_scratch_folder_stays_where_all_goes_well(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with scratch.folder("draft") as folder, scratch.folder("family") as other:

@@ -20,6 +20,7 @@ from renderers.transport.scattering import Scatterer, scatterer
 _ROUNDING = 0.4  # light lost, times mean free paths over the distance of neighbouring numbers
 # A slab whose normals lean by 55 degrees shows 0.83 of the light of an even sky, a cube 0.92, an icosahedron (37 degrees) 0.97
 _LEANS, _LEANING = math.radians(40.0), 0.1  # so far, on this share of the boundary, are worth a word
+_BEYOND_PRECISION = 3e-3  # share of the light lost to rounding from which on it is stated
 _TOUCHING = 0.01  # of a boundary, on glass, is worth a word
 _VOXELS = 64  # along the longest edge of the box around all bodies
 
@@ -124,6 +125,13 @@ def rounding(body) -> float:
     light from all around, 1 km to 500 km from the origin: 0.1 % where that is 1/400, 0.4 % at 1/100, 3 % at 1/13, 10 % at 1/3.
     """
     return _ROUNDING * float(np.spacing(np.float32(np.abs(body.vertices).max())) * np.max(body.medium.sigma_t))
+
+
+def rounded(bodies):
+    """Sentences on bodies that lose much of their light where positions are in single precision."""
+    return [f"{body.name} reaches {np.abs(body.vertices).max():.3g} m from the origin, where single precision holds a mean free "
+            f"path of {1 / np.max(body.medium.sigma_t):.3g} m too coarsely: some {percent(rounding(body))} of its light is lost; "
+            "nearer to the origin, or smaller, it would not be" for body in bodies if rounding(body) > _BEYOND_PRECISION]
 
 
 def has_tables(asset) -> bool:

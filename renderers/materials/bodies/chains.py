@@ -47,12 +47,8 @@ def gathering(setup, entries, number, seed, every, events, changed, share=1.0) -
 def left_out(setup, seed) -> tuple[np.ndarray | None, list[str]]:
     """Light of lights without extent that no method brings: what it would add to the mean of the picture, (3,) linear sRGB, None
     where that is not known; and sentences."""
-    named = {body.name for body in setup.bodies}
-    panes = [shape.name for shape in setup.world.shapes() if shape.specular and shape.name not in named]
-    if panes and setup.world.without_extent:
-        examples = ", ".join(panes[:3]) + (", …" if len(panes) > 3 else "")
-        return None, [f"light of lamps without extent by way of mirrors and panes of glass ({examples}) is left out, and how "
-                      "much is not measured; a small sphere that shines in its place is found"]
+    if sentences := setup.world.left_out({body.name for body in setup.bodies}):
+        return None, sentences
     if not setup.chained:
         return np.zeros(3), []
     missing = caustics(setup, [light.entries_of(setup, body, _FIRST, seed) for body in range(len(setup.bodies))], seed)

@@ -13,7 +13,7 @@ from bakery.grammar import fields
 from renderers import colour
 from renderers.materials.bodies import beams, chains, dipole, events, light, mutations, refraction, shells, smooth, transport
 from renderers.materials.bodies.bias import CLOSER, SHARPER, TURNS
-from renderers.materials.bodies.bodies import Body, flaws, has_tables, holds, laid_out, medium_of, rounding, solid_shape, untabled
+from renderers.materials.bodies.bodies import Body, flaws, has_tables, holds, laid_out, medium_of, rounded, solid_shape, untabled
 from renderers.materials.bodies.declaration import DIFFUSED, FEW, GATHERED, JOINED, MUTATED
 from renderers.materials.bodies.declared import methods
 from renderers.materials.bodies.gather import Gather
@@ -37,7 +37,6 @@ _FEWEST_SEARCHED = 1 / 4  # and of those, and of the events, that light of light
 _LATER = 1 << 31  # passes of lines of sight that gather beams are numbered from here
 _BESIDE = 3 << 30  # and of those that meet beams
 _MOST = 31  # bodies of which one loop keeps in which a path is
-_BEYOND_PRECISION = 3e-3  # share of the light lost to rounding from which on it is stated
 _BEYOND = 1e-3  # share of the light beyond the tables that is worth a word
 _NOISES = ("noise", "noise_mean", "noise_region")  # of a report
 _UNLIT = "lights shine, and no pass found any: how far the picture is off is not known"
@@ -61,9 +60,8 @@ def prepare(job, world, seed) -> Method:
     reasons = _reasons(assets, setup.bodies, declared, looped) + flaws(world, setup.bodies)
     reasons += shells.reasons(shells.laid(setup)) if declared.spheres else []
     missing, sentences = chains.left_out(setup, seed)
-    rounded = _rounded(setup.bodies) if looped else []
-    if rounded:
-        missing, sentences = None, [*sentences, *rounded]
+    if coarse := rounded(setup.bodies) if looped else []:
+        missing, sentences = None, [*sentences, *coarse]
 
     def after(estimate):
         # how far off some methods are, or how much light is left out, nobody states; what else is known would pass for all of it
@@ -401,13 +399,6 @@ def _reasons(assets, bodies, method, looped):
                     "extent is looked for from where it scatters, straight through one smooth boundary; what smooth boundaries "
                     "turn more than once is spread over 1 % of the body's size to both sides, less in each pass")
     return notes
-
-
-def _rounded(bodies):
-    """Sentences on bodies that lose much light because positions are in single precision."""
-    return [f"{body.name} reaches {np.abs(body.vertices).max():.3g} m from the origin, where single precision holds a mean free "
-            f"path of {1 / np.max(body.medium.sigma_t):.3g} m too coarsely: some {percent(rounding(body))} of its light is lost; "
-            "nearer to the origin, or smaller, it would not be" for body in bodies if rounding(body) > _BEYOND_PRECISION]
 
 
 def _too_short(body, asset):

@@ -83,8 +83,11 @@ def of(name, world, assets, meshes, grains, seed, asked=PLAIN, tolerance=budget.
     meetings = max(material.meetings(asset, *mesh) for asset, mesh in zip(assets, meshes))
     parts = (loop,) if loop else tuple(part(view, scene, kind, seed, which, meetings=meetings) for kind, which in kinds)
 
+    left_out = world.left_out()
+    reasons += left_out
+
     def after(estimate):
-        return {"grains": number, "layers": _switches(estimate.means.values()), "bias": None}
+        return {"grains": number, "layers": _switches(estimate.means.values()), "bias": None, "left_out": left_out}
 
     return Method(name, parts, reasons, after, features=lambda quality: _features(world, scene, assets, meshes, seed, quality),
                   apart=(kinds[0][0],) if scene.technique == GRAINS else (), entry=scene.entry)
