@@ -18,7 +18,7 @@ from bakery.system import resources
 from renderers import choice
 from renderers.choice import trial
 from renderers.pictures import denoise, reached
-from renderers.pictures.engine import TRUSTED, in_time
+from renderers.pictures.engine import TRUSTED, in_time, shares
 from renderers.pictures.pace import shared_out
 from renderers.scene import OF_MATERIALS
 
@@ -172,13 +172,16 @@ def _tried(scene, stop, variant) -> dict[str, Mapping]:
 
     opened, world = choice.Opened.of(scene), World.of(scene, variant)
     with world.as_it_is():
-        samples = {part.name: part.samples for part in in_time(scene.prepare(opened, world, 0).parts, stop.time)}
-    foretold = scene.choice and scene.choice.foretold
+        whole = scene.prepare(opened, world, 0).parts
+    samples, shared = {part.name: part.samples for part in in_time(whole, stop.time)}, shares(whole, stop.time)
+    # the pilots of a choice follow all paths
+    foretold = scene.choice and scene.choice.foretold if min(shared.values(), default=1) == 1 else None
     parts = _extrapolated(foretold, samples) if foretold else {}
     if parts and _spread(parts) <= _VAGUE:
         return parts
     with world.as_it_is():
-        pilot = trial.of(lambda smaller, seed: scene.prepare(opened, smaller, seed), world, LONGER if parts else SECONDS)
+        pilot = trial.of(lambda smaller, seed: scene.prepare(opened, smaller, seed), world, LONGER if parts else SECONDS,
+                         shares=shared)
     missing = foretold["missing"] if foretold else 0.0
     return _extrapolated(pilot.summary(world.size[0] * world.size[1], stop, missing), samples)
 

@@ -12,7 +12,7 @@ import copy
 import math
 import time
 from collections.abc import Callable, Container, Mapping
-from types import SimpleNamespace
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -209,7 +209,8 @@ def smaller(world, pixels: int):
     return reduced
 
 
-def of(prepare: Callable, world, seconds: float | None, samples: int | None = None) -> Trial:
+def of(prepare: Callable, world, seconds: float | None, samples: int | None = None,
+       shares: Mapping[str, float] = MappingProxyType({})) -> Trial:
     """The pilot of a method.
 
     Parameters
@@ -218,16 +219,21 @@ def of(prepare: Callable, world, seconds: float | None, samples: int | None = No
     world : of the picture
     seconds : of the passes of both sizes, but for two of each kind that there have to be; what compiles comes to that
     samples : a pixel, after which they end, so that no clock decides how many
+    shares : of parts by name, the share of their longest paths that the picture's passes have (`engine.shares`); others have all
 
     Raises
     ------
     BakeryError : the scene cannot be rendered so, or the pilot was interrupted
     """
+    def parts_of(smaller_world, seed):
+        return tuple(part.fewer(shares[part.name]) if shares.get(part.name, 1) < 1 else part
+                     for part in prepare(smaller_world, seed).parts)
+
     tiny, middle = smaller(world, TINY), smaller(world, SMALL)
-    parts = prepare(tiny, _SEED).parts
+    parts = parts_of(tiny, _SEED)
     share = _share(parts, world, seconds)
-    small = _Run(lambda *_: SimpleNamespace(parts=parts), tiny, Stop(time=seconds and 0.3 * seconds, samples=samples), share)
-    large = _Run(prepare, middle, Stop(time=seconds and 0.7 * seconds, samples=samples), share)
+    small = _Run(lambda *_: parts, tiny, Stop(time=seconds and 0.3 * seconds, samples=samples), share)
+    large = _Run(parts_of, middle, Stop(time=seconds and 0.7 * seconds, samples=samples), share)
     level = max(float(large.light[""].mean.mean()), 1e-100)
     costs = tuple(_cost(part, small, large, level, world.size[0] * world.size[1]) for part in large.passes.parts)
     passes = min(mean.count for mean in large.passes.means.values())
@@ -262,11 +268,16 @@ def _share(parts, world, seconds) -> float:
     some times the seconds of a pilot: a path in a medium that hardly absorbs takes milliseconds."""
     needed = 0.0
     for part in parts:
-        single = part.fewer(1) if part.fewer else part
+        single = part.fewer(1) if _many(part) else part
         single.render(_COMPILES)
         if part.fewer:
             needed += part.samples * _of_sample(part, single, world) * LEAST * SMALL / TINY
     return 1.0 if not seconds or needed <= _PATIENCE * seconds else _PATIENCE * seconds / needed
+
+
+def _many(part) -> bool:
+    """Whether a pass may have fewer samples: one of a single sample has a share of its paths already, or all of them."""
+    return part.fewer is not None and part.samples > 1
 
 
 def _of_sample(part, single, world) -> float:
@@ -297,10 +308,10 @@ class _Run:
     def __init__(self, prepare, world, stop, share=1.0):
         self.pixels, spent = world.size[0] * world.size[1], variants.clock(world.variant)
         clock, begin = spent(), time.monotonic()
-        parts = prepare(world, _SEED).parts
+        parts = prepare(world, _SEED)
         self.setup, self.clock = spent() - clock, time.monotonic() - begin
         if share < 1:
-            parts = tuple(part.fewer(max(1, int(share * part.samples))) if part.fewer else part for part in parts)
+            parts = tuple(part.fewer(max(1, int(share * part.samples))) if _many(part) else part for part in parts)
         begin = time.monotonic()
         self._regions, self._luminance, self._seconds = ({part.name: [] for part in parts} for _ in range(3))
         self.passes = Passes([part._replace(render=self._noted(part, spent)) for part in parts])

@@ -23,7 +23,7 @@ _UNUSED = {"spread": "no method here switches from grains to their medium", "foo
            "boundary.tables": "method paths reads no tables"}  # keys of entries that other renderers use
 
 _OF_METHODS = {"body": ("layer", "surface_from"), "grains": ("widen",)}  # kind -> keys that some of its methods take
-_OPEN = {"body": ("auto",)}  # kinds whose `auto` may be a method that takes such keys
+_OPEN = {"body": ("auto",), "grains": ("auto",)}  # kinds whose `auto` may be a method that takes such keys
 _NOT_OF_SURFACES = {"boundary": "that of a surface is baked, as surface.boundary of the recipe says"}
 
 

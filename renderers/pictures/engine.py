@@ -91,10 +91,19 @@ def in_time(parts, seconds) -> tuple[Part, ...]:
 
     seconds : of all passes; None: as many as it takes
     """
-    if seconds is None or seconds >= _SECONDS:
-        return tuple(parts)
-    return tuple(part.fewer(_power_of_two(max(part.samples * seconds / _SECONDS, part.fewest))) if part.fewer else part
-                 for part in parts)
+    return tuple(part.fewer(samples) if samples else part for part, samples in zip(parts, _samples(parts, seconds), strict=True))
+
+
+def shares(parts, seconds) -> dict[str, float]:
+    """Of parts by name, the share of their longest paths that passes of so short a render have, as `in_time` has it; 1: all."""
+    return {part.name: min(samples or 1, 1) for part, samples in zip(parts, _samples(parts, seconds), strict=True)}
+
+
+def _samples(parts, seconds):
+    """What `in_time` asks of parts; None: they stay as they are."""
+    short = seconds is not None and seconds < _SECONDS
+    return [_power_of_two(max(part.samples * seconds / _SECONDS, part.fewest)) if short and part.fewer else None
+            for part in parts]
 
 
 def _power_of_two(samples):

@@ -28,6 +28,7 @@ def together(scenes: Sequence[Scene], progress=None, measured: Sequence[Scene] |
     measured : scenes of the same file that say what an asset has to hold; those themselves if None
     """
     paths, shares, measured = {}, [0.0], scenes if measured is None else measured
+    worlds = {} if len(measured) == 1 else None  # those of a sequence are too many to be kept
     for scene in scenes:
         for entry in scene.materials:
             if (key := (entry.asset, entry.recipe)) in paths:
@@ -40,7 +41,7 @@ def together(scenes: Sequence[Scene], progress=None, measured: Sequence[Scene] |
             asking = [frame for frame in measured if any((same.asset, same.recipe) == key for same in frame.materials)]
 
             def require(*about, asking=asking or [scene]):
-                required = requirements.of_scenes(asking, *about)
+                required = requirements.of_scenes(asking, *about, worlds)
                 shares.append(required.share)
                 return required
 

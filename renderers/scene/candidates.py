@@ -132,16 +132,40 @@ def medium_for(kind: str) -> str | None:
     return next((name for name in beside(kind) if entries.declared(kind)[name].continuous), None)
 
 
+def approximate(kind: str) -> str | None:
+    """The method beside others by which materials of a kind are told apart with an error of its own; None: there is none."""
+    told_apart = (name for name, method in entries.declared(kind).items() if method.beside and not method.exact
+                  and not (method.continuous or method.surface or method.surface_far))
+    return next(told_apart, None)
+
+
 def _of_several(materials):
     first = [beside(entry.kind)[0] for entry in materials]
     asked = [method if entry.method == "auto" else entry.method for method, entry in zip(first, materials, strict=True)]
     groups, inexact = _groups(materials), [
         entries.declared(entry.kind)[method].continuous for entry, method in zip(materials, asked, strict=True)]
     combinations = [_combined(materials, asked, numbers) for numbers in _chosen(groups)]
+    combinations[1:1] = _approximated(materials, asked)
     if any(inexact):  # by hand: what they are not tells how far they are off
         explicit = [exact if stands else method for exact, method, stands in zip(first, asked, inexact, strict=True)]
         combinations.insert(1, _combined(materials, explicit, (), eligible=False))
     return tuple(combinations) if len(combinations) > 1 else ()
+
+
+def _approximated(materials, asked):
+    """The candidate by which all entries whose method is open have what `approximate` gives, unless none has; it lacks what each
+    of these does."""
+    able = [number for number, entry in enumerate(materials) if entry.method == "auto" and approximate(entry.kind)]
+    if not able:
+        return []
+    methods = [approximate(entry.kind) if number in able else method
+               for number, (entry, method) in enumerate(zip(materials, asked, strict=True))]
+
+    def lacks(assets, world):
+        every = [entries.declared(materials[number].kind)[methods[number]].lacks([assets[number]], world) for number in able]
+        return "; ".join(dict.fromkeys(every)) if all(every) else ""
+
+    return [_combined(materials, methods, ())._replace(lacks=lacks)]
 
 
 def _groups(materials):

@@ -108,11 +108,13 @@ class About:
     recipe : checked values of the recipe
     bodies : of the scene that the recipe is the material of, positions in `scene.materials`; all, where it is none of theirs
     guessed : whether it is none of theirs
+    worlds : `renderers.mitsuba.world.World` by the `id` of its scene, of those that were loaded
     split : `renderers.scene.budget.Split` of the tolerance; a rule is asked with several
     """
 
-    def __init__(self, scene, recipe, medium: Callable, bodies: Sequence[int] | None = None):
+    def __init__(self, scene, recipe, medium: Callable, bodies: Sequence[int] | None = None, worlds: dict | None = None):
         self.scene, self.recipe, self._medium, self._measured = scene, recipe, medium, {}
+        self.worlds = {} if worlds is None else worlds
         self._whole = self
         self.split = budget.of(scene, budget.HALF)
         made_of_it = _bodies(scene, recipe) if bodies is None else list(bodies)
@@ -164,7 +166,12 @@ class About:
     @property
     def world(self):
         """Surfaces, lights and camera, `renderers.mitsuba.world.World`."""
-        return self._whole.measured(_world)
+        whole = self._whole.scene
+        if id(whole) not in self.worlds:
+            from renderers.mitsuba.world import World
+
+            self.worlds[id(whole)] = World.of(whole)
+        return self.worlds[id(whole)]
 
     @property
     def dark(self) -> bool:
@@ -181,12 +188,6 @@ class About:
 
 def _medium(about):
     return about._medium()
-
-
-def _world(about):
-    from renderers.mitsuba.world import World
-
-    return World.of(about.scene)
 
 
 def of(paths: Sequence, recipe, medium: Callable, seconds: Callable, settings: Mapping[str, str] | None = None) -> Required:
@@ -209,18 +210,20 @@ def of(paths: Sequence, recipe, medium: Callable, seconds: Callable, settings: M
                     read=tuple(dict.fromkeys(file for required in each_scene for file in required.read)))
 
 
-def of_scene(scene, recipe, medium: Callable, seconds: Callable) -> Required:
+def of_scene(scene, recipe, medium: Callable, seconds: Callable, worlds: dict | None = None) -> Required:
     """The same of one scene that is read already.
+
+    worlds : as of `About`, which those of several recipes share while the scene lives
 
     Raises BakeryError where it cannot be measured.
     """
-    about = About(scene, recipe, medium)
+    about = About(scene, recipe, medium, worlds=worlds)
     return _shared_out(about, _rules(scene), seconds)._replace(read=tuple(scene.sources))
 
 
-def of_scenes(listed: Sequence, recipe, medium: Callable, seconds: Callable) -> Required:
+def of_scenes(listed: Sequence, recipe, medium: Callable, seconds: Callable, worlds: dict | None = None) -> Required:
     """The same of several that are read already, such as frames of one sequence; the share is the largest that any gives."""
-    required = [of_scene(scene, recipe, medium, seconds) for scene in listed]
+    required = [of_scene(scene, recipe, medium, seconds, worlds) for scene in listed]
     if len(required) == 1:
         return required[0]
     remarks, files = (tuple(dict.fromkeys(item for asked in required for item in getattr(asked, name)))

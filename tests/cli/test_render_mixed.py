@@ -273,7 +273,8 @@ def test_how_far_media_that_are_asked_for_are_off(call, measured):
     ("materials[1].method=query", "materials[1].method: found query beside other materials; expected auto, particles or"),
     ("materials[3].method=dipole", "materials[3].method: found dipole beside other materials; expected auto, paths, surface or "
      "paths+surface"),
-    ("materials[2].widen=5 deg", "found widen, which method auto does not use; expected it with method: ept+wide"),
+    ("materials[2]={where: {mesh: heap.ply}, recipe: beads.yaml, method: vpt, widen: 5 deg}",
+     "found widen, which method vpt does not use; expected it with method: auto or ept+wide"),
     ("materials[2].spread=2", "materials[2].spread: found spread, and no method here switches from grains to their"),
     ("materials[3].boundary.tables=none", "found tables, and method paths reads no tables beside other materials"),
     ("materials[3].where.shape=floor", "materials[3].where.shape: floor is no closed mesh"),

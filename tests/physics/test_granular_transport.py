@@ -117,7 +117,7 @@ def test_long_paths_among_grains_go_on_by_chance():
     """Half of them after 4 grains: each brings 1 or 2 in light from everywhere, or nothing, and the mean is 1."""
     how = transport.Transport((joined([grains([Kind(GLASS)], bumpy(9.0))]).bodies), COLOURS, share=0.5)
     pictures = np.round([transport.one_pass(Sky(above=1, below=1), how, VIEW, (24, 24), number, 0).by_order.sum(axis=0)
-                         for number in range(40)], 9)
+                         for number in range(48)], 9)
     error = pictures[..., 0].std() / np.sqrt(pictures[..., 0].size)
     assert set(np.unique(pictures)) == {0.0, 1.0, 2.0} and np.mean(pictures == 2) > 0.05
     assert abs(pictures.mean() - 1) < SIGMAS * error < 0.02
@@ -174,6 +174,22 @@ def test_bodies_that_touch_are_as_one(technique):
         else:
             pictures.append(passes(Sky(above=1, below=1), how, VIEW, (24, 24), [0]))
     assert np.allclose(pictures[0], pictures[1], rtol=1e-9) and pictures[0].min() < 0.2
+
+
+def test_ways_to_one_body_alone_are_not_looked_along_twice(monkeypatch):
+    """Clear grains in two cubes apart: the same picture, to the last bit, as where all ways are looked along beforehand."""
+    vertices, faces = CUBE
+    meshes = [(4 * (vertices - 0.5) + [x, 0, 0], faces) for x in (-3.5, 3.5)]
+    how = joined([grains([Kind(GLASS)], mesh, tile(0.5, 40), absorption=0.2) for mesh in meshes])._replace(switch=None)
+    looked, entry = [], paths.Explicit.entry
+    monkeypatch.setattr(paths.Explicit, "entry", lambda body, point, *way: (looked.append(len(point)), entry(body, point, *way))[1])
+    pictures, counts = [], []
+    for reached in (paths.Explicit.reached, lambda body, point, direction, far: np.ones(len(point), bool)):
+        monkeypatch.setattr(paths.Explicit, "reached", reached)
+        looked.clear()
+        pictures.append(passes(Sky(above=1, below=0.2), how, VIEW, (24, 24), [0]))
+        counts.append(sum(looked))
+    assert np.array_equal(*pictures) and pictures[0].std() > 0.1 and counts[0] < 0.3 * counts[1]
 
 
 @pytest.mark.slow

@@ -78,6 +78,20 @@ def test_noise_that_grows_as_pixels_get_smaller_is_carried_on():
     assert growth[0] > 16 * 1.5 and growth[1] < 16 * 1.4
 
 
+def test_pilots_of_short_renders_follow_a_share_of_the_paths():
+    """As the picture does; a pass that follows a quarter has four times the variance."""
+
+    def prepare(small, seed):
+        def of(share):
+            return passes(own=0.5 / share**0.5)(small, seed).parts[0]._replace(name="grains", fewer=of)
+
+        return SimpleNamespace(parts=(of(1),))
+
+    (whole,), (quarter,) = (trial.of(prepare, world(), None, 64, shares).costs for shares in ({}, {"grains": 0.25}))
+    # of 64 passes of 4096 pixels the variance is told to 0.3 %
+    assert quarter.pixel / whole.pixel == pytest.approx(4, rel=0.05)
+
+
 def test_bias_is_told_by_regions_and_by_orders():
     exact = trial.of(passes(own=0.3), world(), None, 64)
     tilted = trial.of(passes(own=0.3, tilt=0.05, order="order2"), world(), None, 64)

@@ -25,12 +25,29 @@ def offered(*materials):
 
 def test_each_material_and_all_of_them_may_be_media():
     air, drops, beads, wax = entry("medium"), entry("particles"), entry("grains"), entry("body")
-    first, every, *alone = offered(air, drops, beads, wax)
+    first, wide, every, *alone = offered(air, drops, beads, wax)
     assert first.methods == ("paths", "particles", "ept", "paths") and first.exact and not first.replaced
     assert every.methods == ("paths", "continuous", "vpt", "paths") and every.replaced == (1, 2) and not every.exact
     assert [one.methods[1:3] for one in alone] == [("continuous", "ept"), ("particles", "vpt")]
+    assert wide.methods == ("paths", "particles", "ept+wide", "paths") and not (wide.exact or wide.media) and wide.eligible
     assert every.name == "materials[1] by continuous; materials[2] by vpt"
-    assert [one.stated(0.1) for one in (first, every, *alone)] == [0.0, 0.264, 0.0, 0.264]  # of grains that of eight scenes
+    assert [one.stated(0.1) for one in (first, wide, every, *alone)] == [0.0, 0.02, 0.264, 0.0, 0.264]  # of grains as measured
+
+
+def test_small_lamps_may_be_wider_in_grains():
+    """In all grains whose method is open, unless none of them shows a small lamp."""
+    listed = offered(entry("grains"), entry("grains", "ept", "b.yaml"), entry("grains", recipe="c.yaml"), entry("medium"))
+    wide = listed[1]
+    assert wide.methods == ("ept+wide", "ept", "ept+wide", "paths") and wide.stated(0.1) == pytest.approx(0.02 * 2**0.5)
+
+    def grains(kind):
+        surface = {"type": kind, "roughness": 0}
+        return SimpleNamespace(grains=SimpleNamespace(exemplars={"a": SimpleNamespace(surface=surface)}))
+
+    assets = [grains("diffuse"), grains("dielectric"), grains("dielectric"), None]
+    lamp, panel = SimpleNamespace(small_share=0.1), SimpleNamespace(small_share=0.01)
+    assert not wide.lacks(assets, lamp)
+    assert wide.lacks(assets[:2] + [assets[0], None], lamp) == wide.lacks(assets, panel) != ""
 
 
 def test_few_of_many_are_tried():
@@ -42,7 +59,8 @@ def test_few_of_many_are_tried():
 
 def test_what_is_named_is_kept():
     assert offered(entry("medium"), entry("body"), entry("particles", "particles")) == ()
-    assert offered(entry("grains", fraction="a grid"), entry("medium")) == ()
+    assert [one.methods for one in offered(entry("grains", fraction="a grid"), entry("medium"))] == [
+        ("ept", "paths"), ("ept+wide", "paths")], "no medium knows of the grid"
     listed = offered(entry("particles"), entry("grains", "ept"))
     assert [one.methods for one in listed] == [("particles", "ept"), ("continuous", "ept")]
     asked, reference, other = offered(entry("particles"), entry("grains", "vpt"))

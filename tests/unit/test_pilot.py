@@ -92,7 +92,7 @@ def planned(monkeypatch):
         tried = Trial(0.0, (cost, cost._replace(pixel=0.3)), {}, 64**2, 2, 1.0, clock=0.5)
         kept = choice.Choice("paths", ["paths"], [], 0.0, "", tried.summary(1024**2, STOP, missing=0.2))
         parts = [SimpleNamespace(name=name, samples=4) for name in "ab"]
-        monkeypatch.setattr(pilot.trial, "of", lambda _prepare, _world, seconds: another(tried, seconds))
+        monkeypatch.setattr(pilot.trial, "of", lambda _prepare, _world, seconds, shares: another(tried, seconds))
         return SimpleNamespace(choice=kept, prepare=lambda *_: SimpleNamespace(parts=parts)), tried
 
     return of

@@ -105,6 +105,7 @@ def test_longest_paths_by_chance(seconds, share):
         return Part("medium", noisy(1), samples, of, fewest=0.25)
 
     assert engine.in_time([of(1)], seconds)[0].samples == share
+    assert engine.shares([of(1), loop(16)], seconds) == {"medium": share, "paths": 1}
 
 
 def test_going_on_from_passes_of_another_size(tmp_path):

@@ -17,6 +17,7 @@ from bakery.kernels import (
     surface_frame,
     surface_share,
     voxel_at,
+    within_reach,
 )
 from bakery.system.compiled import njit
 from renderers.materials.grains._grains import next_surface, scratch
@@ -319,3 +320,15 @@ def first_surface(grains, point, direction, far, start, t, normal, begin, end):
         t[i] = next_surface(grains, p, d, far[i] / grains.unit, sphere, at, n, memory) * grains.unit
         for k in range(3):
             normal[i, k] = n[k] if at[0] >= 0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def reached(grains, point, direction, far, comes, begin, end):
+    """Whether rays from points (n, 3) m along directions come to a voxel that some grain reaches into before far (n,) m: comes
+    (n,) bool."""
+    grains = lent(grains)
+    p, d = np.empty(3), np.empty(3)
+    for i in range(begin, end):
+        for k in range(3):
+            p[k], d[k] = point[i, k] / grains.unit, direction[i, k]
+        comes[i] = within_reach(grains.aggregate, p, d, 0.0) < far[i] / grains.unit

@@ -75,6 +75,12 @@ class Explicit:
         """Share (n, L) of light that gets from points along directions to a distance."""
         share[:] = (self.entry(point, direction, distance) == np.inf)[:, None]
 
+    def reached(self, point, direction, far):
+        """Whether rays come to where grains of the body may be before far (n,) m: (n,) bool."""
+        comes = np.empty(len(point), bool)
+        run(_paths.reached, len(point), self.grains, point, direction, far, comes)
+        return comes
+
     def entry(self, point, direction, far, inside=True):
         """Distances (n,) m to the first grain before far (n,) m, inf where there is none; not `inside`: of paths that have passed
         all grains of the body."""

@@ -240,7 +240,8 @@ def _look_ahead(world, transport, paths, at):
     if len(transport.bodies) == 1:
         paths.far[at], paths.body[at] = surface, 0
         return
-    _choose(paths, at, surface, _entries(transport, paths, at, surface), paths.body[at] < 0)
+    anew = paths.body[at] < 0
+    _choose(paths, at, surface, _entries(transport, paths, at, surface, anew), anew)
 
 
 def _look_from_the_open(world, transport, paths, at):
@@ -267,17 +268,28 @@ def _look_from_the_open(world, transport, paths, at):
     paths.far[at[inside[rows]]], paths.body[at[inside[rows]]] = distance[rows], _TURNED - body[rows]
 
 
-def _entries(transport, paths, at, limit):
-    """(m, bodies) m, to where paths come into each body before a limit (m,); of their own body, into its mesh again."""
+def _entries(transport, paths, at, limit, anew=None):
+    """(m, bodies) m, to where paths come into each body before a limit (m,); of their own body, into its mesh again.
+
+    anew : (m,) which choose their body anew: to the only one among whose grains they may come it is 0 m, as its own loop looks
+        where they meet a grain, if any; None: of all it is told
+    """
     t = np.full((len(at), len(transport.bodies)), np.inf)
     grains, current = paths.technique[at] == GRAINS, paths.body[at]
+    ways = paths.origin[at], paths.direction[at], limit
+    comes = grains[:, None] & (current[:, None] != np.arange(len(transport.bodies)))
+    if anew is not None:
+        for body, possible in enumerate(comes.T):
+            if len(rows := np.flatnonzero(possible)):
+                comes[rows, body] = transport.interactor(body, GRAINS).reached(*(values[rows] for values in ways))
+        alone = anew & (comes.sum(axis=1) == 1)
+        t[comes & alone[:, None]] = 0.0
+        comes[alone] = False
     for body in range(len(transport.bodies)):
-        for technique, mine in ((GRAINS, grains), (MEDIUM, ~grains)):
-            for inside in (True, False):
-                rows = np.flatnonzero(mine & ((current != body) == inside))
-                if len(rows):
-                    interactor = transport.interactor(body, technique)
-                    t[rows, body] = interactor.entry(paths.origin[at[rows]], paths.direction[at[rows]], limit[rows], inside)
+        for technique, inside, mine in ((GRAINS, True, comes[:, body]), (MEDIUM, True, ~grains & (current != body)),
+                                        (MEDIUM, False, ~grains & (current == body))):
+            if len(rows := np.flatnonzero(mine)):
+                t[rows, body] = transport.interactor(body, technique).entry(*(values[rows] for values in ways), inside)
     return t
 
 
@@ -301,9 +313,10 @@ def _into_next(world, transport, paths, at):
     ask = np.isnan(paths.far[at]) | (paths.beyond[at] >= 0)
     asked = at[ask]
     surface = world.trace(paths.origin[asked], paths.direction[asked], np.inf)
-    entries = _entries(transport, paths, asked, surface)
+    every = np.ones(len(asked), bool)
+    entries = _entries(transport, paths, asked, surface, every)
     onward[ask] = np.isfinite(entries).any(axis=1)
-    _choose(paths, asked, surface, entries, np.ones(len(asked), bool))
+    _choose(paths, asked, surface, entries, every)
     moved = at[onward]
     paths.sphere[moved], paths.triangle[moved] = UNKNOWN, -1
     return onward
