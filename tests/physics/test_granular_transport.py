@@ -182,7 +182,12 @@ def test_ways_to_one_body_alone_are_not_looked_along_twice(monkeypatch):
     meshes = [(4 * (vertices - 0.5) + [x, 0, 0], faces) for x in (-3.5, 3.5)]
     how = joined([grains([Kind(GLASS)], mesh, tile(0.5, 40), absorption=0.2) for mesh in meshes])._replace(switch=None)
     looked, entry = [], paths.Explicit.entry
-    monkeypatch.setattr(paths.Explicit, "entry", lambda body, point, *way: (looked.append(len(point)), entry(body, point, *way))[1])
+
+    def counted(body, point, *way):
+        looked.append(len(point))
+        return entry(body, point, *way)
+
+    monkeypatch.setattr(paths.Explicit, "entry", counted)
     pictures, counts = [], []
     for reached in (paths.Explicit.reached, lambda body, point, direction, far: np.ones(len(point), bool)):
         monkeypatch.setattr(paths.Explicit, "reached", reached)
