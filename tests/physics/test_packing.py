@@ -152,7 +152,7 @@ def test_it_moves_as_a_literal_simulation_does(radii, cell, rate, start):
     assert np.abs(spheres.sphere[:, 3:6] - (theirs[1][order] - drift)).max() < 1e-6
 
 
-@pytest.mark.parametrize(("entries", "buckets"), [(8, 4), (2, 4), (8, 1)])  # the last two end a year every few events
+@pytest.mark.parametrize(("entries", "buckets"), [(4, 2), (2, 2), (4, 1)])  # years of other lengths
 @pytest.mark.parametrize("rate", [0.0, 0.1])
 def test_each_event_is_the_earliest_that_pends(entries, buckets, rate, monkeypatch):
     monkeypatch.setattr(_queue, "ENTRIES", entries)
@@ -169,7 +169,7 @@ def test_each_event_is_the_earliest_that_pends(entries, buckets, rate, monkeypat
         assert _events.run(spheres.state, np.inf, 10**9, 1) == _events.PAUSED
         assert spheres.clock[_events.TIME] == earliest <= pending.min()
         years.add(spheres.state.year[0])
-    assert len(years) > (1000 // (8 * 80) if (entries, buckets) == (8, 4) else 10)
+    assert len(years) > 5
 
 
 def test_many_collisions_without_drift():

@@ -17,7 +17,7 @@ from bakery.system.compiled import njit
 BEGIN, PACE = 0, 1  # of `year`
 OPEN, USED = 0, 1  # of `page`
 OWNER, NEXT = 2, 3  # columns of `link`
-ENTRIES, BUCKETS = 8, 4  # of a year, a sphere; at least 2 entries
+ENTRIES, BUCKETS = 4, 2  # of a year, a sphere; at least 2 entries; twice as many leave the second cache sooner
 BUSY = 4.0  # buckets a sphere in the mean time until a pending event: about one event a bucket
 AHEAD = 4  # buckets that pass while memory comes; twice as many, or half, are as good
 
