@@ -239,6 +239,7 @@ def test_colours_are_those_of_light():
     assert max(red) == red[0] and max(green) == green[1] and max(blue) == blue[2]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_where_pictures_go(call, fog, tmp_path):
     (tmp_path / "file").write_text("")
     status, out, err = call("plot", fog, "-o", tmp_path / "file")

@@ -215,6 +215,7 @@ def test_wrong_questions(call, fog, args, said):
     assert status == 2 and not out and said in err and len(err.splitlines()) == 1, err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_error_of_a_stage_that_misses_stands_beside_every_figure(call, tmp_path, root):
     """Also beside figures that have an error of their own, and where that is 0, as of an exact formula."""
     medium = root["medium"]

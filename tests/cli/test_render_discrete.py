@@ -151,9 +151,10 @@ def test_the_same_bytes_for_any_number_of_threads(call, place, monkeypatch):
 
 
 def test_resuming_is_going_on(call, place):
-    _, whole = rendered(call, place, "whole", "stop.samples=4")
-    rendered(call, place, "parts")
-    report, found = rendered(call, place, "parts", "stop.samples=4", options=("--resume",))
+    small = "film={width: 40, height: 32}"
+    _, whole = rendered(call, place, "whole", "stop.samples=4", small)
+    rendered(call, place, "parts", small)
+    report, found = rendered(call, place, "parts", "stop.samples=4", small, options=("--resume",))
     assert report["samples"] == 4 and report["passes"] == {"walk": 4, "splat": 4}
     assert found.keys() == whole.keys()
     for name in found:

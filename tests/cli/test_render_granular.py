@@ -230,11 +230,10 @@ def test_a_medium_of_components_is_that_of_all(place):
 def test_going_on_is_as_not_having_stopped(call, place, method):
     method = f"materials[0].method={method}"
     straight = picture(rendered(call, place, "a", method, "stop={samples: 4, noise: 0.01%}")[1])
-    rendered(call, place, "b", method)
+    first = picture(rendered(call, place, "b", method)[1])
     resumed = rendered(call, place, "b", method, "stop={samples: 4, noise: 0.01%}", options=("--resume",))[1]
     assert np.allclose(picture(resumed), straight, rtol=1e-5, atol=1e-6)
-    other = picture(rendered(call, place, "c", options=("--seed", "1"))[1])
-    assert not np.array_equal(other, picture(rendered(call, place, "d")[1]))
+    assert not np.array_equal(picture(rendered(call, place, "c", method, options=("--seed", "1"))[1]), first)
 
 
 def test_a_mesh_smaller_than_its_only_grain(call, place):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 
 import numpy as np
 import pytest
@@ -36,11 +37,21 @@ stop: {samples: 64}
 """
 
 
+@pytest.fixture(scope="module")
+def white(tmp_path_factory):
+    """The asset of the recipe."""
+    folder = tmp_path_factory.mktemp("white")
+    (folder / "white.yaml").write_text(WHITE)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("BAKERY_CACHE", str(folder / "cache"))
+        return bakery.bake(folder / "white.yaml", folder / "white.h5")
+
+
 @pytest.fixture
-def scene(tmp_path, call):
+def scene(white, tmp_path):
     for name, content in (("white.yaml", WHITE), ("furnace.xml", FURNACE), ("furnace.yaml", SCENE)):
         (tmp_path / name).write_text(content)
-    assert call(tmp_path / "white.yaml", "-o", tmp_path / "white.h5")[0] == 0
+    shutil.copy(white, tmp_path)
     return tmp_path / "furnace.yaml"
 
 

@@ -9,8 +9,9 @@ import subprocess
 import sys
 
 import pytest
+from click.shell_completion import BashComplete
 
-from bakery.cli import COMMANDS
+from bakery.cli import COMMANDS, cli
 from bakery.grammar.qualities import QUALITIES
 from bakery.store.write import write
 from tests.conftest import ROOT
@@ -57,8 +58,12 @@ def test_commands_and_options_are_completed():
     assert "--each-wavelength" in complete("bake", "export", "--e")
 
 
-def test_values_are_completed(tmp_path):
+def test_values_are_completed(tmp_path, capfd):
     """Formats, qualities, stages, what is in an asset; nothing, and no complaint, where there is no asset to look into."""
+    def complete(*words):
+        offered = BashComplete(cli, {}, "bake", "_BAKE_COMPLETE").get_completions(list(words[1:-1]), words[-1])
+        return [each.value for each in offered]
+
     write(tmp_path / "a.h5", small_asset())
     assert complete("bake", "export", str(tmp_path / "a.h5"), "--to", "c") == ["csv"]
     assert complete("bake", "render", "--quality", "") == complete("bake", "fog.yaml", "--quality", "") == list(QUALITIES)
@@ -68,3 +73,4 @@ def test_values_are_completed(tmp_path):
     assert complete("bake", "inspect", str(tmp_path / "a.h5"), "op")[:2] == ["optics", "optics/theta"]
     (tmp_path / "notes.h5").write_text("not an asset")
     assert complete("bake", "query", str(tmp_path / "notes.h5"), "") == complete("bake", "query", "none.h5", "m") == []
+    assert capfd.readouterr() == ("", "")

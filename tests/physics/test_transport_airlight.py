@@ -12,6 +12,7 @@ from renderers.mitsuba.world import World
 from renderers.transport import scene, thin
 from renderers.transport.regions import Box, Everywhere, Mesh
 from renderers.transport.scene import Scene
+from tests.conftest import slow
 from tests.odds import ODDS, sigmas
 from tests.physics import test_transport_media
 from tests.physics.particles import blocks, same
@@ -30,7 +31,7 @@ def everything_is_thin(monkeypatch):
     monkeypatch.setattr(thin, "LARGEST", np.inf)
 
 
-@pytest.mark.parametrize("region", [Everywhere(), Box(LOW, HIGH)])
+@pytest.mark.parametrize("region", [slow(Everywhere()), Box(LOW, HIGH)])
 def test_a_point_lamp_in_haze(tmp_path, region):
     """Light scattered once into each pixel, of each wavelength, against the integral along its line of sight."""
     entries = [medium(region, *HAZE)]

@@ -186,7 +186,7 @@ def refused_or_read(path, overrides=None):
         assert recipe.leaves["bakery"] == 1
 
 
-_quiet = settings(max_examples=75, deadline=None, derandomize=True, database=None,
+_quiet = settings(max_examples=40, deadline=None, derandomize=True, database=None,
                   suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 

@@ -285,7 +285,7 @@ def test_bytes_by_way_of_a_file_are_those_in_memory(tmp_path):
 
 def test_a_disk_that_fills_up_while_a_file_is_packed(tmp_path, monkeypatch):
     """Each write in turn fails, for good: an error that says so, never the end of the process, which is what HDF5 makes of it."""
-    temporary = tempfile.TemporaryFile
+    temporary, root = tempfile.TemporaryFile, seal(small_asset())
 
     class Full:
         def __init__(self, file, after):
@@ -308,7 +308,7 @@ def test_a_disk_that_fills_up_while_a_file_is_packed(tmp_path, monkeypatch):
 
         monkeypatch.setattr(tempfile, "TemporaryFile", full)
         try:
-            with packed(seal(small_asset()), tmp_path):
+            with packed(root, tmp_path):
                 break
         except OSError as error:
             assert error.errno == errno.ENOSPC
