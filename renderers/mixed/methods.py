@@ -12,6 +12,7 @@ from renderers.mixed.scene import chosen
 from renderers.mixed.spectra import BANDS, Spectra
 from renderers.pictures.passes import Method
 from renderers.scene.entries import declared
+from renderers.transport import regions
 
 MOST_IN_A_LOOP = 32  # media: more than that go through wavefronts (`renderers.transport.scene.MOST`)
 _MATERIAL = 16  # paths of a pixel that layer `material` is made of where no pass counts them
@@ -125,18 +126,22 @@ def _in_one_loop(name, world, materials, colours, seed, reasons, figures, inside
 
 
 def _refuse_twins(scene, filled):
-    """UsageError where a box, or a grid's, is that of an entry before: which of them is the innermost nobody could say."""
-    boxes: list[tuple[int, np.ndarray]] = []
+    """UsageError where a box, or a grid's, or a mesh is that of an entry before: nobody could say which is the innermost."""
+    before: list[tuple[int, str, np.ndarray]] = []
     for number, content in enumerate(filled):
         region = getattr(content.what, "region", None)
-        if not hasattr(region, "lo") or hasattr(region, "nodes") and region.nodes.size > 1:
+        if isinstance(region, regions.Mesh):
+            kind, corners = "mesh", region.vertices
+        elif hasattr(region, "lo") and not (hasattr(region, "nodes") and region.nodes.size > 1):
+            kind, corners = "box", np.array([region.lo, region.hi], float)
+        else:
             continue
-        box = np.array([region.lo, region.hi], float)
-        for earlier, earlier_box in boxes:
-            if np.allclose(box, earlier_box, rtol=0, atol=1e-9 * float(np.ptp(earlier_box, axis=0).max())):
-                raise scene.wrong(f"materials[{number}].where", f"found the box of materials[{earlier}], so that neither is "
+        for earlier, of_kind, others in before:
+            if kind == of_kind and corners.shape == others.shape and \
+                    np.allclose(corners, others, rtol=0, atol=1e-9 * float(np.ptp(others, axis=0).max())):
+                raise scene.wrong(f"materials[{number}].where", f"found the {kind} of materials[{earlier}], so that neither is "
                                   "inside of the other; use a larger or a smaller one")
-        boxes.append((number, box))
+        before.append((number, kind, corners))
 
 
 def _refuse_overlap(scene, filled):

@@ -260,6 +260,8 @@ def test_how_far_media_that_are_asked_for_are_off(call, measured):
     ("materials[2].spread=2", "materials[2].spread: found spread, and no method here switches from grains to their"),
     ("materials[3].boundary.tables=none", "found tables, and method paths reads no tables beside other materials"),
     ("materials[3].where.shape=floor", "materials[3].where.shape: floor is no closed mesh"),
+    ("materials[0].where={mesh: heap.ply}", "materials[2].where: found the mesh of materials[0], so that neither is inside"),
+    ("materials[0].where={box: {lo: [-10, -10, 1] cm, hi: [10, 10, 21] cm}}", "materials[1].where: found the box of materials"),
     ("film.wavelengths=rgb", "materials are rendered at the wavelengths of their assets"),
 ])
 def test_what_is_refused(call, setting, message):
