@@ -38,7 +38,7 @@ def prepare(job, world, seed) -> Method:
     bodies = [content for content in materials if isinstance(content, contents.Body)]
     looped = not explicit and len(materials) <= MOST_IN_A_LOOP
     left_out = world.left_out() + (rounded(bodies) if looped else [])
-    reasons += left_out + flaws(world, bodies)
+    reasons += (faults := left_out + flaws(world, bodies))
     entries = [chosen(entry.kind, entry.method) for entry in scene.values.materials]
     stated = [declared(entry.kind)[name] for entry, name in zip(scene.values.materials, entries, strict=True)]
     widened = [getattr(content.what, "angle", 0.0) for content in filled]
@@ -47,13 +47,13 @@ def prepare(job, world, seed) -> Method:
     listed = [{"kind": entry.kind, "method": name, "bias": None if stand_in else 0.0, "reasons": list(content.reasons),
                "pilot": None}
               for entry, name, stand_in, content in zip(scene.values.materials, entries, stand_ins, filled, strict=True)]
-    exact = not spectra.bands and not any(stand_ins) and not left_out
+    exact, unmeasured = not (spectra.bands or any(stand_ins) or faults), bool(spectra.bands or faults)
     figures = {"materials": listed, "bias": 0.0 if exact else None, "left_out": left_out}
     name = " and ".join(dict.fromkeys(entries))
     far = {inside.index(number): entry.far for number, entry in changing.items() if entry.far}
     if looped:
-        return _in_one_loop(name, world, materials, spectra.colours, seed, reasons, figures, inside, far)._replace(
-            unmeasured=spectra.bands)
+        method = _in_one_loop(name, world, materials, spectra.colours, seed, reasons, figures, inside, far)
+        return method._replace(unmeasured=unmeasured)
     if far:
         number = inside[next(iter(far))]
         raise scene.wrong(f"materials[{number}].method", f"found {entries[number]} beside particles or grains, or more than "
@@ -77,7 +77,7 @@ def prepare(job, world, seed) -> Method:
 
     seen = features if len(materials) <= MOST_IN_A_LOOP else None
     return Method(name, (part,), reasons, after, features=seen, apart=("paths",) if explicit else (), entry=_entry(materials),
-                  unmeasured=spectra.bands)
+                  unmeasured=unmeasured)
 
 
 def _entry(materials):

@@ -129,6 +129,17 @@ def test_light_that_single_precision_loses_is_left_out(call, folder):
     assert "jelly reaches 3e+04 m from the origin, where single precision" in report["left_out"][0] and report["bias"] is None
 
 
+def test_of_leaning_normals_nobody_claims_that_they_are_exact(call, folder):
+    """A slab whose normals are means over its edges sends on too much light, some per cent of it."""
+    vertices = 0.03 * np.array(list(np.ndindex(2, 2, 2)), float) - 0.015
+    sides = (0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)
+    faces = [triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))]
+    (folder / "slab.ply").write_bytes(ply.mesh(vertices, np.array(faces)))
+    (folder / "slab.xml").write_text(XML.replace("ball.ply", "slab.ply"))
+    report, _ = rendered(call, "slab.png", "--set", "scene.mitsuba=slab.xml")
+    assert any("normals on 100 % of jelly lean" in reason for reason in report["reasons"]) and report["bias"] is None
+
+
 def test_a_lens_is_said_to_be_left_out(call, folder):
     lens = '"thinlens"><float name="aperture_radius" value="0.05"/><float name="focus_distance" value="0.5"/>'
     (folder / "lens.xml").write_text(XML.replace('"perspective">', lens))
