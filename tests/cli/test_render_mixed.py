@@ -140,6 +140,17 @@ def test_of_leaning_normals_nobody_claims_that_they_are_exact(call, folder):
     assert any("normals on 100 % of jelly lean" in reason for reason in report["reasons"]) and report["bias"] is None
 
 
+@pytest.mark.parametrize("entries", [(2,), (2, 3)], ids=["alone", "beside a body"])
+def test_a_mesh_without_room_for_a_grain_is_told(call, folder, entries):
+    """As where.unit gives one that is meant in other units."""
+    kept = [line for line in SCENE.splitlines() if "  - " in line]
+    text = SCENE[:SCENE.index("  - ")] + "\n".join(kept[number] for number in entries)
+    (folder / "tiny.yaml").write_text(text.replace("unit: 1 m}, recipe: beads", "unit: 1 mm}, recipe: beads"))
+    status, report, error = call("-o", "tiny.png", scene="tiny.yaml")
+    # some 4/3 pi (30 um)^3 at half the volume of balls of 3 mm
+    assert status == 0 and any("the mesh has room for 5e-07 grains" in reason for reason in report["reasons"]), error
+
+
 def test_a_lens_is_said_to_be_left_out(call, folder):
     lens = '"thinlens"><float name="aperture_radius" value="0.05"/><float name="focus_distance" value="0.5"/>'
     (folder / "lens.xml").write_text(XML.replace('"perspective">', lens))
