@@ -122,8 +122,14 @@ def _grains(scene, world, asset, spectra, number):
     varies = local.local_of(scene, number, asset, material.fraction_of(asset), vertices)
     grains = spectra.grains(asset, material.grains_of(asset, vertices, faces, varies))
     angle = cone(method, entry.widen, world, [asset], [(vertices, faces)])
-    return Content(Grains(region, grains, angle), stands,
-                   tuple(f"materials[{number}]: {reason}" for reason in material.reasons_of(asset, angle)))
+    explicit = Grains(region, grains, angle)
+    return Content(explicit, stands, _reasons(number, asset, explicit))
+
+
+def _reasons(number, asset, packed):
+    """Sentences on `Grains` of an entry."""
+    reasons = material.of_number(material.number_in(packed.grains, *packed.region)) + material.reasons_of(asset, packed.angle)
+    return tuple(f"materials[{number}]: {reason}" for reason in reasons)
 
 
 def shown_alike(filled, assets) -> list[Content]:
@@ -131,9 +137,12 @@ def shown_alike(filled, assets) -> list[Content]:
     by the grain that turned it."""
     angle = min((content.what.angle for content in filled if isinstance(content.what, Grains) and content.what.angle > 0),
                 default=0.0)
-    return [content if not (angle and isinstance(content.what, Grains) and smooth([asset]))
-            else content._replace(what=content.what._replace(angle=angle), reasons=tuple(
-                f"materials[{number}]: {reason}" for reason in material.reasons_of(asset, angle)))
+
+    def alike(number, content, asset):
+        packed = content.what._replace(angle=angle)
+        return content._replace(what=packed, reasons=_reasons(number, asset, packed))
+
+    return [alike(number, content, asset) if angle and isinstance(content.what, Grains) and smooth([asset]) else content
             for number, (content, asset) in enumerate(zip(filled, assets, strict=True))]
 
 

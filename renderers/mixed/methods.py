@@ -13,6 +13,7 @@ from renderers.mixed.scene import chosen
 from renderers.mixed.spectra import BANDS, Spectra
 from renderers.pictures.passes import Method
 from renderers.scene.entries import declared
+from renderers.transport import regions
 
 MOST_IN_A_LOOP = 32  # media: more than that go through wavefronts (`renderers.transport.scene.MOST`)
 _MATERIAL = 16  # paths of a pixel that layer `material` is made of where no pass counts them
@@ -38,7 +39,7 @@ def prepare(job, world, seed) -> Method:
     bodies = [content for content in materials if isinstance(content, contents.Body)]
     looped = not explicit and len(materials) <= MOST_IN_A_LOOP
     left_out = world.left_out() + (rounded(bodies) if looped else [])
-    reasons += left_out + flaws(world, bodies)
+    reasons += (faults := left_out + flaws(world, bodies))
     entries = [chosen(entry.kind, entry.method) for entry in scene.values.materials]
     stated = [declared(entry.kind)[name] for entry, name in zip(scene.values.materials, entries, strict=True)]
     widened = [getattr(content.what, "angle", 0.0) for content in filled]
@@ -47,13 +48,13 @@ def prepare(job, world, seed) -> Method:
     listed = [{"kind": entry.kind, "method": name, "bias": None if stand_in else 0.0, "reasons": list(content.reasons),
                "pilot": None}
               for entry, name, stand_in, content in zip(scene.values.materials, entries, stand_ins, filled, strict=True)]
-    exact = not spectra.bands and not any(stand_ins) and not left_out
+    exact, unmeasured = not (spectra.bands or any(stand_ins) or faults), bool(spectra.bands or faults)
     figures = {"materials": listed, "bias": 0.0 if exact else None, "left_out": left_out}
     name = " and ".join(dict.fromkeys(entries))
     far = {inside.index(number): entry.far for number, entry in changing.items() if entry.far}
     if looped:
-        return _in_one_loop(name, world, materials, spectra.colours, seed, reasons, figures, inside, far)._replace(
-            unmeasured=spectra.bands)
+        method = _in_one_loop(name, world, materials, spectra.colours, seed, reasons, figures, inside, far)
+        return method._replace(unmeasured=unmeasured)
     if far:
         number = inside[next(iter(far))]
         raise scene.wrong(f"materials[{number}].method", f"found {entries[number]} beside particles or grains, or more than "
@@ -75,7 +76,7 @@ def prepare(job, world, seed) -> Method:
 
     seen = features if len(materials) <= MOST_IN_A_LOOP else None
     return Method(name, (part,), reasons, after, features=seen, apart=("paths",) if explicit else (), entry=_entry(materials),
-                  unmeasured=spectra.bands)
+                  unmeasured=unmeasured)
 
 
 def _entry(materials):
@@ -134,18 +135,22 @@ def _in_one_loop(name, world, materials, colours, seed, reasons, figures, inside
 
 
 def _refuse_twins(scene, filled):
-    """UsageError where a box, or a grid's, is that of an entry before: which of them is the innermost nobody could say."""
-    boxes: list[tuple[int, np.ndarray]] = []
+    """UsageError where a box, or a grid's, or a mesh is that of an entry before: nobody could say which is the innermost."""
+    before: list[tuple[int, str, np.ndarray]] = []
     for number, content in enumerate(filled):
         region = getattr(content.what, "region", None)
-        if not hasattr(region, "lo") or hasattr(region, "nodes") and region.nodes.size > 1:
+        if isinstance(region, regions.Mesh):
+            kind, corners = "mesh", region.vertices
+        elif hasattr(region, "lo") and not (hasattr(region, "nodes") and region.nodes.size > 1):
+            kind, corners = "box", np.array([region.lo, region.hi], float)
+        else:
             continue
-        box = np.array([region.lo, region.hi], float)
-        for earlier, earlier_box in boxes:
-            if np.allclose(box, earlier_box, rtol=0, atol=1e-9 * float(np.ptp(earlier_box, axis=0).max())):
-                raise scene.wrong(f"materials[{number}].where", f"found the box of materials[{earlier}], so that neither is "
+        for earlier, of_kind, others in before:
+            if kind == of_kind and corners.shape == others.shape and \
+                    np.allclose(corners, others, rtol=0, atol=1e-9 * float(np.ptp(others, axis=0).max())):
+                raise scene.wrong(f"materials[{number}].where", f"found the {kind} of materials[{earlier}], so that neither is "
                                   "inside of the other; use a larger or a smaller one")
-        boxes.append((number, box))
+        before.append((number, kind, corners))
 
 
 def _refuse_overlap(scene, filled):

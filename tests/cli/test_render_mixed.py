@@ -146,6 +146,28 @@ def test_light_that_single_precision_loses_is_left_out(call, folder):
     assert "jelly reaches 3e+04 m from the origin, where single precision" in report["left_out"][0] and report["bias"] is None
 
 
+def test_of_leaning_normals_nobody_claims_that_they_are_exact(call, folder):
+    """A slab whose normals are means over its edges sends on too much light, some per cent of it."""
+    vertices = 0.03 * np.array(list(np.ndindex(2, 2, 2)), float) - 0.015
+    sides = (0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)
+    faces = [triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))]
+    (folder / "slab.ply").write_bytes(ply.mesh(vertices, np.array(faces)))
+    (folder / "slab.xml").write_text(XML.replace("ball.ply", "slab.ply"))
+    report, _ = rendered(call, "slab.png", "--set", "scene.mitsuba=slab.xml")
+    assert any("normals on 100 % of jelly lean" in reason for reason in report["reasons"]) and report["bias"] is None
+
+
+@pytest.mark.parametrize("entries", [(2,), (2, 3)], ids=["alone", "beside a body"])
+def test_a_mesh_without_room_for_a_grain_is_told(call, folder, entries):
+    """As where.unit gives one that is meant in other units."""
+    kept = [line for line in SCENE.splitlines() if "  - " in line]
+    text = SCENE[:SCENE.index("  - ")] + "\n".join(kept[number] for number in entries)
+    (folder / "tiny.yaml").write_text(text.replace("unit: 1 m}, recipe: beads", "unit: 1 mm}, recipe: beads"))
+    status, report, error = call("-o", "tiny.png", scene="tiny.yaml")
+    # some 4/3 pi (30 um)^3 at half the volume of balls of 3 mm
+    assert status == 0 and any("the mesh has room for 5e-07 grains" in reason for reason in report["reasons"]), error
+
+
 def test_a_lens_is_said_to_be_left_out(call, folder):
     lens = '"thinlens"><float name="aperture_radius" value="0.05"/><float name="focus_distance" value="0.5"/>'
     (folder / "lens.xml").write_text(XML.replace('"perspective">', lens))
@@ -278,6 +300,8 @@ def test_how_far_media_that_are_asked_for_are_off(call, measured):
     ("materials[2].spread=2", "materials[2].spread: found spread, and no method here switches from grains to their"),
     ("materials[3].boundary.tables=none", "found tables, and method paths reads no tables beside other materials"),
     ("materials[3].where.shape=floor", "materials[3].where.shape: floor is no closed mesh"),
+    ("materials[0].where={mesh: heap.ply}", "materials[2].where: found the mesh of materials[0], so that neither is inside"),
+    ("materials[0].where={box: {lo: [-10, -10, 1] cm, hi: [10, 10, 21] cm}}", "materials[1].where: found the box of materials"),
     ("film.wavelengths=rgb", "materials are rendered at the wavelengths of their assets"),
 ])
 def test_what_is_refused(call, setting, message):

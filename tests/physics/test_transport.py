@@ -348,4 +348,6 @@ def test_light_that_rounding_takes(tmp_path):
     assert 0.02 < rounding(body) < 0.04 and np.all(lost < 1.5 * rounding(body) + sigmas(64) * error)
     assert lost[1] > 0.5 * rounding(body) + sigmas(64) * error[1]
     assert "3.28e+04 m" in rounded([body])[0]
+    dense = body._replace(medium=body.medium._replace(sigma_t=1e12 * body.medium.sigma_t))
+    assert rounding(dense) == 1 and "some 100 % of its light" in rounded([dense])[0]
     assert not rounded([body._replace(vertices=body.vertices - [far, 0, 0])])

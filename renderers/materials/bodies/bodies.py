@@ -124,7 +124,7 @@ def rounding(body) -> float:
     It grows as the distance of two neighbouring numbers over the mean free path.  Measured with cubes of albedo 0.5 to 0.99 in
     light from all around, 1 km to 500 km from the origin: 0.1 % where that is 1/400, 0.4 % at 1/100, 3 % at 1/13, 10 % at 1/3.
     """
-    return _ROUNDING * float(np.spacing(np.float32(np.abs(body.vertices).max())) * np.max(body.medium.sigma_t))
+    return min(_ROUNDING * float(np.spacing(np.float32(np.abs(body.vertices).max())) * np.max(body.medium.sigma_t)), 1.0)
 
 
 def rounded(bodies):

@@ -62,6 +62,20 @@ def distance(point, triangles) -> float:
     return float(np.linalg.norm(closest_point(triangles, np.broadcast_to(point, (len(triangles), 3))) - point, axis=1).min())
 
 
+def number_in(packed, vertices, faces) -> float:
+    """Grains that are expected in a mesh, vertices (V, 3) m."""
+    a, b, c = (vertices[faces[:, k]] / packed.unit for k in range(3))
+    aggregate = packed.aggregate
+    volume = float(np.sum(a * np.cross(b, c))) / 6 * kernels.mean_share(aggregate)
+    return volume * len(aggregate.radii) / float(np.prod(aggregate.cell))
+
+
+def of_number(number: float) -> list[str]:
+    """A sentence on a mesh that is too small for grains."""
+    return [f"the mesh has room for {number:.1g} grains, and hardly one is seen: where.unit, or the grains' radius, may be meant "
+            "otherwise"] if number < 1 else []
+
+
 def meetings(asset, vertices, faces) -> float:
     """Grains of an asset in a mesh, vertices (V, 3) m, that light meets on average, at the wavelength where these are most.
 

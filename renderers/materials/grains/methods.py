@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bakery import kernels
 from renderers.materials.grains import bundles, far, local, material, medium, transport
 from renderers.materials.grains.declared import methods
 from renderers.materials.grains.declared.ept import LITTLE, smooth
@@ -73,7 +72,8 @@ def of(name, world, assets, meshes, grains, seed, asked=PLAIN, tolerance=budget.
         reasons.append(f"how far {name} is off is not measured: in the scenes of docs/granular.md by up to {percent(stated)}")
     if scene.switch is not None and declared.diffuses and any(body.medium.varies for body in scene.bodies):
         reasons.append("no light diffuses in bodies whose fraction or mixture varies")
-    number = sum(_expected(packed.aggregate, vertices / packed.unit, faces) for packed, (vertices, faces) in zip(grains, meshes))
+    numbers = [material.number_in(packed, *mesh) for packed, mesh in zip(grains, meshes)]
+    reasons += material.of_number(min(numbers))
     # Light before the switch and after it by paths of their own: each gets the passes that take most variance away in their time.
     # Ending some paths by chance at the switch (section 5 of the paper) adds the variance of that chance.
     kinds = [(name, transport.ALL)] if scene.switch is None else [("grains", transport.BEFORE), ("medium", transport.AFTER)]
@@ -87,7 +87,7 @@ def of(name, world, assets, meshes, grains, seed, asked=PLAIN, tolerance=budget.
     reasons += left_out
 
     def after(estimate):
-        return {"grains": number, "layers": _switches(estimate.means.values()), "bias": None, "left_out": left_out}
+        return {"grains": sum(numbers), "layers": _switches(estimate.means.values()), "bias": None, "left_out": left_out}
 
     return Method(name, parts, reasons, after, features=lambda quality: _features(world, scene, assets, meshes, seed, quality),
                   apart=(kinds[0][0],) if scene.technique == GRAINS else (), entry=scene.entry)
@@ -200,10 +200,3 @@ def _switches(means) -> dict:
     """Layer `switch` (H, W), grains that paths have met when they switch, on average, 0 where none does; of means of passes."""
     switched = sum(mean.count * mean.layers[SWITCHED].astype(float) for mean in means if SWITCHED in mean.layers)
     return {} if np.ndim(switched) == 0 else {"switch": switched[..., 0] / np.maximum(switched[..., 1], 1e-30)}
-
-
-def _expected(aggregate, vertices, faces):
-    """Number of spheres in the mesh's volume."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    volume = float(np.sum(a * np.cross(b, c))) / 6 * kernels.mean_share(aggregate)
-    return volume * len(aggregate.radii) / float(np.prod(aggregate.cell))
