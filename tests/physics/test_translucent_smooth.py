@@ -1,8 +1,12 @@
 """Pixels that share what they gather: which of them gather, and what the others get."""
 
-import numpy as np
+from types import SimpleNamespace
 
-from renderers.materials.bodies import smooth
+import numpy as np
+import pytest
+
+from renderers.materials.bodies import methods, smooth
+from tests.odds import sigmas
 
 SPACING = 1e-3  # m
 
@@ -34,3 +38,15 @@ def test_what_others_get():
             inner = found[4:-4, 4:11] - image[4:-4, 4:11]
             assert abs(inner).max() < 1e-12 and abs(found - image).max() < 0.1  # beyond them at the edges, of 1.4
             assert not known.all()
+
+
+@pytest.mark.parametrize("share, block", [(1.0, (1, 1)), (1 / 2, (1, 2)), (1 / 8, (2, 4)), (1 / 16, (4, 4))])
+def test_pixels_that_gather_for_their_neighbours(share, block):
+    """One of each block, and each as often as others; blocks may be cut by the edges of the picture."""
+    passes = SimpleNamespace(_size=(13, 10), _seed=0)
+    chosen = np.array([methods._Passes._gathering_pixels(passes, number, share) for number in range(4000)])
+    tall, wide = block
+    whole = chosen[:, :13 // tall * tall, :10 // wide * wide].reshape(4000, 13 // tall, tall, 10 // wide, wide)
+    assert np.all(whole.sum(axis=(2, 4)) == 1)
+    error = np.sqrt(share * (1 - share) / 4000)
+    assert np.all(abs(chosen.mean(axis=0) - share) <= sigmas(comparisons=4 * 130) * error)

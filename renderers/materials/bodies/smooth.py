@@ -132,6 +132,8 @@ def smoothed(image, gathers, view, share=1.0):
 def _fit(image, gathers, view, share, out, begin, end):
     body, point, normal, reach = lent(view)
     height, width = body.shape
+    across = share * share * (_MOST + 1.0) ** 2
+    most = min(int(share * (_MOST + 1.0)), _MOST)  # pixels, beyond which none counts
     for y in range(begin, end):
         for x in range(width):
             for c in range(3):
@@ -141,17 +143,17 @@ def _fit(image, gathers, view, share, out, begin, end):
             limit = share * reach[y, x]
             m00 = m01 = m02 = m11 = m12 = m22 = 0.0
             s0, s1, s2 = np.zeros(3), np.zeros(3), np.zeros(3)
-            for j in range(max(y - _MOST, 0), min(y + _MOST + 1, height)):
-                for i in range(max(x - _MOST, 0), min(x + _MOST + 1, width)):
-                    if not gathers[j, i] or body[j, i] != body[y, x]:
+            for j in range(max(y - most, 0), min(y + most + 1, height)):
+                for i in range(max(x - most, 0), min(x + most + 1, width)):
+                    u, v = i - x, j - y
+                    if not gathers[j, i] or body[j, i] != body[y, x] or u * u + v * v >= across:
                         continue
                     facing, square = 0.0, 0.0
                     for k in range(3):
                         facing += normal[y, x, k] * normal[j, i, k]
                         square += (point[y, x, k] - point[j, i, k]) ** 2
-                    u, v = i - x, j - y
                     # both a distance on the body and one in the picture end what is shared
-                    w = 1.0 - max(square / (limit * limit), (u * u + v * v) / (share * share * (_MOST + 1.0) ** 2))
+                    w = 1.0 - max(square / (limit * limit), (u * u + v * v) / across)
                     if facing < _FACING or not w > 0.0:
                         continue
                     m00 += w
