@@ -178,8 +178,8 @@ def _counted(rows: list, widths: int) -> dict:
     """Arrays of what was counted, by wavelength, thickness and side."""
     from bakery.physics.granular.reflectance import LEAST
 
-    each = [[_of_side(side) for side in (counted, counted.below) if side is not None] for counted in rows]
-    values = {name: np.stack([[side[name] for side in sides] for sides in each]) for name in each[0][0]}
+    light = [[_of_side(side) for side in (counted, counted.below) if side is not None] for counted in rows]
+    values = {name: np.stack([[side[name] for side in sides] for sides in light]) for name in light[0][0]}
     if rows[0].straight is not None:
         values["straight"] = np.stack([counted.straight for counted in rows])
     return {name: value.reshape(-1, widths, *value.shape[1:]) for name, value in values.items()} | {"least": np.array([LEAST])}
