@@ -9,6 +9,7 @@ import pytest
 
 import bakery
 from bakery.errors import RecipeError
+from bakery.kernels import surface_transmittance
 from bakery.recipe import load
 from bakery.stages.members import MissingStage
 from bakery.stages.surface import grains
@@ -95,14 +96,51 @@ def test_a_part_that_is_missing_is_told(heap):
 
 
 @pytest.mark.slow
-def test_layers_are_those_of_the_medium(bake):
-    """A thickness or a boundary makes grains a medium, and so does the recipe where it says so."""
-    layer = bake("layer", "{thickness: 5 mm, tolerance: 5%}")
-    assert "transmitted" in layer.surface and "first" not in layer.surface
+def test_what_is_told_to_be_a_medium_is_one(bake):
     flat = bake("flat", "{method: medium, tolerance: 5%}")
     assert "first" not in flat.surface
     with pytest.raises(MissingStage, match="kept apart"):
         flat.surface.by_order(0.1, 0.2)
+
+
+@pytest.mark.slow
+def test_layers_of_a_thickness(bake):
+    """Thinner than a grain, of several grains, and of none: values, orders, tables and files of each side."""
+    layer = bake("layer", '{thickness: "[0, 0.3, 2] mm", tolerance: 20%}')
+    surface, group = layer.surface, layer.tree["surface"]
+    assert not list(grains.check(group)) and group["layers/noise"].data.shape == (2, 3, 2, 12, 8, 8)
+    below = surface.transmittance(THETA[:, None], THETA, 0.7)
+    assert below.shape == (2, 3, 5, 5) and (below[:, 0] == 0).all() and (below[:, 1:] > 0).all()
+    np.testing.assert_allclose(below, np.swapaxes(below, 2, 3))
+    np.testing.assert_allclose(surface.by_order(THETA[:, None], THETA, 0.7, below=True).sum(axis=0), below)
+    albedo, passed = surface.albedo(THETA), np.asarray(surface["passed"])
+    assert (albedo[:, 0] == 0).all() and (passed[:, 0] == 1).all()
+    assert (np.diff(passed, axis=1) < 0).all() and (np.diff(surface["spherical_albedo"], axis=1) > 0).all()
+    table, errors = surface.table(2)
+    assert table.free and errors.mean_square < 0.3
+    at = np.array([0.3, 0.6, 0.9]), np.array([0.8, 0.5, 0.4]), np.array([0.5, -0.5, 0.9])
+    exact = surface.transmittance(np.arccos(at[1]), np.arccos(at[0]), np.arccos(at[2]))[:, 2]
+    values = [[surface_transmittance(table, wave, *pair) for pair in zip(*at, strict=True)] for wave in (0, 1)]
+    np.testing.assert_allclose(values, exact, rtol=0.05)
+    files, told = csv_tables(layer.tree)
+    assert "surface_transmitted.csv" in files and "surface/transmitted" in told
+    with pytest.raises(RecipeError, match="layer of grains of a thickness over air"):
+        bake("covered", "{thickness: 1 mm, base: {asset: layer.h5, layer: 2}}")
+    without = Group({**group.members, "layers": Group({name: member for name, member in group["layers"].members.items()
+                                                       if name != "straight"}, {})}, dict(group.attributes))
+    assert any("two" in fault for fault in grains.sound(without))
+
+
+@pytest.mark.slow
+def test_layers_on_a_base(bake):
+    """A white plane is seen between grains, and none is looked up from below it."""
+    surface = bake("based", '{thickness: "[0, 1] mm", base: {albedo: [0, 100%]}, tolerance: 20%}').surface
+    assert "transmitted" not in surface and (surface.transmittance(0.1, 0.2, 0.3) == 0).all()
+    albedo = surface.spherical_albedo
+    np.testing.assert_allclose(albedo[:, 0], [0, 1], atol=1e-9)
+    assert 0 < albedo[0, 1] < 0.4 and 0.1 < albedo[1, 1] < 1
+    with pytest.raises(MissingStage, match="no light leaves below"):
+        surface.by_order(0.1, 0.2, below=True)
 
 
 def test_wavelengths_share_walks_where_indices_do():
@@ -114,7 +152,7 @@ def test_wavelengths_share_walks_where_indices_do():
 
 
 @pytest.mark.parametrize("text, says", [
-    (RECIPE.replace("{options}", "{method: grains, thickness: 1 mm}"), "grains in a layer of a thickness"),
+    (RECIPE.replace("{options}", "{method: grains, thickness: 1 mm, base: {recipe: soil.yaml}}"), "on another asset or recipe"),
     (RECIPE.replace("{options}", "{method: grains, boundary: {index: 1.3}}"), "under a boundary"),
     ("bakery: 1\nname: a\nwavelengths: [0.5]\nmedium: {albedo: 1, mean_free_path: 1 mm, phase: {type: isotropic}}\n"
      "surface: {method: grains}\n", "of which this recipe has none"),

@@ -1,4 +1,4 @@
-"""Loops of `goniometer`: light that falls on a half space of packed grains, grain by grain, until it is out again."""
+"""Loops of `goniometer`: light that falls on a half space or a layer of packed grains, grain by grain, until it is out again."""
 
 import math
 from typing import NamedTuple
@@ -9,7 +9,7 @@ from bakery.physics.grains.bvh import mesh_scratch, nearest_triangle, triangle_n
 from bakery.physics.grains.sampling import AHEAD, FAINT, next_uniform
 from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, fresnel_conductor
 from bakery.physics.granular._packed import FAR, Draws, Kind, leave, turned
-from bakery.physics.granular.flights import flight_in_half_space
+from bakery.physics.granular.flights import flight_in_slab
 from bakery.physics.lent import lent
 from bakery.physics.packing.instances import kind, rotation, rotation_matrix, uniforms
 from bakery.physics.surfaces.pairs import cell_of
@@ -36,7 +36,8 @@ class Matter(NamedTuple):
 class Rules(NamedTuple):
     """Order after which walks end (0: none), hits after which light is late and with which a walk ends, meetings with one grain's
     surface after which a path is cut, cells along the coordinates of pairs (3,), bins of the root of the cosine, decay (C,) per
-    unit of depth of light that is still inside."""
+    unit of depth of light that is still inside, thickness of the layer (inf: none), sides at which light leaves (2: also below),
+    albedo (C,) of a matt plane under the lowest grains where there is no second side."""
 
     last: int
     late: int
@@ -45,16 +46,20 @@ class Rules(NamedTuple):
     cells: np.ndarray
     bins: int
     decay: np.ndarray
+    thickness: float
+    sides: int
+    base: np.ndarray
 
 
 class Counted(NamedTuple):
-    """Light by order, channel and cell; by order, channel and bin of entry; walks by bin of entry; light left inside (C,) at the
-    end of walks; `SUMS` numbers."""
+    """Light by side, order, channel and cell; by side, order, channel and bin of entry; walks by bin of entry; light left inside
+    at the end of walks and light that passed undeflected, by channel and bin of entry; `SUMS` numbers."""
 
     cells: np.ndarray
     entered: np.ndarray
     walks: np.ndarray
     inside: np.ndarray
+    straight: np.ndarray
     sums: np.ndarray
 
 
@@ -194,8 +199,8 @@ def counted(tile, grains, matter, key, replicate, first, count, surface, rules):
     surface : lowest and highest level in the tile at which it may be cut; centres below are there
     """
     channels, number = matter.mu.shape[1], rules.cells[0] * rules.cells[1] * rules.cells[2]
-    out = Counted(np.zeros((ORDERS, channels, number)), np.zeros((ORDERS, channels, rules.bins)), np.zeros(rules.bins),
-                  np.zeros((channels, rules.bins)), np.zeros(SUMS))
+    out = Counted(np.zeros((rules.sides, ORDERS, channels, number)), np.zeros((rules.sides, ORDERS, channels, rules.bins)),
+                  np.zeros(rules.bins), np.zeros((channels, rules.bins)), np.zeros((channels, rules.bins)), np.zeros(SUMS))
     draws = Draws(np.zeros(5, np.uint64), np.empty(4))
     draws.stream[0], draws.stream[1], draws.stream[3] = key[0], key[1], replicate
     path = Path(np.empty(4, np.int64), np.empty(4, np.int64), np.empty(3), np.empty(3), np.empty(3), np.empty(6),
@@ -204,7 +209,8 @@ def counted(tile, grains, matter, key, replicate, first, count, surface, rules):
     for walk in range(count):
         draws.stream[2], draws.stream[4] = np.uint64(first + walk), np.uint64(0)
         _walk(tile, grains, matter, path, draws, scratch, (surface[0], surface[1], widest), rules, out)
-    return np.concatenate((out.cells.ravel(), out.entered.ravel(), out.walks, out.inside.ravel(), out.sums))
+    return np.concatenate((out.cells.ravel(), out.entered.ravel(), out.walks, out.inside.ravel(), out.straight.ravel(),
+                           out.sums))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -217,45 +223,50 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
     scratch, rules, out = lent(scratch), lent(rules), lent(out)
     cell = tile.grid[0]
     bin0, mu0, ex, ey, top = _begin(path, cell, levels, rules.bins, draws)
-    base, above = path.left_behind[3], top + levels[2]
+    base, bottom = path.left_behind[3], top - rules.thickness
+    above, below = top + levels[2], bottom - levels[2]
     order, hits, factor = 0, 0, 1.0
     out.walks[bin0] += 1.0
     out.sums[WALKS] += 1.0
     while True:
         shift = (path.left_behind[3] - base) * cell[2]  # the frame's origin, seen from that of the first copy
-        limit = tile.limit
-        rises = path.d[2] > 0.0
+        limit, rises = tile.limit, path.d[2] > 0.0
         if rises:
             limit = max((above - shift - path.o[2]) / path.d[2], 0.0)
-        z = flight_in_half_space(path.o, path.d, path.left_behind, tile.grid, limit, path.sphere, path.to, base, top)
-        if z >= limit:
-            if rises:
-                _count_out(path, order, hits, factor, mu0, -(ex * path.d[0] + ey * path.d[1] - mu0 * path.d[2]), bin0, rules, out)
-            else:
-                out.sums[GIVEN_UP] += 1.0
+        elif path.d[2] < 0.0 and below > -np.inf:
+            limit = max((below - shift - path.o[2]) / path.d[2], 0.0)
+        z = flight_in_slab(path.o, path.d, path.left_behind, tile.grid, limit, path.sphere, path.to, (base, top, bottom))
+        if z < limit:
+            radius = tile.radii[path.sphere[0]]
+            _enter(path, z)
+            state, kept = _meet(path, radius, grains, matter, rules.depth, draws, scratch)
+            if state > LEFT:
+                out.sums[CONTRADICTED if state == DROPPED else CUTS] += 1.0
+                return
+            if state == LEFT:
+                hits += 1
+                out.sums[HITS] += 1.0
+                factor *= kept
+                bent = 1.0 - (path.d[0] * path.ray[3] + path.d[1] * path.ray[4] + path.d[2] * path.ray[5])
+                if bent > _STRAIGHT:
+                    order += 1
+            for k in range(4):
+                path.left_behind[k] = path.sphere[k]
+            for k in range(3):
+                path.d[k] = path.ray[3 + k]
+                path.o[k] = tile.centers[path.sphere[0], k] + radius * path.ray[k]
+        elif not rises and (path.d[2] == 0.0 or below == -np.inf):
+            out.sums[GIVEN_UP] += 1.0
             return
-        radius = tile.radii[path.sphere[0]]
-        _enter(path, z)
-        state, kept = _meet(path, radius, grains, matter, rules.depth, draws, scratch)
-        if state > LEFT:
-            out.sums[CONTRADICTED if state == DROPPED else CUTS] += 1.0
+        elif rises or rules.sides == 2:
+            _count_out(path, order, hits, factor, mu0, ex * path.d[0] + ey * path.d[1] - mu0 * path.d[2], bin0, rules, out)
             return
-        if state == LEFT:
-            hits += 1
-            out.sums[HITS] += 1.0
-            factor *= kept
-            bent = 1.0 - (path.d[0] * path.ray[3] + path.d[1] * path.ray[4] + path.d[2] * path.ray[5])
-            if bent > _STRAIGHT:
-                order += 1
-        for k in range(4):
-            path.left_behind[k] = path.sphere[k]
-        for k in range(3):
-            path.d[k] = path.ray[3 + k]
-            path.o[k] = tile.centers[path.sphere[0], k] + radius * path.ray[k]
+        else:
+            _reflect(path, limit, rules.base, draws)
+            state, hits, order = LEFT, hits + 1, order + 1
         if hits >= rules.most:
             depth = max(above - (path.left_behind[3] - base) * cell[2] - path.o[2], 0.0)
-            for c in range(len(path.carried)):
-                out.inside[c, bin0] += factor * path.carried[c] * math.exp(-path.optical[c] - rules.decay[c] * depth)
+            _count_inside(path, factor, depth, above - below, bin0, rules, out)
             return
         if state == LEFT:
             factor = _goes_on(path, factor, draws)
@@ -282,6 +293,19 @@ def _begin(path, cell, levels, bins, draws):
     path.carried[:] = 1.0
     path.optical[:] = 0.0
     return bin0, mu0, ex, ey, top
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _reflect(path, distance, albedo, draws):
+    """The path after a matt plane under the grains sent it up again."""
+    share, azimuth = next_uniform(draws.stream, draws.pool), 2.0 * math.pi * next_uniform(draws.stream, draws.pool)
+    for k in range(3):
+        path.o[k] += distance * path.d[k]
+    across = math.sqrt(1.0 - share)
+    path.d[0], path.d[1], path.d[2] = across * math.cos(azimuth), across * math.sin(azimuth), math.sqrt(share)
+    path.left_behind[0] = -1
+    for c in range(len(path.carried)):
+        path.carried[c] *= albedo[c]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -312,15 +336,30 @@ def _goes_on(path, factor, draws):
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
+def _count_inside(path, factor, depth, deepest, bin0, rules, out):
+    """Light at the end of its walk, at a depth below the upper face; the lower one is at the deepest."""
+    if rules.sides == 2:
+        depth = min(depth, max(deepest - depth, 0.0))
+    for c in range(len(path.carried)):
+        out.inside[c, bin0] += factor * path.carried[c] * math.exp(-path.optical[c] - rules.decay[c] * depth)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _count_out(path, order, hits, factor, mu0, cosine, bin0, rules, out):
-    """Light that left.  cosine : of the phase angle;  undeflected light cannot leave."""
-    at = min(order - 1, HIGHER)
+    """Light that left.  cosine : of the scattering angle;  undeflected light leaves below alone.
+
+    Below, the pair is that of the light's origin and of the direction opposite to that in which it leaves.
+    """
+    at, side = min(order - 1, HIGHER), 0 if path.d[2] > 0.0 else 1
     if at == HIGHER and hits > rules.late:
         at = LATE
-    if at < 0 or rules.last and order > rules.last:
+    if rules.last and order > rules.last:
         return
-    cell = cell_of(max(path.d[2], 1e-12), mu0, cosine, rules.cells)
+    cell = cell_of(max(abs(path.d[2]), 1e-12), mu0, cosine if side else -cosine, rules.cells)
     for c in range(len(path.carried)):
         light = factor * path.carried[c] * math.exp(-path.optical[c])
-        out.cells[at, c, cell] += light
-        out.entered[at, c, bin0] += light
+        if at < 0:
+            out.straight[c, bin0] += light
+        else:
+            out.cells[side, at, c, cell] += light
+            out.entered[side, at, c, bin0] += light

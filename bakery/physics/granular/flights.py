@@ -27,16 +27,17 @@ def flight_to_sphere(o, d, remaining, grid, limit, cells, to):
     grid : edges (3,) of the tile, its cells along them (3,), and what `tile_grid` gives of these
     cells : (4,) becomes the sphere and its copy;  to : (3,) becomes the vector from o to its centre
     """
-    # no plane: what is asked of one goes while this is compiled
-    return flight_in_half_space(o, d, remaining, grid, limit, cells, to, 0, np.inf)
+    # no planes: what is asked of them goes while this is compiled
+    return flight_in_slab(o, d, remaining, grid, limit, cells, to, (0, np.inf, -np.inf))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def flight_in_half_space(o, d, remaining, grid, limit, cells, to, base, top):
-    """`flight_to_sphere` among those spheres alone whose centres lie below a plane across the tile's third axis.
+def flight_in_slab(o, d, remaining, grid, limit, cells, to, slab):
+    """`flight_to_sphere` among those spheres alone whose centres lie between two planes across the tile's third axis.
 
-    base, top : number of a copy along that axis, and the plane in its frame; inf: there is none
+    slab : number of a copy along that axis, and the upper and the lower plane in its frame; inf and -inf: there is none
     """
+    base, top, bottom = slab
     cell, m, start, image, owner = grid
     h0, h1, h2 = cell[0] / m[0], cell[1] / m[1], cell[2] / m[2]
     skip, far_i, far_j, far_k = remaining[0], remaining[1], remaining[2], remaining[3]
@@ -49,9 +50,9 @@ def flight_in_half_space(o, d, remaining, grid, limit, cells, to, base, top):
     (wall_x, every_x), (wall_y, every_y), (wall_z, every_z) = _walls(a, h0, ox, dx), _walls(b, h1, oy, dy), _walls(c, h2, oz, dz)
     best = limit
     while True:
-        bin_index, highest = (a * m[1] + b) * m[2] + c, top - (k - base) * cell[2]
+        bin_index, lifted = (a * m[1] + b) * m[2] + c, (k - base) * cell[2]
         for s in range(start[bin_index], start[bin_index + 1]):
-            if top < np.inf and image[s, 2] > highest:
+            if top < np.inf and image[s, 2] > top - lifted or bottom > -np.inf and image[s, 2] <= bottom - lifted:
                 continue
             x, y, z = image[s, 0] - ox, image[s, 1] - oy, image[s, 2] - oz
             along = x * dx + y * dy + z * dz

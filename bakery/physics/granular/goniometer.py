@@ -1,9 +1,11 @@
-"""A virtual goniometer over packed grains: light that a half space of them sends back, by orders and by pairs of directions.
+"""A virtual goniometer over packed grains: light that a half space or a layer of them sends back and lets through.
 
 Light falls on the tile of a packing, repeated without end, of which the grains are there whose centres lie below a plane, as
 renderers have it.  The plane lies anywhere in the tile, and each walk has grains and rotations of its own (`packing.instances`):
-means are over surfaces of one arrangement.  Nothing about a medium is assumed.  An order is one hit of a grain that deflects
-light; whatever light does inside of its bounding sphere belongs to it.
+means are over surfaces of one arrangement.  Of a layer the grains are there whose centres lie no deeper below that plane than
+its thickness; a matt plane under it touches the lowest that there may be.  Nothing about a medium is assumed.  Light is told by
+orders and by pairs of directions: an order is one hit of a grain, or of that plane, that deflects light; whatever light does
+inside of a grain's bounding sphere belongs to it.
 """
 
 import math
@@ -27,31 +29,34 @@ CELLS = (48, 8, 8)  # along the coordinates of `surfaces.pairs`
 BINS = 16  # of the root of the cosine of incidence
 REPLICATES = 16
 LATE, LATEST = 8, 8  # hits over 1 - g, at least 8, after which light is late; times that, after which a walk ends
+# of a layer L transport lengths thick, extrapolated faces included, further hits over (1 - g) L^2: the slowest mode falls by 1/e
+_SLOWEST, _EXTRAPOLATED = 0.304, 1.42
 _LIMIT = 1e5  # longest flight between two spheres, in mean ones
 _BLOCK = 1 << 12  # walks of a task that goes to the second order, an eighth of that of others
 
 
 @dataclass(frozen=True)
 class Counts:
-    """Light that came back, of C channels; the last axis of `cells` numbers the cells of `CELLS`, that of others the bins."""
+    """Light that left at one side, of C channels; the last axis of `cells` numbers those of `CELLS`, that of others the bins."""
 
     cells: np.ndarray  # (R, 3, C, K) share of the light of a walk, by order: first, second, higher; sums over walks
     entered: np.ndarray  # (R, 3, C, B) the same, by bin of entry
     # walks, walks_through: (R, B) walks of all and of those that go beyond the second order, which alone count higher ones
     walks: np.ndarray
     walks_through: np.ndarray
-    # deeper, later: (R, C, B) light of these that the first two orders did not bring back; and of it, what comes back, that which
-    # was still inside included
+    # deeper, later: (R, C, B) light of these that the first two orders did not bring out; and of it, what leaves at this side,
+    # with its share of that which was still inside
     deeper: np.ndarray
     later: np.ndarray
     # (R, C) share of the higher orders that was counted twice over for light still inside at the end of its walk
     inside: np.ndarray
+    straight: np.ndarray  # (R, C, B) light of all walks that left below undeflected
     sums: np.ndarray  # (R, 5) hits, walks, given up, contradicted, cut
 
 
 @dataclass(eq=False)
 class Goniometer:
-    """A half space of packed grains, at wavelengths that share the paths of light.
+    """A half space or a layer of packed grains, at wavelengths that share the paths of light.
 
     Attributes
     ----------
@@ -62,6 +67,8 @@ class Goniometer:
     decay : (C,) with which light deep inside falls off towards the surface, 1/unit; 0 where nothing is absorbed
     stream : tells random numbers of several apart
     surface : lowest and highest place of the plane in the cell's height, 0 to 1
+    thickness : in the tile's unit, between the planes that hold the centres; inf: a half space
+    base : (C,) albedos of a matt plane under a layer; None: air
     """
 
     centers: np.ndarray
@@ -78,6 +85,8 @@ class Goniometer:
     depth: int = EVENTS_MAX
     stream: int = 0
     surface: tuple[float, float] = (0.0, 1.0)
+    thickness: float = math.inf
+    base: np.ndarray | None = None
 
     def __post_init__(self):
         self.centers, self.radii, self.cell, self.grains, self.shares = checked_tile(
@@ -87,7 +96,9 @@ class Goniometer:
             raise ValueError(f"mu {self.mu.shape}, channels {self.channels.shape}: (T, C) and (T, 2, C) are needed for "
                              f"{len(self.grains)} types of grain")
         self.decay = np.array(np.broadcast_to(np.asarray(self.decay, float), self.mu.shape[1]))
-        self.late = math.ceil(LATE / min(max(1 - self.g, 1e-2), 1))
+        self.sides = 2 if self.base is None and self.thickness < math.inf else 1
+        forward = min(max(1 - self.g, 1e-2), 1)
+        self.late = math.ceil((LATE + self._slowest(forward)) / forward)
         self._arrays, self._lock = None, threading.Lock()
 
     def __getstate__(self):
@@ -97,9 +108,23 @@ class Goniometer:
         self.__dict__.update(state, _arrays=None, _lock=threading.Lock())
 
     @property
+    def _mean_flight(self) -> float:
+        """Between two spheres."""
+        fraction = 4 / 3 * math.pi * np.sum(self.radii**3) / np.prod(self.cell)
+        return 4 / 3 * np.sum(self.radii**3) / np.sum(self.radii**2) * (1 - fraction) / fraction
+
+    def _slowest(self, forward: float) -> float:
+        """Hits over 1 - g in which light in a layer falls by 1/e, at most; 0 of a half space, which has no such number."""
+        if self.thickness == math.inf:
+            return 0.0
+        # under a base light finds one face alone
+        length = self.thickness / self._mean_flight * forward * (3 - self.sides) + _EXTRAPOLATED
+        return _SLOWEST * length**2
+
+    @property
     def lossless(self) -> np.ndarray:
-        """Whether grains keep all light (C,)."""
-        keeps = np.ones(self.mu.shape[1], bool)
+        """Whether grains, and what is under them, keep all light (C,)."""
+        keeps = np.ones(self.mu.shape[1], bool) if self.base is None else np.asarray(self.base) == 1
         for grain, mu, channels in zip(self.grains, self.mu, self.channels, strict=True):
             if grain.surface.kind == DIELECTRIC:
                 keeps &= mu == 0
@@ -116,11 +141,9 @@ class Goniometer:
             if self._arrays is None:
                 m = counts(self.cell, len(self.radii))
                 grid = (self.cell, m, *tile_grid(self.centers, self.radii, self.cell, m))
-                fraction = 4 / 3 * math.pi * np.sum(self.radii**3) / np.prod(self.cell)
-                mean = 4 / 3 * np.sum(self.radii**3) / np.sum(self.radii**2) * (1 - fraction) / fraction
                 area = np.cumsum(self.radii**2) / np.sum(self.radii**2)
                 key = rng.key(self.seed, "granular.goniometer", self.stream)
-                self._arrays = (Tile(self.centers, self.radii, area, grid, _LIMIT * mean),
+                self._arrays = (Tile(self.centers, self.radii, area, grid, _LIMIT * self._mean_flight),
                                 Grains(self.shares, *exemplars(self.grains), np.uint64(self.seed), self.depth),
                                 kernel.Matter(self.mu, self.channels), (np.uint64(key[0]), np.uint64(key[1])))
             return self._arrays
@@ -135,18 +158,19 @@ class Goniometer:
     @property
     def length(self) -> int:
         """Numbers that a task returns."""
-        channels = self.mu.shape[1]
-        return kernel.ORDERS * channels * (math.prod(CELLS) + BINS) + BINS + channels * BINS + kernel.SUMS
+        return sum(map(math.prod, self._shapes))
+
+    @property
+    def _shapes(self):
+        """Of the arrays of `_goniometer.Counted`."""
+        channels, of_orders = len(self.decay), (self.sides, kernel.ORDERS, len(self.decay))
+        return ((*of_orders, math.prod(CELLS)), (*of_orders, BINS), (BINS,), (channels, BINS), (channels, BINS), (kernel.SUMS,))
 
     def unpacked(self, sums):
         """`_goniometer.Counted` of sums (R, ...)."""
-        channels, cells, parts, at = self.mu.shape[1], math.prod(CELLS), [], 0
-        for shape in ((kernel.ORDERS, channels, cells), (kernel.ORDERS, channels, BINS), (BINS,), (channels, BINS),
-                      (kernel.SUMS,)):
-            size = math.prod(shape)
-            parts.append(sums[:, at:at + size].reshape(-1, *shape))
-            at += size
-        return kernel.Counted(*parts)
+        ends = np.cumsum([math.prod(shape) for shape in self._shapes])[:-1]
+        parts = zip(np.split(sums, ends, axis=1), self._shapes, strict=True)
+        return kernel.Counted(*(part.reshape(-1, *shape) for part, shape in parts))
 
 
 def run(goniometer: Goniometer, replicate: int, first: int, count: int, through: bool):
@@ -156,28 +180,37 @@ def run(goniometer: Goniometer, replicate: int, first: int, count: int, through:
     first += 1 << 40 if through else 0
     height = goniometer.cell[2]
     rules = kernel.Rules(0 if through else 2, goniometer.late, LATEST * goniometer.late, goniometer.depth,
-                         np.array(CELLS, np.int64), BINS, goniometer.decay)
+                         np.array(CELLS, np.int64), BINS, goniometer.decay, float(goniometer.thickness), goniometer.sides,
+                         np.zeros(0) if goniometer.base is None else np.array(goniometer.base, float))
     low, high = goniometer.surface
     return kernel.counted(tile, grains, matter, key, np.uint64(replicate), first, count, (low * height, high * height), rules)
 
 
-def together(goniometer: Goniometer, short, through) -> Counts:
-    """What walks to the second order and walks to their end count.
+def together(goniometer: Goniometer, short, through) -> tuple[Counts, ...]:
+    """What walks to the second order and walks to their end count, at each side.
 
     Late light has forgotten where it came from: light that is still inside at the end of its walk leaves as it does, so late
     light counts for that too.
     """
     a, b = goniometer.unpacked(short), goniometer.unpacked(through)
-    late, inside = b.entered[:, kernel.LATE].sum(axis=-1), b.inside.sum(axis=-1)
-    boost = 1 + np.divide(inside.sum(axis=0), late.sum(axis=0), out=np.zeros(late.shape[1]), where=late.sum(axis=0) > 0)
+    late, inside = b.entered[:, :, kernel.LATE].sum(axis=-1), b.inside.sum(axis=-1)
+    total = late.sum(axis=1).sum(axis=0)
+    boost = 1 + np.divide(inside.sum(axis=0), total, out=np.zeros(len(total)), where=total > 0)
+    higher = sum(b.entered[:, side, kernel.HIGHER:].sum(axis=(1, 3)) for side in range(goniometer.sides))
+    held = np.divide(inside, higher + inside, out=np.zeros_like(inside), where=inside > 0)
+    deeper = b.walks[:, None] - b.straight
+    for side in range(goniometer.sides):
+        deeper = deeper - b.entered[:, side, kernel.FIRST] - b.entered[:, side, kernel.SECOND]
 
-    def by_order(name):
-        x, y = getattr(a, name), getattr(b, name)
+    def by_order(name, side):
+        x, y = getattr(a, name)[:, side], getattr(b, name)[:, side]
         higher = y[:, kernel.HIGHER] + boost[:, None] * y[:, kernel.LATE]
         return np.stack([x[:, 0] + y[:, 0], x[:, 1] + y[:, 1], higher], axis=1)
 
-    higher = b.entered[:, kernel.HIGHER:].sum(axis=(1, 3))
-    deeper = b.walks[:, None] - b.entered[:, kernel.FIRST] - b.entered[:, kernel.SECOND]
-    later = b.entered[:, kernel.HIGHER] + b.entered[:, kernel.LATE] + b.inside
-    return Counts(by_order("cells"), by_order("entered"), a.walks + b.walks, b.walks, deeper, later,
-                  np.divide(inside, higher + inside, out=np.zeros_like(inside), where=inside > 0), a.sums + b.sums)
+    def at(side):
+        share = np.divide(late[:, side].sum(axis=0), total, out=np.full(len(total), 1 / goniometer.sides), where=total > 0)
+        later = b.entered[:, side, kernel.HIGHER] + b.entered[:, side, kernel.LATE] + share[:, None] * b.inside
+        return Counts(by_order("cells", side), by_order("entered", side), a.walks + b.walks, b.walks, deeper, later, held,
+                      a.straight + b.straight, a.sums + b.sums)
+
+    return tuple(map(at, range(goniometer.sides)))

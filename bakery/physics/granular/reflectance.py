@@ -1,17 +1,18 @@
-"""Reflectance of packed grains to an error that is asked for: walks of a goniometer, smoothed by a plane layer of the medium.
+"""Reflectance and transmittance of packed grains to an error that is asked for: walks of a goniometer, smoothed by a medium's
+plane layer.
 
 Walks to the second order are cheap and walks to their end are dear; each kind goes on for as long as it is worth it.
 """
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bakery.physics.granular._goniometer import HITS, STEEPEST, WALKS
 from bakery.physics.granular.goniometer import BINS, CELLS, REPLICATES, Goniometer, together
-from bakery.physics.surfaces.corrected import SHOWN, Factors, Fit, factors_of, merged
+from bakery.physics.surfaces.corrected import SHOWN, Factors, Fit, factors_of, lower_albedos, merged
 from bakery.physics.surfaces.solution import Solution
 from bakery.physics.tasks import in_turn
 
@@ -33,8 +34,10 @@ class Reflectance:
     albedo: np.ndarray
     albedo_error: np.ndarray
     error: np.ndarray  # (A, U, V) relative standard error of the light in the cells of `SHOWN`
-    achieved_error: float  # root mean square of that over the light of the walks
+    achieved_error: float  # root mean square of that over the light of the walks, of both sides
     inside: float  # share of the higher orders that was still inside when its walks ended, and counts as leaving like late light
+    below: "Reflectance | None" = None  # the same of light that leaves below; None where none does
+    straight: np.ndarray | None = None  # (B,) share of the light of each bin of incidence that leaves below undeflected
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,7 @@ def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: f
              map: Callable | None = None, report: Callable[[float, float], None] | None = None) -> Measured:
     """Walk until the reflectance is known.
 
-    solutions : half space of the medium that stands for the grains, for each channel of the goniometer
+    solutions : half space or layer of the medium that stands for the grains, for each channel of the goniometer
     tolerance : relative standard error of the reflectance in cells of `SHOWN`, root mean square weighted by their light
     hits : stop after about so many; 2^32 if not given
     map : `map(function, tasks)` returns [function(*task) for task in tasks]
@@ -68,7 +71,7 @@ def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: f
     The same bytes for any number of workers: what is walked follows from counts alone.
     """
     map, most = map or in_turn, HITS_MAX if hits is None else hits
-    fits = [Fit(solution, CELLS, BINS, LEAST) for solution in solutions]
+    fits = [[Fit(solution, CELLS, BINS, LEAST, side) for side in (-1, 1)[:goniometer.sides]] for solution in solutions]
     done, new, sums = [0, 0], list(_FIRST), [0.0, 0.0]
     while True:
         for kind in (0, 1):
@@ -79,7 +82,7 @@ def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: f
         channels, variances = zip(*(_reflectance(fit, counts, c, bool(goniometer.lossless[c])) for c, fit in enumerate(fits)),
                               strict=True)
         worst = int(np.argmax([channel.achieved_error for channel in channels]))
-        error, total = channels[worst].achieved_error, counts.sums.sum(axis=0)
+        error, total = channels[worst].achieved_error, counts[0].sums.sum(axis=0)
         if report is not None:
             report(min(1.0, tolerance / max(error, 1e-300)), error)
         # hits of a walk of either kind
@@ -102,22 +105,43 @@ def _additions(variance, done, dear, tolerance: float, hits: float) -> list[int]
     return [int(number) for number in np.floor(added * min(1.0, max(hits, 0.0) / needed))] if needed else [0, 0]
 
 
-def _reflectance(fit: Fit, counts, c: int, lossless: bool):
-    """What counts say of channel c, and the variances that walks of either kind leave."""
-    cells, entered = counts.cells[:, :, c], counts.entered[:, :, c].sum(axis=0)
-    walks, through = counts.walks.sum(axis=0), counts.walks_through.sum(axis=0)
-    spread = _overdispersion(cells)
-    deeper, later = (part[:, c].sum(axis=0) for part in (counts.deeper, counts.later))
-    kept = np.ones(len(deeper)) if lossless else np.divide(later, deeper, out=np.zeros(len(deeper)), where=deeper > 0)
-    factors, light, albedo, relative = factors_of(fit, cells.sum(axis=0), entered, (walks, through), kept, spread)
-    by_order = np.stack([np.bincount(merged(CELLS, SHOWN), part) for part in light])
+def _reflectance(fits: Sequence[Fit], counts, c: int, lossless: bool):
+    """What counts at each side say of channel c, and the variances that walks of either kind leave."""
+    walks, through = counts[0].walks.sum(axis=0), counts[0].walks_through.sum(axis=0)
+    deeper, straight = (part[:, c].sum(axis=0) for part in (counts[0].deeper, counts[0].straight))
+    entered = np.stack([side.entered[:, :, c].sum(axis=0) for side in counts])
+    later = np.stack([side.later[:, c].sum(axis=0) for side in counts])
+    # of grains that keep all light what leaves in higher orders at either side is all that lower ones left
+    whole = later.sum(axis=0) if lossless else deeper
+    kept = np.divide(later, whole, out=np.full(later.shape, 1 / len(counts) if lossless else 0.0), where=whole > 0)
+    passed = np.divide(straight, walks, out=np.zeros_like(straight), where=walks > 0)
+    lower = np.stack([sum(lower_albedos(fit, part, walks)) for fit, part in zip(fits, entered, strict=True)])
+    elsewhere = passed + lower.sum(axis=0) - lower
+    parts, light, relative = [], [], []
+    for side, fit in enumerate(fits):
+        cells = counts[side].cells[:, :, c]
+        factors, *of_cells = factors_of(fit, cells.sum(axis=0), entered[side], (walks, through), kept[side], elsewhere[side],
+                                        _overdispersion(cells))
+        parts.append((factors, of_cells[1], _spread(counts[side], c)))
+        light.append([np.bincount(merged(CELLS, SHOWN), part) for part in of_cells[0]])
+        relative.append(of_cells[2])
+    error, by_kind = _errors(np.concatenate(light, axis=1), np.concatenate(relative, axis=1))
+    achieved, inside = math.sqrt(sum(by_kind)), float(counts[0].inside[:, c].mean())
+    sides = [Reflectance(factors, lossless, albedo, scatter, noise.reshape(SHOWN), achieved, inside)
+             for (factors, albedo, scatter), noise in zip(parts, np.split(error, len(parts)), strict=True)]
+    if len(sides) == 1:
+        return sides[0], by_kind
+    return replace(sides[0], below=sides[1], straight=passed), by_kind
+
+
+def _errors(by_order, relative):
+    """Relative standard error in each of K cells, and by kind of walk the variance over the light of all cells; (3, K) light and
+    relative variance by order."""
     whole, variance = by_order.sum(axis=0), np.minimum(relative, 1.0) * by_order**2
     # a cell's error counts by its light
     by_kind = [float(np.sum(np.divide(part, whole, out=np.zeros_like(whole), where=whole > 0)) / max(whole.sum(), 1e-300))
                for part in (variance[0] + variance[1], variance[2])]
-    error = np.divide(np.sqrt(sum(variance)), whole, out=np.zeros_like(whole), where=whole > 0)
-    return Reflectance(factors, lossless, albedo, _spread(counts, c), error.reshape(SHOWN), math.sqrt(sum(by_kind)),
-                       float(counts.inside[:, c].mean())), by_kind
+    return np.divide(np.sqrt(sum(variance)), whole, out=np.zeros_like(whole), where=whole > 0), by_kind
 
 
 def _overdispersion(cells):

@@ -1,8 +1,9 @@
-"""A half space of a medium, corrected by what walks among the grains say that it stands for: orders kept apart.
+"""A half space or a layer of a medium, corrected by what walks among the grains say that it stands for: orders kept apart.
 
 The reflectance of an order is its share in the medium's plane layer, times a factor of the pair of directions, a table over
 cells of `pairs`, times a factor of each of both directions' cosines, the same function.  The medium brings the shape within
 cells, where the walks' noise would be; the factors make its light in each cell, and its albedo at each angle, that of the walks.
+Light that leaves below has factors of its own, with the direction opposite to that in which it leaves as the second of a pair.
 The table is a polynomial of the pair's coordinates through the counts; cells leave it where counts say so.  Both factors know no
 order of the directions, so reciprocity holds exactly.
 """
@@ -59,24 +60,36 @@ def middles(bins: int, least: float):
 
 @dataclass(frozen=True)
 class Corrected:
-    """The reflectance of grains."""
+    """The reflectance of grains, and of a layer over air the transmittance."""
 
-    solution: Solution  # of the medium's half space without a boundary
+    solution: Solution  # of the medium's half space or layer without a boundary
     factors: Factors  # of the orders
+    below: Factors | None = None  # of light that leaves below; None where none does
+    straight: np.ndarray | None = None  # (B,) share of the light of the bins of `factors` that leaves below undeflected
 
     def reflection(self, mu, mu0, phi):
         """R at cosines above 0 and azimuths (0: forward); the BRDF is R / pi.  Arguments broadcast."""
-        mu, mu0, phi = np.broadcast_arrays(*(np.asarray(value, float) for value in (mu, mu0, phi)))
-        return sum(self.orders(mu.ravel(), mu0.ravel(), phi.ravel())).reshape(mu.shape)
-
-    def orders(self, mu, mu0, phi) -> list:
-        """The same by order, at pairs (K,): first, second, higher."""
-        shapes = shares(self.solution, mu, mu0, phi)
-        return [shape * self.factors.at(k, mu, mu0, phi) for k, shape in enumerate(shapes)]
+        return self._value(mu, mu0, phi, -1)
 
     def transmission(self, mu, mu0, phi):
-        """Nothing passes an infinite layer."""
-        return np.zeros(np.broadcast(mu, mu0, phi).shape)
+        """The same of light that leaves below, undeflected light left out: 0 where none does."""
+        return np.zeros(np.broadcast(mu, mu0, phi).shape) if self.below is None else self._value(mu, mu0, phi, 1)
+
+    def _value(self, mu, mu0, phi, side: int):
+        mu, mu0, phi = np.broadcast_arrays(*(np.asarray(value, float) for value in (mu, mu0, phi)))
+        return sum(self.orders(mu.ravel(), mu0.ravel(), phi.ravel(), side)).reshape(mu.shape)
+
+    def orders(self, mu, mu0, phi, side: int = -1) -> list:
+        """Reflection (side -1) or transmission (1) by order, at pairs (K,): first, second, higher."""
+        factors, shapes = self.factors if side < 0 else self.below, shares(self.solution, mu, mu0, phi, side)
+        return [shape * factors.at(k, mu, mu0, phi if side < 0 else math.pi - phi) for k, shape in enumerate(shapes)]
+
+    def unscattered(self, mu):
+        """Share (K,) of light that leaves below undeflected, at cosines (K,)."""
+        bins = self.straight
+        # beyond the middle of the last bin it goes on as before
+        at, values = np.append(middles(len(bins), self.factors.least), 1.0), np.append(bins, 1.5 * bins[-1] - 0.5 * bins[-2])
+        return np.clip(np.interp(np.sqrt(mu), at, values), 0, 1)
 
     def albedos(self, mu0):
         """Share (3, K) of the light of directions (K,) that comes back, by order."""
@@ -85,12 +98,16 @@ class Corrected:
         return np.stack([order.reshape(len(mu0), -1) @ weight for order in self.orders(*at)])
 
 
-def shares(solution: Solution, mu, mu0, phi):
-    """The medium's light at pairs (K,): scattered once, several times, and again that, from which higher orders are made."""
+def shares(solution: Solution, mu, mu0, phi, side: int = -1):
+    """The medium's light at pairs (K,), sent back (side -1) or let through (1): scattered once, by it or its base, several times,
+    and again that, from which higher orders are made."""
     slab = solution.slab
-    phase = 4 * math.pi * phase_at(slab.theta, slab.phase, single.turned(mu, mu0, phi, -1))
-    once = 0.25 * slab.albedo * phase * single.upward(mu, mu0, math.inf)
-    several = np.maximum(solution.reflection(mu, mu0, phi) - once, 0.0)
+    phase = 4 * math.pi * phase_at(slab.theta, slab.phase, single.turned(mu, mu0, phi, side))
+    once = 0.25 * slab.albedo * phase * (single.upward if side < 0 else single.downward)(mu, mu0, slab.depth)
+    if side < 0 and slab.base:
+        once = once + slab.base * np.exp(-slab.depth * (1 / mu + 1 / mu0))
+    whole = (solution.reflection if side < 0 else solution.transmission)(mu, mu0, phi)
+    several = np.maximum(whole - once, 0.0)
     return once, several, several
 
 
@@ -132,13 +149,15 @@ def _terms(cells, degrees):
 class Fit:
     """Fits `Factors` to counted light, of one medium.
 
-    solution : of the medium's half space
+    solution : of the medium's half space or layer
     cells : (3,) cells of what was counted
     bins, least : bins of the root of the cosine of incidence, from `least` to 1
+    side : -1: of light that comes back, 1: that leaves below
     """
 
-    def __init__(self, solution: Solution, cells, bins: int, least: float):
+    def __init__(self, solution: Solution, cells, bins: int, least: float, side: int = -1):
         self.tables, self.bins, self.least, self.solution = [levels[-1] for levels in LEVELS], bins, least, solution
+        self.side = side
         mu, mu0, phi, weight = pairs.quadrature(cells, _POINTS)
         self.points = weight.shape[1]
         mu, mu0, phi = mu.ravel(), mu0.ravel(), phi.ravel()
@@ -157,7 +176,8 @@ class Fit:
     def _prepared(self, mu, mu0, phi):
         """Shapes, where the pairs lie among cells and bins."""
         of_cells = {fine: pairs.interpolation(mu, mu0, phi, fine) for fine in set(self.tables)}
-        return shares(self.solution, mu, mu0, phi), of_cells, [self._between(cosine) for cosine in (mu, mu0)]
+        shapes = shares(self.solution, mu, mu0, phi if self.side < 0 else math.pi - phi, self.side)
+        return shapes, of_cells, [self._between(cosine) for cosine in (mu, mu0)]
 
     def _between(self, mu):
         """Bins and weight of the upper one, as `np.interp` takes them."""
@@ -249,15 +269,22 @@ def _smooth(at, albedo):
     return np.maximum(np.polynomial.Polynomial.fit(at, albedo, min(DEGREE, len(at) - 1))(at), 0.0)
 
 
-def factors_of(fit: Fit, cells, entered, walks, kept, spread=(1.0, 1.0, 1.0)):
+def lower_albedos(fit: Fit, entered, walks) -> list:
+    """Albedos (B,) of the first and the second order without the scatter of bins, from sums (2 or more, B) over walks (B,)."""
+    at = middles(fit.bins, fit.least)
+    return [_smooth(at, np.divide(part, walks, out=np.zeros(len(walks)), where=walks > 0)) for part in entered[:2]]
+
+
+def factors_of(fit: Fit, cells, entered, walks, kept, elsewhere=0.0, spread=(1.0, 1.0, 1.0)):
     """Factors from sums over walks, and what they make of the light.
 
     Parameters
     ----------
     cells : (3, K) light in cells by order;  entered : (3, B) by bin of entry
     walks : (B,) of the first two orders, and of the higher ones
-    kept : (B,) of the light that no lower order brought back, the share that a higher one does: of clear grains hardly less than
-        1 in any walk, while whether a walk comes back in a lower order or a higher one is chance
+    kept : (B,) of the light that no lower order brought out, the share that a higher one brings back: of clear grains hardly less
+        than 1 in any walk, while whether a walk comes back in a lower order or a higher one is chance
+    elsewhere : (B,) share of the light that lower orders, or none, brought out at the other side
     spread : variance of the light in cells, by order, over that of walks that bring all or nothing
 
     Returns
@@ -266,10 +293,8 @@ def factors_of(fit: Fit, cells, entered, walks, kept, spread=(1.0, 1.0, 1.0)):
     of the light in the cells of `SHOWN`
     """
     numbers = (walks[0], walks[0], walks[1])
-    at = middles(fit.bins, fit.least)
-    albedos = [_smooth(at, np.divide(part, n, out=np.zeros(len(n)), where=n > 0))
-               for part, n in zip(entered[:2], numbers[:2], strict=True)]
-    albedos.append(_smooth(at, kept) * np.maximum(1 - albedos[0] - albedos[1], 0.0))
+    albedos = lower_albedos(fit, entered, walks[0])
+    albedos.append(_smooth(middles(fit.bins, fit.least), kept) * np.maximum(1 - albedos[0] - albedos[1] - elsewhere, 0.0))
     tables, scales, light, variances = [], [], [], []
     for order, (part, n) in enumerate(zip(cells, numbers, strict=True)):
         table, scale, variance = fit.fitted(order, part / max(n.sum(), 1.0), albedos[order], n.sum() / spread[order])

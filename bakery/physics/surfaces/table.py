@@ -158,12 +158,22 @@ def _sampled(solutions, nodes: int, azimuths: int) -> SurfaceTable:
 
 
 def _counted(solutions, nodes: int, azimuths: int) -> SurfaceTable:
-    """Of layers that are counted among grains: all of their light is in the grid, that of the first order too."""
-    medium = _sampled([solution.solution for solution in solutions], 2, 2)
+    """Of layers that are counted among grains: all of their light is in the grid, that of the first order too, as if they were
+    infinite; but for light that passes a layer undeflected."""
+    table = _sampled([solution.solution for solution in solutions], 2, 2)
+    nothing = np.zeros(len(solutions))
     mu = np.maximum(cosines(nodes, 1.0), _GRAZING)
     at = mu[:, None, None], mu[:, None], angles(azimuths)
-    grid = np.stack([solution.reflection(*at) for solution in solutions]) * (at[0] + at[1])
-    return medium._replace(once=np.zeros(len(solutions)), reflected=np.ascontiguousarray(grid, np.float32))
+
+    def grid(name):
+        values = np.stack([getattr(solution, name)(*at) for solution in solutions])
+        return np.ascontiguousarray(values * (at[0] + at[1]), np.float32)
+
+    table = table._replace(depth=nothing + math.inf, once=nothing, peak=nothing, base=nothing, reflected=grid("reflection"))
+    if not table.free:
+        return table
+    straight = np.stack([solution.unscattered(_unscattered_at()) for solution in solutions])
+    return table._replace(transmitted=grid("transmission"), mirrored=np.zeros_like(straight), straight=straight)
 
 
 def _of_stacks(solutions, nodes: int, azimuths: int) -> SurfaceTable:

@@ -135,6 +135,9 @@ def of_tree(root: Group, layer: int, name: str) -> list:
     for row in rows:
         solution = row[layer]
         if isinstance(solution, Corrected):
+            if solution.below is not None:
+                raise Wrong(f"found {show(name)}, a layer of grains of a thickness over air",
+                            "expected one without end or on a base, or method: medium in its recipe")
             layers.append(reflector(solution.reflection))
             continue
         slab = solution.slab

@@ -1,6 +1,9 @@
-"""Stage `surface` of packed grains: light counted among the grains themselves; layers and boundaries by their medium."""
+"""Stage `surface` of packed grains: light counted among them; under boundaries and on other assets by their medium."""
 
+import itertools
+import math
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,13 +12,12 @@ from bakery.stages.declaration import Cost, Output, Result, Stage, datasets, lat
 from bakery.stages.grains.stage import inputs as inputs_of_grains
 from bakery.stages.packing.view import nearest_denser
 from bakery.stages.surface import stage as surface
-from bakery.stages.surface.section import SURFACE, among_grains
-from bakery.stages.surface.view import QUERIES
+from bakery.stages.surface.section import INFINITE, SURFACE, among_grains
+from bakery.stages.surface.view import QUERIES, counted_in
 from bakery.store.tree import Group
 
 _PAIR = "over pairs of directions (`bakery/physics/surfaces/pairs.py`)"
-OUTPUTS = (
-    *surface.OUTPUTS,
+_OF_GRAINS = (
     Output("first", "(L, C, D, F)", "1", f"light that one grain deflects over that of the medium, {_PAIR}", optional=True),
     Output("second", "(L, H, U, V)", "1", f"light that two grains deflect over what the medium scatters several times, {_PAIR}",
            optional=True),
@@ -29,14 +31,27 @@ OUTPUTS = (
     Output("noise", "(L, H, U, V)", "1", f"relative standard error of the light that comes back, {_PAIR}", optional=True),
     Output("inside", "(L,)", "1", "share of the higher orders that was still among the grains when its walk ended", optional=True,
            within=(0, 1)),
-    Output("hits", "(1,)", "1", "of grains by light that was followed", optional=True),
 )
-_OF_GRAINS = ("first", "second", "higher", "scale", "least", "order_albedo", "noise")
+_LAYERS = "layers"  # group of what is counted in layers of a thickness
+OUTPUTS = (
+    *surface.OUTPUTS,
+    *_OF_GRAINS,
+    Output("hits", "(1,)", "1", "of grains by light that was followed", optional=True),
+    *(replace(output, path=f"{_LAYERS}/{output.path}", shape=output.shape.replace("(L,", "(L, T, Z,").replace(",)", ")"),
+              description=output.description.replace("comes back", "leaves"))
+      for output in _OF_GRAINS if output.path != "least"),
+    Output(f"{_LAYERS}/least", "(1,)", "1", "root of the cosine where bins of incidence begin; they end at 1", optional=True,
+           within=(0, 1)),
+    Output(f"{_LAYERS}/straight", "(L, T, B)", "1", "share of the light of each bin of incidence that leaves below undeflected; "
+           "absent over a base", optional=True, within=(0, 1)),
+)
+_NEEDED = ("first", "second", "higher", "scale", "least", "order_albedo", "noise")
 _SHAPE = 0.05  # tolerance of the medium's layer, of which only shapes within cells are taken
 _APART = 0.25  # of the tolerance: indices that share walks; the light that comes back changes by less than indices do
 _TOGETHER = 16  # wavelengths that share walks at most
 # hits times the squared tolerance, and seconds of one core of a hit: light that grains let through comes back late
 _HITS, _HIT, _HITS_CLEAR, _HIT_CLEAR, _MESH = 1.5e3, 1.3e-6, 2.6e4, 0.5e-6, 2.5
+_FIT = 0.1  # seconds of a wavelength and thickness
 
 
 def inputs(recipe, upstream) -> dict:
@@ -55,17 +70,18 @@ def inputs(recipe, upstream) -> dict:
 
 def compute(inputs: dict, context) -> Result:
     # black grains, and those of the host's index, send nothing back: there is nothing to count
-    if not inputs["counted"] or not inputs["sigma_s"].any():
+    if not inputs["counted"] or inputs["thickness"] is None and not inputs["sigma_s"].any():
         return surface.compute(inputs, context)
     solutions = _solutions(inputs, context)
-    groups = alike(inputs["components"], len(solutions), _APART * context.tolerance)
+    widths = [None] if inputs["thickness"] is None else inputs["thickness"]
+    groups = alike(inputs["components"], len(inputs["sigma_t"]), _APART * context.tolerance)
     rows: list = [None] * len(solutions)
     hits, notes, missed = 0, [], []
-    for number, group in enumerate(groups):
-        result = _measured(inputs, group, number, len(groups), solutions, context)
+    for number, (t, group) in enumerate(itertools.product(range(len(widths)), groups)):
+        result = _measured(inputs, (widths[t], group), (number, len(widths) * len(groups)), solutions[t::len(widths)], context)
         hits += result.hits
         for k, counted in zip(group, result.each, strict=True):
-            rows[k] = counted
+            rows[k * len(widths) + t] = counted
         lost = result.given_up + result.contradicted + result.cut
         if lost > 0.1 * context.tolerance:
             notes.append(f"{lost:.2g} of the walks were given up: {result.given_up:.2g} because no grain was ahead, "
@@ -74,13 +90,18 @@ def compute(inputs: dict, context) -> Result:
         if not result.reached:
             missed.append(f"{result.hits:.2g} hits leave an error of {result.achieved_error:.2g}; a larger surface.tolerance "
                           "would do")
-    values = surface.stored(inputs, solutions, (len(solutions), 1)) | _values(rows, solutions, hits)
-    error = max(counted.achieved_error for counted in rows)
-    return Result(dict(datasets(OUTPUTS, values)), error, tuple(dict.fromkeys(notes)), tuple(missed))
+    values = surface.stored(inputs, solutions, (-1, len(widths))) | {"hits": np.array([float(hits)])}
+    values |= _shares(rows, solutions, len(widths))
+    counted = _counted(rows, len(widths))
+    if inputs["thickness"] is None:
+        members = datasets(OUTPUTS, values | {name: part if name == "least" else part[:, 0, 0] for name, part in counted.items()})
+    else:
+        members = datasets(OUTPUTS, values) | {_LAYERS: Group(datasets(OUTPUTS, counted, f"{_LAYERS}/"), {})}
+    return Result(members, float(values["change"].max()), tuple(dict.fromkeys(notes)), tuple(missed))
 
 
 def _solutions(inputs: dict, context) -> list:
-    """Half spaces of the medium that stands for the grains, all with as many moments."""
+    """Half spaces or layers of the medium that stands for the grains, all with as many moments."""
     slabs = surface.slabs(inputs)
     try:
         solutions = context.map(surface.solved, [(slab, _SHAPE) for slab in slabs])
@@ -103,18 +124,21 @@ def alike(components, wavelengths: int, apart: float) -> list[list[int]]:
     return groups
 
 
-def _measured(inputs: dict, group: list[int], number: int, count: int, solutions: list, context):
-    """Walks of one group of wavelengths."""
+def _measured(inputs: dict, case: tuple, number: tuple[int, int], solutions: list, context):
+    """Walks of a thickness (um; None: without end) and a group of wavelengths; their number, and of how many cases."""
     from bakery.physics.granular.goniometer import Goniometer
     from bakery.physics.granular.reflectance import measured
 
+    (width, group), (stream, count) = case, number
     grains, mu, channels = _grains(inputs, group)
     goniometer = Goniometer(*inputs["tile"], grains, inputs["weights"], mu=mu, channels=channels, seed=context.seed,
                             g=float(inputs["g"][group].max()), decay=inputs["decay"][group] * inputs["radius"],
-                            depth=inputs["depth"], stream=number)
+                            depth=inputs["depth"], stream=stream,
+                            thickness=math.inf if width is None else 1e-6 * width / inputs["radius"],
+                            base=None if inputs["base"] is None else inputs["base"][group])
 
     def report(share, error):
-        context.report((number + share) / count, error, "light counted among the grains")
+        context.report((stream + share) / count, error, "light counted among the grains")
 
     return measured(goniometer, [solutions[k] for k in group], context.tolerance, map=context.map, report=report)
 
@@ -141,27 +165,54 @@ def _grains(inputs: dict, group: list[int]):
     return grains, np.stack(mu), np.stack(channels)
 
 
-def _values(rows: list, solutions: list, hits: int) -> dict:
-    """Arrays of the group beside those of the medium's layer, and those that stand in for its own."""
-    from bakery.physics.granular.reflectance import LEAST
-    from bakery.physics.surfaces.corrected import DEGREE, ORDERS, middles
-
+def _shares(rows: list, solutions: list, widths: int) -> dict:
+    """Arrays that stand in for those of the medium's layers."""
     air, flux = solutions[0].nodes.air, solutions[0].nodes.flux[:solutions[0].nodes.leaving]
-    albedo = np.empty((len(rows), 1, len(air)))
-    for k, counted in enumerate(rows):
-        albedos = counted.albedo.sum(axis=0)
-        at = middles(len(albedos), LEAST)
-        smooth = np.polynomial.Polynomial.fit(at, albedos, DEGREE)
-        albedo[k, 0] = 1.0 if counted.lossless else np.clip(smooth(np.sqrt(air)), 0, 1)
-    values = {name: np.stack([counted.factors.cells[order] for counted in rows]) for order, name in enumerate(ORDERS)}
-    values |= {"scale": np.stack([counted.factors.scale for counted in rows]),
-               "noise": np.stack([counted.error for counted in rows])}
-    values = {name: value.astype(np.float32) for name, value in values.items()}
-    return values | {"least": np.array([LEAST]), "order_albedo": np.stack([counted.albedo for counted in rows]),
-                     "order_albedo_error": np.stack([counted.albedo_error for counted in rows]),
-                     "inside": np.array([counted.inside for counted in rows]), "hits": np.array([float(hits)]),
-                     "albedo": albedo, "passed": np.zeros_like(albedo), "spherical_albedo": albedo @ flux / flux.sum(),
-                     "change": np.array([[counted.achieved_error] for counted in rows])}
+    albedo, passed = np.stack([_shares_of(counted, solution, air) for counted, solution in zip(rows, solutions, strict=True)],
+                              axis=1).reshape(2, -1, widths, len(air))
+    return {"albedo": albedo, "passed": passed, "spherical_albedo": albedo @ flux / flux.sum(),
+            "change": np.array([counted.achieved_error for counted in rows]).reshape(-1, widths)}
+
+
+def _counted(rows: list, widths: int) -> dict:
+    """Arrays of what was counted, by wavelength, thickness and side."""
+    from bakery.physics.granular.reflectance import LEAST
+
+    light = [[_of_side(side) for side in (counted, counted.below) if side is not None] for counted in rows]
+    values = {name: np.stack([[side[name] for side in sides] for sides in light]) for name in light[0][0]}
+    if rows[0].straight is not None:
+        values["straight"] = np.stack([counted.straight for counted in rows])
+    return {name: value.reshape(-1, widths, *value.shape[1:]) for name, value in values.items()} | {"least": np.array([LEAST])}
+
+
+def _of_side(counted) -> dict:
+    """Arrays of the light that leaves at one side, at one wavelength."""
+    from bakery.physics.surfaces.corrected import ORDERS
+
+    values = dict(zip(ORDERS, counted.factors.cells, strict=True)) | {"scale": counted.factors.scale, "noise": counted.error}
+    return {name: value.astype(np.float32) for name, value in values.items()} | {
+        "order_albedo": counted.albedo, "order_albedo_error": counted.albedo_error, "inside": counted.inside}
+
+
+def _shares_of(counted, solution, air) -> np.ndarray:
+    """Shares (2, N) of light from directions that come back and that leave below."""
+    from bakery.physics.surfaces.corrected import Corrected
+
+    whole = counted.lossless and counted.below is None
+    back = np.ones(len(air)) if whole else np.clip(_smoothed(counted, air), 0, 1)
+    if counted.below is None:
+        return np.stack([back, np.zeros(len(air))])
+    straight = Corrected(solution, counted.factors, counted.below.factors, counted.straight).unscattered(air)
+    return np.stack([back, 1 - back if counted.lossless else np.clip(_smoothed(counted.below, air) + straight, 0, 1 - back)])
+
+
+def _smoothed(counted, air):
+    """A polynomial through the shares of bins, at directions."""
+    from bakery.physics.granular.reflectance import LEAST
+    from bakery.physics.surfaces.corrected import DEGREE, middles
+
+    shares = counted.albedo.sum(axis=0)
+    return np.polynomial.Polynomial.fit(middles(len(shares), LEAST), shares, DEGREE)(np.sqrt(air))
 
 
 # ---- rules and plan
@@ -170,22 +221,28 @@ def _values(rows: list, solutions: list, hits: int) -> dict:
 def sound(group: Group) -> Iterable[str]:
     """Whether all that a look-up among grains takes is there."""
     yield from surface.sound(group)
-    members = [name for name in _OF_GRAINS if name in group.members]
-    if members and len(members) < len(_OF_GRAINS):
-        yield "of " + ", ".join(_OF_GRAINS) + f" there is only {', '.join(members)}"
-    elif members and group["scale"].data.shape[-1] < 2:
+    counted = counted_in(group)
+    members = [name for name in _NEEDED if name in counted.members]
+    if len(members) < len(_NEEDED) and (members or counted is not group):
+        yield "of " + ", ".join(_NEEDED) + f" there is only {', '.join(members)}"
+    elif members and counted["scale"].data.shape[-1] < 2:
         yield "scale has fewer than two bins"
+    elif members and counted is not group:
+        sides = 2 if "transmitted" in group.members else 1
+        if counted["scale"].data.shape[2] != sides or ("straight" in counted.members) != (sides == 2):
+            yield f"{_LAYERS} does not hold the light of {sides} sides, and what passes straight where there are two"
 
 
 def check(group: Group) -> Iterable[str]:
     """Broken rules of a `surface` group of grains, in words."""
     faults = list(surface.check(group)) or list(sound(group))
     yield from faults
-    if faults or "scale" not in group.members:
+    counted = counted_in(group)
+    if faults or "scale" not in counted.members:
         return
-    albedo, error = (np.asarray(group[name].data, float).sum(axis=1) for name in ("order_albedo", "order_albedo_error"))
+    albedo, error = (np.asarray(counted[name].data, float).sum(axis=-2) for name in ("order_albedo", "order_albedo_error"))
     if (albedo > 1 + 6 * error + 1e-6).any():
-        yield "more light comes back than enters"
+        yield "more light leaves at one side than enters"
 
 
 def cost(recipe) -> Cost:
@@ -195,18 +252,20 @@ def cost(recipe) -> Cost:
     components, tolerance = arguments["components"], recipe.surface.tolerance
     groups = len(alike(components, len(recipe.wavelength), _APART * tolerance))
     clear = any(component["type"] == "dielectric" for component in components)
-    hits = groups * min((_HITS_CLEAR if clear else _HITS) / tolerance**2, 2.0**32)
+    layers = 1 if recipe.surface.thickness == INFINITE else len(recipe.surface.thickness)
+    hits = groups * layers * min((_HITS_CLEAR if clear else _HITS) / tolerance**2, 2.0**32)
+    sides = 1 if recipe.surface.thickness == INFINITE or recipe.surface.base is not None else 2
     slower = _MESH if any(component["shape"]["type"] != "sphere" for component in components) else 1.0
-    seconds = slower * hits * (_HIT_CLEAR if clear else _HIT) + 0.1 * len(recipe.wavelength)
-    return Cost(seconds, 3e8, 2.7e5 * len(recipe.wavelength), f"about {hits:.2g} hits of light among explicit grains, "
-                f"{groups} groups of wavelengths", 0.7, kernels=("granular._goniometer", "multiple.legendre", "packing.cells"),
-                kind="of grains")
+    seconds = slower * hits * (_HIT_CLEAR if clear else _HIT) + _FIT * len(recipe.wavelength) * layers
+    return Cost(seconds, 3e8, 2.7e5 * len(recipe.wavelength) * layers * sides, f"about {hits:.2g} hits of light among explicit "
+                f"grains, {groups} groups of wavelengths, {layers} layers", 0.7,
+                kernels=("granular._goniometer", "multiple.legendre", "packing.cells"), kind="of grains")
 
 
 OF_GRAINS = Stage(
     name="surface",
-    version=8,
-    title="reflectance of packed grains",
+    version=9,
+    title="reflectance and transmittance of packed grains",
     reads=("wavelengths", "seed", "surface", "grains.radius", "grains.components[*].weight", "packing.fraction"),
     needs=("medium", "packing", "grains"),
     applies=lambda recipe: recipe.surface is not None and recipe.grains is not None,

@@ -51,8 +51,8 @@ class Surface(Section):
     ] = Field("none", description="Boundary on top, and also below if there is no base; none: the index of air.")
     base: Base | None = Field(None, description="What the layer lies on; default: air.")
     method: word("auto", "medium", "grains") = Field(
-        "auto", description="grains: an infinite layer of packed grains, counted among the grains themselves; medium: the plane "
-        "layer of the medium that stands for them; auto: grains where there are some, under no boundary, on no base."
+        "auto", description="grains: a layer of packed grains, counted among the grains themselves; medium: the plane layer of "
+        "the medium that stands for them; auto: grains where there are some, under no boundary, on no other asset or recipe."
     )
     tolerance: number(FRACTION, least=1e-5, most=0.5) | None = Field(
         None, description="Relative error of the reflectance; default: the recipe's tolerance, but at least 0.01 %."
@@ -86,16 +86,16 @@ def check(checker: "Checker", section: Mapping) -> None:
     if "method" in section and checker.value(section, "method") == "grains":
         if "grains" not in checker.tree:
             checker.report(section["method"], "found grains, of which this recipe has none", "expected auto or medium")
-        elif not infinite or isinstance(boundary, Mapping):
-            checker.report(section["method"], "found grains in a layer of a thickness, or under a boundary",
-                           "expected thickness: infinite and boundary: none, or method: medium")
+        elif isinstance(boundary, Mapping) or isinstance(base, Mapping) and "albedo" not in base:
+            checker.report(section["method"], "found grains under a boundary, or on another asset or recipe",
+                           "expected boundary: none and no base or one with an albedo, or method: medium")
 
 
 def among_grains(recipe) -> bool:
     """Whether the reflectance of a recipe is counted among its grains."""
     surface = recipe.surface
-    return (recipe.grains is not None and surface.method != "medium" and surface.thickness == INFINITE
-            and surface.boundary == "none")
+    return (recipe.grains is not None and surface.method != "medium" and surface.boundary == "none"
+            and (surface.base is None or surface.base.albedo is not None))
 
 
 SURFACE = RecipeSection("surface", Surface, "Reflectance of a plane layer of the medium.", check,

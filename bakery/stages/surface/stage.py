@@ -14,7 +14,7 @@ from bakery.stages.surface import costs, spread, under
 from bakery.stages.surface.section import INFINITE, SURFACE
 from bakery.stages.surface.triangles import KINDS, integers, packed, whole
 from bakery.stages.surface.view import QUERIES
-from bakery.store.tree import Group
+from bakery.store.tree import Dataset, Group
 
 _ORDERS = "of light scattered more than once: values at pairs of directions, row by row of an upper triangle"
 _EXPONENT = "times 2 to this power, for order 0, odd orders, and even ones from 2 on, and each pair of directions"
@@ -219,7 +219,8 @@ def _exponents(name: str, group: Group) -> Iterable[str]:
 
 def check(group: Group) -> Iterable[str]:
     """Broken rules of a `surface` group, in words."""
-    v = {name: np.asarray(member.data, float) for name, member in group.members.items()}
+    v = {name: np.asarray(member.data, float) for name, member in group.members.items()
+         if isinstance(member, Dataset)}
     faults = list(rules.complete(v, REQUIRED)) or list(sound(group))
     yield from faults
     if faults:

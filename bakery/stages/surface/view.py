@@ -52,16 +52,21 @@ class Surface(Members):
         """pi times the BTDF (L, ...), 0 over a base; unscattered light left out."""
         return self._looked_up("transmission", theta_in, theta_out, phi)
 
-    def by_order(self, theta_in, theta_out, phi=0.0) -> np.ndarray:
+    def by_order(self, theta_in, theta_out, phi=0.0, below: bool = False) -> np.ndarray:
         """The reflectance (3, L, ...) of light that one grain, two, and more have deflected; of grains only.
 
-        Raises MissingStage : the layer is that of a medium
+        below : the transmittance in its place
+
+        Raises MissingStage : the layer is that of a medium, or lets no light through
         """
-        if "first" not in self:
+        if "first" not in counted_in(self._group).members:
             raise MissingStage("orders are kept apart where the reflectance is counted among grains (surface.method: grains)")
+        if below and "transmitted" not in self:
+            raise MissingStage("no light leaves below this layer; below one of a thickness without a base it does")
         at = np.broadcast_arrays(_cosine(theta_out), _cosine(theta_in), np.asarray(phi, float))
         flat = [np.ascontiguousarray(part, float).ravel() for part in at]
-        return np.stack([row[0].orders(*flat) for row in self._rows()], axis=1).reshape(3, -1, *at[0].shape)
+        values = np.array([[solution.orders(*flat, 1 if below else -1) for solution in row] for row in self._rows()])
+        return np.moveaxis(self._layers(values), -2, 0).reshape(3, *values.shape[:1 + (values.shape[1] > 1)], *at[0].shape)
 
     def albedo(self, theta) -> np.ndarray:
         """Share (L, ...) of light from an angle that comes back, mirrored light included."""
@@ -213,7 +218,7 @@ def solutions_of(group: Group, medium: Group) -> list[list]:
             down = 0 * reflected if below is None else unpacked(below[k, t], count)
             passed = np.asarray(group["passed"].data[k, t], float)
             solution = Solution(slab, directions, cut, reflected, down, back, passed)
-            row.append(_corrected(solution, group, k) if "first" in group.members else solution)
+            row.append(_corrected(solution, group, k, t) if "first" in counted_in(group).members else solution)
         rows.append(row)
     return rows
 
@@ -244,12 +249,22 @@ def _cuts(slab, group: Group, k: int) -> list:
     return [without_peak(part.albedo, float(peak)) for part, peak in zip(layers(slab)[0][1:], peaks, strict=True)]
 
 
-def _corrected(solution, group: Group, k: int):
-    """What is counted among grains, at wavelength number k."""
+def counted_in(group: Group) -> Group:
+    """Where light counted among grains is: the group itself of half spaces, else `layers`, by thickness and side."""
+    layers = group.members.get("layers")
+    return layers if isinstance(layers, Group) else group
+
+
+def _corrected(solution, group: Group, k: int, t: int):
+    """What is counted among grains, at wavelength number k and thickness number t."""
     from bakery.physics.surfaces.corrected import ORDERS, Corrected, Factors
 
-    cells = tuple(np.asarray(group[name].data[k], float) for name in ORDERS)
-    return Corrected(solution, Factors(cells, np.asarray(group["scale"].data[k], float), float(group["least"].data[0])))
+    counted = counted_in(group)
+    at = [(k,)] if counted is group else [(k, t, side) for side in range(counted["scale"].data.shape[2])]
+    sides = [Factors(tuple(np.asarray(counted[name].data[index], float) for name in ORDERS),
+                     np.asarray(counted["scale"].data[index], float), float(counted["least"].data[0])) for index in at]
+    straight = np.asarray(counted["straight"].data[k, t], float) if "straight" in counted.members else None
+    return Corrected(solution, *sides, straight=straight)
 
 
 # ---- queries
