@@ -1,7 +1,7 @@
 """A field of snow, 200 m wide: what `auto` takes beside paths through the medium that stands for the grains.
 
     python -m benchmarks.far_snow [--small] [--seconds 60] [--width 200] [--eye] [--grains snow|sand] [--sun 11]
-                                  [--tolerance 5%] [--methods ept ept+vpt+surface] [--pictures FOLDER]
+                                  [--height 1.7] [--tolerance 5%] [--methods ept ept+vpt+surface] [--pictures FOLDER]
 
 The scene is assets/scenes/field_of_snow with the field as a closed body, so that paths can go into it, and snow of the same
 grains with the surface of their medium, which is what both show.  A row a method, which take turns: processor seconds a pass;
@@ -11,6 +11,7 @@ pixel over the picture's mean, and that over paths'.  Before that the table of `
 paths+surface, too, and no table of `auto`.  --grains: so, with the field a mesh that grains fill, ept in place of paths, ept+vpt,
 the surface counted among the grains, as snow_field.yaml or beach_sand.yaml says, and a sun as wide as --sun says, in degrees;
 times are those of both parts of such a method, before paths switch to the medium and after, each with its best share.
+--height: of the eyes, m; the picture begins as far as 1.2 times that.
 --methods: only these (ept+vpt takes 20 times as long a pass through snow as ept).
 --pictures: means of the methods, and their differences from paths in standard errors of blocks of pixels, as PNG.
 --small: 32 pixels wide, 2 seconds.
@@ -48,9 +49,9 @@ film: {{width: {width}, height: {height}}}
 materials:
   - {{where: {{{where}}}, asset: {asset}}}
 """
-# 1.7 m over the snow, 58 degrees down to 4 degrees up; a post 12 m off, whose shadow lies from 12 to 15 m off
+# 58 degrees down to 4 degrees up; a post 12 m off, whose shadow lies from 12 to 15 m off
 EYE = """<sensor type="perspective"> <float name="fov" value="62"/> <string name="fov_axis" value="y"/>
-<transform name="to_world"> <lookat origin="0, -99, -1.3" target="0, -98.1, -1.76" up="0, 0, 1"/> </transform> </sensor>
+<transform name="to_world"> <lookat origin="0, -99, {}" target="0, -98.1, {}" up="0, 0, 1"/> </transform> </sensor>
 <shape type="cylinder"> <float name="radius" value="0.1"/> <point name="p0" x="3" y="-87" z="-2.95"/>
 <point name="p1" x="3" y="-87" z="-1"/> <ref id="wood"/> </shape>"""
 BLOCK_OF_SNOW = (np.array([[x, y, z] for x in (-100.0, 100.0) for y in (-100.0, 100.0) for z in (-23.0, -3.0)]),
@@ -67,17 +68,18 @@ ROUNDS = 4  # in which methods take turns
 BLOCK = 8  # pixels a side, of the blocks whose differences are shown
 
 
-def written(folder, width, asset, time=3600.0, eye=False, tolerance="5%", sun=0.0):
+def written(folder, width, asset, time=3600.0, eye=0.0, tolerance="5%", sun=0.0):
     """The scene in a folder: the field a body, and no drift or posts in it.
 
-    eye : from its edge;  sun : degrees, how wide it is, and the field is full of grains; 0: that of the shipped scene
+    eye : m above it, from its edge; 0: as shipped
+    sun : degrees, how wide it is, and the field is full of grains; 0: that of the shipped scene
     """
     text = (ROOT / "assets/scenes/field_of_snow.xml").read_text(encoding="utf-8")
     text = re.sub(r'<shape type="rectangle" id="plain">.*?</shape>', FIELD, text)
     text = re.sub(r'<shape type="ply" id="drift">.*?</shape>', "", text)
     text = re.sub(r'(<point name="p0" [^>]*z=)"-4"', r'\1"-2.9"', text)
     if eye:
-        text = re.sub(r'(?s)<sensor.*?</sensor>', "", text).replace("</scene>", f"{EYE}</scene>")
+        text = re.sub(r'(?s)<sensor.*?</sensor>', "", text).replace("</scene>", EYE.format(eye - 3, eye - 3.46) + "</scene>")
         text = text.replace('100, 100, 1"/> <translate z="-4"', '100, 100, 10"/> <translate z="-13"')  # 20 m deep
     if sun:
         text = re.sub(r'(?s)<shape type="cube" id="plain">.*?</shape>', "", text)
@@ -232,6 +234,7 @@ def main():
     parser.add_argument("--seconds", type=float, default=sized(60.0, 2.0), help="of paths, of processors; surfaces have a tenth")
     parser.add_argument("--folder", type=Path, help="where the asset is kept")
     parser.add_argument("--eye", action="store_true", help="from the height of eyes")
+    parser.add_argument("--height", type=float, default=1.7, help="of the eyes over the snow, m")
     parser.add_argument("--grains", choices=("snow", "sand"), help="from there, and full of grains")
     parser.add_argument("--sun", type=float, default=11.0, help="degrees, how wide it is over grains: wider ones make less noise")
     parser.add_argument("--tolerance", default="5%", help="of the scene")
@@ -240,8 +243,8 @@ def main():
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = args.folder or Path(temporary)
-        path = written(folder, args.width, baked(folder, args.grains), eye=args.eye or args.grains is not None,
-                       tolerance=args.tolerance, sun=args.sun if args.grains else 0.0)
+        path = written(folder, args.width, baked(folder, args.grains), tolerance=args.tolerance,
+                       eye=args.height if args.eye or args.grains else 0.0, sun=args.sun if args.grains else 0.0)
         scene = assets.together([scenes.load(path)])[0]
         opened = choice.Opened.of(scene)
         offered = methods(scene, args.eye)
