@@ -126,11 +126,11 @@ def _remains(checker: "Checker", size: Mapping, law: type[Law], low: float | Non
     middle = next((radius for name in ("radius", "effective_radius") if (radius := checker.value(size, name)) is not None), None)
     if middle is None:
         return low < high
-    known = None if low <= middle <= high else _known(checker, size, law)
-    return known is None or share_between(known, low, high) > 0
+    whole = None if low <= middle <= high else _law_of(checker, size, law)
+    return whole is None or share_between(whole, low, high) > 0
 
 
-def _known(checker: "Checker", size: Mapping, law: type[Law]) -> Law | None:
+def _law_of(checker: "Checker", size: Mapping, law: type[Law]) -> Law | None:
     """The law itself; None where a value is missing or wrong."""
     values = {name: checker.value(size, name) for name in law.keys}
     chosen = [next((name for name in names if name in size), names[0]) for names in law.choices().values()]
@@ -152,14 +152,14 @@ def _one_given(checker: "Checker", size: Mapping, law: type[Law], names: tuple[s
 def _tail(checker: "Checker", size: Mapping, law: type[Law], host: Index | None, low: float | None) -> None:
     """The largest spheres of a distribution without `max` that count at the recipe's tolerance."""
     tolerance = checker.values.get("tolerance", 0.01)
-    known = _known(checker, size, law) if law.widened_by else None
-    if known is None or known.discrete or tolerance is None or host is None or checker.wavelength is None:
+    whole = _law_of(checker, size, law) if law.widened_by else None
+    if whole is None or whole.discrete or tolerance is None or host is None or checker.wavelength is None:
         return
     width = next(name for name in law.choices()[law.widened_by] if name in size)
     k = 2 * math.pi * host.n / np.array(checker.wavelength)
     if max(checker.value(size, name) or 0.0 for name in ("radius", "effective_radius")) * k.max() > LARGEST:
         return  # said of the radius
-    largest = tails(Part(known, 1.0, low or 0.0), k, tolerance)[1]
+    largest = tails(Part(whole, 1.0, low or 0.0), k, tolerance)[1]
     if largest * k.max() > LARGEST:
         cut = math.floor(LARGEST / k.max())
         checker.report(size[width],

@@ -327,14 +327,14 @@ class _Passes:
     def _gathering_pixels(self, number, share):
         """(H, W) bool, a share of the pixels, one of each block of neighbours by chance; share : a power of 1/2."""
         several, (height, width) = round(1 / share), self._size
-        tall = 1 << (several.bit_length() - 1) // 2
-        wide = several // tall
+        rows = 1 << (several.bit_length() - 1) // 2
+        columns = several // rows
         y, x = np.indices(self._size)
         states, numbers = np.empty(height * width, np.uint64), np.empty((height * width, 1))
         wavefront.begin_streams(kernels.stream_key(self._seed, "render.shares", number), 0, states)
         wavefront.draw(states, numbers)
-        drawn = np.floor(several * numbers[y // tall * -(-width // wide) + x // wide, 0])
-        return y % tall * wide + x % wide == drawn
+        drawn = np.floor(several * numbers[y // rows * -(-width // columns) + x // columns, 0])
+        return y % rows * columns + x % columns == drawn
 
     @cached_property
     def _entries(self):
