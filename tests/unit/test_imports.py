@@ -43,7 +43,7 @@ ENGINE = {"bakery/physics/shapes/mending.py": {"trimesh"}, "bakery/physics/multi
           "bakery/physics/sizes/distributions.py": {"importlib"}, "bakery/physics/shapes/repair.py": {"pymeshlab"}}
 # what renderers see of bakery: assets, kernels for their own loops, the grammar of scenes, and what the machine offers
 SEEN = {"bakery", "bakery.open"}, ("bakery.errors", "bakery.grammar", "bakery.kernels", "bakery.store.outputs",
-                                   "bakery.store.ply", "bakery.system")
+                                   "bakery.store.ply", "bakery.store.scratch", "bakery.system")
 # where the recipe of a scene becomes its asset, and what is kept beside it
 BAKES = {"renderers/scene/assets.py": ("bakery.run.ensure",),
          "renderers/choice/remembered.py": ("bakery.run.cache", "bakery.store.tree")}
