@@ -67,34 +67,31 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
         progress(0.9)
     sunlight = _sunlight(scene, asset, medium, density, view.origin, view.rays, view.distance)
     job.part_over("sun")
-    filters, remarks = denoise.chosen(scene.values, quality, picture.shared) if picture.cleared else (False, [])
-    clean = None
-    if filters:
-        clean = _denoised(picture.cleared(), view, sunlight)
-        remarks = [*remarks, denoise.sentence(clean.figures)]
-        job.part_over("denoising")
-    return _finished(job, picture, view, unsure, sunlight, result + sunlight, clean, remarks)
+    return _finished(job, picture, view, unsure, sunlight, result + sunlight)
 
 
-def _denoised(clear, view, sunlight):
-    """The foggy picture of the one without noise and without fog; `denoised.clear` of the EXR is that."""
+def _denoised(job, picture, view, sunlight):
+    """The foggy picture of the one without noise, `Denoised`, and what is to be said of it; None where the noise stays."""
     from renderers.pictures.running import rgb_layers
 
+    filters, sentences = denoise.chosen(job.scene.values, job.quality, picture.shared) if picture.cleared else (False, [])
+    if not filters:
+        return None, sentences
+    clear = picture.cleared()
     rgb = view.seen(clear.rgb) + sunlight
     channels = clear.channels | rgb_layers(denoise.PREFIX, rgb) | rgb_layers(f"{denoise.PREFIX}clear.", clear.rgb)
-    return clear._replace(rgb=rgb, channels=channels)
+    job.part_over("denoising")
+    return clear._replace(rgb=rgb, channels=channels), [*sentences, denoise.sentence(clear.figures)]
 
 
-def _finished(job, picture, view, unsure, sunlight, rgb, clean, remarks):
-    """Writes the picture rgb (H, W, 3), with its error `unsure` (H, W, 3) or None, and gives the report.
-
-    clean, remarks : `Denoised` of what the PNG shows, or None; sentences
-    """
+def _finished(job, picture, view, unsure, sunlight, rgb):
+    """Writes the picture rgb (H, W, 3), with its error `unsure` (H, W, 3) or None, and gives the report."""
     from renderers.fog import noise
     from renderers.pictures import images, reached
     from renderers.pictures.running import rgb_layers
     from renderers.scene import budget
 
+    clean, remarks = _denoised(job, picture, view, sunlight)
     total = float(np.mean(rgb @ colour.LUMINANCE))
     layers, relative = rgb_layers("clear.", picture.rgb) | {"distance": picture.distance}, None
     if unsure is not None:

@@ -202,8 +202,8 @@ class Rendering:
         after["layers"] = (after.get("layers") or {}) | {DEPTH: self._world.depth(self.method.entry)}
         if taken and "materials" in after:
             after["materials"] = taken.of_entries(after["materials"])
-        known = after.get("bias") is not None or not after.get("left_out")
-        if taken and taken.approximations and known and not self.method.unmeasured:
+        measured = after.get("bias") is not None or not after.get("left_out")
+        if taken and taken.approximations and measured and not self.method.unmeasured:
             after["bias"] = max(after.get("bias") or 0.0, taken.approximations)
         self.denoised, remarks = self.cleared(self.method.features)
         if self.denoised is not None:

@@ -79,12 +79,12 @@ class Solution:
                 for span in (interpolation(self.nodes.at, coordinate(cosine, self.slab.index)),)]
         # few cosines in many pairs: between all of them first
         terms, crossed = np.empty((len(orders), len(mu))), len(out) * len(into) <= 2 * len(mu)
-        for some, falling in ((slice(1), 0), (slice(1, None, 2), 0), (slice(2, None, 2), 1)):
+        for which, falling in ((slice(1), 0), (slice(1, None, 2), 0), (slice(2, None, 2), 1)):
             out, into = (span[falling] for span in spans)
             if crossed:
-                terms[some] = (out @ orders[some] @ into.T)[:, row, column]
+                terms[which] = (out @ orders[which] @ into.T)[:, row, column]
             else:
-                terms[some] = [np.einsum("ki,ki->k", (out @ order)[row], into[column]) for order in orders[some]]
+                terms[which] = [np.einsum("ki,ki->k", (out @ order)[row], into[column]) for order in orders[which]]
         terms[1::2] *= sines(mu, mu0, self.slab.index)
         return terms
 

@@ -90,8 +90,8 @@ def _at(world, grains, offset):
     body, distance, normal = np.full(len(far), -1), np.full(len(far), np.inf), np.zeros((len(far), 3))
     radius = np.zeros(len(far))
     for number, first in enumerate(grains):
-        its, turned, wide = first(origin, direction, far)
+        its, turned, radii = first(origin, direction, far)
         nearer = its < distance
-        body[nearer], distance[nearer], normal[nearer], radius[nearer] = number, its[nearer], turned[nearer], wide[nearer]
+        body[nearer], distance[nearer], normal[nearer], radius[nearer] = number, its[nearer], turned[nearer], radii[nearer]
     normal *= -np.sign(np.einsum("nk,nk->n", normal, direction))[:, None]
     return *(layer.reshape(height, width, *layer.shape[1:]) for layer in (body, normal, distance, radius)),

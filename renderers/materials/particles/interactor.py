@@ -66,9 +66,9 @@ def seen_particle(medium, origin, direction, far):
     throughput[:, 0] = 1.0  # of one wavelength: no random number says which of them a disc stops
     rays = Walk(origin, direction, throughput, np.zeros(n, np.uint64), np.full((n, 3), np.nan), np.zeros(n))
     run(_transport.collide, n, medium, rays, far, np.full(n, np.inf), kind, distance, centre)
-    met = kind != NO_DISC
-    radius = np.where(met, np.sqrt(medium.discs.square[kind, 0]), 0.0)
-    return np.where(met, distance, np.inf), np.where(met[:, None], -direction, 0.0), radius
+    stopped = kind != NO_DISC
+    radius = np.where(stopped, np.sqrt(medium.discs.square[kind, 0]), 0.0)
+    return np.where(stopped, distance, np.inf), np.where(stopped[:, None], -direction, 0.0), radius
 
 
 def _no_guide(paths):
