@@ -79,10 +79,10 @@ def start(features, bows=(), wider=1.0):
             raise TooManyAngles(f"more than {LIMIT} angles")
         last = theta[-1]
         ahead = min(last + h, math.pi)
-        behind = step(ahead)
+        next_step = step(ahead)
         # a place ahead may ask for smaller steps than the present one: do not jump over it
-        theta.append(last + max(min(h, behind * 2), h / 8))
-        h = behind if theta[-1] == ahead else step(theta[-1])
+        theta.append(last + max(min(h, next_step * 2), h / 8))
+        h = next_step if theta[-1] == ahead else step(theta[-1])
     theta[-1] = math.pi
     if len(theta) > 2 and theta[-1] - theta[-2] < 0.3 * (theta[-2] - theta[-3]):
         del theta[-2]
