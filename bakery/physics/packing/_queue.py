@@ -58,14 +58,15 @@ def _sort_in(st, entry):
 def _new_year(st, now):
     """Enter all pending events from now on; False where there is none."""
     count = st.sphere.shape[0]
-    total, pending = 0.0, 0
+    total, pending, earliest = 0.0, 0, np.inf
     for i in range(count):
         if st.sphere[i, DUE] < np.inf:
             total += st.sphere[i, DUE] - now
             pending += 1
+            earliest = min(earliest, st.sphere[i, DUE])
     if pending == 0:
         return False
-    st.year[BEGIN] = now
+    st.year[BEGIN] = earliest  # not now: all of few spheres may be due after a year of half their mean, which would be empty
     st.year[PACE] = BUSY * pending / max(total / pending, 1e-300)
     st.bucket[:] = -1
     st.page[USED] = st.page[OPEN] = 0
