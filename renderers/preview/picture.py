@@ -220,7 +220,7 @@ class _Filter:
     def __call__(self, picture):
         """Pixels (H, W, 3) without most of their noise, and the noise of these: of the filtered halves, half their difference."""
         if picture.samples != self._samples:
-            first, second = images.filtered(picture.halves, 2 * picture.variance, self._features())
+            first, second = images.filtered(picture.halves, 2 * picture.variance[..., :3], self._features())
             pixels = (first + second) / 2
             self._samples, self._kept = picture.samples, (pixels, images.relative_noise(pixels, (first - second) / 2))
         return self._kept

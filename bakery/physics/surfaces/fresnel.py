@@ -9,10 +9,10 @@ def inside(mu, index):
     """Cosine in the medium of light with cosine mu in air; 0 where it is totally reflected (index below 1).
 
     mu : any shape, 0 to 1
-    index : refractive index of the medium over that of the air
+    index : refractive index of the medium over that of the air, or one for each mu
     """
     mu = np.asarray(mu, float)
-    if index == 1:
+    if np.all(index == 1):
         return mu.copy()
     return np.sqrt(np.maximum((index - 1) * (index + 1) + mu * mu, 0.0)) / index
 
@@ -33,7 +33,7 @@ def reflected(mu, index):
     The same share is reflected from inside, for the direction that this one is refracted to.
     """
     mu = np.asarray(mu, float)
-    if index == 1:
+    if np.all(index == 1):
         return np.zeros_like(mu)
     within = inside(mu, index)
     # grazing light on an index below 1 has both cosines 0

@@ -84,7 +84,8 @@ class Solution:
             if crossed:
                 terms[which] = (out @ orders[which] @ into.T)[:, row, column]
             else:
-                terms[which] = [np.einsum("ki,ki->k", (out @ order)[row], into[column]) for order in orders[which]]
+                for number in range(len(orders))[which]:
+                    terms[number] = np.einsum("ki,ki->k", (out @ orders[number])[row], into[column])
         terms[1::2] *= sines(mu, mu0, self.slab.index)
         return terms
 
