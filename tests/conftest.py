@@ -206,16 +206,6 @@ def pytest_collection_finish(session):
     gc.enable()
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_teardown(item, nextitem):
-    """What is there behind the last test of a file stays as well: kernels above all, of which there are more and more."""
-    result = yield
-    if nextitem is None or nextitem.path != item.path:
-        gc.collect()
-        gc.freeze()
-    return result
-
-
 @pytest.fixture(autouse=True, scope="session")
 def _nothing_ahead():
     """Workers have tests for all processors, and compile what these meet; a process that compiles ahead of one only has to start.
