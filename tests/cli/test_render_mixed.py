@@ -255,9 +255,9 @@ def test_auto_measures_and_remembers(call, folder, measured, monkeypatch, capsys
     """Drops that nobody can tell apart may become a medium, beads that are seen stay beads; plan, render and resume agree."""
     report, _ = rendered(call, "auto.png", *SPRAY)
     table = {row["method"]: row for row in report["materials"][1]["pilot"]}
-    first, both, spray, beads = (f"materials[1] by {one}; materials[2] by {other}" for one, other in (
-        ("particles", "ept"), ("continuous", "vpt"), ("continuous", "ept"), ("particles", "vpt")))
-    assert table.keys() == {first, both, spray, beads}
+    first, both, spray, beads, wide = (f"materials[1] by {one}; materials[2] by {other}" for one, other in (
+        ("particles", "ept"), ("continuous", "vpt"), ("continuous", "ept"), ("particles", "vpt"), ("particles", "ept+wide")))
+    assert table.keys() == {first, both, spray, beads, wide} and not table[wide]["chosen"]  # the beads are matt
     assert all("single particles and grains are seen" in table[name]["why"] for name in (both, beads))
     assert table[first]["seconds"] > 0 and table[spray]["seconds"] > 0 and table[first]["bias"] == 0 and table[spray]["error"] > 0
     entries, taken = report["materials"], next(name for name in table if table[name]["chosen"])
