@@ -165,11 +165,11 @@ def _counted(solutions, nodes: int, azimuths: int) -> SurfaceTable:
     mu = np.maximum(cosines(nodes, 1.0), _GRAZING)
     at = mu[:, None, None], mu[:, None], angles(azimuths)
 
-    def grid(name):
-        values = np.stack([getattr(solution, name)(*at) for solution in solutions])
-        return np.ascontiguousarray(values * (at[0] + at[1]), np.float32)
+    def grid(name, factor=1.0):
+        return np.ascontiguousarray(np.stack([getattr(solution, name)(*at) for solution in solutions]) * factor, np.float32)
 
-    table = table._replace(depth=nothing + math.inf, once=nothing, peak=nothing, base=nothing, reflected=grid("reflection"))
+    table = table._replace(depth=nothing + math.inf, once=nothing, peak=nothing, base=nothing,
+                           reflected=grid("reflection", at[0] + at[1]))
     if not table.free:
         return table
     straight = np.stack([solution.unscattered(_unscattered_at()) for solution in solutions])
