@@ -14,7 +14,7 @@ CHOICE = "toy.method", METHODS  # the key of the method, and what it may be
 EXACT, KEPT, POINTS = ("single",), (), METHODS  # of `bake trade`: methods without an error, kept within a tolerance, all
 UNUSED = {  # common keys that it does without, and what would do
     "scene": "none: a haze has no surfaces", "film.wavelengths": "none: they are the asset's three",
-    "stop": "none: nothing is sampled", "tolerance": "none: nothing is sampled"}
+    "stop": "none: nothing is sampled", "tolerance": "none: nothing is sampled", "denoise": "none: nothing is sampled"}
 
 
 class Toy(Section):
