@@ -48,7 +48,7 @@ class _Pictures(NamedTuple):
 @click.command(name="compare", short_help="render a scene with several methods and compare them")
 @click.argument("source", type=click.Path(), metavar="SCENE")
 @click.option("--methods", required=True, metavar="A,B,C", shell_complete=offers.scene_methods,
-              help="Methods of the scene's materials; METHOD:KEY=VALUE also sets a key of the material.")
+              help="Methods of the scene's materials, as --list names them; METHOD:KEY=VALUE also sets a key of the material.")
 @click.option("--list", is_flag=True, is_eager=True, expose_value=False, callback=_print_methods,
               help="Print the methods of each kind of material: which light each brings and leaves out, its error, its keys.")
 @click.option("--reference", metavar="METHOD|FILE.exr", help="Reference for the others.  [default: the first method]")

@@ -106,8 +106,10 @@ def _asked(target, given):
 
     formats = exporters()
     if target not in formats:
-        raise UsageError(f'--to: found "{target}", which is no export format; expected ' +
-                         " and ".join(f"{name} ({exporter.words})" for name, exporter in formats.items()))
+        from bakery.grammar.text import nearest
+
+        raise UsageError(f'--to: found "{target}", which is no export format; expected {", ".join(formats)}'
+                         f"{nearest(target, formats)}; `bake export --list` says what each holds")
     settings = {}
     for option, names in _options(formats).items():
         value = given[option.name]

@@ -51,7 +51,7 @@ class _Picture(NamedTuple):
                  help="4, 2 or 1 times the noise that a scene asks for; a draft ends after at most 60 s.  [default: final; "
                       "preview for an asset]"),
     click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_mono); the best that runs by default."),
-    click.option("--seed", type=SEED, metavar="N", help="Seed of Mitsuba's pictures.  [default: 0]"),
+    click.option("--seed", type=SEED, metavar="N", help="Seed of the picture's random numbers.  [default: 0]"),
     click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one value of a scene; repeatable."),
     click.option("--denoise/--no-denoise", default=None, help="Remove the noise from a scene's PNG, or keep it.  [default: the "
                                                               "scene's setting; else at draft and preview]"),

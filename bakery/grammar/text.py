@@ -160,7 +160,7 @@ def _forbidden(text: str, label: str):
         if count == 20:
             break
         yield source.problem(match.start(), "", f"found the control character U+{ord(match.group()):04X}",
-                             "text without control characters")
+                             "expected text without control characters")
 
 
 @dataclass
@@ -197,16 +197,16 @@ def parse(source: Source, key: str = "") -> Tree:
         raise RecipeError([_syntax_problem(source, error)]) from None
     except (ValueError, OverflowError) as error:  # escapes such as "\U99999999" or %YAML 9999…
         raise RecipeError([source.problem(None, "", f"cannot be read as YAML ({show(error)})",
-                                          "a plain YAML document")]) from None
+                                          "expected a plain YAML document")]) from None
 
 
 _HINTS = (
     ("that cannot start any token", "indent with spaces, and quote text that starts with a special character"),
-    ("mapping values are not allowed", "one `key: value` a line; quote text that holds a colon"),
-    ("could not find expected ':'", "`key: value`"),
+    ("mapping values are not allowed", "write one `key: value` a line, and quote text that holds a colon"),
+    ("could not find expected ':'", "expected `key: value`"),
     ("expected ',' or '}'", "close the brace, or put a comma between the entries"),
     ("expected ',' or ']'", "close the bracket, or put a comma between the entries"),
-    ("expected <block end>", "keys of one level start in the same column"),
+    ("expected <block end>", "start the keys of one level in the same column"),
     ("while scanning a quoted scalar", "close the quotes"),
 )
 
@@ -219,9 +219,9 @@ def _syntax_problem(source: Source, error) -> Problem:
     marks = [mark for mark in (getattr(error, "problem_mark", None), getattr(error, "context_mark", None)) if mark]
     # where the text ends too early, the place to look at is where the unfinished thing began
     mark = marks[-1 if "stream" in message else 0] if marks else None
-    hint = next((hint for part, hint in _HINTS if part in message), "a plain YAML document")
+    hint = next((hint for part, hint in _HINTS if part in message), "expected a plain YAML document")
     if mark and source.text[: mark.index].rstrip(" \t").endswith("]"):
-        hint = 'nothing behind the bracket but one unit; quote a list with its unit if in doubt: "[1, 2, 3] mm"'
+        hint = 'expected nothing behind the bracket but one unit; quote a list with its unit if in doubt: "[1, 2, 3] mm"'
     shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in message[:160])
     return source.problem(min(mark.index, len(source.text)) if mark else None, "", f"cannot be read as YAML: {shown}", hint)
 
@@ -240,10 +240,10 @@ class _Builder:
             if kind == "DocumentStartEvent":
                 documents += 1
                 if documents > 1:
-                    self._report(event, "found a second document", "one recipe a file")
+                    self._report(event, "found a second document", "expected one recipe a file")
                     break
                 if event.version or event.tags:
-                    self._report(event, "found a % directive", "a plain YAML document")
+                    self._report(event, "found a % directive", "expected a plain YAML document")
             elif kind in ("ScalarEvent", "AliasEvent", "MappingStartEvent", "SequenceStartEvent"):
                 self._node(event, kind)
             elif kind in ("MappingEndEvent", "SequenceEndEvent"):
@@ -258,9 +258,9 @@ class _Builder:
     def _node(self, event, kind: str) -> None:
         self.count += 1
         if self.count > MAX_NODES:
-            self._stop(event, f"found more than {MAX_NODES:,} values", "a smaller recipe; long tables go into CSV files")
+            self._stop(event, f"found more than {MAX_NODES:,} values", "expected a smaller recipe; long tables go into CSV files")
         if len(self.stack) >= MAX_DEPTH and kind != "ScalarEvent":
-            self._stop(event, f"found more than {MAX_DEPTH} levels of nesting", "a flatter recipe")
+            self._stop(event, f"found more than {MAX_DEPTH} levels of nesting", "expected a flatter recipe")
         parent = self.stack[-1] if self.stack else None
         if parent and isinstance(parent[0], Mapping) and parent[1] is None:
             self._name(event, kind, parent)
@@ -287,13 +287,13 @@ class _Builder:
         """The event stands where a key is expected."""
         mapping = parent[0]
         if kind != "ScalarEvent":
-            self._stop(event, "found a key that is no plain word", "`key: value`")
+            self._stop(event, "found a key that is no plain word", "expected `key: value`")
         name, key = event.value, join(mapping.place.key, event.value)
         self._refuse(event, kind, key)
         if name == "<<":
             self._report(event, "found the merge key <<", "write the values out", key)
         if name in mapping.names:
-            self._report(event, f"found the key a second time (first in {mapping.names[name]})", "each key once", key)
+            self._report(event, f"found the key a second time (first in {mapping.names[name]})", "give each key once", key)
         else:
             mapping.names[name] = Place(self.source, event.start_mark.index, event.end_mark.index, key)
         parent[1] = name

@@ -391,7 +391,7 @@ def _files(path: Path, root: Mapping, values: dict, keys: list[str], assets: boo
             continue
         elif not (path.parent / name).exists():
             yield node.place.problem(f"found {text.show(name)}{_ABSENT}",
-                                     f"expected a file relative to {text.label_of(path.parent)}")
+                                     f"expected a file, relative to the scene's folder {text.label_of(path.parent)}")
         elif not (path.parent / name).is_file():
             yield node.place.problem(f"found {text.show(name)}, which is no regular file", "expected a file")
         elif reason := unbounded(path.parent / name, _parameters(values) if key == "scene.mitsuba" else None):
