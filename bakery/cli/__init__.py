@@ -101,8 +101,7 @@ class Commands(click.Group):
         near = closest(word, COMMANDS)
         raise click.UsageError(
             f'found "{word}", which is neither a command nor a recipe (a recipe ends in .yaml or holds a slash)'
-            + (f"; did you mean {near}?" if near else f"; of an asset, `bake inspect {word}` shows what it holds"
-               if word.endswith(".h5") else "; see bake --help")
+            + (f"; did you mean {near}?" if near else "; see bake --help")
         )
 
 
