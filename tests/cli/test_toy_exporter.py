@@ -36,7 +36,7 @@ def test_every_command_has_it(call, tmp_path):
     assert "all but the albedo is lost" in call("export", tmp_path / "a.h5", "--to", "note")[2]
     for arguments, words in ((("csv", "--digits", "2"), "--digits: has no effect on csv; it is for note"),
                              (("note", "--digits", "few"), '--digits: found "few"; expected a number'),
-                             (("none",), "and note (the albedo in a line of text)"),
+                             (("none",), "xyz, note (note?); `bake export --list` says what each holds"),
                              (("note", "--each-wavelength"), "has no effect on note; it is for mitsuba")):
         status, out, err = call("export", tmp_path / "a.h5", "--to", *arguments)
         assert status == 2 and not out and words in err
