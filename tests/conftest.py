@@ -206,6 +206,17 @@ def pytest_collection_finish(session):
     gc.enable()
 
 
+@pytest.fixture(autouse=True, scope="module")
+def _frozen():
+    """What is there before the first test of a file stays as well: kernels above all, of which there are more and more.
+
+    Here and not behind the last test of a file, which holds its fixtures until all of them are torn down: a scene that is frozen
+    is never collected, and disturbs what Dr.Jit records.
+    """
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(autouse=True, scope="session")
 def _nothing_ahead():
     """Workers have tests for all processors, and compile what these meet; a process that compiles ahead of one only has to start.

@@ -182,20 +182,22 @@ def test_quiet_and_closed_output(call, milk, tmp_path):
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is the test")
-def test_make_rebuilds_only_what_changed(drops, tmp_path):
+def test_make_rebuilds_only_what_changed(milk, tmp_path):
     (tmp_path / "Makefile").write_text(
-        f"drops.h5: drops.yaml\n\t{sys.executable} -m bakery drops.yaml -o drops.h5 --depfile drops.d\n-include drops.d\n")
+        f"milk.h5: milk.yaml\n\t{sys.executable} -m bakery milk.yaml -o milk.h5 --depfile milk.d\n-include milk.d\n")
+    (tmp_path / "phase.csv").write_text("theta_deg,value\n0,2\n180,1\n")
+    milk.write_text(milk.read_text().replace("{type: hg, g: 0.7}", "{type: table, file: phase.csv}"))
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
 
     def make():
         return subprocess.run(["make"], cwd=tmp_path, env=environment, check=True, capture_output=True, text=True).stdout
 
-    assert "drops.h5" in make()
+    assert "milk.h5" in make()
     assert "up to date" in make()
-    os.utime(tmp_path / "drops.yaml")  # touched, not changed: one bake that does nothing, then peace
+    os.utime(milk)  # touched, not changed: one bake that does nothing, then peace
     assert "python" in make()
     assert "is up to date" in make() and "python" not in make()
-    assert "water.csv" in (tmp_path / "drops.d").read_text()
+    assert "phase.csv" in (tmp_path / "milk.d").read_text()
 
 
 def test_files_read_are_files_named(drops, tmp_path):
@@ -256,13 +258,13 @@ def test_python_does_what_the_command_does(drops, tmp_path):
     assert bakery.open(asset).content_hash == asset.content_hash  # it passes for its path
 
 
-def test_assets_of_texts_and_dicts_stand_in_a_folder_that_goes(drops, tmp_path, monkeypatch):
+def test_assets_of_texts_and_dicts_stand_in_a_folder_that_goes(milk, tmp_path, monkeypatch):
     """Two of one name are two files, nothing is written beside them, and the folder ends with the process."""
     import subprocess
     import sys
 
     monkeypatch.chdir(tmp_path)
-    script = (f"import bakery\ntext = open({str(drops)!r}).read()\n"
+    script = (f"import bakery\ntext = open({str(milk)!r}).read()\n"
               "a, b = bakery.bake(text), bakery.bake(text, settings={'tolerance': '20%'})\n"
               "assert a.path != b.path and bakery.open(a).content_hash == a.content_hash != b.content_hash\n"
               "print(a.path)")

@@ -89,10 +89,17 @@ def call(folder, monkeypatch, capsys):
     return called
 
 
-def rendered(call, output, *arguments):
-    status, report, error = call("-o", output, *arguments)
+def rendered(call, output, *arguments, scene="all.yaml"):
+    status, report, error = call("-o", output, *arguments, scene=scene)
     assert status == 0, error
     return report, layers(output.replace(".png", ".exr"))
+
+
+def some(folder, *recipes, xml="room.xml"):
+    """A scene of these materials alone."""
+    lines = [line for line in SCENE.splitlines() if any(f"recipe: {recipe}.yaml" in line for recipe in recipes)]
+    (folder / "some.yaml").write_text(SCENE[:SCENE.index("  - ")].replace("room.xml", xml) + "\n".join(lines))
+    return "some.yaml"
 
 
 def test_report_and_layers(call):
@@ -139,10 +146,7 @@ def test_light_that_smooth_glass_keeps_from_points_is_left_out(call, folder, ent
 def test_light_that_single_precision_loses_is_left_out(call, folder):
     """Of a body in a medium, 30 km from the origin, as of one by itself."""
     (folder / "distant.xml").write_text(XML.replace('x="0.06"', 'x="30000"'))
-    (folder / "distant.yaml").write_text(SCENE[:SCENE.index("  - ")].replace("room.xml", "distant.xml") + "\n".join(
-        line for line in SCENE.splitlines() if "mist.yaml" in line or "jelly.yaml" in line))
-    status, report, error = call("-o", "distant.png", scene="distant.yaml")
-    assert status == 0, error
+    report, _ = rendered(call, "distant.png", scene=some(folder, "mist", "jelly", xml="distant.xml"))
     assert "jelly reaches 3e+04 m from the origin, where single precision" in report["left_out"][0] and report["bias"] is None
 
 
@@ -153,7 +157,7 @@ def test_of_leaning_normals_nobody_claims_that_they_are_exact(call, folder):
     faces = [triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))]
     (folder / "slab.ply").write_bytes(ply.mesh(vertices, np.array(faces)))
     (folder / "slab.xml").write_text(XML.replace("ball.ply", "slab.ply"))
-    report, _ = rendered(call, "slab.png", "--set", "scene.mitsuba=slab.xml")
+    report, _ = rendered(call, "slab.png", scene=some(folder, "mist", "jelly", xml="slab.xml"))
     assert any("normals on 100 % of jelly lean" in reason for reason in report["reasons"]) and report["bias"] is None
 
 
@@ -171,8 +175,8 @@ def test_a_mesh_without_room_for_a_grain_is_told(call, folder, entries):
 def test_a_lens_is_said_to_be_left_out(call, folder):
     lens = '"thinlens"><float name="aperture_radius" value="0.05"/><float name="focus_distance" value="0.5"/>'
     (folder / "lens.xml").write_text(XML.replace('"perspective">', lens))
-    sharp, _ = rendered(call, "sharp.png")
-    through, _ = rendered(call, "lens.png", "--set", "scene.mitsuba=lens.xml")
+    sharp, through = (rendered(call, "lens.png", scene=some(folder, "mist", "jelly", xml=xml))[0]
+                      for xml in ("room.xml", "lens.xml"))
     assert [LENS in report["reasons"] for report in (sharp, through)] == [False, True]
 
 
@@ -184,17 +188,18 @@ def test_smooth_grains_show_small_lamps_wider(call, folder):
     panel = XML[XML.index('<shape type="rectangle" id="panel">'):]
     (folder / "point.xml").write_text(XML.replace(panel, '<emitter type="point"><point name="position" x="0.1" y="-0.2" z="0.3"/>'
                                                          '</emitter></scene>'))
-    alone = "--set", "materials[2].recipe=glass.yaml", "--set", "scene.mitsuba=point.xml", "--set", "stop.samples=8"
-    exact, _ = rendered(call, "exact.png", *alone)
-    wide, _ = rendered(call, "wide.png", *alone, "--set", "materials[2].method=ept+wide", "--set", "materials[2].widen=9 deg")
-    assert [report["materials"][2]["bias"] for report in (exact, wide)] == [0, None]
+    scene = some(folder, "drops", "beads", xml="point.xml")
+    alone = "--set", "materials[1].recipe=glass.yaml", "--set", "stop.samples=8"
+    exact, _ = rendered(call, "exact.png", *alone, scene=scene)
+    discs = "--set", "materials[1].method=ept+wide", "--set", "materials[1].widen=9 deg"
+    wide, _ = rendered(call, "wide.png", *alone, *discs, scene=scene)
+    assert [report["materials"][1]["bias"] for report in (exact, wide)] == [0, None]
     assert "method: ept+wide shows them as discs" in " ".join(exact["reasons"])
     assert "small lamps as discs of 9 degrees" in " ".join(wide["reasons"])
     assert wide["mean"][1] > exact["mean"][1]
-    other = "--set", "materials[1].where={mesh: heap.ply, unit: 10 m}", "--set", "materials[1].recipe=glass.yaml"
-    beside, _ = rendered(call, "beside.png", *alone, *other, "--set", "materials[2].method=ept+wide", "--set",
-                         "materials[2].widen=9 deg", "--set", "materials[1].method=ept")
-    assert beside["materials"][1]["bias"] is None, "all smooth grains of a scene show lamps as discs"
+    other = "--set", "materials[0]={where: {mesh: heap.ply, unit: 10 m}, recipe: glass.yaml, method: ept}"
+    beside, _ = rendered(call, "beside.png", *alone, *other, *discs, scene=scene)
+    assert beside["materials"][0]["bias"] is None, "all smooth grains of a scene show lamps as discs"
     assert " ".join(beside["reasons"]).count("small lamps as discs of 9 degrees") == 2
 
 
@@ -212,7 +217,7 @@ def test_same_seed_same_bytes_and_resumed(call):
     assert all(most < 1e-6 for _, most in changed(rendered(call, "straight.png", *three)[1], resumed).values())
 
 
-def test_scenes_before_are_gone_when_passes_begin(call):
+def test_scenes_before_are_gone_when_passes_begin(call, folder):
     """Kernels are compiled for the surfaces and lights of all scenes of a process, also of those that wait to be collected."""
     gc.disable()
     try:
@@ -221,7 +226,7 @@ def test_scenes_before_are_gone_when_passes_begin(call):
         alive = weakref.ref(waits[0])
         del waits
         assert alive() is not None
-        rendered(call, "beside.png")
+        rendered(call, "beside.png", scene=some(folder, "mist", "jelly"))
         assert alive() is None
     finally:
         gc.enable()

@@ -7,12 +7,12 @@ import math
 
 import numpy as np
 import pytest
-from numba import njit
 
 from bakery import kernels
 from bakery.physics.granular import voxels
 from bakery.physics.packing import pack
 from bakery.physics.shapes.radial import icosphere
+from bakery.system.compiled import njit
 
 CUBE = np.array(list(itertools.product((0.0, 1.0), repeat=3))), np.array([
     [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7],

@@ -11,7 +11,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numba import njit
 from scipy import stats
 from scipy.spatial import ConvexHull, cKDTree
 
@@ -19,6 +18,7 @@ import bakery
 from bakery import kernels, rng
 from bakery.physics.discrete import hashing
 from bakery.physics.shapes.radial import icosphere
+from bakery.system.compiled import njit
 from renderers import scene
 from renderers.materials.particles import place
 from renderers.materials.particles.medium import classes_of, without_peak

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numba import njit
 
 from bakery import kernels
 from bakery.physics.granular.diffusion import decay
 from bakery.physics.granular.distance import distance_to_triangles
+from bakery.system.compiled import njit
 from renderers.materials.grains import medium
 from renderers.mitsuba.world import World
 from tests.odds import SIGMAS, sigmas

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numba import njit
 from scipy import integrate, stats
 
 from bakery.physics.medium import analytic, grid, mixing, phase, similarity
 from bakery.physics.medium.kernels import phase_layout, phase_sample, phase_value
+from bakery.system.compiled import njit
 
 
 def random_table(seed, count=50):

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numba import njit
 
 from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, at_surface, surface_density
+from bakery.system.compiled import njit
 
 BINS = 12, 16  # of the cosine, of the azimuth
 

@@ -20,6 +20,7 @@ from tests.physics.test_transport_lamps import (  # noqa: F401
     GREY,
     LAMP,
     as_by_chance,
+    coarse,
     counted_twice,
     every,
     none,
@@ -53,7 +54,7 @@ def panes(tmp_path, meshes):
 
 
 @pytest.mark.parametrize("counted", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_a_ball_in_glass_in_a_white_room_of_lamps(tmp_path, every, of_milk, monkeypatch, counted):  # noqa: F811
+def test_a_ball_in_glass_in_a_white_room_of_lamps(tmp_path, every, coarse, of_milk, monkeypatch, counted):  # noqa: F811
     """What loses no light is 1; not so if light that paths meet by chance counts in full as well."""
     if not counted:
         counted_twice(monkeypatch)
@@ -65,7 +66,7 @@ def test_a_ball_in_glass_in_a_white_room_of_lamps(tmp_path, every, of_milk, monk
 @pytest.mark.parametrize("meshes, boundary, around", [
     pytest.param({"shell": SHELL}, IN_GLASS, 1.5, marks=pytest.mark.slow, id="in-glass"),
     pytest.param({"pane": PANE}, glass(1.4), 1.0, id="behind-a-pane")])
-def test_solid_angles_are_those_of_neighbouring_refractions(tmp_path, monkeypatch, meshes, boundary, around):
+def test_solid_angles_are_those_of_neighbouring_refractions(tmp_path, coarse, monkeypatch, meshes, boundary, around):  # noqa: F811
     """Directions from x to where walks to three points of a small triangle end; and the guess of the index around the body."""
     monkeypatch.setitem(loops.bodies.BOUNDARIES, 1.4, boundary)
     how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, LAMP + panes(tmp_path, meshes), [1.4])
@@ -86,7 +87,7 @@ def test_solid_angles_are_those_of_neighbouring_refractions(tmp_path, monkeypatc
     assert np.median(abs(ratio - 1)) < 0.01 and np.quantile(abs(ratio - 1), 0.8) < 0.05
 
 
-def test_refractions_follow_the_rays_of_mitsuba(tmp_path, of_milk):
+def test_refractions_follow_the_rays_of_mitsuba(tmp_path, coarse, of_milk):  # noqa: F811
     """A ray from x along the direction at which a walk ends, refracted by Mitsuba's `dielectric` twice, comes to y."""
     how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, LAMP + panes(tmp_path, {"shell": SHELL}), [1.4])
     view = Scene(how.world, how.bodies, how.colours)

@@ -13,7 +13,7 @@ from renderers.transport.scene import Scene
 from renderers.transport.skies import Sky
 from tests.physics import test_transport as loops
 from tests.physics.test_translucent import BALL, FLOOR, SKY, shape
-from tests.physics.test_transport_lamps import FORWARD, GREY, as_by_chance, every, white  # noqa: F401
+from tests.physics.test_transport_lamps import FORWARD, GREY, as_by_chance, coarse, every, white  # noqa: F401
 from tests.physics.test_transport_panes import IN_GLASS, SHELL, WALL
 
 import mitsuba as mi  # isort: skip  behind renderers.mitsuba, which finds LLVM
@@ -34,7 +34,7 @@ def lamps_of(how):
     return Scene(how.world, how.bodies, how.colours).lamps
 
 
-def test_which_environments_are_drawn(tmp_path):
+def test_which_environments_are_drawn(tmp_path, coarse):  # noqa: F811
     """One with a sun; not one that shines evenly."""
     loops.transport(tmp_path, {"ball": (BALL, GREY)}, SKY, [1.4])  # sets the variant
     sun = loops.transport(tmp_path, {"ball": (BALL, GREY)}, sunny(tmp_path, 200.0, 3), [1.4])
@@ -43,7 +43,7 @@ def test_which_environments_are_drawn(tmp_path):
 
 
 @pytest.mark.parametrize("in_glass", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_a_white_sky(tmp_path, every, monkeypatch, in_glass):  # noqa: F811
+def test_a_white_sky(tmp_path, every, coarse, monkeypatch, in_glass):  # noqa: F811
     """What loses no light is 1."""
     around = WHITE
     if in_glass:

@@ -150,7 +150,9 @@ MORE = {
 }
 
 
-@pytest.mark.parametrize(("of", "craft", "words"), CRAFTED.values(), ids=CRAFTED)
+@pytest.mark.parametrize(("of", "craft", "words"), [
+    pytest.param(*crafted, id=name, marks=[pytest.mark.slow] if crafted[0] in ("haze", "shot") else [])
+    for name, crafted in CRAFTED.items()])
 def test_every_command_says_it_in_a_line(call, sound, tmp_path, of, craft, words):
     path, whole = tmp_path / "crafted.h5", tmp_path / "whole.h5"
     write(path, craft(sound[of]))
@@ -165,7 +167,7 @@ def test_every_command_says_it_in_a_line(call, sound, tmp_path, of, craft, words
     assert sorted(file.name for file in tmp_path.iterdir()) == ["crafted.h5", "whole.h5"]
 
 
-@pytest.mark.parametrize(("of", "craft", "words"), MORE.values(), ids=MORE)
+@pytest.mark.parametrize(("of", "craft", "words"), (CRAFTED | MORE).values(), ids=CRAFTED | MORE)
 def test_opening_says_it_in_a_line(sound, tmp_path, of, craft, words):
     path = tmp_path / "crafted.h5"
     write(path, craft(sound[of]))

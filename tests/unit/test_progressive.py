@@ -422,7 +422,7 @@ def test_an_interruption_leaves_the_picture_so_far(tmp_path, number, status):
     assert on.samples == 5 and np.allclose(on.rgb, estimate.rgb, rtol=1e-6)
 
 
-@pytest.mark.parametrize("second, status, said", [("SIGTERM", 0, "interruption 1\n"), ("SIGINT", -signal.SIGINT, "")])
+@pytest.mark.parametrize("second, status, said", [("SIGTERM", 0, "interruption 1\n"), slow("SIGINT", -signal.SIGINT, "")])
 def test_two_signals(second, status, said):
     """The other one at once is kept as well, and Python complains of neither; the same one again ends the process."""
     source = f"""if True:

@@ -14,6 +14,7 @@ from bakery.kernels import surface_transmittance
 from bakery.physics.multiple.legendre import moments
 from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.solution import solve
+from bakery.physics.surfaces.table import GRIDS
 from bakery.recipe import load
 from bakery.stages.surface import costs
 from bakery.stages.surface import stage as surface
@@ -22,7 +23,7 @@ from bakery.stages.surface.spread import has_spread
 from bakery.stages.surface.triangles import integers, numbers
 from bakery.stages.surface.view import solutions_of
 from bakery.store.tree import Dataset, Group
-from tests.conftest import ROOT
+from tests.conftest import ROOT, slow
 
 RECIPE = """\
 bakery: 1
@@ -347,7 +348,7 @@ def test_a_third_layer_needs_no_file_but_that_under_it(soil):
     assert [slab.under.under.base for slab in slabs] == [0.3, 0.2] and slabs[1].under.under.depth == pytest.approx(10)
 
 
-def test_air_below_layers_on_each_other(soil):
+def test_air_below_layers_on_each_other(soil, monkeypatch):
     """What leaves below is stored as a square, for it is not the same from both sides; tables are of either."""
     (soil / "free.yaml").write_text(RECIPE.replace("{options}", "{thickness: 1 mm}"))
     (soil / "over.yaml").write_text(RECIPE.replace("{options}", "{thickness: '[0.2, 2] mm', boundary: {index: 1.4}, base: "
@@ -362,6 +363,7 @@ def test_air_below_layers_on_each_other(soil):
     rows = [moments(part.theta, part.phase, 49) for part in (turned, upper)]
     true = solve(turned, rows, 48, 1e-3).transmission(np.cos(at[0]), np.cos(at[1]), at[2])
     np.testing.assert_allclose(asset.surface.transmittance(*at)[1, 1], true, rtol=0.02)
+    monkeypatch.setattr("bakery.physics.surfaces.table.GRIDS", GRIDS[:1])  # test_stack has the finest
     tables = [asset.surface.table(1, from_below=side)[0] for side in (False, True)]
     assert [table.index for table in tables] == [table.index_below for table in tables[::-1]] == [1.4, 1.0]
     down, up = (surface_transmittance(table, 1, *mu, 0.5) for table, mu in zip(tables, ((0.3, 0.8), (0.8, 0.3)), strict=True))
@@ -387,7 +389,7 @@ def test_layers_under_facets(soil):
     assert asset.surface.table()[1].largest < 5e-3
 
 
-@pytest.mark.parametrize("on_top, tolerance", [(0.0, 0.08), (0.3, 0.02)])  # 2 % of the first ask for 54 moments, 12 s of a core
+@pytest.mark.parametrize("on_top, tolerance", [slow(0.0, 0.08), (0.3, 0.02)])  # 2 % of the first ask for 54 moments, 12 s of a core
 def test_facets_between_layers(soil, on_top, tolerance):
     """Those of the recipe below, of a larger index and of a smaller one than what lies on it: the solver's values, and light
     that spreads through them."""
