@@ -105,6 +105,28 @@ def test_report_and_layers(call):
     assert {0, 2, 3} <= set(np.unique(found["material"])), "the entry that most paths of a pixel first scatter in"
 
 
+@pytest.mark.slow
+def test_particles_in_a_mesh_are_inside_of_a_medium_in_a_larger_one(call, folder):
+    """A cone of drops in one of mist, of 1.33 times its volume; the voxels by which drops are looked for hold 1.6 times as much."""
+    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    ring = np.stack([0.03 * np.cos(turn), 0.03 * np.sin(turn), np.full(24, -0.02)], axis=1)
+    cone = np.concatenate([ring, [[0, 0, -0.02], [0, 0, 0.06]]])  # around its middle
+    k = np.arange(24)
+    faces = np.concatenate([np.stack([k, (k + 1) % 24, np.full(24, 25)], 1), np.stack([(k + 1) % 24, k, np.full(24, 24)], 1)])
+    for name, scale in (("cone", 1.0), ("wider", 1.1)):
+        (folder / f"{name}.ply").write_bytes(ply.mesh(scale * cone + [0, 0, 0.05], faces))
+    dense = RECIPES["spray"].replace("4e8", "4e9").replace("3200000", "32000000")
+    (folder / "dense.yaml").write_text(f"bakery: 1\nname: dense\nwavelengths: rgb\n{dense}\n")
+    near = "camera: {origin: [0, -0.5, 0.07] m, target: [0, 0, 0.07] m, fov: 10 deg}\nmaterials:\n"
+    (folder / "cones.yaml").write_text(SCENE[:SCENE.index("  - ")].replace("materials:\n", near) + """\
+  - {where: {mesh: cone.ply}, recipe: dense.yaml, method: particles}
+  - {where: {mesh: wider.ply}, recipe: mist.yaml}
+""")
+    status, _, error = call("-o", "cones.png", scene="cones.yaml")
+    assert status == 0, error
+    assert np.sum(layers("cones.exr")["material"] == 0) > 10
+
+
 def test_particles_wider_than_pixels_are_filtered_each_by_itself(call):
     """Drops three pixels wide in a box of 20 cm: a disc is as bright everywhere, so that what differs in it is noise."""
     if denoise.fault():
@@ -302,6 +324,7 @@ def test_how_far_media_that_are_asked_for_are_off(call, measured):
     ("materials[3].where.shape=floor", "materials[3].where.shape: floor is no closed mesh"),
     ("materials[0].where={mesh: heap.ply}", "materials[2].where: found the mesh of materials[0], so that neither is inside"),
     ("materials[0].where={box: {lo: [-10, -10, 1] cm, hi: [10, 10, 21] cm}}", "materials[1].where: found the box of materials"),
+    ("materials[1].where={mesh: heap.ply}", "materials[2].where: found the mesh of materials[1], so that neither is inside"),
     ("film.wavelengths=rgb", "materials are rendered at the wavelengths of their assets"),
 ])
 def test_what_is_refused(call, setting, message):
