@@ -107,7 +107,7 @@ def test_report_and_layers(call):
 
 @pytest.mark.slow
 def test_particles_in_a_mesh_are_inside_of_a_medium_in_a_larger_one(call, folder):
-    """A cone of drops in one of mist, of 1.33 times its volume; the voxels by which drops are looked for hold 1.6 times as much."""
+    """A cone of drops in one of mist, of 1.33 times its volume; voxels by which drops are looked for hold 1.6 times."""
     turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     ring = np.stack([0.03 * np.cos(turn), 0.03 * np.sin(turn), np.full(24, -0.02)], axis=1)
     cone = np.concatenate([ring, [[0, 0, -0.02], [0, 0, 0.06]]])  # around its middle
@@ -190,12 +190,15 @@ def test_a_mesh_without_room_for_a_grain_is_told(call, folder, entries):
     assert status == 0 and any("the mesh has room for 5e-07 grains" in reason for reason in report["reasons"]), error
 
 
-def test_a_lens_is_said_to_be_left_out(call, folder):
+def test_a_lens_and_clipping_planes_are_said_to_be_left_out(call, folder):
     lens = '"thinlens"><float name="aperture_radius" value="0.05"/><float name="focus_distance" value="0.5"/>'
-    (folder / "lens.xml").write_text(XML.replace('"perspective">', lens))
-    sharp, _ = rendered(call, "sharp.png")
-    through, _ = rendered(call, "lens.png", "--set", "scene.mitsuba=lens.xml")
-    assert [LENS in report["reasons"] for report in (sharp, through)] == [False, True]
+    near = '"perspective"><float name="near_clip" value="0.45"/>'  # the floor begins 0.25 m ahead
+    said = []
+    for name, kind in (("sharp", '"perspective">'), ("lens", lens), ("near", near)):
+        (folder / f"{name}.xml").write_text(XML.replace('"perspective">', kind))
+        report, found = rendered(call, f"{name}.png", "--set", f"scene.mitsuba={name}.xml")
+        said.append((LENS in report["reasons"], any("clipping planes, 0.45 m and 1e+04 m" in line for line in report["reasons"])))
+    assert (found["depth.Z"] < 0.45).any() and said == [(False, False), (True, False), (False, True)]
 
 
 def test_smooth_grains_show_small_lamps_wider(call, folder):
