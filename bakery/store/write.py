@@ -75,7 +75,8 @@ def check_target(path: str | os.PathLike) -> None:
     except OSError as error:
         raise UsageError(f"{shown}: cannot be written: {error.strerror}") from None
     if stat.S_ISDIR(mode):
-        raise UsageError(f"{shown}: is a folder; name the file to write, such as {os.path.join(shown, 'NAME.h5')}")
+        name = f"NAME{os.path.splitext(shown)[1] or '.h5'}"
+        raise UsageError(f"{shown}: is a folder; name the file to write, such as {os.path.join(shown, name)}")
     if not stat.S_ISREG(mode):
         raise UsageError(f"{shown}: a pipe or device; an asset is written to a file, which is then renamed into its place")
     if shown.endswith(os.sep) or not os.path.isdir(folder):

@@ -63,12 +63,13 @@ class World:
     coarser, whole : of a pilot (`renderers.choice.trial.smaller`): side of a pixel over that of the picture's, and its world; 1
         and None
     corners : (H W, 2) x and y of the pixels' upper left corners, in pixels of the camera's film; None: rows of pixels, all of it
+    clip : m ahead of the camera, the sensor's clipping planes, which are not kept
 
     Shadow rays end at any surface, also at one without a boundary (`null`) or of glass, as in Mitsuba's `path`: lights without
-    extent do not shine through those.  Clipping planes of sensors are not kept.
+    extent do not shine through those.
     """
 
-    coarser, whole, corners, lens = 1.0, None, None, False
+    coarser, whole, corners, lens, clip = 1.0, None, None, False, (0.0, math.inf)
 
     def __init__(self, path=None, unit=1.0, *, view=None, size=None, variant=None, parameters=None, sensor=None):
         """
@@ -159,6 +160,7 @@ class World:
             return None, size
         self.lens = bool(sensor.needs_aperture_sample())
         camera = camera_of(sensor, path, of_sensor[1], of_sensor[0])
+        self.clip = self.unit * sensor.near_clip(), self.unit * sensor.far_clip()
         camera = Camera(camera.origin * self.unit, camera.corner, camera.right, camera.down)
         return camera.refitted(*of_sensor, *size), size
 

@@ -38,7 +38,7 @@ class Material(NamedTuple):
 def material_of(content) -> Material:
     """Of what an entry is (`renderers.mixed.contents`)."""
     if isinstance(content, contents.Particles):
-        return Material(Region(content.region, _volume(content.region)), content.medium, "particles")
+        return Material(Region(content.region, content.volume), content.medium, "particles")
     if isinstance(content, contents.Grains):
         return Material(places.mesh(*content.region, solid=True), content.grains, "grains")
     if isinstance(content, contents.Body):
@@ -50,12 +50,6 @@ def material_of(content) -> Material:
         return Material(places.mesh(*content.region), content.scatterer)
     density = kernels.region_grid(*content.region) if isinstance(content.region, regions.Grid) else None
     return Material(places.box(content.region.lo, content.region.hi), content.scatterer, density=density)
-
-
-def _volume(region):
-    """Of a region of particles, m^3: of a mesh to within some voxels, by which it is told what is inside of what."""
-    whole = float(np.prod(region.hi - region.lo))
-    return whole * float(np.mean(region.values)) if region.nodes.size > 1 else whole
 
 
 def scene_of(world, materials, colours, angle=0.0) -> Scene:

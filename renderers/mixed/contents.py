@@ -34,10 +34,11 @@ class Body(NamedTuple):
 
 
 class Particles(NamedTuple):
-    """region : `bakery.kernels.Region`;  medium : `renderers.materials.particles.medium.Medium`"""
+    """region : `bakery.kernels.Region`;  medium : `renderers.materials.particles.medium.Medium`;  volume : of the region, m^3"""
 
     region: kernels.Region
     medium: object
+    volume: float
 
 
 class Grains(NamedTuple):
@@ -102,7 +103,7 @@ def _particles(scene, world, asset, spectra, number, method):
     stands = regions.Medium(continuum.region_of(scene, number, region, group), continuum.scatterer_of(tabulated),
                             f"materials[{number}]")
     if not method.continuous:
-        return Content(Particles(region, tabulated), stands, reasons)
+        return Content(Particles(region, tabulated, regions.volume(stands.region)), stands, reasons)
     if np.any(tabulated.host) and region.kind != kernels.BOX:
         raise scene.wrong(f"materials[{number}].method", f"found {method.name}, but the host of the particles absorbs light "
                           f"in the whole box, also beside the mesh or the grid; expected method {chosen(entry.kind, 'auto')}")

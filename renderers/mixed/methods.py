@@ -138,10 +138,10 @@ def _refuse_twins(scene, filled):
     """UsageError where a box, or a grid's, or a mesh is that of an entry before: nobody could say which is the innermost."""
     before: list[tuple[int, str, np.ndarray]] = []
     for number, content in enumerate(filled):
-        region = getattr(content.what, "region", None)
+        region = getattr(content.stands, "region", None)
         if isinstance(region, regions.Mesh):
             kind, corners = "mesh", region.vertices
-        elif hasattr(region, "lo") and not (hasattr(region, "nodes") and region.nodes.size > 1):
+        elif hasattr(region, "lo"):
             kind, corners = "box", np.array([region.lo, region.hi], float)
         else:
             continue

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from typing import NamedTuple
 
+import numpy as np
+
 from renderers import choice
 from renderers.mitsuba import variants
 from renderers.mitsuba.lights import DARK
@@ -199,7 +201,8 @@ class Rendering:
         self.job.part_over("passes")
         taken = self._taken
         after = self.method.after(self.estimate) | ({"text": taken.text(), "choice": taken.table} if taken else {})
-        after["layers"] = (after.get("layers") or {}) | {DEPTH: self._world.depth(self.method.entry)}
+        depth = self._world.depth(self.method.entry)
+        after["layers"] = (after.get("layers") or {}) | {DEPTH: depth}
         if taken and "materials" in after:
             after["materials"] = taken.of_entries(after["materials"])
         measured = after.get("bias") is not None or not after.get("left_out")
@@ -209,7 +212,15 @@ class Rendering:
         if self.denoised is not None:
             self.job.part_over("denoising")
         return self.estimate.finish(self.job, method=self.method.name, denoised=self.denoised,
-                                    reasons=[*self.reasons, *after.pop("reasons", ()), *remarks], **after)
+                                    reasons=[*self.reasons, *after.pop("reasons", ()), *_clipped(depth, *self._world.clip),
+                                             *remarks], **after)
+
+
+def _clipped(depth, near, far) -> list[str]:
+    """A sentence where Mitsuba would show something else: first surfaces (H, W), m ahead, are beyond its clipping planes."""
+    share = float(np.mean((depth < near) | np.isfinite(depth) & (depth > far)))
+    return [f"the sensor's clipping planes, {near:.3g} m and {far:.3g} m ahead, are left out: what {percent(share)} of the "
+            "pixels show first is beyond them"] if share > 0 else []
 
 
 def _denoised(values, quality, method, estimate, features):

@@ -112,6 +112,28 @@ def test_report_and_layers(call):
     assert {0, 2, 3} <= set(np.unique(found["material"])), "the entry that most paths of a pixel first scatter in"
 
 
+@pytest.mark.slow
+def test_particles_in_a_mesh_are_inside_of_a_medium_in_a_larger_one(call, folder):
+    """A cone of drops in one of mist, of 1.33 times its volume; voxels by which drops are looked for hold 1.6 times."""
+    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    ring = np.stack([0.03 * np.cos(turn), 0.03 * np.sin(turn), np.full(24, -0.02)], axis=1)
+    cone = np.concatenate([ring, [[0, 0, -0.02], [0, 0, 0.06]]])  # around its middle
+    k = np.arange(24)
+    faces = np.concatenate([np.stack([k, (k + 1) % 24, np.full(24, 25)], 1), np.stack([(k + 1) % 24, k, np.full(24, 24)], 1)])
+    for name, scale in (("cone", 1.0), ("wider", 1.1)):
+        (folder / f"{name}.ply").write_bytes(ply.mesh(scale * cone + [0, 0, 0.05], faces))
+    dense = RECIPES["spray"].replace("4e8", "4e9").replace("3200000", "32000000")
+    (folder / "dense.yaml").write_text(f"bakery: 1\nname: dense\nwavelengths: rgb\n{dense}\n")
+    near = "camera: {origin: [0, -0.5, 0.07] m, target: [0, 0, 0.07] m, fov: 10 deg}\nmaterials:\n"
+    (folder / "cones.yaml").write_text(SCENE[:SCENE.index("  - ")].replace("materials:\n", near) + """\
+  - {where: {mesh: cone.ply}, recipe: dense.yaml, method: particles}
+  - {where: {mesh: wider.ply}, recipe: mist.yaml}
+""")
+    status, _, error = call("-o", "cones.png", scene="cones.yaml")
+    assert status == 0, error
+    assert np.sum(layers("cones.exr")["material"] == 0) > 10
+
+
 def test_particles_wider_than_pixels_are_filtered_each_by_itself(call):
     """Drops three pixels wide in a box of 20 cm: a disc is as bright everywhere, so that what differs in it is noise."""
     if denoise.fault():
@@ -172,12 +194,15 @@ def test_a_mesh_without_room_for_a_grain_is_told(call, folder, entries):
     assert status == 0 and any("the mesh has room for 5e-07 grains" in reason for reason in report["reasons"]), error
 
 
-def test_a_lens_is_said_to_be_left_out(call, folder):
+def test_a_lens_and_clipping_planes_are_said_to_be_left_out(call, folder):
     lens = '"thinlens"><float name="aperture_radius" value="0.05"/><float name="focus_distance" value="0.5"/>'
-    (folder / "lens.xml").write_text(XML.replace('"perspective">', lens))
-    sharp, through = (rendered(call, "lens.png", scene=some(folder, "mist", "jelly", xml=xml))[0]
-                      for xml in ("room.xml", "lens.xml"))
-    assert [LENS in report["reasons"] for report in (sharp, through)] == [False, True]
+    near = '"perspective"><float name="near_clip" value="0.45"/>'  # the floor begins 0.25 m ahead
+    said = []
+    for name, kind in (("sharp", '"perspective">'), ("lens", lens), ("near", near)):
+        (folder / f"{name}.xml").write_text(XML.replace('"perspective">', kind))
+        report, found = rendered(call, f"{name}.png", scene=some(folder, "mist", "jelly", xml=f"{name}.xml"))
+        said.append((LENS in report["reasons"], any("clipping planes, 0.45 m and 1e+04 m" in line for line in report["reasons"])))
+    assert (found["depth.Z"] < 0.45).any() and said == [(False, False), (True, False), (False, True)]
 
 
 def test_smooth_grains_show_small_lamps_wider(call, folder):
@@ -307,6 +332,7 @@ def test_how_far_media_that_are_asked_for_are_off(call, measured):
     ("materials[3].where.shape=floor", "materials[3].where.shape: floor is no closed mesh"),
     ("materials[0].where={mesh: heap.ply}", "materials[2].where: found the mesh of materials[0], so that neither is inside"),
     ("materials[0].where={box: {lo: [-10, -10, 1] cm, hi: [10, 10, 21] cm}}", "materials[1].where: found the box of materials"),
+    ("materials[1].where={mesh: heap.ply}", "materials[2].where: found the mesh of materials[1], so that neither is inside"),
     ("film.wavelengths=rgb", "materials are rendered at the wavelengths of their assets"),
 ])
 def test_what_is_refused(call, setting, message):

@@ -53,33 +53,47 @@ def test_milk_that_lies_on_glass(gap, share):
     assert len(said) == (share > 0) and all("17 % of the boundary of it lie on pane" in sentence for sentence in said)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("sharp", [True, False])
-def test_a_slab_in_an_even_sky_is_as_bright(sharp, tmp_path):
-    """Nothing absorbs: with the normals of `bake new` it shows 1, with means over its edges less.  False alarm: 1e-7."""
+def in_an_even_sky(folder, size, sharp, method):
+    """A box of a white medium and glass, `Rendering`; sharp : normals of `bake new`, else means over its edges"""
     from bakery.starting.studio import _mesh
     from renderers.pictures.passes import Rendering
     from renderers.pictures.running import Render
 
-    slab = trimesh.creation.box((40, 4, 40))
-    (tmp_path / "slab.ply").write_bytes(_mesh(slab.vertices, slab.faces, "mm") if sharp else ply.mesh(slab.vertices, slab.faces))
-    (tmp_path / "white.yaml").write_text("""bakery: 1
+    box = trimesh.creation.box(size)
+    (folder / "box.ply").write_bytes(_mesh(box.vertices, box.faces, "mm") if sharp else ply.mesh(box.vertices, box.faces))
+    (folder / "white.yaml").write_text("""bakery: 1
 name: white
 wavelengths: rgb
 medium: {albedo: [1, 1, 1], mean_free_path: "[4, 4, 4] mm", phase: {type: isotropic}}
 """)
-    (tmp_path / "slab.xml").write_text("""<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="14"/>
+    (folder / "box.xml").write_text("""<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="14"/>
 <transform name="to_world"><lookat origin="-30, -90, 45" target="0, 0, 0" up="0, 0, 1"/></transform></sensor>
-<shape type="ply" id="slab"><string name="filename" value="slab.ply"/><bsdf type="dielectric"/></shape>
+<shape type="ply" id="box"><string name="filename" value="box.ply"/><bsdf type="dielectric"/></shape>
 <emitter type="constant"/></scene>""")
-    (tmp_path / "slab.yaml").write_text("""bakery_scene: 2
-name: slab
-scene: {mitsuba: slab.xml, unit: 1 mm}
-film: {width: 16, height: 16}
-stop: {samples: 256}
-materials: [{where: {shape: slab}, recipe: white.yaml, method: paths}]
+    (folder / "box.yaml").write_text(f"""bakery_scene: 2
+name: box
+scene: {{mitsuba: box.xml, unit: 1 mm}}
+film: {{width: 16, height: 16}}
+stop: {{samples: 256}}
+materials: [{{where: {{shape: box}}, recipe: white.yaml, method: {method}}}]
 """)
-    rendering = Rendering(Render(tmp_path / "slab.yaml", tmp_path / "slab.png"), seed=1)
+    return Rendering(Render(folder / "box.yaml", folder / "box.png"), seed=1)
+
+
+@pytest.mark.parametrize("sharp", [True, False])
+def test_no_bias_is_stated_of_it(sharp, tmp_path):
+    """Methods by beams are 10 % brighter than paths in a cube with means over its edges, which no layer of theirs tells."""
+    method, even = in_an_even_sky(tmp_path, (20, 20, 20), sharp, "beams").method, np.ones((16, 16, 3))
+    changed = SimpleNamespace(layers={"sharper": 0.1 * even})
+    bias = method.after(SimpleNamespace(means={"joined": changed}, rgb=even))["bias"]
+    assert bias == (pytest.approx(0.4 / 3) if sharp else None) and method.unmeasured != sharp
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sharp", [True, False])
+def test_a_slab_in_an_even_sky_is_as_bright(sharp, tmp_path):
+    """Nothing absorbs: with the normals of `bake new` it shows 1, with means over its edges less.  False alarm: 1e-7."""
+    rendering = in_an_even_sky(tmp_path, (40, 4, 40), sharp, "paths")
     rendering.run()
     report = rendering.finish()
     assert any("lean by more than" in reason for reason in report["reasons"]) != sharp

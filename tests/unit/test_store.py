@@ -229,7 +229,9 @@ def test_mode_follows_the_umask_and_a_link_stays(tmp_path):
 def test_targets_are_refused_before_anything_is_computed(tmp_path):
     (tmp_path / "file").write_text("")
     os.mkfifo(tmp_path / "pipe")
-    for path, words in [(tmp_path, "is a folder"), (tmp_path / "none" / "a.h5", "folder does not exist"), ("", "not the name"),
+    (tmp_path / "dir.png").mkdir()
+    for path, words in [(tmp_path, "is a folder; .*NAME.h5"), (tmp_path / "dir.png", "is a folder; .*dir.png/NAME.png"),
+                        (tmp_path / "none" / "a.h5", "folder does not exist"), ("", "not the name"),
                         (tmp_path / "file" / "a.h5", "Not a directory"), (tmp_path / "pipe", "pipe or device"),
                         ("a\0b", "not the name"), ("/dev/null", "pipe or device"), (tmp_path / ("n" * 300), "name too long"),
                         (f"{tmp_path}/none/", "does not exist")]:

@@ -57,7 +57,7 @@ def prepare(job, world, seed) -> Method:
         return Method(name, kinds, [], lambda estimate: {"bias": None})
     declared = methods()[name]
     looped = _looped(setup, declared)
-    reasons = _reasons(assets, setup.bodies, declared, looped) + flaws(world, setup.bodies)
+    reasons = _reasons(assets, setup.bodies, declared, looped) + (faults := flaws(world, setup.bodies))
     reasons += shells.reasons(shells.laid(setup)) if declared.spheres else []
     missing, sentences = chains.left_out(setup, seed)
     if coarse := rounded(setup.bodies) if looped else []:
@@ -65,13 +65,14 @@ def prepare(job, world, seed) -> Method:
 
     def after(estimate):
         # how far off some methods are, or how much light is left out, nobody states; what else is known would pass for all of it
-        measurable = declared.measured is not None and missing is not None
+        measurable = declared.measured is not None and missing is not None and not faults
         bias = declared.measured(estimate.means.values(), estimate.rgb, missing) if measurable else None
         unlit = {} if np.any(estimate.rgb) else dict.fromkeys(_NOISES) | {"reasons": [_UNLIT]}
         chained = _of_chains(kinds[-1].render.figures()) if declared.metropolis else {}
         return {"bias": bias, "left_out": sentences} | chained | unlit
 
-    return Method(name, kinds, [*reasons, *sentences], after, features=lambda quality: features_of(setup, seed))
+    return Method(name, kinds, [*reasons, *sentences], after, features=lambda quality: features_of(setup, seed),
+                  unmeasured=bool(faults))
 
 
 def _of_chains(figures):
