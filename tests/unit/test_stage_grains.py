@@ -232,7 +232,7 @@ def test_sigma_t_of_the_random_walk(bake):
 
 
 def test_needles_are_not_walked_among(bake, tmp_path):
-    """Where light hits fewer grains than the tolerance a walk would take minutes: sigma_t is that of Eq. 4, that share its error."""
+    """Where light hits fewer grains than the tolerance a walk takes minutes: sigma_t is that of Eq. 4, that share its error."""
     needle = "{name: needle, shape: {type: ellipsoid, axes: [1, 0.02, 0.02]}, surface: {type: dielectric, material: {n: 1.5}}}"
     more = "scatterometer: {triangles: 1300, tolerance: 10%}"
     asset = bake(needle, more=more)
