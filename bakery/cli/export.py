@@ -68,7 +68,7 @@ def command(asset, target, output, coordinates, overwrite, as_json, **given):
 
     Prints the paths of the files on standard output, and what was lost on standard error, severe losses first.
     """
-    from bakery.draw.files import folder_for
+    from bakery.draw.files import folder_filled
     from bakery.export.declaration import Job
     from bakery.store.outputs import by_suffix, check_outputs
     from bakery.store.put import put
@@ -80,9 +80,9 @@ def command(asset, target, output, coordinates, overwrite, as_json, **given):
     written = exporter.write(job)
     for warning in written.warnings:
         remark(f"warning: {warning}")
-    folder = folder_for(Path(output) if output else Path(job.asset.path).with_name(f"{job.stem}-{target}"))
-    check_outputs(by_suffix((folder / name for name in written.files), exporter.kinds), [asset], overwrite)
-    paths = [str(put(folder / name, content)) for name, content in written.files.items()]
+    with folder_filled(Path(output) if output else Path(job.asset.path).with_name(f"{job.stem}-{target}")) as folder:
+        check_outputs(by_suffix((folder / name for name in written.files), exporter.kinds), [asset], overwrite)
+        paths = [str(put(folder / name, content)) for name, content in written.files.items()]
     if as_json:
         print_json({"files": paths, "warnings": list(written.warnings), "lost": list(written.losses)})
         return

@@ -22,7 +22,7 @@ def command(asset, output, coordinates, overwrite, as_json):
     Each picture is written as PNG and as SVG, with its data as CSV; the paths are printed.
     """
     import bakery
-    from bakery.draw.files import csv_text, folder_for
+    from bakery.draw.files import csv_text, folder_filled
     from bakery.draw.picture import drawn
     from bakery.report.figures import pictures, title_of
     from bakery.store.outputs import by_suffix, check_outputs
@@ -36,15 +36,16 @@ def command(asset, output, coordinates, overwrite, as_json):
     if not figures:
         raise AssetError(f"{asset}: holds nothing to draw; `bake inspect {asset}` shows its contents")
     stem = Path(shown.path).stem
-    folder = folder_for(Path(output) if output else Path(shown.path).with_name(f"{stem}-plots"))
-    check_outputs(by_suffix(folder / f"{stem}_{picture.name}.{form}" for picture in figures for form in ("png", "svg", "csv")),
-                  [asset], overwrite)
+    where = Path(output) if output else Path(shown.path).with_name(f"{stem}-plots")
     written = []
-    for picture in figures:
-        files = drawn(picture, of=title_of(root)) | {"csv": csv_text(picture.columns)}
-        paths = {form: str(put(folder / f"{stem}_{picture.name}.{form}", data)) for form, data in files.items()}
-        written.append({"name": picture.name, "title": picture.title, "caption": picture.caption, "files": paths})
-        if not as_json:
-            print_paths(paths.values())
+    with folder_filled(where) as folder:
+        names = [f"{stem}_{picture.name}.{form}" for picture in figures for form in ("png", "svg", "csv")]
+        check_outputs(by_suffix(folder / name for name in names), [asset], overwrite)
+        for picture in figures:
+            files = drawn(picture, of=title_of(root)) | {"csv": csv_text(picture.columns)}
+            paths = {form: str(put(folder / f"{stem}_{picture.name}.{form}", data)) for form, data in files.items()}
+            written.append({"name": picture.name, "title": picture.title, "caption": picture.caption, "files": paths})
+            if not as_json:
+                print_paths(paths.values())
     if as_json:
         print_json(written)

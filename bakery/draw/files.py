@@ -1,6 +1,7 @@
 """Folders for what people look at, and tables as CSV."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bakery.errors import UsageError
@@ -20,6 +21,20 @@ def folder_for(path: Path) -> Path:
     except OSError as error:
         raise UsageError(f"{path}: the folder cannot be made: {error.strerror}; choose another with -o") from None
     return path
+
+
+@contextmanager
+def folder_filled(path: Path) -> Iterator[Path]:
+    """The folder, made if it is missing; where what is to fill it fails before its first file, what was made is gone again."""
+    missing = [folder for folder in (path, *path.parents) if not folder.exists()]
+    folder = folder_for(path)
+    try:
+        yield folder
+    except BaseException:
+        for made in missing:
+            with suppress(OSError):  # it holds a file
+                made.rmdir()
+        raise
 
 
 def preview_beside(asset: Path, content_hash: str) -> bytes:

@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Collection
 from typing import Annotated, Any
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import BeforeValidator, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError, core_schema
 
 from bakery.grammar import units
@@ -186,6 +186,17 @@ def numbers(quantity: Quantity = NUMBER_ONLY, words: dict | None = None, most_en
         kinds |= Annotated[_in_steps(quantity, limits, most_entries), Tag("steps")]
     return Annotated[kinds, Discriminator(lambda node: "list" if isinstance(node, (Sequence, list)) else
                                           "steps" if steps and isinstance(node, Mapping) else "text")]
+
+
+def three(entry):
+    """A list of exactly three entries of a kind."""
+    return Annotated[list[entry], Field(min_length=3, max_length=3), BeforeValidator(_of_three)]
+
+
+def _of_three(node):
+    if isinstance(node, Sequence) and not node.broken and len(node) != 3:
+        _raise(f"found {len(node):,} {'entry' if len(node) == 1 else 'entries'}", "expected 3")
+    return node
 
 
 def _in_steps(quantity: Quantity, limits: Range, most: int):

@@ -42,7 +42,7 @@ from bakery.store.hashes import HASH, seal
 from bakery.store.image import packed
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group, text
-from bakery.store.write import check_target, place
+from bakery.store.write import check_target, place, unchanged
 from bakery.system import resources
 from bakery.system.memory import give_back
 
@@ -235,7 +235,7 @@ def _write(path: Path, tree: list[Group], progress: Progress) -> bool:
                 del root
                 place(path, file, check=lambda root: departures(root) or physics(root))
         except OSError as error:
-            raise StoreError(f"{path}: not written: {error.strerror or error}; what stood there is unchanged") from error
+            raise StoreError(f"{path}: not written: {error.strerror or error}{unchanged(path)}") from error
     return True
 
 

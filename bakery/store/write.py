@@ -165,4 +165,9 @@ def _refused(path: str, error: OSError) -> BakeryError:
         space = f"; {free_space(path) / 1e6:.0f} MB are free there"
     except OSError:
         space = ""
-    return StoreError(f"{path}: not written: {error.strerror or error}{space}; the old file is unchanged")
+    return StoreError(f"{path}: not written: {error.strerror or error}{space}{unchanged(path)}")
+
+
+def unchanged(path: str | os.PathLike) -> str:
+    """What a message adds on a file that was not written, where another one stands."""
+    return "; the old file is unchanged" if os.path.exists(path) else ""

@@ -7,6 +7,7 @@ import signal
 import sys
 from types import FrameType
 
+INTERRUPTED, TERMINATED = 130, 143  # statuses
 SOON = 0.02  # seconds until what could not be raised is tried again
 
 
@@ -36,6 +37,12 @@ class _Ending:
         else:
             raise self._due
 
+    def raise_what_waits(self) -> None:
+        """What was asked for while modules were imported, now that they are."""
+        if self._due is not None:
+            too_late()
+            raise self._due
+
     def ignored(self, unraisable) -> None:
         """Of an exception that Python could not raise, in a destructor or a callback: ours is raised again."""
         if self._due is not None and isinstance(unraisable.exc_value, self._due):
@@ -44,13 +51,28 @@ class _Ending:
             sys.__unraisablehook__(unraisable)
 
 
-def raise_when_asked(exceptions: dict[int, type[BaseException]]) -> None:
+def raise_when_asked(exceptions: dict[int, type[BaseException]]) -> _Ending:
     """Make each of these signals an exception; takes SIGALRM and its timer for itself."""
     ending = _Ending(exceptions)
     for number in exceptions:
         signal.signal(number, ending.asked)
     signal.signal(signal.SIGALRM, ending.raise_it)
     sys.unraisablehook = ending.ignored
+    return ending
+
+
+def too_late() -> None:
+    """What waits is not raised any more: a timer that runs out while Python shuts down ends the process by SIGALRM."""
+    signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+def ended(ending: BaseException) -> int:
+    """Say that a signal ended the call; the status."""
+    from bakery.system.terminal import remark
+
+    status, word = (TERMINATED, "terminated") if isinstance(ending, Terminated) else (INTERRUPTED, "interrupted")
+    remark(f"{word}; no file is incomplete, and finished stages of a bake are in the cache")
+    return status
 
 
 def _importing(frame: FrameType | None) -> bool:

@@ -13,7 +13,7 @@ from pydantic import Discriminator, Field, Tag
 
 from bakery.errors import Problem
 from bakery.grammar import fields, text, units
-from bakery.grammar.fields import leaf, number, scalar, whole, word
+from bakery.grammar.fields import leaf, number, scalar, three, whole, word
 from bakery.grammar.section import Section, given
 from bakery.grammar.text import Mapping, Node, Scalar, Sequence, owner
 from bakery.grammar.units import ANGLE, FRACTION, NUMBER_ONLY, Quantity, Wrong
@@ -48,7 +48,7 @@ def vector(quantity: Quantity = NUMBER_ONLY, example: str = "[0, 0, 1]"):
             raise Wrong(f"found {text.show(node.text)}", f"expected three numbers such as {example}")
         return values
 
-    listed = Annotated[list[number(quantity)], Field(min_length=3, max_length=3)]
+    listed = three(number(quantity))
     return Annotated[
         Annotated[leaf(read, {"type": "string"}), Tag("text")] | Annotated[listed, Tag("list")],
         Discriminator(lambda node: "list" if isinstance(node, (Sequence, list, tuple)) else "text"),

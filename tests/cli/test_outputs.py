@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 
 import pytest
@@ -177,3 +178,18 @@ def test_paths_alone_on_standard_output(call, place):
     for _ in range(2):
         status, out, _ = call("milk.yaml")
         assert status == 0 and call("inspect", *out.split())[0] == 0
+
+
+@pytest.mark.parametrize("arguments", [("plot",), ("export", "--to", "csv")], ids=["plot", "export"])
+def test_a_full_disk_leaves_no_empty_folder(call, tmp_path, monkeypatch, undrawn, arguments):
+    """Of the folders made for pictures and tables none is left; one that stood there is."""
+    def full(_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    asset = tmp_path / "fog.h5"
+    write(asset, small_asset())
+    monkeypatch.setattr("bakery.store.put.os.fsync", full)
+    for there in (tmp_path / "new" / "deep", tmp_path):
+        status, _, message = call(*arguments, asset, "-o", there)
+        assert status == 3 and "not written: No space left on device" in message
+        assert [path.name for path in tmp_path.iterdir()] == ["fog.h5"]

@@ -18,7 +18,7 @@ from bakery.errors import UsageError
 from bakery.physics.grains import bvh, scatterometer
 from bakery.physics.grains.surface import dielectric
 from bakery.physics.shapes import build as shapes
-from bakery.physics.shapes import files, mending, quality, radial, repair
+from bakery.physics.shapes import files, limits, mending, quality, radial, repair
 from bakery.physics.shapes.bounding import minimum_sphere, onto_unit_sphere
 from bakery.physics.shapes.examples import EXAMPLES
 from bakery.physics.shapes.implicit import marched, surface
@@ -725,3 +725,11 @@ def test_two_million_triangles():
     assert notes == () and grain.volume == pytest.approx(4 / 3 * pi * 0.48, rel=1e-5)
     lower = shapes.level(grain, 200_000)
     assert len(lower.faces) == 200_000 and lower.volume == pytest.approx(grain.volume, rel=1e-4)
+
+
+@pytest.mark.parametrize("shape, within", [
+    ({"type": "box", "size": [1, 0.3, 2]}, 1e-12), ({"type": "ellipsoid", "axes": [1, 1, 1e-4]}, 0.012),
+    ({"type": "ellipsoid", "axes": [3, 0.1, 0.05]}, 0.012)])
+def test_shares_hit_are_those_of_the_mesh(shape, within):
+    """Cauchy: a quarter of a convex body's surface is its mean projection, of which the unit sphere's is pi."""
+    assert limits.share_hit(shape) == pytest.approx(shapes.build(shape).area / (4 * pi), rel=within)

@@ -104,6 +104,21 @@ def test_the_other_signal_does_not_break_off_the_clean_up(first, other, status):
     assert (done.returncode, done.stdout) == (status, "cleaned up\n") and "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_while_packages_load_ends_as_quietly(number, status):
+    """The first package of another project that the command line loads is click."""
+    code = ("import os, sys\n"
+            "class Finder:\n"
+            "    def find_spec(self, name, *_):\n"
+            "        if name == 'click':\n            sys.meta_path.remove(self)\n"
+            "            os.kill(os.getpid(), int(sys.argv[1]))\n"
+            "sys.meta_path.insert(0, Finder())\n"
+            "from bakery.cli import main\nmain(['--help'])\n")
+    done = subprocess.run([sys.executable, "-c", code, str(int(number))], capture_output=True, text=True, timeout=60,
+                          env={**os.environ, "PYTHONPATH": str(ROOT)})
+    assert done.returncode == status and "no file is incomplete" in done.stderr and "Traceback" not in done.stderr, done.stderr
+
+
 SWALLOWS = """\
 import os, sys, time
 try:

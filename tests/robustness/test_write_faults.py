@@ -236,13 +236,17 @@ except StoreError as error:
 """
 
 
-def test_a_file_that_may_not_grow(tmp_path):
+@pytest.mark.parametrize("old", [True, False])
+def test_a_file_that_may_not_grow(tmp_path, old):
     """The limit on file size stands for a full disk: part of the file is written, then no more."""
-    (tmp_path / "fog.h5").write_bytes(b"old")
-    done = subprocess.run([sys.executable, "-c", FULL, str(tmp_path / "fog.h5")], env={**os.environ, "PYTHONPATH": str(ROOT)},
+    path = tmp_path / "fog.h5"
+    if old:
+        path.write_bytes(b"old")
+    done = subprocess.run([sys.executable, "-c", FULL, str(path)], env={**os.environ, "PYTHONPATH": str(ROOT)},
                           capture_output=True, text=True, timeout=60)
     assert "not written: File too large" in done.stdout and done.stderr == ""
-    assert entries(tmp_path) == ["fog.h5"] and (tmp_path / "fog.h5").read_bytes() == b"old"
+    assert ("the old file is unchanged" in done.stdout) == old
+    assert entries(tmp_path) == ["fog.h5"] * old and (not old or path.read_bytes() == b"old")
 
 
 def test_reader_keeps_what_it_opened(tmp_path):

@@ -231,6 +231,31 @@ def test_sigma_t_of_the_random_walk(bake):
     assert medium.sigma_t_bias == 0 and medium.sigma_t_error > 0
 
 
+def test_needles_are_not_walked_among(bake, tmp_path):
+    """Where light hits fewer grains than the tolerance a walk takes minutes: sigma_t is that of Eq. 4, that share its error."""
+    needle = "{name: needle, shape: {type: ellipsoid, axes: [1, 0.02, 0.02]}, surface: {type: dielectric, material: {n: 1.5}}}"
+    more = "scatterometer: {triangles: 1300, tolerance: 10%}"
+    asset = bake(needle, more=more)
+    medium = asset.medium
+    hit = float(asset.grains["needle"].hit_probability)
+    assert hit == pytest.approx(0.0157, rel=0.05) and medium.attributes["achieved_error"] >= hit
+    assert "random_walk" not in medium and np.array_equal(medium.sigma_t, medium.sigma_t_mean_flight)
+    assert "there was no random walk" in asset.provenance.medium.notes
+    given = load(recipe(tmp_path, needle, more=more))
+    walk = load(recipe(tmp_path, needle, more=more + "\neffective_medium: {sigma_t: random_walk}"))
+    assert effective.cost(given).seconds == 0 < 1 < effective.cost(walk).seconds
+    thick = load(recipe(tmp_path, needle.replace("0.02, 0.02", "0.8, 0.65"), more=more))
+    assert grains.STAGE.cost(given).seconds > 5 * grains.STAGE.cost(thick).seconds
+
+
+def test_a_needle_of_another_kind_is_refused_before_it_is_measured(tmp_path):
+    """Proportions of an ellipsoid or a box say so in the recipe; of other shapes the mesh has to be made."""
+    thin = component("{{name: {name}, weight: {weight}, shape: {{type: superellipsoid, axes: [1, 1e-3, 1e-3], exponents: 4}}, "
+                     "surface: {{type: dielectric, material: {{n: {n}}}}}}}", name="thin")
+    with pytest.raises(StageError, match="grain thin: superellipsoid: 0.00016 of the rays .* a thicker grain would do"):
+        grains_of(recipe(tmp_path, thin))
+
+
 def test_classes_of_a_law():
     from bakery.physics.packing import radii
     from bakery.physics.packing.law import Law

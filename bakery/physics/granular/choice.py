@@ -24,11 +24,12 @@ class Matched(NamedTuple):
     spread: float  # relative error of the walk's root mean square displacement; 0 where it gives none
 
 
-def matched(coefficients: Effective, lossless: Effective, walks: Walks, radius: float, at: int, wanted: str | None) -> Matched:
+def matched(coefficients: Effective, lossless: Effective, walks: Walks | None, radius: float, at: int,
+            wanted: str | None) -> Matched:
     """Chooses sigma_t: as wanted, or the random walk's, or that of Eq. 4 where the walk gives none.
 
     coefficients, lossless : the medium, and the same if nothing were absorbed
-    walks : `packed.walk`, lengths in units of
+    walks : `packed.walk`, lengths in units of; None where there was none
     radius : in the unit of the medium
     at : the channel of the walk's grains
     wanted : in `kinds.CHOICES`, or None
@@ -37,7 +38,7 @@ def matched(coefficients: Effective, lossless: Effective, walks: Walks, radius: 
     """
     measured = {"mean_flight": (coefficients.sigma_t, coefficients.errors["sigma_t"]),
             "second_moment": (coefficients.sigma_t_second_moment, coefficients.errors["sigma_t_second_moment"])}
-    if walks.reason and not math.isfinite(walks.achieved_error):
+    if walks is None or walks.reason and not math.isfinite(walks.achieved_error):
         if wanted == "random_walk":
             raise ValueError(f"random_walk: {walks.reason}")
         sigma_t, error = measured[wanted or "mean_flight"]

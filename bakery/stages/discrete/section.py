@@ -3,12 +3,12 @@
 # no annotations from __future__: pydantic would have to compile each of them again, some 3 ms in all
 import math
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from pydantic import Field
 
 from bakery.grammar import grids
-from bakery.grammar.fields import AUTO, Path, Text, number, whole, word
+from bakery.grammar.fields import AUTO, Path, Text, number, three, whole, word
 from bakery.grammar.section import Section, given
 from bakery.grammar.text import Mapping, Sequence, mappings, show
 from bakery.grammar.units import FRACTION, LENGTH, Wrong
@@ -50,7 +50,7 @@ class Discrete(Section):
     count: whole(0, 10**12) | None = Field(
         None, description="Number of particles; default: random (Poisson), by the number density of `particles`."
     )
-    box: Annotated[list[number(LENGTH, least=1e-3, most=1e13)], Field(min_length=3, max_length=3)] | None = Field(
+    box: three(number(LENGTH, least=1e-3, most=1e13)) | None = Field(
         None, description="Edges of the box that holds them, such as [1 m, 1 m, 1 m]."
     )
     mesh: MeshBody | None = Field(None, description="A closed mesh that holds them, instead of a box.")

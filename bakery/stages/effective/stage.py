@@ -7,10 +7,12 @@ import numpy as np
 
 from bakery.errors import StageError
 from bakery.physics.granular.kinds import CHOICES
+from bakery.physics.shapes.limits import share_hit
 from bakery.stages.coordinates import BIAS, ERROR
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets, later
 from bakery.stages.effective.section import EFFECTIVE
 from bakery.stages.grains.outputs import BY_RADIUS, LOSSLESS
+from bakery.stages.grains.section import shape_keys
 from bakery.stages.grains.stage import inputs as inputs_of_grains
 from bakery.stages.measures import integrated_difference
 from bakery.stages.medium import stage as medium
@@ -18,8 +20,8 @@ from bakery.stages.packing.view import nearest_denser
 from bakery.store.tree import Dataset, Group
 
 _LOADING = 0.2
-# hits times the squared tolerance; seconds of one core of a hit on a mesh, on a ball
-_HITS, _HIT, _HIT_BALL = 60.0, 1.2e-6, 0.6e-6
+# hits times the squared tolerance; seconds of one core of a hit on a mesh, on a ball, of a sphere that is entered
+_HITS, _HIT, _HIT_BALL, _SPHERE = 60.0, 1.2e-6, 0.6e-6, 0.5e-6
 _SHARES = ("hit_probability", "forward_delta", "fraction")
 _NAMES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "forward_delta")
 _WALK = (
@@ -121,12 +123,17 @@ def compute(inputs: dict, context) -> Result:
     coefficients, lossless = effective(means, chord), effective(white, chord)
     notes, missed = [], []
     at = len(inputs["wavelength"]) // 2
-    walks = _walked(inputs, at, context)
+    # light that passes hundreds of spheres between hits has forgotten where the last one was: Eq. 4 is exact in that limit
+    rare = means.hit_probability < context.tolerance and inputs["choice"] != "random_walk" and inputs["walks"] is None
+    walks = None if rare else _walked(inputs, at, context)
     try:
         match = choice.matched(coefficients, lossless, walks, R, at, inputs["choice"])
     except ValueError as fault:
         raise StageError(f"effective_medium.sigma_t: {fault}; mean_flight would do") from None
-    if not match.walked:
+    if rare:
+        notes.append(f"light hits one in {1 / means.hit_probability:,.0f} grains on its way, so that the mean flight is right to "
+                     f"{means.hit_probability:.2g}: there was no random walk")
+    elif not match.walked:
         notes.append(f"the random walk gives no mean square displacement: {walks.reason}")
     elif abs(match.farther) > max(3 * match.spread, context.tolerance):
         direction = "farther" if match.farther > 0 else "less far"
@@ -164,7 +171,7 @@ def compute(inputs: dict, context) -> Result:
     if turned > context.tolerance:
         missed.append("grains turn light by less than the table of the phase function shows: its 1 - albedo g is off by "
                       f"{turned:.0%}")
-    reached = max(abs(match.farther), relative, match.spread, turned)
+    reached = max(abs(match.farther), relative, match.spread, turned, means.hit_probability if rare else 0.0)
     context.report(1.0, reached)
     return Result(members, reached, tuple(notes), tuple(missed))
 
@@ -227,7 +234,10 @@ def cost(recipe) -> Cost:
     number = len(recipe.grains.components)
     hits = recipe.effective_medium.walks or min(max(_HITS / recipe.tolerance**2, 32 * 512 * 2), 1 << 27)
     round_ = all(grain.shape["type"] == "sphere" for grain in recipe.grains.components)
-    seconds = hits * (_HIT_BALL if round_ else _HIT)
+    share = sum(grain.weight * share_hit(shape_keys(grain.shape)) for grain in recipe.grains.components)
+    if share < recipe.tolerance and not recipe.effective_medium.walks and recipe.effective_medium.sigma_t != "random_walk":
+        hits = 0
+    seconds = hits * max(_HIT_BALL if round_ else _HIT, _SPHERE / share)
     rows = len(recipe.wavelength)
     return Cost(seconds, 1e8 + 300.0 * recipe.scatterometer.triangles * number, 8 * 4 * 190 * rows + 2e4,
                 f"about {hits:.2g} hits of a random walk through explicit grains", _LOADING + 0.1 * number,
@@ -256,7 +266,7 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
 
 OF_GRAINS = Stage(
     name="medium",
-    version=5,
+    version=6,
     title="the continuous medium that stands for the packed grains",
     reads=("wavelengths", "tolerance", "seed", "grains.radius", "grains.components[*].weight", "packing.fraction",
            "effective_medium"),
@@ -266,7 +276,8 @@ OF_GRAINS = Stage(
     outputs=OUTPUTS,
     error_measure="how far light spreads with sigma_t against a random walk through the explicit grains of the tile (relative "
                   "difference of the square roots of the mean square displacements, nothing absorbed); or the standard error of "
-                  "that, or of sigma_t, or the relative error of 1 - albedo g with the table's g, if larger",
+                  "that, or of sigma_t, or the relative error of 1 - albedo g with the table's g, if larger; where fewer grains "
+                  "are hit than the tolerance asks for, the hit probability",
     cost=cost,
     inputs=inputs,
     compute=compute,

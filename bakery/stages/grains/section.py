@@ -127,6 +127,11 @@ def _shape(checker: "Checker", shape: Mapping) -> None:
         if values is not None and len(values) == 3 and max(values) > limits.ASPECT * min(values):
             checker.report_section(shape[name], f"found {name} that differ by a factor of {max(values) / min(values):,.0f}",
                                    f"expected at most {limits.ASPECT:,.0f}")
+        elif values is not None and len(values) == 3 and (kind := checker.value(shape, "type")) in ("box", "ellipsoid"):
+            share = limits.share_hit({"type": kind, name: values})
+            if share < limits.SHARE_HIT:
+                checker.report_section(shape[name], f"found a grain that {share:.2g} of the rays through its bounding sphere hit",
+                                       f"expected at least {limits.SHARE_HIT:g}, as of the {name} [1, 0.0013, 0.0013]")
     if checker.value(shape, "type") == "mesh":
         mesh_file(checker, shape.get("file"))
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, Tag
 
-from bakery.grammar.fields import Path, number, numbers, whole, word
+from bakery.grammar.fields import Path, number, numbers, three, whole, word
 from bakery.grammar.section import Section, pick
 from bakery.physics.shapes import limits
 
@@ -14,7 +14,7 @@ def _between(bounds, **options):
     return number(least=bounds[0], most=bounds[1], **options)
 
 
-Three = Annotated[list[number(least=1e-6, most=1e6)], Field(min_length=3, max_length=3)]
+Three = three(number(least=1e-6, most=1e6))
 Two = Annotated[
     numbers(least=limits.EXPONENTS[0], most=limits.EXPONENTS[1], most_entries=2),
     AfterValidator(lambda values: (values[0], values[-1])),  # one number stands for both

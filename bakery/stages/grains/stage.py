@@ -6,6 +6,7 @@ import math
 import numpy as np
 
 from bakery.errors import StageError
+from bakery.physics.shapes.limits import SHARE_HIT, share_hit
 from bakery.stages.declaration import Cost, Knob, Result, Stage, datasets, later
 from bakery.stages.grains.measures import measures
 from bakery.stages.grains.outputs import ASKED, BY_RADIUS, FIGURES, LOSSLESS, OUTPUTS, PEAK, SCALARS
@@ -98,11 +99,16 @@ def _mesh_of(component: dict, triangles: int):
     """The exemplar; StageError says which grain cannot be made, and why."""
     from bakery.physics.shapes import build as shapes
 
+    grain = f"grain {component['name']}: {component['file'] or component['shape']['type']}"
     try:
-        return shapes.build(component["shape"], triangles)
+        mesh = shapes.build(component["shape"], triangles)
     except ValueError as error:
-        source = component["file"] or component["shape"]["type"]
-        raise StageError(f"grain {component['name']}: {source}: {error}") from None
+        raise StageError(f"{grain}: {error}") from None
+    share = mesh.area / (4 * math.pi)  # that of a convex body (Cauchy), else more than it is
+    if share < SHARE_HIT:
+        raise StageError(f"{grain}: {share:.2g} of the rays through its bounding sphere hit it, or fewer; at least {SHARE_HIT:g} "
+                         "are needed: a thicker grain would do")
+    return mesh
 
 
 def _tree(grain):
@@ -209,10 +215,11 @@ def _reached(values, walks, name) -> tuple[float, list[str]]:
 
 def cost(recipe) -> Cost:
     from bakery.physics.grains import traces
+    from bakery.physics.grains.scatterometer import HITS_MIN
 
     arguments = inputs(recipe, {})
     radii = np.unique(np.append(1.0, arguments["classes"])) * arguments["radius"]
-    triangles, paths = arguments["triangles"], arguments["paths"] or predicted_paths(recipe.scatterometer.tolerance)
+    triangles, most = arguments["triangles"], 0
     walks = balls = 0
     tables = file = 0.0
     for component in arguments["components"]:
@@ -224,13 +231,16 @@ def cost(recipe) -> Cost:
         else:
             walks += number
             lookups = _LOOKUPS_INSIDE if component["type"] == "dielectric" else _LOOKUPS
+            paths = arguments["paths"] or max(predicted_paths(recipe.scatterometer.tolerance),
+                                              math.ceil(HITS_MIN / share_hit(component["shape"])))
+            most = max(most, paths)
             tables += number * paths * (_PATH + (0.0 if round_ else lookups * math.sqrt(triangles / 200_000)))
     building = _BUILD * triangles * len(arguments["components"])
     figures = len(arguments["classes"]) * arguments["wavelengths"] * (traces.CELLS + 2) * 2
     before = _LOADING + building + _BALL * balls  # on one core
     return Cost(tables, 4e7 + 260.0 * triangles + 300.0 * 2**18,
                 file + len(arguments["components"]) * (8 * figures + 6e3),
-                f"{walks} walks of about {paths:,} paths, {balls} balls in closed form, {triangles:,} triangles a grain; "
+                f"{walks} walks of up to about {most:,} paths, {balls} balls in closed form, {triangles:,} triangles a grain; "
                 f"{before:.2g} s to load kernels and to make grains", before, kernels=_kernels(arguments["components"]),
                 kind="walks" if walks else "balls")
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
-from bakery.grammar.fields import AUTO, SUM_OF_SHARES, GeometricDeviation, Share, number, numbers, whole, word
+from bakery.grammar.fields import AUTO, SUM_OF_SHARES, GeometricDeviation, Share, number, numbers, three, whole, word
 from bakery.grammar.section import Section
 from bakery.grammar.text import Mapping, Node, Sequence, mappings
 from bakery.grammar.units import FRACTION
@@ -44,7 +44,7 @@ class Packing(Section):
         description="Share of the volume in spheres, up to 0.64 for equal ones; a list bakes a dictionary of tiles."
     )
     count: whole(1, 10**6) = Field(500, description="Spheres in the tile.")
-    cell: Annotated[list[number(least=1e-6, most=1e6)], Field(min_length=3, max_length=3)] = Field(
+    cell: three(number(least=1e-6, most=1e6)) = Field(
         (1.0, 1.0, 1.0), description="Proportions of the cell."
     )
     radii: Radii = Field("equal", description=f"equal, {_OTHER_RADII}.")
