@@ -13,7 +13,7 @@ from bakery.asset.lookup import lookup
 from bakery.errors import UsageError
 from bakery.family.tree import is_family
 from bakery.grammar.text import closest, show
-from bakery.grammar.units import ANGLE, LENGTH, WAVELENGTH, Wrong, is_list, parse, parse_list
+from bakery.grammar.units import ANGLE, LENGTH, WAVELENGTH, naming, parse_any
 from bakery.stages import all_stages
 from bakery.stages.conform import FAMILY
 from bakery.stages.declaration import Answer, Query
@@ -77,10 +77,8 @@ def _value(name: str, value, queries: Mapping[str, Query], path: str) -> float |
         raise UsageError(f'found "{name}"; ' + (f"did you mean {near}=…?" if near else "; ".join(askable)))
     if not isinstance(value, str):
         return _numbers(name, value)
-    try:
-        return parse_list(value, kinds[name]) if is_list(value) else parse(value, kinds[name])
-    except Wrong as wrong:
-        raise UsageError(f"{name}: {wrong.found}; {wrong.expected}") from None
+    with naming(name):
+        return parse_any(value, kinds[name])
 
 
 def reals(value) -> tuple[float, ...]:

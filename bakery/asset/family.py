@@ -23,7 +23,7 @@ from bakery.family.point import asset_at, place_of, place_path
 from bakery.family.tree import axes_of, error_of
 from bakery.grammar.fields import nearest
 from bakery.grammar.text import show
-from bakery.grammar.units import Wrong, parse, quantity_of
+from bakery.grammar.units import Wrong, naming, parse, quantity_of
 from bakery.stages import sections_for
 from bakery.stages.conform import FAMILY, faults, stages_of
 from bakery.stages.declaration import Answer
@@ -221,11 +221,9 @@ def _number(axis: Swept, value: float | str) -> float:
         if len(values) == 1:
             return values[0]
         raise UsageError(f"{axis.name}: found {show(value)}; expected one number, or text with a unit")
-    try:
+    with naming(axis.name):
         quantity = quantity_of(value)
         if quantity.base != axis.units:
             unit = f" such as 5 {quantity_of(f'1 {axis.units}').suggested}" if axis.units != "1" else " without unit"
             raise Wrong(f'found "{value}"', f"expected a number{unit}")
         return parse(value, quantity)
-    except Wrong as wrong:
-        raise UsageError(f"{axis.name}: {wrong.found}; {wrong.expected}") from None

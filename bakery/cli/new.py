@@ -1,5 +1,6 @@
 """`bake new KIND`: a commented recipe to start from, a published material, a scene; or a scene of one's own mesh."""
 
+import math
 import re
 from pathlib import Path
 
@@ -84,17 +85,11 @@ def _refuse_in_vain(kind, mesh, mitsuba, as_list, unit, height, up):
 
 
 def _metres(height):
-    from bakery.grammar.units import LENGTH, Wrong, parse
+    from bakery.grammar.units import LENGTH, asked
 
     if height is None:
         return None
-    try:
-        metres = 1e-6 * parse(height, LENGTH)
-    except Wrong as fault:
-        raise UsageError(f"--height: {fault.found}; {fault.expected}") from None
-    if not metres > 0:
-        raise UsageError(f'--height: found "{height}"; expected a length above 0, such as "12 cm"')
-    return metres
+    return 1e-6 * asked("--height", height, LENGTH, (0, math.inf), 'a length above 0, such as "12 cm"')
 
 
 def _target(kind, output) -> Path:

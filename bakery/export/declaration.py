@@ -62,6 +62,14 @@ class Written(NamedTuple):
     warnings: Sequence[str] = ()  # what makes a file nearly useless, first of all
 
 
+def delta_taken_out(share: float, of: str = "coefficients") -> list[str]:
+    """What is said of a medium whose forward delta, at most such a share of the scattered light, is taken out; nothing of 0."""
+    if not share > 0:
+        return []
+    return [f"unscattered (delta) transmission of grains, up to {100 * share:.3g} % of what they scatter, is taken out of {of} "
+            "and phase function: the same medium."]
+
+
 @dataclass(frozen=True)
 class Exporter:
     """A format."""

@@ -1,5 +1,7 @@
 """A medium as other software takes it: without what leaves a collision in its old direction."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,6 +41,11 @@ class Scattering:
     def albedo(self) -> np.ndarray:
         """(L,) sigma_s / sigma_t, 0 where there is nothing."""
         return np.divide(self.sigma_s, self.sigma_t, out=np.zeros_like(self.sigma_t), where=self.sigma_t > 0)
+
+    def at(self, rows: slice | np.ndarray) -> Scattering:
+        """Some of its wavelengths, or all in another order."""
+        by_wavelength = ("sigma_t", "sigma_s", "phase", "delta", "peak", *(() if self.matrix is None else ("matrix",)))
+        return replace(self, **{name: getattr(self, name)[rows] for name in by_wavelength})
 
 
 def scattering_of(medium: Group) -> Scattering:

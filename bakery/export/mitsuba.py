@@ -62,15 +62,9 @@ def fragments(root: Group, name: str, bands, each_wavelength: bool = False) -> l
     medium, um = scattering_of(medium_of(root, name)), root["wavelength"].data
     if each_wavelength:
         slices = [slice(i, i + 1) for i in range(um.size)]
-        return [_fragment(f"{name}_{1e3 * x:.4g}nm", f"_{1e3 * x:.4g}nm", um[rows], _rows(medium, rows), np.ones((1, 1)))
+        return [_fragment(f"{name}_{1e3 * x:.4g}nm", f"_{1e3 * x:.4g}nm", um[rows], medium.at(rows), np.ones((1, 1)))
                 for x, rows in zip(um, slices, strict=True)]
     return [_fragment(name, "", um, medium, bands if um.size > 1 else np.ones((1, 1)))]
-
-
-def _rows(medium: Scattering, rows: slice) -> Scattering:
-    """Some of its wavelengths."""
-    return replace(medium, **{name: getattr(medium, name)[rows] for name in
-                              ("sigma_t", "sigma_s", "phase", "delta", "peak")})
 
 
 def _fragment(name, suffix, um, medium, bands) -> Fragment:

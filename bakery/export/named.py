@@ -34,9 +34,5 @@ class Named(NamedTuple):
     def ascending(self) -> Named:
         """The same by ascending wavelength, as the formats of others are."""
         order = np.argsort(self.wavelength)
-        medium = self.medium
-        rows = {name: getattr(medium, name)[order] for name in ("sigma_t", "sigma_s", "phase", "delta", "peak")}
-        matrix = None if medium.matrix is None else medium.matrix[order]
-        ordered = Scattering(theta=medium.theta, within=medium.within, matrix=matrix, **rows)
-        return self._replace(wavelength=self.wavelength[order], medium=ordered,
+        return self._replace(wavelength=self.wavelength[order], medium=self.medium.at(order),
                              errors={name: error[order] for name, error in self.errors.items()})

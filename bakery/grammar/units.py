@@ -7,9 +7,11 @@ float.
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 
+from bakery.errors import UsageError
 from bakery.grammar.text import closest, show
 
 NUMBER = re.compile(r"([-+]?)(\d+\.?\d*|\.\d+)(?:[eE]([-+]?\d+))?", re.ASCII)
@@ -24,6 +26,15 @@ class Wrong(Exception):
     def __init__(self, found: str, expected: str, offset: int = 0):
         super().__init__(found, expected)
         self.found, self.expected, self.offset = found, expected, offset
+
+
+@contextmanager
+def naming(what: str) -> Iterator[None]:
+    """A text that does not say a value, inside of the `with`, as UsageError after a name: of an option, an argument, a file."""
+    try:
+        yield
+    except Wrong as wrong:
+        raise UsageError(f"{what}: {wrong.found}; {wrong.expected}") from None
 
 
 @dataclass(frozen=True)
@@ -159,6 +170,20 @@ def parse_list(text: str, quantity: Quantity) -> tuple[float, ...]:
     return tuple(values)
 
 
+def parse_any(text: str, quantity: Quantity) -> float | tuple[float, ...]:
+    """The value of a text, or the values of a list with a unit behind it; raises `Wrong`."""
+    return (parse_list if is_list(text) else parse)(text, quantity)
+
+
 def is_list(text: str) -> bool:
     """Whether the text is a list with a unit behind it."""
     return text.lstrip().startswith("[")
+
+
+def asked(option: str, text: str, quantity: Quantity, accepted: tuple[float, float], expected: str) -> float:
+    """The value of an option above the first of what is accepted, up to the second; UsageError, with what is expected, if not."""
+    with naming(option):
+        value = parse(text, quantity)
+    if not accepted[0] < value <= accepted[1]:
+        raise UsageError(f'{option}: found "{text}"; expected {expected}')
+    return value

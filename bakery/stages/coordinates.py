@@ -3,7 +3,7 @@
 import numpy as np
 
 from bakery.errors import UsageError
-from bakery.grammar.units import WAVELENGTH, Wrong, is_list, parse, parse_list
+from bakery.grammar.units import WAVELENGTH, Wrong, parse_any
 from bakery.physics.medium.spectral import places
 from bakery.store.tree import Dataset, Group
 
@@ -53,7 +53,7 @@ def _beside(root: Group, path: str, suffix: str) -> np.ndarray | None:
 def wavelengths(wanted, stored) -> np.ndarray:
     """Wavelengths that were asked for, in um: a number, several, or text with its unit; UsageError outside of the stored ones."""
     try:
-        wanted = (parse_list if is_list(wanted) else parse)(wanted, WAVELENGTH) if isinstance(wanted, str) else wanted
+        wanted = parse_any(wanted, WAVELENGTH) if isinstance(wanted, str) else wanted
         um = np.asarray(wanted, float)
         places(stored, um)
     except Wrong as wrong:

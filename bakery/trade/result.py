@@ -16,6 +16,12 @@ from bakery.trade.times import deviation, quantiles, standard_error
 ALIKE = 1.3  # times the least, within which runs with the same values count as the same work
 
 
+def seen_of(measured: Mapping[Setting, Run]) -> dict[Setting, Seen | None]:
+    """What runs showed that a search goes by; None of those that failed."""
+    return {setting: None if run.failed else Seen(median(run.ratios), run.error, run.content)
+            for setting, run in measured.items()}
+
+
 @dataclass(frozen=True)
 class Sweep:
     """What a sweep over one stage found."""
@@ -39,7 +45,7 @@ class Sweep:
     @classmethod
     def of(cls, *, ladders: Sequence[Ladder], measured: Mapping[Setting, Run], **values) -> Sweep:
         """From runs by setting."""
-        seen = {s: None if run.failed else Seen(median(run.ratios), run.error, run.content) for s, run in measured.items()}
+        seen = seen_of(measured)
         return cls(runs=list(measured.values()), start=list(measured).index(start_of(ladders)),
                    inert=[ladder.key for k, ladder in enumerate(ladders) if inert(ladders, k, seen)], **values)
 

@@ -9,9 +9,9 @@ from bakery.errors import StageError, UsageError
 from bakery.run.progress import Progress
 from bakery.system.resources import duration
 from bakery.trade.process import Died, OutOfTime, Worker
-from bakery.trade.result import Sweep
+from bakery.trade.result import Sweep, seen_of
 from bakery.trade.runs import Run, Store
-from bakery.trade.search import Seen, Setting, proposals, start_of
+from bakery.trade.search import Setting, proposals, start_of
 from bakery.trade.settings import Job, Settings
 from bakery.trade.times import least_repeats, repeat_again
 
@@ -73,7 +73,7 @@ class Sweeper:
         too_long: set[Setting] = set()
         refused: set[Setting] = set()
         while True:
-            seen = self._seen() | dict.fromkeys(too_long | refused)
+            seen = seen_of(self._measured) | dict.fromkeys(too_long | refused)
             proposed = proposals(settings.ladders, list(presets.values()), limits, seen, next(iter(floor.values())))
             if not proposed:
                 break
@@ -189,10 +189,6 @@ class Sweeper:
 
     def _good(self) -> list[Run]:
         return [run for run in self._measured.values() if not run.failed]
-
-    def _seen(self) -> dict[Setting, Seen | None]:
-        return {setting: None if run.failed else Seen(median(run.ratios), run.error, run.content)
-                for setting, run in self._measured.items()}
 
     # ---- words
 

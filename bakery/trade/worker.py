@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from bakery.errors import BakeryError, StageError
 from bakery.store.tree import Group
+from bakery.system.memory import give_back
 from bakery.trade.resolve import above, find, hash_of, hashes_above
 
 BURST = 0.15  # seconds of baseline around a run, or one run where that takes longer
@@ -81,7 +82,7 @@ class Bench:
         if reference is not None:
             true = self._kept_group(reference)
             gc.collect()
-            _return_memory()
+            give_back()  # what earlier runs freed, or this run's peak would not show above it
             resident = resources.resident_memory()
             resources.reset_peak()
         started = self._wall()
@@ -177,16 +178,6 @@ class Bench:
     def _errors(self, group: Group, reference: Group) -> dict[str, float]:
         stage, _, _ = self._resolve(self._task.baseline, None)
         return {name: float(value) for name, value in stage.measures(group, reference).items()}
-
-
-def _return_memory() -> None:
-    # what earlier runs freed goes back to the system, or the next run's peak would not show above it
-    try:
-        import ctypes
-
-        ctypes.CDLL(None).malloc_trim(0)
-    except (OSError, AttributeError):
-        pass  # not glibc
 
 
 def main() -> None:

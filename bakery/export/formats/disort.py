@@ -3,18 +3,16 @@
 import numpy as np
 
 from bakery.errors import UsageError
-from bakery.export.declaration import Exporter, Job, Option, Written
+from bakery.export.declaration import Exporter, Job, Option, Written, delta_taken_out
 from bakery.store.outputs import FileKind
 
 
 def _thicknesses(text: str) -> np.ndarray:
     """`300 m`, or `[0.1, 1] mm`, in m."""
-    from bakery.grammar.units import METRES, Wrong, is_list, parse, parse_list
+    from bakery.grammar.units import METRES, naming, parse_any
 
-    try:
-        values = np.array(parse_list(text, METRES) if is_list(text) else [parse(text, METRES)])
-    except Wrong as wrong:
-        raise UsageError(f"--thickness: {wrong.found}; {wrong.expected}") from None
+    with naming("--thickness"):
+        values = np.atleast_1d(parse_any(text, METRES))
     if not (values >= 0).all():
         raise UsageError(f'--thickness: found "{text}"; expected lengths of 0 or more')
     return values
@@ -50,9 +48,7 @@ def write(job: Job) -> Written:
              *table([("", "albedo", "g", "cut with the others"), *rows]),
              "cut: integral of |phase function - series|, twice the share of scattered light that the series sends elsewhere; "
              "`phase` over `mu` holds all of it."]
-    if medium.delta.any():
-        lines.append(f"unscattered (delta) transmission of grains, up to {100 * medium.delta.max():.3g} % of what they scatter, "
-                     "is taken out of coefficients and phase function: the same medium.")
+    lines += delta_taken_out(medium.delta.max())
     if medium.matrix is not None:
         lines.append("polarisation is left out: the solvers are for scalar light; `--to netcdf` keeps it.")
     file = f"{job.stem}.npz"

@@ -1,8 +1,8 @@
 """Particle data of Eradiate."""
 
-from bakery.export.declaration import Exporter, Job, Written
+from bakery.export.declaration import Exporter, Job, Written, delta_taken_out
 from bakery.export.formats.disort import MOMENTS
-from bakery.export.formats.solvers import NETCDF, moments, named, of_grains, of_polarisation
+from bakery.export.formats.solvers import NETCDF, moments, named, of_polarisation
 
 
 def write(job: Job) -> Written:
@@ -14,7 +14,7 @@ def write(job: Job) -> Written:
              of_polarisation(medium, "the elements 12, 33 and 34 at every angle; Eradiate takes the data as those of spheres",
                              "the format has moments of 11 alone, so expansion coefficients are left out") + ".",
              "Eradiate goes linearly between the wavelengths; its optical thickness is the layer's, of this file only the "
-             "extinction's change with the wavelength counts.", *of_grains(medium)]
+             "extinction's change with the wavelength counts.", *delta_taken_out(medium.medium.delta.max())]
     losses = [{"wavelength": um, "cut": cut} for um, cut in zip(series.wavelength.tolist(), series.cut.tolist(), strict=True)]
     return Written({f"{job.stem}.nc": eradiate(medium, series.moments)}, losses, lines)
 

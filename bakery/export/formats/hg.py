@@ -3,7 +3,7 @@
 import math
 
 from bakery.errors import RecipeError
-from bakery.export.declaration import Exporter, Job, Written
+from bakery.export.declaration import Exporter, Job, Written, delta_taken_out
 
 
 def write(job: Job) -> Written:
@@ -21,9 +21,7 @@ def write(job: Job) -> Written:
                      f"{math.degrees(first.peak_angle):.3g} deg")
         head = ("  fit", "weight", "g", "alpha", "misdirected", "error of g", "rms log10", "furthest off", "in the peak")
         lines += table([head, *(_fit(LABELS[name], fit) for name, fit in row.fits.items())])
-    if (delta := float(scattering_of(asset.tree["medium"]).delta.max())) > 0:
-        lines.append(f"unscattered (delta) transmission of grains, up to {100 * delta:.3g} % of what they scatter, is taken "
-                     "out of coefficients and phase function: the same medium.")
+    lines += delta_taken_out(scattering_of(asset.tree["medium"]).delta.max())
     lines += ["misdirected: share of the light that goes to another angle.",
               "rms log10: of the ratio fit / asset, over the sphere and over the angle; !: off by more than a factor of ten.",
               "in the peak: light within the angle where the asset's phase function has fallen to half of its forward value."]

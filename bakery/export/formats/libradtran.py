@@ -3,10 +3,10 @@
 import numpy as np
 
 from bakery.errors import UsageError
-from bakery.export.declaration import Exporter, Job, Written
+from bakery.export.declaration import Exporter, Job, Written, delta_taken_out
 from bakery.export.formats.disort import MOMENTS
 from bakery.export.formats.hg import water_in_air
-from bakery.export.formats.solvers import NETCDF, moments, named, of_grains, of_polarisation, quantity
+from bakery.export.formats.solvers import NETCDF, moments, named, of_polarisation, quantity
 from bakery.store.outputs import FileKind, begins_as_text
 from bakery.store.tree import Dataset, Group
 
@@ -30,7 +30,8 @@ def write(job: Job) -> Written:
               of_polarisation(medium, "the elements 12, 33 and 34 at every angle, and their Legendre moments",
                               "the format has none in generalised spherical functions") + "."],
              [f"a layer for `aerosol_file explicit`: extinction in 1/km, {series.moments.shape[1]} moments without the factor "
-              "2 l + 1; the phase function beyond them, and polarisation, are left out."], *of_grains(medium)]
+              "2 l + 1; the phase function beyond them, and polarisation, are left out."],
+             *delta_taken_out(medium.medium.delta.max())]
     losses = [{"wavelength": um, "moments": series.moments.shape[1], "cut": cut}
               for um, cut in zip(series.wavelength.tolist(), series.cut.tolist(), strict=True)]
     files = {f"{job.stem}.mie.cdf": libradtran(medium, series.moments, 1e3 * mass, radius, 1e-3 * density),

@@ -2,8 +2,7 @@
 
 import math
 
-from bakery.errors import UsageError
-from bakery.export.declaration import Job, Option, Written
+from bakery.export.declaration import Job, Option, Written, delta_taken_out
 
 PEAK = math.radians(2)  # --unscattered-within is tried with it, and
 WORTH = 0.05  # of the light: what it must save to be named
@@ -12,15 +11,9 @@ WORTH = 0.05  # of the light: what it must save to be named
 def angle(text: str) -> float:
     """`1deg` in rad."""
     from bakery.export.mixture import WIDEST
-    from bakery.grammar.units import ANGLE, Wrong, parse
+    from bakery.grammar.units import ANGLE, asked
 
-    try:
-        value = parse(text, ANGLE)
-    except Wrong as wrong:
-        raise UsageError(f"--unscattered-within: {wrong.found}; {wrong.expected}") from None
-    if not 0 < value <= WIDEST:
-        raise UsageError(f'--unscattered-within: found "{text}"; expected angles above 0 to {math.degrees(WIDEST):g}deg')
-    return value
+    return asked("--unscattered-within", text, ANGLE, (0, WIDEST), f"angles above 0 to {math.degrees(WIDEST):g}deg")
 
 
 WITHIN = Option("--unscattered-within", "count the forward peak within this angle, such as 1deg, as unscattered light.", "ANGLE",
@@ -67,9 +60,7 @@ def _lines(medium, folded) -> list[str]:
             off = max((1 + loss.reduced for loss in medium.best_losses), key=lambda ratio: abs(math.log(ratio)))
             lines.append(f"g {medium.best:.4f} would misdirect {100 * least:.2g} %, but multiply the reduced scattering by "
                         f"{off:.2g}: only for media that scatter once.")
-    if medium.delta:
-        lines.append(f"unscattered (delta) transmission of grains, up to {100 * medium.delta:.3g} % of what they scatter, is "
-                    "taken out of sigma_s and phase function: the same medium.")
+    lines += delta_taken_out(medium.delta, "sigma_s")
     if medium.within:
         lines.append(f"forward peak: up to {100 * medium.unscattered:.2g} % of the scattered light is deflected by less than "
                     f"{math.degrees(medium.within):.3g} deg and counts as unscattered: sigma_s and sigma_t are smaller by it, "

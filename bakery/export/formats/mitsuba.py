@@ -3,7 +3,7 @@
 import math
 from pathlib import Path
 
-from bakery.export.declaration import Exporter, Job, Option, Written
+from bakery.export.declaration import Exporter, Job, Option, Written, delta_taken_out
 from bakery.export.formats.surfaces import TENSOR, Addition, Layer, table_of, with_surfaces
 from bakery.store.outputs import FileKind, begins_as_text
 
@@ -22,9 +22,7 @@ def write(job: Job) -> Written:
         rows = [("  by the regular grid", *_loss(part.resampling))]
         rows += [(f"  by that and one table, at {um:g} um", *_loss(loss)) for um, loss in part.colour.items()]
         lines.append([f"  phase function: {part.values} values over cos theta", *table(head + rows)])
-    if any(part.delta for part in parts):
-        lines.append(f"unscattered (delta) transmission of grains, up to {100 * max(part.delta for part in parts):.3g} % of what "
-                     "they scatter, is taken out of sigma_t and phase function: the same medium.")
+    lines += delta_taken_out(max(part.delta for part in parts), "sigma_t")
     if any(part.peak for part in parts):
         largest = max(parts, key=lambda part: part.peak)
         lines.append(f"forward peak: up to {100 * largest.peak:.3g} % of the scattered light is deflected by less than "

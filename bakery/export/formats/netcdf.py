@@ -1,7 +1,7 @@
 """A medium by the CF conventions."""
 
-from bakery.export.declaration import Exporter, Job, Written
-from bakery.export.formats.solvers import NETCDF, named, of_grains, of_polarisation
+from bakery.export.declaration import Exporter, Job, Written, delta_taken_out
+from bakery.export.formats.solvers import NETCDF, named, of_polarisation
 
 
 def write(job: Job) -> Written:
@@ -11,7 +11,7 @@ def write(job: Job) -> Written:
     lines = [f"{len(medium.wavelength)} wavelengths and {len(medium.medium.theta)} angles, every digit of coefficients and "
              "phase function; tables of other stages are left out (`--to csv` has all).",
              of_polarisation(medium, "s12, s33 and s34 at every angle, and expansion coefficients in generalised spherical "
-                             "functions to the asset's tolerance") + ".", *of_grains(medium)]
+                             "functions to the asset's tolerance") + ".", *delta_taken_out(medium.medium.delta.max())]
     return Written({f"{job.stem}.nc": cf(medium)}, [], lines)
 
 

@@ -1,5 +1,7 @@
 """What the formats share that hold a medium as numbers: what is lost in words, moments, errors."""
 
+import math
+
 import numpy as np
 
 from bakery.export.declaration import Job, Option
@@ -32,14 +34,6 @@ def moments(job: Job, medium):
     return ordinates(medium.wavelength, medium.medium, medium.tolerance, None, job.settings.get(MOMENTS.name))
 
 
-def of_grains(medium) -> list[str]:
-    """What is said of a medium whose forward delta is taken out."""
-    if not medium.medium.delta.any():
-        return []
-    return [f"unscattered (delta) transmission of grains, up to {100 * medium.medium.delta.max():.3g} % of what they scatter, is "
-            "taken out of coefficients and phase function: the same medium."]
-
-
 def of_polarisation(medium, kept: str, lost: str = "") -> str:
     """What is said of the elements s12, s33, s34: what of them is in the file, what of them is lost, or that there are none."""
     if medium.medium.matrix is None:
@@ -51,15 +45,8 @@ def of_polarisation(medium, kept: str, lost: str = "") -> str:
 def quantity(flag: str, words: str, metavar: str, kind: str) -> Option:
     """An option whose value is a number with a unit, above 0; `kind` is a name in `bakery.grammar.units`."""
     def parsed(text: str) -> float:
-        from bakery.errors import UsageError
         from bakery.grammar import units
 
-        try:
-            value = units.parse(text, getattr(units, kind))
-        except units.Wrong as wrong:
-            raise UsageError(f"{flag}: {wrong.found}; {wrong.expected}") from None
-        if not value > 0:
-            raise UsageError(f'{flag}: found "{text}"; expected a value above 0')
-        return value
+        return units.asked(flag, text, getattr(units, kind), (0, math.inf), "a value above 0")
 
     return Option(flag, words, metavar, parsed)

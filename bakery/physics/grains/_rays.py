@@ -8,6 +8,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
+from bakery.system.vectors import bits, splat
+
 RAYS, TRIANGLES = 16, 8
 # float32, lengths in cells: where a ray starts, its direction and 1/direction, how far it goes at most, where it starts as seen
 # from the middle of its cell, the shear that makes it the z axis, the nearest hit so far
@@ -50,9 +52,8 @@ class _Vectors:
     def store(self, row, value):
         self.builder.store(value, self.at(row, value.type), align=4)
 
-    def fill(self, scalar, kind):
-        single = self.builder.insert_element(ir.Constant(kind, ir.Undefined), scalar, ir.Constant(_32, 0))
-        return self.builder.shuffle_vector(single, single, ir.Constant(self.int, [0] * self.width))
+    def fill(self, scalar):
+        return splat(self.builder, scalar, self.width)
 
     def number(self, value):
         kind = self.int if isinstance(value, int) else self.float
@@ -67,9 +68,6 @@ class _Vectors:
     def larger(self, a, b):
         return self.builder.select(self._less(b, a), a, b)
 
-    def bits(self, flags):
-        return self.builder.zext(self.builder.bitcast(flags, ir.IntType(self.width)), _64)
-
 
 @intrinsic
 def leap(typingctx, state, stride, at, leaps, nx, ny, nz):
@@ -81,7 +79,7 @@ def leap(typingctx, state, stride, at, leaps, nx, ny, nz):
     def codegen(context, builder, signature, args):
         b, kinds = builder, signature.args
         v = _Vectors(b, RAYS, _data(context, b, kinds[0], args[0]), args[1], args[2])
-        table, count = _data(context, b, kinds[3], args[3]), [v.fill(b.trunc(n, _32), v.int) for n in args[4:7]]
+        table, count = _data(context, b, kinds[3], args[3]), [v.fill(b.trunc(n, _32)) for n in args[4:7]]
         zero, unit = v.number(0), v.number(1)
         before, far = v.ints(STATE), v.ints(LEAP)
         moves = b.icmp_signed("==", before, v.number(MOVES))
@@ -133,7 +131,7 @@ def confirm(typingctx, state, stride, at, margin):
     def codegen(context, builder, signature, args):
         b = builder
         v = _Vectors(b, RAYS, _data(context, b, signature.args[0], args[0]), args[1], args[2])
-        before, nearest, margin, off = v.ints(STATE), v.floats(NEAREST), v.fill(args[3], v.float), v.number(0.0)
+        before, nearest, margin, off = v.ints(STATE), v.floats(NEAREST), v.fill(args[3]), v.number(0.0)
         for axis in range(3):
             within = b.fadd(v.floats(SEEN + axis), b.fmul(nearest, v.floats(DIRECTION + axis)))
             off = v.larger(off, v.larger(within, b.fsub(v.number(0.0), within)))
@@ -153,7 +151,7 @@ def those(typingctx, state, stride, at, action):
     def codegen(context, builder, signature, args):
         b = builder
         v = _Vectors(b, RAYS, _data(context, b, signature.args[0], args[0]), args[1], args[2])
-        return v.bits(b.icmp_signed("==", v.ints(STATE), v.fill(b.trunc(args[3], _32), v.int)))
+        return bits(b, b.icmp_signed("==", v.ints(STATE), v.fill(b.trunc(args[3], _32))))
 
     return _I8(state, _I8, _I8, _I8), codegen
 
@@ -179,12 +177,12 @@ def passed(typingctx, state, stride, ray, blocks, block):
 
         axes = [b.sext(number(AXES + k, _32), _64) for k in range(3)]
         units = of(ir.Constant(_64, UNITS), ir.FloatType())
-        slack = v.fill(of(ir.Constant(_64, SLACK), ir.FloatType()), v.float)
-        shear = [v.fill(number(SHEAR + k, ir.FloatType()), v.float) for k in range(2)]
+        slack = v.fill(of(ir.Constant(_64, SLACK), ir.FloatType()))
+        shear = [v.fill(number(SHEAR + k, ir.FloatType())) for k in range(2)]
         start = []
         for axis in axes:
             index = b.add(args[2], b.mul(args[1], b.add(axis, ir.Constant(_64, SEEN))))
-            start.append(v.fill(b.fmul(b.load(b.gep(ray.rows, [index])), units), v.float))
+            start.append(v.fill(b.fmul(b.load(b.gep(ray.rows, [index])), units)))
         corner = []
         for k in range(3):
             x, y, z = (b.fsub(b.sitofp(b.sext(of(b.add(b.mul(axis, ir.Constant(_64, 3 * TRIANGLES)), ir.Constant(
@@ -199,7 +197,7 @@ def passed(typingctx, state, stride, ray, blocks, block):
         low, high = v.smaller(v.smaller(u, w), t), v.larger(v.larger(u, w), t)
         inside = b.or_(b.fcmp_ordered(">=", low, b.fsub(v.number(0.0), slack)), b.fcmp_ordered("<=", high, slack))
         names = of(ir.Constant(_64, NAMES), v.int)
-        exists = b.and_(b.icmp_signed(">=", names, v.number(0)), b.icmp_signed("!=", names, v.fill(number(SKIP, _32), v.int)))
-        return v.bits(b.and_(inside, exists))
+        exists = b.and_(b.icmp_signed(">=", names, v.number(0)), b.icmp_signed("!=", names, v.fill(number(SKIP, _32))))
+        return bits(b, b.and_(inside, exists))
 
     return _I8(state, _I8, _I8, blocks, _I8), codegen

@@ -12,7 +12,7 @@ import numpy as np
 
 from bakery.physics.grains import _rays
 from bakery.physics.grains._rays import confirm, leap, passed, those
-from bakery.physics.grains.lanes import fetch, lowest
+from bakery.physics.grains.lanes import fetch
 from bakery.physics.grains.sampling import (
     ABSORBED,
     AHEAD,
@@ -29,6 +29,7 @@ from bakery.physics.grains.sampling import (
 from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, at_surface, surface_share
 from bakery.physics.lent import lent
 from bakery.system.compiled import njit
+from bakery.system.vectors import lowest
 
 _SLOTS, _LEAPS = 128, 2  # rays under way at once; leaps between tests of cells
 _EDGE = np.float32(2e-3)  # cells; a hit nearer to the wall of its cell than this is not yet known to be the first

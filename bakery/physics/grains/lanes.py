@@ -5,6 +5,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from bakery.system.vectors import bits, load, splat, store
+
 BOXES, TRIANGLES = 8, 4
 NODE = 8 * BOXES  # float32 of a node: [lower x, y, z, upper x, y, z, child as int32, nothing][box]
 BLOCK = 9 * TRIANGLES  # float64 of a block of triangles: [axis x, y, z][corner 0, 1, 2][triangle]
@@ -16,22 +18,18 @@ class _Lanes:
     def __init__(self, context, builder, scalar, width):
         self.context, self.builder, self.width = context, builder, width
         self.vector = ir.VectorType(scalar, width)
-        self.bytes = 4 if isinstance(scalar, ir.FloatType) else 8
 
-    def _at(self, kind, array, index):
-        data = self.context.make_array(kind)(self.context, self.builder, array).data
-        return self.builder.bitcast(self.builder.gep(data, [index]), self.vector.as_pointer())
+    def _data(self, kind, array):
+        return self.context.make_array(kind)(self.context, self.builder, array).data
 
     def load(self, kind, array, index):
-        return self.builder.load(self._at(kind, array, index), align=self.bytes)
+        return load(self.builder, self._data(kind, array), index, self.vector)
 
     def store(self, kind, array, index, value):
-        self.builder.store(value, self._at(kind, array, index), align=self.bytes)
+        store(self.builder, self._data(kind, array), index, value)
 
     def fill(self, scalar):
-        zero = ir.Constant(ir.IntType(32), 0)
-        lane = self.builder.insert_element(ir.Constant(self.vector, ir.Undefined), scalar, zero)
-        return self.builder.shuffle_vector(lane, lane, ir.Constant(ir.VectorType(ir.IntType(32), self.width), [0] * self.width))
+        return splat(self.builder, scalar, self.width)
 
     def number(self, value):
         return ir.Constant(self.vector, [float(value)] * self.width)
@@ -41,9 +39,6 @@ class _Lanes:
 
     def smaller(self, a, b):
         return self.builder.select(self.builder.fcmp_ordered("<", a, b), a, b)
-
-    def bits(self, flags):
-        return self.builder.zext(self.builder.bitcast(flags, ir.IntType(self.width)), ir.IntType(64))
 
 
 _I8 = types.int64
@@ -76,7 +71,7 @@ def boxes_hit(typingctx, nodes, at, near, start, over, limit, enter):
             first = lanes.larger(builder.fmul(builder.fsub(low, o), r), first)
             last = lanes.smaller(builder.fmul(builder.fsub(high, o), r), last)
         lanes.store(out_kind, enter, ir.Constant(ir.IntType(64), 0), first)
-        return lanes.bits(builder.fcmp_ordered("<=", first, last))
+        return bits(builder, builder.fcmp_ordered("<=", first, last))
 
     return _I8(nodes, _I8, _AXES, _SINGLE, _SINGLE, types.float32, enter), codegen
 
@@ -116,26 +111,16 @@ def triangles_hit(typingctx, blocks, at, axes, start, shear, limit, distance):
 
         inside = builder.or_(all_of(">="), all_of("<="))
         result = cgutils.alloca_once_value(builder, ir.Constant(ir.IntType(64), 0))
-        with builder.if_then(builder.icmp_unsigned("!=", lanes.bits(inside), ir.Constant(ir.IntType(64), 0)), likely=False):
+        with builder.if_then(builder.icmp_unsigned("!=", bits(builder, inside), ir.Constant(ir.IntType(64), 0)), likely=False):
             det = builder.fadd(builder.fadd(u, v), w)
             along = builder.fadd(builder.fadd(builder.fmul(u, a[2]), builder.fmul(v, b[2])), builder.fmul(w, c[2]))
             t = builder.fdiv(builder.fmul(s[2], along), det)  # 0/0 of a triangle without area compares as false below
             good = builder.and_(builder.fcmp_ordered(">", t, zero), builder.fcmp_ordered("<", t, lanes.fill(limit)))
             lanes.store(out_kind, distance, ir.Constant(ir.IntType(64), 0), t)
-            builder.store(lanes.bits(builder.and_(good, inside)), result)
+            builder.store(bits(builder, builder.and_(good, inside)), result)
         return builder.load(result)
 
     return _I8(blocks, _I8, _AXES, _DOUBLE, _DOUBLE, types.float64, distance), codegen
-
-
-@intrinsic
-def lowest(typingctx, bits):
-    """Number of the lowest bit that is set; bits is not 0."""
-
-    def codegen(context, builder, signature, args):
-        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
-
-    return _I8(_I8), codegen
 
 
 @intrinsic

@@ -11,6 +11,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from bakery.system.vectors import fused, splat
+
 
 @intrinsic
 def fma(typingctx, a, b, c):
@@ -35,9 +37,7 @@ class Wide:
         width = self.value.type.count
         if not isinstance(value, ir.Value):
             return ir.Constant(self.value.type, [float(value)] * width)
-        first = ir.Constant(ir.IntType(32), 0)
-        lane = self.builder.insert_element(ir.Constant(self.value.type, ir.Undefined), value, first)
-        return self.builder.shuffle_vector(lane, lane, ir.Constant(ir.VectorType(ir.IntType(32), width), [0] * width))
+        return splat(self.builder, value, width)
 
     def fill(self, value):
         return Wide(self.builder, self.like(value))
@@ -64,10 +64,7 @@ class Wide:
 
     def times_plus(self, factor, term):
         """self * factor + term, rounded once."""
-        kind = self.value.type
-        of_three = ir.FunctionType(kind, [kind] * 3)
-        fused = cgutils.get_or_insert_function(self.builder.module, of_three, f"llvm.fma.v{kind.count}f64")
-        return Wide(self.builder, self.builder.call(fused, [self.value, self.like(factor), self.like(term)]))
+        return Wide(self.builder, fused(self.builder, self.value, self.like(factor), self.like(term)))
 
     def where(self, sign, bound, value):
         """Lanes of self where `bound[0] sign bound[1]` holds, of other elsewhere."""

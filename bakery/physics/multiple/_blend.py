@@ -9,11 +9,12 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from bakery.system.vectors import load, loop, splat
+
 LANES = 8  # float32; arrays are padded with zeros to a multiple of it.  16 is slower on processors that have them
 
 _VECTOR = ir.VectorType(ir.FloatType(), LANES)
 _INT = ir.IntType(32)
-_BYTES = 4
 
 
 @intrinsic
@@ -34,7 +35,7 @@ def blend(typingctx, grid, at, row, basis, shift, ring, count, weights):
 def _code(context, builder, signature, args):
     grid, at, row, basis, shift, ring, count, weights = args
     grid, basis = (context.make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 3))
-    p, w, f = ([_splat(builder, builder.extract_value(weights, [n, k])) for k in range(4)] for n in range(3))
+    p, w, f = ([splat(builder, builder.extract_value(weights, [n, k]), LANES) for k in range(4)] for n in range(3))
     step = count.type
 
     def weighted(weights, numbers):
@@ -42,8 +43,8 @@ def _code(context, builder, signature, args):
         return builder.fadd(*pairs)
 
     def corners(base, first, stride, rows, columns):
-        return [[_load(builder, base, builder.add(builder.add(first, builder.mul(stride, step(n))), builder.mul(count, step(m))))
-                 for m in range(columns)] for n in range(rows)]
+        return [[load(builder, base, builder.add(builder.add(first, builder.mul(stride, step(n))), builder.mul(count, step(m))),
+                      _VECTOR) for m in range(columns)] for n in range(rows)]
 
     def factors(k):
         a = weighted(p, [weighted(w, four) for four in corners(grid, builder.add(at, k), row, 4, 4)])
@@ -54,31 +55,12 @@ def _code(context, builder, signature, args):
     a, b = factors(step(0))
     zeroth = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [1] + [0] * (LANES - 1))
     start = builder.select(zeroth, builder.fadd(a, b), builder.fmul(a, b))
-    before = builder.block
-    head, body, done = (builder.append_basic_block(name) for name in ("blend", "blend.more", "blend.done"))
-    builder.branch(head)
-    builder.position_at_end(head)
-    k, total = builder.phi(step), builder.phi(_VECTOR)
-    builder.cbranch(builder.icmp_signed("<", k, count), body, done)
-    builder.position_at_end(body)
-    a, b = factors(k)
-    for phi, first, following in ((k, step(LANES), builder.add(k, step(LANES))), (total, start, _fma(builder, a, b, total))):
-        phi.add_incoming(first, before)
-        phi.add_incoming(following, body)
-    builder.branch(head)
-    builder.position_at_end(done)
+
+    def turn(k, total):
+        return [_fma(builder, *factors(k), total)]
+
+    (total,) = loop(builder, step(LANES), count, LANES, turn, [start])
     return _sum(builder, total)
-
-
-def _splat(builder, x):
-    vector = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), x, _INT(0))
-    return builder.shuffle_vector(vector, vector, ir.Constant(ir.VectorType(_INT, LANES), [0] * LANES))
-
-
-def _load(builder, base, index):
-    numbers = builder.load(builder.bitcast(builder.gep(base, [index]), _VECTOR.as_pointer()))
-    numbers.align = _BYTES
-    return numbers
 
 
 def _fma(builder, x, y, z):

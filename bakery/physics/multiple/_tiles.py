@@ -7,14 +7,13 @@ and the processor.
 
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic
+
+from bakery.system.vectors import fused, load, loop, splat, store
 
 LANES = 8  # columns of a vector
 ROWS, VECTORS = 4, 2  # of a tile: eight sums on the way, as many as hide how long a sum takes
 TALL = ROWS * VECTORS  # rows of a tile of one vector
-
-_INT = ir.IntType(32)
 
 
 def _tile(rows, vectors):
@@ -47,48 +46,19 @@ def _code(context, builder, kinds, args, tile):
     (factors, first, row, step), (lines, start, line), (sums, to, below) = (record(n) for n in range(3))
     of = count.type
 
-    def pointer(base, index):
-        return builder.bitcast(builder.gep(base, [index]), vector.as_pointer())
+    def turn(n, factor, at, *totals):
+        numbers = [load(builder, lines, builder.add(at, of(v * LANES)), vector) for v in range(vectors)]
+        after, beside = [], factor
+        for i in range(rows):
+            share = splat(builder, builder.load(builder.gep(factors, [beside])), LANES)
+            after += [fused(builder, share, x, total) for total, x in zip(totals[i * vectors:], numbers, strict=False)]
+            beside = builder.add(beside, row)
+        return [builder.add(factor, step), builder.add(at, line), *after]
 
-    before = builder.block
-    head, body, done = (builder.append_basic_block(name) for name in ("tile", "tile.more", "tile.done"))
-    builder.branch(head)
-    builder.position_at_end(head)
-    n, factor, at = (builder.phi(of) for _ in range(3))
-    totals = [[builder.phi(vector) for _ in range(vectors)] for _ in range(rows)]
-    builder.cbranch(builder.icmp_signed("<", n, count), body, done)
-    builder.position_at_end(body)
-    numbers = []
-    for v in range(vectors):
-        loaded = builder.load(pointer(lines, builder.add(at, of(v * LANES))))
-        loaded.align = 4
-        numbers.append(loaded)
-    after, beside = [], factor
-    for i in range(rows):
-        share = _splat(builder, builder.load(builder.gep(factors, [beside])), vector)
-        after.append([fused(builder, share, x, total) for total, x in zip(totals[i], numbers, strict=True)])
-        beside = builder.add(beside, row)
     zero = ir.Constant(vector, [0.0] * LANES)
-    turns = [(n, of(0), builder.add(n, of(1))), (factor, first, builder.add(factor, step)), (at, start, builder.add(at, line))]
-    turns += [(totals[i][v], zero, after[i][v]) for i in range(rows) for v in range(vectors)]
-    for phi, entry, again in turns:
-        phi.add_incoming(entry, before)
-        phi.add_incoming(again, body)
-    builder.branch(head)
-    builder.position_at_end(done)
+    _, _, *totals = loop(builder, of(0), count, 1, turn, [first, start] + [zero] * (rows * vectors))
     for i in range(rows):
         for v in range(vectors):
-            builder.store(totals[i][v], pointer(sums, builder.add(to, of(v * LANES)))).align = 4
+            store(builder, sums, builder.add(to, of(v * LANES)), totals[i * vectors + v])
         to = builder.add(to, below)
     return context.get_dummy_value()
-
-
-def _splat(builder, x, vector):
-    single = builder.insert_element(ir.Constant(vector, ir.Undefined), x, _INT(0))
-    return builder.shuffle_vector(single, single, ir.Constant(ir.VectorType(_INT, LANES), [0] * LANES))
-
-
-def fused(builder, x, y, z):
-    """x y + z of vectors, rounded once on any processor."""
-    name = f"llvm.fma.v{x.type.count}f{64 if isinstance(x.type.element, ir.DoubleType) else 32}"
-    return builder.call(cgutils.get_or_insert_function(builder.module, ir.FunctionType(x.type, [x.type] * 3), name), [x, y, z])

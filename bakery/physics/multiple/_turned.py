@@ -9,7 +9,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from bakery.physics.multiple._tiles import fused
+from bakery.system.vectors import fused, load, loop, splat, store
 
 LANES = 8  # orders at a time: a vector has the real parts of as many, then the imaginary ones
 
@@ -48,35 +48,35 @@ def _code(context, builder, signature, args):
     def point(k, neighbours, q):
         """Adds eight orders of a point."""
         start = builder.gep(weight, [builder.mul(q, step(len(neighbours)))])
-        shares = [_splat(builder, builder.load(builder.gep(start, [step(n)]))) for n in range(len(neighbours))]
+        shares = [splat(builder, builder.load(builder.gep(start, [step(n)])), 2 * LANES) for n in range(len(neighbours))]
         a, b = _parts(builder, _weighted(builder, shares, neighbours))
         kept = builder.gep(scratch, [builder.mul(builder.sub(q, first), step(2 * LANES))])
         phase = builder.select(builder.icmp_signed("==", k, step(0)), builder.gep(begin, [builder.mul(q, step(2 * LANES))]), kept)
-        c, s = _parts(builder, _load(builder, phase, step(0), _BOTH))
+        c, s = _parts(builder, load(builder, phase, step(0), _BOTH))
         _turn(builder, (c, s), builder.gep(turn, [builder.add(q, q)]), kept)
         real = builder.fsub(builder.fmul(a, c), builder.fmul(b, s))
         imaginary = builder.fadd(builder.fmul(a, s), builder.fmul(b, c))
         to = builder.add(builder.mul(builder.load(builder.gep(owner, [q])), column), k)
         for value, where in ((real, to), (imaginary, builder.add(to, step(LANES)))):
-            _store(builder, sums, where, builder.fadd(_load(builder, sums, where, _WIDE), builder.fpext(value, _WIDE)))
+            store(builder, sums, where, builder.fadd(load(builder, sums, where, _WIDE), builder.fpext(value, _WIDE)))
 
     def orders(k):
-        neighbours = [_load(builder, table, builder.add(builder.add(at, builder.add(builder.mul(row, step(n)),
-                                                                                    builder.mul(column, step(m)))), k), _BOTH)
+        neighbours = [load(builder, table, builder.add(builder.add(at, builder.add(builder.mul(row, step(n)),
+                                                                                   builder.mul(column, step(m)))), k), _BOTH)
                       for n in range(4) for m in range(4)]
-        _loop(builder, first, after, 1, lambda q: point(k, neighbours, q))
+        loop(builder, first, after, 1, lambda q: point(k, neighbours, q))
 
-    _loop(builder, step(0), column, 2 * LANES, orders)
+    loop(builder, step(0), column, 2 * LANES, orders)
     return context.get_dummy_value()
 
 
 def _turn(builder, phases, by, to):
     """Stores phases times one of which cosine and sine stand at `by`."""
     c, s = phases
-    x, y = (_splat(builder, builder.load(builder.gep(by, [ir.IntType(64)(n)])), LANES) for n in range(2))
+    x, y = (splat(builder, builder.load(builder.gep(by, [ir.IntType(64)(n)])), LANES) for n in range(2))
     turned = fused(builder, c, x, builder.fneg(builder.fmul(s, y))), fused(builder, s, x, builder.fmul(c, y))
     for n, part in enumerate(turned):
-        builder.store(part, _at(builder, to, ir.IntType(64)(n * LANES), part.type)).align = 4
+        store(builder, to, ir.IntType(64)(n * LANES), part)
 
 
 def _parts(builder, both):
@@ -86,44 +86,9 @@ def _parts(builder, both):
             for n in (0, LANES)]
 
 
-def _loop(builder, first, after, stride, body):
-    """A loop over numbers from `first` below `after`; body(number) emits what is done for one."""
-    before = builder.block
-    head, inside, done = (builder.append_basic_block(name) for name in ("turned", "turned.more", "turned.done"))
-    builder.branch(head)
-    builder.position_at_end(head)
-    n = builder.phi(first.type)
-    builder.cbranch(builder.icmp_signed("<", n, after), inside, done)
-    builder.position_at_end(inside)
-    body(n)
-    n.add_incoming(first, before)
-    n.add_incoming(builder.add(n, first.type(stride)), builder.block)
-    builder.branch(head)
-    builder.position_at_end(done)
-
-
 def _weighted(builder, weights, numbers):
     """Sum of products, by fours: each waits for the one four before it."""
     sums = [builder.fmul(*pair) for pair in zip(weights[:4], numbers[:4], strict=True)]
     for n in range(4, len(weights)):
         sums[n % 4] = fused(builder, weights[n], numbers[n], sums[n % 4])
     return builder.fadd(builder.fadd(*sums[:2]), builder.fadd(*sums[2:]))
-
-
-def _splat(builder, x, count=2 * LANES):
-    vector = builder.insert_element(ir.Constant(ir.VectorType(x.type, count), ir.Undefined), x, _INT(0))
-    return builder.shuffle_vector(vector, vector, ir.Constant(ir.VectorType(_INT, count), [0] * count))
-
-
-def _at(builder, base, index, kind):
-    return builder.bitcast(builder.gep(base, [index]), kind.as_pointer())
-
-
-def _load(builder, base, index, kind):
-    numbers = builder.load(_at(builder, base, index, kind))
-    numbers.align = 8 if kind is _WIDE else 4
-    return numbers
-
-
-def _store(builder, base, index, value):
-    builder.store(value, _at(builder, base, index, _WIDE)).align = 8

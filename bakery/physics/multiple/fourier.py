@@ -94,7 +94,7 @@ def propagator(albedo, p, *, first=3, last=None, uncounted=None, step=STEP, r_mi
     """Solves for the events `first` .. `last` of light that enters its first collision at the origin.
 
     albedo : 1, 0 to 1
-    p : (L + 1,) Legendre moments; what they leave out is taken as 0 (see `legendre.order_needed`, `legendre.truncated`)
+    p : (L + 1,) Legendre moments; what they leave out is taken as 0 (see `legendre.order_needed`)
     first : 3 or more
     last : None for all further events in closed form, or the same as first for one event alone
     uncounted : (K + 1,), K >= L, or None: share of each order that goes on, turned but not counted; with albedo p at most 1

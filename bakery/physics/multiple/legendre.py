@@ -1,14 +1,12 @@
-"""Legendre moments of a phase table, and what to do where too many of them are needed.
+"""Legendre moments of a phase table, and how many of them are needed.
 
 p_l = 2 pi int f(mu) P_l(mu) dmu with mu = cos theta: p_0 = 1, p_1 = g.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from bakery.physics.medium.similarity import without_peak
 from bakery.system.compiled import njit
 
 _GAUSS = 10  # points of a piece of the table
@@ -60,42 +58,6 @@ def order_needed(p, tolerance=2e-4):
     large = np.flatnonzero(np.abs(np.asarray(p, float)) > tolerance)
     last = int(large[-1]) if large.size else 0
     return None if last == len(p) - 1 and last > 0 else last
-
-
-@dataclass(frozen=True)
-class Truncated:
-    """A phase function without its forward peak, and the medium that goes with it (delta-M, Wiscombe 1977).
-
-    Light in the peak counts as unscattered.  With it the meaning of an event changes: single and double scattering beside a table
-    of such a medium have to be taken with the same phase function, albedo and mean free path.
-    """
-
-    peak: float  # share f of the scattered light that is left where it was going
-    moments: np.ndarray  # (L + 1,) of the rest, (p_l - f) / (1 - f)
-
-    def albedo(self, albedo):
-        """Albedo of the medium without the peak."""
-        return without_peak(albedo, self.peak)[0]
-
-    def extinction(self, albedo):
-        """sigma_t of the medium without the peak over that of the medium with it."""
-        return without_peak(albedo, self.peak)[1]
-
-
-def truncated(p, order) -> Truncated:
-    """Takes the forward peak that moments up to `order` cannot resolve out of a phase function.
-
-    p : moments, at least order + 4 of them
-    order : of the highest moment kept
-
-    Raises ValueError : what cannot be resolved is not a forward peak (a backward one cannot be left out)
-    """
-    p = np.asarray(p, float)
-    refuse_backward(p, order)
-    # a forward peak has p_l = f there, a backward one f (-1)^l, which the mean leaves out
-    peak = float(p[order + 1:order + 4] @ np.array([0.25, 0.5, 0.25]))
-    peak = min(max(peak, 0.0), 1 - 1e-15)
-    return Truncated(peak, (p[:order + 1] - peak) / (1 - peak))
 
 
 def refuse_backward(p, order):

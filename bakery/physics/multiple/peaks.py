@@ -2,7 +2,7 @@
 
 Below an angle the phase function is replaced by a smooth cap that lies between 0 and it.  The light above the cap is the peak: it
 counts as unscattered.  What remains is a phase function like any other, positive and exact for a solver of that many orders.
-Taking the peak out of the moments instead (`legendre.truncated`) keeps the moments and loses the phase function: it rings.
+Taking the peak out of the moments instead (delta-M, Wiscombe 1977) keeps the moments and loses the phase function: it rings.
 
 Light in the peak is deflected all the same, by less than that angle.  The solver does that too between the events that count, so
 what it finds is right for the undivided phase function, however much light is in the peak.
@@ -154,8 +154,7 @@ def solve(albedo, clip: Clipped, order) -> solution.Solution:
     square = (2 * np.arange(len(clip.moments)) + 1) * clip.moments**2
     beyond, lost = (math.sqrt(square[n + 1:].sum()) for n in (order, coarse))
     cut = beyond / lost if lost > 0 else 0.0
-    return solution.Solution(deflected(albedo, clip, order), partial(deflected, albedo, clip, coarse), cut, clip.peak,
-                             float(clip.extinction(albedo)))
+    return solution.Solution(deflected(albedo, clip, order), partial(deflected, albedo, clip, coarse), cut)
 
 
 def effect(clip: Clipped, solved: solution.Solution, reach) -> float:

@@ -1,4 +1,4 @@
-"""From albedo and moments to a propagator with a stated error: how many orders, what is done with a peak, what the cut costs."""
+"""From albedo and moments to a propagator with a stated error: how many orders, what the cut costs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,12 +19,10 @@ _LOOK = 8  # moments beyond the last, of which the largest counts as cut
 class Solution:
     """Third and later events, solved twice."""
 
-    medium: Propagator  # in mean free paths of the medium without `peak`
+    medium: Propagator
     solve_coarse: Callable[[], Propagator]  # solves for the same with fewer orders, `coarse`
     # largest moment left out over the largest that `coarse` leaves out: the error of `medium` over the difference of the two
     cut: float
-    peak: float  # share of the scattered light that is taken as unscattered; 0 where `MOST` orders resolve the phase function
-    extinction: float  # sigma_t of the medium that was solved over that of the one asked for, 1 - albedo peak
 
     @cached_property
     def coarse(self) -> Propagator:
@@ -35,8 +33,8 @@ class Solution:
         """Estimated error of the lobe at r, angle: root mean square over directions over that of the lobe itself.
 
         Against solutions with many more orders the true error was 0.25 to 2.5 times the estimate (g = -0.8 .. 0.9;
-        0.1 to 10 mfp).  What leaving out a peak changes is not in it.  Distances are those of the solution's grid that come
-        closest, at most 8 % away, so that many positions share one.
+        0.1 to 10 mfp).  Distances are those of the solution's grid that come closest, at most 8 % away, so that many positions
+        share one.
         """
         order = self.medium.order
         grid = self.medium.log_r
@@ -58,32 +56,26 @@ def solve(albedo, p, *, tolerance=TOLERANCE, most=MOST) -> Solution:
     """Solves for the third and later events with as many orders as the phase function needs.
 
     albedo : 1, 0 to 1
-    p : Legendre moments, to well beyond where they fall below the tolerance, or `most + 4` of them
+    p : Legendre moments, to well beyond where they fall below the tolerance
     tolerance : largest moment that may be cut
-    most : orders, at most; a narrower forward peak is left out
+    most : orders, at most
 
-    Raises ValueError : the moments end before the tolerance; a narrow peak backward, which only photons can follow
+    Raises ValueError : more orders are needed (`peaks.solve` takes narrow forward peaks, photons narrow ones backward), or the
+        moments end before the tolerance
     """
     p = np.asarray(p, float)
-    order, peak, moments = legendre.order_needed(p, tolerance), 0.0, p
+    order = legendre.order_needed(p, tolerance)
     if order is None or order > most:
-        if len(p) < most + 4:
-            raise ValueError(f"{len(p)} moments, of which the last is {abs(p[-1]):.2g}; {most + 4} are needed, or a last one "
-                             f"below {tolerance:g}")
-        without = legendre.truncated(p, most)
-        order, peak, moments = most, without.peak, without.moments
-        of, extinction = without.albedo(albedo), without.extinction(albedo)
-    else:
-        of, extinction = albedo, 1.0
-    coarse, cut = coarser(moments, order)
-    return Solution(propagator(of, moments[:order + 1]), partial(propagator, of, moments[:coarse + 1]), cut, peak,
-                    float(extinction))
+        raise ValueError(f"more than {most} orders, or more moments, are needed: the last of {len(p)} is {abs(p[-1]):.2g}, and "
+                         f"those beyond the last order are to be below {tolerance:g}; `peaks` cuts a forward peak")
+    coarse, cut = coarser(p, order)
+    return Solution(propagator(albedo, p[:order + 1]), partial(propagator, albedo, p[:coarse + 1]), cut)
 
 
 def coarser(p, order):
     """Order of the second solution beside one of the moments p up to `order`, and `Solution.cut` of the two."""
     coarse = int(_COARSE * order)
-    # without a peak nothing is left beyond the last moment, so that the last ones stand for what was cut
+    # where the moments end with the order, the last ones stand for what was cut
     beyond = np.abs(p[order + 1:order + 1 + _LOOK] if len(p) > order + 1 else p[-2:]).max(initial=0.0)
     lost = np.abs(p[coarse + 1:coarse + 1 + _LOOK]).max(initial=0.0)
     return coarse, float(beyond / lost) if lost > 0 else 0.0

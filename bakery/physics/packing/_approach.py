@@ -9,11 +9,13 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from bakery.system.vectors import at, bits, splat, store
+
 LANES = 8
 A, B, C, DUE = range(0, 4 * LANES, LANES)  # of what `approach` writes
 
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
-_BITS, _INT, _LONG = ir.IntType(LANES), ir.IntType(32), ir.IntType(64)
+_INT, _LONG = ir.IntType(32), ir.IntType(64)
 
 
 @intrinsic
@@ -25,16 +27,6 @@ def scratch(typingctx):
         return stack
 
     return types.CPointer(types.float64)(), code
-
-
-@intrinsic
-def lowest(typingctx, bits):
-    """Number of the lowest bit that is set."""
-
-    def code(context, builder, signature, args):
-        return builder.cttz(args[0], ir.IntType(1)(1))
-
-    return types.int64(types.int64), code
 
 
 @intrinsic
@@ -57,10 +49,9 @@ def approach(typingctx, sphere, near, first, shift, moving, now, soon, out):
 def _code(context, builder, signature, args):
     sphere, near, first, shift, moving, now, soon, out = args
     sphere, near, shift = (context.make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 1, 3))
-    x, y, z, vx, vy, vz, radius = (_splat(builder, builder.extract_value(moving, n)) for n in range(7))
-    scale, rate, t = (_splat(builder, builder.extract_value(now, n)) for n in range(3))
-    entries = builder.load(builder.bitcast(builder.gep(near, [first]), ir.VectorType(_INT, LANES).as_pointer()))
-    entries.align = 32
+    x, y, z, vx, vy, vz, radius = (splat(builder, builder.extract_value(moving, n), LANES) for n in range(7))
+    scale, rate, t = (splat(builder, builder.extract_value(now, n), LANES) for n in range(3))
+    entries = builder.load(at(builder, near, first, ir.VectorType(_INT, LANES)), align=32)
     px, py, pz, ux, uy, uz, r, due = _columns(builder, sphere, entries)
     sx, sy, sz = _shifts(builder, shift, entries)
     sub, mul, add = builder.fsub, builder.fmul, builder.fadd
@@ -78,14 +69,14 @@ def _code(context, builder, signature, args):
     a, b, c = form(u, u), form(d, u), form(d, d)
     due = sub(due, t)
     zero = ir.Constant(_VECTOR, [0.0] * LANES)
-    soon = _splat(builder, soon)
+    soon = splat(builder, soon, LANES)
     until = builder.select(builder.fcmp_ordered("<", due, soon), due, soon)
     least = builder.select(builder.fcmp_ordered("<", a, zero), a, zero)
     bound = add(c, mul(until, add(mul(ir.Constant(_VECTOR, [2.0] * LANES), b), mul(until, least))))
     apart = builder.and_(builder.fcmp_ordered(">", c, zero), builder.fcmp_ordered(">=", bound, zero))
     for value, start in ((a, A), (b, B), (c, C), (due, DUE)):
-        builder.store(value, builder.bitcast(builder.gep(out, [_LONG(start)]), _VECTOR.as_pointer())).align = 8
-    return builder.zext(builder.not_(builder.bitcast(apart, _BITS)), _LONG)
+        store(builder, out, _LONG(start), value)
+    return bits(builder, builder.not_(apart))
 
 
 def _columns(builder, sphere, entries):
@@ -93,10 +84,8 @@ def _columns(builder, sphere, entries):
     rows = []
     for n in range(LANES):
         entry = builder.extract_element(entries, _INT(n))
-        at = builder.mul(builder.zext(builder.lshr(entry, entry.type(5)), _LONG), _LONG(8))
-        row = builder.load(builder.bitcast(builder.gep(sphere, [at]), _VECTOR.as_pointer()))
-        row.align = 64
-        rows.append(row)
+        record = builder.mul(builder.zext(builder.lshr(entry, entry.type(5)), _LONG), _LONG(8))
+        rows.append(builder.load(at(builder, sphere, record, _VECTOR), align=64))
     for half in (1, 2, 4):  # halves of blocks of 2 half x 2 half change places
         low = [n + LANES - half if n & half else n for n in range(LANES)]
         high = [n + LANES if n & half else n + half for n in range(LANES)]
@@ -118,7 +107,7 @@ def _shifts(builder, shift, entries):
     nines, threes = (builder.lshr(builder.mul(codes, _whole(factor)), _whole(bits)) for factor, bits in ((57, 9), (43, 7)))
     steps = nines, builder.sub(threes, builder.mul(nines, _whole(3))), builder.sub(codes, builder.mul(threes, _whole(3)))
     edges = [builder.load(builder.gep(shift, [_LONG(3 * code + axis)])) for axis, code in enumerate((22, 16, 14))]
-    return [builder.fmul(builder.sitofp(builder.sub(step, _whole(1)), _VECTOR), _splat(builder, edge))
+    return [builder.fmul(builder.sitofp(builder.sub(step, _whole(1)), _VECTOR), splat(builder, edge, LANES))
             for step, edge in zip(steps, edges, strict=True)]
 
 
@@ -128,8 +117,3 @@ def _whole(number):
 
 def _indices(numbers):
     return ir.Constant(ir.VectorType(_INT, LANES), numbers)
-
-
-def _splat(builder, number):
-    vector = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), number, _INT(0))
-    return builder.shuffle_vector(vector, vector, _indices([0] * LANES))
