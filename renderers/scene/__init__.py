@@ -277,11 +277,6 @@ def unfinished(fault: RecipeError) -> bool:
     return all(problem.found == "missing" or problem.found.endswith(_ABSENT) for problem in fault.problems)
 
 
-def _to_be_baked(asset: Path, asked: bool) -> bool:
-    """Whether an asset need not be there: nobody asked for it, or it can be baked."""
-    return not asset.exists() and (not asked or beside(asset) is not None)
-
-
 def needs(path) -> tuple[str, ...]:
     """Names of the stages that a scene's asset must hold; the asset need not be there yet.
 
@@ -387,7 +382,7 @@ def _files(path: Path, root: Mapping, values: dict, keys: list[str], assets: boo
         node = node_at(root, key)
         if not name.strip() or not name.isprintable() or len(os.fsencode(name)) > 1000:
             yield node.place.problem(f"found {text.show(name)}", "expected a path relative to the scene's folder")
-        elif key.endswith("asset") and _to_be_baked(path.parent / name, assets):
+        elif key.endswith("asset") and not (path.parent / name).exists() and (not assets or beside(path.parent / name)):
             continue
         elif not (path.parent / name).exists():
             yield node.place.problem(f"found {text.show(name)}{_ABSENT}",
