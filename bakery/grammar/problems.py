@@ -11,6 +11,19 @@ from bakery.grammar.section import Section, likely, meant
 from bakery.grammar.text import Mapping, Node, Scalar, Sequence, Source, owner, show
 
 
+class Misplaced(Exception):
+    """A `units.Wrong` with the place that it is about."""
+
+    def __init__(self, wrong: units.Wrong, node: Node):
+        super().__init__(wrong.found)
+        self._wrong, self._node = wrong, node
+
+    def problem(self, key: str) -> Problem:
+        """Of a dotted key."""
+        wrong, quoted = self._wrong, getattr(self._node, "quoted", False)
+        return self._node.place.problem(wrong.found, wrong.expected, wrong.offset + bool(wrong.offset and quoted), key=key)
+
+
 def distinct(problems: list[Problem]) -> list[Problem]:
     """Each problem once."""
     return list({(p.file, p.line, p.column, p.key, p.found): p for p in problems}.values())

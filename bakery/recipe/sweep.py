@@ -17,7 +17,7 @@ from bakery.family.axes import Axis, Sweep, Swept
 from bakery.grammar import units
 from bakery.grammar.fields import Flag, Range, describe, in_bounds, nearest, one_of, whole, word
 from bakery.grammar.overrides import put
-from bakery.grammar.problems import distinct
+from bakery.grammar.problems import Misplaced, distinct
 from bakery.grammar.text import Mapping, Node, Place, Scalar, Sequence, Source, Tree, show
 from bakery.grammar.units import FRACTION, Quantity, Wrong
 from bakery.recipe.build import check
@@ -131,20 +131,11 @@ def _read(section: Mapping) -> _Read:
                 read.keys.append(_key(name, where, node))
             else:
                 read.problems.append(_unknown(name, where))
-        except _Misplaced as wrong:
-            read.problems.append(wrong.place.problem(wrong.found, wrong.expected, wrong.offset, key=f"sweep.{name}"))
+        except Misplaced as wrong:
+            read.problems.append(wrong.problem(f"sweep.{name}"))
     if not read.keys and not read.problems:
         read.problems.append(section.parent.names["sweep"].problem("found no key to sweep", f"expected {_EXAMPLE}, or none"))
     return read
-
-
-class _Misplaced(Exception):
-    """A `Wrong` with the place that it is about."""
-
-    def __init__(self, wrong: Wrong, node: Node):
-        super().__init__(wrong.found)
-        self.found, self.expected, self.place = wrong.found, wrong.expected, node.place
-        self.offset = wrong.offset + bool(wrong.offset and getattr(node, "quoted", False))
 
 
 def _unknown(name: str, where: Place) -> Problem:
@@ -166,7 +157,7 @@ def _option(name: str, node: Node):
             return in_bounds(node.text, FRACTION, Range(least=1e-6, most=0.5), node.quoted)
         return _value(Flag if name == "refine" else _COMBINE, node)
     except Wrong as wrong:
-        raise _Misplaced(wrong, node) from None
+        raise Misplaced(wrong, node) from None
 
 
 def _key(name: str, where: Place, node: Node) -> _Key:
@@ -176,8 +167,8 @@ def _key(name: str, where: Place, node: Node) -> _Key:
     for item in items:
         numbers, value = _numbers(item)
         if numbers is not quantity:
-            raise _Misplaced(Wrong(f"found {show(item.text)} beside {show(items[0].text)}",
-                                   f"expected {quantity.plural} throughout"), item)
+            raise Misplaced(Wrong(f"found {show(item.text)} beside {show(items[0].text)}",
+                                  f"expected {quantity.plural} throughout"), item)
         values.append(value)
     return _Key(name, where, quantity, [item.text for item in items], [item.place for item in items], values)
 
@@ -194,14 +185,14 @@ def _numbers(item: Node) -> tuple[Quantity, float]:
         quantity = units.quantity_of(item.text)
         return quantity, units.parse(item.text, quantity)
     except Wrong as wrong:
-        raise _Misplaced(wrong, item) from None
+        raise Misplaced(wrong, item) from None
 
 
 def _items(node: Node):
     """The entries of a list, of a list with one unit behind it, or a single one."""
     if isinstance(node, Sequence):
         if not node:
-            raise _Misplaced(Wrong("found an empty list", "expected values"), node)
+            raise Misplaced(Wrong("found an empty list", "expected values"), node)
         yield from node
         return
     match = re.fullmatch(r"(\s*\[)(.*)\]\s*(\S.*)?", node.text, re.DOTALL)
@@ -213,8 +204,8 @@ def _items(node: Node):
         begin = node.place.begin + at + len(entry) - len(entry.lstrip())
         where = Place(node.place.source, begin, begin + len(entry.strip()), node.place.key)
         if not units.NUMBER.fullmatch(entry.strip()):
-            raise _Misplaced(Wrong(f"found {show(entry.strip())} in a list with one unit",
-                                   f"expected numbers, as in [1, 2, 3] {unit}"), Scalar(entry, where))
+            raise Misplaced(Wrong(f"found {show(entry.strip())} in a list with one unit",
+                                  f"expected numbers, as in [1, 2, 3] {unit}"), Scalar(entry, where))
         yield Scalar(f"{entry.strip()} {unit}".strip(), where)
         at += len(entry) + 1
 
@@ -223,19 +214,19 @@ def _spread(node: Mapping):
     """The entries of {from, to, count}: in equal steps of the logarithm where both ends are positive, else of the value."""
     for name in node:
         if name not in _RANGE:
-            raise _Misplaced(Wrong(f"found the unknown key {show(name)}", f"expected {one_of(_RANGE)}" + nearest(name, _RANGE)),
-                             node[name])
+            raise Misplaced(Wrong(f"found the unknown key {show(name)}", f"expected {one_of(_RANGE)}" + nearest(name, _RANGE)),
+                            node[name])
     for name in _RANGE:
         if name not in node:
-            raise _Misplaced(Wrong(f"found no {name}", "expected {from: 2 um, to: 16 um, count: 4}"), node)
+            raise Misplaced(Wrong(f"found no {name}", "expected {from: 2 um, to: 16 um, count: 4}"), node)
     (quantity, low), (second_quantity, high) = _numbers(node["from"]), _numbers(node["to"])
     if second_quantity is not quantity:
-        raise _Misplaced(Wrong(f"found {show(node['to'].text)} beside {show(node['from'].text)}",
-                               f"expected {quantity.plural} throughout"), node["to"])
+        raise Misplaced(Wrong(f"found {show(node['to'].text)} beside {show(node['from'].text)}",
+                              f"expected {quantity.plural} throughout"), node["to"])
     try:
         count = _value(_COUNT, node["count"])
     except Wrong as wrong:
-        raise _Misplaced(wrong, node["count"]) from None
+        raise Misplaced(wrong, node["count"]) from None
     inner = (np.geomspace if min(low, high) > 0 else np.linspace)(low, high, count)[1:-1]
     yield node["from"]
     yield from (Scalar(f"{float(value)!r} {quantity.base}".removesuffix(" 1"), node["from"].place) for value in inner)

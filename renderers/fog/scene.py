@@ -11,7 +11,7 @@ from bakery.errors import Problem
 from bakery.grammar.fields import Flag, Path, number, numbers, whole, word
 from bakery.grammar.section import Section, pick
 from bakery.grammar.text import Mapping, Sequence, owner
-from renderers.scene.common import LENGTH, Common, Direction, Length, Position, direction_problems, node_at, triple
+from renderers.scene.common import LENGTH, Common, Direction, Length, Position, box_problems, direction_problems, node_at, triple
 
 KERNELS = ("flux", "fluence", "forward", "single", "small_angle", "small_angle_absorbing", "erf", "path_integral", "elek")
 NEEDS = ("medium", "beam")  # stages of the asset
@@ -185,20 +185,15 @@ def _grid(root: Mapping, values: dict) -> Iterator[Problem]:
         if suffix in ("h5", "hdf5", "npy") and corner not in density:
             yield owner(density).problem("missing", f"expected {corner}: a corner of the grid's box, such as [0, 0, 0] m",
                                          key=f"fog.density.{corner}")
-    lo, hi = triple(values, "fog.density.lo"), triple(values, "fog.density.hi")
-    if lo is not None and hi is not None and not np.all(lo < hi):
-        yield owner(density["hi"]).problem("found a corner that is not above lo along each axis", "expected hi above lo")
+    yield from box_problems(root, values, "fog.density")
 
 
 def _light(light: Mapping, values: dict, key: str) -> Iterator[Problem]:
     amount = "radiance" if values.get(f"{key}.type") == "ambient" else "irradiance"
     node = light.get(amount)
-    if node is not None and _entries(node, values, f"{key}.{amount}") == 2:
+    count = len(node) if isinstance(node, Sequence) else len(values.get(f"{key}.{amount}") or ())
+    if count == 2:
         yield owner(node).problem("found 2 entries", "expected one, or three: red, green and blue")
     direction = triple(values, f"{key}.direction") if "direction" in light else None
     if direction is not None and not np.any(direction):
         yield owner(light["direction"]).problem("found a direction of length 0", "expected one such as [0, 0, -1]")
-
-
-def _entries(node, values: dict, key: str) -> int:
-    return len(node) if isinstance(node, Sequence) else len(values.get(key) or (0,))

@@ -26,7 +26,7 @@ def prepare(job, world, seed) -> Method:
     changing = surfaces.changing(scene, world, assets, placed)
     inside = [number for number in range(len(assets)) if number not in placed]  # entries that paths go into
     spectra = Spectra.of([assets[number] for number in inside])
-    filled = [contents.Content(None, None, placed[number].reasons) if number in placed
+    filled = [contents.Content(None, None, placed[number]) if number in placed
               else contents.of(scene, world, asset, spectra, number) for number, asset in enumerate(assets)]
     filled = contents.shown_alike(filled, assets)
     filled = [content._replace(reasons=(*content.reasons, *changing[number].reasons)) if number in changing else content

@@ -13,13 +13,6 @@ from renderers.scene.entries import declared, is_surface
 from renderers.transport.far import Far
 
 
-class Placed(NamedTuple):
-    """number : of the entry;  reasons : sentences"""
-
-    number: int
-    reasons: tuple[str, ...]
-
-
 class Changing(NamedTuple):
     """far : `renderers.transport.far.Far`, None of a body that is near with all its parts;  reasons : sentences"""
 
@@ -27,9 +20,9 @@ class Changing(NamedTuple):
     reasons: tuple[str, ...]
 
 
-def put(scene, world, assets) -> dict[int, Placed]:
-    """Gives their BSDF to the shapes of a world that are surfaces, by the numbers of their entries: also to those that are so far
-    from the camera, of which no part is near.
+def put(scene, world, assets) -> dict[int, tuple[str, ...]]:
+    """Gives their BSDF to the shapes of a world that are surfaces, also to those so far from the camera that no part of them is
+    near; sentences about them by the numbers of their entries.
 
     Raises UsageError, AssetError where there is no such shape, or the asset has no stage `surface` or no such layer.
     """
@@ -41,8 +34,7 @@ def put(scene, world, assets) -> dict[int, Placed]:
             begins = _onset(scene, world, asset, number)
             nearest = onset.reach(world, entry.where.shape)[0]
             if nearest > 0 and 2 * begins.near <= nearest:  # else the camera may stand in it
-                put_there = _put(scene, world, asset, number)
-                placed[number] = put_there._replace(reasons=(onset.in_words(number, begins), *put_there.reasons))
+                placed[number] = onset.in_words(number, begins), *_put(scene, world, asset, number)
     return placed
 
 
@@ -75,7 +67,7 @@ def _onset(scene, world, asset, number):
     return onset.of(scene, number, asset, world)
 
 
-def _put(scene, world, asset, number) -> Placed:
+def _put(scene, world, asset, number) -> tuple[str, ...]:
     entry, key = scene.values.materials[number], f"materials[{number}]"
     shapes = [shape for shape in world.scene.shapes() if shape.id() == entry.where.shape]
     if len(shapes) != 1:
@@ -91,7 +83,7 @@ def _put(scene, world, asset, number) -> Placed:
                f"{key}: its reflectance is looked up within {100 * layer.error:.2g} %, at angles to 89.9 degrees"]
     if not layer.table.free:
         reasons.append(f"{key}: from behind it is black")
-    return Placed(number, tuple(reasons))
+    return tuple(reasons)
 
 
 def _refuse_without(scene, asset, number) -> None:

@@ -104,7 +104,8 @@ def jobs(path, names: Sequence[str], folder, settings, seed=None) -> list[Job]:
     listed = len(loaded.materials) if loaded.section in scene.OF_MATERIALS else 0
     if given := [setting for setting in settings if setting == key or listed and _OWN.fullmatch(setting)]:
         raise UsageError(f"--set {given[0]}: the methods are those of --methods; leave it out")
-    of_method, stems = {name: _settings(name, key, methods, listed) for name in names}, [_stem(name) for name in names]
+    of_method = {name: _settings(name, key, methods, listed) for name in names}
+    stems = [re.sub(r"[^\w.+=-]", "_", name) for name in names]  # of files
     for name, stem in zip(names, stems):
         if stems.count(stem) > 1:
             raise UsageError(f"found {name} twice; use each method once")
@@ -131,11 +132,6 @@ def _settings(name, key, methods, listed) -> dict[str, str]:
         else:
             settings[beside if "." in beside or not section else f"{section}.{beside}"] = value
     return settings
-
-
-def _stem(name) -> str:
-    """Of the files of a method."""
-    return re.sub(r"[^\w.+=-]", "_", name)
 
 
 def _place(name, method, methods) -> int:

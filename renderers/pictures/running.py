@@ -101,6 +101,7 @@ class Render:
             reached, [] where all was), `tone_curve`, `overrides`, `seconds` (of each part), and `more`
         """
         missed, remarks = reached.verdict(self.scene.values, self.quality, more.pop("unreached", ()), bias)
+        reasons = [*reasons, *remarks]
         layers, text, shown, pilots = layers or {}, text or {}, rgb, more.pop("choice", None)
         if denoised is not None:
             layers, text, shown = layers | denoised.channels, text | denoised.text, denoised.rgb
@@ -117,14 +118,10 @@ class Render:
                 "mean": [float(channel) for channel in rgb.mean(axis=(0, 1))], "samples": samples, "noise": noise, "bias": bias,
                 "measure": self.scene.values.measure, "denoised": denoised is not None,
                 "denoising": None if denoised is None else denoised.figures,
-                "materials": self._materials(method, bias, [*reasons, *remarks], pilots),
-                "reasons": [*reasons, *remarks], "missed": list(missed), "tone_curve": words,
+                "materials": [{"kind": entry.kind, "method": method, "bias": bias, "reasons": reasons, "pilot": pilots}
+                              for entry in getattr(self.scene.values, "materials", ())],
+                "reasons": reasons, "missed": list(missed), "tone_curve": words,
                 "overrides": dict(self.scene.overrides), "seconds": self.seconds} | more
-
-    def _materials(self, method, bias, reasons, pilots):
-        """Of each entry what made it; `pilot` is what its method was chosen by, None where by none."""
-        return [{"kind": entry.kind, "method": method, "bias": bias, "reasons": reasons, "pilot": pilots}
-                for entry in getattr(self.scene.values, "materials", ())]
 
 
 def _of_frame(mark, method, samples, noise, missed, denoised) -> dict[str, str]:

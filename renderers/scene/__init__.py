@@ -2,20 +2,12 @@
 
 A scene is YAML in the grammar of recipes: units, no unknown keys, every problem at once with its file, line and key.  What all
 may say stands in `renderers.scene.common`.  Most have a list `materials` (`renderers.scene.entries`), whose kinds and methods
-decide which package renders them (`OF_MATERIALS`, `renderer_of`); others have a section that names it (`RENDERERS`).  A package
-has
+decide which package renders them (`OF_MATERIALS`, `renderer_of`); others have a section that names it (`RENDERERS`).
 
-- `render(scene, output, *, quality, variant, seed, overwrite, progress) -> report` and `describe(report) -> lines`, for which
-  `renderers.pictures.running` has what all do alike;
-- its module `scene`: `NEEDS`, stages of the asset; `UNUSED`, dotted common keys that it does without, each with what would
-  do instead; `RESUMES`, whether `render` takes `resume` and goes on from the samples of the EXR that stands; `CHOICE`, the
-  dotted key that chooses the method, and the names that it may have; `POINTS`, `EXACT` and `KEPT`, methods as `bake compare`
-  takes them: those that `bake trade` tries, those without an error of their own (unless a report's `left_out` says what a
-  picture lacks), and those that keep within a scene's tolerance by themselves; `problems(root, values)`, what has to hold
-  between keys, where `values` has the kind and the method of each entry, `materials[0].as` and `materials[0].method`, and in
-  `method` that of all; and it may have `approximations(values, tolerance)`, the error that the chosen method states,
-  relative to the picture's mean, and `PACE`, seconds of a core that a pixel takes to a relative variance of 1;
-- where a section names it, also `SceneFile(Common)`, what the whole file may hold, and `FILES`, its own keys of files.
+What a package has stands in docs/architecture.md, "Adding a renderer".  Of its module `scene` only this does not: `problems(root,
+values)` gets the kind and the method of each entry in `values`, `materials[0].as` and `materials[0].method`, and in `method` that
+of all; there may be `approximations(values, tolerance)`, the error that the chosen method states, relative to the picture's mean,
+and `PACE`, seconds of a core that a pixel takes to a relative variance of 1.
 """
 
 import dataclasses
@@ -277,11 +269,6 @@ def unfinished(fault: RecipeError) -> bool:
     return all(problem.found == "missing" or problem.found.endswith(_ABSENT) for problem in fault.problems)
 
 
-def _to_be_baked(asset: Path, asked: bool) -> bool:
-    """Whether an asset need not be there: nobody asked for it, or it can be baked."""
-    return not asset.exists() and (not asked or beside(asset) is not None)
-
-
 def needs(path) -> tuple[str, ...]:
     """Names of the stages that a scene's asset must hold; the asset need not be there yet.
 
@@ -387,7 +374,7 @@ def _files(path: Path, root: Mapping, values: dict, keys: list[str], assets: boo
         node = node_at(root, key)
         if not name.strip() or not name.isprintable() or len(os.fsencode(name)) > 1000:
             yield node.place.problem(f"found {text.show(name)}", "expected a path relative to the scene's folder")
-        elif key.endswith("asset") and _to_be_baked(path.parent / name, assets):
+        elif key.endswith("asset") and not (path.parent / name).exists() and (not assets or beside(path.parent / name)):
             continue
         elif not (path.parent / name).exists():
             yield node.place.problem(f"found {text.show(name)}{_ABSENT}",

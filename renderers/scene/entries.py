@@ -281,14 +281,10 @@ def _text(node: Mapping, key: str) -> str:
     return value.text if isinstance(value, Scalar) else ""
 
 
-def _source(entry: Mapping) -> tuple[str, str]:
-    key = "asset" if "asset" in entry else "recipe"
-    return key, _text(entry, key)
-
-
 def _held(entry: Mapping, folder: File) -> list[str] | None:
     """Kinds that an asset or a recipe holds, by its groups or sections; None where that cannot be read."""
-    key, name = _source(entry)
+    key = "asset" if "asset" in entry else "recipe"
+    name = _text(entry, key)
     path = folder / name
     if key == "asset" and not path.is_file():
         path = next((path.with_suffix(suffix) for suffix in (".yaml", ".yml") if path.with_suffix(suffix).is_file()), path)

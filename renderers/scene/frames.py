@@ -18,6 +18,7 @@ from bakery.errors import Problem, RecipeError, UsageError
 from bakery.grammar import overrides, units
 from bakery.grammar.fields import Range as Bounds
 from bakery.grammar.fields import describe, in_bounds, nearest, one_of, whole, word
+from bakery.grammar.problems import Misplaced
 from bakery.grammar.text import Mapping, Node, Place, Scalar, Sequence, show
 from bakery.grammar.units import NUMBER_ONLY, Wrong
 
@@ -129,8 +130,8 @@ def read(node: Node) -> Frames:
                             f"expected {one_of([*_OPTIONS, _EXAMPLE])}{nearest(name, _OPTIONS)}")
             else:
                 keys.append(_key(name, begin, child))
-        except _Misplaced as wrong:
-            problems.append(wrong.place.problem(wrong.found, wrong.expected, wrong.offset, key=f"frames.{name}"))
+        except Misplaced as wrong:
+            problems.append(wrong.problem(f"frames.{name}"))
         except Wrong as wrong:
             problems.append(begin.problem(wrong.found, wrong.expected, wrong.offset, key=f"frames.{name}"))
     problems += _unfit(node, options, keys) if not problems else ()
@@ -157,15 +158,6 @@ def _unfit(section: Mapping, options: dict, keys: list[_Key]) -> Iterator[Proble
             yield key.problem(f"found {len(key.items)} values", f"expected {count}, as {of} says, one a frame")
 
 
-class _Misplaced(Exception):
-    """A `Wrong` with the place that it is about."""
-
-    def __init__(self, wrong: Wrong, node: Node):
-        super().__init__(wrong.found)
-        self.found, self.expected, self.place = wrong.found, wrong.expected, node.place
-        self.offset = wrong.offset + bool(wrong.offset and getattr(node, "quoted", False))
-
-
 def _option(name: str, node: Node):
     try:
         if not isinstance(node, Scalar):
@@ -174,7 +166,7 @@ def _option(name: str, node: Node):
             return in_bounds(node.text, NUMBER_ONLY, Bounds(above=0, most=1000), node.quoted)
         return (_COUNT if name == "count" else _NOISE)(node)
     except Wrong as wrong:
-        raise _Misplaced(wrong, node) from None
+        raise Misplaced(wrong, node) from None
 
 
 def _key(name: str, begin: Place, node: Node) -> _Key:
@@ -196,7 +188,7 @@ def _items(node: Node) -> Iterator[Node]:
         return
     match = isinstance(node, Scalar) and not node.quoted and _UNIT_BEHIND.fullmatch(node.text)
     if not match:
-        raise _Misplaced(Wrong(f"found {describe(node)}", _VALUES), node)
+        raise Misplaced(Wrong(f"found {describe(node)}", _VALUES), node)
     at, unit = len(match[1]), match[3] or ""
     for entry in match[2].split(","):
         begin = node.place.begin + at + len(entry) - len(entry.lstrip())
@@ -208,11 +200,11 @@ def _ends(node: Mapping) -> Iterator[Node]:
     """`from`, all that it goes through, and `to`."""
     for name in node:
         if name not in _SPREAD:
-            raise _Misplaced(Wrong(f"found the unknown key {show(name)}", f"expected {one_of(_SPREAD)}{nearest(name, _SPREAD)}"),
-                             node[name])
+            raise Misplaced(Wrong(f"found the unknown key {show(name)}", f"expected {one_of(_SPREAD)}{nearest(name, _SPREAD)}"),
+                            node[name])
     for name in ("from", "to"):
         if name not in node:
-            raise _Misplaced(Wrong(f"found no {name}", "expected {from: 0 s, to: 2 s}"), node)
+            raise Misplaced(Wrong(f"found no {name}", "expected {from: 0 s, to: 2 s}"), node)
     yield node["from"]
     if "through" in node:
         yield from _items(node["through"])
@@ -232,12 +224,12 @@ def _between(start: Node, end: Node, share: float) -> Node:
             between.append(node)
         return between
     if not (isinstance(start, Scalar) and isinstance(end, Scalar)):
-        raise _Misplaced(Wrong(f"found {describe(end)} where from or through has {describe(start)}",
-                               "expected values of the same form"), end)
+        raise Misplaced(Wrong(f"found {describe(end)} where from or through has {describe(start)}",
+                              "expected values of the same form"), end)
     (a, unit), (b, end_unit) = _quantities(start), _quantities(end)
     if unit != end_unit or len(a) != len(b):
-        raise _Misplaced(Wrong(f"found {show(end.text)} after {show(start.text)}", "expected as many numbers, in the same unit"),
-                         end)
+        raise Misplaced(Wrong(f"found {show(end.text)} after {show(start.text)}", "expected as many numbers, in the same unit"),
+                        end)
     values = [_text(x if share == 0 else y if share == 1 else (1 - share) * x + share * y) for x, y in zip(a, b)]
     written = values[0] if units.NUMBER.match(start.text.strip()) else f"[{', '.join(values)}]"
     return Scalar(f"{written} {unit}".strip(), _place_of(start))
@@ -250,8 +242,8 @@ def _quantities(node: Scalar) -> tuple[list[float], str]:
     written = [entry.strip() for entry in match[2].split(",")] if match else [number[0]] if number else []
     if node.broken or not written or not all(units.NUMBER.fullmatch(entry) for entry in written) \
             or max(map(len, written)) > units.MAX_DIGITS:
-        raise _Misplaced(Wrong(f"found {describe(node)}, which has no values between it and another",
-                               "expected a number, or a list of one value a frame"), node)
+        raise Misplaced(Wrong(f"found {describe(node)}, which has no values between it and another",
+                              "expected a number, or a list of one value a frame"), node)
     return [float(entry) for entry in written], re.sub(r"\s+", "", match[3] or "" if match else text[number.end():])
 
 

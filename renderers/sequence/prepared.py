@@ -85,7 +85,7 @@ def of(path, output, numbers: Several[int] | None, *, overrides, options, overwr
         taken = choice.of_scene(first, quality, variant)
     marks, frames = _Marks(quality, variant_of(variant)), []
     for number, shot, pair in zip(numbers, asked, pairs):
-        own_seed = _seed(seed, section.noise, number)
+        own_seed = seed if section.noise == NOISE[0] else (seed or 0) + number
         shot = dataclasses.replace(shot, choice=taken if candidates.of(shot) or candidates.surfaces(shot) else None)
         shot = dataclasses.replace(shot, mark=marks.of(shot, own_seed))
         frames.append(Frame(number, shot, pair, {"quality": quality, "variant": variant, "seed": own_seed}))
@@ -160,11 +160,6 @@ def _others(count: int) -> str:
 def _spread(count: int, most: int) -> list[int]:
     """Numbers of some of so many frames, the first and the last among them."""
     return sorted(set(np.linspace(1, count, min(most, count)).round().astype(int).tolist()))
-
-
-def _seed(seed, noise: str, number: int):
-    """Of a frame; None where nobody gave one and none is needed."""
-    return seed if noise == NOISE[0] else (seed or 0) + number
 
 
 def variant_of(variant) -> str:

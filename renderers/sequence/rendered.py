@@ -40,7 +40,9 @@ def on_cluster(sequence, frames, resume, progress, cluster) -> Iterator[tuple[in
     finished = 0
     for position, answer in cluster.arriving(far.rendered, [common] * len(frames), besides, tasks):
         if answer.fault:
-            raise _fault(frames[position].number, answer)
+            fault = BakeryError(f"frame {frames[position].number}: {answer.fault}")
+            fault.exit_status = answer.status
+            raise fault
         frame, finished = frames[position], finished + 1
         images.write([(path, lambda temporary, data=data: Path(temporary).write_bytes(data))
                       for path, data in zip(frame.pair, answer.pictures)])
@@ -51,9 +53,3 @@ def on_cluster(sequence, frames, resume, progress, cluster) -> Iterator[tuple[in
 def _options(frame) -> dict:
     """As the renderer takes them, with the variant that would render here: another one has other bytes.  Filters take none."""
     return frame.options | ({"variant": variant_of(frame.options["variant"])} if frame.scene.rules.RESUMES else {})
-
-
-def _fault(number, answer) -> BakeryError:
-    fault = BakeryError(f"frame {number}: {answer.fault}")
-    fault.exit_status = answer.status
-    return fault

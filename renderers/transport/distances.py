@@ -11,6 +11,31 @@ _VOXELS = 1 << 16  # of the box around all bodies, about
 _RAYS = 4  # of a voxel and lamp, the shortest of which counts
 
 
+class Cells:
+    """A box in cubes of an `edge`, about `count` of them; `shape` : how many along each axis, z fastest."""
+
+    def __init__(self, box, count):
+        low, high = box
+        edge = float((np.prod(high - low) / count) ** (1 / 3))
+        self.shape = np.maximum(np.ceil((high - low) / edge), 1).astype(int)
+        self._shape, self._low, self.edge = mi.Vector3u(self.shape.tolist()), mi.Point3f(low.tolist()), mi.Float(edge)
+        dr.make_opaque(self._shape, self._low, self.edge)
+
+    def __len__(self):
+        return int(np.prod(self.shape))
+
+    def point(self, cell, random):
+        """Points anywhere in cubes."""
+        row = cell // self._shape.z
+        corner = mi.Point3f(row // self._shape.y, row % self._shape.y, cell % self._shape.z)
+        return self._low + self.edge * (corner + mi.Point3f(*(random.next_float32() for _ in range(3))))
+
+    def at(self, point):
+        """Numbers of the cubes in which points are."""
+        cell = mi.Vector3u(dr.clip(mi.Vector3i(dr.floor((point - self._low) / self.edge)), 0, mi.Vector3i(self._shape) - 1))
+        return (cell.x * self._shape.y + cell.y) * self._shape.z + cell.z
+
+
 class Distances:
     """Distances in voxels; 0 in those that no ray shows to be in a body."""
 
@@ -19,21 +44,13 @@ class Distances:
         scene : of Mitsuba;  manifold : `manifold.Manifold`, the boundaries of the bodies
         towards : functions of points and pairs of uniform numbers: unit directions, 0 where there is none
         """
-        low, high = manifold.box
-        edge = float((np.prod(high - low) / _VOXELS) ** (1 / 3))
-        shape = np.maximum(np.ceil((high - low) / edge), 1).astype(int)
-        self._shape, self._low, self._edge = mi.Vector3u(shape.tolist()), mi.Point3f(low.tolist()), mi.Float(edge)
-        self._voxels = mi.UInt32(int(np.prod(shape)))
-        dr.make_opaque(self._shape, self._low, self._edge, self._voxels)
-        shortest = [self._shortest(scene, manifold, each, int(np.prod(shape))) for each in towards]
-        self._values = single(np.concatenate(shortest))
+        self._cells = Cells(manifold.box, _VOXELS)
+        self._voxels = dr.opaque(mi.UInt32, len(self._cells))
+        self._values = single(np.concatenate([self._shortest(scene, manifold, each) for each in towards]))
 
-    def _shortest(self, scene, manifold, towards, voxels):
-        random = mi.PCG32(voxels * _RAYS)
-        cell = dr.arange(mi.UInt32, voxels * _RAYS) // _RAYS
-        row = cell // self._shape.z
-        corner = mi.Point3f(row // self._shape.y, row % self._shape.y, cell % self._shape.z)
-        point = self._low + self._edge * (corner + mi.Point3f(*(random.next_float32() for _ in range(3))))
+    def _shortest(self, scene, manifold, towards):
+        random = mi.PCG32(len(self._cells) * _RAYS)
+        point = self._cells.point(dr.arange(mi.UInt32, len(self._cells) * _RAYS) // _RAYS, random)
         u = mi.Point2f(random.next_float32(), random.next_float32())
         direction = towards(point, u)
         some = dr.squared_norm(direction) > 0
@@ -45,6 +62,4 @@ class Distances:
 
     def of(self, point, number, active):
         """From points by one of the functions each, by its place among all."""
-        cell = mi.Vector3u(dr.clip(mi.Vector3i(dr.floor((point - self._low) / self._edge)), 0, mi.Vector3i(self._shape) - 1))
-        cell = (cell.x * self._shape.y + cell.y) * self._shape.z + cell.z
-        return dr.gather(mi.Float, self._values, number * self._voxels + cell, active)
+        return dr.gather(mi.Float, self._values, number * self._voxels + self._cells.at(point), active)

@@ -109,20 +109,13 @@ def transmittance(scene, ray, inside, active):
 
     inside : bodies in which the rays begin
     """
-    boundaries = scene.boundaries
-
     def step(ray, inside, depth, active):
-        hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=active)
-        meets = active & hit.is_valid()
-        crosses = meets & boundaries.is_blind(hit.shape)
+        hit, meets, crosses = _ahead(scene, ray, active)
         free = active & (crosses | ~meets)
         depth = _deeper(scene, ray, inside, dr.select(meets, hit.t, ray.maxt), depth, free)
         depth[0] = dr.select(meets & ~crosses, dr.inf, depth[0])
-        surface = hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, crosses)
-        depth = _let_in(scene, surface, ray, depth, crosses)
-        ray.o = dr.select(crosses, boundaries.across(surface, ray.d), ray.o)
+        inside, depth = _across(scene, ray, hit, inside, depth, crosses)
         ray.maxt = dr.select(crosses, ray.maxt - hit.t, ray.maxt)
-        inside = dr.select(crosses, boundaries.beyond(surface, ray.d, inside, crosses), inside)
         return ray, inside, depth, crosses & (ray.maxt > 0)
 
     depth = [dr.zeros(mi.Float, dr.width(active)) for _ in range(scene.media.count)]
@@ -132,12 +125,22 @@ def transmittance(scene, ray, inside, active):
     return [dr.select(free, dr.exp(-d), 0) for d in depth]
 
 
-def _let_in(scene, surface, ray, depth, active):
-    """Optical depths, and those of surfaces that turn some of the light which goes into bodies."""
-    if not scene.far:
-        return depth
-    turned = scene.far.depth(surface, ray.d, active)
-    return [d + turned for d in depth]
+def _ahead(scene, ray, active):
+    """What rays meet, whether they do, and whether that is a boundary to which light is blind."""
+    hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=active)
+    meets = active & hit.is_valid()
+    return hit, meets, meets & scene.boundaries.is_blind(hit.shape)
+
+
+def _across(scene, ray, hit, inside, depth, crosses):
+    """Bodies beyond the boundaries that rays cross, and optical depths with those of surfaces that turn some of the light which
+    goes into bodies; the rays begin there."""
+    surface = hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, crosses)
+    if scene.far:
+        turned = scene.far.depth(surface, ray.d, crosses)
+        depth = [d + turned for d in depth]
+    ray.o = dr.select(crosses, scene.boundaries.across(surface, ray.d), ray.o)
+    return dr.select(crosses, scene.boundaries.beyond(surface, ray.d, inside, crosses), inside), depth
 
 
 def _deeper(scene, ray, inside, far, depth, active):
@@ -172,17 +175,10 @@ def onward(scene, ray, inside, active):
 
     inside : bodies in which the rays begin
     """
-    boundaries = scene.boundaries
-
     def step(ray, inside, depth, active):
-        hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=active)
-        meets = active & hit.is_valid()
-        crosses = meets & boundaries.is_blind(hit.shape)
+        hit, meets, crosses = _ahead(scene, ray, active)
         depth = _deeper(scene, ray, inside, dr.select(meets, hit.t, _FAR), depth, active)
-        surface = hit.compute_surface_interaction(ray, mi.RayFlags.Minimal, crosses)
-        depth = _let_in(scene, surface, ray, depth, crosses)
-        ray.o = dr.select(crosses, boundaries.across(surface, ray.d), ray.o)
-        inside = dr.select(crosses, boundaries.beyond(surface, ray.d, inside, crosses), inside)
+        inside, depth = _across(scene, ray, hit, inside, depth, crosses)
         return ray, inside, depth, crosses
 
     depth = [dr.zeros(mi.Float, dr.width(active)) for _ in range(scene.media.count)]

@@ -4,13 +4,17 @@ From points of each voxel ways of all directions are followed to their first lig
 so that light by way of glass around a body, of mirrors, of a wide window and of the sky are drawn alike.
 """
 
+from __future__ import annotations
+
 import math
+from dataclasses import dataclass
 
 import drjit as dr
 import numpy as np
 
 from renderers.mitsuba.shading import single
-from renderers.transport.distances import Distances
+from renderers.transport import media
+from renderers.transport.distances import Cells, Distances
 
 import mitsuba as mi  # isort: skip
 
@@ -22,6 +26,67 @@ _VOXELS, BINS, WAYS = 512, (8, 16), 8
 _SHARE = 0.5
 _BRIGHT = 0.75  # voxels with more light than this share of all look for it each time that the boundary is near
 _SEED = 0x9E3779B9
+
+
+@dataclass
+class Sight:
+    """Scatterings from which one more direction is looked in.
+
+    number, inside, order, throughput : of the path there;  event, before, medium : where, the direction there, the body's
+    u, v : numbers for a direction
+    """
+
+    number: mi.UInt32
+    event: mi.Point3f
+    before: mi.Vector3f
+    medium: mi.UInt32
+    inside: mi.UInt32
+    order: mi.UInt32
+    throughput: list
+    u: mi.Float
+    v: mi.Float
+
+
+class Looking:
+    """Light samples at scatterings in bodies, which look in one more direction that guides draw.
+
+    KIND : name of their records
+    guides : `Guides`;  scene : `scene.Scene`;  sigma : least extinction of each medium, 0 where they do not look
+    """
+
+    def looks(self, path, medium, position, active, records):
+        """Whether paths that scatter at positions look for light from there; some keep a record."""
+        looks = active & (dr.gather(mi.Float, self.sigma, medium) > 0) & records.has_space(path.counts, self.KIND)
+        u, v, w = (path.random.next_float32() for _ in range(3))
+        sight = Sight(path.number, position, path.direction, medium, path.inside, path.order, path.throughput, u, v)
+        records.add(path.counts, self.KIND, sight, looks & (w < self.guides.number(medium, position, looks)))
+        return looks
+
+    def density(self, medium, point, direction, active):
+        """Of directions of light samples, 1/sr."""
+        return self.guides.number(medium, point, active) * self.guides.density(point, direction, active)
+
+    def reaches(self, medium, length, active=True):
+        """About the probability that paths go so far in a body."""
+        return dr.exp(-dr.gather(mi.Float, self.sigma, medium, active) * length)
+
+    def light(self, records):
+        """What records come to: numbers (n,) of paths, orders (n,), emitters, and light (n, 3)."""
+        sight = records.kept(self.KIND)
+        if sight is None:
+            return
+        direction = self.guides.drawn(sight.event, sight.u, sight.v)
+        density = self.density(sight.medium, sight.event, direction, mi.Bool(True))
+        low, high = mi.sample_tea_32(dr.reinterpret_array(mi.UInt32, sight.u), dr.reinterpret_array(mi.UInt32, sight.v))
+        for emitter, light in self.followed(sight, direction, density, mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))):
+            yield sight.number, sight.order, emitter, light
+
+    def redirected(self, sight, direction, density, length):
+        """Throughput of each wavelength in directions, and one over their density, by the phase function and by the guides."""
+        weights = media.product(sight.throughput, self.scene.media.albedo(sight.medium))
+        phase = self.scene.media.phase(sight.medium, 0.5 * dr.squared_norm(direction - sight.before))
+        scale = dr.rcp(media.mean(weights, phase) * self.reaches(sight.medium, length) + density)
+        return media.product(weights, phase), scale
 
 
 class Guides:
@@ -41,14 +106,9 @@ class Guides:
         blur : share of the light of voxels and bins that neighbours get, on each side along each axis
         """
         self._bins, self._count, self._ways = bins, bins[0] * bins[1], ways
-        low, high = manifold.box
-        edge = float((np.prod(high - low) / _VOXELS) ** (1 / 3))
-        shape = np.maximum(np.ceil((high - low) / edge), 1).astype(int)
-        self._shape, self._low, self._edge = mi.Vector3u(shape.tolist()), mi.Point3f(low.tolist()), mi.Float(edge)
-        self._sigma = mi.Float(sigma)
-        dr.make_opaque(self._shape, self._low, self._edge)
-        light = self._measured(scene, manifold, int(np.prod(shape)), follow)
-        light = _blurred(light.reshape(*shape, *bins), blur).reshape(light.shape) if blur else light
+        self._cells, self._sigma = Cells(manifold.box, _VOXELS), mi.Float(sigma)
+        light = self._measured(scene, manifold, len(self._cells), follow)
+        light = _blurred(light.reshape(*self._cells.shape, *bins), blur).reshape(light.shape) if blur else light
         total = light.sum(axis=1)
         if not (total > 0).any():
             return
@@ -65,15 +125,14 @@ class Guides:
         random = mi.PCG32(voxels * self._count * self._ways, initstate=_SEED)
         row = index // self._ways
         cell, number = row // self._count, row % self._count
-        corner = self._corner(cell)
-        point = self._low + self._edge * (corner + mi.Point3f(*(random.next_float32() for _ in range(3))))
+        point = self._cells.point(cell, random)
         direction = self._in_bin(number, random.next_float32(), random.next_float32())
         ray = mi.Ray3f(point, direction)
         hit = scene.scene.ray_intersect_preliminary(ray, coherent=False)
         active = hit.is_valid() & scene.boundaries.is_body(hit.shape) & manifold.begins_within(ray)
         medium = scene.boundaries.medium(hit.shape)
         seen, within, these = follow(point, direction, medium, random, active)
-        sigma = dr.minimum(dr.gather(mi.Float, self._sigma, medium, active), 1 / (_SHARE * self._edge))
+        sigma = dr.minimum(dr.gather(mi.Float, self._sigma, medium, active), 1 / (_SHARE * self._cells.edge))
         light, passed = sum(seen[1:], seen[0]), dr.exp(-sigma * within)
         light = dr.select((light > 0) & dr.isfinite(light), light, 0)
         light, passed, these = (np.array(values) for values in (light, dr.select(active, passed, 0), these))
@@ -82,28 +141,20 @@ class Guides:
         self.share, self.contrast = square / max(of_all, 1e-30), square * passed.sum() / max(mean**2, 1e-30)
         return (passed * light * these).reshape(voxels, self._count, self._ways).sum(axis=2)
 
-    def _corner(self, cell):
-        row = cell // self._shape.z
-        return mi.Point3f(row // self._shape.y, row % self._shape.y, cell % self._shape.z)
-
-    def _cell(self, point):
-        cell = mi.Vector3u(dr.clip(mi.Vector3i(dr.floor((point - self._low) / self._edge)), 0, mi.Vector3i(self._shape) - 1))
-        return (cell.x * self._shape.y + cell.y) * self._shape.z + cell.z
-
     def number(self, medium, point, active):
         """How many directions points look in, 0 to 1 on average: exp(-s), s mean free paths to where such a way leaves the body,
         and less where less light comes."""
         sigma = dr.gather(mi.Float, self._sigma, medium, active)
-        often = dr.gather(mi.Float, self._often, self._cell(point), active)
+        often = dr.gather(mi.Float, self._often, self._cells.at(point), active)
         return often * dr.exp(-sigma * self._distances.of(point, mi.UInt32(0), active))
 
     def density(self, point, direction, active):
         """Of directions, 1/sr."""
-        return dr.gather(mi.Float, self._density, self._cell(point) * self._count + self._bin(direction), active)
+        return dr.gather(mi.Float, self._density, self._cells.at(point) * self._count + self._bin(direction), active)
 
     def drawn(self, point, u, v):
         """Directions by uniform numbers."""
-        row = self._cell(point) * self._count
+        row = self._cells.at(point) * self._count
         number = dr.binary_search(0, self._count - 1, lambda index: dr.gather(mi.Float, self._cumulated, row + index) <= u)
         below = dr.select(number > 0, dr.gather(mi.Float, self._cumulated, row + dr.maximum(number, 1) - 1), 0)
         within = (u - below) / dr.maximum(dr.gather(mi.Float, self._cumulated, row + number) - below, 1e-12)
@@ -112,7 +163,7 @@ class Guides:
     def _towards(self, point, u):
         """Directions of distances; none from voxels without light."""
         towards = self.drawn(point, u.x, u.y)
-        return dr.select(dr.gather(mi.Float, self._often, self._cell(point)) > 0, towards, 0)
+        return dr.select(dr.gather(mi.Float, self._often, self._cells.at(point)) > 0, towards, 0)
 
     def _in_bin(self, number, u, v):
         """Directions in bins, by uniform numbers."""

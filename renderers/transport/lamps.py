@@ -129,7 +129,7 @@ class Lamps:
         """Changes departures of paths that scatter at positions, and go on with density (1/sr); some keep a record."""
         departure, random = path.departure, path.random
         sigma = dr.gather(mi.Float, self._sigma, medium)
-        looks = active & (sigma > 0) & records.has_space(path.counts, Scattering, Arrival)
+        looks = active & (sigma > 0) & records.has_space(path.counts, "scattering", "arrival")
         density = dr.select(looks, density, 0)
         departure.event, departure.before, departure.medium, departure.density = (
             dr.select(active, after, before) for after, before in (
@@ -140,7 +140,7 @@ class Lamps:
         lamp = self._drawn(random.next_float32()) if self._cumulated else dr.zeros(mi.UInt32, dr.width(u))
         record = Scattering(path.number, position, path.direction, medium, path.inside, path.order, path.throughput, lamp, first,
                         second)
-        records.add(path.counts, record, looks & (u < self._chance(medium, position, lamp, looks)))
+        records.add(path.counts, "scattering", record, looks & (u < self._chance(medium, position, lamp, looks)))
 
     def turned(self, path, sample, shades):
         """Changes departures of paths that a surface has turned, by a sample of the BSDF."""
@@ -160,12 +160,12 @@ class Lamps:
             normal = dr.select(event.misses, -path.direction, normal)
         record = Arrival(path.number, departure.event, departure.before, departure.medium, departure.density, path.inside,
                          path.order, path.drawn, lamp_ahead - 1, point, normal, light)
-        records.add(path.counts, record, arrives)
+        records.add(path.counts, "arrival", record, arrives)
         return [dr.select(arrives, 0, value) for value in light]
 
     def light(self, records):
         """What records come to: numbers (n,) of paths, orders (n,), emitters, and light (n, 3)."""
-        scattering, arrival = records.kept(Scattering), records.kept(Arrival)
+        scattering, arrival = records.kept("scattering"), records.kept("arrival")
         if scattering is not None:
             yield self._columns(scattering, self._light(scattering))
         if arrival is not None:

@@ -49,9 +49,9 @@ class Media:
     def phase(self, medium, v):
         """Phase functions (1/sr) of all wavelengths at angles of 1 - cos theta = v."""
         start = medium * self._nodes
-        node = self._interval(self._v, start, v)
-        return self._between(start + node, (v - dr.gather(mi.Float, self._v, start + node))
-                             / dr.gather(mi.Float, self._steps, start + node))
+        at = start + self._interval(self._v, start, v)
+        share = dr.clip((v - dr.gather(mi.Float, self._v, at)) / dr.gather(mi.Float, self._steps, at), 0, 1)
+        return [dr.lerp(a, b, share) for a, b in zip(self._row(self._phase, at), self._row(self._phase, at + 1))]
 
     def sample(self, medium, wavelength, u):
         """An angle, as v = 1 - cos theta, by the phase function of a wavelength, and all phase functions (1/sr) there."""
@@ -68,10 +68,6 @@ class Media:
         share = dr.clip(dr.select(root > 0, 2 * c / root, 0), 0, 1)
         v = dr.minimum(dr.gather(mi.Float, self._v, at) + share * step, 2)
         return v, [dr.lerp(a, b, share) for a, b in zip(first, last)]
-
-    def _between(self, at, share):
-        share = dr.clip(share, 0, 1)
-        return [dr.lerp(a, b, share) for a, b in zip(self._row(self._phase, at), self._row(self._phase, at + 1))]
 
     def _interval(self, table, start, value):
         """Interval of a row of a table, ascending from `start`, in which a value lies."""

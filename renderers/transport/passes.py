@@ -56,7 +56,7 @@ def part(name, world, entries, colours, seed, by_light=False, far=MappingProxyTy
     scene = cache(lambda: Scene(world, entries, colours, far=far, most=most))  # with the first pass
     if variants.on_gpu(world.variant):
         scene()  # refuses here what a graphics card cannot render
-    return of_loop(name, world, partial(_traced, scene), seed, by_light)
+    return of_loop(name, world, lambda *arguments: loop.trace(scene(), *arguments), seed, by_light)
 
 
 def of_loop(name, world, traced, seed, by_light=False, most=_SAMPLES, paths=_PATHS) -> Part:
@@ -93,10 +93,6 @@ def recorded(view, turn):
             return summed(numbers.to_list(), view.variables(), size, by_light)
 
     return partial(loop.trace, view, turn=turn, sums=sums)
-
-
-def _traced(scene, *arguments):
-    return loop.trace(scene(), *arguments)
 
 
 def materials(world, entries, colours, seed, samples=16):

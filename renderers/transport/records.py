@@ -26,17 +26,16 @@ class Counts:
 
 
 class Records:
-    """What lanes have kept, dataclasses of several kinds whose annotations name Dr.Jit's types, or `list` of `mi.Float`."""
+    """What lanes have kept, of several kinds: dataclasses whose annotations name Dr.Jit's types, or `list` of `mi.Float`."""
 
-    def __init__(self, kinds, lanes, paths, entries):
+    def __init__(self, kinds, lanes, paths):
         """
-        kinds : of records -> (for each path, at least a lane)
+        kinds : name -> (dataclass, (records for each path, at least a lane), entries of its lists)
         lanes, paths : how many, and how many paths each follows
-        entries : of lists, by the kinds of records
         """
         self._lanes, self._kinds = lanes, list(kinds)
-        most = [max(int(share * paths), least) for share, least in kinds.values()]
-        self._rows = [_Rows(kind, entries[kind], number * lanes) for kind, number in zip(kinds, most)]
+        most = [max(int(share * paths), least) for _, (share, least), _ in kinds.values()]
+        self._rows = [_Rows(record, entries, number * lanes) for (record, _, entries), number in zip(kinds.values(), most)]
         self._most = [dr.opaque(mi.UInt32, number) for number in most]
         self._ends = dr.zeros(mi.UInt32, len(most) * lanes)
 
@@ -51,9 +50,9 @@ class Records:
             space &= counts.numbers[kind] < self._most[kind]
         return space
 
-    def add(self, counts, record, active):
-        """Keeps a record."""
-        kind = self._kinds.index(type(record))
+    def add(self, counts, kind, record, active):
+        """Keeps a record of a kind."""
+        kind = self._kinds.index(kind)
         number = counts.numbers[kind]
         self._rows[kind].put(record, counts.lane * self._most[kind] + number, active)
         counts.numbers[kind] = number + dr.select(active, mi.UInt32(1), mi.UInt32(0))

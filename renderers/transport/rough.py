@@ -16,7 +16,7 @@ import drjit as dr
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport import flights, media
-from renderers.transport.guides import Guides
+from renderers.transport.guides import Guides, Looking
 from renderers.transport.manifold import numbered
 
 import mitsuba as mi  # isort: skip
@@ -43,25 +43,6 @@ class Entry:
 
 
 @dataclass
-class Sight:
-    """Scatterings from which one more direction is looked in.
-
-    number, inside, order, throughput : of the path there;  event, before, medium : where, the direction there, the body's
-    u, v : numbers for a direction
-    """
-
-    number: mi.UInt32
-    event: mi.Point3f
-    before: mi.Vector3f
-    medium: mi.UInt32
-    inside: mi.UInt32
-    order: mi.UInt32
-    throughput: list
-    u: mi.Float
-    v: mi.Float
-
-
-@dataclass
 class Crossing:
     """Ways from scatterings to rough surfaces.
 
@@ -76,11 +57,10 @@ class Crossing:
     active: mi.Bool
 
 
-class Rough:
-    """Lights through rough boundaries.
+class Rough(Looking):
+    """Lights through rough boundaries."""
 
-    guides : `guides.Guides`
-    """
+    KIND = "rough"
 
     def __init__(self, scene, manifold, sigma, surfaces):
         """
@@ -88,7 +68,7 @@ class Rough:
         sigma : of each medium, the least extinction if its boundary is rough, else 0
         surfaces : shapes of Mitsuba that are rough and refract, all of the scene
         """
-        self._scene, self._sigma = scene, mi.Float(sigma)
+        self.scene, self.sigma = scene, mi.Float(sigma)
         self._surfaces = numbered(scene.scene, surfaces, [1] * len(surfaces))
         self.guides = Guides(scene, manifold, sigma, self._ways_of, BINS, WAYS, BLUR)
 
@@ -99,13 +79,9 @@ class Rough:
 
     def departs(self, path, medium, position, active, records):
         """Changes what is known of paths that scatter at positions; some keep a record."""
-        entry, random = path.entry, path.random
-        looks = active & (dr.gather(mi.Float, self._sigma, medium) > 0) & records.has_space(path.counts, Sight)
+        entry, looks = path.entry, self.looks(path, medium, position, active, records)
         entry.looks, entry.medium = dr.select(active, looks, entry.looks), dr.select(active, medium, entry.medium)
         entry.share = dr.select(active, 1, entry.share)
-        u, v, w = (random.next_float32() for _ in range(3))
-        record = Sight(path.number, position, path.direction, medium, path.inside, path.order, path.throughput, u, v)
-        records.add(path.counts, record, looks & (w < self.guides.number(medium, position, looks)))
 
     @staticmethod
     def meets(path, light):
@@ -121,39 +97,28 @@ class Rough:
         """Changes what is known of paths that have come to an event."""
         entry, shades = path.entry, event.meets & ~event.crosses
         first = shades & entry.looks & self._meets(event.surface, path.direction)
-        by_phase = path.density * self._reaches(entry.medium, event.surface.p - path.drawn, first)
-        by_guides = self._density(entry.medium, path.drawn, path.direction, first)
+        by_phase = path.density * self.reaches(entry.medium, dr.norm(event.surface.p - path.drawn), first)
+        by_guides = self.density(entry.medium, path.drawn, path.direction, first)
         share = dr.select(first & (by_guides > 0), by_phase / (by_phase + by_guides), 1)
         entry.share = dr.select(shades | event.scatters, share, entry.share)
         entry.looks &= ~shades
 
-    def _is_rough(self, shape):
-        return dr.gather(mi.UInt32, self._surfaces, dr.reinterpret_array(mi.UInt32, shape)) > 0
-
-    def _reaches(self, medium, offset, active):
-        """About the probability that paths go so far in a body."""
-        return dr.exp(-dr.gather(mi.Float, self._sigma, medium, active) * dr.norm(offset))
-
-    def _density(self, medium, point, direction, active):
-        """Of directions of light samples, 1/sr."""
-        return self.guides.number(medium, point, active) * self.guides.density(point, direction, active)
-
     def _ways_of(self, point, direction, medium, random, active):
         """Light of ways, as `guides` asks for it."""
         width = dr.width(point)
-        surface, _, inside = flights.onward(self._scene, mi.Ray3f(point, direction), mi.UInt32(1) << medium, active)
-        weight = [dr.full(mi.Float, 1, width) for _ in range(self._scene.waves)]
+        surface, _, inside = flights.onward(self.scene, mi.Ray3f(point, direction), mi.UInt32(1) << medium, active)
+        weight = [dr.full(mi.Float, 1, width) for _ in range(self.scene.waves)]
         drawn, turned = self._lights(Crossing(surface, random, inside, weight, self._meets(surface, direction) & active))
         return [a + b for a, b in zip(drawn[1], turned[1])], dr.norm(surface.p - point), dr.full(mi.Bool, True, width)
 
     def _meets(self, surface, direction):
         """Whether rays meet a rough boundary, but for those that may turn paths as the surface of a body in a rough one."""
-        meets = surface.is_valid() & self._is_rough(surface.shape)
-        return meets & ~(self._scene.far.chance(surface, direction, meets) > 0) if self._scene.far else meets
+        meets = surface.is_valid() & (dr.gather(mi.UInt32, self._surfaces, dr.reinterpret_array(mi.UInt32, surface.shape)) > 0)
+        return meets & ~(self.scene.far.chance(surface, direction, meets) > 0) if self.scene.far else meets
 
     def _lights(self, crossing):
         """Emitters, and light as linear sRGB, of light samples where ways meet surfaces, and of directions of the BSDF there."""
-        scene, surface, random, bsdf = self._scene, crossing.surface, crossing.random, crossing.surface.bsdf()
+        scene, surface, random, bsdf = self.scene, crossing.surface, crossing.random, crossing.surface.bsdf()
         interaction = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), surface.p, surface.n)
         u = mi.Point2f(random.next_float32(), random.next_float32())
         light, radiance = scene.scene.sample_emitter_direction(interaction, u, False, crossing.active)
@@ -178,29 +143,18 @@ class Rough:
 
     def _light_ahead(self, before, surface, weight, density, active):
         """Emitters, and light, that directions from interactions `before` meet, drawn with density (1/sr)."""
-        scene = self._scene
+        scene = self.scene
         seen = mi.DirectionSample3f(scene.scene, surface, before)
         active &= (density > 0) & (seen.emitter != None)  # noqa: E711, compares every lane
         by_light = scene.scene.pdf_emitter_direction(before, seen, active)
         radiance = seen.emitter.eval(surface, active) * dr.select(active, density / (density + by_light), 0)
         return seen.emitter, scene.seen(weight, radiance, active)
 
-    def light(self, records):
-        """What records come to: numbers (n,) of paths, orders (n,), emitters, and light (n, 3)."""
-        sight = records.kept(Sight)
-        if sight is None:
-            return
-        scene, every = self._scene, mi.Bool(True)
-        direction = self.guides.drawn(sight.event, sight.u, sight.v)
-        by_guides = self._density(sight.medium, sight.event, direction, every)
-        surface, passed, inside = flights.onward(scene, mi.Ray3f(sight.event, direction), sight.inside, by_guides > 0)
-        weights = media.product(sight.throughput, scene.media.albedo(sight.medium))
-        phase = scene.media.phase(sight.medium, 0.5 * dr.squared_norm(direction - sight.before))
-        scale = dr.rcp(media.mean(weights, phase) * self._reaches(sight.medium, surface.p - sight.event, every) + by_guides)
-        low, high = mi.sample_tea_32(dr.reinterpret_array(mi.UInt32, sight.u), dr.reinterpret_array(mi.UInt32, sight.v))
-        throughput = [w * p * t * scale for w, p, t in zip(weights, phase, passed)]
-        lights = self._lights(Crossing(surface, mi.PCG32(1, mi.UInt64(low), mi.UInt64(high)), inside, throughput,
-                                  self._meets(surface, direction) & (by_guides > 0)))
+    def followed(self, sight, direction, density, random):
+        """Emitters, and light as linear sRGB, of directions of `Sight`s."""
+        surface, passed, inside = flights.onward(self.scene, mi.Ray3f(sight.event, direction), sight.inside, density > 0)
+        redirected, scale = self.redirected(sight, direction, density, dr.norm(surface.p - sight.event))
+        throughput = [weight * t * scale for weight, t in zip(redirected, passed)]
+        lights = self._lights(Crossing(surface, random, inside, throughput, self._meets(surface, direction) & (density > 0)))
         dr.eval(lights)  # both by one kernel
-        for emitter, light in lights:
-            yield sight.number, sight.order, emitter, light
+        return lights

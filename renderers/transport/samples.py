@@ -10,7 +10,7 @@ import numpy as np
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from renderers.transport import lamps, rough, solid_angles, wide
-from renderers.transport.guides import Guides
+from renderers.transport.guides import Guides, Sight
 from renderers.transport.lamps import Lamps
 from renderers.transport.manifold import Manifold
 from renderers.transport.records import Records
@@ -55,11 +55,11 @@ class Samples:
     def records(self, lanes, paths):
         """`Records` of lanes that follow so many paths each, and their `Counts`."""
         waves = self._scene.waves
-        kinds = {lamps.Scattering: (lamps.SCATTERINGS, waves), lamps.Arrival: (lamps.ARRIVALS, 3)} if self.small else {}
-        kinds |= {wide.Looking: (wide.SPACE, waves)} if self.wide else {}
-        kinds |= {rough.Sight: (rough.SPACE, waves)} if self.rough else {}
-        records = Records({kind: space for kind, (space, _) in kinds.items()}, lanes, paths,
-                          {kind: entries for kind, (_, entries) in kinds.items()})
+        kinds = {"scattering": (lamps.Scattering, lamps.SCATTERINGS, waves),
+                 "arrival": (lamps.Arrival, lamps.ARRIVALS, 3)} if self.small else {}
+        kinds |= {"wide": (Sight, wide.SPACE, waves)} if self.wide else {}
+        kinds |= {"rough": (Sight, rough.SPACE, waves)} if self.rough else {}
+        records = Records(kinds, lanes, paths)
         return records, records.counts()
 
     def departs(self, path, medium, position, density, active, records):
@@ -91,15 +91,12 @@ class Samples:
 
     def light(self, records):
         """What records come to: numbers (n,) of paths, orders (n,), emitters (n,) by their numbers, and light (n, 3)."""
-        for kind in self._kinds():
+        for kind in filter(None, (self.small, self.wide, self.rough)):
             for number, order, emitter, light in kind.light(records):
                 emitter = self._scene.light_number(emitter)
                 dr.eval(number, order, emitter, light)
                 columns = [np.asarray(column) for column in (number, order, emitter, *light)]
                 yield *columns[:3], np.stack(columns[3:], axis=1)
-
-    def _kinds(self):
-        return [kind for kind in (self.small, self.wide, self.rough) if kind]
 
 
 def samples(scene, world, bodies):

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import drjit as dr
 
 import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
-from renderers.transport import media, specular
+from renderers.transport import specular
+from renderers.transport.guides import Looking
 
 import mitsuba as mi  # isort: skip
 
@@ -39,25 +40,6 @@ class Chance:
     share: mi.Float
 
 
-@dataclass
-class Looking:
-    """Scatterings from which a direction is followed.
-
-    number, inside, order, throughput : of the path there;  event, before, medium : where, the direction there, the body's
-    u, v : numbers for a direction
-    """
-
-    number: mi.UInt32
-    event: mi.Point3f
-    before: mi.Vector3f
-    medium: mi.UInt32
-    inside: mi.UInt32
-    order: mi.UInt32
-    throughput: list
-    u: mi.Float
-    v: mi.Float
-
-
 def ways(scene, counts):
     """Ways to the first light, as `guides.Guides` asks for them; counts : function of emitters: whether they are looked for."""
     def followed(point, direction, medium, random, active):
@@ -67,8 +49,10 @@ def ways(scene, counts):
     return followed
 
 
-class Wide:
+class Wide(Looking):
     """Wide lights, and directions from which their light comes."""
+
+    KIND = "wide"
 
     def __init__(self, scene, guides, sigma, counts):
         """
@@ -76,7 +60,7 @@ class Wide:
         sigma : of each medium, the least extinction if its boundary is smooth, else 0
         counts : function of emitters: whether they are among these lights
         """
-        self._scene, self._guides, self._sigma, self._counts = scene, guides, mi.Float(sigma), counts
+        self.scene, self.guides, self.sigma, self._counts = scene, guides, mi.Float(sigma), counts
 
     @staticmethod
     def none(width):
@@ -85,23 +69,18 @@ class Wide:
 
     def departs(self, path, medium, position, active, records):
         """Changes what is known of paths that scatter at positions; some keep a record."""
-        chance, random = path.chance, path.random
-        looks = active & (dr.gather(mi.Float, self._sigma, medium) > 0) & records.has_space(path.counts, Looking)
+        chance, looks = path.chance, self.looks(path, medium, position, active, records)
         chance.looks = dr.select(active, looks, chance.looks)
         chance.turns = dr.select(active, 0, chance.turns)
         chance.share = dr.select(active, 1, chance.share)
-        u, v, w = (random.next_float32() for _ in range(3))
-        record = Looking(path.number, position, path.direction, medium, path.inside, path.order, path.throughput, u, v)
-        records.add(path.counts, record, looks & (w < self._guides.number(medium, position, looks)))
 
     def turned(self, path, before, sample, shades):
         """Changes what is known of paths that a surface has turned, by a sample of the BSDF; before : `Before`."""
         chance = path.chance
         first = shades & chance.looks & (chance.turns == 0)
-        medium = self._scene.innermost(before.inside)[1]
-        sigma = dr.gather(mi.Float, self._sigma, medium, first)
-        by_chance = path.density * dr.exp(-sigma * dr.norm(path.origin - path.drawn))
-        by_sample = self._density(medium, path.drawn, before.direction, first)
+        medium = self.scene.innermost(before.inside)[1]
+        by_chance = path.density * self.reaches(medium, dr.norm(path.origin - path.drawn), first)
+        by_sample = self.density(medium, path.drawn, before.direction, first)
         chance.share = dr.select(first, by_chance / (by_chance + by_sample), chance.share)
         chance.turns += dr.select(shades, mi.UInt32(1), mi.UInt32(0))
         chance.share = dr.select(shades & ~specular.goes_on(sample, path.inside, chance.turns), 1, chance.share)
@@ -114,26 +93,12 @@ class Wide:
         chance.share = dr.select(shines, 1, chance.share)  # the first light ends the ways of light samples
         return [value * share for value in light]
 
-    def _density(self, medium, point, direction, active):
-        """Of directions of light samples, 1/sr."""
-        return self._guides.number(medium, point, active) * self._guides.density(point, direction, active)
-
-    def light(self, records):
-        """What records come to: numbers (n,) of paths, orders (n,), emitters, and light (n, 3)."""
-        looking = records.kept(Looking)
-        if looking is None:
-            return
-        scene, guides, count = self._scene, self._guides, dr.width(looking.u)
-        direction, every = guides.drawn(looking.event, looking.u, looking.v), mi.Bool(True)
-        guided = self._density(looking.medium, looking.event, direction, every)
-        low, high = mi.sample_tea_32(dr.reinterpret_array(mi.UInt32, looking.u), dr.reinterpret_array(mi.UInt32, looking.v))
-        random = mi.PCG32(1, mi.UInt64(low), mi.UInt64(high))
-        chain = specular.followed(scene, looking.event, direction, looking.inside, random, dr.full(mi.Bool, True, count))
-        weights = media.product(looking.throughput, scene.media.albedo(looking.medium))
-        phase = scene.media.phase(looking.medium, 0.5 * dr.squared_norm(direction - looking.before))
-        passed = [dr.exp(-sigma * chain.within) for sigma in scene.media.sigma_t(looking.medium)]
-        least = dr.exp(-dr.gather(mi.Float, self._sigma, looking.medium) * chain.within)
-        scale = dr.rcp(media.mean(weights, phase) * least + guided)
-        throughput = [w * p * t * s * scale for w, p, t, s in zip(weights, phase, passed, chain.weight)]
-        active = (guided > 0) & self._counts(chain.emitter)
-        yield looking.number, looking.order, chain.emitter, scene.seen(throughput, chain.radiance, active)
+    def followed(self, sight, direction, density, random):
+        """Emitters, and light as linear sRGB, of directions of `Sight`s."""
+        every = dr.full(mi.Bool, True, dr.width(density))
+        chain = specular.followed(self.scene, sight.event, direction, sight.inside, random, every)
+        redirected, scale = self.redirected(sight, direction, density, chain.within)
+        passed = [dr.exp(-sigma * chain.within) for sigma in self.scene.media.sigma_t(sight.medium)]
+        throughput = [weight * t * s * scale for weight, t, s in zip(redirected, passed, chain.weight)]
+        active = (density > 0) & self._counts(chain.emitter)
+        return [(chain.emitter, self.scene.seen(throughput, chain.radiance, active))]

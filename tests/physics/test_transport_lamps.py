@@ -130,7 +130,7 @@ def test_a_white_room_of_lamps(tmp_path, every, coarse, monkeypatch, counted, sc
 def test_directions_are_drawn_by_their_density(tmp_path, none):
     """Of points in a ball under a panel: shares of bins that are drawn, against the density; chi-square over all bins."""
     how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, PANEL, [1.4])
-    guides = Scene(how.world, how.bodies, how.colours).lamps.wide._guides
+    guides = Scene(how.world, how.bodies, how.colours).lamps.wide.guides
     random, n = np.random.default_rng(2), 200_000
     x = mi.Point3f(*(dr.full(mi.Float, value, n) for value in (0.5, -0.4, 3.5)))
     u, v = (mi.Float(column.astype(np.float32)) for column in random.random((2, n)))

@@ -141,9 +141,9 @@ def test_what_few_wavelengths_change():
     theta = np.linspace(0, np.pi, 181)
     grey = SimpleNamespace(wavelength=wavelength, sigma_t=np.ones(8), albedo=np.full(8, 0.9), theta=theta,
                            phase=np.full((8, 181), 1 / (4 * np.pi)))
-    assert discrete._of_three(grey, 0.0) < 1e-12
+    assert discrete._of_three(SimpleNamespace(medium=grey, pixel=lambda: 0.0)) < 1e-12
     violet = SimpleNamespace(**{**vars(grey), "sigma_t": np.eye(8)[0]})
-    assert discrete._of_three(violet, 0.0) > 0.5
+    assert discrete._of_three(SimpleNamespace(medium=violet, pixel=lambda: 0.0)) > 0.5
 
 
 @pytest.mark.slow

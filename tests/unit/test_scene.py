@@ -85,7 +85,7 @@ def test_every_fault_at_once(load):
     ({"{type: height, falloff: 6 m}": "{type: grid, file: cloud.h5}"}, "fog.density.lo: missing"),
     ({"{type: height, falloff: 6 m}": "{type: grid, file: cloud.vol, dataset: a}"}, ".vol files hold one array"),
     ({"{type: height, falloff: 6 m}": "{type: grid, file: a.exr}"}, "expected .h5, .hdf5, .npy or .vol"),
-    ({"{type: height, falloff: 6 m}": "{type: grid, file: cloud.vol, lo: [0,0,0] m, hi: [1,1,0] m}"}, "not above lo"),
+    ({"{type: height, falloff: 6 m}": "{type: grid, file: cloud.vol, lo: [0,0,0] m, hi: [1,1,0] m}"}, "a box without volume"),
     ({"type: height": "type: heigth"}, '"heigth"'),
     ({"asset: fog.h5": "asset: ."}, "no regular file"),
     ({"name: night": "name: &a night"}, "scenes have no anchors"),

@@ -62,7 +62,8 @@ def of_walks(setup, entries, places, walks, number, seed) -> Walked:
     """Events of a pass; parameters as those of `light.beams`."""
     paths, scale = light.started(setup, entries, places, walks, number, seed)
     paths.pixel[:] = _some(paths)
-    collected = [[_none(len(setup.colours.to_waves))] for _ in setup.bodies]
+    none = np.zeros((0, 11)), np.zeros(0, np.int64), *np.zeros((2, 0, len(setup.colours.to_waves)))
+    collected = [[none] for _ in setup.bodies]
     count = 0
     while paths.count:
         within = surfaces.located(setup.geometry, paths)
@@ -81,10 +82,6 @@ def _some(paths):
     first = np.zeros((min(paths.count, 1), 1))
     wavefront.draw(paths.states[:1], first)
     return np.arange(paths.count) % APART == (first * APART).astype(np.int64).sum()
-
-
-def _none(waves):
-    return np.zeros((0, 11)), np.zeros(0, np.int64), np.zeros((0, waves)), np.zeros((0, waves))
 
 
 def _walked(setup, number, paths, scale, collected):

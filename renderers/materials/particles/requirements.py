@@ -39,18 +39,14 @@ def needs(about) -> list[Need]:
     tolerances = [Knob("tolerance", value, text, why, larger=False),
                   Knob("measure", "integrated", "integrated", "classes are held to the light as a whole",
                        words=("integrated", "pointwise"))]
-    classes = [Knob("discrete.tolerance", value, text, why, larger=False), *_classes(settings)]
+    classes = [Knob("discrete.tolerance", value, text, why, larger=False)]
+    if methods()[settings.method].continuous:  # the sum over the classes, however many
+        classes.append(Knob("discrete.classes", 1, "1", f"method {settings.method} reads their sum"))
     lacking = "" if wanted >= _LEAST else f"averages of {100 * wanted:.2g} % are wanted; {100 * _LEAST:g} % is asked for, " \
                                           f"{as_much(_LEAST / wanted)}"
     return [Need("optics", True, "the stage discrete is held against it", (*tolerances, *fewer)),
             Need("medium", True, "the stage discrete is held against it"),
             Need("discrete", True, _apart(about), tuple(classes), lacking)]
-
-
-def _classes(settings):
-    """The continuous medium is the sum over the classes, however many."""
-    if methods()[settings.method].continuous:
-        yield Knob("discrete.classes", 1, "1", f"method {settings.method} reads their sum")
 
 
 # ---- light
@@ -76,22 +72,19 @@ def _wavelengths(about) -> tuple[Knob, ...]:
     waves = np.asarray(about.medium.wavelength)
     if len(waves) <= 3 or not waves.min() <= min(_RGB) <= max(_RGB) <= waves.max():
         return ()
-    change = about.measured(_of_white)
+    change = about.measured(_of_three)
     if change > _EACH * about.tables:
         return ()
     return (Knob("wavelengths", 3, "rgb", f"three in place of {len(waves)} change light that is scattered once by "
                  f"{100 * change:.2g} %, and they may take {100 * _EACH * about.tables:.2g} %"),)
 
 
-def _of_white(about):
-    return _of_three(about.medium, 0.5 * about.pixel())
-
-
-def _of_three(medium, peak):
-    """Relative change of linear sRGB, the largest of the channels, of white light that is scattered once beyond the peak (rad).
+def _of_three(about):
+    """Relative change of linear sRGB, the largest of the channels, of white light that is scattered once beyond half a pixel.
 
     Of means over some degrees, as particles of many sizes in the light of lamps are seen by.
     """
+    medium, peak = about.medium, 0.5 * about.pixel()
     waves, three = np.asarray(medium.wavelength), np.array(_RGB)
     theta = medium.theta
     spectrum = (medium.sigma_t * medium.albedo)[:, None] * medium.phase  # (L, A)
