@@ -101,14 +101,14 @@ def spread_matrix(wavelength):
     0.003 at 16; 0.027 at the preset `visible8`.  Two wavelengths cannot hold three channels (0.23). Source: Mallett and Yuksel,
     EGSR 2019, whose primaries keep the same constraints.
     """
-    from scipy.optimize import nnls
-
     wavelength = np.asarray(wavelength, dtype=float)
     if wavelength.size == 1:
         return LUMINANCE[None]
     matrix = srgb_matrix(wavelength)
     if rgb_order(wavelength) is not None:
         return matrix.T
+    from scipy.optimize import nnls  # 0.1 s, which scenes of three wavelengths do not need
+
     ascending = np.argsort(wavelength)
     width = np.diff(wavelength[ascending])
     # its squares add up to the integral of the squared slope, the whole range being 1 long

@@ -13,12 +13,15 @@ import tracemalloc
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import numpy as np
+
 from bakery.store import scratch
 from bakery.system import resources
 from renderers import choice
 from renderers.choice import trial
 from renderers.pictures import denoise, reached
 from renderers.pictures.engine import TRUSTED, in_time, shares
+from renderers.pictures.means import LEAST
 from renderers.pictures.pace import shared_out
 from renderers.scene import OF_MATERIALS
 
@@ -222,22 +225,38 @@ def _of_pixels(report):
 def _ends(parts, stop, report) -> dict[str, tuple[float, float]]:
     """Seconds of passes, and noise of the picture then, for whatever may end them."""
     least, rate, _ = shared_out(parts, _spent(parts))
-    least, one_each = max(least, 1e-6), max(least, 1e-6) / 2
+    one_each = max(least, 1e-6) / LEAST
 
     def after(seconds):
-        return seconds, math.sqrt(rate / max(seconds, least))
+        return seconds, math.sqrt(_variance_after(parts, seconds))
 
     noise = stop.noise / (_of_pixels(report) if stop.pixels else 1.0)
     regions = {name: part | {"noise": part.get("region", 0.0)} for name, part in parts.items()}
     slowest = max(rate, shared_out(regions, _spent(parts))[1])
-    ends = {"noise": after(max(slowest / noise**2 if noise else math.inf, TRUSTED * one_each))}
+    seconds, reached_then = after(max(slowest / noise**2 if noise else math.inf, TRUSTED * one_each))
+    ends = {"noise": (seconds, min(reached_then, noise or math.inf))}
     if stop.time is not None:
-        ends["time"] = after(max(stop.time, least))
+        ends["time"] = after(max(stop.time, LEAST * one_each))
     if stop.samples is not None:
-        counts = {name: max(2, math.ceil(stop.samples / part["samples"])) for name, part in parts.items()}
+        counts = {name: max(LEAST, math.ceil(stop.samples / part["samples"])) for name, part in parts.items()}
         variance = sum(part["noise"] ** 2 * part["passes"] / counts[name] for name, part in parts.items())
         ends["samples"] = sum(counts[name] * part["seconds"] for name, part in parts.items()), math.sqrt(variance)
     return ends
+
+
+def _variance_after(parts, seconds) -> float:
+    """Least squared noise after so many seconds of passes, if each kind has two at least: the rate of `shared_out` is of long
+    renders, and a draft of cheap noisy passes beside dear quiet ones has fewer of the first than it says."""
+    variance, cost = np.array([(part["noise"] ** 2 * part["passes"], max(part["seconds"], 1e-9)) for part in parts.values()]).T
+    few = variance <= 0
+    while not few.all():
+        for_others = seconds - LEAST * cost[few].sum()
+        counts = np.sqrt(variance / cost) * for_others / np.sqrt(variance * cost)[~few].sum()
+        short = ~few & (counts < LEAST)
+        if not short.any():
+            return float(np.sum(variance / np.where(few, LEAST, counts)))
+        few |= short
+    return float(variance.sum() / LEAST)
 
 
 # ---- of a filter

@@ -39,7 +39,7 @@ OUTSIDE = {"numpy", "scipy", "numba", "math", "cmath", "functools", "dataclasses
            "array", "contextlib", "hashlib", "inspect", "itertools", "os", "pathlib", "llvmlite", "concurrent", "csv", "sys",
            "threading", "operator", "heapq", "re", "time"}
 # what these import they import when they are asked for, and no other physics does
-ENGINE = {"bakery/physics/shapes/mending.py": {"trimesh"}, "bakery/physics/multiple/symbolic.py": {"drjit"},
+ENGINE = {"bakery/physics/multiple/symbolic.py": {"drjit"},
           "bakery/physics/sizes/distributions.py": {"importlib"}, "bakery/physics/shapes/repair.py": {"pymeshlab"}}
 # what renderers see of bakery: assets, kernels for their own loops, the grammar of scenes, and what the machine offers
 SEEN = {"bakery", "bakery.open"}, ("bakery.errors", "bakery.grammar", "bakery.kernels", "bakery.store.outputs",

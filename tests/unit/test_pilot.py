@@ -47,6 +47,16 @@ def test_what_ends_the_passes():
     assert early["noise"][0] == pytest.approx(20.0) and early["time"] == pytest.approx((10.0, math.sqrt(25 / 10)))
 
 
+def test_a_draft_has_two_passes_of_each_kind_however_dear():
+    """Noise of cheap passes beside quiet ones that take nine times as long, as walks beside splats of drops: two of each leave
+    1/2, and after 29 s there are eleven and two; seconds shared out as best they could be would say 1/20 of two of each."""
+    parts = {"walk": part(1.0, math.sqrt(1 / 4)), "splat": part(9.0, 1e-9)}
+    for seconds, passes in ((0.1, 2), (20.0, 2), (29.0, 11), (1018.0, 1000)):
+        noise = pilot._ends(parts, Stop(noise=1e-6, time=seconds), {"noise": 1.0})["time"][1]
+        assert noise == pytest.approx(1 / math.sqrt(passes), rel=1e-6)
+    assert pilot._ends(parts, Stop(noise=0.01), {"noise": 1.0})["noise"] == pytest.approx((1e4, 0.01), rel=1e-6)
+
+
 def extrapolated(samples, **cost):
     """Part of a picture of 1024 x 1024, of a pilot of 64 x 64 whose passes of 16 samples take 1 ms a pixel."""
     known = Cost(0.5, 1e-3, 16, 1.0, 0.04, 0.2)._replace(**cost)

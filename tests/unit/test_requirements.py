@@ -135,6 +135,19 @@ def test_grains_are_as_large_as_at_the_nearest_point_of_a_face():
     assert material.distance(np.array([13.0, 2, 3]), floor) == pytest.approx(5.0)
 
 
+def test_the_nearest_point_of_triangles_is_trimeshs():
+    """Of one triangle each, some of them a line or a point; points above, beside and in the plane."""
+    from trimesh.triangles import closest_point
+
+    rng = np.random.default_rng(2)
+    triangles, points = rng.normal(size=(300, 3, 3)), 2 * rng.normal(size=(300, 3))
+    triangles[:20, 2] = triangles[:20, 1]
+    triangles[:5] = triangles[:5, :1]
+    points[20:60] = np.einsum("nk,nki->ni", rng.dirichlet(np.ones(3), 40), triangles[20:60])
+    expected = np.linalg.norm(closest_point(triangles, points) - points, axis=1)
+    assert [material.distance(*each) for each in zip(points, triangles[:, None])] == pytest.approx(expected, abs=1e-12)
+
+
 def test_what_few_wavelengths_change():
     """Nothing where all wavelengths scatter alike; most of the blue light where only violet scatters."""
     wavelength = np.array([0.405, 0.455, 0.505, 0.555, 0.605, 0.655, 0.705, 0.755])

@@ -1,6 +1,6 @@
 """What a closed mesh measures: volume, area, bodies, which of them lie in others, and where it crosses itself.
 
-Topology is trimesh's to tell (`mending` asks it); here stands what generated shapes need as well, which load no trimesh.
+Topology is `mending`'s to tell; here stands what generated shapes need as well.
 Crossings are our own: trimesh and manifold3d do not find them, and pymeshlab, which does, is an extra because of its licence.
 """
 

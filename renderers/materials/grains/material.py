@@ -56,10 +56,16 @@ def pixels_wide(world, triangles, radius) -> float:
 
 
 def distance(point, triangles) -> float:
-    """From a point (3,) to the nearest of triangles (F, 3, 3)."""
-    from trimesh.triangles import closest_point
-
-    return float(np.linalg.norm(closest_point(triangles, np.broadcast_to(point, (len(triangles), 3))) - point, axis=1).min())
+    """From a point (3,) to the nearest of triangles (F, 3, 3): to one of their edges, or to a plane where its foot is inside."""
+    corner = triangles - point
+    edge = np.roll(corner, -1, axis=1) - corner
+    along = -np.einsum("fki,fki->fk", corner, edge) / np.maximum(np.einsum("fki,fki->fk", edge, edge), 1e-300)
+    nearest = np.linalg.norm(corner + np.clip(along, 0.0, 1.0)[..., None] * edge, axis=2).min()
+    normal = np.cross(edge[:, 0], edge[:, 1])
+    # inside: on the same side of all three edges; the point itself is the origin, and its foot differs from it along the normal
+    inside = (np.einsum("fki,fi->fk", np.cross(corner, edge), normal) >= 0.0).all(axis=1)
+    across = np.abs(np.einsum("fi,fi->f", corner[:, 0], normal)) / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
+    return float(min(nearest, across[inside & (normal != 0.0).any(axis=1)].min(initial=np.inf)))
 
 
 def number_in(packed, vertices, faces) -> float:

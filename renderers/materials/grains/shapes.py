@@ -267,10 +267,11 @@ def fit(world, bodies) -> bool:
     world."""
     if any(shape.class_name() == "Instance" for shape in world.scene.shapes()):  # their groups cannot be asked for
         return False
+    # of all bodies, before the grains of any are counted
+    if any(type(body) is not Explicit or _most(body.grains) > _SEARCHED for body in bodies):
+        return False
     balls = clear = triangles = 0
     for body in bodies:
-        if type(body) is not Explicit or _most(body.grains) > _SEARCHED:
-            return False
         table, grains = body.grains.exemplars.table, body.grains
         if np.any((table[:, 0] == DIELECTRIC) & (table[:, 1] == 1.0) & (table[:, 2] > 0.0)):  # Mitsuba has no such facets
             return False
