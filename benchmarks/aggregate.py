@@ -7,8 +7,6 @@ to find the first sphere, and each next one; whole paths of glass balls and of s
 sigma_t 0.45 in 1/radius, in light from everywhere; the aggregate fills the picture.
 """
 
-from __future__ import annotations
-
 import argparse
 import resource
 import sys

@@ -8,8 +8,6 @@
 True errors are against averages over several times as many nodes at unrelated radii, with tails a hundred times less cut.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import time

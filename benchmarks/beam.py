@@ -5,8 +5,6 @@ forward light as flux | as fluence.  Then layers of unequal density against phot
 what a look-up and a table cost.  `--layers` does only these; `--pictures` draws errors over albedo and spread.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import time

@@ -4,8 +4,6 @@ Kernels in false colour, along the radius, and their errors, each as PNG with it
 All is light that goes on forward, which every kernel knows.  Lengths are mean free paths.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass

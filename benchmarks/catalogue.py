@@ -3,8 +3,6 @@
     python -m benchmarks.catalogue        bakes all of them and writes the tables of docs/catalogue.md
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

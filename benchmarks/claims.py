@@ -1,8 +1,6 @@
 """A page of claims that are measured again: what the commands of `figures_goa`, `figures_discrete`, `figures_granular`,
 `figures_translucent` share."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import io

@@ -8,8 +8,6 @@
 `overhead` measures.  Blocks of `overhead` sleep, so what else the machine does matters little.
 """
 
-from __future__ import annotations
-
 import heapq
 import os
 import signal

@@ -4,8 +4,6 @@ The formula is that of Bohren & Huffman 1983, eq. 8.2, its functions taken as th
 `tests/physics/coated_reference.json`; times are processor time, both in turn in one run.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import time

@@ -3,8 +3,6 @@
 `sitecustomize` of a temporary folder imports this (`benchmarks/first_render.py`), so it sees every process that a command starts.
 """
 
-from __future__ import annotations
-
 import atexit
 import importlib.abc
 import importlib.util

@@ -15,8 +15,6 @@ multipoles (net flux) of slabs through the first intersections along random dire
 lossless light is conserved: shares over those without absorption.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

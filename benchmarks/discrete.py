@@ -8,8 +8,6 @@ single scattering and for all orders; below 1 we are quicker.  Then the time to 
 memory.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

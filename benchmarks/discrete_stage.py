@@ -5,8 +5,6 @@ sorts all at once, we class by class and block by block.  Processor seconds of o
 is what a process of its own needs at most beyond what it had; bytes in the file are those of the group as it is stored.
 """
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

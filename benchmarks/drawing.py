@@ -1,7 +1,5 @@
 """What the benchmarks that draw an asset beside a reference do alike: each picture as PNG, its data as CSV, paths printed."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 from pathlib import Path

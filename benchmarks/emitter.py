@@ -16,8 +16,6 @@ Also: the light of the whole picture over the reference's, and scattered light o
 left half), which tells how the filter errs where rays meet the wall at up to 30 degrees.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

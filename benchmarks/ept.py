@@ -11,8 +11,6 @@ over that of Mitsuba's, with its standard error.
 --small: two cases, 16 pixels wide, passes as few as possible.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile
@@ -62,7 +60,7 @@ GROUP = """<shape type="shapegroup" id="grain"><shape type="ply"><string name="f
 class Case(NamedTuple):
     """surface : of the grains, as kernels take it;  bsdf : the same for Mitsuba;  stones : instances of a mesh, not balls"""
 
-    surface: kernels.Surface
+    surface: object
     bsdf: str
     stones: bool = False
 

@@ -6,8 +6,6 @@ Percent of the scattered light that goes to another angle at the worst wavelengt
 A family stands for itself by its first and its last member.  Recipes of the same numbers share a line.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import math

@@ -5,8 +5,6 @@ a core and of the clock, largest memory of the process, and bytes of the family'
 named are baked instead.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

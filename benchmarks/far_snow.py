@@ -17,8 +17,6 @@ times are those of both parts of such a method, before paths switch to the mediu
 --small: 32 pixels wide, 2 seconds.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 import tempfile

@@ -12,8 +12,6 @@ reference, and FLIP between it with and without its noise, below which nothing i
 above 0.05.  References that are there already are taken again.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json

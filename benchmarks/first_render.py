@@ -10,8 +10,6 @@ Processes that compile ahead are killed at the end, so what they spent is what t
 A render of a draft ends by its time, so the samples differ; what compiles does not.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

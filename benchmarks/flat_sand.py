@@ -9,8 +9,6 @@ be cut; standard errors in brackets.  The field is 0.6 m wide and 12 mm deep, th
 --small: one angle, half a second.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import tempfile

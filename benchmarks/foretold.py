@@ -6,8 +6,6 @@ Passes of a picture of 64 x 64 pixels are kept for so many processor seconds of 
 one after the other; they foretell the variance among as many squares as all passes have, which is that which these show.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 

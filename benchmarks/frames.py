@@ -7,8 +7,6 @@ is the root mean square of what a frame's error differs from that of the frame b
 the root mean square of the difference from a long render.  Both are of the luminance of what the PNG shows, 0 to 1.
 """
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Time per sphere at equal angles on one core, measured in turn, with the error of the faster answer beside it.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -10,8 +10,6 @@ the root of M over that of the medium, less 1, is how much too short a length th
 single grains are of closed forms or of the scatterometer; times are of one core, without compilation.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

@@ -8,8 +8,6 @@ of its own, that of the best division between them.  --lamp 0.1 makes lamps of a
 is gained over paths that find lamps by chance hangs on their size.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 import sys

@@ -12,8 +12,6 @@ the better of `volpath` and `volpathmis`, with and without; differences of the m
 --small: one scene, 16 pixels wide, four rounds.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

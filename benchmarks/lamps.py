@@ -15,8 +15,6 @@ none was among the rounds.
 --small: one scene, 32 pixels wide, four rounds.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 import sys

@@ -4,8 +4,6 @@ Rates of one core in processor time, the best of many tries: what bounds a kerne
 the rate of each kind (docs/measurements/limits.md).
 """
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

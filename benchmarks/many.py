@@ -7,8 +7,6 @@ Half of the recipes are drops of water at one wavelength, half media by their co
 below 1 say that one call takes less than the sum of single calls; those of wall time depend on what else the machine does.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import subprocess

@@ -5,8 +5,6 @@ with hostile ones, each in a child process that may take 4 GiB and 60 s; fewer t
 smallest ball by trimesh; a picture by matplotlib.  CPU seconds of one core; ours are those after compiling.
 """
 
-from __future__ import annotations
-
 import io
 import resource
 import subprocess

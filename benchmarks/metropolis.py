@@ -10,8 +10,6 @@ blocks of pixels.  --small: 16 pixels wide, three rounds.
 Error against mutations in shipped scenes: `python -m benchmarks.figures_translucent --only fig30`.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

@@ -12,8 +12,6 @@ events; and the error in the latter over `metropolis` at equal time.  --small: 1
 all light, and how the kinds of passes share them.
 """
 
-from __future__ import annotations
-
 import argparse
 from types import SimpleNamespace
 

@@ -4,8 +4,6 @@ Ratios of processor time, ours over theirs, all threads together, the least of c
 each on the same reference cases.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

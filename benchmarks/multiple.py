@@ -4,8 +4,6 @@ Processor seconds of one core, as the machine may be shared; published wall time
 With --photons: what photons cost for the error that they reach.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import time

@@ -6,8 +6,6 @@ Places and directions without order; the shortest of several turns, processor ti
 look-up as one would write it: functions of the C library, and a loop over the functions of the table.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import time

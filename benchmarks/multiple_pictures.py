@@ -4,8 +4,6 @@ The table along three lines against photons, and its error over the plane, each 
 Lengths are mean free paths of the medium that was solved, so without a peak that counts as not scattered (`multiple/extinction`).
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Iterator

@@ -10,8 +10,6 @@ exact.
 Errors: relative L2 over the sphere, root mean square over places that neither was made from, against the same solution.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from pathlib import Path

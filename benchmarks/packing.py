@@ -4,8 +4,6 @@ Both programs end at exactly the fraction; in turn on one core, medians over the
 pressure and bond order tell whether speed was bought with order.  With --jamming: where each schedule and several sizes jam.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from pathlib import Path

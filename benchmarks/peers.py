@@ -1,7 +1,5 @@
 """Timing of several programs in turn, so that a busy machine slows all of them alike."""
 
-from __future__ import annotations
-
 import time
 from statistics import median
 

@@ -5,8 +5,6 @@
 Each asset in a process of its own, three times; the least counts.  The first run of a fresh installation compiles kernels.
 """
 
-from __future__ import annotations
-
 import argparse
 import resource
 import subprocess

@@ -4,8 +4,6 @@ Both are rendered with the same random numbers, so that noise cancels as far as 
 the differences scatter by is the noise that is left.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import NamedTuple

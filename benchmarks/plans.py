@@ -9,8 +9,6 @@ before, `used` of one that has baked all the other recipes here, but not this on
 worker, and its time is that of the processor, so that a busy machine does not matter much; compiling is not in it.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -9,8 +9,6 @@ its standard error; bias of blocks of pixels, with the range that it is in 18 ti
 a pixel, root mean square; that over the first row's; and seconds a pass.  --small: 8 pixels wide, three passes.
 """
 
-from __future__ import annotations
-
 import argparse
 from contextlib import ExitStack
 from unittest import mock

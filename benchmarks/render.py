@@ -6,8 +6,6 @@ The scene is a ball of optical radius 8, albedo 1, under a constant light.  All 
 function (g = 0.8), so paths have the same lengths and the time per sample is the time of the phase function alone.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 import types

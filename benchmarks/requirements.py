@@ -7,8 +7,6 @@ is rendered from the planned asset and from one whose tolerances are so many tim
 (`benchmarks/planned.py`); means over B x B pixels count as pixels.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import time

@@ -6,8 +6,6 @@ walk is a wavefront in NumPy around trimesh's calls: `intersects_id` with locati
 figures of a cube and of balls, and what rough surfaces lose.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from itertools import product

@@ -8,8 +8,6 @@ Before that powers and shapes of kernels against photons that stop at the plane 
 differences of shares over rings to 10 depths and what is beyond.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import tempfile

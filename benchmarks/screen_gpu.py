@@ -7,8 +7,6 @@ The second one needs numpy, scipy, numba and drjit alone.  A frame begins with a
 complete on the card; `with copy`: when it is an array of NumPy again.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import sys

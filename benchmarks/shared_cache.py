@@ -5,8 +5,6 @@ its own, one thread, kernels compiled before: without a store and with an empty 
 an empty cache in front of it; with a full cache.  Seconds by the clock, the least of three, and of the processor, with imports.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import subprocess

@@ -4,8 +4,6 @@ Its numbers say nothing; that it ends says that the benchmark still works (`test
 sizes as `sized(usual, small)`; processes that it starts are small, too.  What it would write into docs/ goes elsewhere then.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import shutil

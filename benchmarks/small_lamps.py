@@ -7,8 +7,6 @@ under a spot.  Processor time of passes in turn, one method after the other; `--
 distant lamp, by the radius of its disc, which does not shrink there.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import time

@@ -5,8 +5,6 @@ half spaces take at 1 %, and the change that is stated against the true error; P
 installed; how far light spreads; what half spaces of packed balls take.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import sys

@@ -10,8 +10,6 @@ Second table, of grains: sigma_t R by Eq. 4, exact in the mean for both, and wha
 spreads in the tile, as sigma_t over that of Eq. 4.  The medium of a body takes the factor at 0.6 at all fractions.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -5,8 +5,6 @@
 Both calls are those of a user; pictures and records stay in build/trade_scenes, and a second call goes on with them.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import subprocess

@@ -11,8 +11,6 @@ methods with several kinds of passes at the best division between them), from th
 passes say.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

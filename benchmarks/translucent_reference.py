@@ -9,8 +9,6 @@ scattering, mean, noise, and processor seconds to a noise of 1 %.  Assets are ta
 --room: what is seen of a ball of albedo 1 in a room of radiance 1, which has to be 1, for boundaries and phase functions.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

@@ -13,8 +13,6 @@ which that is 0.8 % too dark, over that of `volpath`, which has few bright pixel
 --small: four scenes, 32 pixels wide, three rounds.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

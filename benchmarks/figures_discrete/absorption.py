@@ -1,7 +1,5 @@
 """Fig. 18: particles that absorb scatter less."""
 
-from __future__ import annotations
-
 from benchmarks.figures_goa import measures as of
 from benchmarks.sizes import sized
 

@@ -1,7 +1,5 @@
 """Figs. 14 and 15: with more particles of the same optical depth the picture becomes the continuous medium's."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.figures_goa import measures as of

@@ -1,7 +1,5 @@
 """Fig. 16: what the cross section of the query cylinder does to the picture."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.figures_goa import measures as of

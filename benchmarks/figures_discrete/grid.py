@@ -1,7 +1,5 @@
 """Fig. 17: time against the resolution of the grid, for discs."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

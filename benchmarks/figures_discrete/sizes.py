@@ -1,7 +1,5 @@
 """Fig. 19: what the distribution of sizes does to brightness and to graininess."""
 
-from __future__ import annotations
-
 import math
 
 from benchmarks.figures_goa import measures as of

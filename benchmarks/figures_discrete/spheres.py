@@ -1,7 +1,5 @@
 """Figs. 10 and 12: particles with wave optics against spheres of glass that rays are traced through."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.figures_goa import measures as of

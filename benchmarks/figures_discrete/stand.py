@@ -1,7 +1,5 @@
 """The stand of all figures: particles in a cube of 0.1 m, nothing else, a lamp beside or behind them, and a camera in front."""
 
-from __future__ import annotations
-
 import math
 import tempfile
 import time

@@ -1,7 +1,5 @@
 """Fig. 20: time against the number of particles, to equal noise."""
 
-from __future__ import annotations
-
 from benchmarks.figures_goa import measures as of
 from benchmarks.sizes import sized
 

@@ -1,7 +1,5 @@
 """Eq. 13: absorption as a linear law."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery import goa, mie

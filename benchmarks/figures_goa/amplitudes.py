@@ -1,7 +1,5 @@
 """Fig. 4: |S1| and |S2| against Lorenz-Mie, one sphere and averages."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery import goa

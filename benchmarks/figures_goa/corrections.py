@@ -1,7 +1,5 @@
 """What each correction of `bakery.goa` buys, by its switches."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery import goa

@@ -1,7 +1,5 @@
 """Fig. 11: how much of the scattered light is diffracted, and where."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from . import measures as of

@@ -1,7 +1,5 @@
 """Fig. 3: the ripple of extinction in closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery import goa, mie

@@ -1,7 +1,5 @@
 """Fig. 13: the best Henyey-Greenstein lobe against the real phase function, in several norms."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.optimize import minimize_scalar
 

@@ -1,7 +1,5 @@
 """Grids, averages over sizes, distances between patterns, and colours; shared by all claims."""
 
-from __future__ import annotations
-
 import os
 from concurrent.futures import ThreadPoolExecutor
 

@@ -1,7 +1,5 @@
 """Eq. 11 names one contribution an order; near the rainbow there are two."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from . import measures as of

@@ -1,7 +1,5 @@
 """Fig. 2: how many chords p inside the sphere matter."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery import goa

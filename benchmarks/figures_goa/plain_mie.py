@@ -4,8 +4,6 @@ Compiled, otherwise as it comes: complex arithmetic, x + 4.3 x^(1/3) + 1 terms a
 one angle at a time.  It is the opponent of the paper's time ratio, not a reference: see `bakery.mie` for exact values.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

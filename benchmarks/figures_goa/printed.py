@@ -3,8 +3,6 @@
 Kept apart from `bakery.goa`, which corrects them, and only as complete as its claims need: real index, time factor exp(+i w t).
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Fig. 6: error and time against radius, and the radius from which rays may replace the series."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

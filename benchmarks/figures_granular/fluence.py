@@ -1,7 +1,5 @@
 """Fig. 9: where light leaves spheres about a beam source in an infinite packing."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

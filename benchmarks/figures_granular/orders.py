@@ -1,7 +1,5 @@
 """A ball of grains under the sky by orders of scattering: what the arrangement does, and what scattering at points does."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the figures share: assets of their grains, and packings without an end."""
 
-from __future__ import annotations
-
 import tempfile
 from functools import cache
 from pathlib import Path

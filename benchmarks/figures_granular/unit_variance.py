@@ -1,7 +1,5 @@
 """Time to unit variance of the methods on shipped scenes (table 2; figs. 1, 7, 12, 13), and how bright they are."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

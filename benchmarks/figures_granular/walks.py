@@ -2,8 +2,6 @@
 they get.  Among explicit grains and among drawn ones, what a ray meets is found by the renderer's loops.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Command line: see the package."""
 
-from __future__ import annotations
-
 from benchmarks.claims import command
 from benchmarks.sizes import sized
 

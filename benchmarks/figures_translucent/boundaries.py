@@ -1,7 +1,5 @@
 """What the boundaries of tables get wrong: a ball under a panel and a sky, by its radius and medium."""
 
-from __future__ import annotations
-
 from benchmarks.figures_goa import measures as of
 from benchmarks.sizes import sized
 

@@ -1,7 +1,5 @@
 """Figs. 20, 21: pictures by diffusion and by tables where light scatters evenly, and where it scatters far forward."""
 
-from __future__ import annotations
-
 from benchmarks.figures_goa import measures as of
 
 from . import stand

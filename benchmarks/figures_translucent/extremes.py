@@ -1,7 +1,5 @@
 """Bodies at the ends: very small and large ones, no scattering and no absorption, light that scatters far forward."""
 
-from __future__ import annotations
-
 from benchmarks.figures_goa import measures as of
 from benchmarks.sizes import sized
 

@@ -1,7 +1,5 @@
 """Fig. 19: light of two and more events in an infinite medium, by tables and by the paper's diffusion."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.multiple import legendre, lookup, point, solution

@@ -1,7 +1,5 @@
 """Figs. 30, 31, Table 2: error of chains of paths against mutations and against time, beside paths and tables."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.figures_goa import measures as of

@@ -3,8 +3,6 @@
 Unlit, in a white sky: paths find the flame so rarely that they are no reference.
 """
 
-from __future__ import annotations
-
 from benchmarks.figures_goa import measures as of
 from benchmarks.sizes import sized
 

@@ -1,7 +1,5 @@
 """Figs. 24, 25, 28: longer and shorter mean free paths of a ball of index 1.5 under a panel and a sky."""
 
-from __future__ import annotations
-
 from benchmarks.figures_goa import measures as of
 from benchmarks.sizes import sized
 

@@ -5,8 +5,6 @@ the mean, from the scatter of passes.  Its bias is measured on means over blocks
 mean square difference from a reference, less what the noise of both brings about.
 """
 
-from __future__ import annotations
-
 import re
 import tempfile
 import time

@@ -1,7 +1,5 @@
 """Figs. 27, 30, 31: error against time of all methods, on the bumpy ball and the candle."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.figures_goa import measures as of

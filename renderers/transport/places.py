@@ -109,12 +109,15 @@ class Places:
         self.regions = list(regions)
         boxes = [region.box for region in self.regions if region.layout is not None]
         self.off = _OFF * float(np.max(np.abs(boxes))) if boxes else 0.0
-        sizes = [(region.volume, region.bounds == FREE) for region in self.regions]
-        ordered = sorted(range(len(sizes)), key=sizes.__getitem__)
+        ordered = sorted(range(len(self.regions)), key=self._volume)
         self.rank = np.full(len(ordered) + 1, len(ordered))
         self.rank[ordered] = np.arange(len(ordered))
         # grains are found by themselves: their region matters where it keeps a material out
         self._ordered = [number for number in ordered if not self.regions[number].solid or self.around_of(number)]
+
+    def _volume(self, number):
+        region = self.regions[number]
+        return region.volume, region.bounds == FREE
 
     def around_of(self, number) -> list[int]:
         """Materials outside of one that its region may keep out."""

@@ -1,7 +1,5 @@
 """Loops that join beams of light with lines of sight that pass close by, in a grid of cells that know their beams."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 Beams that lie near each other form clusters.  From afar a cluster counts as one, and of its beams one is drawn by its strength.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Loops of light that walks in a body, and of what it leaves behind at its events."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

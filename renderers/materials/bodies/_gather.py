@@ -4,8 +4,6 @@ Beams and lines of sight are joined in points drawn on both, in proportion to wh
 drawn for a line of sight (`_choice`).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Loops of light that walks in a body and is turned back at its boundary, where that is smooth."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

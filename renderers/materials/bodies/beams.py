@@ -12,8 +12,6 @@ squared error of the mean of n passes as small as may be, n^(-4/5): its variance
 square of the width (Kaplanyan and Dachsbacher, ACM Trans. Graph. 32, 2013).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

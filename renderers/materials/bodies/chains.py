@@ -9,8 +9,6 @@ light is whose: every light that has had its first event by such a way is brough
 What is left out stands in `left_out`: light whose first smooth surface bounds no body, or that surfaces beside bodies get.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.kernels import stream_key

@@ -7,8 +7,6 @@ are bright, and beams what crosses them.  A point takes far less time than a bea
 begin at those of a few.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

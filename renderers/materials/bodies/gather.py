@@ -1,7 +1,5 @@
 """Lines of sight through bodies, and the light of beams that they gather."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

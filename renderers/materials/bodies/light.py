@@ -10,8 +10,6 @@ Both begin a beam inside.  Light walks on from some of them, and where it meets 
 What leaves walks on outside, and where it comes into a body again it is light that comes in.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

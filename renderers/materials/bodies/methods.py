@@ -1,7 +1,5 @@
 """The methods of a scene: which passes make its picture, and what is to be said of them."""
 
-from __future__ import annotations
-
 import math
 from functools import cached_property, partial
 from typing import NamedTuple

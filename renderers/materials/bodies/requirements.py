@@ -1,7 +1,5 @@
 """What a scene of translucent bodies needs of a recipe: whether tables of multiple scattering, how good, of how narrow lobes."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 

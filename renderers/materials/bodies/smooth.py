@@ -4,8 +4,6 @@ Each takes the value at its own place of a plane fitted to the pixels around (lo
 how the light bends within a fraction of a transport mean free path; half the distance tells how much that is.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Surfaces ahead of paths: the boundary of a body to which light is blind is crossed here, at others Mitsuba turns paths."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.materials.bodies import _geometry

@@ -4,8 +4,6 @@ A path is followed from surface to surface (`surfaces`).  Inside of a body it br
 often as its method lets it, and goes on to the next surface.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.kernels import stream_key

@@ -1,7 +1,5 @@
 """Two events by beams that are joined with lines of sight, later ones from the asset's tables."""
 
-from __future__ import annotations
-
 from renderers.materials.bodies.declaration import FEW, FEWEST_GATHERED, GATHERED, JOINED, BodyMethod
 from renderers.materials.bodies.declared import vrl_tables
 

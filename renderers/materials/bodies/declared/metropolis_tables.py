@@ -1,7 +1,5 @@
 """Third and later events from the asset's tables, by states that are drawn by a guess of their light."""
 
-from __future__ import annotations
-
 from renderers.materials.bodies.declaration import FEW, FEWEST_GATHERED, MUTATED, BodyMethod
 from renderers.materials.bodies.declared import vrl_tables
 
