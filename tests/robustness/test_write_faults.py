@@ -285,7 +285,8 @@ def test_bytes_by_way_of_a_file_are_those_in_memory(tmp_path):
 
 @pytest.mark.parametrize("step", [slow(1), 5])
 def test_a_disk_that_fills_up_while_a_file_is_packed(tmp_path, monkeypatch, step):
-    """Each write in turn, or every fifth, fails, for good: an error that says so, never the end of the process, which is what HDF5 makes of it."""
+    """Each write in turn, or every fifth, fails, for good: an error that says so, never the end of the process, which is what
+    HDF5 makes of it."""
     temporary, root = tempfile.TemporaryFile, seal(small_asset())
 
     class Full:
