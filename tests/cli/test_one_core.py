@@ -30,6 +30,7 @@ SCENE = """<scene version="3.0.0"><sensor type="perspective"/><emitter type="env
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="processes cannot be held to one core here")
+@pytest.mark.slow
 def test_pictures_are_written_and_light_a_scene(tmp_path):
     subprocess.run([sys.executable, "-c", WRITE], cwd=tmp_path, check=True, timeout=60)
     (tmp_path / "scene.xml").write_text(SCENE)

@@ -11,6 +11,7 @@ from benchmarks.figures_goa import henyey_greenstein as lobes
 from benchmarks.figures_goa import measures as of
 
 
+@pytest.mark.slow
 def test_plain_series_is_the_same_physics():
     # unequal work, equal answer: else the time ratio of the page compares nothing
     theta = np.linspace(0.0, np.pi, 41)
@@ -35,6 +36,7 @@ def test_printed_rays_agree_with_ours_away_from_what_was_corrected():
             assert np.linalg.norm(a - b[0].conj()) < 0.01 * np.linalg.norm(a), m
 
 
+@pytest.mark.slow
 def test_orders_converge_against_themselves_but_not_against_mie():
     for m in (1.33, 1.5, 0.75):
         assert orders.energy_beyond(m, 1) > 4 * orders.energy_beyond(m, 2)
@@ -46,6 +48,7 @@ def test_orders_converge_against_themselves_but_not_against_mie():
     assert at_3 > 3 * at_6 > 3 * at_20  # and what it hides
 
 
+@pytest.mark.slow
 def test_one_ray_an_order_loses_half_the_rainbow():
     for radius, low, high in ((10.0, 0.3, 0.55), (100.0, 0.45, 0.65), (1000.0, 0.5, 0.7)):
         assert low < one_ray.kept(radius) < high, radius
@@ -75,6 +78,7 @@ def test_extinction_is_low_without_the_edge():
     assert extinction.error("eq. 14 as printed", 1.33, of.size_parameter(2.0)) ** 2 > 0.01  # the same number, against Mie
 
 
+@pytest.mark.slow
 def test_amplitudes_do_not_agree_at_2_um():
     for averaged, at_2, at_100 in ((False, 0.25, 0.6), (True, 0.3, 0.8)):
         assert amplitudes.agreement("as printed", 2.0, averaged)[2] < at_2
@@ -82,6 +86,7 @@ def test_amplitudes_do_not_agree_at_2_um():
     assert amplitudes.agreement("+ edge", 100.0, True)[2] > 0.98
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", of.INDICES)
 def test_the_switch_at_2_um_is_too_early(name):
     found = trade.pattern_errors(of.INDICES[name], 2.0, True, ("as printed", "+ edge", "+ wide edge"))
@@ -99,6 +104,7 @@ def test_errors_at_100_um():
     assert trade.relative_squares(1.33, 10.0)[1] < 0.01 < trade.relative_squares(1.33, 2.0)[1]
 
 
+@pytest.mark.slow
 def test_diffraction_has_a_false_tail_and_a_step():
     peak, angle = diffraction.in_the_peak(100.0)
     assert 0.38 < peak < 0.45 and 0.2 < angle < 0.22  # 0.838 of the half that is diffracted

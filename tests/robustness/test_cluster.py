@@ -117,6 +117,7 @@ def test_blocks_come_back_in_order_and_what_they_share_goes_once(workers):
     assert workers.map(blocks.scaled) == []
 
 
+@pytest.mark.slow
 def test_blocks_of_a_killed_worker_are_done_again(workers, tmp_path, capfd):
     table = np.arange(1e4)
     workers.map(blocks.scaled, [table] * 4, range(4))

@@ -323,6 +323,7 @@ def test_what_is_found_to_be_quick_leaves_others_less_time(monkeypatch):
     assert taken(monkeypatch, others, (surface(0, stated=0.06), tried(1e-3)), slow).table[2]["seconds"] is not None
 
 
+@pytest.mark.slow
 def test_pilots_of_slow_paths_take_fewer_samples():
     """Two passes of 16 samples would take a hundred times as long as a pilot may."""
     samples = []

@@ -389,7 +389,8 @@ def test_layers_under_facets(soil):
     assert asset.surface.table()[1].largest < 5e-3
 
 
-@pytest.mark.parametrize("on_top, tolerance", [slow(0.0, 0.08), (0.3, 0.02)])  # 2 % of the first: 54 moments, 12 s of a core
+# 2 % of the first ask for 54 moments, 12 s of a core
+@pytest.mark.parametrize("on_top, tolerance", [slow(0.0, 0.08), (0.3, 0.02)])
 def test_facets_between_layers(soil, on_top, tolerance):
     """Those of the recipe below, of a larger index and of a smaller one than what lies on it: the solver's values, and light
     that spreads through them."""

@@ -25,6 +25,7 @@ from bakery.physics.surfaces import pairs
 from bakery.physics.surfaces.corrected import SHOWN, Corrected, Fit, merged, middles
 from bakery.physics.surfaces.refine import refined
 from bakery.physics.surfaces.slab import Slab
+from tests.conftest import slow
 
 SMOOTHED = 0.02  # of the reflectance at a single pair: what interpolation between cells leaves
 SURFACES = {"matt": diffuse(0.8), "dark": diffuse(0.1), "white": diffuse(1.0), "black": diffuse(0.0), "glass": dielectric(1.5),
@@ -128,6 +129,7 @@ def test_energy_and_reciprocity(name):
     np.testing.assert_array_less(np.abs(surface.albedos(at**2).sum(axis=0) - counted), 6 * error + 0.012)
 
 
+@pytest.mark.slow
 def test_what_clear_grains_send_back_is_known_better_than_by_which_order():
     """Whether light comes back in a lower order or a higher one is chance, and that it comes back is hardly any.
 
@@ -148,7 +150,7 @@ def test_black_grains_send_nothing_back():
     assert result.reached and (surface.reflection(0.5, np.array([2e-3, 0.5, 1.0]), 1.0) == 0).all()
 
 
-@pytest.mark.parametrize("thickness, base", [(0.0, None), (0.5, None), (4.0, None), (4.0, 1.0)])
+@pytest.mark.parametrize("thickness, base", [(0.0, None), (0.5, None), slow(4.0, None), (4.0, 1.0)])
 def test_layers_of_white_grains_keep_all_light(thickness, base):
     """What comes back and what passes is all there is, and directions may be exchanged; without grains all passes."""
     surface, each = layer("white", thickness, 0.1, base)
