@@ -13,6 +13,7 @@ from bakery import kernels
 from bakery.kernels import lent, mesh_scratch, nearest_triangle, triangle_normal
 from bakery.system.compiled import njit
 from renderers.threads import run
+from renderers.transport.solids import SMALLER
 
 # What there is of the scene's surfaces at the boundary of a region: none; one that light does not see (`null`); one that turns
 # light, which itself ends a path's flight
@@ -117,7 +118,7 @@ class Places:
 
     def _volume(self, number):
         region = self.regions[number]
-        return region.volume, region.bounds == FREE
+        return region.volume if region.bounds == FREE else (1 - SMALLER) * region.volume
 
     def around_of(self, number) -> list[int]:
         """Materials outside of one that its region may keep out."""

@@ -15,7 +15,7 @@ from renderers.transport.media import Media
 from renderers.transport.regions import Grid, Medium, Regions
 from renderers.transport.samples import samples
 from renderers.transport.scattering import vacuum
-from renderers.transport.solids import volume
+from renderers.transport.solids import SMALLER, volume
 from renderers.transport.splitting import Splitting, smooth
 from renderers.transport.voxels import Voxels
 
@@ -167,8 +167,8 @@ def _variables(value):
 def _place(entry):
     """Of an entry among the others: what is in another has the lesser volume, and of equal ones the body is in the other."""
     if isinstance(entry, Medium):
-        return regions.volume(entry.region), True
-    return volume(entry.vertices, entry.faces), False
+        return regions.volume(entry.region)
+    return (1 - SMALLER) * volume(entry.vertices, entry.faces)
 
 
 def _camera(camera, unit):
