@@ -12,6 +12,7 @@ import bakery
 from bakery.errors import RecipeError, StageError, UsageError
 from bakery.kernels import surface_transmittance
 from bakery.physics.multiple.legendre import moments
+from bakery.physics.surfaces import fresnel
 from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.solution import solve
 from bakery.physics.surfaces.table import GRIDS
@@ -257,6 +258,27 @@ def test_extremes(options, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("index", [1.5, 0.7])
+def test_a_painted_base_under_a_boundary_alone(bake, index):
+    """No medium between a smooth boundary and a Lambertian base of albedo b: r + (1 - r) (1 - R) b / (1 - R b) comes back.  R is
+    the share of light from all sides that the boundary sends back into the medium (0.596 at 1.5: Judd 1942); the BRDF is that of
+    Wolff, Nayar & Oren 1998 (IJCV 30, 55)."""
+    layer = bake("painted", f'{{thickness: "[0, 1e-22] mm", boundary: {{index: {index}}}, base: {{albedo: [0.5, 1]}}}}')
+    mu = np.cos(THETA)
+    x, weight = np.polynomial.legendre.leggauss(400)
+    inner, weight = 0.5 * (1 + x), 0.5 * weight
+    sine = index * np.sqrt(1 - inner**2)
+    into = np.where(sine < 1, fresnel.reflected(np.sqrt(np.maximum(1 - sine**2, 0)), index), 1.0)
+    back, first = float(np.sum(2 * inner * into * weight)), fresnel.reflected(mu, index)
+    assert index != 1.5 or back == pytest.approx(0.596, abs=5e-4)
+    for k, albedo in enumerate((0.5, 1.0)):
+        for t in range(2):
+            lit = albedo / (1 - back * albedo)
+            assert layer.surface.albedo(THETA)[k, t] == pytest.approx(first + (1 - first) * (1 - back) * lit, rel=1e-3)
+            brdf = layer.surface.reflectance(THETA, THETA[1], 0.7)[k, t]
+            assert brdf == pytest.approx((1 - first) * (1 - first[1]) / index**2 * lit, rel=2e-3)
+
+
 def test_extremes_under_facets(tmp_path):
     """A layer of 1.4 under facets on a medium of 1, depths 0.01 to 1e6: numbers, energy, both ways, a stated error."""
     (tmp_path / "under.yaml").write_text(SOIL.replace("[0.5, 0.6, 0.9]", "[1, 0.6, 0.9]").replace(OF_SOIL, "{}"))

@@ -116,8 +116,8 @@ def refine(theta, evaluate, tolerance, crest=None, earlier=None, limit=LIMIT, fi
     evaluate : (theta (B,), floor (C, B)) -> values (C, E, B), error (C, B), tag (C, B).  `error` is relative to element 0;
         `floor` is the larger tag of the two neighbours, None at first: what the values should at least be made with
     tolerance : the interpolation error plus the value's own error, over the reference value, stays below it
-    crest : (C,) rad or None; where above 0 the reference is the largest value within that distance (a neighbouring crest of
-        the ripples of equal spheres), else the value itself
+    crest : (C,) rad or None; where above 0 the reference in a trough between two crests within that distance (the ripples of
+        equal spheres) is the lower one of them, else the value itself
     earlier : values, error, tag at theta, from an earlier call
     integrated : what the interpolant misses beyond the values' own errors, summed over all cells, stays below the tolerance as a
         share of the integral over the sphere, instead of each cell below it
@@ -247,12 +247,13 @@ def _light(theta, f):
 
 
 def _reference(theta, f, at, f_at, reach):
-    """(C, B): f_at, or the largest f within `reach` of it."""
+    """(C, B): f_at, or the lower one of the largest f on either side of it within `reach`: on a slope without troughs f_at."""
     out = f_at.copy()
     for c in np.flatnonzero(reach > 0):
         low = np.searchsorted(theta, at - reach[c], side="left")
+        begin, end = np.searchsorted(theta, at, side="left"), np.searchsorted(theta, at, side="right")
         high = np.searchsorted(theta, at + reach[c], side="right")
-        out[c] = np.maximum(out[c], largest(f[c], low, high))
+        out[c] = np.maximum(out[c], np.minimum(largest(f[c], low, begin), largest(f[c], end, high)))
     return out
 
 

@@ -302,7 +302,7 @@ def _check_component(group: Group, theta) -> Iterable[str]:
 
 STAGE = Stage(
     name="optics",
-    version=10,
+    version=11,
     title="single scattering of each component, averaged over its sizes",
     reads=("wavelengths", "tolerance", "measure", "particles.host", "particles.components[*].name",
            "particles.components[*].material", "particles.components[*].size", "particles.components[*].coating",
@@ -312,10 +312,10 @@ STAGE = Stage(
     outputs=OUTPUTS,
     error_measure="largest relative change, when the nodes over size are halved, of any mean cross section (absorption: relative "
                   "to at least 0.01 tolerance times extinction) and of the phase function at any angle, there with the error of "
-                  "linear interpolation in cos theta half-way between angles; for (nearly) equal spheres relative to the "
-                  "nearest crest (with measure: integrated, instead of all this the integral of the phase function's error over "
-                  "the sphere); or, where rays stand for series, the integral of the difference that they make to the phase "
-                  "function over the sphere, if that is larger",
+                  "linear interpolation in cos theta half-way between angles; in troughs between ripples of (nearly) equal "
+                  "spheres relative to the lower crest beside them (with measure: integrated, instead of all this the integral "
+                  "of the phase function's error over the sphere); or, where rays stand for series, the integral of the "
+                  "difference that they make to the phase function over the sphere, if that is larger",
     cost=cost,
     inputs=inputs,
     compute=compute,

@@ -44,6 +44,7 @@ OUTPUTS = (
 )
 REQUIRED = ("index", "roughness", "moments", "peak", "cosine", "flux", "reflected", "albedo", "passed", "spherical_albedo",
              "change")
+_THINNEST = 1e-15  # optical depth
 _TOGETHER = 4
 _ROUNDING = 1e-6  # energy that may be lost or gained
 
@@ -70,15 +71,23 @@ def slabs(inputs: dict, layers: list | None = None) -> list:
     """
     from bakery.physics.surfaces.slab import Slab
 
-    result = []
+    result, infinite = [], [(math.inf, math.inf)]
+    depths = None if inputs["thickness"] is None else _depths(inputs).tolist()
     for k, (sigma_t, sigma_s) in enumerate(zip(inputs["sigma_t"], inputs["sigma_s"], strict=True)):
         albedo = float(sigma_s / sigma_t) if sigma_t > 0 else 0.0
         base = None if inputs["base"] is None else float(inputs["base"][k])
-        for width in [math.inf] if inputs["thickness"] is None else inputs["thickness"]:
-            depth = math.inf if width == math.inf else float(1e-6 * sigma_t * width)
+        for width, depth in infinite if depths is None else zip(inputs["thickness"], depths[k], strict=True):
             result.append(Slab(inputs["theta"], inputs["phase"][k], albedo, depth, inputs["index"], base, inputs["roughness"],
                                layers[k] if layers else None, spread.length(sigma_t, width)))
     return result
+
+
+def _depths(inputs: dict) -> np.ndarray:
+    """(L, T) optical depths of the layers."""
+    depths = np.outer(1e-6 * inputs["sigma_t"], inputs["thickness"])
+    # between a smooth boundary and a base light goes to and fro even in a layer of no depth, and its orders are stored over the
+    # shares that the layer scatters: over 0 they would be infinite
+    return np.maximum(depths, _THINNEST) if inputs["index"] != 1 and inputs["base"] is not None else depths
 
 
 def solved(slab, tolerance: float):
@@ -167,7 +176,7 @@ def stored(inputs: dict, solutions: list, shape: tuple[int, int]) -> dict:
         values |= _compressed(name, np.stack(orders).reshape(*shape, *orders[0].shape))
     if inputs["thickness"] is not None:
         values["thickness"] = inputs["thickness"]
-        values["depth"] = np.outer(1e-6 * inputs["sigma_t"], inputs["thickness"])
+        values["depth"] = _depths(inputs)
     if inputs["base"] is not None:
         values["base"] = inputs["base"]
     return values
@@ -261,7 +270,7 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
 
 STAGE = Stage(
     name="surface",
-    version=13,
+    version=14,
     title="reflectance of a plane layer",
     reads=("wavelengths", "seed", "surface"),
     needs=("medium",),
