@@ -96,3 +96,13 @@ def test_which_grains_fit(tmp_path, surface, mesh, fits):
     packed, world = grains([Kind(surface)], mesh, tile(0.5, 40)), World(tmp_path / "scene.xml")
     assert shapes.fit(world, [paths.Explicit(packed, np.zeros((0, 0, 0), np.uint8), COLOURS)]) == fits
     assert len(listed(packed).radius) > (2048 if mesh[0].max() < 1e3 else 10)
+
+
+def test_no_grain_is_counted_beside_a_body_of_too_many(tmp_path, monkeypatch):
+    """Every grain of the first body would be looked up in vain: the second is 25 times as wide."""
+    (tmp_path / "scene.xml").write_text(SCENE.replace("MORE", ""))
+    world, packed = World(tmp_path / "scene.xml"), [grains([Kind(MATT)], bumpy(size), tile(0.5, 40)) for size in (6.0, 150.0)]
+    bodies = [paths.Explicit(each, np.zeros((0, 0, 0), np.uint8), COLOURS) for each in packed]
+    assert shapes.fit(world, bodies[:1])
+    monkeypatch.setattr(shapes, "listed", lambda grains: pytest.fail("grains are looked up"))
+    assert not shapes.fit(world, bodies)
