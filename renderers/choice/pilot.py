@@ -248,14 +248,15 @@ def _variance_after(parts, seconds) -> float:
     """Least squared noise after so many seconds of passes, if each kind has two at least: the rate of `shared_out` is of long
     renders, and a draft of cheap noisy passes beside dear quiet ones has fewer of the first than it says."""
     variance, cost = np.array([(part["noise"] ** 2 * part["passes"], max(part["seconds"], 1e-9)) for part in parts.values()]).T
-    few = variance <= 0
-    while not few.all():
-        for_others = seconds - LEAST * cost[few].sum()
-        counts = np.sqrt(variance / cost) * for_others / np.sqrt(variance * cost)[~few].sum()
-        short = ~few & (counts < LEAST)
+    fixed = variance <= 0
+    while not fixed.all():
+        for_others = seconds - LEAST * cost[fixed].sum()
+        shared = for_others / np.sqrt(variance * cost)[~fixed].sum()
+        counts = np.where(fixed, LEAST, np.sqrt(np.where(fixed, 1.0, variance) / cost) * shared)
+        short = ~fixed & (counts < LEAST)
         if not short.any():
-            return float(np.sum(variance / np.where(few, LEAST, counts)))
-        few |= short
+            return float(np.sum(variance / counts))
+        fixed |= short
     return float(variance.sum() / LEAST)
 
 

@@ -55,6 +55,8 @@ def test_a_draft_has_two_passes_of_each_kind_however_dear():
         noise = pilot._ends(parts, Stop(noise=1e-6, time=seconds), {"noise": 1.0})["time"][1]
         assert noise == pytest.approx(1 / math.sqrt(passes), rel=1e-6)
     assert pilot._ends(parts, Stop(noise=0.01), {"noise": 1.0})["noise"] == pytest.approx((1e4, 0.01), rel=1e-6)
+    unlit = parts | {"splat": part(9.0, 0.0)}
+    assert pilot._ends(unlit, Stop(noise=0.0), {"noise": 1.0})["noise"] == (math.inf, 0.0)
 
 
 def extrapolated(samples, **cost):
