@@ -17,6 +17,7 @@ from bakery.errors import Problem, RecipeError
 
 MAX_BYTES, MAX_LINES, MAX_DEPTH, MAX_NODES = 1 << 20, 50_000, 32, 20_000
 ASSET = b"bakery-asset "  # how an asset begins (bakery/store/container.py)
+_SHOWN = 140  # characters of a line in a message
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\x7e\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]|[\u2028\u2029\ufeff]")
 # a list followed by one unit, `[0.84, 0.75, 0.68] mm` or `[1, 2] 1/mm`: never valid YAML otherwise, because text cannot follow
 # a closing bracket
@@ -61,12 +62,12 @@ class Source:
         line = bisect_right(self._starts, index)
         return line, index - self._starts[line - 1] + 1
 
-    def excerpt(self, line: int, column: int, width: int = 140) -> str:
+    def excerpt(self, line: int, column: int) -> str:
         """The line with a caret under the column."""
         end = self._starts[line] if line < len(self._starts) else len(self.text)
         text = self.text[self._starts[line - 1] : end].rstrip("\r\n")
-        begin = max(0, column - 1 - width // 2) if len(text) > width else 0
-        part = text[begin : begin + width]
+        begin = max(0, column - 1 - _SHOWN // 2) if len(text) > _SHOWN else 0
+        part = text[begin : begin + _SHOWN]
         shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" if c != "\t" else " " for c in part)
         return f"  {shown}\n  {' ' * (column - 1 - begin)}^"
 

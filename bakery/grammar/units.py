@@ -29,12 +29,12 @@ class Wrong(Exception):
 
 
 @contextmanager
-def naming(what: str) -> Iterator[None]:
+def naming(subject: str) -> Iterator[None]:
     """A text that does not say a value, inside of the `with`, as UsageError after a name: of an option, an argument, a file."""
     try:
         yield
     except Wrong as wrong:
-        raise UsageError(f"{what}: {wrong.found}; {wrong.expected}") from None
+        raise UsageError(f"{subject}: {wrong.found}; {wrong.expected}") from None
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from bakery.system.vectors import bits, splat
+from bakery.physics.vectors import bits, splat
 
 RAYS, TRIANGLES = 16, 8
 # float32, lengths in cells: where a ray starts, its direction and 1/direction, how far it goes at most, where it starts as seen

@@ -28,8 +28,8 @@ from bakery.physics.grains.sampling import (
 )
 from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, at_surface, surface_share
 from bakery.physics.lent import lent
+from bakery.physics.vectors import lowest
 from bakery.system.compiled import njit
-from bakery.system.vectors import lowest
 
 _SLOTS, _LEAPS = 128, 2  # rays under way at once; leaps between tests of cells
 _EDGE = np.float32(2e-3)  # cells; a hit nearer to the wall of its cell than this is not yet known to be the first

@@ -13,8 +13,8 @@ import numpy as np
 from bakery.physics.grains.grid import Grid, laid
 from bakery.physics.grains.lanes import BLOCK, BOXES, NODE, TRIANGLES, boxes_hit, fetch, triangles_hit
 from bakery.physics.shapes.solid import arrays, faults
+from bakery.physics.vectors import lowest
 from bakery.system.compiled import njit
-from bakery.system.vectors import lowest
 
 # Box planes err by less than 1e-6 in position: |coordinate| <= 1.02, differences <= 2.1, and five float32 roundings.
 MARGIN = 1.5e-6

@@ -5,7 +5,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from bakery.system.vectors import bits, load, splat, store
+from bakery.physics.vectors import bits, load, splat, store
 
 BOXES, TRIANGLES = 8, 4
 NODE = 8 * BOXES  # float32 of a node: [lower x, y, z, upper x, y, z, child as int32, nothing][box]

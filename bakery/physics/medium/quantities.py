@@ -48,9 +48,9 @@ def natural_depolarisation(s11, s12) -> np.ndarray:
     return ratio(np.asarray(s11) + s12, np.asarray(s11) - s12)
 
 
-def mass_efficiency(extinction, volume, density) -> np.ndarray:
-    """Extinction per mass, m^2/g, of mean cross sections (L,) um^2, a mean volume um^3 and a density kg/m^3."""
-    return 1e3 * np.asarray(extinction, float) / (volume * density)
+def mass_efficiency(extinction, mass) -> np.ndarray:
+    """Extinction per mass, m^2/g, of mean cross sections (L,) um^2 and a mean mass 1e-18 kg."""
+    return 1e3 * np.asarray(extinction, float) / mass
 
 
 def effective_sizes(radius, weight, mean_volume=None):

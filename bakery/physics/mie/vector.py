@@ -11,7 +11,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from bakery.system.vectors import fused, splat
+from bakery.physics.vectors import fused, splat
 
 
 @intrinsic

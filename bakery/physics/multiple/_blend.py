@@ -9,7 +9,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from bakery.system.vectors import load, loop, splat
+from bakery.physics.vectors import load, loop, splat
 
 LANES = 8  # float32; arrays are padded with zeros to a multiple of it.  16 is slower on processors that have them
 

@@ -9,7 +9,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from bakery.system.vectors import fused, load, loop, splat, store
+from bakery.physics.vectors import fused, load, loop, splat, store
 
 LANES = 8  # columns of a vector
 ROWS, VECTORS = 4, 2  # of a tile: eight sums on the way, as many as hide how long a sum takes

@@ -9,7 +9,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from bakery.system.vectors import fused, load, loop, splat, store
+from bakery.physics.vectors import fused, load, loop, splat, store
 
 LANES = 8  # orders at a time: a vector has the real parts of as many, then the imaginary ones
 

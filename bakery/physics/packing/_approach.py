@@ -9,7 +9,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from bakery.system.vectors import at, bits, splat, store
+from bakery.physics.vectors import at, bits, splat, store
 
 LANES = 8
 A, B, C, DUE = range(0, 4 * LANES, LANES)  # of what `approach` writes

@@ -13,8 +13,8 @@ from bakery.physics.packing._approach import DUE as NEXT
 from bakery.physics.packing._approach import LANES, A, B, C, approach, scratch
 from bakery.physics.packing._lists import CODES, DUE, FIRST, INNER, LAST, STRICT, R, V, X, relist
 from bakery.physics.packing._queue import USED, next_event, push
+from bakery.physics.vectors import lowest
 from bakery.system.compiled import njit
-from bakery.system.vectors import lowest
 
 LEAVE, CHECK, NONE = -1, -2, -3  # in place of a partner
 DEEP = 4096  # spheres beyond which memory is asked for ahead: with fewer all stays in the cache

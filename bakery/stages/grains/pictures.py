@@ -70,7 +70,7 @@ def shapes(meshes: Mapping[str, Exemplar], parts: Mapping[str, Group], grains: G
             image = rendered(None if grain.ball else grain.vertices, grain.faces, np.array(_TINT.get(kind, _TINT["dielectric"])),
                              pixels, _GLOSS.get(kind, 0.2) / (1 + 8 * _number(grain.surface.get("roughness"))))
             axes.imshow(image, extent=(-1.02, 1.02, -1.02, 1.02), interpolation="antialiased", zorder=2)
-            axes.add_patch(Circle((0, 0), 1, facecolor=(*_hex(FAINT), 0.25), edgecolor=QUIET, linewidth=0.8,
+            axes.add_patch(Circle((0, 0), 1, facecolor=(FAINT, 0.25), edgecolor=QUIET, linewidth=0.8,
                                   linestyle=(0, (4, 3)), zorder=1))
             axes.plot((0, 1), (-1.16, -1.16), color=INK, linewidth=1.6, solid_capstyle="butt")
             for end in (0, 1):
@@ -373,7 +373,3 @@ def _columns(parts, names, um) -> tuple:
         columns.append((f"{name} [{units}]", np.array([np.nan if value is None else value for value, _ in cells])))
         columns.append((f"standard error of {name} [{units}]", np.array([error for _, error in cells])))
     return tuple(columns)
-
-
-def _hex(colour: str) -> tuple[float, float, float]:
-    return tuple(int(colour[i:i + 2], 16) / 255 for i in (1, 3, 5))

@@ -133,8 +133,8 @@ def check(group: Group) -> Iterable[str]:
     if faults:
         return
 
-    def near(a, b, tolerance=1e-12):
-        return np.allclose(a, b, rtol=tolerance, atol=0)
+    def near(a, b):
+        return np.allclose(a, b, rtol=1e-12, atol=0)
 
     if any((v[name] < 0).any() for name in ("sigma_t", "sigma_s", "sigma_a")):
         yield "a coefficient below 0"

@@ -172,7 +172,7 @@ def _of_particles(root: Group, at: spectral.Places, density: float | None) -> It
         return
     mass = sum(part["fraction"] * part["volume"] * (part["density"] or density) for part in parts)
     extinction = sum(part["fraction"] * spectral.interpolated(at, part["extinction"]) for part in parts)
-    value = figures.mass_efficiency(extinction, 1.0, mass)
+    value = figures.mass_efficiency(extinction, mass)
     yield Figure(*efficiency, value, value * float(optics.attributes.get("achieved_error", 0.0)))
 
 
