@@ -18,7 +18,7 @@ from tests.conftest import ROOT
 MAY = {
     "system": set(),
     "grammar": set(),
-    "physics": {"rng", "system.compiled", "system.llvm", "system.memory", "system.vectors"},
+    "physics": {"rng", "system.compiled", "system.llvm", "system.memory"},
     "store": {"system.memory"},
     "draw": {"store.put"},
     "stages": {"draw", "grammar", "physics", "rng", "store", "system.terminal"},
