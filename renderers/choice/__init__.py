@@ -294,7 +294,10 @@ class _Pilots:
     def _run(self):
         first, *others = self._offered
         limit = math.inf if self._stop.time is None else self._stop.time
-        self._try(first, min(_LONGEST, _EACH * limit))
+        if not self._try(first, min(_LONGEST, _EACH * limit), _SHARE * limit / 2):
+            # there would be no time for one of another
+            self._why = dict.fromkeys(others, f"not tried: pilots take more than {_SHARE * limit:.2g} s")
+            return
         whole, spent = min(limit, self._seconds_to_end(self._trials[first])), self._trials[first].seconds
         for name in others:
             # two passes of each size take about as long as those of the first, where those took longer than they should
@@ -315,10 +318,14 @@ class _Pilots:
         taken = self._offered[name].eligible and self._fits(name, self._exact())[0]
         return self._seconds_to_end(self._trials[name]) if taken else math.inf
 
-    def _try(self, name, seconds):
+    def _try(self, name, seconds, most=math.inf) -> bool:
+        """Whether a pilot of a candidate took no longer than `most`."""
         opened = self._opened._replace(scene=candidates.applied(self._opened.scene, self._offered[name]))
         with self._world.as_it_is():
-            self._trials[name] = trial.of(lambda world, seed: self._prepare(opened, world, seed), self._world, seconds)
+            tried = trial.of(lambda world, seed: self._prepare(opened, world, seed), self._world, seconds, most=most)
+        if tried is not None:
+            self._trials[name] = tried
+        return tried is not None
 
     def _tell_more(self, seconds_left):
         """Longer pilots, in what is left of their time, of a candidate that may be taken by what a pilot tells alone, or would be
@@ -397,7 +404,7 @@ class _Pilots:
                 taken, best = name, (cost, at_most)
         for row in table:
             row["chosen"] = row["method"] == taken
-        by = "there is no other candidate"
+        by = "there is no other candidate" if len(self._offered) == 1 else "pilots take too long for so short a render"
         if self._trials:
             by = f"by pilots: seconds of a processor to a noise of {percent(self._noise)}"
         foretold = self._trials[taken].summary(self._pixels, self._stop, missing[taken]) if taken in self._trials else None

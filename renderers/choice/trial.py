@@ -210,8 +210,8 @@ def smaller(world, pixels: int):
 
 
 def of(prepare: Callable, world, seconds: float | None, samples: int | None = None,
-       shares: Mapping[str, float] = MappingProxyType({})) -> Trial:
-    """The pilot of a method.
+       shares: Mapping[str, float] = MappingProxyType({}), most: float = math.inf) -> Trial | None:
+    """The pilot of a method; None where it would take longer than `most`.
 
     Parameters
     ----------
@@ -220,6 +220,7 @@ def of(prepare: Callable, world, seconds: float | None, samples: int | None = No
     seconds : of the passes of both sizes, but for two of each kind that there have to be; what compiles comes to that
     samples : a pixel, after which they end, so that no clock decides how many
     shares : of parts by name, the share of their longest paths that the picture's passes have (`engine.shares`); others have all
+    most : seconds of the clock; after those of the smaller picture it is known that those of the larger one take as long at least
 
     Raises
     ------
@@ -233,6 +234,8 @@ def of(prepare: Callable, world, seconds: float | None, samples: int | None = No
     parts = parts_of(tiny, _SEED)
     share = _share(parts, world, seconds)
     small = _Run(lambda *_: parts, tiny, Stop(time=seconds and 0.3 * seconds, samples=samples), share)
+    if small.clock + LEAST * small.pace * sum(map(small.of_pass, small.passes.parts)) > most:
+        return None
     large = _Run(parts_of, middle, Stop(time=seconds and 0.7 * seconds, samples=samples), share)
     level = max(float(large.light[""].mean.mean()), 1e-100)
     costs = tuple(_cost(part, small, large, level, world.size[0] * world.size[1]) for part in large.passes.parts)

@@ -73,7 +73,7 @@ def seen(folder, light, across):
 def chosen(monkeypatch, world, one, samples):
     """What `auto` is by pilots of so many samples a pixel: no clock decides how many."""
     mesh, of = (VERTICES, FACES), choice.trial.of
-    monkeypatch.setattr(choice.trial, "of", lambda prepare, world, seconds: of(prepare, world, None, samples))
+    monkeypatch.setattr(choice.trial, "of", lambda prepare, world, seconds, most: of(prepare, world, None, samples))
     monkeypatch.setattr(choice.candidates, "applied", lambda scene, candidate: candidate.name)
     scene = SimpleNamespace(values=SimpleNamespace(materials=[SimpleNamespace(kind="grains")], tolerance=budget.DEFAULT))
 

@@ -146,7 +146,7 @@ def taken(monkeypatch, *pairs, stop=STOP, tolerance=0.1):
     """The choice among (method, its pilot, what it raises, or what makes its pilot of seconds)."""
     pilots = {one.name: result for one, result in pairs}
 
-    def of(prepare, small, seconds):
+    def of(prepare, small, seconds, most=math.inf):
         result = pilots[prepare(small, 0)]
         result = result(seconds) if callable(result) else result
         if isinstance(result, Exception):
@@ -216,6 +216,20 @@ def test_pilots_take_a_small_share_of_a_minute(monkeypatch):
     grains = (method("ept", exact=True), tried(1.0)._replace(seconds=5.0)), (method("ept+vpt", exact=True, pilot=1.0), tried(0.1))
     best = taken(monkeypatch, *grains, stop=Stop(noise=0.01, time=60.0))
     assert best.method == "ept" and "not tried: a pilot takes 5 s" in best.table[1]["why"]
+
+
+def test_a_pilot_that_leaves_no_time_for_others_ends_with_its_smaller_picture(monkeypatch):
+    sizes = []
+
+    def prepare(small, seed):
+        sizes.append(small.size)
+        return passes(own=0.5)(small, seed)
+
+    assert trial.of(prepare, world(), None, 4, most=0.0) is None and sizes == [(24, 24)]
+    grains = (method("ept", exact=True), lambda seconds: None), (method("ept+vpt", exact=True), tried(0.1))
+    best = taken(monkeypatch, *grains, stop=Stop(noise=0.01, time=60.0))
+    assert best.method == "ept" and best.foretold is None and "pilots take too long for so short a render" in best.sentence
+    assert [row["why"] for row in best.table] == ["taken without a pilot", "not tried: pilots take more than 4.8 s"]
 
 
 def test_what_few_passes_cannot_tell_goes_by_what_is_declared(monkeypatch):

@@ -184,7 +184,7 @@ def test_auto_is_a_surface_from_afar_and_as_bright_as_paths(tmp_path, monkeypatc
     errors: 2e-9."""
     of, trials = choice.trial.of, []
 
-    def counted(prepare, world, seconds):
+    def counted(prepare, world, seconds, **_):
         trials.append(of(prepare, world, None, 64))
         return trials[-1]
 
