@@ -121,7 +121,6 @@ def compute(inputs: dict, context) -> Result:
     chord = void_chord(inputs["fraction"], R * tile[1])
     means, white = _means(inputs["parts"], inputs), _means(inputs["lossless"], inputs, lossless=True)
     coefficients, lossless = effective(means, chord), effective(white, chord)
-    notes, missed = [], []
     at = len(inputs["wavelength"]) // 2
     # light that passes hundreds of spheres between hits has forgotten where the last one was: Eq. 4 is exact in that limit
     rare = means.hit_probability < context.tolerance and inputs["choice"] != "random_walk" and inputs["walks"] is None
@@ -130,17 +129,7 @@ def compute(inputs: dict, context) -> Result:
         match = choice.matched(coefficients, lossless, walks, R, at, inputs["choice"])
     except ValueError as fault:
         raise StageError(f"effective_medium.sigma_t: {fault}; mean_flight would do") from None
-    if rare:
-        notes.append(f"light hits one in {1 / means.hit_probability:,.0f} grains on its way, so that the mean flight is right to "
-                     f"{means.hit_probability:.2g}: there was no random walk")
-    elif not match.walked:
-        notes.append(f"the random walk gives no mean square displacement: {walks.reason}")
-    elif abs(match.farther) > max(3 * match.spread, context.tolerance):
-        direction = "farther" if match.farther > 0 else "less far"
-        missed.append(f"light among the grains themselves spreads {abs(match.farther):.0%} {direction} than sigma_t says; "
-                      "effective_medium.sigma_t: random_walk matches it")
-    if match.walked and inputs["walks"] is None and not walks.reached:
-        missed.append(f"the random walk's mean square displacement is known to {2 * match.spread:.2g} only: {walks.reason}")
+    notes, missed = _remarks(match, walks, means.hit_probability, inputs, context.tolerance)
     sigma_t = match.sigma_t
     theta, f = inputs["theta"], means.phase
     f, _ = phase.normalised(theta, phase.with_delta(theta, f, means.forward_delta))
@@ -174,6 +163,23 @@ def compute(inputs: dict, context) -> Result:
     reached = max(abs(match.farther), relative, match.spread, turned, means.hit_probability if rare else 0.0)
     context.report(1.0, reached)
     return Result(members, reached, tuple(notes), tuple(missed))
+
+
+def _remarks(match, walks, hit_probability: float, inputs: dict, tolerance: float) -> tuple[list[str], list[str]]:
+    """Notes on the extinction, and what misses the tolerance; walks : None where there was no random walk"""
+    notes, missed = [], []
+    if walks is None:
+        notes.append(f"light hits one in {1 / hit_probability:,.0f} grains on its way, so that the mean flight is right to "
+                     f"{hit_probability:.2g}: there was no random walk")
+    elif not match.walked:
+        notes.append(f"the random walk gives no mean square displacement: {walks.reason}")
+    elif abs(match.farther) > max(3 * match.spread, tolerance):
+        direction = "farther" if match.farther > 0 else "less far"
+        missed.append(f"light among the grains themselves spreads {abs(match.farther):.0%} {direction} than sigma_t says; "
+                      "effective_medium.sigma_t: random_walk matches it")
+    if match.walked and inputs["walks"] is None and not walks.reached:
+        missed.append(f"the random walk's mean square displacement is known to {2 * match.spread:.2g} only: {walks.reason}")
+    return notes, missed
 
 
 def _turned_wrongly(albedo, means, g) -> float:
