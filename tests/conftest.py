@@ -200,23 +200,10 @@ def pytest_collection_finish(session):
     """What is there before the first test stays until the last, and Python's collector need not look at it.
 
     Every render calls it, to be rid of the scenes before: with all tests collected 0.25 s, a quarter of a small picture's time.
-    By itself it need not look every 700 objects, which are few: a sixteenth of the tests' time.
     """
     gc.collect()
     gc.freeze()
-    gc.set_threshold(20_000, 20, 50)
     gc.enable()
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _frozen():
-    """What is there before the first test of a file stays as well: kernels above all, of which there are more and more.
-
-    Here and not behind the last test of a file, which holds its fixtures until all of them are torn down: a scene that is frozen
-    is never collected, and disturbs what Dr.Jit records.
-    """
-    gc.collect()
-    gc.freeze()
 
 
 @pytest.fixture(autouse=True, scope="session")
