@@ -174,7 +174,7 @@ def test_words_are_those_of_the_functions(shape):
         shapes.build(shape(f"{{type: aggregate, arrangement: {arrangement}, length: 1}}"), 300)
     for level, triangles in limits.LEVELS.items():
         assert f"{level} ({triangles:,})" in grain_section.Scatterometer.model_fields["triangles"].description
-    assert shape("{type: ellipsoid, axes: [1, 10000, 1]}")["axes"] == (1.0, 1e4, 1.0)
+    assert shape("{type: ellipsoid, axes: [10000, 1, 10000]}")["axes"] == (1e4, 1.0, 1e4)
 
 
 @pytest.mark.parametrize("name", sorted(EXAMPLES))
