@@ -31,9 +31,9 @@ def folder_filled(path: Path) -> Iterator[Path]:
     try:
         yield folder
     except BaseException:
-        for made in missing:
+        for created in missing:
             with suppress(OSError):  # it holds a file
-                made.rmdir()
+                created.rmdir()
         raise
 
 

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import bakery
 from bakery.errors import AssetError, UsageError
 from renderers.choice import remembered, surfaces, trial
+from renderers.choice.decision import TEXT, Choice
 from renderers.choice.trial import Trial
 from renderers.mitsuba import bitmaps
 from renderers.pictures import reached
@@ -30,7 +31,6 @@ from renderers.scene import budget, candidates, entries
 from renderers.scene.budget import percent
 from renderers.scene.candidates import Candidate
 
-TEXT = "bakery_method"  # attribute of the pictures
 _VERSION = 6  # of the rules below; another one does not go by what was kept
 # Of the render, that pilots may take together, and that each is given; two passes of each size take what they take.  A tenth
 # beside the first was more than they saved (a jelly whose first candidate is the cheapest), and a twentieth left no time for two
@@ -46,56 +46,6 @@ _UNTRIED = "taken without a pilot"
 # one is by its pilot, whatever is not known of that
 _SURE, _DOUBT = 2.0, 10.0
 _ORDER_SURE = 4.0  # standard errors, of a difference in one of four orders
-
-
-class Choice(NamedTuple):
-    """What was chosen.
-
-    Attributes
-    ----------
-    method : name
-    methods : of each entry
-    table : of each candidate a dict: `method`, `seconds` (of processors, to the noise that is asked for), `at_most` (the same,
-        with what standard errors may add), `bias` and `error` (over the picture's mean; 0 of one without), `chosen`, `why`; None
-        of what is not known
-    approximations : error of the method in this scene with what two standard errors may add; None where the pilots do not tell
-    sentence : how it was chosen
-    foretold : of the picture by the method, as `Trial.summary` gives it; None without a pilot
-    """
-
-    method: str
-    methods: list[str]
-    table: list[dict]
-    approximations: float | None
-    sentence: str
-    foretold: dict | None = None
-
-    @property
-    def row(self) -> dict:
-        """Of the table, the method's."""
-        return next(row for row in self.table if row["chosen"])
-
-    @property
-    def reasons(self) -> list[str]:
-        """Sentences of a report."""
-        return [self.sentence, *(f"  {row['method']}: {_figures(row)}{row['why']}" for row in self.table)]
-
-    def of_entries(self, listed: Sequence[dict]) -> list[dict]:
-        """What a report says of each entry where methods mix, with what the pilots showed: of media that stand for materials how
-        far the picture is off by them together."""
-        return [self._of_entry(entry) for entry in listed]
-
-    def _of_entry(self, entry):
-        stands = candidates.medium_for(entry["kind"]) or entries.has_surface(entry["kind"], entry["method"])
-        shown = {"pilot": self.table} if stands else {}
-        if entry["bias"] is None:
-            why = f"{_figures(self.row)}{self.row['why']}"
-            shown |= {"bias": self.approximations, "reasons": [*entry["reasons"], why]}
-        return entry | shown
-
-    def text(self) -> dict[str, str]:
-        """Attributes of the pictures: no seconds, so that the same scene gives the same bytes."""
-        return {TEXT: self.method}
 
 
 class Opened(NamedTuple):
@@ -266,14 +216,6 @@ def _choice_of(kept, offered) -> Choice | None:
         return choice if choice.method in _eligible(offered) and choice.row["method"] == choice.method else None
     except (TypeError, KeyError, StopIteration):
         return None
-
-
-def _figures(row):
-    if row["seconds"] is None:
-        return ""
-    bias = "" if not row["bias"] and not row["error"] else f", bias {percent(row['bias'])} +- {percent(row['error'])}"
-    at_most = f" (at most {row['at_most']:.3g} s)" if row.get("at_most", row["seconds"]) != row["seconds"] else ""
-    return f"{row['seconds']:.3g} s{at_most}{bias}; "
 
 
 class _Pilots:
