@@ -8,6 +8,7 @@ from functools import cache
 
 _BLOCK = 4096
 _FEW = 4096  # rays that one thread of Dr.Jit's follows as soon as more would
+_WORK = 1 << 17  # numbers a thread, some microseconds' work
 
 
 @cache
@@ -30,6 +31,22 @@ def run(kernel, n, *arguments, block=_BLOCK):
         done.result()
 
 
+def one_of_drjit() -> int:
+    """Ends all threads of Dr.Jit's but the one that calls; the number that it had.
+
+    A thread that falls asleep in the very moment when it is told to end is not woken, and the call waits for it for ever
+    (nanothread as in Dr.Jit 1.5).  They do so after 20 ms without work, so all of them are given some right before.
+    """
+    import drjit as dr
+
+    if (threads := dr.thread_count()) > 1:
+        if dr.has_backend(dr.JitBackend.LLVM):
+            dr.eval(dr.arange(dr.llvm.UInt32, threads * _WORK))
+            dr.sync_thread()
+        dr.set_thread_count(1)
+    return threads
+
+
 @contextmanager
 def of_drjit() -> Iterator[Callable[[int], None]]:
     """Gives a function that is told how many rays come next: Dr.Jit has one thread for few, and before and after it those it had.
@@ -42,8 +59,10 @@ def of_drjit() -> Iterator[Callable[[int], None]]:
     threads = dr.thread_count()
 
     def expect(rays: int):
-        if dr.thread_count() != (wanted := 1 if rays < _FEW else threads):
-            dr.set_thread_count(wanted)
+        if rays < _FEW:
+            one_of_drjit()
+        elif dr.thread_count() != threads:
+            dr.set_thread_count(threads)
 
     try:
         yield expect

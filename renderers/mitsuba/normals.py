@@ -8,6 +8,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from renderers.threads import one_of_drjit
+
 _COMPUTED = 1e-5  # normals added up in another order differ by less; a file's own differ by more, or mean the same
 
 
@@ -16,20 +18,21 @@ def settle(scene):
 
     Of meshes in shape groups Mitsuba gives nothing out: these keep what they have.
     """
-    threads = dr.thread_count()
+    loaded = []
     for mesh in scene.shapes():
-        if not mesh.is_mesh() or not mesh.has_vertex_normals():
-            continue
-        parameters = mi.traverse(mesh)
-        if "vertex_normals" not in parameters:
-            continue
-        loaded = np.array(parameters["vertex_normals"])
-        dr.set_thread_count(1)
-        try:
+        if mesh.is_mesh() and mesh.has_vertex_normals() and "vertex_normals" in (parameters := mi.traverse(mesh)):
+            loaded.append((mesh, parameters, np.array(parameters["vertex_normals"])))
+    if not loaded:
+        return
+    threads = one_of_drjit()
+    try:
+        for mesh, _, _ in loaded:
             mesh.recompute_vertex_normals()
-            computed = np.array(mesh.vertex_normals_buffer())
-        finally:
-            dr.set_thread_count(threads)
-        if not np.allclose(loaded, computed, rtol=0, atol=_COMPUTED, equal_nan=True):
-            parameters["vertex_normals"] = loaded
+            dr.eval(mesh.vertex_normals_buffer())
+        dr.sync_thread()
+    finally:
+        dr.set_thread_count(threads)
+    for mesh, parameters, normals in loaded:
+        if not np.allclose(normals, np.array(mesh.vertex_normals_buffer()), rtol=0, atol=_COMPUTED, equal_nan=True):
+            parameters["vertex_normals"] = normals
             parameters.update()
