@@ -101,7 +101,7 @@ def bake(name: str, folder) -> bakery.Asset:
 
 
 def main() -> None:
-    texts = {kind: ["| recipe | material | figure | published | off by | allowed |", "|---|---|---|---|---|---|"]
+    texts = {kind: ["| recipe | material | figure | published | off by |", "|---|---|---|---|---|"]
              for kind in KINDS}
     with tempfile.TemporaryDirectory() as folder:
         for name, about in list(published().items())[:sized(None, 3)]:
@@ -118,8 +118,9 @@ def _rows(name: str, about: dict, found: list[Checked]):
         first = (f"[`{name}`](../recipes/catalogue/{name}.yaml)", about["about"]) if i == 0 else ("", "")
         unit = one.at + ("" if one.unit == "1" else f", {one.unit}")
         said = ", ".join("–" if np.isnan(v) else f"{v:.4g}" for v in one.published)
-        off, allowed = (f"{100 * x:.2g} %" if one.relative else f"{x:.2g}" for x in (one.off * (one.off > LEAST), one.allowed))
-        yield f"| {first[0]} | {first[1]} | `{one.figure.rpartition('/')[2]}`{unit} | {said} | {off} | {allowed} |"
+        off = one.off * (one.off > LEAST)
+        off = f"{100 * off:.2g} %" if one.relative else f"{off:.2g}"
+        yield f"| {first[0]} | {first[1]} | `{one.figure.rpartition('/')[2]}`{unit} | {said} | {off} |"
 
 
 if __name__ == "__main__":

@@ -39,14 +39,30 @@ def table(outputs: Iterable[Output]) -> str:
     paths = {output.path for output in outputs}
     errors = {output.path.removesuffix(ERROR) for output in outputs if _plain_error(output)} & paths
     rows: dict[tuple[str, str, str], list[str]] = {}
+    some = not all(output.optional for output in outputs)  # where all are, one line below the table says so
     for output in outputs:
         if _plain_error(output) and output.path.removesuffix(ERROR) in errors:
             continue
         units = f"enum: {', '.join(output.choices)}" if output.choices else "text" if output.units == "utf-8" else output.units
-        description = output.description.replace("|", "\\|") + " (optional)" * output.optional
+        description = output.description.replace("|", "\\|") + " (optional)" * (output.optional and some)
         rows.setdefault((output.shape, units, description), []).append(f"`{output.path}`" + " ±" * (output.path in errors))
-    lines = [f"| {', '.join(paths)} | {shape} | {units} | {description} |" for (shape, units, description), paths in rows.items()]
-    return "\n".join(["| dataset | shape | units | |", "|---|---|---|---|", *lines, ""])
+    lines, first = [], {}
+    for (shape, units, description), names in rows.items():
+        name = _together(names)
+        same = first.setdefault(description.removesuffix(" (optional)"), name)
+        if same != name:  # another shape of what stands above
+            description = f"as {same.split(',')[0].removesuffix(' ±')}" + " (optional)" * description.endswith(" (optional)")
+        lines.append(f"| {name} | {shape} | {units} | {description} |")
+    return "\n".join(["| dataset | shape | units | |", "|---|---|---|---|", *lines, *["", "All are optional."] * (not some), ""])
+
+
+def _together(names: list[str]) -> str:
+    """Names of one row; those that differ by a place before them as one: `[TILE/]radii`, `SOURCE/error`."""
+    if len(names) == 2 and names[1] == names[0].replace("`", "`TILE/", 1):
+        return names[0].replace("`", "`[TILE/]", 1)
+    if len(names) == 2 and names[0].replace("`point/", "`segment/") == names[1] != names[0]:
+        return names[0].replace("`point/", "`SOURCE/")
+    return ", ".join(names)
 
 
 def _plain_error(output: Output) -> bool:

@@ -23,7 +23,7 @@ def command():
     """
 
 
-@command.command()
+@command.command(short_help="show where the cache is and what it holds")
 @json_option
 def info(as_json):
     """Show where the cache is and what it holds, shared entries included."""
@@ -82,7 +82,7 @@ def _show(folder: str, held: dict) -> None:
         say(f"  besides  {held['others']} file{'' if held['others'] == 1 else 's'} or folders that do not belong to the cache")
 
 
-@command.command()
+@command.command(short_help="remove the least recently used entries")
 @click.option("--max-size", metavar="SIZE", default="1GB", show_default=True,
               help="Keep the most recently used entries up to this size (kB, MB, GB).")
 @click.option("--max-age", metavar="DAYS", type=FiniteRange(0), help="Remove entries not used for this many days.")
@@ -95,7 +95,7 @@ def prune(max_size, max_age, as_json):
     _tell(cache, cache.prune(_bytes(max_size), None if max_age is None else 86400 * max_age), as_json)
 
 
-@command.command()
+@command.command(short_help="remove all entries on this machine")
 @click.option("--yes", "-y", is_flag=True, help="Do not ask if the folder holds other files.")
 @json_option
 def clear(yes, as_json):

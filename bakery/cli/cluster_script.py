@@ -12,9 +12,9 @@ USUAL = {"slurm": 32}  # workers; on this machine one a processor
 @click.command(name="cluster-script", short_help="print a script that starts a cluster")
 @click.argument("kind", type=click.Choice(["slurm", "local"]), metavar="slurm|local")
 @click.option("--workers", type=click.IntRange(1, 100_000), metavar="N",
-              help="Processes of one thread; 32, or this machine's processors.")
+              help="Worker processes, of one thread each.  [default: slurm 32; local: one a processor]")
 @click.option("--memory", type=FiniteRange(0.1, 1e6), default=2.0, show_default=True, metavar="GB", help="Memory of each worker.")
-@click.option("--time", metavar="H:MM:SS", help="Time after which Slurm ends the job; 4:00:00.")
+@click.option("--time", metavar="H:MM:SS", help="Time after which Slurm ends the job.  [default: 4:00:00]")
 def command(kind, workers, memory, time):
     """Print a bash script that starts a Dask scheduler and workers for `--cluster`: a job of Slurm, or on this machine."""
     import re

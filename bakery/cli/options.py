@@ -76,7 +76,7 @@ recipe_options = gathered(
     click.option("--scene", "scenes", type=click.Path(), multiple=True, metavar="FILE",
                  help="Bake only what this scene needs; repeatable: what any of the scenes needs."),
     click.option("--quality", metavar="|".join(QUALITIES), shell_complete=offers.qualities,
-                 help="Tolerance of 10 % (draft) or 3 % (preview) of all light; final: the recipe unchanged."),
+                 help="Tolerance of 10 % (draft) or 3 % (preview) for the light as a whole; final: the recipe unchanged."),
     click.option("--tolerance", metavar="X", help="Relative error allowed in each baked quantity, such as 2%."),
     click.option("--seed", metavar="N", help="Seed of all random numbers."),
     click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one recipe value; repeatable."))

@@ -99,7 +99,7 @@ def _unknown(node: Node) -> Iterator[Problem]:
         return
     every = list(parent.model.model_fields) if parent.model else []
     near = likely(parent, name)
-    hint = f" ({_as_meant(node, name, near)}?)" if near else ""
+    hint = f" ({_as_meant(node, name, near)}?)" if near else nearest(name, every)  # which --set may mean, though it is there
     yield owner(node).problem(f"found the unknown key {show(name)}", f"expected {one_of(every)}{hint}")
 
 

@@ -65,9 +65,8 @@ def measure():
 
 
 def tables(numbers):
-    body = [[f"{per:g}", *(of.short(numbers[sigma, per][0]) for sigma in SIGMAS),
-             " x ".join(map(str, numbers[SIGMAS[0], per][2]))] for per in PER_CELL]
-    head = ["particles a cell", *(f"us a pencil, sigma = {sigma:g}" for sigma in SIGMAS), "cells of the first"]
+    body = [[f"{per:g}", *(of.short(numbers[sigma, per][0]) for sigma in SIGMAS)] for per in PER_CELL]
+    head = ["particles a cell", *(f"us a pencil, sigma = {sigma:g}" for sigma in SIGMAS)]
     lattices = ", ".join(f"{numbers[sigma, 1.0][3]} for sigma = {sigma:g}" for sigma in SIGMAS)
     return {"fig17": of.table(head, body) + f"\n\nLattices of cells, by size: {lattices}."}
 

@@ -34,7 +34,7 @@ def measure():
 def tables(numbers):
     body = [[n, f"{x:g}", *(f"{of.short(a)} / {b:.3f}" for a, b in row)] for (n, x), row in numbers["rows"].items()]
     text = of.table(["index", "x", *(f"4xk = {depth:g}" for depth in DEPTHS)], body)
-    return {"absorption": text + "\n\nEq. 13 absorbs more than meets the sphere from 4xk = " + ", ".join(
+    return {"absorption": text + "\n\nEq. 13 absorbs more light than meets the sphere from 4xk = " + ", ".join(
         f"{of.short(value)} ({name})" for name, value in numbers["beyond"].items()) + "."}
 
 

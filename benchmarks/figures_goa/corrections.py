@@ -39,7 +39,7 @@ def measure():
 
 def tables(numbers):
     body = [[name, f"{radius:g}", *(f"{of.short(a)} / {of.short(b)}" for a, b in numbers[name, radius].values())]
-            for name in of.INDICES for radius in RADII]
+            for name in of.SHOWN for radius in RADII]
     return {"corrections": of.table(["", "radius, µm", *SWITCHES], body)}
 
 

@@ -13,6 +13,7 @@ from . import printed
 
 WAVELENGTH = 0.6  # um, the paper's
 INDICES = {"water": 1.33, "ice": 1.31, "glass": 1.5, "bubbles": 0.75}
+SHOWN = ("water", "glass", "bubbles")  # in tables; ice is in the pictures, near water
 THETA = np.deg2rad(np.arange(0.25, 180, 0.5))  # grid of docs/measurements/goa.md; too coarse for the forward peak of r >= 100 um
 SIGMA, NODES = 1.3, sized(201, 11)  # log-normal averages; both sides of a comparison have the same nodes
 SINGLE = np.linspace(0.98, 1.02, 5)  # errors of single spheres are means over these multiples of the radius

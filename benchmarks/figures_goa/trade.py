@@ -120,9 +120,9 @@ def measure():
 def tables(numbers):
     switch = of.table([f"at {SWITCH:g} µm", "RelMSE: pointwise / global", "one sphere, as printed: rms log10 / L1", "log-normal",
                        "one sphere, narrow edge", "log-normal", "one sphere, wide edge", "log-normal"],
-                      [[name, *(f"{of.short(a)} / {of.short(b)}" for a, b in row)] for name, row in numbers["at_switch"].items()])
+                      [[name, *(f"{of.short(a)} / {of.short(b)}" for a, b in numbers["at_switch"][name])] for name in of.SHOWN])
     body = []
-    for name in of.INDICES:
+    for name in of.SHOWN:
         for variant in of.VARIANTS:
             error = numbers["errors"][name, variant, True][:, 1]
             body.append([name, variant, of.short(float(error[-1])),

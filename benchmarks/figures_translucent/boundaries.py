@@ -10,6 +10,7 @@ RADII = sized((0.5, 2.0, 5.0, 20.0, 100.0), (2.0,))  # mean free paths
 ALBEDOS, COSINES, INDICES = sized((0.5, 0.95, 0.99, 0.999), (0.5,)), sized((0.0, 0.8), (0.0,)), sized((1.0, 1.4), (1.4,))
 BOUNDARIES = ("negative", "mirrored", "none")
 SECONDS = {"paths": 3.0, "few": 1.0, "negative": 3.5, "mirrored": 1.0, "none": 1.0}
+SHOWN = sized((0.5, 5.0, 100.0), RADII)  # in the table
 OF = 2  # pictures are so many times smaller than asked for
 
 
@@ -40,8 +41,8 @@ def tables(numbers):
         for g in COSINES:
             for albedo in ALBEDOS:
                 light.append([f"{index:g}", f"{g:g}", f"{albedo:g}",
-                              *(_light(numbers[index, g, albedo, radius]) for radius in RADII)])
-    head = ["index", "g", "albedo", *(f"R = {radius:g}" for radius in RADII)]
+                              *(_light(numbers[index, g, albedo, radius]) for radius in SHOWN)])
+    head = ["index", "g", "albedo", *(f"R = {radius:g}" for radius in SHOWN)]
     times = stand.conditions(numbers["size"], SECONDS, numbers["share"])
     return {"boundaries_light": of.table(head, light) + "\n\n" + times}
 

@@ -65,9 +65,11 @@ def _integral(table, rho, z, count=48):
 def tables(numbers):
     body = []
     for medium, rows in numbers.items():
+        shown = {}  # where nothing scatters forward, directions from a point are alike
         for source, (baked, exact, diffusion) in rows.items():
-            body.append([medium, source, f"{100 * np.max(abs(baked / exact - 1)):.2f}",
-                         *(f"{value:.3g}" for value in diffusion / exact)])
+            cells = f"{100 * np.max(abs(baked / exact - 1)):.2f}", *(f"{value:.3g}" for value in diffusion / exact)
+            shown.setdefault(cells, []).append(source)
+        body += [[medium, sources[0] if len(sources) == 1 else "point", *cells] for cells, sources in shown.items()]
     head = ["medium", "source, place", "table: at most off, %", *(f"{r:g} mfp: diffusion over exact" for r in DISTANCES)]
     return {"fig19": of.table(head, body)}
 

@@ -23,6 +23,13 @@ def test_the_page_is_current():
     assert TABLES["current"](PAGE) == PAGE, "`make docs` brings the page up to date"
 
 
+def spelt_out(name):
+    """Paths that a name of the page stands for."""
+    if name.startswith("[TILE/]"):
+        return [name.removeprefix("[TILE/]"), name.replace("[TILE/]", "TILE/")]
+    return [name.replace("SOURCE/", source) for source in ("point/", "segment/")] if name.startswith("SOURCE/") else [name]
+
+
 def test_the_page_and_the_declarations_hold_the_same():
     """Read back as a reader of the page would: a row, some datasets, each perhaps with its standard error."""
     shown = set()
@@ -34,8 +41,9 @@ def test_the_page_and_the_declarations_hold_the_same():
             group = ""
         elif group and (row := ROW.match(line)):
             paths, shape, units, _ = row.groups()
-            for path, error in re.findall(r"`([^`]+)`( ±)?", paths):
-                shown |= {(group, path + end, shape, units) for end in ("", "_error")[:1 + bool(error)]}
+            for name, error in re.findall(r"`([^`]+)`( ±)?", paths):
+                for path in spelt_out(name):
+                    shown |= {(group, path + end, shape, units) for end in ("", "_error")[:1 + bool(error)]}
     declared = {(stage.name, output.path, output.shape,
                  f"enum: {', '.join(output.choices)}" if output.choices else output.units.replace(TEXT, "text"))
                 for stage in all_stages() for output in stage.outputs}

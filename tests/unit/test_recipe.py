@@ -287,6 +287,7 @@ def test_any_value_can_be_overridden(everything, key, value):
     "key, value, says",
     [
         ("seeds", "3", '--set seeds: seeds: found the unknown key "seeds"'),
+        ("tolerence", "2%", "(tolerance?)"),  # which the recipe has
         ("seed", "3.5", '--set seed: seed: found "3.5"; expected a whole number from 0 to 2^53'),
         ("particles.number_density", "5", 'found "5", which has no unit'),
         ("particles.components[1].name", "x", "found particles.components[1]; expected an index below 1"),

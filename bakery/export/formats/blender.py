@@ -20,9 +20,9 @@ def _between(flag: str, low: float, high: float):
     return parsed
 
 
-INDEX = Option("--index", "refractive index of the body's surface, such as 1.35 of milk; without it the medium has no surface.",
+INDEX = Option("--index", "refractive index of the body's surface, such as 1.35 for milk; by default there is no surface.",
                "INDEX", _between("--index", 0.2, 5))
-ROUGHNESS = Option("--roughness", "of that surface, alpha of GGX as in Mitsuba; 0 is smooth.", "ALPHA",
+ROUGHNESS = Option("--roughness", "roughness of the surface of --index, alpha of GGX as in Mitsuba; 0 is smooth.", "ALPHA",
                    _between("--roughness", 0, 1))
 
 

@@ -26,9 +26,9 @@ def _orders(text: str) -> int:
     return int(text)
 
 
-THICKNESS = Option("--thickness", 'of the layer, such as 300m, or several, "[100, 300] m": optical depths go into the file.',
-                   "LENGTH", _thicknesses)
-MOMENTS = Option("--moments", "highest order of the Legendre moments; without it as many as the asset's tolerance needs.", "N",
+THICKNESS = Option("--thickness", 'thickness of the layer, such as 300m, or several, "[100, 300] m"; adds their optical '
+                   "depths to the file.", "LENGTH", _thicknesses)
+MOMENTS = Option("--moments", "highest order of the Legendre moments; by default as many as the asset's tolerance needs.", "N",
                  _orders)
 
 

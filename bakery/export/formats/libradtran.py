@@ -10,12 +10,12 @@ from bakery.export.formats.solvers import NETCDF, moments, named, of_polarisatio
 from bakery.store.outputs import FileKind, begins_as_text
 from bakery.store.tree import Dataset, Group
 
-MASS = quantity("--mass-concentration", "of the particles that the asset stands for, such as 0.3g/m^3; without it their volume "
-                "times --density.", "MASS", "MASS_CONCENTRATION")
-DENSITY = quantity("--density", "of the particles, such as 2.6g/cm^3; without it 1 g/cm^3 for water in air.",
+MASS = quantity("--mass-concentration", "mass of the particles per volume, such as 0.3g/m^3; by default their volume times "
+                "--density.", "MASS", "MASS_CONCENTRATION")
+DENSITY = quantity("--density", "density of the particles, such as 2.6g/cm^3; by default 1 g/cm^3 for water in air.",
                    "DENSITY", "MASS_DENSITY")
-RADIUS = quantity("--effective-radius", "of the particles, such as 10um; without it that of an asset of one kind of them.",
-                  "LENGTH", "LENGTH")
+RADIUS = quantity("--effective-radius", "effective radius, such as 10um; by default that of the asset's component, if it has "
+                  "one.", "LENGTH", "LENGTH")
 
 
 def write(job: Job) -> Written:
