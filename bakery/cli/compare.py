@@ -52,7 +52,7 @@ class _Pictures(NamedTuple):
 @click.option("--list", is_flag=True, is_eager=True, expose_value=False, callback=_print_methods,
               help="Print the methods of each kind of material: which light each brings and leaves out, its error, its keys.")
 @click.option("--reference", metavar="METHOD|FILE.exr", help="Reference for the others.  [default: the first method]")
-@click.option("-o", "--output", type=click.Path(), metavar="FILE.html",
+@click.option("-o", "--output", type=click.Path(), metavar="FILE.html or DIR/",
               help="The page; its pictures go into a folder of the same name.  Default: NAME_compare.html beside the scene.")
 @gathered(
     "asked", _Pictures,

@@ -19,13 +19,14 @@ def planned(path, output, settings, quality, seed, overwrite, progress):
     Raises BakeryError : what the render would raise before its first pass
     """
     from bakery.scenes.plan import plan
+    from bakery.store.outputs import named
     from renderers import scene
     from renderers.pictures import images
 
     if seed is not None and not seed.isdecimal():
         raise UsageError(f'--seed: found "{seed}"; expected a whole number from 0')
     loaded = scene.load(path, settings)
-    pair = images.output_pair(output or loaded.picture, loaded.inputs, overwrite)
+    pair = images.output_pair(named(output, loaded.picture), loaded.inputs, overwrite)
     number = None if seed is None else int(seed)
     return plan(loaded, quality=quality, seed=number, progress=progress), pair
 

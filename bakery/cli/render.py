@@ -43,8 +43,8 @@ class _Picture(NamedTuple):
 
 @click.command(name="render", short_help="render an asset's preview, or a scene")
 @click.argument("source", type=click.Path(), metavar="SCENE|ASSET")
-@click.option("-o", "--output", type=click.Path(), metavar="IMAGE",
-              help="NAME.png or NAME.exr; both are written.  Default: beside the source.")
+@click.option("-o", "--output", type=click.Path(), metavar="IMAGE or DIR/",
+              help="NAME.png or NAME.exr, of which both are written, or the folder for them.  Default: beside the source.")
 @gathered(
     "asked", _Picture,
     click.option("--quality", metavar="|".join(QUALITIES), shell_complete=offers.qualities,
@@ -113,7 +113,7 @@ def command(source, output, asked, coordinates, overwrite, as_json, quiet):
             job = _of_asset(source, output, values, options, coordinates, folders)
         progress.stage("render", f"picture of {job.name}", 0.0, 0.0)
         with compiling.watched(("renderers",), progress.compiling):
-            report = job.draw(job.path, Path(job.target), **job.options, progress=progress.update)
+            report = job.draw(job.path, job.target, **job.options, progress=progress.update)
     finally:
         progress.close()
         folders.close()
@@ -164,13 +164,14 @@ def _of_scene(source, output, values, options, progress, live) -> _Job:
     from pathlib import Path
 
     from bakery.run import ahead
+    from bakery.store.outputs import named
     from renderers import scene
     from renderers.pictures import images, running
     from renderers.pictures.denoise import refuse_absent
     from renderers.scene import assets
 
     path = scene.load(Path(source), values)
-    renderer, target, name = path.drawn_by, output or path.picture, path.values.name
+    renderer, target, name = path.drawn_by, named(output, path.picture), path.values.name
     if "resume" in options and not path.rules.RESUMES:
         raise UsageError(f"--resume: the renderer {path.section} cannot go on from an EXR; leave the option out")
     if "elsewhere" in options and not path.rules.RESUMES:
@@ -210,10 +211,11 @@ def _of_mitsuba(source, output, values, options) -> _Job:
     import renderers.materials.bodies.plugin
     import renderers.materials.grains.plugin  # noqa: F401
     import renderers.mitsuba as renderer
+    from bakery.store.outputs import named
 
     path = Path(source)
     options = options | {"quality": options["quality"] or "final", "seed": options["seed"] or 0, "parameters": values}
-    return _Job(renderer, renderer.render_scene, path, output or path.with_suffix(".png"), path.name, options)
+    return _Job(renderer, renderer.render_scene, path, named(output, path.with_suffix(".png")), path.name, options)
 
 
 def _of_asset(source, output, values, options, coordinates, folders) -> _Job:
@@ -222,6 +224,7 @@ def _of_asset(source, output, values, options, coordinates, folders) -> _Job:
 
     import renderers.preview as renderer
     from bakery.store import scratch
+    from bakery.store.outputs import named
 
     if values:
         raise UsageError(f"--set: {source} is an asset, whose preview has no values to set; expected a scene")
@@ -230,4 +233,4 @@ def _of_asset(source, output, values, options, coordinates, folders) -> _Job:
         between = one_asset(source, coordinates)
         path, source = Path(file_of(between, folders.enter_context(scratch.folder("place")))), between.path
     options = options | {"quality": options["quality"] or "preview", "seed": options["seed"] or 0}
-    return _Job(renderer, renderer.preview, path, output or Path(source).with_suffix(".png"), path.name, options)
+    return _Job(renderer, renderer.preview, path, named(output, Path(source).with_suffix(".png")), path.name, options)

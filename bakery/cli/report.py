@@ -12,7 +12,8 @@ OTHER_FORMATS = (".pdf", ".ps", ".md", ".rst", ".tex", ".doc", ".docx", ".odt", 
 
 @click.command(name="report", short_help="write one self-contained page about an asset")
 @click.argument("asset", type=click.Path(), metavar="ASSET")
-@click.option("-o", "--output", type=click.Path(), metavar="FILE.html", help="The page.  Default: NAME.html beside the asset.")
+@click.option("-o", "--output", type=click.Path(), metavar="FILE.html or DIR/",
+              help="The page, or the folder for it.  Default: NAME.html beside the asset.")
 @click.option("--no-render", is_flag=True, help="Do not render a preview if there is none beside the asset.")
 @at_option
 @overwrite_option
@@ -24,11 +25,11 @@ def command(asset, output, no_render, coordinates, overwrite, as_json):
     """
     from bakery.draw.files import preview_beside
     from bakery.report.page import page
-    from bakery.store.outputs import PAGE, check_outputs
+    from bakery.store.outputs import PAGE, check_outputs, named
     from bakery.store.put import put
 
     opened = one_asset(asset, coordinates)
-    path = Path(output) if output else Path(opened.path).with_suffix(".html")
+    path = named(output, Path(opened.path).with_suffix(".html"))
     check_outputs([(path, PAGE)], [asset], overwrite)
     if path.suffix.lower() in OTHER_FORMATS:
         instead = path.with_suffix(".html")

@@ -14,8 +14,9 @@ from bakery.scenes import is_scene
     epilog="Exit status: 0 done; 2 wrong usage, recipe or scene; 3 a stage failed; 130 interrupted.",
 )
 @click.argument("source", type=click.Path(), metavar="RECIPE|SCENE")
-@click.option("-o", "--output", type=click.Path(), metavar="DIR|FILE.html",
-              help="Folder of a recipe's results, page of a scene.  Default: RECIPE.trade, NAME_trade.html beside the scene.")
+@click.option("-o", "--output", type=click.Path(), metavar="DIR or FILE.html",
+              help="Folder of a recipe's results; page of a scene, or the folder for it.  Default: RECIPE.trade, NAME_trade.html "
+                   "beside the scene.")
 @recipe_options
 @click.option("--methods", metavar="A,B,C", shell_complete=offers.scene_methods,
               help="For a scene: methods to measure, instead of the renderer's list; as for `bake compare`.")

@@ -24,6 +24,7 @@ from bakery.run.dask import cluster
 from bakery.run.executors import Context, threads
 from bakery.run.progress import Progress
 from bakery.stages.declaration import Cost, Stage, remembering
+from bakery.store.outputs import named
 from bakery.store.tree import Dataset, Group
 from bakery.system import blas, resources
 from bakery.system.memory import free_memory
@@ -74,11 +75,7 @@ def overrides(
 def target_of(output: str | os.PathLike | None, recipe) -> Path:
     """The asset's path: by the recipe's file FILE.h5, or NAME.h5 of a recipe that is no file, in the current folder by default; a
     closing slash marks a folder."""
-    file_name = f"{recipe.name if isinstance(recipe.path, Written) else recipe.path.stem}.h5"
-    if output is None:
-        return Path(file_name)
-    text = os.fspath(output)
-    return Path(text) / file_name if text.endswith("/") else Path(text)
+    return named(output, Path(f"{recipe.name if isinstance(recipe.path, Written) else recipe.path.stem}.h5"))
 
 
 def files_of(recipe) -> tuple[Path, ...]:

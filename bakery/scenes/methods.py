@@ -8,7 +8,7 @@ from bakery.draw import maps, times
 from bakery.errors import UsageError
 from bakery.report.comparison import Shown
 from bakery.run import compiling
-from bakery.store.outputs import PAGE, by_suffix, check_outputs
+from bakery.store.outputs import PAGE, by_suffix, check_outputs, named
 from bakery.trade.methods import Curve
 from bakery.trade.methods import times as time_grid
 from renderers.pictures import comparison, differences
@@ -25,8 +25,8 @@ def split(names: str) -> list[str]:
 
 
 def page_at(output, loaded, ending: str) -> Path:
-    """Where the page goes: `output`, or NAME_ENDING.html beside the scene."""
-    page = Path(output) if output else loaded.picture.with_name(f"{loaded.values.name}_{ending}.html")
+    """Where the page goes: `output`, or NAME_ENDING.html beside the scene, or in the folder `output/`."""
+    page = named(output, loaded.picture.with_name(f"{loaded.values.name}_{ending}.html"))
     if page.suffix.lower() != ".html":
         raise UsageError(f"{page}: a page's name ends in .html; the pictures go into a folder of its name without it")
     return page

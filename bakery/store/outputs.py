@@ -49,6 +49,12 @@ _BY_SUFFIX = {".html": PAGE, ".png": "PNG picture", ".exr": "EXR picture", ".svg
               ".json": "JSON file", ".ply": "PLY file", ".yaml": "recipe", ".txt": "text"}
 
 
+def named(output: str | os.PathLike | None, default: Path) -> Path:
+    """Where a file goes: `default` unless the user says; a closing slash marks a folder, in which it gets that name."""
+    shown = os.fspath(output or default)
+    return Path(shown) / default.name if shown.endswith("/") else Path(shown)
+
+
 def check_outputs(outputs: Iterable[tuple[str | os.PathLike, str | FileKind]], inputs: Iterable[str | os.PathLike] = (),
                   overwrite: bool = False) -> None:
     """UsageError unless each output may be written.

@@ -11,7 +11,7 @@ import numpy as np
 
 import bakery
 from bakery.errors import Problem, RecipeError, UsageError
-from bakery.store.outputs import FileKind, by_suffix, check_outputs
+from bakery.store.outputs import FileKind, by_suffix, check_outputs, named
 from renderers import choice, scene
 from renderers.pictures import denoise, images, running
 from renderers.pictures.progressive import fingerprint, made_of
@@ -74,7 +74,7 @@ def of(path, output, numbers: Several[int] | None, *, overrides, options, overwr
     section, loaded = _loaded(path, settings, numbers)
     numbers = tuple(range(1, section.count + 1)) if numbers is None else tuple(numbers)
     first, asked = loaded[1], [loaded[number] for number in numbers]
-    output = Path(output or first.picture)
+    output = named(output, first.picture)
     pairs = pairs_of(output, numbers, {file: None for frame in loaded.values() for file in frame.inputs}, overwrite)
     running.refuse_too_large(first)
     for frame in asked:

@@ -12,7 +12,9 @@ from bakery.errors import UsageError
 from bakery.export.formats import exporters
 from bakery.store.outputs import KINDS, check_outputs
 from bakery.store.write import write
+from renderers import scene
 from tests.conftest import DROPS, MILK
+from tests.renders import HAZE
 from tests.samples import small_asset, with_member
 
 NOTES = "What I measured on Monday, and must not lose.\n"
@@ -171,6 +173,25 @@ def test_each_kind_is_told_from_the_others(tmp_path):
         for kind in ("asset", "HTML page", "depfile", "PNG picture", "EXR picture", "SVG drawing", "JSON file", "PLY file"):
             with pytest.raises(UsageError):
                 check_outputs([(tmp_path / "file", kind)])
+
+
+@pytest.mark.parametrize(("words", "name"), [
+    ("milk.yaml", "milk.h5"), ("plan milk.yaml", "milk.h5"), ("render a.h5", "a.png"), ("render haze.yaml", "haze.png"),
+    ("plan haze.yaml", "haze.png"), ("render room.xml", "room.png"), ("report a.h5 --no-render", "a.html"),
+    ("compare haze.yaml --methods single,isotropic", "haze_compare.html"), ("trade haze.yaml", "haze_trade.html"),
+])
+def test_a_closing_slash_marks_a_folder_for_the_default_name(call, place, tmp_path, monkeypatch, words, name):
+    """Seen by what is refused: a folder that is not there, and in one that is a file of another kind by that name."""
+    monkeypatch.setitem(scene.RENDERERS, "toy", "tests.toy_renderer")
+    (tmp_path / "haze.yaml").write_text(HAZE)
+    (tmp_path / "room.xml").write_text('<scene version="3.0.0"/>')
+    (tmp_path / "milk.h5").write_bytes((tmp_path / "a.h5").read_bytes())
+    status, _, message = call(*words.split(), "-o", "gone/")
+    assert status == 2 and message.startswith(f"gone/{name}: ") and not (tmp_path / "gone").exists(), message
+    (tmp_path / "trades" / name).write_text(NOTES)
+    status, _, message = call(*words.split(), "-o", "trades/")
+    assert status == 2 and message.startswith(f"trades/{name}: an existing file is not "), message
+    assert (tmp_path / "trades" / name).read_text() == NOTES
 
 
 def test_paths_alone_on_standard_output(call, place):
