@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from bakery.draw.files import folder_for
+from bakery.draw.files import folder_filled
 from bakery.errors import UsageError
 from bakery.report import comparison as report
 from bakery.scenes import methods
@@ -35,12 +35,12 @@ def planned(source, names, reference, output, values, seed, resume, overwrite):
 def compared(jobs, page, reference, file, progress, **options) -> dict:
     """Renders, measures and writes; what `--json` prints."""
     reference_picture = None if file is None else differences.read(file, file.name)
-    folder_for(page.with_suffix(""))
     renders, pictures = [], []
-    for job in jobs:
-        renders.append(methods.made(job, progress, comparison.render, **options))
-        pictures.append(differences.read(job.pair[1], job.name))
-        differences.same_size(pictures[-1], reference_picture or pictures[0], file or jobs[0].name)
+    with folder_filled(page.with_suffix("")):
+        for job in jobs:
+            renders.append(methods.made(job, progress, comparison.render, **options))
+            pictures.append(differences.read(job.pair[1], job.name))
+            differences.same_size(pictures[-1], reference_picture or pictures[0], file or jobs[0].name)
     base = reference_picture or next(picture for picture in pictures if picture.name == reference)
     with progress.during("measuring differences"):
         seen = differences.compared([*([reference_picture] if reference_picture else []), *pictures], base,

@@ -6,7 +6,7 @@ Pictures and records stay beside the page: a later call goes on with them.
 
 from collections.abc import Mapping
 
-from bakery.draw.files import folder_for
+from bakery.draw.files import folder_filled
 from bakery.errors import BakeryError, Interrupted, RecipeError, UsageError
 from bakery.report import comparison as report
 from bakery.scenes import methods as shared
@@ -57,9 +57,9 @@ def trade(source, output, names: str | None, settings: Mapping[str, str], seed, 
         refused |= {f"{second.section}: {name}": why for name, why in its_jobs[1].items()}
     _distinct([loaded, *others])
     shared.check(page, jobs, [path for loaded_scene in (loaded, *others) for path in loaded_scene.inputs], overwrite)
-    folder_for(page.with_suffix(""))
     sweep = _Sweep(jobs, loaded, 60 * budget, progress, overwrite, refused)
-    sweep.run()
+    with folder_filled(page.with_suffix("")):
+        sweep.run()
     return sweep.written(page)
 
 

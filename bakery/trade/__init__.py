@@ -67,7 +67,7 @@ def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *,
     UsageError : no stage of the recipe has knobs, the folder cannot be written, or the budget is too small for anything
     StageError : a stage fails as the recipe stands, or has no converged values
     """
-    from bakery.draw.files import folder_for
+    from bakery.draw.files import folder_filled
     from bakery.grammar.qualities import QUALITIES
     from bakery.recipe import load
     from bakery.run import files_of, overrides
@@ -85,24 +85,23 @@ def trade(recipe: str | os.PathLike, output: str | os.PathLike | None = None, *,
         presets["final"] = {key: text_of(leaves[key]) for key in overrides(quality) if key in leaves}
     checked = load(recipe, base).unswept()
     chosen = _with_knobs(checked, stages)
-    folder = folder_for(Path(output) if output else Path(f"{checked.path.stem}.trade"))
-    names = ("trade.json", "trade.csv", *(f"{stage.name}.png" for stage in chosen))
-    check_outputs(by_suffix(folder / name for name in names), files_of(checked), overwrite)
-    for part in ("runs", "reference"):
-        folder_for(folder / part)
+    folder = Path(output) if output else Path(f"{checked.path.stem}.trade")
     progress = progress or Progress()
     for warning in checked.warnings:
         progress.say(f"warning: {warning}")
     sweeps, seconds_left = [], 60.0 * budget
-    for count, stage in zip(range(len(chosen), 0, -1), chosen, strict=True):
-        sweeper = Sweeper(Job(Path(recipe), stage.name, base, presets, folder, STAGES), seconds_left / count, progress,
-                          verbose=verbose, rank=measure)
-        try:
-            sweeps.append(sweeper.sweep())
-        finally:
-            sweeper.close()
-        seconds_left = max(seconds_left - (seconds_left / count - sweeper.left), 1.0)
-    return _written(Trade(os.fspath(recipe), folder, tuple(sweeps), ()))
+    with folder_filled(folder), folder_filled(folder / "runs"), folder_filled(folder / "reference"):
+        names = ("trade.json", "trade.csv", *(f"{stage.name}.png" for stage in chosen))
+        check_outputs(by_suffix(folder / name for name in names), files_of(checked), overwrite)
+        for count, stage in zip(range(len(chosen), 0, -1), chosen, strict=True):
+            sweeper = Sweeper(Job(Path(recipe), stage.name, base, presets, folder, STAGES), seconds_left / count, progress,
+                              verbose=verbose, rank=measure)
+            try:
+                sweeps.append(sweeper.sweep())
+            finally:
+                sweeper.close()
+            seconds_left = max(seconds_left - (seconds_left / count - sweeper.left), 1.0)
+        return _written(Trade(os.fspath(recipe), folder, tuple(sweeps), ()))
 
 
 def _with_knobs(recipe, names: Sequence[str]) -> list:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bakery.errors import UsageError
 from bakery.scenes.methods import drawing
 from bakery.trade.methods import Curve
 from renderers.colour import LUMINANCE
@@ -178,6 +179,16 @@ def test_an_interruption_is_gone_on_with(call, place):
     assert found["methods"][1]["seconds"]["earlier"] > 0
     whole, again = (differences.read(place / folder / "isotropic.exr", "") for folder in ("whole", "haze_compare"))
     assert np.allclose(whole.rgb, again.rgb, rtol=1e-6)
+
+
+def test_what_is_refused_leaves_no_folder(call, place, monkeypatch):
+    """Where the first method fails, nothing is to be gone on with."""
+    def refuses(scene, output, **options):
+        raise UsageError("no picture today")
+
+    monkeypatch.setattr("tests.toy_renderer.render", refuses)
+    status, _, err = call("compare", place / "haze.yaml", "--methods", "single,isotropic")
+    assert status == 2 and "no picture today" in err and not (place / "haze_compare").exists()
 
 
 def test_time_that_went_into_compiling_is_given_back(place, monkeypatch):

@@ -68,6 +68,7 @@ def test_wrong_calls(call, recipe, milk, tmp_path):
                        (("drops.yaml", "--quality", "best"), '--quality: found "best"; expected draft, preview, final'),
                        (("drops.yaml", "--set", "tolerance"), "expected KEY=VALUE"),
                        (("drops.yaml", "--set", "tolerance=200%"), "tolerance"),
+                       (("drops.yaml", "--budget", "1e-5"), "use --budget "),
                        (("drops.yaml", "-o", "drops.yaml"), "found a file where a folder should be"),
                        (("missing.yaml",), "missing.yaml")):
         status, out, err = call("trade", *args)

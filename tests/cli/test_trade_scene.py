@@ -122,6 +122,8 @@ def test_what_cannot_be_rendered_is_said(call, place, monkeypatch):
     render.broken = "single"
     status, out, err = call("trade", place / "haze.yaml", "-o", place / "b.html")
     assert status == 2 and not out and "single cannot do this" in err and len(err.splitlines()) == 1
+    assert call("trade", place / "haze.yaml", "-o", place / "c.html", "--methods", "single")[0] == 2
+    assert any((place / "b").iterdir()) and not (place / "c").exists()  # only the other method's pictures stay
 
 
 @pytest.mark.slow
