@@ -18,7 +18,7 @@ from bakery.errors import UsageError
 from bakery.physics.grains import bvh, scatterometer
 from bakery.physics.grains.surface import dielectric
 from bakery.physics.shapes import build as shapes
-from bakery.physics.shapes import files, limits, mending, quality, radial, repair
+from bakery.physics.shapes import files, implicit, limits, mending, quality, radial, repair, rods
 from bakery.physics.shapes.bounding import minimum_sphere, onto_unit_sphere
 from bakery.physics.shapes.examples import EXAMPLES
 from bakery.physics.shapes.implicit import marched, surface
@@ -244,12 +244,33 @@ def test_wrong_shapes(shape, words):
 def test_an_aggregate_that_is_none(monkeypatch):
     """Two balls that do not touch; and one too small for any grid."""
     apart = np.array([[0.0, 0, 0], [3, 0, 0]]), np.zeros((2, 3)), np.array([1.0, 1.0])
-    monkeypatch.setattr(shapes, "_rods", lambda *_: apart)
+    monkeypatch.setattr(rods, "_placed", lambda *_: apart)
     with pytest.raises(ValueError, match="falls into 2 pieces"):
         shapes.aggregate(triangles=500)
-    monkeypatch.setattr(shapes, "_rods", lambda *_: (*apart[:2], np.array([1.0, 0.001])))
+    monkeypatch.setattr(rods, "_placed", lambda *_: (*apart[:2], np.array([1.0, 0.001])))
     with pytest.raises(ValueError, match="too small to be resolved"):
         shapes.aggregate(triangles=500)
+
+
+@pytest.mark.parametrize("shape, wanted", [
+    ({"bodies": 6, "smallest": 0.6}, 1300), ({"bodies": 6, "smallest": 0.1, "length": 3}, 1300), ({"bodies": 64}, 20_000),
+    ({"bodies": 12, "arrangement": "star", "length": 5, "smallest": 0.3}, 5000),
+])
+def test_the_work_of_an_aggregate_is_known_before(shape, wanted, monkeypatch):
+    """Triangles that are marched, within a factor of 1.8: what a plan's time goes by."""
+    tries = []
+
+    def counted(*arguments):
+        vertices, faces = marched(*arguments)
+        tries.append(len(faces))
+        return vertices, faces
+
+    monkeypatch.setattr(implicit, "marched", counted)
+    shape = {"seed": 1, "arrangement": "cluster", "length": 0.0, "overlap": 0.35, "smallest": 0.6, "blend": 0.05} | shape
+    grown = rods.grown(**shape)
+    surface(grown.distance, *grown.box, wanted, grown.detail)
+    assert grown.triangles(wanted) == (pytest.approx(sum(tries), rel=0.8), pytest.approx(tries[-1], rel=0.8))
+    assert sum(tries) < 1.8 * grown.triangles(wanted)[0]
 
 
 def test_wrong_number_of_triangles():

@@ -6,6 +6,7 @@ import hashlib
 import inspect
 import math
 import pickle
+import re
 import subprocess
 import sys
 
@@ -164,6 +165,16 @@ def test_what_a_recipe_takes_can_be_built(name, key, ends, shape):
         if key != "sharpness":  # whose upper end is the recipe's alone
             with pytest.raises(ValueError, match=key):
                 shapes.build({"type": name, key: outside}, 2000)
+
+
+def test_an_aggregate_too_fine_for_a_grid_is_refused_with_advice(shape):
+    """By the recipe, at its place, not by the stage; its bodies decide, which the advice makes larger or fewer."""
+    fine = "{type: aggregate, arrangement: star, bodies: 64, smallest: 0.05, length: 10, seed: 1}"
+    with pytest.raises(RecipeError, match="shape: found an aggregate whose details of .* of the whole are too small to be "
+                                          "resolved; .* would do; expected a larger smallest, a shorter length or fewer bodies"):
+        shape(fine)
+    for key, value in (("smallest", "0.3"), ("length", "2"), ("bodies", "2")):
+        shape(re.sub(rf"{key}: [\d.]+", f"{key}: {value}", fine))
 
 
 def test_words_are_those_of_the_functions(shape):

@@ -14,7 +14,7 @@ from bakery.physics.shapes.bounding import onto_unit_sphere
 from bakery.physics.shapes.limits import LEVELS, TRIANGLES
 from bakery.physics.shapes.noise import directions, stream
 
-_ROCK, _CRYSTAL, _AGGREGATE = 11, 12, 13  # streams of random numbers
+_ROCK, _CRYSTAL = 11, 12  # streams of random numbers
 
 
 @dataclass(frozen=True)
@@ -169,20 +169,16 @@ def aggregate(seed=0, arrangement="cluster", bodies=6, smallest=0.6, length=0.0,
     blend : 0.01 to 0.5, width over which grooves are filled, over the largest radius; grooves finer than the triangles may be
         bridged by small handles
     """
+    from bakery.physics.shapes import rods
     from bakery.physics.shapes.implicit import surface
     from bakery.physics.shapes.quality import bodies as bodies_of
 
     if arrangement not in limits.ARRANGEMENTS:
         raise ValueError(f"arrangements are cluster and star; found {arrangement!r}")
-    rng = stream(_whole("seed", seed, *limits.SEED), _AGGREGATE)
-    smallest, blend = _within("smallest", smallest, *limits.SMALLEST), _within("blend", blend, *limits.BLEND)
-    start, axis, radius = _rods(rng, arrangement, _whole("bodies", bodies, *limits.BODIES), smallest,
-                                _within("length", length, *limits.LENGTH), _within("overlap", overlap, *limits.OVERLAP))
-    spare = blend * np.log(len(radius)) + 0.1
-    ends = np.concatenate([start, start + axis])
-    around = np.concatenate([radius, radius])[:, None] + spare
-    vertices, faces = surface(lambda p: _distance(p, start, axis, radius, blend), (ends - around).min(axis=0),
-                              (ends + around).max(axis=0), triangles, 0.6 * radius.min())
+    grown = rods.grown(_whole("seed", seed, *limits.SEED), arrangement, _whole("bodies", bodies, *limits.BODIES),
+                       _within("smallest", smallest, *limits.SMALLEST), _within("length", length, *limits.LENGTH),
+                       _within("overlap", overlap, *limits.OVERLAP), _within("blend", blend, *limits.BLEND))
+    vertices, faces = surface(grown.distance, *grown.box, triangles, grown.detail)
     if (pieces := int((bodies_of(vertices, faces)[1] > 0).sum())) > 1:  # cavities are negative
         raise ValueError(f"falls into {pieces} pieces at {triangles:,} triangles: take more of them, or a deeper overlap")
     return level(_scaled(vertices, faces), triangles)
@@ -276,43 +272,6 @@ def _star(axes, normal, distance, sharpness, roughness, rng, frequency, triangle
     direction, faces = radial.sampling(triangles, axes, corner[np.argsort(-reach, kind="stable")])
     points = direction * radial.between_planes(direction, normal, distance, sharpness)[:, None]
     return _scaled(radial.roughened(points, _within("roughness", roughness, *limits.NOISE), rng, frequency), faces)
-
-
-def _rods(rng, arrangement, count, smallest, length, overlap):
-    """Starts (N, 3), axes (N, 3) and radii (N,) of rods with round ends."""
-    start, axis, radius = [np.zeros(3)], [np.zeros(3)], [1.0]
-    arms = []
-    for k in range(1, count):
-        radius.append(smallest + (1 - smallest) * rng.random())
-        if arrangement == "star":
-            # of a few directions the one farthest from those taken
-            choice = directions(rng, 16)
-            lonely = choice[np.argmin(np.max([choice @ w for w in arms], axis=0))] if arms else choice[0]
-            arms.append(lonely)
-            radius[k] *= 0.75  # arms are thinner than the centre
-            start.append(np.zeros(3))
-            axis.append(lonely * radius[k] * length * (0.6 + 0.8 * rng.random()))
-            continue
-        host = int(rng.random() * k)
-        away, along = directions(rng, 2)
-        at = start[host] + rng.random() * axis[host] + away * (radius[host] + radius[k] - overlap * min(radius[host], radius[k]))
-        axis.append(along * radius[k] * length)
-        start.append(at - 0.5 * axis[k])
-    return np.array(start), np.array(axis), np.array(radius)
-
-
-def _distance(points, start, axis, radius, blend):
-    """Distance (N,) to the union of rods, about; corners between them are filled over `blend`."""
-    nearest, distances = np.full(len(points), np.inf), np.empty((len(radius), len(points)))
-    for k in range(len(radius)):
-        apart = points - start[k]
-        square = (axis[k] ** 2).sum()
-        if square > 0:
-            along = np.clip((apart * axis[k]).sum(axis=1) / square, 0.0, 1.0)
-            apart -= along[:, None] * axis[k]
-        distances[k] = np.sqrt((apart**2).sum(axis=1)) - radius[k]
-        np.minimum(nearest, distances[k], out=nearest)
-    return nearest - blend * np.log(np.exp((nearest - distances) / blend).sum(axis=0))
 
 
 def _scaled(vertices, faces) -> Mesh:

@@ -9,7 +9,7 @@ from itertools import permutations
 
 import numpy as np
 
-_SPARE = 3.0  # triangles made for one that is kept: slivers go first
+SPARE = 3.0  # triangles made for one that is kept: slivers go first
 _COARSE = 40  # cells along the longest edge in the first try
 _POINTS = 1 << 16  # evaluated at once
 _BLOCK = 8  # grid points, cubed, that are looked at together
@@ -41,10 +41,8 @@ def surface(function, low, high, triangles, detail=np.inf):
     from bakery.physics.shapes.quality import bodies
 
     low, high = np.asarray(low, float), np.asarray(high, float)
-    step = min(float((high - low).max()) / _COARSE, detail)
-    if ((high - low) / step).prod() > _GRID:
-        raise ValueError(f"details of {detail / float((high - low).max()):.2g} of the whole are too small to be resolved")
-    wanted = _SPARE * triangles
+    step = first_step(low, high, detail)
+    wanted = SPARE * triangles
     for _ in range(4):
         vertices, faces = marched(function, low, high, step)
         if len(faces) >= 0.9 * wanted:
@@ -55,6 +53,17 @@ def surface(function, low, high, triangles, detail=np.inf):
     solid = (np.abs(volume) > (_CRUMB * step) ** 3) | (volume == volume.max())
     used, numbers = np.unique(faces[solid[body]], return_inverse=True)
     return vertices[used], numbers.reshape(-1, 3).astype(np.int32)
+
+
+def first_step(low, high, detail) -> float:
+    """Step of the grid of the first try; ValueError where the detail (arguments as of `surface`) takes too fine a grid."""
+    size = np.subtract(high, low)
+    step = min(float(size.max()) / _COARSE, detail)
+    if (size / step).prod() > _GRID:
+        least = (size.prod() / _GRID) ** (1 / 3)
+        raise ValueError(f"details of {detail / size.max():.2g} of the whole are too small to be resolved; "
+                         f"{least / size.max():.2g} would do")
+    return step
 
 
 def marched(function, low, high, step):

@@ -15,7 +15,7 @@ from bakery.grammar.units import COEFFICIENT, FRACTION, Wrong
 from bakery.grammar.values import Index, Values
 from bakery.physics.shapes import limits
 from bakery.stages.declaration import RecipeSection
-from bakery.stages.grains.shape_keys import Shape
+from bakery.stages.grains.shape_keys import AggregateShape, Shape
 
 if TYPE_CHECKING:
     from bakery.recipe.checker import Checker
@@ -134,6 +134,23 @@ def _shape(checker: "Checker", shape: Mapping) -> None:
                                        f"expected at least {limits.SHARE_HIT:g}, as of the {name} [1, 0.0013, 0.0013]")
     if checker.value(shape, "type") == "mesh":
         mesh_file(checker, shape.get("file"))
+    elif checker.value(shape, "type") == "aggregate":
+        _aggregate(checker, shape)
+
+
+def _aggregate(checker: "Checker", shape: Mapping) -> None:
+    """One whose bodies a grid resolves."""
+    from bakery.physics.shapes import rods
+
+    keys = {name: checker.value(shape, name) if name in shape else field.default
+            for name, field in AggregateShape.model_fields.items() if name != "type"}
+    if None in keys.values():
+        return
+    try:
+        rods.grown(**keys).step  # noqa: B018
+    except ValueError as fault:
+        checker.report_section(shape, f"found an aggregate whose {fault}",
+                               "expected a larger smallest, a shorter length or fewer bodies")
 
 
 def mesh_file(checker: "Checker", node: Node | None) -> None:
