@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import bakery
-from bakery.errors import RecipeError
+from bakery.errors import RecipeError, StageError
 from bakery.physics.beam import kernels, named, photons
 from bakery.recipe import load
 from bakery.stages.beam import stage as beam
@@ -132,6 +132,26 @@ def test_what_is_not_there(asset):
         asset.beam.kernel(1.0, 1.0, "best")
     with pytest.raises(AttributeError, match="holds no 'kernel'"):
         asset.medium.kernel(1.0, 1.0)
+
+
+def test_advice_that_helps(tmp_path):
+    """A larger tolerance where there is one, more photons where theirs is the error, and neither for a narrow backward peak."""
+    path = tmp_path / "ray.yaml"
+
+    def missed(g, options):
+        path.write_text(RECIPE.format(phase=f"{{type: hg, g: {g}}}", options=options).replace("[0.45, 0.55, 0.65]", "[0.55]")
+                        .replace("[0.9, 0.5, 0]", "0.9"))
+        try:
+            bakery.bake(path, output=tmp_path / "ray.h5")
+        except StageError as error:
+            return str(error)
+        return ""
+
+    assert "a larger beam.tolerance would do" in missed(-0.95, "{depth: 8, photons: 20000, tolerance: 3%}")
+    assert "or more beam.photons would do" in missed(0.5, "{depth: 8, photons: 1000, tolerance: 1%}")
+    said = missed(-0.9999, "{depth: 8, photons: 20000, tolerance: 50%}")
+    assert "do not hold a narrow backward peak, and a phase function without one would do" in said
+    assert "larger" not in said and "more" not in said
 
 
 def test_rules_and_measures(asset):

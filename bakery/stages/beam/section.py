@@ -14,6 +14,7 @@ from bakery.stages.declaration import RecipeSection, own_tolerance
 if TYPE_CHECKING:
     from bakery.recipe.checker import Checker
 
+LARGEST = 0.5  # that a tolerance may be
 REACHED = 0.03  # what the half space of narrow beams reaches (fog: 1.4 %): a default below that would miss itself
 
 
@@ -21,7 +22,7 @@ class Beam(Section):
     """Narrow-beam kernels."""
 
     depth: number(least=0.01, most=1000) = Field(32.0, description="Deepest depth, in mean free paths.")
-    tolerance: number(FRACTION, least=1e-3, most=0.5) | None = Field(
+    tolerance: number(FRACTION, least=1e-3, most=LARGEST) | None = Field(
         None, description="Relative error of the fluence; default: the recipe's tolerance, but at least 3 %."
     )
     photons: whole(1000, 10**9, words=AUTO) = Field(

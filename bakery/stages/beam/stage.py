@@ -8,7 +8,7 @@ from bakery.errors import StageError
 from bakery.physics.beam import predicted
 from bakery.physics.beam.kinds import MEASURES, MODELS
 from bakery.stages import rules
-from bakery.stages.beam.section import BEAM
+from bakery.stages.beam.section import BEAM, LARGEST
 from bakery.stages.beam.view import tables_of
 from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets, later
 from bakery.store.tree import Group
@@ -73,11 +73,22 @@ def compute(inputs: dict, context) -> Result:
     notes = [f"wavelength number {k}: too narrow a phase function for transport; the small-angle model stands in"
              for k, table in enumerate(tabulated) if table.model != "transport"]
     # the photons' noise could hide as much as it makes
-    error, noise = values["fluence_rms"], values["fluence_noise"]
-    reached, worst = float((error + noise).max()), int(np.argmax(error + noise))
+    reached = float((values["fluence_rms"] + values["fluence_noise"]).max())
+    missed = (_missed(values["fluence_rms"], values["fluence_noise"]),) if reached > context.tolerance else ()
+    return Result(dict(datasets(OUTPUTS, values)), reached, tuple(notes), missed)
+
+
+def _missed(error, noise) -> str:
+    """Why a tolerance is missed and what would help; errors and noise (L,) of wavelengths."""
+    worst = int(np.argmax(error + noise))
     why = f"the tables miss counted photons by {error[worst]:.2g}, and the photons have a noise of {noise[worst]:.2g}"
-    missed = (f"{why}; a larger beam.tolerance" + (" or more beam.photons" if noise[worst] > error[worst] else "") + " would do",)
-    return Result(dict(datasets(OUTPUTS, values)), reached, tuple(notes), missed if reached > context.tolerance else ())
+    if noise[worst] > error[worst]:
+        return f"{why}; a larger beam.tolerance or more beam.photons would do"
+    if error[worst] + noise[worst] <= LARGEST:
+        return f"{why}; a larger beam.tolerance would do"
+    # measured for Henyey and Greenstein's lobes: 0.16 at g = -0.95, 0.7 at -0.99, 0.005 at 0.9999
+    return (f"{why}; no beam.tolerance that may be asked for is met: such tables do not hold a narrow backward peak, and a phase "
+            "function without one would do")
 
 
 # ---- rules and plan
