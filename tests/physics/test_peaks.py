@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 from numba import njit
 
 from bakery.physics.medium import analytic, kernels, phase
-from bakery.physics.multiple import build, fourier, legendre, peaks, point
+from bakery.physics.multiple import build, choice, fourier, legendre, peaks, point
+from bakery.physics.multiple.backward import refused
 from bakery.physics.multiple.kinds import POINT
 from tests.conftest import slow
 from tests.oracles import photons
@@ -62,6 +64,17 @@ def test_backward_peaks_are_refused():
     for order in (16, 48, 96):
         with pytest.raises(ValueError, match="narrow peak backward"):
             peaks.clipped(*hg(-0.999), order)
+
+
+@pytest.mark.parametrize("orders", [None, 8])
+def test_which_are_refused_is_known_before(orders):
+    """By plans, from g alone: on both sides of the mean cosine where the solver begins to refuse, not for forward peaks."""
+    edge = 0.05 ** (1 / ((orders or 40) + 2))
+    for g, is_refused in ((-edge - 0.01, True), (-edge + 0.01, False), (edge + 0.01, False), (-0.999, True), (0.0, False)):
+        assert refused(g, orders) == is_refused
+        medium = choice.Medium(0.9, *hg(g), 0.0)
+        with pytest.raises(ValueError, match="narrow peak backward") if is_refused else nullcontext():
+            choice.solved(medium, orders)
 
 
 def test_without_a_peak_the_solver_is_the_plain_one():

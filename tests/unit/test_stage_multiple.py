@@ -110,6 +110,21 @@ def test_peaks_count_as_not_scattered(bake, tmp_path):
     assert "delta-M" in with_peak.provenance.multiple.notes
 
 
+def test_plans_know_that_photons_stand_in(tmp_path):
+    """Where the solver refuses a backward peak: as for method: photons, a wavelength each, and more for segments."""
+    def cost(g, options):
+        (tmp_path / "cloud.yaml").write_text(RECIPE.format(albedo=0.9, phase=f"{{type: hg, g: {g}}}", options=options,
+                                                           tolerance="1%", wavelengths="[0.5, 0.6]"))
+        return multiple.cost(load(tmp_path / "cloud.yaml"))
+
+    solved, refused, asked = (cost(*words) for words in ((-0.9, "{}"), (-0.99, "{}"), (0.0, "{method: photons}")))
+    assert solved.kind == "solver" and refused == asked and refused.kind == "photons" and refused.seconds > 3 * solved.seconds
+    assert cost("[0.9, -0.99]", "{}").seconds == refused.seconds / 2
+    assert cost(-0.99, "{sources: [point]}").seconds < refused.seconds
+    assert cost(-0.99, "{photons: 3200}").seconds < 0.7 * refused.seconds
+    assert cost(-0.99, "{method: solver}").kind == "solver"
+
+
 @pytest.mark.slow
 def test_what_no_solver_reaches_is_refused_or_left_to_photons(bake, tmp_path):
     with pytest.raises(StageError, match="wavelength number 0: the phase function has a narrow peak backward"):

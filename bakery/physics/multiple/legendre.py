@@ -7,11 +7,11 @@ import math
 
 import numpy as np
 
+from bakery.physics.multiple.backward import SHARE
 from bakery.system.compiled import njit
 
 _GAUSS = 10  # points of a piece of the table
 _PIECE = 2.0  # order * width of a piece in rad: ten points are then exact to rounding
-_BACK = 0.05  # share of the light in an unresolved backward peak that is refused
 
 
 def moments(theta, phase, order):
@@ -63,7 +63,7 @@ def order_needed(p, tolerance=2e-4):
 def refuse_backward(p, order):
     """ValueError where moments beyond `order` alternate: light in a narrow backward peak, which cannot count as unscattered."""
     backward = abs(float(np.asarray(p, float)[order + 1:order + 4] @ np.array([0.25, -0.5, 0.25])))
-    if backward > _BACK:
+    if backward > SHARE:
         raise ValueError(f"the phase function has a narrow peak backward ({backward:.2g} of the light) that {order} moments do "
                          "not resolve; only forward peaks can be left out (photons can follow both)")
 

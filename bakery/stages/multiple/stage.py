@@ -8,6 +8,7 @@ import numpy as np
 
 from bakery import rng
 from bakery.errors import StageError
+from bakery.physics.multiple.backward import refused
 from bakery.physics.multiple.kinds import KINDS
 from bakery.stages import rules
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets, later
@@ -240,13 +241,25 @@ def cost(recipe) -> Cost:
     if recipe.multiple_scattering.orders:
         g = min(g, math.exp(-8.5 / recipe.multiple_scattering.orders))  # g^orders = 2e-4: as much as so many orders hold
     number = len(recipe.wavelength) * len(recipe.multiple_scattering.sources)
-    if recipe.multiple_scattering.method == "photons":
-        return Cost(_COUNTED * len(recipe.wavelength), 6e8, 2e5 * number, f"{number} tables of photons", 1.0,
-                    kernels=_KERNELS + _KERNELS_OF_PHOTONS, kind="photons", most=len(recipe.wavelength))
+    if counted := _counted(recipe):
+        share = min((recipe.multiple_scattering.photons or _PHOTONS) / _PHOTONS, 1.0)
+        seconds = counted * (_FITTED + _FLOWN * share + _BESIDE * ("segment" in recipe.multiple_scattering.sources))
+        return Cost(seconds, 6e8, 2e5 * number, f"tables of photons for {counted} wavelengths", 1.0,
+                    kernels=_KERNELS + _KERNELS_OF_PHOTONS, kind="photons", most=counted)
     beyond = max(g - 0.5, 0.0)
     seconds = number * (_FEW + _MORE * beyond + _MANY * beyond**5)
     return Cost(seconds, 1.1e8 + 2e9 * beyond**2, number * (1.5e4 + 3.3e5 * beyond), f"{number} tables", 1.0,
                 kernels=_KERNELS, kind="solver", most=min(len(recipe.wavelength), _TOGETHER), blocks=len(recipe.wavelength))
+
+
+def _counted(recipe) -> int:
+    """Wavelengths whose tables are made of photons, as far as the recipe alone tells."""
+    phase, options = None if recipe.medium is None else recipe.medium.phase, recipe.multiple_scattering
+    if options.method == "photons":
+        return len(recipe.wavelength)
+    if options.method == "solver" or phase is None or phase.type != "hg":
+        return 0
+    return int(np.sum(refused(np.broadcast_to(phase.g, len(recipe.wavelength)), options.orders)))
 
 
 def _width(recipe) -> float:
@@ -295,7 +308,9 @@ _TOGETHER = 2
 _KERNELS = tuple(f"multiple.{name}" for name in ("_kernels", "_plane", "_products", "basis", "locate", "legendre", "lookup",
                                                  "sums", "point"))
 _KERNELS_OF_PHOTONS = ("multiple._tally",)
-_COUNTED = 30.0  # seconds of one core for the tables of a wavelength by photons
+# seconds of one core for the tables of a wavelength by photons: a table of points; the flights of so many photons (all that are
+# followed at an albedo of 0.9); integrals of the table of points along a segment
+_FITTED, _FLOWN, _PHOTONS, _BESIDE = 3.0, 25.0, 4e6, 20.0
 _FEW, _MORE, _MANY = 0.06, 0.15, 140.0  # seconds of one core for a table: at g up to 0.5; times g - 0.5; times (g - 0.5)^5
 
 STAGE = Stage(
