@@ -98,8 +98,9 @@ def command(recipes, output, asked, sweeps, run, depfile, overwrite, told):
                       [file for plan in plans.values() for file in (*files_of(plan.recipe), *plan.read)], overwrite)
         if run.dry_run:
             from bakery.cli.plan import show
+            from bakery.run.family_pilot import foretold
 
-            show(list(plans.values()), told.as_json, told.verbose)
+            show([foretold(plan, progress) for plan in plans.values()], told.as_json, told.verbose)
             return _tell(recipes, failures, {}, run.keep_going) if failures else 0
         where = {"jobs": run.jobs, "cache": cache, "address": run.cluster, "progress": progress}
         return _baked(recipes, plans, failures, where, run.keep_going, depfile, told)

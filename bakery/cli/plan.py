@@ -34,6 +34,7 @@ def command(recipes, output, asked, sweeps, jobs, force, overwrite, as_json, ver
     from bakery.cli import plan_scene
     from bakery.run.bake import planned
     from bakery.run.cache import Cache
+    from bakery.run.family_pilot import foretold
     from bakery.run.progress import choose
     from bakery.scenes import is_scene
 
@@ -49,8 +50,9 @@ def command(recipes, output, asked, sweeps, jobs, force, overwrite, as_json, ver
                                                 asked.quality, asked.seed, overwrite, progress))
                 continue
             wanted = for_scenes(recipe, values, asked.scenes, asked.stage, cache, progress)
-            plans.append(planned(recipe, output, asked=wanted, force=force, cache=cache, jobs=jobs, overwrite=overwrite,
-                                 progress=progress))
+            plan = planned(recipe, output, asked=wanted, force=force, cache=cache, jobs=jobs, overwrite=overwrite,
+                           progress=progress)
+            plans.append(foretold(plan, progress))
     finally:
         progress.close()
     show(plans, as_json, verbose)
@@ -119,8 +121,13 @@ def _show_family(plan) -> None:
     if plan.middles:
         say(f"         and {_counted(plan.middles, 'place')} between them at least; where interpolation is off by more than "
             f"{plan.recipe.sweep.tolerance:g} they become points")
+    expected = plan.expected
+    if expected and expected.complete:
+        say(f"         {_counted(expected.points, 'point')} of {_counted(expected.places, 'place')} in the end, by a pilot")
+    elif expected:
+        say(f"         {_counted(expected.places, 'place')} or more in the end, by a pilot that was cut off")
     say(f"  in all  {duration(plan.seconds)}, {in_words(plan.memory)} memory, {in_words(plan.file)} in files"
-        + (" before any is added" if plan.middles else ""))
+        + (" before any is added" if plan.middles and not expected else " or more" if expected and not expected.complete else ""))
 
 
 def _counted(count: int, noun: str) -> str:

@@ -6,12 +6,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from bakery.errors import AssetError, RecipeError, StageError, StoreError, UsageError
 from bakery.family.axes import file_name, points, settings
 from bakery.family.members import fault_of, listed
 from bakery.family.tree import VERSION, departures, is_family
-from bakery.plan import Plan
+from bakery.plan import RUN, Plan
 from bakery.plan.asked import EVERYTHING, Asked
 from bakery.run import files_of, prepare, target_of
 from bakery.run.cache import Cache
@@ -25,7 +26,15 @@ from bakery.store.tree import Group, read_text
 from bakery.system import resources
 
 SAMPLES = 8  # points that are planned for an estimate of all
-EACH = 0.06  # seconds that a place takes besides its stages: recipe, plan, cache, file
+EACH = 0.12  # seconds that a place takes besides its stages: recipe, plan, cache, file
+
+
+class Expected(NamedTuple):
+    """What a pilot says of a refinement that is to come."""
+
+    points: int  # that become members
+    places: int  # that are baked: points, and places between them
+    complete: bool  # whether the pilot came to its end; else there will be more
 
 
 @dataclass(frozen=True)
@@ -40,6 +49,7 @@ class FamilyPlan:
     input_hash: str  # of everything that decides it
     options: Mapping = field(repr=False)
     read: tuple[Path, ...] = ()  # no scene decides families
+    expected: Expected | None = None  # by `bakery.run.family_pilot`, where it was asked
 
     @property
     def folder(self) -> Path:
@@ -63,19 +73,25 @@ class FamilyPlan:
 
     @property
     def seconds(self) -> float:
-        """Expected time of the points and middles that are known now, compiling included."""
-        per_point = sum(plan.seconds if plan.write else 0.0 for plan in self.samples) / len(self.samples)
-        return (EACH + per_point) * (self.points + self.middles)
+        """Expected time of the places that are known of, compiling included."""
+        due = [[step.cost for step in plan.steps if plan.write and step.action == RUN] for plan in self.samples]
+        per_place = EACH + sum(cost.seconds for costs in due for cost in costs) / len(due)
+        once = max(sum(cost.compiling for cost in costs) for costs in due)
+        return once + per_place * (self.expected.places if self.expected else self.points + self.middles)
 
     @property
     def memory(self) -> float:
         """Expected peak memory of the process in bytes."""
-        return max(plan.memory for plan in self.samples) + 2 * self.points * self._table
+        return max(plan.memory for plan in self.samples) + 2 * self._members * self._table
 
     @property
     def file(self) -> float:
         """Expected size of the members and the family's file in bytes."""
-        return self.points * (sum(plan.file for plan in self.samples) / len(self.samples) + self._table)
+        return self._members * (sum(plan.file for plan in self.samples) / len(self.samples) + self._table)
+
+    @property
+    def _members(self) -> int:
+        return self.expected.points if self.expected else self.points
 
     @property
     def _table(self) -> float:
@@ -88,8 +104,8 @@ class FamilyPlan:
                 for axis in self.recipe.sweep.axes for key in axis.keys]
         return {"recipe": str(self.recipe.path), "output": str(self.output), "write": self.write, "points": self.points,
                 "middles": self.middles, "axes": axes, "tolerance": self.recipe.sweep.tolerance,
-                "refine": self.recipe.sweep.refine, "seconds": self.seconds, "memory": self.memory, "file": self.file,
-                "missed": list(self.missed),
+                "refine": self.recipe.sweep.refine, "expected": self.expected and self.expected._asdict(),
+                "seconds": self.seconds, "memory": self.memory, "file": self.file, "missed": list(self.missed),
                 "warnings": [warning.as_dict() for warning in self.recipe.warnings]}
 
 

@@ -31,6 +31,7 @@ def test_plan_and_bake(call, tmp_path, monkeypatch):
     assert status == 0 and not err
     assert "lobes.yaml -> lobes.h5, members in lobes/" in out and "mean_free_path 2 values, 1 mm to 4 mm" in out
     assert "4 points, by the plans of 4" in out and "4 places between them at least" in out
+    assert "4 points of 8 places in the end, by a pilot" in out and "before any is added" not in out
     report = json.loads(call("plan", "lobes.yaml", "--sweep", SWEEP, "--json")[1])[0]
     assert report["points"] == 4 and report["axes"][0]["values"] == [0.001, 0.004] and report["axes"][0]["units"] == "m"
     status, out, err = call("bake", "lobes.yaml", "--sweep", SWEEP, "--depfile", "lobes.d", "-v")

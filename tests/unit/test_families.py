@@ -21,7 +21,9 @@ from bakery.family.tree import departures, physics
 from bakery.physics.medium.between import Optics, common_angles, difference, hole, interpolated, tabulated
 from bakery.plan.asked import Asked
 from bakery.run.bake import executed, planned
+from bakery.run.family_pilot import foretold
 from bakery.run.messages import ClusterLost
+from bakery.run.progress import Progress
 from bakery.store.missed import missed
 from bakery.store.read import read
 from bakery.store.write import write
@@ -411,6 +413,24 @@ def test_ten_thousand_points_are_planned_and_refused_where_they_have_no_room(tmp
     with pytest.raises(bakery.UsageError, match=r"10,000 points take about .* are free there"):
         planned(path, tmp_path / "lobes.h5")
     assert not any(tmp_path.glob("*.h5"))
+
+
+@pytest.mark.parametrize("several", [False, True], ids=["one wavelength", "values for each of three"])
+def test_a_pilot_counts_what_the_bake_will_take(tmp_path, monkeypatch, several):
+    """All its points, and all places: on one axis a place between each two points is the last to be looked at."""
+    path = tmp_path / "lobes.yaml"
+    path.write_text(LOBES.replace("[0.55]\n", "rgb\n").replace("0.9\n", "[0.9, 0.8, 0.7]\n") if several else LOBES)
+    plan = foretold(planned(path, tmp_path / "lobes.h5"), Progress())
+    family = bakery.bake(path, tmp_path / "lobes.h5")
+    count = len(family.axes["g"].values)
+    assert plan.expected == (count, 2 * count - 1, True) and count > plan.points
+    before = replace(plan, expected=None)
+    assert plan.seconds / before.seconds == pytest.approx((2 * count - 1) / 5) and plan.file > before.file
+    assert plan.as_dict()["expected"] == {"points": count, "places": 2 * count - 1, "complete": True}
+    monkeypatch.setattr("bakery.run.family_pilot.PATIENCE", 0.0)
+    assert foretold(before, Progress()) == before and before.expected is None
+    monkeypatch.setattr("bakery.run.family_pilot._first", lambda plan: 0.0)
+    assert foretold(before, Progress()).expected == (3, 5, False)
 
 
 def test_what_points_do_not_help_ends():
