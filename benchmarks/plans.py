@@ -6,7 +6,8 @@
 
 Each figure is predicted over measured: 1 is right, 2 is twice too much.  `empty` are plans of a bakery that has baked nothing
 before, `used` of one that has baked all the other recipes here, but not this one.  Each bake is a process of its own with one
-worker, and its time is that of the processor, so that a busy machine does not matter much; compiling is not in it.
+worker, and its time is that of the processor, so that a busy machine does not matter much; compiling is not in it.  Of a family,
+whose time is that of its whole bake, the plan has what its pilot says.
 """
 
 import json
@@ -86,9 +87,11 @@ def one(recipe: str, folder: str) -> None:
 
     from bakery import run
     from bakery.run import standing
-    from bakery.run.bake import planned
+    from bakery.run.bake import executed, planned
     from bakery.run.cache import Cache
+    from bakery.run.family_pilot import foretold
     from bakery.run.progress import Progress
+    from bakery.system import resources
 
     # the processor's clock: other work on the machine does not count
     run.time = run.compiling.time = SimpleNamespace(monotonic=time.process_time)
@@ -124,8 +127,15 @@ def one(recipe: str, folder: str) -> None:
 
     cache, told = Cache(Path(folder)), Told()
     with event.install_listener("numba:compile", Modules()):
-        plan = planned(recipe, Path(folder) / "a.h5", cache=cache, jobs=1)
-        baked = run.execute(plan, cache=cache, jobs=1, progress=told)
+        plan = foretold(planned(recipe, Path(folder) / "a.h5", cache=cache, jobs=1), Progress())
+        began = time.process_time()
+        baked = executed(plan, cache=cache, jobs=1, progress=told)
+        took = time.process_time() - began - sum(modules.values())
+    if plan.recipe.sweep is not None:
+        files = [baked.output, *baked.output.with_suffix("").iterdir()]
+        print(json.dumps({"seconds": plan.seconds, "memory": plan.memory, "file": plan.file, "peak": resources.peak_memory(),
+                          "size": sum(file.stat().st_size for file in files), "took": took, "traces": told.traces}))
+        return
     peak = max(standing.asset_at(baked.output)[f"provenance/{step.stage.name}"].attributes["peak_memory"] for step in plan.steps)
     print(json.dumps({
         "seconds": plan.seconds - sum(step.cost.compiling for step in plan.steps), "memory": plan.memory, "file": plan.file,
@@ -153,19 +163,20 @@ def _used(found: dict, name: str, folder: Path) -> float:
     """Seconds that a plan expects where all the other recipes were baked before."""
     from bakery.run.bake import planned
     from bakery.run.cache import Cache
+    from bakery.run.family_pilot import foretold
+    from bakery.run.progress import Progress
 
     speeds: dict = {}
     for other, result in found.items():
         for kind, entries in result["speeds"].items():
             speeds.setdefault(kind, []).extend(entries if other != name else [])
     (folder / "speed.json").write_text(json.dumps(speeds))
-    plan = planned(found[name]["recipe"], folder / "nothing.h5", cache=Cache(folder), jobs=1)
-    return plan.seconds - sum(step.cost.compiling for step in plan.steps)
+    plan = foretold(planned(found[name]["recipe"], folder / "nothing.h5", cache=Cache(folder), jobs=1), Progress())
+    return plan.seconds - sum(step.cost.compiling for step in (plan.steps if plan.recipe.sweep is None else ()))
 
 
 def main(chosen) -> None:
-    shipped = {path.stem: "" for path in sorted((HERE / "recipes").glob("*.yaml"))
-               if "\nsweep:" not in path.read_text()}  # a family is many bakes
+    shipped = {path.stem: "" for path in sorted((HERE / "recipes").glob("*.yaml"))}
     chosen = chosen or sized((), ("haze", "milk"))
     names = {name: text for name, text in (shipped | OTHERS).items() if not chosen or name in chosen}
     found, ratios = {}, {"empty": [], "used": [], "memory": [], "file": []}
@@ -188,7 +199,8 @@ def main(chosen) -> None:
 
 
 def _took(result: dict) -> float:
-    return sum(seconds for entries in result["speeds"].values() for _, _, seconds in entries)
+    """Seconds; of a family those of its bake, as the cache remembers only the last of many."""
+    return result.get("took") or sum(seconds for entries in result["speeds"].values() for _, _, seconds in entries)
 
 
 def compiling() -> None:

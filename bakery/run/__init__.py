@@ -145,7 +145,8 @@ def _priced(recipe, target: Path, stages, present: Group | None, held, *, force:
         basis = f"{cost.basis}; {work:.2g} s on {cost.cores(workers):.2g} cores"
         basis += f"; by {count} earlier bakes here {ratio:.2g} times that" if count else ""
         basis += f"; {coming:.2g} s for compiling kernels, once" if coming else ""
-        return replace(cost, seconds=work * ratio, compiling=coming, memory=cost.memory + COMPILER * (coming > 0), basis=basis)
+        return replace(cost, seconds=work * ratio, startup=cost.startup * ratio, compiling=coming,
+                       memory=cost.memory + COMPILER * (coming > 0), basis=basis)
 
     # a choice between rays and series takes sample spheres, and kernels
     measured = () if recipe.particles is None else ahead.SERIES

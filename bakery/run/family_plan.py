@@ -75,8 +75,8 @@ class FamilyPlan:
     def seconds(self) -> float:
         """Expected time of the places that are known of, compiling included."""
         due = [[step.cost for step in plan.steps if plan.write and step.action == RUN] for plan in self.samples]
-        per_place = EACH + sum(cost.seconds for costs in due for cost in costs) / len(due)
-        once = max(sum(cost.compiling for cost in costs) for costs in due)
+        per_place = EACH + sum(cost.seconds - cost.startup for costs in due for cost in costs) / len(due)
+        once = max(sum(cost.startup + cost.compiling for cost in costs) for costs in due)
         return once + per_place * (self.expected.places if self.expected else self.points + self.middles)
 
     @property
