@@ -8,6 +8,7 @@ import numpy as np
 from renderers.materials.grains import bundles, far, local, material, medium, transport
 from renderers.materials.grains.declared import methods
 from renderers.materials.grains.declared.ept import LITTLE, smooth
+from renderers.materials.grains.seen import remembering
 from renderers.materials.grains.transport import GRAINS, MEDIUM, Body, Transport
 from renderers.pictures.engine import Part, layers_of
 from renderers.pictures.passes import Method
@@ -35,7 +36,9 @@ def prepare(job, world, seed) -> Method:
         raise job.scene.wrong("materials", "the assets have different wavelengths; assets of the same ones would do")
     varies = [local.local_of(job.scene, body, asset, material.fraction_of(asset), vertices)
               for body, (asset, (vertices, _)) in enumerate(zip(assets, meshes))]
-    grains = [material.grains_of(asset, *mesh, varied) for asset, mesh, varied in zip(assets, meshes, varies)]
+    filled = ((asset.content_hash, vertices.tobytes()) for asset, (vertices, _) in zip(assets, meshes))
+    grains = world.once(("grains", *filled), lambda: [
+        material.grains_of(asset, *mesh, varied) for asset, mesh, varied in zip(assets, meshes, varies)])
     if reaching := material.overlap(grains, meshes):
         outer, inner, deep = reaching
         raise job.scene.wrong(f"materials[{inner}].where.mesh", f"reaches {deep:.2g} m into the mesh of materials[{outer}]; "
@@ -66,7 +69,9 @@ def of(name, world, assets, meshes, grains, seed, asked=PLAIN, tolerance=budget.
     """
     name = settled(methods(), name)
     declared = methods()[name]
-    scene, reasons = transport_of(name, world, assets, meshes, grains, asked)
+    # with the grains, whose places in memory nothing else has then
+    scene, reasons, _ = world.once(("transport", name, asked, *map(id, grains)), lambda: (
+        *transport_of(name, world, assets, meshes, grains, asked), grains))
     scene, reasons = scene._replace(surfaces=surfaces[0]), [*reasons, *surfaces[1]]
     if stated := declared.error(tolerance):
         reasons.append(f"how far {name} is off is not measured: in the scenes of docs/granular.md by up to {percent(stated)}")
@@ -85,12 +90,18 @@ def of(name, world, assets, meshes, grains, seed, asked=PLAIN, tolerance=budget.
 
     left_out = world.left_out()
     reasons += left_out
+    seen = [remembering(scene.interactor(body, scene.technique).seen) for body in range(len(scene.bodies))]
+
+    def entry(*rays):
+        # of a mesh alone distances cost a third of what normals do
+        return np.min([of_body(*rays)[0] for of_body in seen], axis=0) if scene.technique == GRAINS else scene.entry(*rays)
 
     def after(estimate):
         return {"grains": sum(numbers), "layers": _switches(estimate.means.values()), "bias": None, "left_out": left_out}
 
-    return Method(name, parts, reasons, after, features=lambda quality: _features(world, scene, assets, meshes, seed, quality),
-                  apart=(kinds[0][0],) if scene.technique == GRAINS else (), entry=scene.entry)
+    return Method(name, parts, reasons, after,
+                  features=lambda quality: _features(world, scene, assets, meshes, seed, quality, seen),
+                  apart=(kinds[0][0],) if scene.technique == GRAINS else (), entry=entry)
 
 
 def cone(declared, widen, world, assets, meshes):
