@@ -49,6 +49,9 @@ SPHERE = """<shape type="sphere"><point name="center" x="3" y="-4" z="8"/><float
 <emitter type="area"><rgb name="radiance" value="100 100 100"/></emitter></shape>"""
 PANEL = """<shape type="rectangle"><transform name="to_world"><scale value="SIZE"/><rotate x="1" angle="180"/>
 <translate x="3" y="-3" z="13"/></transform><emitter type="area"><rgb name="radiance" value="4 4 4"/></emitter></shape>"""
+# the sun is 0.54 degrees wide
+SUNSKY = """<emitter type="sunsky"><vector name="sun_direction" value="-0.5 -0.4 0.7"/>
+<float name="sun_scale" value="0.05"/><float name="sky_scale" value="0.05"/></emitter>"""
 MILK = (0.999, 0.999, 0.999), (0.84, 0.75, 0.68), 0.7  # diluted, recipes/milk_dilute.yaml
 PANE = """<shape type="cube"><transform name="to_world"><scale x="9" y="9" z="0.25"/><translate z="6.3"/></transform>
 <bsdf type="dielectric"><float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/></bsdf></shape>"""
@@ -74,6 +77,8 @@ SCENES = {
     "head": ("head.xml", "head", Body(*SKIN, GLASS)),
     "glass_of_milk": ("glass_of_milk.xml", "milk", Body(*MILK, GLASS)),
     "milk, small window": ("glass_of_milk.xml", "milk", Body(*MILK, GLASS)),
+    "ball in the sun": (BALL.replace("LAMP", SUNSKY), "ball", Body(*GREY, GLASS)),
+    "milk in the sun": ("glass_of_milk.xml", "milk", Body(*MILK, GLASS)),
 }
 # of a window of 220 mm x 220 mm, which is wider, and an even sky: 120 mm x 120 mm, brighter, and less sky
 SMALL_WINDOW = {'"110, 110, 1"/> <lookat origin="-150, -30, 150"': '"60, 60, 1"/> <lookat origin="-130, -40, 140"',
@@ -86,6 +91,9 @@ def text_of(name):
     if xml.endswith(".xml"):
         xml = (SHIPPED / xml).read_text()
         xml = re.sub(r'name="filename" value="([^"]*)"', lambda match: f'name="filename" value="{SHIPPED / match[1]}"', xml)
+    if name == "milk in the sun":
+        xml = re.sub('<shape type="rectangle" id="window">.*?</shape>', SUNSKY, xml)
+        xml = re.sub('<emitter type="constant".*?</emitter>', "", xml)
     for wide, small in SMALL_WINDOW.items() if "small window" in name else ():
         xml = xml.replace(wide, small)
     return xml

@@ -94,7 +94,7 @@ class World:
         if not self.variant.endswith("_ad_rgb"):
             raise UsageError(f"variant {self.variant}: surfaces and lights need one that works on arrays of colours, such as "
                              f"llvm_ad_rgb ({self.reason})")
-        self.unit = float(unit)
+        self.unit, self._measured = float(unit), {}
         self.camera, self.size = self._view(path, sensor, view, size)
         self._name_lights()
         box = self.scene.bbox()
@@ -121,6 +121,13 @@ class World:
             for shape, bsdf in zip(shapes, earlier, strict=True):
                 if bsdf is not None and shape.bsdf() is not bsdf:
                     shape.set_bsdf(bsdf)
+
+    def once(self, key, measure):
+        """What `measure()` gives; of the same key also for copies of this world, such as those of pilots: what has nothing to do
+        with the film."""
+        if key not in self._measured:
+            self._measured[key] = measure()
+        return self._measured[key]
 
     def shapes(self) -> list[shapes.Shape]:
         """All surfaces of the scene."""

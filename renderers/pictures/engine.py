@@ -72,7 +72,7 @@ class Part(NamedTuple):
     fewer : function of a number of samples, which gives the same part by passes of that many; None: they cannot be smaller
     steps : of a chain of samples that go one from the other; 1: each is by itself.  Of chains there are as many as go with the
         pixels, so that what pixels of a pass share goes down with them, as what they share of beams and the like does not
-    fewest : samples that `fewer` takes; below 1 a pass has only so much of its longest paths, by chance
+    fewest : samples that `fewer` takes; below 1 a pass has only some of its longest paths, by chance, and the fewer the less
     """
 
     name: str
@@ -95,7 +95,7 @@ def in_time(parts, seconds) -> tuple[Part, ...]:
 
 
 def shares(parts, seconds) -> dict[str, float]:
-    """Of parts by name, the share of their longest paths that passes of so short a render have, as `in_time` has it; 1: all."""
+    """Of parts by name, what `fewer` of passes of so short a render is given, as `in_time` has it; 1: they have all paths."""
     return {part.name: min(samples or 1, 1) for part, samples in zip(parts, _samples(parts, seconds), strict=True)}
 
 

@@ -59,9 +59,10 @@ def _add_rows(padded, scale, reach, whole, weight_of_all, top, end):
     height, width = scale.shape
     middle = padded[top + _REACH:top + _REACH + height, _REACH:_REACH + width]
     sums, weights = np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32)
-    for down in range(-_REACH, _REACH + 1):
-        for right in range(-_REACH, _REACH + 1):
-            if down**2 + right**2 > _REACH**2 + 1:
+    furthest = int(reach.max())
+    for down in range(-furthest, furthest + 1):
+        for right in range(-furthest, furthest + 1):
+            if down**2 + right**2 > furthest**2 + 1:
                 continue
             row = top + _REACH + down
             near = padded[row:row + height, _REACH + right:_REACH + right + width]

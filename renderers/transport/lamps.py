@@ -156,7 +156,7 @@ class Lamps:
         arrives = departure.turned & (departure.density > 0) & (lamp_ahead > 0) & path.single
         point, normal = event.surface.p, event.surface.n
         if self._sky:
-            point = dr.select(event.misses, self._sky.reached(departure.event, path.drawn, path.direction), point)
+            point = dr.select(event.misses, self._sky.reached(departure.event, path.direction), point)
             normal = dr.select(event.misses, -path.direction, normal)
         record = Arrival(path.number, departure.event, departure.before, departure.medium, departure.density, path.inside,
                          path.order, path.drawn, lamp_ahead - 1, point, normal, light)
@@ -245,8 +245,8 @@ class Lamps:
             lamp += dr.select(u >= below, mi.UInt32(1), mi.UInt32(0))
         return lamp
 
-    def _shining(self, lamp, bend, point, active):
-        """Radiance of points on lamps towards boundaries, and their normals; 0 where nothing shines."""
+    def _shining(self, lamp, x, bend, point, active):
+        """Radiance of points on lamps, drawn from x, towards boundaries, and their normals; 0 where nothing shines."""
         shape = dr.gather(mi.ShapePtr, self._shapes, lamp, active)
         # met by a ray, as paths meet it: with the normal of its triangle, and what shines there
         ray = mi.Ray3f(point - _SHORT * bend.beyond * bend.outward, bend.outward)
@@ -256,7 +256,7 @@ class Lamps:
         radiance, normal = dr.select(shines, shape.emitter().eval(surface, shines), 0), surface.n
         if self._sky:
             is_sky = dr.gather(mi.UInt32, self._is_sky, lamp) > 0
-            radiance = dr.select(is_sky, self._sky.radiance(bend.outward, active & is_sky), radiance)
+            radiance = dr.select(is_sky, self._sky.radiance(dr.normalize(point - x), active & is_sky), radiance)
             normal = dr.select(is_sky, -bend.outward, normal)
         return radiance, normal
 
@@ -265,7 +265,7 @@ class Lamps:
         scene = self._scene
         point = self._drawn_points(scattering.lamp, scattering.event, mi.Point2f(scattering.u, scattering.v), True)
         bend, active = self._walk(scattering.event, point)
-        radiance, normal = self._shining(scattering.lamp, bend, point, active)
+        radiance, normal = self._shining(scattering.lamp, scattering.event, bend, point, active)
         active &= dr.any(radiance > 0)
         weights = media.product(scattering.throughput, scene.media.albedo(scattering.medium))
         phase = scene.media.phase(scattering.medium, 0.5 * dr.squared_norm(bend.inward + scattering.before))

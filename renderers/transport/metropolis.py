@@ -230,7 +230,7 @@ def part(name, world, entries, colours, seed, luminance) -> Part:
         if not scene:
             from renderers.transport.scene import Scene
 
-            scene.append(Scene(world, entries, colours))  # with the first pass
+            scene.append(Scene.of_bodies(world, entries, colours))  # with the first pass
         return primary.light(scene[0], source)
 
     if world.whole is None:

@@ -20,7 +20,7 @@ _ON_GPU = 4  # times as many there: what processors do for a pass, a tenth of a 
 _SAMPLES = 16  # a pixel and pass, at most: the noise of small pictures is known from several passes
 
 
-def part(name, world, entries, colours, seed, by_light=False, far=MappingProxyType({}), most=None) -> Part:
+def part(name, world, entries, colours, seed, by_light=False, far=MappingProxyType({}), most=None, shared=False) -> Part:
     """Passes of paths through continuous media, bodies among them, and over the surfaces and lights of a scene.
 
     Parameters
@@ -38,6 +38,7 @@ def part(name, world, entries, colours, seed, by_light=False, far=MappingProxyTy
     by_light : whether passes have layers light.NAME, too, of each of `world.light_names`
     far : `far.Far` of bodies that are surfaces far from the camera, by their numbers among the entries
     most : of each entry, all of them bodies, how often light may scatter between two surfaces; None: as often as it does
+    shared : whether the entries are bodies and no surfaces change, so that pilots share `Scene.of_bodies` with the picture
 
     Returns
     -------
@@ -53,7 +54,9 @@ def part(name, world, entries, colours, seed, by_light=False, far=MappingProxyTy
     Lights without extent are found from media without a boundary, from matched bodies and from surfaces, but not through
     boundaries that turn light, as no ray meets them.
     """
-    scene = cache(lambda: Scene(world, entries, colours, far=far, most=most))  # with the first pass
+    # with the first pass
+    scene = cache(lambda: Scene.of_bodies(world, entries, colours, most) if shared
+                  else Scene(world, entries, colours, far=far, most=most))
     if variants.on_gpu(world.variant):
         scene()  # refuses here what a graphics card cannot render
     return of_loop(name, world, lambda *arguments: loop.trace(scene(), *arguments), seed, by_light)

@@ -1,5 +1,6 @@
 """What a loop of Dr.Jit asks of a Mitsuba scene with media: camera, colours, and the media on a ray."""
 
+import copy
 from types import MappingProxyType
 
 import drjit as dr
@@ -132,6 +133,18 @@ class Scene(View):
         self.airlight = thin.airlight(self, numbered, world) if drawn else None
         self.aureoles = Aureoles(*thin.small_lamps(self, world)) if self.airlight and not self.far else None
 
+    @classmethod
+    def of_bodies(cls, world, bodies, colours, most=None) -> "Scene":
+        """The scene of bodies alone, in a world whose surfaces stay as they are; parameters as above.
+
+        Pilots and the picture share what it takes a second or two to measure for light samples: it does not depend on the film.
+        """
+        content = ((body.name, body.matched, _bytes(body.medium)) for body in bodies)
+        key = "scene", None if most is None else tuple(most), _bytes(colours), *content
+        shared = copy.copy(world.once(key, lambda: cls(world, bodies, colours, most=most)))
+        View.__init__(shared, world, world.scene, colours)
+        return shared
+
     def bsdf(self, event):
         """Of the surface that paths have come to, `state.Event`."""
         return self.far.bsdf(event) if self.far else event.surface.bsdf()
@@ -152,6 +165,10 @@ class Scene(View):
     def holds(self, medium, point):
         """Whether points may be in a medium; rounding can lose a path through an edge of a body."""
         return (dr.gather(mi.UInt32, self._is_body, medium) == 0) | self.boundaries.near(point)
+
+
+def _bytes(arrays):
+    return tuple((np.asarray(array).tobytes(), np.shape(array)) for array in arrays)
 
 
 def _variables(value):

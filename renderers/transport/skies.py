@@ -1,4 +1,9 @@
-"""Lights all around a scene as lamps that are drawn: points of a sphere far away, around each point that they shine on."""
+"""Lights all around a scene as lamps that are drawn: points of a sphere far away, around each point that they shine on.
+
+A point of the sphere around x stands for the direction from x to it, in all that asks for radiance or density, also where light
+arrives there from elsewhere in the scene: at the rim of a sun of half a degree the two would else be of different places, bright
+light that is hardly ever drawn.
+"""
 
 import drjit as dr
 
@@ -6,7 +11,7 @@ import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 
 import mitsuba as mi  # isort: skip
 
-_FAR = 1e3  # of the size of the scene, the radius of the sphere
+_FAR = 1e5  # of the size of the scene, the radius of the sphere: directions from anywhere in it are the same within 1e-5
 
 
 class Sky:
@@ -25,10 +30,9 @@ class Sky:
         at = mi.Interaction3f(0.0, 0.0, dr.zeros(mi.Color0f), x, dr.zeros(mi.Normal3f))
         return x + self._far * self.emitter.sample_direction(at, u, active)[0].d
 
-    def reached(self, x, origin, direction):
-        """Points on the spheres around x on rays that begin near there."""
-        along = dr.dot(origin - x, direction)
-        return origin + direction * (dr.sqrt(dr.square(self._far) - dr.squared_norm(origin - x) + dr.square(along)) - along)
+    def reached(self, x, direction):
+        """Points on the spheres around x that stand for directions."""
+        return x + self._far * direction
 
     def density(self, x, y, active):
         """Of points y, one over the area."""
@@ -42,7 +46,7 @@ class Sky:
         return self.emitter.pdf_direction(at, sample, active)
 
     def radiance(self, direction, active):
-        """Of rays that go there."""
+        """From directions."""
         surface = dr.zeros(mi.SurfaceInteraction3f, dr.width(direction))
         surface.wi = -direction
         return self.emitter.eval(surface, active)

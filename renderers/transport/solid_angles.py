@@ -53,26 +53,34 @@ def drawn(scene, boundaries, panes=(), sky=None, widest=WIDEST_ALONE):
 def _width(scene, position, normal, sky, numbers, panes):
     """Solid angle (sr) that a light all around would have that were as bright as its light is on average, times the cosine; and
     the light that comes to places, for each by one direction, by numbers (n, 2)."""
-    point = mi.Point3f(*map(mi.Float, position))
+    light, radiance, _ = _from_sky(scene, position, normal, sky, numbers, panes)
+    whole, square = float(light.mean()), float((light * radiance).mean())
+    return (whole**2 / square if square > 0 else 0.0), whole
+
+
+def _from_sky(scene, position, normal, sky, numbers, panes):
+    """Light (n,) that comes to places from a light all around, for each by one direction; its radiance (n,); and the indices (n,)
+    around the places over 1, that around the sky."""
+    point, normal = (kind(*map(mi.Float, rows)) for kind, rows in ((mi.Point3f, position), (mi.Normal3f, normal)))
     target = sky.drawn(point, mi.Point2f(*(mi.Float(column) for column in numbers.T.astype(np.float32))), True)
     towards, density = dr.normalize(target - point), sky.solid_density(point, target)
-    cosine, radiance = dr.dot(mi.Vector3f(*map(mi.Float, normal)), towards), dr.mean(sky.radiance(towards, True))
-    active, _ = _passes(scene, point, mi.Normal3f(*map(mi.Float, normal)), target, cosine > 0, panes)
+    cosine, radiance = dr.dot(normal, towards), dr.mean(sky.radiance(towards, True))
+    active, ratio = _passes(scene, point, normal, target, cosine > 0, panes)
     light = dr.select(active & (density > 0), cosine * radiance / density, 0)
-    whole, square = float(dr.mean(light)[0]), float(dr.mean(light * radiance)[0])
-    return (whole**2 / square if square > 0 else 0.0), whole
+    return tuple(np.array(values + dr.zeros(mi.Float, numbers.shape[0]), float) for values in (light, radiance, ratio))
 
 
 def index_around(scene, boundary, panes, lamps):
     """Refractive index around a body over that around lamps, the median over straight ways to them; 1 where there are none.
 
-    scene : `scene.Scene`;  boundary : mesh of Mitsuba, the body's;  panes : as of `drawn`;  lamps : shapes
+    scene : `scene.Scene`;  boundary : mesh of Mitsuba, the body's;  panes : as of `drawn`;  lamps : shapes, or a `skies.Sky`
     """
     position, normal = _positions([boundary], _numbers(0, _PLACES, 3))
     ratios = [np.empty(0)]
-    for lamp in (lamp for lamp in lamps if not isinstance(lamp, Sky)):
-        angle, _, ratio = _seen(scene, position, normal, lamp, _numbers(1, _PLACES * _POINTS, 2), panes)
-        ratios.append(ratio[angle > 0])
+    for lamp in lamps:
+        seen = _from_sky if isinstance(lamp, Sky) else _seen
+        light, _, ratio = seen(scene, position, normal, lamp, _numbers(1, _PLACES * _POINTS, 2), panes)
+        ratios.append(ratio[light > 0])
     ratios = np.concatenate(ratios)
     return float(np.quantile(ratios, 0.5, method="nearest")) if len(ratios) else 1.0
 

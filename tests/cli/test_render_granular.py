@@ -342,3 +342,22 @@ def test_what_the_camera_sees_of_grains(place, monkeypatch):
     monkeypatch.setattr(variants, "on_gpu", lambda variant: True)
     without_medium = features.first_hits(world, how, job.assets, meshes, 0)
     assert np.array_equal(without_medium.grain, found.grain) and np.isfinite(without_medium.albedo).all()
+
+
+def test_a_draft_looks_for_the_first_grains_once(place, monkeypatch):
+    """For layer depth.Z and for the filter; a final picture's filter looks at other places in the pixels."""
+    from renderers.choice import Opened
+    from renderers.materials.grains import paths
+    from renderers.pictures.running import Render
+
+    job = Render(place / "s.yaml", place / "a.png")
+    world, looks, look = World.of(job.scene), [], paths.seen_grain
+    monkeypatch.setattr(paths, "seen_grain", lambda *rays: looks.append(len(rays[1])) or look(*rays))
+    method = job.scene.prepare(Opened.of(job.scene), world, 0)
+    depth, pixels = world.depth(method.entry), world.size[0] * world.size[1]
+    drawn = method.features("draft")
+    assert looks == [pixels]
+    along = np.linalg.norm(world.camera.points(*world.size), axis=-1)
+    assert np.allclose((depth * along)[drawn.grain > 0], drawn.distance[drawn.grain > 0], rtol=1e-12) and (drawn.grain > 0).any()
+    method.features("final")
+    assert looks == [pixels] * 5

@@ -5,13 +5,16 @@ Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from bakery import kernels
-from renderers.materials.grains import bundles, material, medium, paths, transport
+from renderers.materials.grains import bundles, material, medium, methods, paths, shapes, transport
 from renderers.materials.grains._medium import Medium
 from renderers.materials.grains._paths import PASSES
+from renderers.pictures import engine
 from tests.odds import ODDS, SIGMAS, sigmas
 from tests.physics.particles import THETA, Sky, blocks, camera, henyey_greenstein, same
 from tests.physics.test_aggregate import CUBE, tile
@@ -113,14 +116,27 @@ def test_paths_that_go_on_by_chance():
     assert np.all(onward.throughput == 4) and abs(onward.count / n - 0.25) < SIGMAS * np.sqrt(0.25 * 0.75 / n)
 
 
-def test_long_paths_among_grains_go_on_by_chance():
-    """Half of them after 4 grains: each brings 1 or 2 in light from everywhere, or nothing, and the mean is 1."""
-    how = transport.Transport((joined([grains([Kind(GLASS)], bumpy(9.0))]).bodies), COLOURS, share=0.5)
+@pytest.mark.parametrize("share, late, brings", [(0.5, 2, {0.0, 1.0, 2.0}), (0.25, 1, {0.0, 1.0, 4.0})])
+def test_long_paths_among_grains_go_on_by_chance(share, late, brings):
+    """A share of them after some grains: each brings light from everywhere, that of others too, or nothing, and the mean is 1."""
+    how = transport.Transport((joined([grains([Kind(GLASS)], bumpy(9.0))]).bodies), COLOURS, share=share, late=late)
     pictures = np.round([transport.one_pass(Sky(above=1, below=1), how, VIEW, (24, 24), number, 0).by_order.sum(axis=0)
                          for number in range(48)], 9)
     error = pictures[..., 0].std() / np.sqrt(pictures[..., 0].size)
-    assert set(np.unique(pictures)) == {0.0, 1.0, 2.0} and np.mean(pictures == 2) > 0.05
-    assert abs(pictures.mean() - 1) < SIGMAS * error < 0.02
+    assert set(np.unique(pictures)) == brings and np.mean(pictures == 1 / share) > 0.05
+    assert abs(pictures.mean() - 1) < SIGMAS * error < 0.05
+
+
+@pytest.mark.parametrize("seconds, followed", [(60.0, (1.0, 2)), (4.0, (0.5, 2)), (2.0, (0.5, 2)), (0.9, (0.25, 1))])
+def test_the_shorter_a_render_the_fewer_long_paths_it_follows(monkeypatch, seconds, followed):
+    """Where a pass meets a million grains."""
+    asked, how = [], transport.Transport((joined([grains([Kind(GLASS)], bumpy(9.0))]).bodies), COLOURS)
+    world = SimpleNamespace(size=(512, 512), camera=VIEW, corners=None)
+    monkeypatch.setattr(shapes, "fit", lambda *_: False)
+    monkeypatch.setattr(methods, "_layers", lambda *_: {})
+    monkeypatch.setattr(transport, "one_pass", lambda _world, scene, *_: asked.append((scene.share, scene.late)))
+    engine.in_time([methods.part(world, how, "ept", 0, meetings=20.0)], seconds)[0].render(0)
+    assert asked == [followed]
 
 
 def test_paths_of_many_steps_end_by_chance(monkeypatch):

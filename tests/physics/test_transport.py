@@ -12,13 +12,14 @@ import pytest
 
 from bakery.physics.medium import phase
 from renderers import colour
+from renderers.choice import trial
 from renderers.materials.bodies import methods
 from renderers.materials.bodies.bodies import rounded, rounding, untabled
 from renderers.materials.bodies.declaration import FEW
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
 from renderers.pictures.engine import ORDERS
-from renderers.transport import boundaries, loop, steps, surfaces, wavefront
+from renderers.transport import boundaries, loop, scene, steps, surfaces, wavefront
 from renderers.transport.media import Media, scattered
 from renderers.transport.paths import Paths
 from renderers.transport.scene import Scene, View
@@ -83,6 +84,19 @@ def walked(how, monkeypatch, method="paths"):
 @pytest.fixture
 def matched(tmp_path):
     return transport(tmp_path, {"ball": (BALL, asset([0.9, 0.8, 0.5], 0.3, (1.0, 0.8, 0.6)))}, PANEL + FLOOR, [1.0])
+
+
+def test_pilots_share_what_does_not_depend_on_the_film(tmp_path, monkeypatch):
+    """The picture behind a pilot has the light samples that were prepared for that, and is the same as without one."""
+    prepared, measure = [], scene.samples
+    monkeypatch.setattr(scene, "samples", lambda *arguments: prepared.append(arguments) or measure(*arguments))
+    meshes = {"ball": (BALL, asset(0.9, 0.3))}
+    how = transport(tmp_path, meshes, PANEL + FLOOR, [1.4])
+    small = trial.smaller(how.world, 64)
+    pilot = passes(how._replace(world=small), [0])
+    picture = passes(how, [0])
+    assert len(prepared) == 1 and pilot.shape[1:3] == (8, 8) and picture.shape[1:3] == (16, 16)
+    assert np.array_equal(picture, passes(transport(tmp_path, meshes, PANEL + FLOOR, [1.4]), [0])) and len(prepared) == 2
 
 
 def test_passes_depend_on_their_number_and_the_seed_alone(matched):

@@ -154,12 +154,18 @@ def untabled(asset) -> Scatterer:
 
 
 def laid_out(world, bodies, wrong) -> tuple[list[Body], Geometry]:
-    """Bodies, with `convex` as the scene has it, and the layout for their rays.
+    """Bodies, with `convex` as the scene has it, and the layout for their rays, which pilots and picture share.
 
     bodies : list of `Body`
     wrong : function of (number of a body, what of it, message) -> the exception to raise where a surface that is no mesh reaches
         into one
     """
+    convex, geometry = world.once(("layout", *(body.name for body in bodies)), lambda: _layout(world, bodies, wrong))
+    return [body._replace(convex=flag) for body, flag in zip(bodies, convex, strict=True)], geometry
+
+
+def _layout(world, bodies, wrong) -> tuple[list[bool], Geometry]:
+    """Of each body whether it is convex and nothing is near, and the layout."""
     boxes = [np.array([body.vertices.min(axis=0), body.vertices.max(axis=0)]) for body in bodies]
     names = [body.name for body in bodies]
     corners = [body.vertices[body.faces] for body in bodies]
@@ -185,8 +191,8 @@ def laid_out(world, bodies, wrong) -> tuple[list[Body], Geometry]:
         crowded[number] |= any(np.all((other_box[0] <= box[1]) & (other_box[1] >= box[0]))
                                for position, other_box in enumerate(boxes) if position != number)
     corners, owners = np.concatenate(corners), np.concatenate(owners)
-    bodies = [body._replace(convex=not full and _is_convex(body.vertices, body.faces)) for body, full in zip(bodies, crowded)]
-    return bodies, _laid_in_voxels(corners, owners, np.concatenate([body.vertices for body in bodies]))
+    convex = [not full and _is_convex(body.vertices, body.faces) for body, full in zip(bodies, crowded)]
+    return convex, _laid_in_voxels(corners, owners, np.concatenate([body.vertices for body in bodies]))
 
 
 def _reaches(box, body):

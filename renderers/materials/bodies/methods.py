@@ -192,7 +192,7 @@ def _by_loop(setup, name, method, seed, most=None) -> Part:
     asked = name, setup.world, setup.bodies, setup.colours, seed
     if method.metropolis:
         return metropolis.part(*asked, colour.LUMINANCE)
-    part = passes.part(*asked, most=most)
+    part = passes.part(*asked, most=most, shared=True)
     return _without_later(part) if method.diffused else part
 
 

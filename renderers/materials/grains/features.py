@@ -17,7 +17,7 @@ def places_for(quality) -> np.ndarray:
     return _OF_DRAFTS if quality == "draft" else _PLACES
 
 
-def first_hits(world, scene, assets, meshes, seed, quality=None) -> Features:
+def first_hits(world, scene, assets, meshes, seed, quality=None, seen=None) -> Features:
     """Of the grain that each ray meets first, or of the mesh, where a medium stands for the grains from the beginning.
 
     world : `renderers.mitsuba.world.World`
@@ -25,6 +25,7 @@ def first_hits(world, scene, assets, meshes, seed, quality=None) -> Features:
     assets, meshes : of its bodies
     seed : of the surfaces around
     quality : of the picture
+    seen : of each body a function as `renderers.materials.grains.paths.seen_grain` without the grains; the interactors' if None
 
     Grains have the albedo of a meeting with one of their body, and are seen along straight rays: behind glass it is the medium
     which stands for them that counts, and that has no normals.  Pixels show detail where grains are wider than they are, all
@@ -34,7 +35,7 @@ def first_hits(world, scene, assets, meshes, seed, quality=None) -> Features:
     # a graphics card traces rays through one scene at a time, and each mesh is one (`regions.boundary`): there what stands behind
     # the medium is seen in its place
     around = features.first_hits(world, [] if variants.on_gpu(world.variant) else media, scene.colours, seed)
-    seen = [scene.interactor(body, scene.technique).seen for body in range(len(scene.bodies))]
+    seen = seen or [scene.interactor(body, scene.technique).seen for body in range(len(scene.bodies))]
     bodies = [with_radius(of_body, filled.radius) for of_body, filled in zip(seen, scene.bodies, strict=True)]
     return of_grains(world, bodies, albedos(media, scene.colours), around, places_for(quality))
 

@@ -15,3 +15,16 @@ def by_ends(entry, point, direction, far):
     normal = np.cross(*(end - first for end in beside))
     length = np.linalg.norm(normal, axis=1) * np.isfinite(distances).all(axis=0)
     return distances[0], normal * np.divide(1.0, length, out=np.zeros(len(length)), where=length > 0)[:, None]
+
+
+def remembering(seen):
+    """A function of arrays that gives what it gave last where it is asked for the same: layer `depth.Z` and the filter of a draft
+    both ask what rays through the middles of the pixels meet."""
+    asked, told = [], []
+
+    def again(*rays):
+        if not (asked and all(map(np.array_equal, asked, rays))):
+            asked[:], told[:] = rays, seen(*rays)
+        return told
+
+    return again

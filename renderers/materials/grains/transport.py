@@ -27,9 +27,6 @@ from renderers.transport.paths import Colours, joined, of_camera
 
 _ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 _MANY, _SHARE = 4096, 1 / 16  # where fewer paths than that, and than that share of them, are left, lights are sampled less often
-# Grains after which a share of the paths goes on, as long paths take the time: half after 2 in place of 4 take 0.90 of the time
-# of a pass of the spices, with 1.13 times the variance; three in eight after 3 0.76, with 1.40 times, and sugar came out coarser
-_LATE = 2
 # Where a share goes on, steps after which paths end with a chance of one over them: a step takes milliseconds for however few
 # paths.  The light after the switch of the snowman, 320 x 240: 0.62 of the time and 1.08 times the variance
 _STEPS = 16
@@ -55,7 +52,7 @@ class Transport(NamedTuple):
     switch : `bundles.Switch`, or None where paths do not switch
     surfaces : `far.Surface` of each body; None where no body is one far from the camera
     angle, chord : of `regularised`, by which smooth grains show small lamps wider: at the first sample, of a pass; 0: as they are
-    share : of the paths, that goes on after the switch, or, where paths do not, after `_LATE` grains
+    share : of the paths, that goes on after the switch, or, where paths do not, after `late` grains
     """
 
     bodies: tuple[Body, ...]
@@ -66,6 +63,7 @@ class Transport(NamedTuple):
     angle: float = 0.0
     chord: float = 0.0
     share: float = 1.0
+    late: int = 2
 
     def interactor(self, body, technique):
         """The loops of a body: those of its grains or those of its medium."""
@@ -140,7 +138,7 @@ def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=No
                 if transport.switch is not None:
                     new = _until_switched(world, transport, new, size, sums)
                 elif transport.share < 1:
-                    new.stage[:] = _LATE
+                    new.stage[:] = transport.late
                 paths = joined([paths, new])
             if paths.count:
                 expect(paths.count)
