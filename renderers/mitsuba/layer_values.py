@@ -56,7 +56,7 @@ class Values:
         self._depth, self._once, self._peak, self._base = (
             self._held(values) for values in (table.depth, table.once, table.peak, table.base))
         self._index_below, self._told = table.index_below, table.mirrored.shape[1]  # how often unscattered light is told
-        self._rooted = table.rooted
+        self._rooted, self._crowded = table.rooted, table.crowded
         self._single = self._held(np.concatenate([table.mirrored, np.maximum(table.straight, 0.0)]))
 
     def _held(self, values):
@@ -115,14 +115,15 @@ class Values:
 
     def _coordinate(self, mu, inner):
         s = dr.sqrt(dr.minimum(mu, inner)) if self._rooted else mu
-        x = (1 - dr.sqrt(dr.maximum(1 - s, 0.0))) * (self._nodes - 1)
+        x = (crowded(s) if self._crowded else 1 - dr.sqrt(dr.maximum(1 - s, 0.0))) * (self._nodes - 1)
         node = dr.minimum(mi.UInt32(x), self._nodes - 2)
         return node, x - node
 
     def values(self, channels, pair, active):
         """pi times BRDF or BTDF of each channel, without light that goes on in single directions; facets included."""
         (i, x), (j, y) = self._coordinate(pair.mu, pair.inner), self._coordinate(pair.mu0, pair.inner0)
-        z = azimuth_coordinate(pair.cos_phi) * (self._azimuths - 1)
+        z = azimuth_coordinate(pair.cos_phi)
+        z = (crowded(z) if self._crowded else z) * (self._azimuths - 1)
         k = dr.minimum(mi.UInt32(z), self._azimuths - 2)
         z = z - k
         cell = (i * self._nodes + j) * self._azimuths + k
@@ -253,7 +254,12 @@ class Values:
 
 def azimuth_coordinate(cos_phi):
     """Coordinate of an azimuth, `layers.azimuth`'s inverse."""
-    return 0.5 * (1 + dr.sqrt(dr.maximum(0.5 - 0.5 * cos_phi, 0.0)) - dr.sqrt(dr.maximum(0.5 + 0.5 * cos_phi, 0.0)))
+    return crowded(0.5 - 0.5 * cos_phi)
+
+
+def crowded(z):
+    """As `look_up._crowded`, of what rounding may have taken beyond 0 or 1."""
+    return 0.5 * (1 + dr.sqrt(dr.maximum(z, 0.0)) - dr.sqrt(dr.maximum(1 - z, 0.0)))
 
 
 def _stopped(x):

@@ -50,7 +50,7 @@ BAKES = {"renderers/scene/assets.py": ("bakery.run.ensure",),
 # rooms of renderers, from the ground up: each with what it may import of the others
 ROOMS = {"camera": set(), "colour": set(), "progress": set(), "threads": set(),
          "scene": {"mitsuba"},
-         "mitsuba": {"camera", "colour", "pictures.engine", "pictures.images", "pictures.reached", "scene.inputs"},
+         "mitsuba": {"camera", "colour", "pictures.engine", "pictures.images", "pictures.reached", "scene.inputs", "threads"},
          "pictures": {"choice", "colour", "mitsuba", "progress", "scene", "threads"},
          "choice": {"colour", "mitsuba", "pictures", "scene"},
          "cluster": {"pictures", "scene"},

@@ -12,7 +12,7 @@ import numpy as np
 
 from bakery.physics.granular._goniometer import HITS, STEEPEST, WALKS
 from bakery.physics.granular.goniometer import BINS, CELLS, REPLICATES, Goniometer, together
-from bakery.physics.surfaces.corrected import SHOWN, Factors, Fit, factors_of, lower_albedos, merged
+from bakery.physics.surfaces.corrected import SHOWN, Factors, Fit, factors_of, kept_shares, lower_albedos, merged
 from bakery.physics.surfaces.solution import Solution
 from bakery.physics.tasks import in_turn
 
@@ -114,6 +114,7 @@ def _reflectance(fits: Sequence[Fit], counts, c: int, lossless: bool):
     # of grains that keep all light what leaves in higher orders at either side is all that lower ones left
     whole = later.sum(axis=0) if lossless else deeper
     kept = np.divide(later, whole, out=np.full(later.shape, 1 / len(counts) if lossless else 0.0), where=whole > 0)
+    kept = kept_shares(fits[0], kept, lossless)
     passed = np.divide(straight, walks, out=np.zeros_like(straight), where=walks > 0)
     lower = np.stack([sum(lower_albedos(fit, part, walks)) for fit, part in zip(fits, entered, strict=True)])
     elsewhere = passed + lower.sum(axis=0) - lower

@@ -19,10 +19,16 @@ def _fresnel(mu, within, index):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _coordinate(within, mu, rooted, nodes):
+def _crowded(z):
+    """Coordinate of z, both 0 to 1: nodes lie as squares of their numbers at either end."""
+    return 0.5 * (1.0 + math.sqrt(z) - math.sqrt(1.0 - z))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _coordinate(within, mu, table, nodes):
     """Node below a direction, and its share of the way to the next one."""
-    s = math.sqrt(min(within, mu)) if rooted else mu
-    x = (1.0 - math.sqrt(max(1.0 - s, 0.0))) * (nodes - 1)
+    s = min(math.sqrt(min(within, mu)), 1.0) if table.rooted else mu
+    x = (_crowded(s) if table.crowded else 1.0 - math.sqrt(max(1.0 - s, 0.0))) * (nodes - 1)
     i = min(int(x), nodes - 2)
     return i, x - i
 
@@ -83,16 +89,16 @@ def surface_reflectance(table, wave, mu, mu0, cos_phi):
     """
     index, depth, nodes = table.index, table.depth[wave], table.reflected.shape[1]
     if table.roughness > 0.0:
-        at, at0 = _coordinate(mu, mu, True, nodes), _coordinate(mu0, mu0, True, nodes)
-        azimuth = _azimuth(cos_phi, table.reflected.shape[3])
+        at, at0 = _coordinate(mu, mu, table, nodes), _coordinate(mu0, mu0, table, nodes)
+        azimuth = _azimuth(cos_phi, table, table.reflected.shape[3])
         return _between(table.reflected, wave, at, at0, azimuth) + _facets(mu, mu0, cos_phi, index, table.roughness)
     inner = math.sqrt(max((index - 1.0) * (index + 1.0) + mu * mu, 0.0)) / index
     inner0 = math.sqrt(max((index - 1.0) * (index + 1.0) + mu0 * mu0, 0.0)) / index
     through = (1.0 - _fresnel(mu, inner, index)) * (1.0 - _fresnel(mu0, inner0, index)) / (index * index)
     if not through > 0.0:
         return 0.0
-    at, at0 = _coordinate(inner, mu, table.rooted, nodes), _coordinate(inner0, mu0, table.rooted, nodes)
-    smooth = _between(table.reflected, wave, at, at0, _azimuth(cos_phi, table.reflected.shape[3]))
+    at, at0 = _coordinate(inner, mu, table, nodes), _coordinate(inner0, mu0, table, nodes)
+    smooth = _between(table.reflected, wave, at, at0, _azimuth(cos_phi, table, table.reflected.shape[3]))
     sines = math.sqrt(max((1.0 - mu * mu) * (1.0 - mu0 * mu0), 0.0)) / (index * index)
     once = table.once[wave] * _phase(table, wave, min(max(0.5 * (1.0 + inner * inner0 - sines * cos_phi), 0.0), 1.0))
     if depth == math.inf:
@@ -114,8 +120,8 @@ def surface_transmittance(table, wave, mu, mu0, cos_phi):
     through = (1.0 - _fresnel(mu, inner, below)) * (1.0 - _fresnel(mu0, inner0, index)) / (index * below)
     if not through > 0.0:
         return 0.0
-    at, at0 = _coordinate(inner, mu, table.rooted, nodes), _coordinate(inner0, mu0, table.rooted, nodes)
-    smooth = _between(table.transmitted, wave, at, at0, _azimuth(cos_phi, table.transmitted.shape[3]))
+    at, at0 = _coordinate(inner, mu, table, nodes), _coordinate(inner0, mu0, table, nodes)
+    smooth = _between(table.transmitted, wave, at, at0, _azimuth(cos_phi, table, table.transmitted.shape[3]))
     if depth == math.inf:  # of layers on each other all is in the grid
         return through * smooth
     sines = math.sqrt(max((1.0 - mu * mu) * (1.0 - mu0 * mu0), 0.0)) / (index * index)
@@ -131,12 +137,14 @@ def surface_transmittance(table, wave, mu, mu0, cos_phi):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _azimuth(cos_phi, nodes):
+def _azimuth(cos_phi, table, nodes):
     """Node below an azimuth, and its share of the way to the next one.
 
     Nodes are uniform in 1 + sin(phi / 2) - cos(phi / 2), and nearly in phi: that takes no arc cosine.
     """
-    half = 0.5 * min(max(cos_phi, -1.0), 1.0)
-    x = 0.5 * (1.0 + math.sqrt(0.5 - half) - math.sqrt(0.5 + half)) * (nodes - 1)
+    x = _crowded(0.5 - 0.5 * min(max(cos_phi, -1.0), 1.0))
+    if table.crowded:
+        x = _crowded(x)
+    x *= nodes - 1
     k = min(int(x), nodes - 2)
     return k, x - k

@@ -31,7 +31,7 @@ GRIDS = (32, 24), (48, 32), (64, 48), (96, 64)  # directions and azimuths, from 
 TOLERANCE = 2e-3
 PROBES = 4000  # pairs of directions at which the error is measured, from normal incidence to 89.9 degrees
 _GRAZING = math.cos(math.radians(89.9))
-_LEAST = 1e-9  # cosine in air at which what is exact of layers on each other is computed
+_LEAST = 1e-9  # cosine in air at which grids begin where theirs is 0
 _UNSCATTERED = 129  # cosines at which unscattered light of layers on each other is told: 2e-4 in between
 _BUCKETS = 512  # of scattering angles, in which their interval is looked for
 
@@ -54,6 +54,9 @@ class SurfaceTable(NamedTuple):
     free: bool  # whether there is air below
     index_below: float  # of the lowest medium over that of the air
     rooted: bool  # whether the grids go by the root of the cosine
+    # whether nodes crowd at grazing angles, straight ahead and straight back: between grazing directions, the factors of what is
+    # counted among grains change over azimuths as small as the cosines
+    crowded: bool
     # (L, S) of layers on each other, share of the light that boundaries below the uppermost send back unscattered, at S cosines
     # (`cosines`); (L, 0) where the upper numbers tell it
     mirrored: np.ndarray
@@ -154,7 +157,7 @@ def _sampled(solutions, nodes: int, azimuths: int) -> SurfaceTable:
         np.clip(buckets, 0, len(phase[0]) - 2).astype(np.int64),
         np.stack([_grid(solution, solution.reflected, nodes, azimuths) for solution in solutions]),
         np.stack(transmitted) if through else np.zeros((0, 1, 1, 1), np.float32), through, float(first.index),
-        rough or first.index <= 1, *np.zeros((2, len(solutions), 0)))
+        rough or first.index <= 1, False, *np.zeros((2, len(solutions), 0)))
 
 
 def _counted(solutions, nodes: int, azimuths: int) -> SurfaceTable:
@@ -162,13 +165,13 @@ def _counted(solutions, nodes: int, azimuths: int) -> SurfaceTable:
     infinite; but for light that passes a layer undeflected."""
     table = _sampled([solution.solution for solution in solutions], 2, 2)
     nothing = np.zeros(len(solutions))
-    mu = np.maximum(cosines(nodes, 1.0), _GRAZING)
-    at = mu[:, None, None], mu[:, None], angles(azimuths)
+    mu = np.maximum(spread(np.linspace(0, 1, nodes)) ** 2, _LEAST)
+    at = mu[:, None, None], mu[:, None], 2 * np.arcsin(np.sqrt(spread(spread(np.linspace(0, 1, azimuths)))))
 
     def grid(name, factor=1.0):
         return np.ascontiguousarray(np.stack([getattr(solution, name)(*at) for solution in solutions]) * factor, np.float32)
 
-    table = table._replace(depth=nothing + math.inf, once=nothing, peak=nothing, base=nothing,
+    table = table._replace(depth=nothing + math.inf, once=nothing, peak=nothing, base=nothing, crowded=True,
                            reflected=grid("reflection", at[0] + at[1]))
     if not table.free:
         return table
@@ -228,7 +231,12 @@ def _grid(solution, orders, nodes: int, azimuths: int):
 
 def angles(azimuths: int):
     """(P,) rad, of a grid's nodes."""
-    return 0.5 * math.pi + 2 * np.arcsin((2 * np.linspace(0, 1, azimuths) - 1) * math.sqrt(0.5))
+    return 2 * np.arcsin(np.sqrt(spread(np.linspace(0, 1, azimuths))))
+
+
+def spread(x):
+    """What has a coordinate x of `look_up._crowded`."""
+    return np.sin(0.25 * math.pi + np.arcsin((2 * np.asarray(x, float) - 1) * math.sqrt(0.5))) ** 2
 
 
 def cosines(nodes: int, index: float):

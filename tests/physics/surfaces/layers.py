@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 
+from bakery.physics.surfaces.corrected import Corrected, Factors
 from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.solution import solve
 from tests.physics.surfaces.test_layers import henyey_greenstein
@@ -21,7 +22,11 @@ LAYERS = {"half space": ((1.0,), 0.0, math.inf, 1.0, None, 0.0), "white": ((1.0,
 
 @cache
 def solutions(name: str) -> list:
-    """Of each wavelength."""
+    """Of each wavelength; `grains`: a half space with smooth factors, as if counted among grains."""
+    if name == "grains":
+        a, b, c = np.meshgrid((np.arange(48) + 0.5) / 48, *2 * [(np.arange(8) + 0.5) / 8], indexing="ij")
+        cells = 1 + 0.4 * np.cos(3 * a) * np.cos(2 * c) + 0.3 * b * b * (1 - a)
+        return [Corrected(solutions("tinted")[0], Factors(3 * (cells,), np.linspace(0.8, 1.1, 48).reshape(3, 16), 0.01))]
     albedos, g, *slab = LAYERS[name]
     return [solve(Slab(*henyey_greenstein(g), albedo, *slab), g ** np.arange(33.0), 32, 1e-3) for albedo in albedos]
 

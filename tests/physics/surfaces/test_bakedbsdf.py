@@ -18,6 +18,7 @@ import drjit as dr
 import mitsuba as mi
 
 from bakery.errors import UsageError
+from bakery.kernels import surface_reflectance
 from bakery.physics.surfaces import fresnel
 from bakery.physics.surfaces.slab import upside_down
 from bakery.physics.surfaces.solution import solve
@@ -87,6 +88,20 @@ def drawn(bsdf, mu, count, seed=1, types=None):
 
 def some_slow(names, quick):
     return [pytest.param(name, marks=() if name in quick else pytest.mark.slow) for name in names]
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_light_counted_among_grains_is_looked_up_as_in_compiled_loops(variant):
+    """To 89.9 degrees in both directions, straight back too, where the plugin's single precision allows."""
+    mi.set_variant(variant)
+    count = 15 if variant.startswith("scalar") else 400
+    rng = np.random.default_rng(4)
+    theta, theta0 = np.radians(np.concatenate([rng.uniform(0, 89.9, (2, count // 2)), rng.uniform(85, 89.9, (2, count // 2))], 1))
+    phi = np.where(rng.random(len(theta)) < 0.3, math.pi, rng.uniform(0, math.pi, len(theta)))
+    values, _ = values_of(plugin("grains"), unit(theta0, 0 * phi), unit(theta, math.pi + phi))
+    looked_up, pairs = table("grains")[0], zip(*np.cos([theta, theta0, phi]), strict=True)
+    exact = [surface_reflectance(looked_up, 0, *at) for at in pairs]
+    np.testing.assert_allclose(values, np.broadcast_to(exact, values.shape), rtol=2e-3)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

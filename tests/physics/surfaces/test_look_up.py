@@ -81,11 +81,23 @@ def test_light_counted_among_grains_is_looked_up():
     factors = Factors((back, *(1 + 0.1 * rng.random((2, 12, 8, 8)))), np.linspace(1.1, 0.9, 36).reshape(3, 12), 0.01)
     counted = [Corrected(solution, factors) for solution in solutions("tinted")[:1]]
     looked_up, errors = table.surface_table(counted)
-    assert errors.mean_square < 0.01
+    assert errors.mean_square < 0.002 and errors.largest < 0.03
     mu, mu0 = rng.uniform(0.05, 1, (2, 300))
     phi = rng.uniform(0, math.pi, 300)
     for wave, solution in enumerate(counted):
         values = [surface_reflectance(looked_up, wave, *at) for at in zip(mu, mu0, np.cos(phi), strict=True)]
         exact = solution.reflection(mu, mu0, phi)
-        assert np.abs(values / exact - 1).max() < 0.05 and np.sqrt(np.mean((values / exact - 1) ** 2)) < 0.01
+        assert np.abs(values / exact - 1).max() < 0.03 and np.sqrt(np.mean((values / exact - 1) ** 2)) < 0.002
         assert np.abs(exact / solution.solution.reflection(mu, mu0, phi) - 1).max() > 0.2  # the medium would not do
+
+
+@pytest.mark.parametrize("other, rms, largest", [((0, 80), 1e-3, 6e-3), ((89, 89.9), 8e-3, 0.12)])
+def test_light_counted_among_grains_is_looked_up_at_grazing_angles(other, rms, largest):
+    """To 89.9 degrees, from others and from grazing ones; by a grid without crowded nodes 2.3 % and 24 % there."""
+    (looked_up, _), (counted,) = table_of("grains"), solutions("grains")
+    rng = np.random.default_rng(8)
+    mu, mu0 = np.cos(np.radians([rng.uniform(89, 89.9, 1000), rng.uniform(*other, 1000)]))
+    phi = rng.uniform(0, math.pi, 1000)
+    values = np.array([surface_reflectance(looked_up, 0, *at) for at in zip(mu, mu0, np.cos(phi), strict=True)])
+    off = values / counted.reflection(mu, mu0, phi) - 1
+    assert np.sqrt(np.mean(off**2)) < rms and np.abs(off).max() < largest
