@@ -70,23 +70,25 @@ Z, SIN_Z, COS_Z, SHARE, BY_STEPS = WI, WI_LOW, RATIO_I, MV_R, MV_I
 
 
 def _code(width):
-    """The series of `width` radii side by side."""
+    """The series of `width` radii side by side; `low` are the least x, m x, and last n + 1 by steps, of them all."""
 
     @intrinsic
-    def series(typingctx, lane, work, weights, keep, top, rows, low_x, low_z, low_steps):
+    def series(typingctx, lane, work, weights, keep, top, rows, low):
         def codegen(context, builder, signature, args):
             align_stack(builder)
+            keep, top, rows = args[3:6]
+            low_x, low_z, low_steps = (builder.extract_value(args[6], k) for k in range(3))
 
             def memories(columns=None):
                 return [Memory(context, builder, signature.args[k], args[k], width, columns) for k in range(2)]
 
             table = Memory(context, builder, signature.args[2], args[2], 1)
-            _Downward(builder, *memories()).write(*args[4:8])
+            _Downward(builder, *memories()).write(top, rows, low_x, low_z)
             for first in range(0, width, SIDE):
-                _Upward(builder, *memories((first, min(width, SIDE))), table, args[3]).write(args[5], args[6], args[8])
+                _Upward(builder, *memories((first, min(width, SIDE))), table, keep).write(rows, low_x, low_steps)
             return context.get_dummy_value()
 
-        return types.void(lane, work, weights, types.int64, top, rows, low_x, low_z, low_steps), codegen
+        return types.void(lane, work, weights, types.int64, top, rows, types.UniTuple(types.int64, 3)), codegen
 
     return series
 

@@ -141,10 +141,11 @@ def _clear_coefficients(m, x, lane, work, weights, keep):
         if not conductor and z < last + 3:
             start = max(terms(z), last + 1)
             top, lane[START, j], lane[RATIO_R, j] = max(top, start), start, _decaying_ratio((2.0 * start + 3.0) * w)
+    low = low_x, low_z, low_steps
     if x.shape[0] == 1:
-        series_real_single(lane, work, weights, keep, max(top, rows + 1), rows, low_x, low_z, low_steps)
+        series_real_single(lane, work, weights, keep, max(top, rows + 1), rows, low)
     else:
-        series_real(lane, work, weights, keep, max(top, rows + 1), rows, low_x, low_z, low_steps)
+        series_real(lane, work, weights, keep, max(top, rows + 1), rows, low)
 
 
 @njit(**STRICT)
