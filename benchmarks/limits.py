@@ -124,7 +124,7 @@ def mie(rates):
     product, quotient, byte = (1.0 / rates[kind] for kind in ("multiply-adds", "quotients among products", "bytes of memory"))
     x = np.linspace(0.1, 1000.0, sized(10_000, 32))
     orders, out = sum(coefficients.terms(size) for size in x), np.empty((5, x.size))
-    yield ("efficiencies, 10,000 sizes, m = 1.33", "an order: 30 products, 2 quotients", orders * (30 * product + 2 * quotient),
+    yield ("efficiencies, 10,000 sizes, m = 1.33", "an order: 21 products, 2 quotients", orders * (21 * product + 2 * quotient),
            best(lambda: coefficients.efficiency_block(1.33 + 0j, x, *out)))
     size, theta = sized(20_000.0, 200.0), np.linspace(0.0, np.pi, sized(1801, 20))
     last, pairs = coefficients.terms(size), np.empty((1, theta.size, 4))

@@ -115,6 +115,14 @@ def test_seam_of_the_difference_form(x, side):
         compare(m, x, literal(m, x), digits=20)
 
 
+@pytest.mark.parametrize(
+    "side, x", [(0.0999, 30.0), (0.1001, 30.0), (0.7, 1.9999), (0.7, 2.0001), (0.1001, 2.0001), (9.0, 2.0001)])
+def test_seam_of_the_steps(side, x):
+    """Sizes and real indices from which b_{n+1} comes from b_{n-1}."""
+    for m in (1 + side, abs(1 - side)):
+        compare(m, x, literal(m, x), digits=3)
+
+
 def test_wiscombe_table():
     values = PUBLISHED["wiscombe_miev0"]["values"]
     for row in values:

@@ -7,8 +7,19 @@ fractions of `series` multiplied by q_n,
 
 and the same with c for M.  Beyond mx, where q_n falls without bound, its ratio comes downward and stands for q_{n+1}, 1 for q_n.
 
-Factors that grow with n, (2n+1)/x, (2n+1)/(mx) and (n+1)/x (1 - 1/m^2), are added up: of 1/x the first 29 bits, of which such
-sums are exact, and the other bits on their own.  The weights 2n + 1 come from sums of sums:
+Up to the order mx, nine products of these give way to four.  Of the two recurrences follows, with K = m - 1/m,
+
+    N_b(n+1) = N_b(n-1) + K (2n+1)/x p_n q_n,      m N_a(n) = N_b(n-1) + n K/x p_n q_n:
+
+b takes a step of (2n+1)/(mx) q_n, which q_{n+1} needs anyway, times p_n, in units of m^2 - 1, and a the share n/(2n+1) of it.
+Even and odd orders have rounding errors of their own: soft spheres, whose light backward is their difference, take no steps.
+
+In sums, with s_n = Re a_n b_n* and 4 products in place of 6,
+
+    Re(a_{n-1} a_n* + b_{n-1} b_n*) = Re (a_n + b_{n-1})(b_n + a_{n-1})* - s_n - s_{n-1}.
+
+Factors that grow with n, (2n+1)/x and (2n+1)/(mx), are added up: of 1/x the first 29 bits, of which such sums are exact, and the
+other bits on their own.  The weights 2n + 1 come from sums of sums:
 
     sum_{n<=N} (2n+1) s_n = (2N+1) S_N - 2 sum_{n<N} S_n,      S_n = s_1 + .. + s_n.
 
@@ -31,6 +42,8 @@ from bakery.physics.mie.series import (
     LANES,
     LAST,
     M_R,
+    MV_I,
+    MV_R,
     RATIO_I,
     RATIO_R,
     RATIO_X,
@@ -46,29 +59,36 @@ from bakery.physics.mie.series import (
     XI_LOW,
     X,
 )
-from bakery.physics.mie.vector import Memory, Registers, integer
+from bakery.physics.mie.vector import Memory, Registers, align_stack, integer
 
 SIDE = 8  # radii side by side going upward, whose state fits the registers; downward all of a block, for quotients in a chain
+INNER, UPWARD, ANY = range(3)  # orders below all x, and all below mx come by steps; steps below all mx; any
+COEFFICIENTS = "ar", "ai", "br", "bi"
 SPLIT = 2.0**24 + 1.0  # leaves 29 bits, to be added up over orders below 2^22
-Z, SIN_Z, COS_Z = WI, WI_LOW, RATIO_I  # rows of the lane array that only an absorbing index needs elsewhere: m x, its sin and cos
+# rows of the lane array that only an absorbing index needs elsewhere: m x, its sin and cos, 1/(m^2 - 1), last n + 1 by steps
+Z, SIN_Z, COS_Z, SHARE, BY_STEPS = WI, WI_LOW, RATIO_I, MV_R, MV_I
 
 
 def _code(width):
-    """The series of `width` radii side by side."""
+    """The series of `width` radii side by side; `low` are the least x, m x, and last n + 1 by steps, of them all."""
 
     @intrinsic
-    def series(typingctx, lane, work, weights, top, rows, low_x, low_z):
+    def series(typingctx, lane, work, weights, keep, top, rows, low):
         def codegen(context, builder, signature, args):
+            align_stack(builder)
+            keep, top, rows = args[3:6]
+            low_x, low_z, low_steps = (builder.extract_value(args[6], k) for k in range(3))
+
             def memories(columns=None):
                 return [Memory(context, builder, signature.args[k], args[k], width, columns) for k in range(2)]
 
             table = Memory(context, builder, signature.args[2], args[2], 1)
-            _Downward(builder, *memories()).write(*args[3:])
+            _Downward(builder, *memories()).write(top, rows, low_x, low_z)
             for first in range(0, width, SIDE):
-                _Upward(builder, *memories((first, min(width, SIDE))), table).write(*args[4:])
+                _Upward(builder, *memories((first, min(width, SIDE))), table, keep).write(rows, low_x, low_steps)
             return context.get_dummy_value()
 
-        return types.void(lane, work, weights, top, rows, low_x, low_z), codegen
+        return types.void(lane, work, weights, types.int64, top, rows, types.UniTuple(types.int64, 3)), codegen
 
     return series
 
@@ -112,22 +132,25 @@ class _Downward:
 class _Upward:
     """Code of coefficients and sums."""
 
-    def __init__(self, builder, lanes, rows, weights):
-        self.builder, self.lanes, self.rows, self.weights = builder, lanes, rows, weights
+    def __init__(self, builder, lanes, rows, weights, keep):
+        self.builder, self.lanes, self.rows, self.weights, self.keep = builder, lanes, rows, weights, keep
         self.x, self.z, self.last, self.m, self.v = (lanes[row] for row in (X, Z, LAST, M_R, V_R))
 
-    def write(self, count, low_x, low_z):
+    def write(self, count, low_x, low_steps):
         builder = self.builder
         self.begin()
-        low = builder.select(builder.icmp_signed("<", low_x, low_z), low_x, low_z)
-        # orders n with n + 1 below all arguments: everything goes upward and no series has ended
-        inner = builder.sub(low, integer(1))
-        inner = builder.select(builder.icmp_signed("<", inner, count), inner, count)
-        with cgutils.for_range(builder, inner) as loop:
-            self.add(loop.index, self.fractions(loop.index, True), True)
-        with cgutils.for_range(builder, builder.sub(count, inner)) as loop:
-            i = builder.add(inner, loop.index)
-            self.add(i, self.fractions(i, False), False)
+
+        def until(low):
+            """Orders n with n + 1 up to an argument."""
+            orders = builder.sub(low, integer(1))
+            return builder.select(builder.icmp_signed("<", orders, count), orders, count)
+
+        upward = until(low_steps)
+        inner = until(builder.select(builder.icmp_signed("<", low_x, low_steps), low_x, low_steps))
+        for first, end, kind in ((integer(0), inner, INNER), (inner, upward, UPWARD), (upward, count, ANY)):
+            with cgutils.for_range(builder, builder.sub(end, first)) as loop:
+                self.step(builder.add(first, loop.index), kind)
+        self.add(builder.sub(count, integer(1)), ANY)
         up, lanes = self.up, self.lanes
         ends = self.last * 2.0 + 1.0
         lanes[SCA] = ends * up.sca - up.sca_before * 2.0
@@ -136,22 +159,25 @@ class _Upward:
         lanes[CROSS], lanes[ABS] = up.cross, self.x.fill(0.0)
 
     def begin(self):
-        """State at n = 1: the functions, factors with their steps, the sums, the coefficients before."""
+        """State at n = 1: the functions, factors with their steps, N and M of b_0 and b_1, the sums, the coefficients before."""
         lanes, x, zero = self.lanes, self.x, self.x.fill(0.0)
-        sin, cos, sin_z, cos_z, xi = (lanes[row] for row in (SIN, COS, SIN_Z, COS_Z, XI))
-        p1 = (sin * xi - cos).where(">=", (x, 1.0), self.rows[_row(self.builder, integer(0), 2)] * sin)
-        state = dict(p0=sin, p1=p1, c0=cos, c1=cos.times_plus(xi, sin), q0=sin_z, q1=sin_z * lanes[WR] - cos_z)
+        p0, c0, q0, q_below, xi = (lanes[row] for row in (SIN, COS, SIN_Z, COS_Z, XI))
+        p1 = (p0 * xi - c0).where(">=", (x, 1.0), self.rows[_row(self.builder, integer(0), 2)] * p0)
+        c1, q1 = c0.times_plus(xi, p0), q0 * lanes[WR] - q_below
+        share, mq = lanes[SHARE], self.m * q0
+        state = dict(p0=p0, p1=p1, c0=c0, c1=c1, q0=q0, q1=q1,
+                     n_before=(self.m * p0 * q_below - c0 * q0) * share, n_now=(p1 * mq - p0 * q1) * share,
+                     m_before=(self.m * c0 * q_below + p0 * q0) * share, m_now=(c1 * mq - c0 * q1) * share)
         self.steps = {}
-        for name, value, beyond, first in (("x", xi, lanes[XI_LOW], 3.0), ("z", lanes[WR], lanes[WR_LOW], 3.0),
-                                         ("h", xi * lanes[G_R], zero, 2.0)):
+        for name, value, beyond in (("x", xi, lanes[XI_LOW]), ("z", lanes[WR], lanes[WR_LOW])):
             moved = value * SPLIT
             high = moved - (moved - value)
             low = (value - high) + beyond
-            state |= {f"f{name}": high * first, f"l{name}": low * first}
-            step = 1.0 if name == "h" else 2.0
-            self.steps[name] = high * step, low * step
-        sums = ("sca", "sca_before", "back_r", "back_r_before", "back_i", "back_i_before", "cross", "ar", "ai", "br", "bi")
-        self.up = Registers(self.builder, **state, **dict.fromkeys(sums, zero))
+            state |= {f"f{name}": high * 3.0, f"l{name}": low * 3.0}
+            self.steps[name] = high * 2.0, low * 2.0
+        sums = ("sca", "sca_before", "back_r", "back_r_before", "back_i", "back_i_before", "cross",
+                "ar_before", "ai_before", "br_before", "bi_before")
+        self.up = Registers(self.builder, **state, **dict.fromkeys((*sums, *COEFFICIENTS), zero))
 
     def factor(self, name):
         """What the next order is multiplied by, which goes on to the one after."""
@@ -162,54 +188,74 @@ class _Upward:
         setattr(up, f"l{name}", low + step_low)
         return high + low
 
-    def fractions(self, i, inner):
-        """N, M and one over |N + iM|^2 of a_n and of b_n, n = i + 1; functions go on to the next order."""
-        up, rows, builder = self.up, self.rows, self.builder
-        f, fz, h = self.factor("x"), self.factor("z"), self.factor("h")
+    def weight(self, i, k):
+        """A number of order n = i + 1 in all lanes, see `coefficients.order_weights`."""
+        return self.x.fill(self.weights.scalar(self.builder.add(self.builder.mul(i, integer(3)), integer(k))))
+
+    def fractions(self, i, kind):
+        """N and M of a_n and of b_n, n = i + 1; functions go on to the next order."""
+        up, builder = self.up, self.builder
+        f, fz = self.factor("x"), self.factor("z")
         p1, c1, q1 = up.p1, up.c1, up.q1
-        p2, c2, q2 = f.times_plus(p1, -up.p0), f.times_plus(c1, -up.c0), fz.times_plus(q1, -up.q0)
+        p2, c2, both = f.times_plus(p1, -up.p0), f.times_plus(c1, -up.c0), fz * q1
+        q2 = both - up.q0
         up.q0, up.q1 = q1, q2
-        if not inner:
-            after = self.x.fill(builder.sitofp(builder.add(i, integer(2)), ir.DoubleType()))
-            p2 = p2.where("<=", (after, self.x), rows[_row(builder, builder.add(i, integer(1)), 2)] * p1)
-            q1, q2 = q1.where("<=", (after, self.z), 1.0), q2.where("<=", (after, self.z), rows[_row(builder, i, 0)])
+        ends = self.x.fill(builder.sitofp(builder.add(i, integer(2)), ir.DoubleType()))
+        if kind != INNER:
+            p2 = p2.where("<=", (ends, self.x), self.rows[_row(builder, builder.add(i, integer(1)), 2)] * p1)
         up.p0, up.p1, up.c0, up.c1 = p1, p2, c1, c2
-        of_a, of_b = self.v.times_plus(q2, h * q1), self.m * q2
+        result = [*self.from_before("n", p1 * both, i), *self.from_before("m", c1 * both, i)]
+        if kind != ANY:
+            return result
+        q1, q2 = q1.where("<=", (ends, self.z), 1.0), q2.where("<=", (ends, self.z), self.rows[_row(builder, i, 0)])
+        of_a, of_b = self.v.times_plus(q2, (f + self.lanes[XI]) * self.lanes[G_R] * 0.5 * q1), self.m * q2
         p, c = p2 * q1, c2 * q1
-        result = []
-        for factor in (of_a, of_b):
-            n, m = (-p1).times_plus(factor, p), (-c1).times_plus(factor, c)
-            result.append((n, m, m.times_plus(m, n * n).inverse()))
-        return result
+        beyond = ((-p1).times_plus(of_a, p), (-p1).times_plus(of_b, p), (-c1).times_plus(of_a, c), (-c1).times_plus(of_b, c))
+        return [value.where("<=", (ends, self.lanes[BY_STEPS]), direct) for value, direct in zip(result, beyond)]
 
-    def add(self, i, fractions, inner):
-        """a_n, b_n of n = i + 1, which take the place of the ratios, and what they add to the sums."""
-        up, builder, x = self.up, self.builder, self.x
-        order = None if inner else x.fill(builder.sitofp(builder.add(i, integer(1)), ir.DoubleType()))
+    def from_before(self, name, step, i):
+        """N, or M, of a_n and b_n, by that of b_{n+1} = that of b_{n-1} + step."""
+        up = self.up
+        before, now = getattr(up, f"{name}_before"), getattr(up, f"{name}_now")
+        setattr(up, f"{name}_before", now)
+        setattr(up, f"{name}_now", before + step)
+        return step.times_plus(self.weight(i, 2), before), now
 
-        def live(value, dead=0.0):
-            return value if inner else value.where("<=", (order, self.last), dead)
-
+    def step(self, i, kind):
+        """a_n and b_n of n = i + 1, which take the place of the ratios; sums are of the order before, for quotients take long."""
+        up, builder = self.up, self.builder
+        na, nb, ma, mb = self.fractions(i, kind)
         values = []
-        for n, m, inverse in fractions:
-            share = n * inverse
-            values += [live(n * share), live(m * share)]
-        ar, ai, br, bi = values
-        for part, value in enumerate(values):
-            self.rows[_row(builder, i, part)] = value
+        for n, m in ((na, ma), (nb, mb)):
+            share = n / m.times_plus(m, n * n)
+            values += [n * share, m * share]
+        before = builder.sub(i, integer(1))
+        self.add(builder.select(builder.icmp_signed("<", before, integer(0)), integer(0), before), kind)
+        order = self.x.fill(builder.sitofp(builder.add(i, integer(1)), ir.DoubleType()))
+        for part, (name, value) in enumerate(zip(COEFFICIENTS, values)):
+            value = value if kind == INNER else value.where("<=", (order, self.last), 0.0)
+            self.rows[_row(builder, builder.mul(i, self.keep), part)] = value
+            setattr(up, name, value)
+
+    def add(self, i, kind):
+        """What a_n, b_n of n = i + 1 add to the sums."""
+        up, builder, x = self.up, self.builder, self.x
+        order = x.fill(builder.sitofp(builder.add(i, integer(1)), ir.DoubleType()))
+
+        def live(value, dead):
+            return value if kind == INNER else value.where("<=", (order, self.last), dead)
+
+        ar, ai, br, bi = (getattr(up, name) for name in COEFFICIENTS)
         up.sca_before = live(up.sca_before + up.sca, up.sca_before)
         up.sca = up.sca + (ar + br)
         for name, value in (("back_r", ar - br), ("back_i", ai - bi)):  # with alternating signs
             partial, before = getattr(up, name), getattr(up, f"{name}_before")
             setattr(up, f"{name}_before", live(partial - before, before))
             setattr(up, name, live(value - partial, partial))
-        # (n-1)(n+1)/n Re(a_{n-1} a_n* + ..) and (2n+1)/(n(n+1)) Re(a_n b_n*)
-        before = ar.times_plus(up.ar, ai * up.ai) + br.times_plus(up.br, bi * up.bi)
         same = ar.times_plus(br, ai * bi)
-        row = builder.mul(i, integer(2))
-        weight, mixed = (x.fill(self.weights.scalar(builder.add(row, integer(k)))) for k in range(2))
-        up.cross = mixed.times_plus(same, weight.times_plus(before, up.cross))
-        up.ar, up.ai, up.br, up.bi = ar, ai, br, bi
+        crossed = (ar + up.br_before).times_plus(br + up.ar_before, (ai + up.bi_before) * (bi + up.ai_before))
+        up.cross = self.weight(i, 0).times_plus(same, self.weight(i, 1).times_plus(crossed, up.cross))
+        up.ar_before, up.ai_before, up.br_before, up.bi_before = ar, ai, br, bi
 
 
 series_real, series_real_single = _code(LANES), _code(1)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bakery.physics.mie.clear import COS_Z, SIN_Z, Z, series_real, series_real_single
+from bakery.physics.mie.clear import BY_STEPS, COS_Z, SHARE, SIN_Z, Z, series_real, series_real_single
 from bakery.physics.mie.series import (
     ABS,
     BACK_I,
@@ -42,6 +42,8 @@ from bakery.system.compiled import njit
 
 WIDE = 12_000  # above so many terms one radius at a time: the lanes would leave the cache
 NEAR = 0.02  # |m - 1| below which the difference form is used: the plain one loses eps/|m - 1|
+# size and |m - 1| from which coefficients come by steps (`clear`): of soft spheres light backward would lose a digit or two
+LARGE, HARD = 2.0, 0.1
 
 STRICT = dict(cache=True, nogil=True, error_model="numpy")
 
@@ -104,15 +106,27 @@ def _decaying_ratio(t):
 
 
 @njit(**STRICT)
-def _clear_coefficients(m, x, lane, work):
-    """`wave_coefficients` of a real index, or of a conductor: 1e40 stands for the limit, R_n = 1 throughout and 1/m = 0."""
-    rows, top, low_x, low_z = 0, 0, 2**62, 2**62
+def order_weights(last):
+    """Numbers of the orders n = row + 1 that `clear` reads: 2/n + 2/(n+1) - (2n+1), (n-1)(n+1)/n, n/(2n+1)."""
+    weights = np.empty((last, 3))
+    for n in range(1, last + 1):
+        weights[n - 1, 0], weights[n - 1, 1] = 2.0 / n + 2.0 / (n + 1) - (2 * n + 1), n - 1.0 / n
+        weights[n - 1, 2] = n / (2.0 * n + 1.0)
+    return weights
+
+
+@njit(**STRICT)
+def _clear_coefficients(m, x, lane, work, weights, keep):
+    """`_coefficients` of a real index, or of a conductor: 1e40 stands for the limit, R_n = 1 throughout and 1/m = 0."""
+    rows, top, low_x, low_z, low_steps = 0, 0, 2**62, 2**62, 2**62
     conductor = np.isinf(m)
     inverse = 0.0 if conductor else 1.0 / m
     contrast = 1.0 if conductor else (m - 1.0) * (m + 1.0) * inverse * inverse
     for j in range(x.shape[0]):
         last, z = terms(x[j]), 0.0 if conductor else m * x[j]
-        rows, low_x, low_z = max(rows, last), min(low_x, max(1, int(x[j]))), min(low_z, max(1, int(z)))
+        by_steps = z if x[j] >= LARGE and abs(m - 1.0) >= HARD else 0.0
+        rows, low_x = max(rows, last), min(low_x, max(1, int(x[j])))
+        low_z, low_steps = min(low_z, max(1, int(z))), min(low_steps, max(1, int(by_steps)))
         z_low, xi = 0.0 if conductor else fma(m, x[j], -z), 1.0 / x[j]
         w = inverse * xi
         lane[X, j], lane[Z, j], lane[LAST, j], lane[XI, j], lane[WR, j] = x[j], z, last, xi, w
@@ -122,17 +136,16 @@ def _clear_coefficients(m, x, lane, work):
         s, c = np.sin(z), np.cos(z)
         lane[SIN_Z, j], lane[COS_Z, j] = s + z_low * c, c - z_low * s
         lane[M_R, j], lane[V_R, j], lane[G_R, j] = 1e40 if conductor else m, inverse, contrast
+        lane[SHARE, j], lane[BY_STEPS, j] = inverse * inverse / contrast, by_steps
         lane[START, j], lane[RATIO_R, j] = 0, 1.0
         if not conductor and z < last + 3:
             start = max(terms(z), last + 1)
             top, lane[START, j], lane[RATIO_R, j] = max(top, start), start, _decaying_ratio((2.0 * start + 3.0) * w)
-    weights = np.empty((rows, 2))  # of `clear`: (n-1)(n+1)/n and (2n+1)/(n(n+1))
-    for n in range(1, rows + 1):
-        weights[n - 1, 0], weights[n - 1, 1] = n - 1.0 / n, 1.0 / n + 1.0 / (n + 1)
+    low = low_x, low_z, low_steps
     if x.shape[0] == 1:
-        series_real_single(lane, work, weights, max(top, rows + 1), rows, low_x, low_z)
+        series_real_single(lane, work, weights, keep, max(top, rows + 1), rows, low)
     else:
-        series_real(lane, work, weights, max(top, rows + 1), rows, low_x, low_z)
+        series_real(lane, work, weights, keep, max(top, rows + 1), rows, low)
 
 
 @njit(**STRICT)
@@ -141,9 +154,21 @@ def wave_coefficients(m, x, lane, work):
 
     lane (27, L) takes their sums; rows at least terms(max x) + 2.
     """
+    _coefficients(m, x, lane, work, order_weights(work.shape[0] if is_clear(m) else 0), 1)
+
+
+@njit(**STRICT)
+def is_clear(m):
+    """Whether a sphere takes the series of `clear`."""
+    return np.isinf(m.real) or m.imag == 0.0 and abs(m - 1.0) > NEAR
+
+
+@njit(**STRICT)
+def _coefficients(m, x, lane, work, weights, keep):
+    """`wave_coefficients` with `order_weights`; of a clear sphere only the sums, if `keep` is 0: work's first row is lost."""
     near = abs(m - 1.0) <= NEAR
-    if np.isinf(m.real) or m.imag == 0.0 and not near:
-        _clear_coefficients(m.real, x, lane, work)
+    if is_clear(m):
+        _clear_coefficients(m.real, x, lane, work, weights, keep)
         return
     rows, top, low = 0, 0, 2**62
     minv = 1.0 / m
@@ -194,10 +219,11 @@ def efficiency_block(m, x, q_ext, q_sca, q_abs, q_back, g):
         return
     width = lanes_of(x)
     work, lane, xs = np.empty((terms(np.max(x)) + 2, 4, width)), np.empty((27, width)), np.empty(width)
+    weights = order_weights(work.shape[0] if is_clear(m) else 0)
     for first in range(0, x.shape[0], width):
         for j in range(width):
             xs[j] = x[min(first + j, x.shape[0] - 1)]
-        wave_coefficients(m, xs, lane, work)
+        _coefficients(m, xs, lane, work, weights, 0)
         for j in range(min(width, x.shape[0] - first)):
             r = first + j
             scale = 2.0 / xs[j] / xs[j]

@@ -51,6 +51,9 @@ class Wide:
     def __mul__(self, value):
         return Wide(self.builder, self.builder.fmul(self.value, self.like(value)))
 
+    def __truediv__(self, value):
+        return Wide(self.builder, self.builder.fdiv(self.value, self.like(value)))
+
     def __neg__(self):
         return Wide(self.builder, self.builder.fneg(self.value))
 
@@ -116,3 +119,14 @@ class Registers:
 def integer(value):
     """An index constant."""
     return ir.Constant(ir.IntType(64), value)
+
+
+def align_stack(builder):
+    """Have the stack of a function begin at a line of the cache.
+
+    The compiler knows no better than 16 bytes, and vectors of 64 that it keeps there for want of registers then cross two lines:
+    reading what was just written waits for both.
+    """
+    line = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), 8))
+    line.align = 64
+    builder.asm(ir.FunctionType(ir.VoidType(), [line.type]), "", "r", [line], True)

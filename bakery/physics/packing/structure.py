@@ -60,6 +60,13 @@ def neighbours(centers, radii, cell, reach: float, factor: float = 0.0) -> Itera
     -----
     Spheres are searched by classes of radius, factors of two wide, so that small ones are not listed around large ones in vain.
     """
+    for i, j, vector, distance in _pairs(centers, radii, cell, reach, factor):
+        order = np.lexsort((distance, i * np.int64(len(radii)) + j))
+        yield i[order], j[order], vector[order], distance[order]
+
+
+def _pairs(centers, radii, cell, reach, factor):
+    """`neighbours` in no order: sorting takes as long as the search."""
     from scipy.spatial import cKDTree
 
     centers, radii, cell = (np.asarray(a, float) for a in (centers, radii, cell))
@@ -80,8 +87,7 @@ def neighbours(centers, radii, cell, reach: float, factor: float = 0.0) -> Itera
                 i, j, distance = part[pairs.row], owner[pairs.col], pairs.data
                 vector = position[pairs.col] - wrapped[i]
                 keep = (distance <= reach + factor * (radii[i] + radii[j])) & ((i != j) | (np.abs(vector).max(1) > 0))
-                order = np.lexsort((distance[keep], j[keep], i[keep]))
-                yield i[keep][order], j[keep][order], vector[keep][order], distance[keep][order]
+                yield i[keep], j[keep], vector[keep], distance[keep]
 
 
 def smallest_gap(centers, radii, cell) -> float:
@@ -93,7 +99,7 @@ def smallest_gap(centers, radii, cell) -> float:
     diameter = 2 * radii.mean()
     reach = 0.05 * diameter
     while True:
-        gaps = [(distance - radii[i] - radii[j]).min() for i, j, _, distance in neighbours(centers, radii, cell, reach, 1.0)
+        gaps = [(distance - radii[i] - radii[j]).min() for i, j, _, distance in _pairs(centers, radii, cell, reach, 1.0)
                 if i.size]
         if gaps:
             return float(min(gaps) / diameter)

@@ -302,7 +302,7 @@ def _check_component(group: Group, theta) -> Iterable[str]:
 
 STAGE = Stage(
     name="optics",
-    version=11,
+    version=12,
     title="single scattering of each component, averaged over its sizes",
     reads=("wavelengths", "tolerance", "measure", "particles.host", "particles.components[*].name",
            "particles.components[*].material", "particles.components[*].size", "particles.components[*].coating",
