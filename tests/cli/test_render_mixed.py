@@ -102,6 +102,14 @@ def some(folder, *recipes, xml="room.xml"):
     return "some.yaml"
 
 
+def test_a_sky_does_not_shine_into_a_medium_without_an_end_and_that_is_said(call, folder):
+    (folder / "sky.xml").write_text(XML.replace("</scene>", '<emitter type="constant"/></scene>'))
+    said = "materials[0]: light at infinity (sky, sun) does not get into a medium that is everywhere"
+    for xml in ("sky.xml", "room.xml"):
+        report, _ = rendered(call, "sky.png", "--overwrite", scene=some(folder, "mist", xml=xml))
+        assert any(line.startswith(said) for line in report["reasons"]) == (xml == "sky.xml")
+
+
 def test_report_and_layers(call):
     report, found = rendered(call, "one.png")
     entries = [(entry["kind"], entry["method"], entry["bias"]) for entry in report["materials"]]
