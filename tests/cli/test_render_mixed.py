@@ -110,6 +110,15 @@ def test_a_sky_does_not_shine_into_a_medium_without_an_end_and_that_is_said(call
         assert any(line.startswith(said) for line in report["reasons"]) == (xml == "sky.xml")
 
 
+def test_what_a_plugin_of_mitsuba_refuses_while_it_renders_is_one_line(call, folder):
+    """Bumps of a texture that has no slope load, and fail in the first pass."""
+    bumps = '<bsdf type="bumpmap"><texture type="checkerboard"/><bsdf type="diffuse"/></bsdf>'
+    (folder / "bumps.xml").write_text(XML.replace('<bsdf type="diffuse"/>', bumps))
+    status, _, error = call("-o", "bumps.png", "--quiet", scene=some(folder, "mist", xml="bumps.xml"))
+    assert status == 2 and "Traceback" not in error and not (folder / "bumps.png").exists()
+    assert "Mitsuba cannot render a surface, light or texture of this scene: [Texture] Texture::eval_1_grad()" in error
+
+
 def test_report_and_layers(call):
     report, found = rendered(call, "one.png")
     entries = [(entry["kind"], entry["method"], entry["bias"]) for entry in report["materials"]]
