@@ -119,6 +119,15 @@ def test_what_a_plugin_of_mitsuba_refuses_while_it_renders_is_one_line(call, fol
     assert "Mitsuba cannot render a surface, light or texture of this scene: [Texture] Texture::eval_1_grad()" in error
 
 
+def test_media_of_the_mitsuba_file_are_left_out_and_that_is_said(call, folder):
+    (folder / "smoke.xml").write_text(XML.replace("</scene>", """<shape type="cube" id="smoke"><transform name="to_world"><scale
+value="0.01"/></transform><bsdf type="null"/><medium name="interior" type="homogeneous"/></shape></scene>"""))
+    said = "media of the Mitsuba file, at smoke, are left out: materials say what is in the scene"
+    for xml in ("smoke.xml", "room.xml"):
+        report, _ = rendered(call, "smoke.png", "--overwrite", scene=some(folder, "mist", xml=xml))
+        assert (said in report["reasons"]) == (xml == "smoke.xml")
+
+
 def test_report_and_layers(call):
     report, found = rendered(call, "one.png")
     entries = [(entry["kind"], entry["method"], entry["bias"]) for entry in report["materials"]]
