@@ -12,6 +12,7 @@ has kept.  What only kernels call has no machine code of its own (`bakery/system
 
 import gc
 from contextlib import contextmanager, nullcontext
+from functools import cache
 from pathlib import Path
 
 import numba
@@ -20,6 +21,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 
 from bakery.system import linked, shortcuts, sources, turns
+from bakery.system.terminal import remark
 
 __all__ = ["njit"]
 
@@ -90,8 +92,9 @@ class Kernel(CPUDispatcher):
 
     def is_kept(self, arguments) -> bool:
         """Whether a signature is there, in this process or on disk."""
-        codegen = self.targetctx.codegen()
-        return arguments in self.overloads or self._cache._index_key(arguments, codegen) in self._cache._cache_file._load_index()
+        if arguments in self.overloads or self._cache.cache_path is None:
+            return arguments in self.overloads
+        return self._cache._index_key(arguments, self.targetctx.codegen()) in self._cache._cache_file._load_index()
 
 
 class Overload(Kernel):
@@ -125,7 +128,24 @@ def njit(*function, **options):
     """As `numba.njit`, with what the head of this module says."""
     if function:
         return _kernel(numba.njit(no_cfunc_wrapper=True)(*function))
-    return lambda py_func: _kernel(numba.njit(**{"no_cfunc_wrapper": True} | options)(py_func))
+    return lambda py_func: _kernel(_dispatcher(py_func, {"no_cfunc_wrapper": True} | options))
+
+
+def _dispatcher(py_func, options):
+    """numba's; its kernels are not kept where there is no folder for them, as in a container whose user has no home."""
+    try:
+        return numba.njit(**options)(py_func)
+    except RuntimeError as fault:
+        if not options.get("cache") or "no locator available" not in str(fault):
+            raise
+        _say_that_none_is_kept()
+        return numba.njit(**options | {"cache": False})(py_func)
+
+
+@cache
+def _say_that_none_is_kept():
+    remark("compiled kernels are not kept, and compiled again by each command: neither the package's folder nor the user's cache "
+           "can be written; NUMBA_CACHE_DIR names another folder")
 
 
 def _kernel(dispatcher):

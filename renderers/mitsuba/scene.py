@@ -98,7 +98,7 @@ def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=N
     try:
         picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-samples // 8)), seed=seed,
                                 progress=progress)
-    except RuntimeError:
+    except (RuntimeError, UsageError):
         if faults:
             raise _of_plugin(scene_path) from None
         raise

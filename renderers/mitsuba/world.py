@@ -133,6 +133,12 @@ class World:
         """All surfaces of the scene."""
         return shapes.of_scene(self.scene, self.unit)
 
+    def media(self) -> list[str]:
+        """Sentences on media of the Mitsuba file, none of which is kept."""
+        names = [shape.id() for shape in self.scene.shapes() if shape.interior_medium() or shape.exterior_medium()]
+        examples = ", ".join(names[:3]) + (", …" if len(names) > 3 else "")
+        return [f"media of the Mitsuba file, at {examples}, are left out: materials say what is in the scene"] if names else []
+
     def left_out(self, besides=frozenset()) -> list[str]:
         """Sentences on light of lamps without extent that comes by way of mirrors and smooth glass, but for shapes of some names:
         no ray meets such lamps, and light samples end at glass."""

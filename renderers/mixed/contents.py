@@ -18,6 +18,9 @@ from renderers.scene.entries import declared
 from renderers.transport import regions
 from renderers.transport.scattering import Scatterer
 
+_WITHOUT_SKY = ("light at infinity (sky, sun) does not get into a medium that is everywhere, as it has no end; "
+                "where: {box: …} around the scene lets it in")
+
 
 class Body(NamedTuple):
     """A shape of the scene that a medium fills, as `renderers.transport.passes.part` takes it.
@@ -85,7 +88,8 @@ def of(scene, world, asset, spectra, number) -> Content:
         body = Body(shape.name, shape.vertices, shape.faces, whole, shape.index == 1.0, shape)
         return Content(body, body)
     medium = regions.Medium(_region(scene, number), whole, f"materials[{number}]")
-    return Content(medium, medium)
+    endless = isinstance(medium.region, regions.Everywhere) and np.max(whole.sigma_t) > 0
+    return Content(medium, medium, (f"materials[{number}]: {_WITHOUT_SKY}",) if endless and world.sky else ())
 
 
 # ---- each kind

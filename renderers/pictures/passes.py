@@ -176,7 +176,8 @@ class Rendering:
         measured = method.approximations if taken is None or taken.approximations is None else taken.approximations
         split = budget.of(self.job.scene, approximations=measured)
         stop = Stop.of(split, values.measure, time=values.stop.time, samples=values.stop.samples, quality=self.job.quality)
-        return stop, [*(taken.reasons if taken else []), *method.reasons, *split.lacking, *[LENS] * self._world.lens]
+        reasons = [*(taken.reasons if taken else []), *method.reasons, *split.lacking, *self._world.media()]
+        return stop, reasons + [LENS] * self._world.lens
 
     @property
     def variant(self) -> str:

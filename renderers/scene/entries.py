@@ -245,10 +245,14 @@ def stages(kind: str, method: str = "auto") -> tuple[str, ...]:
 
 @dataclasses.dataclass(frozen=True)
 class Known:
-    """What is known of an entry before all of it is checked: its kind and its method, and whether `as` contradicts its asset."""
+    """What is known of an entry before all of it is checked: its kind and its method, and whether `as` contradicts its asset.
+
+    kinds : which it may be; several where its asset or recipe cannot be read, which says so when it is opened
+    """
 
     kind: str
     method: str
+    kinds: tuple[str, ...]
     contradiction: str = ""
 
 
@@ -267,13 +271,14 @@ def _known(entry: Mapping, folder: File, method: str | None, default: str) -> Kn
     held = None if len(able) == 1 and not claimed else _held(entry, folder)
     contradiction = ""
     if claimed in KINDS:
-        kind = claimed
+        kind, fitting = claimed, [claimed]
         if held is not None and kind not in held and (folder / _text(entry, "asset")).is_file():  # of recipes bakes say it
             contradiction = f"its asset holds {fields.one_of([KINDS[holds] for holds in held]) or 'no such stage'}"
     else:
         fitting = [kind for kind in able if held is None or kind in held] or able
         kind = "body" if "body" in fitting else next(iter(fitting), "medium")  # a body rather than the medium in a shape
-    return Known(kind, method or _text(entry, "method") or default, contradiction)
+    kinds = tuple(fitting) if held is None else (kind,)
+    return Known(kind, method or _text(entry, "method") or default, kinds, contradiction)
 
 
 def _text(node: Mapping, key: str) -> str:
@@ -343,11 +348,12 @@ def _of_kind(root: Mapping, entry: Mapping, of: Known, key: str) -> Iterator[Pro
         yield owner(entry).problem("missing", f"expected where: {fields.one_of(_words(of.kind))}", key=f"{key}.where")
     for name in dict.fromkeys(name for names in KEYS.values() for name in names):
         kinds = [kind for kind, names in KEYS.items() if name in names]
-        if of.kind not in kinds and name in entry:
+        if name in entry and not set(of.kinds) & set(kinds):
             does = "does" if called.startswith("a ") else "do"
             yield entry.names[name].problem(f"found {name}, which {called} {does} not have",
                                             f"expected it with {fields.one_of([KINDS[kind] for kind in kinds])}")
-    if of.method not in (accepted := methods(of.kind)):
+    if not any(of.method in methods(kind) for kind in of.kinds):
+        accepted = methods(of.kind)
         node = next((asking["method"] for asking in (entry, root) if _text(asking, "method") == of.method), None)
         reason = f"found {show(of.method)}"
         expected = f"expected {fields.one_of(accepted)}, the methods of {called}{_hint(of.method, accepted)}"

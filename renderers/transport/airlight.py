@@ -158,7 +158,7 @@ class Airlight:
         phase = scene.media.phase(medium, 0.5 * dr.squared_norm(light.d - stretch.direction))
         by_chance, by_sample = chance * media.mean(weights, phase), density * light.pdf
         share = dr.select(light.delta, 1, by_sample / (by_sample + by_chance))
-        passed = flights.transmittance(scene, interaction.spawn_ray_to(light.p), stretch.inside, active)
+        passed = flights.transmittance(scene, flights.to_light(interaction, light), stretch.inside, active)
         if scene.regions.always:
             passed = media.product(passed, flights.from_infinity(scene, light))
         weights = media.product(media.product(weights, phase), passed)

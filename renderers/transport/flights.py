@@ -104,6 +104,14 @@ def _marched(scene, ray, start, end, medium, column, active, within):
     return stop, passed
 
 
+def to_light(interaction, light):
+    """Rays from interactions to light samples.  Those of a light at infinity go on without an end: Mitsuba puts its points on a
+    sphere around the surfaces, and media may reach further."""
+    ray = interaction.spawn_ray_to(light.p)
+    ray.maxt = dr.select(mi.has_flag(light.emitter.flags(), mi.EmitterFlags.Infinite), _FAR, ray.maxt)
+    return ray
+
+
 def transmittance(scene, ray, inside, active):
     """What media leave of light along rays, of each wavelength; 0 where a surface is in between.
 

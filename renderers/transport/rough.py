@@ -127,7 +127,7 @@ class Rough(Looking):
         radiance *= value * dr.select(light.delta, 1, light.pdf / (light.pdf + by_bsdf))
         active &= dr.any(radiance > 0)
         inside = scene.boundaries.beyond(surface, light.d, crossing.inside, active)
-        passed = flights.transmittance(scene, interaction.spawn_ray_to(light.p), inside, active)
+        passed = flights.transmittance(scene, flights.to_light(interaction, light), inside, active)
         if scene.regions.always:
             passed = media.product(passed, flights.from_infinity(scene, light))
         drawn = light.emitter, scene.seen(media.product(crossing.weight, passed), radiance, active)

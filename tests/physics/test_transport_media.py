@@ -82,6 +82,16 @@ def test_a_white_room(tmp_path):
     assert error < 0.004 and abs(found.mean() - 1) < sigmas(24) * error
 
 
+def test_a_white_sky_over_a_medium_that_reaches_further_than_surfaces(tmp_path):
+    """Radiance 1 from inside of a lossless box 8 m wide, whose only surface is a white ball of 4 cm."""
+    scene = sensor("0, -2, 0", size=8) + '<shape type="sphere"><point name="center" x="1" y="-0.4" z="0"/><float name="radius" ' \
+        'value="0.02"/><bsdf type="diffuse"><rgb name="reflectance" value="1 1 1"/></bsdf></shape>' \
+        '<emitter type="constant"><rgb name="radiance" value="1 1 1"/></emitter>'
+    found = pictures(tmp_path, scene, [medium(Box((-4, -4, -4), (4, 4, 4)), [1.0] * 3, 0.0, (1.0,) * 3)]).mean(axis=(1, 2, 3))
+    error = found.std(ddof=1) / 16**0.5
+    assert error < 0.005 and abs(found.mean() - 1) < sigmas(16) * error
+
+
 @pytest.mark.parametrize("turned", [1, -1])
 def test_columns_of_a_grid(turned):
     """Against fine sums of the same trilinear density; and a flight that is given a column ends where that is passed."""

@@ -68,6 +68,17 @@ def test_a_kernel_of_another_file_that_changes_is_noticed(toy):
     assert toy(5.0) == (11.0, 0)
 
 
+def test_kernels_compile_also_where_none_can_be_kept(tmp_path):
+    """As in a container whose user has no home: numba finds no folder, which ended the import."""
+    (tmp_path / "toy.py").write_text(CALLED.format(factor=3.0))
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}",
+                                "NUMBA_CACHE_LOCATOR_CLASSES": "IPythonCacheLocator"}
+    call = subprocess.run([sys.executable, "-c", "import toy; print(toy.times(2.0), toy.times.is_kept(()))"], env=environment,
+                          capture_output=True, text=True)
+    assert (call.returncode, call.stdout.split()) == (0, ["6.0", "False"])
+    assert call.stderr.count("compiled kernels are not kept") == 1 and "NUMBA_CACHE_DIR" in call.stderr
+
+
 def test_every_kernel_is_kept_by_its_sources():
     """numba calls ours first; another version of it might not."""
     from bakery import kernels

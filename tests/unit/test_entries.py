@@ -33,10 +33,14 @@ def load(tmp_path):
     return loaded
 
 
-def fault(load, *entries, **options):
+def problems(load, *entries, **options):
     with pytest.raises(RecipeError) as raised:
         load(*entries, **options)
-    return str(raised.value)
+    return raised.value.problems
+
+
+def fault(load, *entries, **options):
+    return "\n".join(map(str, problems(load, *entries, **options)))
 
 
 @pytest.mark.parametrize("entry, kind, section", [
@@ -53,6 +57,14 @@ def test_the_kind_follows_from_place_and_asset(load, entry, kind, section):
     found = load(entry)
     assert found.values.materials[0].kind == kind and found.section == section
     assert found.renderer == f"renderers.materials.{kind.replace('body', 'bodies')}"
+
+
+@pytest.mark.parametrize("more", ["method: paths", "method: vpt", "velocity: [1, 0, 0] m/s", "widen: 1 deg"])
+def test_a_file_that_is_missing_is_all_that_is_wrong(load, more):
+    """Without it nobody knows of which kind the entry is: what fits one of them is no mistake."""
+    (problem,) = problems(load, f"{MESH}, recipe: gone.yaml, {more}")
+    assert problem.key == "materials[0].recipe" and "there is no such file" in problem.found
+    assert len(problems(load, f"{MESH}, recipe: gone.yaml, method: dipole")) == 2  # which is that of no kind in a mesh
 
 
 @pytest.mark.parametrize("kinds, methods, name", [
