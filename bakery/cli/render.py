@@ -166,11 +166,14 @@ def _of_scene(source, output, values, options, progress, live) -> _Job:
     from bakery.run import ahead
     from bakery.store.outputs import named
     from renderers import scene
+
+    path = scene.load(Path(source), values)
+    ahead.expect(ahead.of_scene(path))  # before Mitsuba is loaded
+
     from renderers.pictures import images, running
     from renderers.pictures.denoise import refuse_absent
     from renderers.scene import assets
 
-    path = scene.load(Path(source), values)
     renderer, target, name = path.drawn_by, named(output, path.picture), path.values.name
     if "resume" in options and not path.rules.RESUMES:
         raise UsageError(f"--resume: the renderer {path.section} cannot go on from an EXR; leave the option out")
@@ -180,7 +183,6 @@ def _of_scene(source, output, values, options, progress, live) -> _Job:
         from renderers.pictures.live import refuse_other
 
         refuse_other(path)
-    ahead.expect(ahead.of_scene(path))
     if path.asset is None:
         images.output_pair(target, path.inputs, options["overwrite"])  # before a bake, not after it
         running.refuse_too_large(path)

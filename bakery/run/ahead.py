@@ -4,8 +4,8 @@ A process compiles one kernel at a time, when it meets it.  What a stage or a re
 `kernels.json` has the kernels of each, with the types of their arguments, as first renders of shipped scenes met them
 (`python -m benchmarks.first_render --record` writes it).  So `expect` starts processes that compile these, all
 processors together with this process, and three at most.  They begin with what is met last, and this process with what is met
-first; none compiles what another is at (`bakery.system.turns`), and what they compile is found on disk.  They end with this
-process, or when there is no more to do.
+first; none compiles what another is at (`bakery.system.turns`), and what they compile is found on disk.  What is met now, all of
+it, they take before anything else.  They end with this process, or when there is no more to do.
 
 Nothing depends on it: a kernel that is not on the list, or is no more what the list says, is compiled where it is met.
 """
@@ -59,9 +59,12 @@ def groups_of(scene) -> tuple[str, str]:
     return f"render {scene.section}", f"render {scene.section}: {', '.join(entries)}"
 
 
-def expect(kernels: Iterable) -> None:
-    """Kernels that this process is going to meet, in this order, and before those of earlier calls."""
-    _SHARED.expect([kernel for kernel in kernels if not _kept(kernel[0])])
+def expect(kernels: Iterable, now: bool = False) -> None:
+    """Kernels that this process is going to meet, in this order, and before those of earlier calls.
+
+    now : it is about to meet them, and can do nothing else
+    """
+    _SHARED.expect([kernel for kernel in kernels if not _kept(kernel[0])], now)
 
 
 class Measuring:
@@ -73,7 +76,7 @@ class Measuring:
     def get(self, name: str, key: str):
         entry = self._memory.get(name, key)
         if entry is None:
-            expect(of("plan") + of("stage optics", SERIES))
+            expect(of("plan") + of("stage optics", SERIES), now=True)
         return entry
 
     def put(self, *arguments) -> None:
@@ -92,7 +95,7 @@ class _Ahead:
     def __init__(self):
         self._processes: list[subprocess.Popen] = []
 
-    def expect(self, kernels: list) -> None:
+    def expect(self, kernels: list, now: bool = False) -> None:
         count = min(resources.jobs() - 1, resources.processors() - 1, MOST) if kernels else 0
         if count > 0 and not self._processes:
             atexit.register(self.end)
@@ -106,7 +109,7 @@ class _Ahead:
         for process in self._processes if kernels else ():
             # a process that has ended is missed by nobody
             with contextlib.suppress(OSError, ValueError):
-                process.stdin.write(json.dumps(kernels).encode() + b"\n")
+                process.stdin.write(json.dumps([kernels, now]).encode() + b"\n")
                 process.stdin.flush()
 
     def end(self) -> None:
@@ -140,10 +143,11 @@ class Waiting:
         self._kernels: list = []  # the last of them is taken next
         self._more = threading.Condition()
 
-    def add(self, kernels: list) -> None:
-        """Those that are met before all others."""
+    def add(self, kernels: list, now: bool = False) -> None:
+        """Those that are met before all others; `now`: these are taken next."""
         with self._more:
-            self._kernels[:0] = kernels
+            at = len(self._kernels) if now else 0
+            self._kernels[at:at] = kernels
             self._more.notify()
 
     def take(self, patience: float = IDLE):
@@ -172,7 +176,7 @@ def _main() -> None:
 
     def listen():
         for line in sys.stdin.buffer:
-            waiting.add(json.loads(line))
+            waiting.add(*json.loads(line))
         os._exit(0)  # the process that asked is over
 
     threading.Thread(target=listen, daemon=True).start()

@@ -169,7 +169,7 @@ def _arguments(sig):
 
 @contextmanager
 def _no_collector():
-    """No collection of garbage inside of the `with`: a sixth of the time that compiling takes."""
+    """No collection of garbage inside of the `with`, a sixth of the time that compiling takes, nor right after it, 5 % more."""
     if not gc.isenabled():
         yield
         return
@@ -177,6 +177,10 @@ def _no_collector():
     try:
         yield
     finally:
+        # makes all objects old ones, which are looked at rarely
+        if not gc.get_freeze_count():
+            gc.freeze()
+            gc.unfreeze()
         gc.enable()
 
 

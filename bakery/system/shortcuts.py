@@ -12,6 +12,8 @@ Most of what compiling takes is numba's own Python, and much of that finds out a
 - where counts of references go up or down, those fields of a record are taken out of it that have counts, where numba takes out
   all of them: a fifth of the instructions that it writes, prints, and has LLVM read;
 - fields of an array that is indexed are taken out of it, where numba lays it down in memory and reads them there: another tenth;
+- how many bytes a type takes LLVM is asked once for each;
+- instructions that LLVM has read are taken apart: they refer to each other, and would stay until Python's collector finds them;
 - nobody is told each time that LLVM is at work: that is for timers whose values nobody reads.
 
 Outside of it numba is as it was: other people's kernels are compiled as ever.
@@ -22,7 +24,7 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 
 from llvmlite import binding as llvm
-from numba.core import cpu, ir, postproc, targetconfig, transforms, types
+from numba.core import codegen, cpu, ir, postproc, targetconfig, transforms, types
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime.context import NRTContext
 from numba.core.typing import templates
@@ -36,6 +38,8 @@ _jit_decorator = templates._OverloadFunctionTemplate._get_jit_decorator
 _after_pass = postproc.PostProcessor.run
 _refresh = cpu.CPUContext.refresh
 _make_array = arrayobj.make_array
+_ask_size = cpu.CPUContext.get_abi_sizeof
+_add_module = codegen.CPUCodeLibrary.add_ir_module
 
 # kinds of arguments whose types say all that a signature depends on
 _PLAIN = (types.Number, types.Boolean, types.Array, types.BaseTuple, types.NumberClass, types.DType, types.SliceType,
@@ -51,6 +55,7 @@ def taken(overload: type):
     lock = llvm.ffi.lib._lock
     others = [(types.Function, "get_call_type", _known_call_type), (cpu.CPUContext, "refresh", _refreshed_once()),
               (ir.Inst, "_rec_list_vars", _variables), (postproc.PostProcessor, "run", _after_pass_lazily),
+              (codegen.CPUCodeLibrary, "add_ir_module", _added), (cpu.CPUContext, "get_abi_sizeof", _size_of),
               (NRTContext, "get_meminfos", _counted), (arrayobj, "make_array", _array_of),
               (templates._OverloadFunctionTemplate, "_get_jit_decorator", _linked_by(overload)), (lock, "_cblist", [])]
     with ExitStack() as stack:
@@ -136,6 +141,28 @@ def _after_pass_lazily(processor, emit_dels=False, extend_lifetimes=False):
         return _after_pass(processor, emit_dels, extend_lifetimes)
     code.blocks = transforms.canonicalize_cfg(code.blocks)
     code.variable_lifetime, code.generator_info = postproc.VariableLifetime(code.blocks), None
+
+
+_sizes: dict[str, int] = {}  # type in LLVM's form -> bytes
+
+
+def _size_of(context, kind):
+    """As `BaseContext.get_abi_sizeof`, which has LLVM read a module for each answer."""
+    form = str(kind)
+    if form not in _sizes:
+        _sizes[form] = _ask_size(context, kind)
+    return _sizes[form]
+
+
+def _added(library, module):
+    """As `CPUCodeLibrary.add_ir_module`, which is the last use of a module."""
+    _add_module(library, module)
+    for function in module.functions:
+        for block in function.blocks:
+            block.instructions.clear()
+        function.blocks.clear()
+        function.args = ()
+    module.globals.clear()
 
 
 def _refreshed_once():

@@ -73,6 +73,8 @@ class Paths(NamedTuple):
         """Some of the paths: a mask (n,), numbers of paths or a slice; copies."""
         # `take` copies whole rows: a third to two thirds of the time of indexing with a mask
         rows = np.arange(self.count)[chosen]
+        if not len(rows):
+            return type(self)(*(field[:0] for field in self))
         return type(self)(*(field.take(rows, axis=0) for field in self))
 
     def off_grains(self):

@@ -83,9 +83,9 @@ class Sums(steps.Sums):
 
     def scattered_by(self, paths, number):
         """Counts paths that have scattered for the first time."""
-        new = (paths.first < 0) & (paths.order > 0)
+        new = np.flatnonzero((paths.first < 0) & (paths.order > 0))
         paths.first[new] = number
-        self.first[number] += np.bincount(paths.pixel[new], minlength=self.first.shape[1])
+        np.add.at(self.first[number], paths.pixel[new], 1.0)
 
 
 def one_pass(scene, size, number, seed, samples=1) -> Sums:

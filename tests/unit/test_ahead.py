@@ -60,7 +60,8 @@ def test_what_is_met_last_is_compiled_first():
     waiting = ahead.Waiting()
     waiting.add([["picture 1", []], ["picture 2", []]])
     waiting.add([["stage 1", []], ["stage 2", []]])
-    assert [waiting.take(0.0)[0] for _ in range(4)] == ["picture 2", "picture 1", "stage 2", "stage 1"]
+    waiting.add([["rays 1", []], ["rays 2", []]], now=True)
+    assert [waiting.take(0.0)[0] for _ in range(6)] == ["rays 2", "rays 1", "picture 2", "picture 1", "stage 2", "stage 1"]
     assert waiting.take(0.0) is None
 
 
@@ -73,7 +74,7 @@ def test_what_is_not_remembered_is_compiled_for(monkeypatch):
             self[name, key] = group, provenance
 
     expected = []
-    monkeypatch.setattr(ahead, "expect", expected.extend)
+    monkeypatch.setattr(ahead, "expect", lambda kernels, now: expected.extend(kernels if now else ()))
     memory = ahead.Measuring(Memory())
     memory.put("rays", "known", 1, 2)
     assert memory.get("rays", "known") == (1, 2) and not expected

@@ -4,7 +4,7 @@ import numpy as np
 
 from renderers.materials.grains import _paths
 from renderers.materials.grains._grains import UNKNOWN
-from renderers.materials.grains.paths import NEVER, Seldom, first_grain, first_surface
+from renderers.materials.grains.paths import NEVER, TOGETHER, Seldom, first_grain, first_surface
 from renderers.threads import run
 from renderers.transport.paths import ENDED, EVENT, REACHED
 
@@ -59,7 +59,8 @@ class Grains:
         elsewhere = paths.grains != self.number
         paths.sphere[elsewhere], paths.triangle[elsewhere], paths.grains[:] = UNKNOWN, -1, self.number
         event, never = _paths.Event.empty(n), _paths.Switching(np.empty((n, 3)), np.full(n, NEVER), np.zeros(n, bool))
-        run(_paths.advance, n, self.grains, self.occupied, _paths.Walk.of(paths)._replace(far=far), never, event)
+        walk = _paths.Walk.of(paths)._replace(far=far)
+        run(_paths.advance, n, self.grains, self.occupied, walk, never, event, block=TOGETHER)
         turned = np.isnan(far)
         paths.far[turned], paths.left_out[turned], paths.shaded[turned] = np.nan, np.nan, False
         paths.drawn[turned] = paths.origin[turned]

@@ -108,7 +108,8 @@ def first_surface(grains, point, direction, far, sphere, triangle):
     n, start = len(point), (sphere, triangle)
     t, normal = np.empty(n), np.empty((n, 3))
     # of a camera they have single precision: the kernel takes double, and is compiled once
-    run(_paths.first_surface, n, grains, point, np.ascontiguousarray(direction, float), far, start, t, normal)
+    direction = np.ascontiguousarray(direction, float)
+    run(_paths.first_surface, n, grains, point, direction, far, start, t, normal, block=4 * TOGETHER)
     return t, normal
 
 
