@@ -89,8 +89,11 @@ class FunctionCompiler(dispatcher._FunctionCompiler):
     def _compiled(self, args, return_type, pipeline, library=None):
         flags = _Flags()
         self.targetdescr.options.parse_as_flags(flags, self.targetoptions)
-        return compiler.compile_extra(self.targetdescr.typing_context, self.targetdescr.target_context, self.py_func, args,
-                                      return_type, flags, self.locals, library, pipeline)
+        result = compiler.compile_extra(self.targetdescr.typing_context, self.targetdescr.target_context, self.py_func, args,
+                                        return_type, flags, self.locals, library, pipeline)
+        # numba's instructions and their types, for people to read, and times of its passes: ten thousand objects a kernel, which
+        # each collection of garbage would look at, one a picture.  Of kernels that were kept numba has none either
+        return result._replace(type_annotation="", metadata=None)
 
 
 class _Name:
