@@ -108,7 +108,7 @@ $(VENV)/.ready: pyproject.toml
 $(VENV)/.ready-test: pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[mitsuba,llvm,test]'
-	$(BIN)/python -m compileall -qq -j 0 -x '/tests/' $(VENV)/lib || true
+	$(BIN)/python -m compileall -qq -j 0 -x '/(tests|fontTools|lexers|cuda)/' $(VENV)/lib || true
 	@touch $(VENV)/.ready $@
 
 # what only slow tests need: the other extras, and a server of objects.  In one call pip would try hundreds of versions of what
