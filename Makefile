@@ -103,8 +103,8 @@ $(VENV)/.ready: pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[mitsuba,llvm]'
 	@touch $@
 
-# all that .ready asks for as well: `make test` installs once.  Bytecode is compiled on all cores, where pip takes one; a few
-# files of packages do not compile by intention
+# all that .ready asks for as well: `make test` installs once.  Bytecode is compiled on all cores, where pip takes one, of what
+# the tests import; a few files of packages do not compile by intention
 $(VENV)/.ready-test: pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[mitsuba,llvm,test]'
