@@ -103,12 +103,12 @@ $(VENV)/.ready: pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[mitsuba,llvm]'
 	@touch $@
 
-# all that .ready asks for as well: `make test` installs once.  Bytecode is compiled on all cores, where pip takes one; a few
-# files of packages do not compile by intention
+# all that .ready asks for as well: `make test` installs once.  Bytecode is compiled on all cores, where pip takes one, of what
+# the tests import; a few files of packages do not compile by intention
 $(VENV)/.ready-test: pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[mitsuba,llvm,test]'
-	$(BIN)/python -m compileall -qq -j 0 -x '/tests/' $(VENV)/lib || true
+	$(BIN)/python -m compileall -qq -j 0 -x '/(tests|fontTools|lexers|cuda)/' $(VENV)/lib || true
 	@touch $(VENV)/.ready $@
 
 # what only slow tests need: the other extras, and a server of objects.  In one call pip would try hundreds of versions of what

@@ -89,8 +89,12 @@ class FunctionCompiler(dispatcher._FunctionCompiler):
     def _compiled(self, args, return_type, pipeline, library=None):
         flags = _Flags()
         self.targetdescr.options.parse_as_flags(flags, self.targetoptions)
-        return compiler.compile_extra(self.targetdescr.typing_context, self.targetdescr.target_context, self.py_func, args,
-                                      return_type, flags, self.locals, library, pipeline)
+        result = compiler.compile_extra(self.targetdescr.typing_context, self.targetdescr.target_context, self.py_func, args,
+                                        return_type, flags, self.locals, library, pipeline)
+        # instructions of numba's and their types, for people to read, and times of its passes: ten thousand objects a kernel, at
+        # which each collection of garbage would look, one a picture.  Of kernels that were kept numba has none either
+        result.fndesc.typemap = result.fndesc.calltypes = None
+        return result._replace(type_annotation="", metadata=None)
 
 
 class _Name:
@@ -146,7 +150,6 @@ class Cache:
 
 def _written(result) -> tuple:
     """As numba's `CompileResult._reduce`."""
-    result.fndesc.typemap = result.fndesc.calltypes = None  # these are big, and some have no form on disk
     return (result.library.name, result.library._get_module_for_linking().as_bitcode(), result.fndesc, result.environment,
             result.signature, result.reload_init, tuple(result._find_referenced_environments()))
 

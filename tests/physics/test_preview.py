@@ -273,7 +273,7 @@ def test_interruption_is_handed_on(variant, wax, tmp_path, no_strip):
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):
-            preview(wax, tmp_path / "x.png", panel=SMALL._replace(width=256, samples=64), variant=variant, progress=progress)
+            preview(wax, tmp_path / "x.png", panel=Panel(96, 4096, 0.0, 120.0), variant=variant, progress=progress)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, usual)

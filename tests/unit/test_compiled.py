@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import pickle
 import re
@@ -12,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from numba.core import ir
 
 from bakery.system import compiled, sources
 from tests.conftest import ROOT
@@ -120,3 +122,14 @@ def test_two_threads_may_call_a_kernel_first(monkeypatch):
     asked = []
     monkeypatch.setattr(compiled.Kernel, "_compile_for_args", lambda self, *arguments: asked.append(self))
     assert total(values) == 3.0 and not asked
+
+
+def test_what_a_kernel_was_compiled_from_is_let_go():
+    """numba's instructions, which every collection of garbage would look at."""
+    @compiled.njit
+    def total(values):
+        return values.sum() + len(values)
+
+    assert total(np.arange(3.0)) == 6.0
+    gc.collect()
+    assert not [part for part in gc.get_objects() if type(part) in (ir.Assign, ir.Expr) and part.loc.filename == __file__]

@@ -279,6 +279,8 @@ def test_a_painted_base_under_a_boundary_alone(bake, index):
             assert brdf == pytest.approx((1 - first) * (1 - first[1]) / index**2 * lit, rel=2e-3)
 
 
+# it misses its tolerance with all moments that there are: 50 s of a core.  Quicker ones see facets, deep layers and no loss apart
+@pytest.mark.slow
 def test_extremes_under_facets(tmp_path):
     """A layer of 1.4 under facets on a medium of 1, depths 0.01 to 1e6: numbers, energy, both ways, a stated error."""
     (tmp_path / "under.yaml").write_text(SOIL.replace("[0.5, 0.6, 0.9]", "[1, 0.6, 0.9]").replace(OF_SOIL, "{}"))
