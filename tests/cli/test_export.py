@@ -333,6 +333,7 @@ def test_lobes_as_json_tell_what_their_formula_gives(lobes, root):
         assert d == pytest.approx(2 * math.sqrt(0.1 * 60), rel=1e-12)  # geometric mean of radii even in ln r
 
 
+@pytest.mark.slow
 def test_lobes_as_csv_are_the_same(lobes):
     folder, out, err = lobes
     found = json.loads((folder / "fog_lobes.json").read_text())

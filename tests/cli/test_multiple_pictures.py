@@ -118,6 +118,7 @@ def test_the_errors_are_those_of_the_bake(found, cloud):
         assert data[f"{name} [%]"].tolist() == stored
 
 
+@pytest.mark.slow
 def test_each_picture_with_its_data(call, bake, tmp_path):
     """Only a segment; of three wavelengths the middle one, by the wavelength and not by the place in the list; twice the same."""
     path = bake("others", 0.3, "{extent: 3, sources: [segment]}", "[0.7, 0.42, 0.55]")

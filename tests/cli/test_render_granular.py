@@ -274,6 +274,7 @@ def mitsuba_scene(place, integrator=INTEGRATOR):
     return place / "plugin.xml"
 
 
+@pytest.mark.slow
 def test_the_integrator_makes_the_same_picture(call, place):
     """With the scene in YAML and its seed: the film's, what `mi.render` gives, and another sensor's that is asked for."""
     import renderers.materials.grains.plugin  # noqa: F401

@@ -160,6 +160,7 @@ def test_particles_in_a_mesh_are_inside_of_a_medium_in_a_larger_one(call, folder
     assert np.sum(layers("cones.exr")["material"] == 0) > 10
 
 
+@pytest.mark.slow
 def test_particles_wider_than_pixels_are_filtered_each_by_itself(call):
     """Drops three pixels wide in a box of 20 cm: a disc is as bright everywhere, so that what differs in it is noise."""
     if denoise.fault():
@@ -220,6 +221,7 @@ def test_a_mesh_without_room_for_a_grain_is_told(call, folder, entries):
     assert status == 0 and any("the mesh has room for 5e-07 grains" in reason for reason in report["reasons"]), error
 
 
+@pytest.mark.slow
 def test_a_lens_and_clipping_planes_are_said_to_be_left_out(call, folder):
     lens = '"thinlens"><float name="aperture_radius" value="0.05"/><float name="focus_distance" value="0.5"/>'
     near = '"perspective"><float name="near_clip" value="0.45"/>'  # the floor begins 0.25 m ahead
@@ -231,6 +233,7 @@ def test_a_lens_and_clipping_planes_are_said_to_be_left_out(call, folder):
     assert (found["depth.Z"] < 0.45).any() and said == [(False, False), (True, False), (False, True)]
 
 
+@pytest.mark.slow
 def test_smooth_grains_show_small_lamps_wider(call, folder):
     """Beads of glass in the light of a point, which they show by no other method."""
     matt, glass = "{type: diffuse, reflectance: [0.7, 0.6, 0.5]}", "{type: dielectric, material: {n: 1.5, k: 0}}"

@@ -74,6 +74,7 @@ def test_nothing_is_lost(sigma_t, g):
     assert error.max() < 6e-3 and np.all(np.abs(mean.mean(axis=0) - 1) < SIGMAS * error)
 
 
+@pytest.mark.slow
 def test_the_loop_is_the_walk(tmp_path):
     """By order and by light: two media whose wavelengths differ, in meshes that touch, with a floor through them."""
     (tmp_path / "scene.xml").write_text(SCENE.replace("MORE", ""))

@@ -111,6 +111,7 @@ def test_no_light_is_no_light():
     assert not found.any() and made.figures().normalisation == 0 and made.figures().small_steps is None
 
 
+@pytest.mark.slow
 def test_light_that_pilots_do_not_find_is_right_when_a_pass_does():
     """One in 1500 candidates finds it: most passes are black, and none waits for it."""
     found, made = chains(lambda pixel, x, y: dr.select((pixel == 5) & (x < 0.032), 1e5, 0.0), 80, candidates=1024)

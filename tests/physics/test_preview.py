@@ -83,6 +83,7 @@ def test_scalar_variant_states_its_loss(wax, tmp_path):
     assert 0 < report["misdirected"] <= 1e-3 and "regular grid" in " ".join(describe(report))
 
 
+@pytest.mark.slow
 def test_scalar_equals_jit(wax, tmp_path, no_strip):
     """The mean of the picture, within 6 standard errors of both."""
     reports = {}
@@ -93,6 +94,7 @@ def test_scalar_equals_jit(wax, tmp_path, no_strip):
     assert a == pytest.approx(b, rel=6 * np.hypot(da, db))
 
 
+@pytest.mark.slow
 def test_more_wavelengths_than_channels(tmp_path, no_strip):
     wavelength = np.linspace(0.405, 0.755, 4)
     path = asset_file(tmp_path / "haze.h5", np.full((4, 50), 1 / (4 * np.pi)), theta=np.linspace(0, np.pi, 50),
@@ -194,6 +196,7 @@ def test_edge_of_the_block(sigma_t, albedo, g, edge, words):
     assert found == pytest.approx(edge) and words in why
 
 
+@pytest.mark.slow
 def test_studio_is_what_mitsuba_shows():
     """With a block that is not there the picture is the ground's light; its checks are where `features` says."""
     renderer.variants.activate("mono")

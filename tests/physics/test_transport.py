@@ -344,6 +344,7 @@ def test_the_longest_paths_count_as_the_fourth_power_of_their_bounces():
     assert len(states) == pytest.approx(count * share, abs=sigmas() * np.sqrt(count * share * (1 - share)))
 
 
+@pytest.mark.slow
 def test_light_that_rounding_takes(tmp_path):
     """A cube far from the origin loses light, about as much as is stated, and a report says so."""
     media, pictures = asset([0.99, 0.9, 0.5], 0.5, (0.05,) * 3), []

@@ -62,6 +62,7 @@ def test_nothing_is_lost_where_bodies_change_into_surfaces(tmp_path):
     assert error < 0.003 and abs(mean - 1) < sigmas(8) * error
 
 
+@pytest.mark.slow
 def test_radiance_is_that_of_the_surface_and_of_the_body_mixed(tmp_path):
     """A red surface on a block of another colour, which fills the picture: row by row, as nothing else is lit.  Were the change
     abrupt, rows would tell: the middle one by more than ten standard errors."""

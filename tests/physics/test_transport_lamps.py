@@ -187,6 +187,7 @@ def test_lamps_are_looked_for_from_below_the_boundary(tmp_path):
     assert distance.max() < 2
 
 
+@pytest.mark.slow
 def test_directions_where_few_walks_end(tmp_path, monkeypatch):
     """Most end on a ball.  Where fewer than are asked for do, directions are drawn for all lights."""
     how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, LAMP + FLOOR, [1.4])

@@ -203,6 +203,7 @@ def test_as_the_integrator_of_mitsuba(tmp_path, scene):
     assert np.all(abs(means[0].mean(axis=0) - means[1].mean(axis=0)) < 2 * error)
 
 
+@pytest.mark.slow
 def test_light_by_lights(tmp_path):
     around, entries = sensor(size=8) + PANEL + FLOOR + SKY, [medium(Box(LOW, HIGH), *FOG)]
     whole = pictures(tmp_path, around, entries, [0])

@@ -87,6 +87,7 @@ def test_solid_angles_are_those_of_neighbouring_refractions(tmp_path, coarse, mo
     assert np.median(abs(ratio - 1)) < 0.01 and np.quantile(abs(ratio - 1), 0.8) < 0.05
 
 
+@pytest.mark.slow
 def test_refractions_follow_the_rays_of_mitsuba(tmp_path, coarse, of_milk):  # noqa: F811
     """A ray from x along the direction at which a walk ends, refracted by Mitsuba's `dielectric` twice, comes to y."""
     how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, LAMP + panes(tmp_path, {"shell": SHELL}), [1.4])

@@ -39,6 +39,7 @@ def lamps_of(how):
     return Scene(how.world, how.bodies, how.colours).lamps
 
 
+@pytest.mark.slow
 def test_which_environments_are_drawn(tmp_path, coarse):  # noqa: F811
     """One with a sun; not one that shines evenly."""
     loops.transport(tmp_path, {"ball": (BALL, GREY)}, SKY, [1.4])  # sets the variant

@@ -109,6 +109,7 @@ def test_no_recipe_is_started_after_one_that_found_no_cluster(call, drops, milk,
     assert status == 2 and not out and err.count("no Dask scheduler answers") == 1 and "1 not started" in err
 
 
+@pytest.mark.slow
 def test_blocks_come_back_in_order_and_what_they_share_goes_once(workers):
     table = np.arange(1e4)
     assert workers.map(blocks.scaled, [table] * 37, range(37)) == [(table.sum() * k, True) for k in range(37)]

@@ -373,6 +373,7 @@ def test_a_lost_cluster_is_no_fault_of_a_point(tmp_path, monkeypatch):
     assert not any(member.reason for member in bakery.open(bakery.bake(tmp_path / "lobes.yaml", tmp_path / "lobes.h5")).members)
 
 
+@pytest.mark.slow
 def test_a_middle_that_failed_is_tried_again(tmp_path, monkeypatch):
     mended = fails_at(monkeypatch, 0.4, ValueError("no such lobe"))
     (tmp_path / "lobes.yaml").write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.0, 0.8]"))

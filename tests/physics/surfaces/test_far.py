@@ -132,6 +132,7 @@ def rendered(folder, method, settings, passes):
 SMALL = {"film.width": "16", "film.height": "16"}
 
 
+@pytest.mark.slow
 def test_near_with_all_its_parts_it_is_paths_and_far_with_all_of_them_its_surface(tmp_path):
     """To the last bit."""
     settings = EYE | SMALL
