@@ -56,7 +56,7 @@ def test_the_loop_is_the_wavefronts(tmp_path, monkeypatch):
     assert part.samples == 64, "by shapes"
     monkeypatch.setattr(shapes, "fit", lambda *scene: False)
     fewest = [methods.part(world, scene, "ept", 0, meetings=number).fewest for number in (9_000, 10_000)]
-    assert fewest == [1, 1 / 2], "a pass of a million grains"
+    assert fewest == [1, 1 / 16], "a pass of a million grains"
     monkeypatch.undo()
     loop = [part.render(number) for number in range(PASSES)]
     sums = [transport.one_pass(world, scene, world.camera, (9, 12), number, 0, corners=world.corners, samples=64)
