@@ -197,14 +197,14 @@ class _Upward:
         up, builder = self.up, self.builder
         f, fz = self.factor("x"), self.factor("z")
         p1, c1, q1 = up.p1, up.c1, up.q1
-        p2, c2, both = f.times_plus(p1, -up.p0), f.times_plus(c1, -up.c0), fz * q1
-        q2 = both - up.q0
+        p2, c2, step = f.times_plus(p1, -up.p0), f.times_plus(c1, -up.c0), fz * q1
+        q2 = step - up.q0
         up.q0, up.q1 = q1, q2
         ends = self.x.fill(builder.sitofp(builder.add(i, integer(2)), ir.DoubleType()))
         if kind != INNER:
             p2 = p2.where("<=", (ends, self.x), self.rows[_row(builder, builder.add(i, integer(1)), 2)] * p1)
         up.p0, up.p1, up.c0, up.c1 = p1, p2, c1, c2
-        result = [*self.from_before("n", p1 * both, i), *self.from_before("m", c1 * both, i)]
+        result = [*self.from_before("n", p1 * step, i), *self.from_before("m", c1 * step, i)]
         if kind != ANY:
             return result
         q1, q2 = q1.where("<=", (ends, self.z), 1.0), q2.where("<=", (ends, self.z), self.rows[_row(builder, i, 0)])
