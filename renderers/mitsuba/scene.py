@@ -40,7 +40,8 @@ def load(path, *, colour="rgb", variant=None, parameters=None, sensor=True, inte
     faults.clear()
     try:
         # optimised, shapes with equal BSDFs become one without an id, in an order that changes from run to run
-        scene = mi.load_file(str(path), optimize=False, **{key: str(value) for key, value in (parameters or {}).items()})
+        with normals.one_kernel():
+            scene = mi.load_file(str(path), optimize=False, **{key: str(value) for key, value in (parameters or {}).items()})
     except (RuntimeError, ValueError, TypeError, BakeryError) as error:
         if faults:
             raise _of_plugin(path) from None

@@ -6,6 +6,7 @@ import numpy as np
 
 from bakery.errors import UsageError
 from renderers.camera import Camera, length
+from renderers.mitsuba import shading
 
 
 def camera_of(sensor, path, width, height):
@@ -20,9 +21,8 @@ def camera_of(sensor, path, width, height):
     matrix = np.array(sensor.world_transform().matrix, float).reshape(4, 4)
     origin, ahead = matrix[:3, 3], matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
     plane = []
-    for x, y in ((0, 0), (1, 0), (0, 1), (1, 1)):
-        ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5, 0.5))
-        start, direction = np.array(ray.o, float).ravel() - origin, np.array(ray.d, float).ravel()
+    for start, direction in zip(*_corner_rays(sensor)):
+        start = start - origin
         if np.linalg.norm(np.cross(start, direction)) > 1e-4 * max(1.0, np.linalg.norm(origin)) or not direction @ ahead > 0:
             plane = []
             break
@@ -30,6 +30,16 @@ def camera_of(sensor, path, width, height):
     if not plane or np.abs(plane[1] + plane[2] - plane[0] - plane[3]).max() > 1e-4 * np.abs(plane[3] - plane[0]).max():
         raise UsageError(f"{path}: the first sensor is of the kind {sensor.class_name()}; expected a perspective camera")
     return Camera(origin, plane[0], (plane[1] - plane[0]) / width, (plane[2] - plane[0]) / height)
+
+
+def _corner_rays(sensor):
+    """Origins (4, 3) and directions (4, 3) of rays through the corners of a film, by one kernel: top left, top right, bottom."""
+    x, y = [0, 1, 0, 1], [0, 0, 1, 1]
+    if dr.is_jit_v(mi.Float):
+        ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(mi.Float(x), mi.Float(y)), mi.Point2f(0.5))
+        return [rows.astype(float) for rows in shading.arrays(4, ray.o, ray.d)]
+    rays = [sensor.sample_ray(0.0, 0.5, mi.Point2f(*corner), mi.Point2f(0.5))[0] for corner in zip(x, y)]
+    return np.array([ray.o for ray in rays], float), np.array([ray.d for ray in rays], float)
 
 
 def distances(scene, sensor, camera, height, width):
@@ -43,10 +53,11 @@ def distances(scene, sensor, camera, height, width):
     start = camera.origin + near[:, None] * directions
     depth = np.full(len(directions), np.inf)
     if dr.is_jit_v(mi.Float):
-        ray = mi.Ray3f(mi.Point3f(start.T), mi.Vector3f(directions.T))
-        ray.maxt = mi.Float(far - near)
+        ray = mi.Ray3f(mi.Point3f(*shading.columns(start)), mi.Vector3f(*shading.columns(directions)))
+        ray.maxt = shading.rows(far - near)
         hit = scene.ray_intersect_preliminary(ray, coherent=True)
-        depth = np.where(np.array(hit.is_valid()), np.array(hit.t, float), np.inf)
+        valid, distance = shading.arrays(len(depth), hit.is_valid(), hit.t)
+        depth = np.where(valid, distance.astype(float), np.inf)
     else:
         for i, (begin, direction, limit) in enumerate(zip(start.tolist(), directions.tolist(), (far - near).tolist())):
             ray = mi.Ray3f(begin, direction)

@@ -114,9 +114,14 @@ def single(values):
     return mi.Float(aligned)
 
 
+def rows(values):
+    """Numbers (n,) of rays, one of them twice: the kernel of a single number is another than that of several."""
+    return single(values if len(values) != 1 else np.repeat(values, 2))
+
+
 def columns(values):
     """Columns one by one: a vector made of (3, n) would bake n into the kernel."""
-    return [single(column) for column in np.asarray(values).T]
+    return [rows(column) for column in np.asarray(values).T]
 
 
 def uniform(random, first, count):
@@ -156,4 +161,4 @@ def _row(count, value):
     # of a recording, `World._meets`, a constant has the length of the call that was recorded
     constant = value.state == dr.VarState.Literal
     row = np.asarray(value)
-    return np.full(count, row[0]) if constant or len(row) == 1 else row.copy()  # a copy: the memory is Dr.Jit's
+    return np.full(count, row[0]) if constant or len(row) == 1 else row[:count].copy()  # a copy: the memory is Dr.Jit's

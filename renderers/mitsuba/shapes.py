@@ -6,6 +6,8 @@ from typing import NamedTuple
 import mitsuba as mi
 import numpy as np
 
+from renderers.mitsuba import shading
+
 
 class Shape(NamedTuple):
     """A surface of the scene.
@@ -76,8 +78,8 @@ def lying_on(shape, surface, unit) -> float:
     normals /= np.maximum(area, np.finfo(float).tiny)[:, None]
     points = corners.mean(axis=1)
     reach = mi.math.RayEpsilon * (1 + np.abs(points).max(axis=1))  # as far from a surface Mitsuba's rays begin anew
-    ray = mi.Ray3f(*(mi.Vector3f(*column.astype(np.float32).T) for column in (points + reach[:, None] * normals, -normals)))
-    ray.maxt = mi.Float((2 * reach).astype(np.float32))
+    ray = mi.Ray3f(*(mi.Vector3f(*shading.columns(rows)) for rows in (points + reach[:, None] * normals, -normals)))
+    ray.maxt = shading.rows(2 * reach)
     return float(area[np.array(mesh_scene(surface.vertices, surface.faces, unit).ray_test(ray), bool)].sum() / area.sum())
 
 

@@ -200,7 +200,7 @@ class World:
             return np.zeros(0)
         longest = np.minimum(np.broadcast_to(longest, len(origin)), FAR)
         ray = self._ray(origin, direction)
-        ray.maxt = shading.single(longest / self.unit)
+        ray.maxt = shading.rows(longest / self.unit)
         hit = self.scene.ray_intersect_preliminary(ray, coherent=False)
         distance, valid = shading.arrays(len(origin), hit.t, hit.is_valid())
         return np.where(valid, self._metres(distance), np.inf)
@@ -363,9 +363,9 @@ class World:
         if not len(origin):
             one_ray = np.zeros((1, 3)), np.eye(1, 3), np.zeros((1, 5)), np.ones(1), np.ones(1)
             return shading.empty(self.shade(*one_ray, power=power))
-        places = self._inside(origin)
-        drawn = places if drawn is None else self._inside(drawn)
-        u, by_ray = shading.uniform(random, 0, LOBE + 3), [shading.single(values) for values in (density, delta)]
+        # the origins twice, where they are: a kernel that reads them once is another
+        places, drawn = self._inside(origin), self._inside(origin if drawn is None else drawn)
+        u, by_ray = shading.uniform(random, 0, LOBE + 3), [shading.rows(values) for values in (density, delta)]
         directions = mi.Vector3f(*shading.columns(direction))
         with undisturbed():
             met = self._meets(power, self.scene, pointers(self.scene), self.light_positions, places, directions, drawn, u,

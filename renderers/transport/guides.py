@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
-from renderers.mitsuba.shading import single
+from renderers.mitsuba.shading import arrays, single
 from renderers.transport import media
 from renderers.transport.distances import Cells, Distances
 
@@ -135,7 +135,7 @@ class Guides:
         sigma = dr.minimum(dr.gather(mi.Float, self._sigma, medium, active), 1 / (_SHARE * self._cells.edge))
         light, passed = sum(seen[1:], seen[0]), dr.exp(-sigma * within)
         light = dr.select((light > 0) & dr.isfinite(light), light, 0)
-        light, passed, these = (np.array(values) for values in (light, dr.select(active, passed, 0), these))
+        light, passed, these = arrays(len(index), light, dr.select(active, passed, 0), these)
         light, passed = light.astype(float), passed.astype(float)
         mean, square, of_all = (passed * light * these).sum(), (passed * light**2 * these).sum(), (passed * light**2).sum()
         self.share, self.contrast = square / max(of_all, 1e-30), square * passed.sum() / max(mean**2, 1e-30)

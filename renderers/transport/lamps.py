@@ -18,7 +18,7 @@ from functools import partial
 import drjit as dr
 import numpy as np
 
-from renderers.mitsuba.shading import single
+from renderers.mitsuba.shading import arrays, single
 from renderers.transport import flights, media
 from renderers.transport.distances import Distances
 from renderers.transport.manifold import numbered, refracts
@@ -183,8 +183,8 @@ class Lamps:
         active = hit.is_valid() & self._scene.boundaries.is_body(hit.shape) & manifold.begins_within(ray)
         lamp = self._drawn(random.next_float32()) if self._cumulated else dr.zeros(mi.UInt32, _TRIED)
         chance = self._chance(self._scene.boundaries.medium(hit.shape), x, lamp, active)
-        chance, ends = (np.array(dr.select(active, values, 0), float) for values in (
-            chance, self._walk(x, self._drawn_points(lamp, x, v, active))[1]))
+        ends = active & self._walk(x, self._drawn_points(lamp, x, v, active))[1]
+        chance, ends = (values.astype(float) for values in arrays(_TRIED, dr.select(active, chance, 0), ends))
         return float((chance * ends).sum() / max(chance.sum(), 1e-30))
 
     def _columns(self, record, light):

@@ -3,8 +3,8 @@
 import drjit as dr
 import numpy as np
 
-import renderers.mitsuba  # noqa: F401  before mitsuba: it finds LLVM
 from bakery.kernels import stream_key
+from renderers.mitsuba.shading import arrays, columns, single
 from renderers.transport import wavefront
 from renderers.transport.manifold import numbered, refractive_index
 from renderers.transport.skies import Sky
@@ -61,13 +61,13 @@ def _width(scene, position, normal, sky, numbers, panes):
 def _from_sky(scene, position, normal, sky, numbers, panes):
     """Light (n,) that comes to places from a light all around, for each by one direction; its radiance (n,); and the indices (n,)
     around the places over 1, that around the sky."""
-    point, normal = (kind(*map(mi.Float, rows)) for kind, rows in ((mi.Point3f, position), (mi.Normal3f, normal)))
-    target = sky.drawn(point, mi.Point2f(*(mi.Float(column) for column in numbers.T.astype(np.float32))), True)
+    point, normal = (kind(*map(single, rows)) for kind, rows in ((mi.Point3f, position), (mi.Normal3f, normal)))
+    target = sky.drawn(point, mi.Point2f(*columns(numbers)), True)
     towards, density = dr.normalize(target - point), sky.solid_density(point, target)
     cosine, radiance = dr.dot(normal, towards), dr.mean(sky.radiance(towards, True))
     active, ratio = _passes(scene, point, normal, target, cosine > 0, panes)
     light = dr.select(active & (density > 0), cosine * radiance / density, 0)
-    return tuple(np.array(values + dr.zeros(mi.Float, numbers.shape[0]), float) for values in (light, radiance, ratio))
+    return tuple(values.astype(float) for values in arrays(len(numbers), light, radiance, ratio))
 
 
 def index_around(scene, boundary, panes, lamps):
@@ -117,17 +117,17 @@ def _seen(scene, position, normal, lamp, numbers, panes=()):
 
     numbers : (n, 2), of the points
     """
-    position, normal = (kind(*map(mi.Float, rows)) for kind, rows in ((mi.Point3f, position), (mi.Vector3f, normal)))
-    point = lamp.sample_position(0.0, mi.Point2f(*(mi.Float(column) for column in numbers.T.astype(np.float32))))
+    position, normal = (kind(*map(single, rows)) for kind, rows in ((mi.Point3f, position), (mi.Vector3f, normal)))
+    point = lamp.sample_position(0.0, mi.Point2f(*columns(numbers)))
     distance, toward = dr.norm(point.p - position), dr.normalize(point.p - position)
     angle = dr.maximum(dr.dot(normal, toward), 0) * dr.maximum(-dr.dot(point.n, toward), 0) / (point.pdf * dr.square(distance))
     surface = mi.SurfaceInteraction3f(point, dr.zeros(mi.Color0f))
     surface.wi = surface.to_local(-toward)
     radiance = dr.mean(lamp.emitter().eval(surface, angle > 0))
     active, ratio = _passes(scene, position, normal, point.p, angle > 0, panes)
-    angle = np.array(dr.select(active, angle, 0), float)
-    mean = float((angle * np.array(radiance)).sum() / max(angle.sum(), 1e-30))
-    return angle, mean, np.array(ratio + dr.zeros(mi.Float, len(angle)))
+    angle, radiance, ratio = arrays(len(numbers), dr.select(active, angle, 0), radiance, ratio)
+    angle = angle.astype(float)
+    return angle, float((angle * radiance).sum() / max(angle.sum(), 1e-30)), ratio
 
 
 def _passes(scene, position, normal, target, active, panes):

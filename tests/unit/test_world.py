@@ -173,20 +173,22 @@ def kernels_of_lengths(world):
     import drjit as dr
 
     compiled = []
-    for count in (100, 100, 101, 3000, 7):
+    for count in (100, 100, 101, 3000, 7, 1):
         random = np.random.default_rng(count).random((count, 5))
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
             dr.kernel_history_clear()
             down = np.tile([0.0, 0.0, -1.0], (count, 1))
             world.trace(random[:, :3], down, 1.0)
             world.lights(random[:, :3], random)
-            world.shade(random[:, :3], down, random, np.ones(count), np.zeros(count, bool))
+            drawn = random[:, 2:] if count < 100 else None
+            world.shade(random[:, :3], down, random, np.ones(count), np.zeros(count, bool), drawn)
             compiled.append([kernel["hash"] for kernel in dr.kernel_history([dr.KernelType.JIT])])
     return compiled
 
 
 def test_a_kernel_serves_wavefronts_of_all_lengths(tmp_path):
-    """Neither length nor NumPy's alignment of the memory may be part of it: compiling takes longer than most wavefronts."""
+    """Neither length nor NumPy's alignment of the memory may be part of it, nor whether directions were drawn elsewhere:
+    compiling takes longer than most wavefronts."""
     first, *others = undisturbed_by_scenes(kernels_of_lengths, World(written(tmp_path, SENSOR, BOX, LIGHTS["many"])))
     assert len(first) == 3 and all(hashes == first for hashes in others)
 
