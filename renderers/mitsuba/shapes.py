@@ -65,6 +65,17 @@ def leaning(shape, angle) -> float:
     return float(area[cosine < math.cos(angle) * area].sum() / area.sum())
 
 
+def inside_out(shape) -> bool:
+    """Whether light from outside of a closed mesh sees its back: its own normals point inward, or those of its faces if it has
+    none, as where a `to_world` mirrors them."""
+    a, b, c = (shape.vertices[shape.faces[:, k]] - shape.vertices.mean(axis=0) for k in range(3))
+    flat = np.cross(b - a, c - a)
+    behind = float(np.sum(a * flat)) < 0
+    if shape.normals is not None:
+        behind ^= float(np.einsum("fkc,fc->", shape.normals[shape.faces], flat)) < 0
+    return behind ^ shape.flipped
+
+
 def lying_on(shape, surface, unit) -> float:
     """Share of the area of a mesh that lies on another, so near that a ray which leaves one of them misses the other.
 

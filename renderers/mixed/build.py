@@ -75,10 +75,12 @@ def scene_of(world, materials, colours, angle=0.0) -> Scene:
 
 
 def _extent(world, where):
-    """Middle (3,) and radius, m, of a ball around all surfaces, regions and the camera."""
+    """Middle (3,) and radius, m, of a ball around all surfaces, regions and the camera, and lamps without extent, in whose glow
+    paths do not end."""
     corners = [region.box for region in where.regions if region.layout is not None]
     corners += [] if world.box is None else [world.box]
-    corners = np.concatenate([*corners, np.tile(world.camera.origin, (2, 1))])
+    corners += [light.place[None] for light in world.ideal_lights() if not light.distant]
+    corners = np.concatenate([*corners, world.camera.origin[None]])
     low, high = corners.min(axis=0), corners.max(axis=0)
     return (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-30)
 

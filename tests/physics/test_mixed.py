@@ -115,6 +115,15 @@ def test_media_and_bodies_as_the_loop_of_dr_jit(tmp_path, scene, most):
     compared(averages(world, filled, range(8)), theirs, most)
 
 
+@pytest.mark.slow
+def test_fog_around_a_lamp_far_from_all_else(tmp_path):
+    """A bulb without extent, alone with its glow: as the loop of Dr.Jit sees it; roulette ended all paths out there."""
+    xml = sensor(size=8) + POINT
+    theirs = pictures(tmp_path, xml, [regions.Medium(regions.Everywhere(), scatterer([0.9, 0.6, 0.3], 0.4, (9.0, 6.0, 4.0)))])
+    ours = averages(World(tmp_path / "scene.xml"), [medium(places.EVERYWHERE, [0.9, 0.6, 0.3], 0.4, (9.0, 6.0, 4.0))], range(48))
+    compared(ours, theirs, 0.15)
+
+
 def of_body(world, entry):
     (found,) = (one for one in world.shapes() if one.name == entry.name)
     return build.material_of(Body(entry.name, entry.vertices, entry.faces, entry.medium, entry.matched,

@@ -13,6 +13,7 @@ import bakery
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from renderers.materials.bodies import methods
+from renderers.materials.bodies.bodies import refusal
 from renderers.mitsuba.world import World
 from renderers.pictures.engine import in_time
 from tests.odds import ODDS, sigmas
@@ -133,6 +134,22 @@ def test_the_same_bytes_whatever_threads(baked, tmp_path, monkeypatch):
     monkeypatch.setattr(threads, "_pool", lambda: threads.ThreadPoolExecutor(1))
     assert np.array_equal(passes(how, "vrl+tables", numbers=[0]), found)
     assert not np.array_equal(passes(how, "vrl+tables", numbers=[0], seed=1), found)
+
+
+@pytest.mark.parametrize("form, index, more, refused", [
+    ("{ball}", 1.4, "", False), ("{turned}", 1.4, "", True), ("{turned}", 1.0, "", False),
+    ("{turned}", 1.4, '<boolean name="flip_normals" value="true"/>', False),
+    ("{ball}", 1.5, '<transform name="to_world"><scale x="-1" y="1" z="1"/></transform>', True),
+    # its own normals point outward
+    ('<shape type="cube" id="ball">', 1.4, '<transform name="to_world"><scale x="-1" y="1" z="1"/></transform>', False)])
+def test_boundaries_that_refract_inside_out(tmp_path, form, index, more, refused):
+    """Light would see a bubble: a grey ball of index 1.4 was 0.96 of its sky, in place of 0.57."""
+    for name, faces in (("ball", BALL[1]), ("turned", BALL[1][:, ::-1])):
+        (tmp_path / f"{name}.ply").write_bytes(ply.mesh(BALL[0], faces))
+    files = {name: f'<shape type="ply" id="ball"><string name="filename" value="{name}.ply"/>' for name in ("ball", "turned")}
+    (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0">{SENSOR.replace("SIZE", "4").replace("ORIGIN", "0, -19, 5")}'
+                                        f'{form.format(**files)}{BOUNDARIES[index]}{more}</shape></scene>')
+    assert ("inside out" in refusal(World(tmp_path / "scene.xml").shapes(), "ball", index)) == refused
 
 
 HOLLOW = np.concatenate([BALL[0], 0.6 * BALL[0]]), np.concatenate([BALL[1], len(BALL[0]) + BALL[1][:, ::-1]])

@@ -16,7 +16,7 @@ from tests.conftest import slow
 from tests.odds import ODDS, sigmas
 from tests.physics import test_transport_media
 from tests.physics.particles import blocks, same
-from tests.physics.test_translucent import BOUNDARIES, FLOOR, PANEL, SKY, shape
+from tests.physics.test_translucent import BLACK, BOUNDARIES, FLOOR, PANEL, SKY, shape
 from tests.physics.test_transport_media import BALL, HIGH, LOW, RGB, body, cube, inside_of, medium, pictures, reference, sensor
 
 HAZE = ([0.9, 0.6, 0.3], 0.4, (90.0, 60.0, 40.0))  # albedo, g, free paths
@@ -78,6 +78,18 @@ def _once(region, origin, direction, steps=1000):
 def test_white_rooms_with_light_samples_along_all_flights(tmp_path, everything_is_thin):
     """As without: fog everywhere, a box, a mesh and a grid that overlap, a matched body and one of glass."""
     test_transport_media.test_a_white_room(tmp_path)
+
+
+def test_a_white_sky_over_haze_that_reaches_further_than_surfaces(tmp_path):
+    """Radiance 1 from inside of a lossless box 8 m wide, whose only surface is a small lamp; 1.06 where light of the sky has only
+    come past what lies within a ball around that lamp."""
+    lamp = '<shape type="sphere"><point name="center" x="1" y="-0.4" z="0"/><float name="radius" value="0.02"/>' + BLACK + \
+        '<emitter type="area"><rgb name="radiance" value="1"/></emitter></shape>'
+    entries = [medium(Box((-4, -4, -4), (4, 4, 4)), [1.0] * 3, 0.0, (5.0,) * 3)]
+    rendered = pictures(tmp_path, sensor("0, -2, 0", size=8) + lamp + SKY, entries, range(32)).mean(axis=(1, 2, 3))
+    assert Scene(World(tmp_path / "scene.xml"), entries, RGB).airlight
+    error = rendered.std(ddof=1) / 32**0.5
+    assert error < 0.007 and abs(rendered.mean() - 1) < sigmas(32) * error
 
 
 def test_where_they_are_taken(tmp_path):

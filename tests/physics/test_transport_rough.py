@@ -14,7 +14,7 @@ from renderers.transport.guides import _blurred
 from renderers.transport.regions import Box, Everywhere
 from renderers.transport.scene import Scene
 from tests.conftest import slow
-from tests.odds import ODDS
+from tests.odds import ODDS, sigmas
 from tests.physics import test_transport as loops
 from tests.physics import test_transport_media as regions
 from tests.physics.particles import blocks, same
@@ -103,6 +103,23 @@ def test_lamps_are_not_noisy(tmp_path, monkeypatch):
 def test_as_paths_that_find_lamps_by_chance(tmp_path, every, monkeypatch, meshes, indices, around):
     """By blocks of the picture and orders."""
     as_by_chance(tmp_path, monkeypatch, meshes, around, indices)
+
+
+@pytest.mark.slow
+def test_a_sun_over_fog_that_reaches_further_than_surfaces(tmp_path):
+    """Scattered once in a rough ball of 5 cm: black fog of 1 / 4 m, in a box 8 m wide, leaves exp(-1.04) of it on 4 m to the
+    ball and 0.16 m to the eye; exp(-0.05) if only what is near surfaces counts."""
+    ball, sun = (BALL[0] * 0.01, BALL[1]), SUN.replace('"-0.3" y="0.4" z="-0.8"', '"0" y="0" z="-1"')
+    around = regions.sensor("0, -0.2, 0", size=8) + sun + shape(tmp_path, "ball", ball, BOUNDARIES[FROST])
+    grains = regions.body("ball", ball, FROST, [0.9] * 3, 0.0, (0.02,) * 3)
+
+    def pictures(middle):
+        box = Box(np.full(3, middle - 4.0), np.full(3, middle + 4.0))
+        return regions.pictures(tmp_path, around, [regions.medium(box, 0.0, 0.0, (4.0,) * 3), grains], range(16), "order1")
+
+    clear, dimmed = (rendered.mean(axis=(1, 2, 3)) for rendered in (pictures(90.0), pictures(0.0)))
+    error = np.hypot(*(rendered.std(ddof=1) / rendered.mean() / 16**0.5 for rendered in (clear, dimmed)))
+    assert error < 0.08 and abs(np.log(dimmed.mean() / clear.mean()) + 1.04) < 0.02 + sigmas(16) * error
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from bakery.errors import UsageError
 from renderers.materials.bodies import _geometry
 from renderers.materials.bodies._geometry import Geometry
 from renderers.materials.bodies._shells import Shells
-from renderers.mitsuba.shapes import encloses, index_fault, leaning, lying_on
+from renderers.mitsuba.shapes import encloses, index_fault, inside_out, leaning, lying_on
 from renderers.scene.budget import percent
 from renderers.threads import run
 from renderers.transport import solids
@@ -76,6 +76,9 @@ def solid_shape(shapes, name, index, wrong):
         raise wrong("where.shape", f"the BSDF of {name} lets no light in; dielectric, roughdielectric or null would do")
     if fault := index_fault(name, index, shape.index):
         raise wrong("boundary.index", fault)
+    if shape.index != 1.0 and inside_out(shape):
+        raise wrong("where.shape", f"{name} is inside out: its normals point inward, so that its BSDF takes the outside for the "
+                    'inside; <boolean name="flip_normals" value="true"/> in the Mitsuba file turns it')
     return shape._replace(vertices=vertices, faces=faces)
 
 
