@@ -111,12 +111,12 @@ def ours(folder, name, depth, width, along):
 
     world, entry = scene_of(folder, name, depth, width)
     part = passes.part("paths", world, [entry], COLOURS, int(along))  # two seeds: their means are compared
-    limits = thin.THICKEST, thin.LARGEST
+    limits = thin.THICKEST, thin.LARGEST, thin.LEAST
     try:
-        thin.THICKEST, thin.LARGEST = (np.inf, np.inf) if along else (0.0, 0.0)
+        thin.THICKEST, thin.LARGEST, thin.LEAST = (np.inf, np.inf, 0.0) if along else (0.0, 0.0, 0.0)
         part.render(1 << 20)  # compiles
     finally:
-        thin.THICKEST, thin.LARGEST = limits
+        thin.THICKEST, thin.LARGEST, thin.LEAST = limits
     count = max(1, SAMPLES // part.samples)
     return lambda number: np.mean([part.render(number * count + k)[""] for k in range(count)], axis=0)[None]
 

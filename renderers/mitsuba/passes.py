@@ -8,6 +8,7 @@ import mitsuba as mi
 import numpy as np
 
 from bakery.kernels import stream_key
+from renderers import seeds
 from renderers.mitsuba.recording import undisturbed
 from renderers.pictures.engine import TRUSTED, Part, Passes, Stop
 
@@ -55,6 +56,7 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
 
     All wavelengths share the random numbers of a pass, so what is grey in the scene stays grey, without colour noise.
     """
+    seed = seeds.checked(seed)
     pixels = int(np.prod(scenes[0].sensors()[0].film().size()))
     per_pass = max(1, min(per_pass, PATHS // (pixels * len(scenes))))
 

@@ -20,7 +20,7 @@ from renderers.pictures import denoise, images
 from renderers.pictures.pace import Pace, Paced
 from renderers.pictures.progressive import fingerprint, made_of
 from renderers.pictures.reached import coarser, limit
-from renderers.scene import assets, entries
+from renderers.scene import assets, candidates, entries
 
 _LITTLE = 0.05  # share of the time that compiling may take of what was meant for passes
 _OWN = re.compile(r"materials\[\d+\]\.method")
@@ -104,7 +104,10 @@ def jobs(path, names: Sequence[str], folder, settings, seed=None) -> list[Job]:
     listed = len(loaded.materials) if loaded.section in scene.OF_MATERIALS else 0
     if given := [setting for setting in settings if setting == key or listed and _OWN.fullmatch(setting)]:
         raise UsageError(f"--set {given[0]}: the methods are those of --methods; leave it out")
-    of_method = {name: _settings(name, key, methods, listed) for name in names}
+    if unknown := [method for method in (name.partition(":")[0] for name in names) if method not in methods]:
+        raise UsageError(f'found "{unknown[0]}", which is no method of this scene; expected {fields.one_of(methods)}'
+                         f"{fields.nearest(unknown[0], methods)}{_of_entries(loaded)}")
+    of_method = {name: _settings(name, key, listed) for name in names}
     stems = [re.sub(r"[^\w.+=-]", "_", name) for name in names]  # of files
     for name, stem in zip(names, stems):
         if stems.count(stem) > 1:
@@ -116,12 +119,24 @@ def jobs(path, names: Sequence[str], folder, settings, seed=None) -> list[Job]:
             for name, stem, of_scene, own_seed in zip(names, stems, loaded, seeds)]
 
 
-def _settings(name, key, methods, listed) -> dict[str, str]:
+def _of_entries(loaded) -> str:
+    """Of a scene whose method is that of each entry: which these have."""
+    if loaded.section != "mixed":
+        return ""
+    kinds: dict[str, int] = {}
+    for number, entry in enumerate(loaded.values.materials):
+        kinds.setdefault(entry.kind, number)
+    able = {kind: candidates.beside(kind) for kind in kinds}
+    listed = "; ".join(f"{entries.KINDS[kind]}: {fields.one_of(names)}" for kind, names in able.items())
+    kind, names = max(able.items(), key=lambda pair: len(pair[1]))
+    if len(names) == 1:
+        return f", which is {names[0]} here, alone or with other settings, such as auto:stop.samples=64"
+    return f"; methods of its entries ({listed}) are set beside it, such as auto:materials[{kinds[kind]}].method={names[-1]}"
+
+
+def _settings(name, key, listed) -> dict[str, str]:
     """Dotted key -> value of `METHOD:KEY=VALUE:…`; keys of entries are set in all of them, of which there are `listed`."""
     method, *further = name.split(":")
-    if method not in methods:
-        raise UsageError(f'found "{method}", which is no method of this scene; expected {fields.one_of(methods)}'
-                         f"{fields.nearest(method, methods)}")
     settings, section = {key: method}, key.rpartition(".")[0]
     for setting in further:
         beside, equals, value = setting.partition("=")

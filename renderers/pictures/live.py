@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.errors import BakeryError, UsageError
-from renderers import scene
+from renderers import scene, seeds
 from renderers.mitsuba import variants
 from renderers.pictures import denoise, passes, running
 from renderers.pictures.picture import DENOISED, NOISE, PICTURE, Picture, words_of
@@ -33,6 +33,7 @@ def refuse_other(scene) -> None:
 
 def _prepared(path, output, begins=None, *, overrides=None, variant=None, seed=None, resume=False, **options) -> passes.Rendering:
     """options : `quality`, `progress`, `overwrite` of `renderers.pictures.running.Render`."""
+    seed = seeds.checked(seed)  # before anything is baked
     opened = path if isinstance(path, scene.Scene) else scene.load(path, overrides)
     refuse_other(opened)
     return passes.Rendering(running.Render(opened, output, **options), variant, seed, resume, begins)

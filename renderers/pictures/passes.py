@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from renderers import choice
+from renderers import choice, seeds
 from renderers.mitsuba import variants
 from renderers.mitsuba.lights import DARK
 from renderers.mitsuba.world import World
@@ -67,7 +67,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     overrides : dotted key -> value as text, such as `{"materials[0].method": "vpt"}`; of a path
     quality : draft, preview or final: noise, time and samples by the scene's `stop`
     variant : of Mitsuba, one for colours on arrays
-    seed : of the passes; 0 if None
+    seed : of the passes, a whole number from 0 to 2^64 - 1; 0 if None
     progress : function of (fraction 0 to 1, noise or None)
     overwrite : replace also files that are no such pictures; never one that the scene reads
     resume : go on with the passes in the EXR file
@@ -96,6 +96,7 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     wide; sharper_even, sharper_odd: those of methods by beams, of every other pass); of several materials material (the entry in
     which most paths of the pixel first scattered; -1: none).
     """
+    seed = seeds.checked(seed)  # before anything is baked
     rendering = Rendering(Render(scene, output, overrides=overrides, quality=quality, overwrite=overwrite, progress=progress),
                           variant, seed, resume)
     with elsewhere(rendering) if elsewhere else nullcontext() as draw:
@@ -129,7 +130,7 @@ class Rendering:
         variant, seed, resume : as `render` takes them
         begins : function of the name of a part that begins: `choice` of the method, `preparation`; None: nobody asks
         """
-        self.job, self.seed, scene = job, seed or 0, job.scene
+        self.job, self.seed, scene = job, seeds.checked(seed), job.scene
         begins = begins or (lambda name: None)
         try:
             self._prepare(scene, variant, resume, begins)

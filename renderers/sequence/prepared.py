@@ -12,7 +12,7 @@ import numpy as np
 import bakery
 from bakery.errors import Problem, RecipeError, UsageError
 from bakery.store.outputs import FileKind, by_suffix, check_outputs, named
-from renderers import choice, scene
+from renderers import choice, scene, seeds
 from renderers.pictures import denoise, images, running
 from renderers.pictures.progressive import fingerprint, made_of
 from renderers.pictures.versions import versions
@@ -71,6 +71,7 @@ def of(path, output, numbers: Several[int] | None, *, overrides, options, overwr
     """
     settings = dict(overrides or {})
     quality, variant, seed = (options.get(name) for name in ("quality", "variant", "seed"))
+    first_seed = seeds.checked(seed)
     section, loaded = _loaded(path, settings, numbers)
     numbers = tuple(range(1, section.count + 1)) if numbers is None else tuple(numbers)
     first, asked = loaded[1], [loaded[number] for number in numbers]
@@ -85,7 +86,7 @@ def of(path, output, numbers: Several[int] | None, *, overrides, options, overwr
         taken = choice.of_scene(first, quality, variant)
     marks, frames = _Marks(quality, variant_of(variant)), []
     for number, shot, pair in zip(numbers, asked, pairs):
-        own_seed = seed if section.noise == NOISE[0] else (seed or 0) + number
+        own_seed = seed if section.noise == NOISE[0] else first_seed + number
         shot = dataclasses.replace(shot, choice=taken if candidates.of(shot) or candidates.surfaces(shot) else None)
         shot = dataclasses.replace(shot, mark=marks.of(shot, own_seed))
         frames.append(Frame(number, shot, pair, {"quality": quality, "variant": variant, "seed": own_seed}))

@@ -131,7 +131,9 @@ class Scene(View):
         self.splitting = Splitting(self.scene) if drawn and smooth(self.scene) else None
         self.lamps = samples(self, world, bodies) if drawn else None
         self.airlight = thin.airlight(self, numbered, world) if drawn else None
-        self.aureoles = Aureoles(*thin.small_lamps(self, world)) if self.airlight and not self.far else None
+        self.aureoles = None
+        if self.airlight and not self.far:
+            self.aureoles = Aureoles(*thin.small_lamps(self, world), world.small_share)
 
     @classmethod
     def of_bodies(cls, world, bodies, colours, most=None) -> "Scene":

@@ -191,6 +191,8 @@ def test_baked_from_its_recipe(call, assets, place):
     (["materials[0].metod=auto"], "materials[0].metod"),
     (["materials[0].footprint=1"], "which method particles does not use"),
     (["materials[0].method=explicit", "materials[0].peak=keep"], "found peak, which method explicit does not use"),
+    ([HASHED, "materials[0].where={box: {lo: [0, 0, 0] um, hi: [1, 1, 1] m}}", "materials[0].method=query",
+      "film={width: 4, height: 4}", "camera.origin=[40, -1500, 40] um"], "particles, and 3,600 are possible; "),
     (["materials[0].peak=5 um"], "materials[0].peak"),
     (["materials[0].peak=200 deg"], "an angle from 0 to 180 deg"),
     (["materials[0].peak=-5 deg"], "an angle from 0 to 180 deg"),

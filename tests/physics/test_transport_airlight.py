@@ -29,6 +29,7 @@ BULB = ('<shape type="sphere"><point name="center" x="6.5" y="-4" z="4"/><float 
 def everything_is_thin(monkeypatch):
     monkeypatch.setattr(thin, "THICKEST", np.inf)
     monkeypatch.setattr(thin, "LARGEST", np.inf)
+    monkeypatch.setattr(thin, "LEAST", 0.0)
 
 
 @pytest.mark.parametrize("region", [slow(Everywhere()), Box(LOW, HIGH)])
@@ -103,6 +104,18 @@ def test_where_they_are_taken(tmp_path):
     assert not taken(LAMP, dense) and not taken(PANEL, haze) and not taken(SKY, haze._replace(region=Box(LOW, HIGH)))
     assert taken(LAMP, dense._replace(region=Mesh(BALL[0] * 0.1 + (7, -2, 1), BALL[1])))
     assert not taken(LAMP, haze._replace(region=Mesh(BALL[0] * 0.1, BALL[1])))  # the lamp is not in it
+    assert taken(LAMP.replace("3 3 3", "30 30 30") + SKY, haze._replace(region=Box(LOW, HIGH)))
+    assert not taken(LAMP + SKY, haze._replace(region=Box(LOW, HIGH)))  # hardly any light
+
+
+def test_a_bright_sky_is_no_noisier_for_a_lamp(tmp_path, everything_is_thin):
+    """Above a white floor, where paths have many bounces, each with a share of directions around the lamp: 4 to 9 times the
+    variance when it was the same under any sky.  That of 8 passes of 576 pixels is known to some 5 %: 1.3 times is 6 of these."""
+    entries, white = [medium(Box(LOW, HIGH), [0.999] * 3, 0.6, (15.0, 15.0, 15.0))], FLOOR.replace("0.5 0.5 0.5", "0.8 0.8 0.8")
+    around, lamp = sensor(size=24) + white + SKY, LAMP.replace("3 3 3", "0.5 0.5 0.5")
+    with_lamp, alone = (pictures(tmp_path, around + light, entries, range(8)) for light in (lamp, ""))
+    variance = [rendered.var(axis=0, ddof=1).mean() / rendered.mean() ** 2 for rendered in (with_lamp, alone)]
+    assert variance[0] < 1.3 * variance[1]
 
 
 def in_a_box(folder):

@@ -29,6 +29,9 @@ from renderers.threads import run
 from renderers.transport import wavefront
 
 _IN_SPHERE = 4096  # particles of one query at most
+# on average: 8 standard deviations below that.  Time goes with their square, as a ray looks for each of its particles anew: dust
+# in 12 pixels of 10 degrees takes 0.7 s a pass with 580 in a query, and minutes with 18,000
+MOST = 3600
 
 
 class Cylinder(NamedTuple):
