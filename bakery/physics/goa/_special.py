@@ -1,7 +1,7 @@
 """Functions of the wave field: phase factors, Bessel and Airy functions to 1e-7 of the local modulus, the share of exact waves.
 
 Taylor polynomials about the nodes of a small table for small arguments, asymptotic series beyond (Abramowitz & Stegun 9.2.5;
-DLMF 9.7).  Other kernels here compile these in and numba's disk cache there does not see changes here: clear it after an edit.
+DLMF 9.7).
 """
 
 import numpy as np
