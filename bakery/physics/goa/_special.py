@@ -232,10 +232,3 @@ def airy_of(z, sin, cos):
     value = c * (1.0 - w * (u2 - w * u4)) + s * v * (u1 - w * (u3 - w * u5))
     slope = s * (1.0 - w * (v2 - w * v4)) - c * v * (v1 - w * (v3 - w * v5))
     return norm / quarter * value, norm * quarter * slope
-
-
-@njit(**STRICT)
-def airy(z):
-    """Ai(z), Ai'(z) for real z."""
-    s, c = sincos(2.0 / 3.0 * abs(z) * np.sqrt(abs(z)))
-    return airy_of(z, s, c)
