@@ -101,26 +101,26 @@ def bake(name: str, folder) -> bakery.Asset:
 
 
 def main() -> None:
-    texts = {kind: ["| recipe | material | figure | published | off by |", "|---|---|---|---|---|"]
-             for kind in KINDS}
+    texts = {kind: ["| recipe | material | published (off by) |", "|---|---|---|"] for kind in KINDS}
     with tempfile.TemporaryDirectory() as folder:
         for name, about in list(published().items())[:sized(None, 3)]:
             kind = next(kind for kind, authors in KINDS.items() if about["source"].startswith(authors))
-            texts[kind] += _rows(name, about, checked(bake(name, folder), about["checks"]))
+            texts[kind].append(_row(name, about, checked(bake(name, folder), about["checks"])))
             print(name, file=sys.stderr)
     page = docs() / PAGE.name
     page.write_text(filled(PAGE.read_text(encoding="utf-8"), {kind: "\n".join(rows) for kind, rows in texts.items()}, PAGE.name),
                     encoding="utf-8")
 
 
-def _rows(name: str, about: dict, found: list[Checked]):
-    for i, one in enumerate(found):
-        first = (f"[`{name}`](../recipes/catalogue/{name}.yaml)", about["about"]) if i == 0 else ("", "")
+def _row(name: str, about: dict, found: list[Checked]) -> str:
+    figures = []
+    for one in found:
         unit = one.at + ("" if one.unit == "1" else f", {one.unit}")
         said = ", ".join("–" if np.isnan(v) else f"{v:.4g}" for v in one.published)
         off = one.off * (one.off > LEAST)
         off = f"{100 * off:.2g} %" if one.relative else f"{off:.2g}"
-        yield f"| {first[0]} | {first[1]} | `{one.figure.rpartition('/')[2]}`{unit} | {said} | {off} |"
+        figures.append(f"`{one.figure.rpartition('/')[2]}`{unit}: {said} ({off})")
+    return f"| [`{name}`](../recipes/catalogue/{name}.yaml) | {about['about']} | {'<br>'.join(figures)} |"
 
 
 if __name__ == "__main__":

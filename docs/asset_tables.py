@@ -44,15 +44,16 @@ def table(outputs: Iterable[Output]) -> str:
         if _plain_error(output) and output.path.removesuffix(ERROR) in errors:
             continue
         units = f"enum: {', '.join(output.choices)}" if output.choices else "text" if output.units == "utf-8" else output.units
-        description = output.description.replace("|", "\\|") + " (optional)" * (output.optional and some)
-        rows.setdefault((output.shape, units, description), []).append(f"`{output.path}`" + " ±" * (output.path in errors))
+        mark = "?" * (output.optional and some)
+        rows.setdefault((output.shape, units, mark + output.description.replace("|", "\\|")), []).append(
+            f"`{output.path}`" + " ±" * (output.path in errors))
     lines, first = [], {}
     for (shape, units, description), names in rows.items():
-        name = _together(names)
-        same = first.setdefault(description.removesuffix(" (optional)"), name)
+        name, words = _together(names), description.removeprefix("?")
+        same = first.setdefault(words, name)
         if same != name:  # another shape of what stands above
-            description = f"as {same.split(',')[0].removesuffix(' ±')}" + " (optional)" * description.endswith(" (optional)")
-        lines.append(f"| {name} | {shape} | {units} | {description} |")
+            words = f"as {same.split(',')[0].removesuffix(' ±')}"
+        lines.append(f"| {name}{'?' * (description[0] == '?')} | {shape} | {units} | {words} |")
     return "\n".join(["| dataset | shape | units | |", "|---|---|---|---|", *lines, *["", "All are optional."] * (not some), ""])
 
 

@@ -96,6 +96,13 @@ def settings_of(quality, tolerance, seed, settings, sweeps=()) -> dict[str, str]
     return overrides(quality, tolerance, seed, values)
 
 
+def seed_of(text: str | None) -> int | None:
+    """The seed of a scene's passes."""
+    if text is not None and not text.isdecimal():
+        raise UsageError(f'--seed: found "{text}"; expected a whole number from 0')
+    return None if text is None else int(text)
+
+
 def _pair(option: str, text: str, example: str) -> tuple[str, str]:
     """`KEY=VALUE` as (key, value)."""
     key, equals, value = text.partition("=")

@@ -8,6 +8,7 @@ from bakery.cli.options import (
     overwrite_option,
     print_json,
     recipe_options,
+    seed_of,
     settings_of,
     sweep_option,
     verbose_option,
@@ -47,7 +48,7 @@ def command(recipes, output, asked, sweeps, jobs, force, overwrite, as_json, ver
                 plan_scene.refused(recipe, {"--stage": asked.stage, "--scene": asked.scenes, "--sweep": sweeps, "--jobs": jobs,
                                             "--force": force})
                 plans.append(plan_scene.planned(recipe, output, settings_of(None, asked.tolerance, None, asked.settings),
-                                                asked.quality, asked.seed, overwrite, progress))
+                                                asked.quality, seed_of(asked.seed), overwrite, progress))
                 continue
             wanted = for_scenes(recipe, values, asked.scenes, asked.stage, cache, progress)
             plan = planned(recipe, output, asked=wanted, force=force, cache=cache, jobs=jobs, overwrite=overwrite,

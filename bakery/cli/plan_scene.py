@@ -23,12 +23,9 @@ def planned(path, output, settings, quality, seed, overwrite, progress):
     from renderers import scene
     from renderers.pictures import images
 
-    if seed is not None and not seed.isdecimal():
-        raise UsageError(f'--seed: found "{seed}"; expected a whole number from 0')
     loaded = scene.load(path, settings)
     pair = images.output_pair(named(output, loaded.picture), loaded.inputs, overwrite)
-    number = None if seed is None else int(seed)
-    return plan(loaded, quality=quality, seed=number, progress=progress), pair
+    return plan(loaded, quality=quality, seed=seed, progress=progress), pair
 
 
 def as_dict(plan, pair) -> dict:

@@ -18,6 +18,16 @@ def legend_beside(figure, axes) -> None:
     figure.legend(*axes.get_legend_handles_labels(), title=_WAVELENGTH, title_fontsize=9, loc="outside right upper")
 
 
+def rows_of_errors(figure, axes, names: Sequence[str], unit: str) -> None:
+    """One row a name from the top, at 0, -1, ..., along a logarithmic axis; the legend stands beside it."""
+    axes.set(xscale="log", ylim=(0.4 - len(names), 0.6), xlabel=unit, title="Errors of the tables")
+    axes.set_yticks(-np.arange(len(names)), names)
+    plain_decades(axes.xaxis)
+    axes.grid(axis="y", visible=False)
+    axes.tick_params(axis="y", length=0)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
+
+
 def wavelength_axis(axes, um) -> None:
     from matplotlib.ticker import MaxNLocator
 

@@ -45,16 +45,14 @@ def read(data: bytes, label: str, key: str) -> Bins:
     reader = Reader(data, label, key, columns)
     rows = reader.read()
     if rows.shape[1] > MOST:
-        reader.report(None, f"found {rows.shape[1]:,} bins", f"expected at most {MOST:,}")
-        raise BadTable(reader.problems)
+        reader.stop(None, f"found {rows.shape[1]:,} bins", f"expected at most {MOST:,}")
     edge, value = _of_centres(*rows) if len(rows) == 2 else _of_edges(reader, *rows)
     if kind[2] is None:  # dN: no "per"
         amount = value
     else:
         amount = value * (np.diff(edge) if not kind[2] else np.log(edge[1:] / edge[:-1]))
     if not amount.max() > 0:
-        reader.report(None, "found bins that are all empty", "expected an amount above 0")
-        raise BadTable(reader.problems)
+        reader.stop(None, "found bins that are all empty", "expected an amount above 0")
     return Bins(edge, amount, _POWERS[kind[1].lower()])
 
 
@@ -85,12 +83,10 @@ def _of_edges(reader, lower, upper, value):
     for i, (a, b, v) in enumerate(zip(lower.tolist(), upper.tolist(), value.tolist())):
         below, above = (show(cell.strip()) for cell in reader.lines[numbered[i] - 1].split(",")[:2])
         if not a < b:
-            reader.report(numbered[i], f"found a bin from {below} to {above}", "expected an upper edge above the lower one", 1)
-            raise BadTable(reader.problems)
+            reader.stop(numbered[i], f"found a bin from {below} to {above}", "expected an upper edge above the lower one", 1)
         if a < edge[-1] * (1 - _CLOSE):
-            reader.report(numbered[i], f"found a bin from {below}, which is below the upper edge of the one before",
-                          "expected bins that do not overlap", 1)
-            raise BadTable(reader.problems)
+            reader.stop(numbered[i], f"found a bin from {below}, which is below the upper edge of the one before",
+                        "expected bins that do not overlap", 1)
         if a > edge[-1] * (1 + _CLOSE):
             edge.append(a)
             amount.append(0.0)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.errors import Problem, RecipeError
-from bakery.grammar.tables import MAX_PROBLEMS, MAX_ROWS, BadTable
+from bakery.grammar.tables import MAX_PROBLEMS, MAX_ROWS, BadTable, Checked
 from bakery.grammar.text import MAX_BYTES, Mapping, Scalar, Sequence, Source, decode, parse, show
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
@@ -80,19 +80,7 @@ def read(data: bytes, name: str, key: str, fewest: dict[int, int], most: dict[in
     return constants
 
 
-class _Reader:
-    def __init__(self, label: str, key: str):
-        self.label, self.key, self.problems = label, key, []
-
-    def report(self, line: int | None, seen: str, expected: str) -> None:
-        self.problems.append(Problem(self.label, line, None, self.key, seen, expected))
-        if len(self.problems) >= MAX_PROBLEMS:
-            raise BadTable(self.problems)
-
-    def stop(self, line: int | None, seen: str, expected: str):
-        self.report(line, seen, expected)
-        raise BadTable(self.problems)
-
+class _Reader(Checked):
     # ---- refractiveindex.info
 
     def yaml(self, data: bytes, fewest, most) -> Constants:

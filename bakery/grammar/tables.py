@@ -8,6 +8,7 @@ wavelength_um,n,k                optional names of the columns; a name may end i
 import math
 import re
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 
@@ -49,14 +50,14 @@ class BadTable(Exception):
         self.problems = problems
 
 
-class Reader:
-    """Reads the columns of one table; `problems` holds what is wrong, `lines` its text."""
+class Checked:
+    """Collects what is wrong with a file of numbers: `problems`; raises `BadTable` after MAX_PROBLEMS, and to `stop`."""
 
-    def __init__(self, data: bytes, label: str, key: str, columns: tuple[Column, ...]):
-        self.label, self.key, self.columns, self.problems, self.data = label, key, columns, [], data
-        self.lows = [math.nextafter(column.least, math.inf) if column.above else column.least for column in columns]
+    def __init__(self, label: str, key: str):
+        self.label, self.key, self.problems, self.lines = label, key, [], []
 
     def report(self, line: int | None, found: str, expected: str, column: int | None = None) -> None:
+        """With a column, the message shows that place of the line."""
         excerpt = ""
         if line is not None and column is not None:
             excerpt = Source(self.label, self.lines[line - 1][:100_000]).excerpt(1, column)
@@ -64,19 +65,30 @@ class Reader:
         if len(self.problems) >= MAX_PROBLEMS:
             raise BadTable(self.problems)
 
+    def stop(self, line: int | None, found: str, expected: str, column: int | None = None) -> NoReturn:
+        """A problem after which nothing more can be read."""
+        self.report(line, found, expected, column)
+        raise BadTable(self.problems)
+
+
+class Reader(Checked):
+    """Reads the columns of one table; `lines` holds its text."""
+
+    def __init__(self, data: bytes, label: str, key: str, columns: tuple[Column, ...]):
+        super().__init__(label, key)
+        self.columns, self.data = columns, data
+        self.lows = [math.nextafter(column.least, math.inf) if column.above else column.least for column in columns]
+
     def read(self) -> np.ndarray:
         if b"\0" in self.data:
-            self.report(self.data.count(b"\n", 0, self.data.index(b"\0")) + 1, "found a NUL byte", "expected a text file")
-            raise BadTable(self.problems)
+            self.stop(self.data.count(b"\n", 0, self.data.index(b"\0")) + 1, "found a NUL byte", "expected a text file")
         if self.data.count(b"\n") > MAX_ROWS + MAX_COMMENTS:
-            self.report(None, f"found more than {MAX_ROWS:,} rows", "expected a smaller table")
-            raise BadTable(self.problems)
+            self.stop(None, f"found more than {MAX_ROWS:,} rows", "expected a smaller table")
         try:
             text = self.data.decode("utf-8-sig")
         except UnicodeDecodeError as error:
-            self.report(self.data.count(b"\n", 0, error.start) + 1, f"found the byte 0x{self.data[error.start]:02x}",
-                        "expected UTF-8 text")
-            raise BadTable(self.problems) from None
+            self.stop(self.data.count(b"\n", 0, error.start) + 1, f"found the byte 0x{self.data[error.start]:02x}",
+                      "expected UTF-8 text")
         self.lines = re.split(r"\r\n|\r|\n", text)
         del text
         rows, factors, width = [], None, None
@@ -92,8 +104,7 @@ class Reader:
             if row is not None:
                 rows.append(row)
             if len(rows) > MAX_ROWS:
-                self.report(number, f"found more than {MAX_ROWS:,} rows", "expected a smaller table")
-                raise BadTable(self.problems)
+                self.stop(number, f"found more than {MAX_ROWS:,} rows", "expected a smaller table")
         if not self.problems and len(rows) < 2:
             self.report(None, f"found {len(rows)} row{'s' * (len(rows) != 1)} of numbers", "expected at least 2")
         if self.problems:
@@ -109,15 +120,13 @@ class Reader:
     def _head(self, number: int, line: str) -> tuple[int, list[float], bool]:
         """Number of columns, factor of each, and whether the line names them."""
         if line.count(",") >= 100:
-            self.report(number, "found more than 100 columns", f"expected {self._names()}")
-            raise BadTable(self.problems)
+            self.stop(number, "found more than 100 columns", f"expected {self._names()}")
         cells = [cell.strip() for cell in line.split(",")]
         optional = sum(not column.required for column in self.columns)
         fits = len(self.columns) - optional <= len(cells) <= len(self.columns)
         if not fits:
-            self.report(number, f"found {len(cells)} column{'s' * (len(cells) != 1)}",
-                        f"expected {self._names()}, separated by commas", 1)
-            raise BadTable(self.problems)
+            self.stop(number, f"found {len(cells)} column{'s' * (len(cells) != 1)}",
+                      f"expected {self._names()}, separated by commas", 1)
         named = not any(_number(cell) is not None for cell in cells)
         factors = []
         for cell, column in zip(cells, self.columns):
@@ -173,13 +182,8 @@ class Reader:
         if len(late):
             numbered = [n for n, line in enumerate(self.lines, 1) if line.strip() and not line.lstrip().startswith("#")]
             line = numbered[len(numbered) - len(rows) + int(late[0]) + 1]
-            self.report(
-                line,
-                f"found {show(self.lines[line - 1].split(',')[0].strip())} after a {self.columns[0].name} that is not smaller",
-                "expected ascending order",
-                1,
-            )
-            raise BadTable(self.problems)
+            cell = show(self.lines[line - 1].split(",")[0].strip())
+            self.stop(line, f"found {cell} after a {self.columns[0].name} that is not smaller", "expected ascending order", 1)
         return columns
 
 

@@ -9,6 +9,7 @@ from bakery.draw.axes import plain_decades
 from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, NEUTRAL, QUIET
 from bakery.grammar.qualities import QUALITIES
+from bakery.trade.tables import said
 
 _BOLD, _MARK = NEUTRAL[2], NEUTRAL[1]
 _LARGEST = 9  # points, of a marker in the legend
@@ -41,8 +42,9 @@ def picture(stage: Mapping) -> Picture:
         for name, preset in stage["presets"].items():
             if preset["run"] in shown:
                 marker = QUALITIES[name].marker if name in QUALITIES else "P"
+                position = "on" if preset["dominated_by"] is None else "off"
                 axes.plot(*shown[preset["run"]], marker, color="none", markeredgecolor=INK, markeredgewidth=1.4,
-                          markersize=15, zorder=6, label=_preset(name, preset))
+                          markersize=15, zorder=6, label=f"{name} ({position} the front)")
         if stage["start"] not in [preset["run"] for preset in stage["presets"].values()]:
             axes.plot(*shown[stage["start"]], "P", color=INK, markersize=10, zorder=6, label="as it stands")
         if stage["knee"] is not None:
@@ -60,11 +62,11 @@ def picture(stage: Mapping) -> Picture:
         handles = [_small(handle) for handle in handles]
         for number, i in enumerate(stage["front"], 1):
             handles.append(_digit(number))
-            labels.append("\n".join(textwrap.wrap(_words(runs[i]["setting"]), 34)))
+            labels.append("\n".join(textwrap.wrap(said(runs[i]["setting"]), 34)))
         small = len(labels) + sum(label.count("\n") for label in labels) > 22
         figure.legend(handles, labels, loc="outside right upper", labelspacing=0.6 if small else 1.0, fontsize=7 if small else 9)
 
-    named = [_words(runs[i]["setting"]) for i in at]
+    named = [said(runs[i]["setting"]) for i in at]
     return Picture(stage["stage"], f"Error against time of {stage['stage']}", "Each point is a setting; on the line none is both "
                    "faster and more accurate.", (10.6, 5.6), draw,
                    (("setting", np.array(named, dtype=object)), ("seconds [s]", seconds), ("true error", error)))
@@ -91,15 +93,6 @@ def _digit(number: int):
 
 def _columns(shown: Mapping, indices) -> tuple[list, list]:
     return [shown[i][0] for i in indices], [shown[i][1] for i in indices]
-
-
-def _words(setting: Mapping) -> str:
-    return ", ".join(f"{key.removeprefix('phase.')}={text}" for key, text in setting.items()) or "as it stands"
-
-
-def _preset(name: str, preset: Mapping) -> str:
-    position = "on the front" if preset["dominated_by"] is None else "off the front"
-    return f"{name} ({position})"
 
 
 def _limits(axes, seconds, error) -> None:

@@ -13,6 +13,7 @@ from bakery.trade.result import Sweep, seen_of
 from bakery.trade.runs import Run, Store
 from bakery.trade.search import Setting, proposals, start_of
 from bakery.trade.settings import Job, Settings
+from bakery.trade.tables import said
 from bakery.trade.times import least_repeats, repeat_again
 
 TIGHTER = (4.0, 2.0, 1.0)  # converged values have the tightest tolerance requested over one of these: the first that is in reach
@@ -198,9 +199,8 @@ class Sweeper:
             self._speed = median(median(r.seconds) / self.settings.expected(r.setting) for r in good)
         if not self._verbose:
             return
-        name = ", ".join(f"{key}={text}" for key, text in run.setting.items()) or "as it stands"
         outcome = f"failed: {run.failed}" if run.failed else f"{duration(median(run.seconds))}, error {run.error:.2g}"
-        self._say(f"{name}: {outcome}{' (kept from before)' if reused else ''}")
+        self._say(f"{said(run.setting)}: {outcome}{' (kept from before)' if reused else ''}")
 
     def _say(self, text: str) -> None:
         self.progress.say(f"{self.settings.stage.name}: {text}")

@@ -38,9 +38,10 @@ def measure():
 
 
 def tables(numbers):
-    body = [[name, f"{radius:g}", *(f"{of.short(a)} / {of.short(b)}" for a, b in numbers[name, radius].values())]
+    columns = [which for which in SWITCHES if "alone" not in which]  # those are in the picture
+    body = [[name, f"{radius:g}", *(" / ".join(map(of.short, numbers[name, radius][which])) for which in columns)]
             for name in of.SHOWN for radius in RADII]
-    return {"corrections": of.table(["", "radius, µm", *SWITCHES], body)}
+    return {"corrections": of.table(["", "radius, µm", *columns], body)}
 
 
 def draw(numbers):

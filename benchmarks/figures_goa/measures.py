@@ -118,8 +118,8 @@ def together(function, tasks):
 
 def table(head, rows):
     """Markdown."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+    first, *others = ("| " + " | ".join(str(cell) for cell in line) + " |" for line in [head, *rows])
+    return "\n".join([first, "|---" * len(head) + "|", *others])
 
 
 def short(value):

@@ -60,8 +60,7 @@ def measure():
     from bakery.physics.mie import amplitudes
 
     curve["Mie"] = of.mean_amplitude(*amplitudes(1.33, of.size_parameter(10.0), of.THETA))
-    beyond = {name: {p: energy_beyond(m, p) for p in (1, 2, 3, 6)} for name, m in of.INDICES.items()}
-    return dict(rows=rows, ours=corrected, curve=curve, beyond=beyond)
+    return dict(rows=rows, ours=corrected, curve=curve)
 
 
 def tables(numbers):
@@ -73,9 +72,7 @@ def tables(numbers):
                         "rms log10 against Mie: p = 1", "p = 3", "p = 6", "p = 100"], body)
     corrected = of.table(["corrected, wide edge, 1000 µm: rms log10", *(f"p = {p}" for p in OURS)],
                          [[name, *(of.short(value) for value in row)] for name, row in numbers["ours"].items()])
-    energy = of.table(["light that leaves after more than", "1 chord", "2", "3", "6"],
-                      [[name, *(of.short(value) for value in row.values())] for name, row in numbers["beyond"].items()])
-    return {"fig2": "\n\n".join((spheres, corrected, energy))}
+    return {"fig2": f"{spheres}\n\n{corrected}"}
 
 
 def draw(numbers):

@@ -79,8 +79,7 @@ def _against(values):
 
 
 def tables(numbers):
-    return {"fig9": _fluences(numbers), "fig9_parts": _parts(numbers), "fig9_elsewhere": _shares(numbers),
-            "fig9_spread": _spreads(numbers)}
+    return {"fig9": _fluences(numbers), "fig9_elsewhere": _shares(numbers), "fig9_spread": _spreads(numbers)}
 
 
 def _places(numbers):
@@ -105,18 +104,6 @@ def _fluences(numbers):
 def _shares(numbers):
     body = [cells + [f"{100 * elsewhere(by[method], by['ept']):.1f}" for method in METHODS[1:]] for cells, by in _places(numbers)]
     return of.table(PLACE + [f"`{method}`, %" for method in METHODS[1:]], body)
-
-
-def _parts(numbers):
-    """What each step from the grains to the medium adds to the forward fluence, in per cent of the grains'."""
-    steps = {"arrangement forgotten": (DRAWN, "ept"), "exponential flights": (EXPONENTIAL, DRAWN),
-             "scattering at points": (MEDIUM, EXPONENTIAL), "all": (MEDIUM, "ept")}
-    body = []
-    for cells, by in _places(numbers):
-        light = {method: forward(cosine) / forward(by["ept"]).mean() for method, cosine in by.items()}
-        differences = [light[one] - light[other] for one, other in steps.values()]
-        body.append(cells + [_percent(one.mean(), one.std() / math.sqrt(len(one))) for one in differences])
-    return of.table(PLACE + list(steps), body)
 
 
 def _spreads(numbers):

@@ -6,7 +6,7 @@ from benchmarks.sizes import sized
 CLAIMS = {  # name on the command line: (module, picture)
     "fig27": ("times", "translucent_times.png"), "fig19": ("infinite", "translucent_infinite.png"),
     "fig20": ("diffusion", "translucent_diffusion.png"), "fig25": ("radii", "translucent_radii.png"),
-    "fig32": ("obstacles", "translucent_obstacles.png"), "boundaries": ("boundaries", None), "extremes": ("extremes", None),
+    "fig32": ("obstacles", "translucent_obstacles.png"), "boundaries": ("boundaries", None),
     "fig30": ("mutations", None),
 }
 SETTINGS = {  # of `measure`: (kind, value if not said, what it is)

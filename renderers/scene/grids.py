@@ -79,16 +79,6 @@ def relative(scene, key, where, kind=None):
     return np.asarray(values, kind) / most, lo, hi
 
 
-def write_vol(path, values, lo=(0.0, 0.0, 0.0), hi=(1.0, 1.0, 1.0)):
-    """Writes densities (X, Y, Z) as the VOL file of one channel that `gridvolume` of Mitsuba reads; box from `lo` to `hi`."""
-    values = np.asarray(values)
-    with _named(path):
-        _check_shape(path, values.shape, np.dtype(np.float32))
-    _check_values(path, values)
-    head = _HEAD.pack(b"VOL", 3, 1, *values.shape, 1, *map(float, lo), *map(float, hi))
-    Path(path).write_bytes(head + np.ascontiguousarray(values.T, "<f4").tobytes())
-
-
 @contextmanager
 def _named(path):
     """What is wrong with a grid, with the file's name before it."""

@@ -16,7 +16,6 @@ from bakery.physics.shapes.radial import icosphere
 from renderers.materials.bodies.bodies import untabled
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
-from renderers.scene import grids
 from renderers.transport import passes
 from renderers.transport.regions import Box, Everywhere, Grid, Medium, Mesh, Regions, boundary
 from renderers.transport.voxels import Voxels
@@ -181,7 +180,7 @@ def glass_in_fog(folder):
 def on_a_grid(folder):
     """The camera, too, is in it."""
     fog = FOG[0], FOG[1], (2.0, 2.0, 2.0)
-    grids.write_vol(folder / "density.vol", DENSITY)
+    mi.VolumeGrid(np.ascontiguousarray(DENSITY.T, np.float32)[..., None]).write(str(folder / "density.vol"))
     size = np.array(HIGH) - LOW
     volume = ('<volume name="sigma_t" type="gridvolume"><string name="filename" value="density.vol"/><transform name="to_world">'
               f'<scale x="{size[0]}" y="{size[1]}" z="{size[2]}"/><translate x="{LOW[0]}" y="{LOW[1]}" z="{LOW[2]}"/>'

@@ -263,7 +263,8 @@ def test_grids_of_files(tmp_path):
         file["in/rho"] = values
     assert np.array_equal(grids.read(tmp_path / "a.npy")[0], values)
     assert np.array_equal(grids.read(tmp_path / "a.h5", "in/rho")[0], values)
-    grids.write_vol(tmp_path / "a.vol", values, (0, 0, 0), (1, 2, 3))
+    head = struct.pack("<3sB5i6f", b"VOL", 3, 1, *values.shape, 1, 0, 0, 0, 1, 2, 3)
+    (tmp_path / "a.vol").write_bytes(head + np.ascontiguousarray(values.T, "<f4").tobytes())
     back, lo, hi = grids.read(tmp_path / "a.vol")
     assert np.array_equal(back, values.astype(np.float32)) and (lo, hi) == ((0, 0, 0), (1, 2, 3))
 

@@ -1,7 +1,7 @@
 """Functions of the wave field: phase factors, Bessel and Airy functions to 1e-7 of the local modulus, the share of exact waves.
 
 Taylor polynomials about the nodes of a small table for small arguments, asymptotic series beyond (Abramowitz & Stegun 9.2.5;
-DLMF 9.7).  Other kernels here compile these in and numba's disk cache there does not see changes here: clear it after an edit.
+DLMF 9.7).
 """
 
 import numpy as np
@@ -232,10 +232,3 @@ def airy_of(z, sin, cos):
     value = c * (1.0 - w * (u2 - w * u4)) + s * v * (u1 - w * (u3 - w * u5))
     slope = s * (1.0 - w * (v2 - w * v4)) - c * v * (v1 - w * (v3 - w * v5))
     return norm / quarter * value, norm * quarter * slope
-
-
-@njit(**STRICT)
-def airy(z):
-    """Ai(z), Ai'(z) for real z."""
-    s, c = sincos(2.0 / 3.0 * abs(z) * np.sqrt(abs(z)))
-    return airy_of(z, s, c)

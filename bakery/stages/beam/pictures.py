@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bakery.draw.axes import labels, rows_of_errors
 from bakery.draw.picture import Picture
-from bakery.draw.style import FAINT, INK, QUIET, colours
+from bakery.draw.style import FAINT, INK, colours
 from bakery.physics.beam.kinds import MEASURES
 from bakery.stages.beam.view import tables_of
 from bakery.store.tree import Group
@@ -143,15 +144,8 @@ def errors(group: Group, um, wavelengths: list[int]):
             axes.scatter(np.maximum(error, _LEAST), at + shift, marker=mark, color=ink, s=28, zorder=3, clip_on=False)
             axes.plot([], [], mark, color=INK, markersize=5, linestyle="none", label=SHOWN[name][0])
         axes.plot([], [], color=FAINT, linewidth=5, label="noise of the photons")
-        most = max(value.max() for pair in values.values() for value in pair)
-        axes.set(xscale="log", xlim=(_LEAST, 2 * max(most, 5 * _LEAST)), ylim=(at[-1] - 0.5, 0.5), xlabel="error (%)")
-        axes.set_yticks(at, [f"{x:g} µm" for x in um[wavelengths]])
-        axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes.xaxis.set_minor_formatter(lambda value, _: "")
-        axes.grid(axis="y", visible=False)
-        axes.tick_params(axis="y", length=0, labelcolor=QUIET)
-        axes.set_title("Errors of the tables")
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
+        axes.set_xlim(_LEAST, 2 * max(*(value.max() for pair in values.values() for value in pair), 5 * _LEAST))
+        rows_of_errors(figure, axes, labels(um[wavelengths]), "error (%)")
 
     columns = [("wavelength [um]", um[wavelengths])]
     columns += [(f"{SHOWN[name][0]} {end} [%]", column) for name, pair in values.items()

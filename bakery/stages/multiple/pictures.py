@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bakery.draw.axes import rows_of_errors
 from bakery.draw.picture import Picture
 from bakery.draw.style import INK, NEUTRAL, QUIET
 from bakery.physics.multiple import frame, locate, lookup
@@ -187,8 +188,6 @@ def errors(group: Group, kinds: list[str], wavelengths: list[int]):
     values = {name: np.concatenate([stated[kind][name] for kind in kinds]) for name in _STATED}
 
     def draw(figure):
-        from matplotlib.ticker import LogLocator
-
         axes = figure.subplots()
         at = -np.arange(len(rows), dtype=float)
         axes.hlines(at, values["error"], values["error_worst"], color=QUIET, linewidth=0.8, zorder=1)
@@ -197,17 +196,8 @@ def errors(group: Group, kinds: list[str], wavelengths: list[int]):
                       markerfacecolor="none" if mark == "s" else ink)
         shown = np.concatenate([value[value > 0] for value in values.values()])
         if shown.size:
-            axes.set(xscale="log", xlim=(shown.min() / 1.5, 1.5 * shown.max()))
-        axes.set(ylim=(at[-1] - 0.6, 0.6), xlabel="error of a lobe (%)")
-        axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        if shown.size:
-            axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axes.xaxis.set_minor_formatter(lambda value, _: "")
-        axes.set_yticks(at, [f"{kind}, {x:g} µm" for kind, x in rows])
-        axes.grid(axis="y", visible=False)
-        axes.tick_params(axis="y", length=0)
-        axes.set_title("Errors of the tables")
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
+            axes.set_xlim(shown.min() / 1.5, 1.5 * shown.max())
+        rows_of_errors(figure, axes, [f"{kind}, {x:g} µm" for kind, x in rows], "error of a lobe (%)")
 
     return Picture("multiple_errors", "Errors of the tables of multiple scattering", "What the bake found: relative difference "
                    "of a lobe over directions, root mean square over positions between the corners of the table; the same with "

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from bakery.draw.axes import legend_beside
 from bakery.draw.picture import Picture
 from bakery.draw.style import INK, colours
 from bakery.stages.surface.view import Surface, view
@@ -29,6 +30,11 @@ def _first(surface: Surface, values):
     return values[:, 0] if len(surface["spherical_albedo"][0]) > 1 else values
 
 
+def _legend(figure, axes, um):
+    if len(um) <= 8:
+        legend_beside(figure, axes)
+
+
 def lobes(surface: Surface, um, name: str, file: str, title: str):
     """pi times the BRDF in the plane of incidence, a panel an incidence, a curve a wavelength."""
     signed = np.linspace(-_STEEPEST, _STEEPEST, 179)
@@ -49,8 +55,7 @@ def lobes(surface: Surface, um, name: str, file: str, title: str):
         if flat > 1.1 * top > 0:
             panels[-1].annotate(f"to {flat:.2g}", (0.7, 0.93), xycoords="axes fraction", ha="right", fontsize=8.5)
         figure.supxlabel("angle of exitance (°); above 0: forward", fontsize=9.5)
-        if len(um) <= 8:
-            figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper")
+        _legend(figure, panels[0], um)
 
     columns = [("from [deg]", np.repeat(INCIDENCES, len(signed))), ("to [deg]", np.tile(signed, len(INCIDENCES)))]
     columns += [(f"{title.lower()} [1] at {x:g} um", np.concatenate([lobe[k] for lobe in values])) for k, x in enumerate(um)]
@@ -73,8 +78,7 @@ def albedos(surface: Surface, um):
             axes.plot(theta, row, color=colour, label=f"{x:g} µm")
         axes.set(xlim=(0, 90), ylim=(0, 1.02), xlabel="angle of incidence (°)", ylabel="albedo")
         axes.set_title("Albedo")
-        if len(um) <= 8:
-            figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
+        _legend(figure, axes, um)
 
     columns = (("theta_in [deg]", theta), *((f"albedo [1] at {x:g} um", row) for x, row in zip(um, values, strict=True)))
     caption = "Share of the light from an angle that comes back, mirrored light included."
@@ -98,8 +102,7 @@ def spreads(surface: Surface, um):
             axes.plot(radius, row, color=colour, label=f"{x:g} µm")
             axes.plot(radius, fit, color=colour, linewidth=0.8, linestyle=(0, (2, 2)))
         axes.set(xscale="log", ylim=(0, 1.02), xlabel="distance (µm)", ylabel="share of the light", title="Spread")
-        if len(um) <= 8:
-            figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
+        _legend(figure, axes, um)
 
     columns = [("distance [um]", radius), *((f"share [1] at {x:g} um", row) for x, row in zip(um, values, strict=True)),
                *((f"profile [1] at {x:g} um", row) for x, row in zip(um, fits, strict=True))]
