@@ -18,6 +18,16 @@ _INT = ir.IntType(32)
 
 
 @intrinsic
+def combine(typingctx, coefficient, basis, shift, ring, count, weights):
+    """a_0 + B_0 + sum over k of a_k B_k, float32, of a_k that are known: arguments as those of `blend`.
+
+    coefficient : (count,) float32, C-contiguous
+    weights : f
+    """
+    return types.float32(coefficient, basis, *[types.intp] * 3, weights), _code_of_one
+
+
+@intrinsic
 def blend(typingctx, grid, at, row, basis, shift, ring, count, weights):
     """a_0 + B_0 + sum over k of a_k B_k, float32.
 
@@ -36,21 +46,44 @@ def _code(context, builder, signature, args):
     grid, at, row, basis, shift, ring, count, weights = args
     grid, basis = (context.make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 3))
     p, w, f = ([splat(builder, builder.extract_value(weights, [n, k]), LANES) for k in range(4)] for n in range(3))
-    step = count.type
-
-    def weighted(weights, numbers):
-        pairs = [_fma(builder, weights[n + 1], numbers[n + 1], builder.fmul(weights[n], numbers[n])) for n in (0, 2)]
-        return builder.fadd(*pairs)
-
-    def corners(base, first, stride, rows, columns):
-        return [[load(builder, base, builder.add(builder.add(first, builder.mul(stride, step(n))), builder.mul(count, step(m))),
-                      _VECTOR) for m in range(columns)] for n in range(rows)]
 
     def factors(k):
-        a = weighted(p, [weighted(w, four) for four in corners(grid, builder.add(at, k), row, 4, 4)])
-        (b0, b1), (b2, b3) = corners(basis, builder.add(shift, k), ring, 2, 2)
-        return a, weighted(f, [b0, b1, b2, b3])
+        rows = _corners(builder, grid, builder.add(at, k), (row, count), 4)
+        return (_weighted(builder, p, [_weighted(builder, w, four) for four in rows]),
+                _function(builder, basis, builder.add(shift, k), (ring, count), f))
 
+    return _total(builder, factors, count)
+
+
+def _code_of_one(context, builder, signature, args):
+    coefficient, basis, shift, ring, count, weights = args
+    coefficient, basis = (context.make_array(signature.args[n])(context, builder, args[n]).data for n in (0, 1))
+    f = [splat(builder, builder.extract_value(weights, k), LANES) for k in range(4)]
+    return _total(builder, lambda k: (load(builder, coefficient, k, _VECTOR),
+                                      _function(builder, basis, builder.add(shift, k), (ring, count), f)), count)
+
+
+def _weighted(builder, weights, numbers):
+    pairs = [_fma(builder, weights[n + 1], numbers[n + 1], builder.fmul(weights[n], numbers[n])) for n in (0, 2)]
+    return builder.fadd(*pairs)
+
+
+def _corners(builder, base, first, strides, across):
+    """The numbers of `across` by `across` corners, `strides` apart along both axes."""
+    step = first.type
+    return [[load(builder, base, builder.add(builder.add(first, builder.mul(strides[0], step(n))),
+                                             builder.mul(strides[1], step(m))), _VECTOR) for m in range(across)]
+            for n in range(across)]
+
+
+def _function(builder, basis, first, strides, f):
+    (b0, b1), (b2, b3) = _corners(builder, basis, first, strides, 2)
+    return _weighted(builder, f, [b0, b1, b2, b3])
+
+
+def _total(builder, factors, count):
+    """a_0 + B_0 + the sum of a_k B_k, of `factors` (k) -> eight of each."""
+    step = count.type
     # k = 0 is added, the others are multiplied
     a, b = factors(step(0))
     zeroth = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [1] + [0] * (LANES - 1))

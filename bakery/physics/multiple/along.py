@@ -10,8 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from bakery.physics.multiple import budget, frame, locate, lookup, uniform
+from bakery.physics.multiple._elementary import exp
 from bakery.physics.multiple.build import places, upper
 from bakery.physics.multiple.kinds import POINT, SEGMENT
+from bakery.physics.multiple.sums import directed, logarithm
 from bakery.physics.multiple.table import Table
 from bakery.system.compiled import njit
 
@@ -57,32 +59,46 @@ def build(points: Table, halves, fit: uniform.Fit, medium, length, inherited, de
 
 def lobes(points, length, rho, z, polar, azimuth):
     """Lobes (N, A, B) of a segment in the frames of positions (N,): integrals of a `lookup.Ready` table of points."""
-    out = np.empty((len(rho), len(polar), len(azimuth)))
-    arrays = (np.ascontiguousarray(x, float) for x in (rho, z, np.sin(polar), np.cos(polar), np.cos(azimuth), np.sin(azimuth)))
-    _along(points, float(length), *arrays, out)
-    return out
+    sine = np.sin(polar)[:, None]
+    directions = np.stack([np.broadcast_to(np.cos(polar)[:, None], (len(polar), len(azimuth))), sine * np.cos(azimuth),
+                           sine * np.sin(azimuth)]).reshape(3, -1)
+    out = np.zeros((len(rho), directions.shape[1]))
+    _along(points, float(length), *(np.ascontiguousarray(x, float) for x in (rho, z, directions)), out)
+    return out.reshape(len(rho), len(polar), len(azimuth))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _along(points, length, rho, z, sine, cosine, towards, aside, out):
-    out[:] = 0.0
+def _along(points, length, rho, z, directions, out):
+    """Adds lobes to out (N, D), of directions (3, D): along the axes of the frames, towards +z, across."""
+    work = np.empty((2, directions.shape[1]))
+    wide = np.empty(points.grid.shape[2])
     for n in range(len(rho)):
         # s - z = close sinh(t): smooth however close the beam is, but for lobes that turn as fast as the beam is passed
         close = max(rho[n], frame.CLOSEST)
-        outwards, along = locate.place(SEGMENT, length, close, z[n])[3:]
+        axis = locate.place(SEGMENT, length, close, z[n])[3:]
         t, last = math.asinh(-z[n] / close), math.asinh((length - z[n]) / close)
         while t < last:
             step = min(lookup.piece(points.turn, t), last - t)
             for k in range(lookup.GAUSS):
                 at = t + lookup.X[k] * step
-                away = close * math.sinh(at)
-                factor = lookup.WEIGHT[k] * step * close * math.cosh(at) * math.exp(-(z[n] + away))
-                for i in range(len(sine)):
-                    for j in range(len(towards)):
-                        side = sine[i] * towards[j]
-                        out[n, i, j] += factor * lookup.point_source(points, close, -away, cosine[i] * outwards - side * along,
-                                                                     sine[i] * aside[j], cosine[i] * along + side * outwards)
+                away, r = close * math.sinh(at), close * math.cosh(at)
+                factor = lookup.WEIGHT[k] * step * r * math.exp(-(z[n] + away)) * lookup.coefficients(points, close, -away, wide)
+                # from the frame of the segment into that of the point of the beam, whose axis is (close, -away) / r
+                turn = (axis[1] * close + axis[0] * away) / r, (axis[0] * close - axis[1] * away) / r
+                _add_lobe(points, wide.astype(np.float32), factor, turn, directions, work, out[n])
             t = last if last - t <= step else t + step
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _add_lobe(points, a, factor, turn, directions, work, out):
+    """Adds a factor times the lobe of coefficients (K',) in directions (3, D) of a frame that is turned by sine and cosine."""
+    # three loops: the first and the last are done for several directions at once
+    for d in range(len(out)):
+        work[0, d], work[1, d] = directed(points, turn[0], turn[1], -directions[1, d], directions[2, d], directions[0, d])
+    for d in range(len(out)):
+        work[0, d] = logarithm(points, a, work[0, d], work[1, d])
+    for d in range(len(out)):
+        out[d] += factor * exp(work[0, d])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

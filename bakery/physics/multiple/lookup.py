@@ -269,22 +269,27 @@ def _segments(points, segments, rho, z, theta, phi, length, out):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _coefficients(table, rho, z):
     """a_0 .. (N, K') at positions, and what their lobes are to be multiplied with (N,)."""
-    grid = table.grid
-    out, factor = np.zeros((len(rho), grid.shape[2])), np.empty(len(rho))
+    out, factor = np.empty((len(rho), table.grid.shape[2])), np.empty(len(rho))
     for n in range(len(rho)):
-        m, tangent, singular = locate.place(table.kind, table.length, max(rho[n], frame.CLOSEST), z[n])[:3]
-        factor[n] = table.power * singular
-        v = 2 / math.pi * math.atan(SKEW[table.kind] * tangent) * (grid.shape[1] - 3)
-        if m <= table.extent:
-            _add_coefficients(table, m, v, 1.0, out[n])
-            continue
-        # as `sums.point_source` goes on beyond the extent
+        factor[n] = coefficients(table, rho[n], z[n], out[n])
+    return out, factor
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def coefficients(table, rho, z, out):
+    """a_0 .. (K',) at a position, and what its lobe is to be multiplied with."""
+    m, tangent, singular = locate.place(table.kind, table.length, max(rho, frame.CLOSEST), z)[:3]
+    v = 2 / math.pi * math.atan(SKEW[table.kind] * tangent) * (table.grid.shape[1] - 3)
+    out[:] = 0.0
+    if m <= table.extent:
+        _add_coefficients(table, m, v, 1.0, out)
+    else:  # as `sums.point_source` goes on
         beyond = m - table.extent
         share = beyond / m * (frame.INSIDE / (1 - frame.INSIDE))
-        _add_coefficients(table, table.extent, v, 1 + share, out[n])
-        _add_coefficients(table, frame.INSIDE * table.extent, v, -share, out[n])
-        out[n, 0] += table.k0 * (share * (1 - frame.INSIDE) * table.extent - beyond)
-    return out, factor
+        _add_coefficients(table, table.extent, v, 1 + share, out)
+        _add_coefficients(table, frame.INSIDE * table.extent, v, -share, out)
+        out[0] += table.k0 * (share * (1 - frame.INSIDE) * table.extent - beyond)
+    return table.power * singular
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

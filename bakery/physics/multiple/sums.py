@@ -13,7 +13,7 @@ from numba.extending import intrinsic
 
 from bakery.physics.lent import lent
 from bakery.physics.multiple import frame, locate
-from bakery.physics.multiple._blend import blend
+from bakery.physics.multiple._blend import blend, combine
 from bakery.physics.multiple._elementary import exp, log, quadrant, quadrant_of_squares
 from bakery.physics.multiple.frame import CORE, SKEW
 from bakery.physics.multiple.kinds import POINT, SEGMENT
@@ -36,11 +36,26 @@ def _mapped(table, rho, z, x, y, along):
     skew = SKEW[POINT] if table.kind == POINT else SKEW[SEGMENT]
     v = quadrant_of_squares(skew * skew * above, below) * (table.grid.shape[1] - 3)
     singular = inverse if table.kind == POINT else log(1 + 2 * table.length / beyond)
-    above, below, side = locate.turned(rho * inverse, z * inverse, x, y, along)
+    s, t = directed(table, rho * inverse, z * inverse, x, y, along)
+    return math.sqrt(square), singular, _outwards(table, min(square, table.extent * table.extent)), v, s, t
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def directed(table, sine, cosine, x, y, along):
+    """Where functions stand, in steps of their grid; arguments as of `locate.direction`."""
+    above, below, side = locate.turned(sine, cosine, x, y, along)
     s = quadrant(frame.SHARP * above, below) * (table.basis.shape[0] - 1)
     t = 0.5 * quadrant(abs(y), abs(side))
-    t = (t if side > 0 else 1 - t) * (table.basis.shape[1] - 1)
-    return math.sqrt(square), singular, _outwards(table, min(square, table.extent * table.extent)), v, s, t
+    return s, (t if side > 0 else 1 - t) * (table.basis.shape[1] - 1)
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def logarithm(table, a, s, t):
+    """a_0 + B_0 + sum over k of a_k B_k in a direction (`directed`), of coefficients (K',) float32."""
+    basis, count = table.basis, table.basis.shape[2]
+    k, s = _cell(s, basis.shape[0] - 2)
+    l, t = _cell(t, basis.shape[1] - 2)
+    return np.float64(combine(a, basis, (k * basis.shape[1] + l) * count, basis.shape[1] * count, count, _bilinear(s, t)))
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)

@@ -310,12 +310,12 @@ _KERNELS = tuple(f"multiple.{name}" for name in ("_kernels", "_plane", "_product
 _KERNELS_OF_PHOTONS = ("multiple._tally",)
 # seconds of one core for the tables of a wavelength by photons: a table of points; the flights of so many photons (all that are
 # followed at an albedo of 0.9); integrals of the table of points along a segment
-_FITTED, _FLOWN, _PHOTONS, _BESIDE = 3.0, 25.0, 4e6, 20.0
+_FITTED, _FLOWN, _PHOTONS, _BESIDE = 4.0, 25.0, 4e6, 4.0
 _FEW, _MORE, _MANY = 0.06, 0.15, 140.0  # seconds of one core for a table: at g up to 0.5; times g - 0.5; times (g - 0.5)^5
 
 STAGE = Stage(
     name="multiple",
-    version=8,
+    version=9,
     title="light scattered three times and more, around point and segment sources",
     reads=("wavelengths", "seed", "multiple_scattering"),
     needs=("medium",),
