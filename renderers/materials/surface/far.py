@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery import kernels
+from renderers import colour
 from renderers.transport import solids
 
 # Root mean square error of regions over the spread of light over the radius of a ball, over the mean: 0.55, 0.27 to 0.45 and 0.22
@@ -17,20 +18,22 @@ from renderers.transport import solids
 OFF = 0.55
 _MOST_PATHS = 1e4  # mean free paths, beyond which light that nothing absorbs counts as lost
 _BALL = 4 / 3  # mean chord of a ball, over its radius
-# Pixels that the edge of a shadow crosses, and the outline: of n pixels so many roots of n, as of the outline of a square
-_EDGES = 4.0
+_EDGES = 4.0  # of n pixels roots of n that the outline of a square crosses
+_UNSEEN = 3.0  # pixels of those that are looked at, which edges may cross though none was met there: 5 % odds of more
+_LIGHTS = 32  # samples of light that each of them is looked at by
+_ABOVE = 1e-4  # of the distance to the camera, by which places stand before the body
 _RAYS = 64**2  # of the camera, that tell how wide pixels are
 _RADII = np.logspace(-4, 6, 600)  # transport mean free paths
 
 
 class Seen(NamedTuple):
-    """width : (N,) m, of pixels at places that the camera sees of a body;  pixels : how many of the picture see it
-
+    """width : (N,) m, of pixels at places that the camera sees of a body
+    steps : (N,) squares of what the light changes by over a pixel, to the right and downwards, over its mean on the body
     angle : rad, of a pixel: its width over the distance
     """
 
     width: np.ndarray
-    pixels: float
+    steps: np.ndarray
     angle: float
 
 
@@ -102,23 +105,19 @@ def deviation(scene, number, asset, world) -> float:
     A ball is off by `OFF` times the spread over its radius: of a mesh the radii go by the angles between its triangles, and a
     body is no larger than the ball of its mean chord.  The edge of a shadow moves light by the mean distance m over pi, of
     pixels wider than that, w, by m / (pi w) of their light; of narrower ones the square is m / (4 w), over as many pixels.
+    Which pixels edges cross, and how much light changes there, rays tell (`_stepped`).
     """
     entry = scene.values.materials[number]
     (shape,) = (shape for shape in world.shapes() if shape.name == entry.where.shape)
     far, mean, seen = spread(asset, entry.layer or 0), mean_distance(asset, entry.layer or 0), seen_by(world, shape)
-    edges = at_edges(mean, seen.width).mean(axis=1) * crossed_by_edges(seen.pixels)
-    return min(1.0, math.sqrt(float(np.mean(bent(shape, far) ** 2 + edges))))
+    return min(1.0, math.sqrt(float(np.mean(bent(shape, far) ** 2 + at_edges(mean, seen)))))
 
 
-def at_edges(mean, width) -> np.ndarray:
-    """Mean square error (L, N) of pixels that the edge of a shadow crosses, as `deviation` says; mean : (L,), width : (N,) m"""
-    shares = mean[:, None] / np.maximum(width, 1e-30)
-    return np.minimum((shares / math.pi) ** 2, shares / 4)
-
-
-def crossed_by_edges(pixels: float) -> float:
-    """Share of so many pixels that edges cross."""
-    return min(1.0, _EDGES / math.sqrt(max(pixels, 1.0)))
+def at_edges(mean, seen: Seen, weight=1.0) -> np.ndarray:
+    """Mean square error (L,) of pixels that edges cross, as `deviation` says; mean : (L,) m;  weight : (N,) of their squares"""
+    shares = mean[:, None] / np.maximum(seen.width, 1e-30)
+    each = np.minimum((shares / math.pi) ** 2, shares / 4) * weight
+    return (each * (seen.steps + min(1.0, _UNSEEN / len(seen.steps)))).mean(axis=1)
 
 
 def unfit(entry, asset, world) -> str:
@@ -182,10 +181,52 @@ def seen(world, box, first) -> Seen:
     height, width = world.size
     shrink = min(1.0, math.sqrt(_RAYS / (height * width)))
     rows, columns = max(2, round(shrink * height)), max(2, round(shrink * width))
-    direction = world.camera.refitted(height, width, rows, columns).rays(rows, columns).reshape(-1, 3)
-    distance, meets = first(np.full(direction.shape, world.camera.origin), direction)
-    angle = world.camera.pixel
+    row, column = ((np.arange(count) + 0.5) / count for count in (rows, columns))
+    at = np.stack(np.meshgrid(column * width, row * height), axis=-1).reshape(-1, 2)
+    places = [_places(world, at + step, first) for step in ((0, 0), (1, 0), (0, 1))]
+    (_, distance, meets), angle = places[0], world.camera.pixel
     if not meets.any():
         nearest = np.clip(world.camera.origin, *box) - world.camera.origin
-        return Seen(np.array([angle * float(np.linalg.norm(nearest))]), 1.0, angle)
-    return Seen(angle * distance[meets], height * width * float(meets.mean()), angle)
+        return Seen(np.array([angle * float(np.linalg.norm(nearest))]), np.zeros(1), angle)
+    steps = _stepped(world, [(point[meets], there[meets]) for point, _, there in places], first, height * width * meets.mean())
+    return Seen(angle * distance[meets], steps, angle)
+
+
+def _places(world, pixel, first):
+    """Of rays through places of the film (n, 2) pixels: where they meet the body (n, 3) m, at what distances, and whether."""
+    direction = world.camera.rays_at(pixel % 1, pixel // 1)[1]
+    origin = np.full(direction.shape, world.camera.origin)
+    distance, meets = first(origin, direction)
+    return origin + np.where(meets, (1 - _ABOVE) * distance, 0.0)[:, None] * direction, distance, meets
+
+
+def _stepped(world, places, first, pixels: float) -> np.ndarray:
+    """Squares (N,) of what the light on places changes by to those a pixel beside and below, over the mean of all.
+
+    Where the body ends, or something stands before it, all of the light does.  Light is what lamps and sky send that nothing
+    hides, at the angle to the plane through the three places: the same samples of light for all, so that shadows alone tell them
+    apart.  Where none comes straight, so many pixels have the edges of a square.
+    """
+    (middle, _), *beside = places
+    across = np.cross(*(np.where(there[:, None], point - middle, axis) for (point, there), axis in zip(beside, np.eye(3)[:2])))
+    normal = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+    light = [_lit(world, point, normal, first) for point, _ in places]
+    mean = float(light[0].mean())
+    if not mean > 0:  # what comes by way of others is not looked at
+        return np.full(len(middle), min(1.0, _EDGES / math.sqrt(pixels)))
+    ends = np.square(light[0] / mean)
+    return sum(np.where(there, np.square((lit - light[0]) / mean), ends) for (_, there), lit in zip(beside, light[1:]))
+
+
+def _lit(world, point, normal, first) -> np.ndarray:
+    """Luminance (n,) of the light that comes to places straight from lamps and sky."""
+    index = np.arange(_LIGHTS)
+    lattice = np.stack([(index + 0.5) / _LIGHTS, index * (math.sqrt(5) - 1) / 2 % 1], axis=1)  # Fibonacci's
+    at = np.repeat(point, _LIGHTS, axis=0)
+    sample = world.lights(at, np.tile(lattice, (len(point), 1)))
+    light = (sample.radiance @ colour.LUMINANCE) * np.abs((sample.direction * np.repeat(normal, _LIGHTS, axis=0)).sum(axis=1))
+    shines = np.flatnonzero(light)
+    if len(shines):
+        distance, _ = first(at[shines], np.asarray(sample.direction[shines], float))
+        light[shines[distance < sample.distance[shines]]] = 0  # by a body of grains, which is no shape of Mitsuba's
+    return light.reshape(-1, _LIGHTS).mean(axis=1)

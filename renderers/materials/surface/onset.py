@@ -80,8 +80,8 @@ def _at(near, look) -> Onset:
     else:
         chances = chance(seen.width / seen.angle, near, np)
     share = float(chances.mean())
-    edges = far.at_edges(look.mean, seen.width) * far.crossed_by_edges(share * seen.pixels)
-    square = (chances**2 * (edges + look.bent[:, None] ** 2 + np.square(look.single))).mean()
+    others = (chances**2 * (look.bent[:, None] ** 2 + np.square(look.single))).mean()
+    square = far.at_edges(look.mean, seen, chances**2).mean() + others
     return Onset(float(near), min(1.0, math.sqrt(float(square))), share)
 
 
