@@ -1,12 +1,12 @@
 """What `auto` is for a scene: the cheapest of its candidates (`renderers.scene.candidates`), by pilots of each.
 
-The first candidate is the one that is taken where no pilots are worth their time. The others are tried while pilots together take
-less than 8 % of the render, but for compiling. Cheapest is that whose seconds are at most fewest, by standard errors of what its
-pilot tells: one of which little is known is not preferred to one that is well known, nor to an earlier one of which as little is
-known. A candidate with an error of its own has to fit the share of the tolerance that such errors have
-(`renderers.scene.budget.ROOM`): by its pilot, against one without an error, or, where so few passes cannot tell, by what it
-declares. A choice is kept in the cache of bakes by all that it was made of, so that the same scene is rendered alike as long as
-that is there: clocks decide, and another machine may choose otherwise.
+The first candidate is the one that is taken where no pilots are worth their time. The others are tried while pilots together
+take less than 8 % of the render, but for compiling. Cheapest is that whose seconds are at most fewest, by standard errors of
+what its pilot tells: one of which little is known is not preferred to one that is well known, nor, unless its pilot is cheaper
+too, to an earlier one of which as little is known. A candidate with an error of its own has to fit the share of the tolerance
+that such errors have (`renderers.scene.budget.ROOM`): by its pilot, against one without an error, or, where so few passes
+cannot tell, by what it declares. A choice is kept in the cache of bakes by all that it was made of, so that the same scene is
+rendered alike as long as that is there: clocks decide, and another machine may choose otherwise.
 """
 
 from __future__ import annotations
@@ -31,11 +31,12 @@ from renderers.scene import budget, candidates, entries
 from renderers.scene.budget import percent
 from renderers.scene.candidates import Candidate
 
-_VERSION = 6  # of the rules below; another one does not go by what was kept
+_VERSION = 7  # of the rules below; another one does not go by what was kept
 # Of the render, that pilots may take together, and that each is given; two passes of each size take what they take.  A tenth
 # beside the first was more than they saved (a jelly whose first candidate is the cheapest), and a twentieth left no time for two
-# passes through grains (fine salt from afar, of which another one is 1.8 times as cheap)
-_SHARE, _EACH = 0.08, 0.0125
+# passes through grains (fine salt from afar, of which another one is 1.8 times as cheap).  At 1.25 % each the pilots of a sand
+# castle took 5 % of a minute, by processor time, and at 0.8 % 3.4 %: in both its candidates are alike
+_SHARE, _EACH = 0.08, 0.008
 _LONGEST = 1.5  # s of passes of a pilot
 _LONGER = 30.0  # times as long are pilots at most that have to tell an error
 _LEAST_PIXELS, _LEAST_SAMPLES = 128**2, 1 << 21  # of pictures; smaller ones take no longer than pilots
@@ -45,6 +46,9 @@ _UNTRIED = "taken without a pilot"
 # tell (dots of particles), their standard error tells nothing either; such a candidate has to be as much cheaper than an earlier
 # one is by its pilot, whatever is not known of that
 _SURE, _DOUBT = 2.0, 10.0
+# Times as well known, by its standard error, that a candidate has to be which is taken for being cheaper at most alone: of two
+# that are known as badly chance decides that (particles in dust were taken, 2.9 times as dear as the first candidate)
+_KNOWN = 2.0
 _ORDER_SURE = 4.0  # standard errors, of a difference in one of four orders
 
 
@@ -270,14 +274,15 @@ class _Pilots:
         return tried is not None
 
     def _tell_more(self, seconds_left):
-        """Longer pilots, in what is left of their time, of a candidate that may be taken by what a pilot tells alone, or would be
-        by what it declares of all scenes, where that does not tell enough and would then do so."""
+        """Longer pilots, in what is left of their time, of a candidate that is cheaper than those without an error by as much as
+        it takes, where they do not tell whether its error fits and would then do so."""
         exact, allowed = self._exact(), budget.ROOM * self._tolerance
         if not exact:
             return
         cheapest = min(map(self._seconds, exact.values()))
         stated = {name: self._offered[name].stated(self._tolerance) for name in self._trials if not self._offered[name].exact}
-        untold = [name for name in stated if stated[name] > allowed or self._seconds(self._trials[name]) < cheapest]
+        # of others the error does not matter
+        untold = [name for name in stated if self._seconds(self._trials[name]) * _CHEAPER < cheapest]
         if not untold:
             return
         name = min(untold, key=lambda name: self._seconds(self._trials[name]))
@@ -331,19 +336,21 @@ class _Pilots:
         """The cheapest that fits."""
         missing, exact = self._missing(), self._exact()
         table = [self._row(name, None, None, f"not possible: {why}") for name, why in self._lacks.items()]
-        taken, best, allowed = next(iter(self._offered)), (math.inf, math.inf), {}
+        taken, best, known, allowed = next(iter(self._offered)), (math.inf, math.inf), math.inf, {}
         for name, candidate in self._offered.items():
             if name not in self._trials:
                 table.append(self._row(name, None, None, self._why.get(name, _untried(candidate, self._tolerance))))
                 continue
             cost = self._seconds(self._trials[name], missing[name])
-            doubt = min(math.exp(_SURE * self._trials[name].spread), _DOUBT)
+            spread = self._trials[name].spread
+            doubt = min(math.exp(_SURE * spread), _DOUBT)
             at_most = doubt * cost
             fits, bias, why, allowed[name] = self._fits(name, exact)
             asked = why if candidate.eligible else f"{why}; other methods are asked for"
             table.append(self._row(name, cost, bias, asked, at_most))
-            if fits and candidate.eligible and (math.isinf(best[0]) or at_most * _CHEAPER < best[doubt < _DOUBT]):
-                taken, best = name, (cost, at_most)
+            cheaper = at_most * _CHEAPER < best[doubt < _DOUBT] and (cost * _CHEAPER < best[0] or spread * _KNOWN < known)
+            if fits and candidate.eligible and (math.isinf(best[0]) or cheaper):
+                taken, best, known = name, (cost, at_most), spread
         for row in table:
             row["chosen"] = row["method"] == taken
         by = "there is no other candidate" if len(self._offered) == 1 else "pilots take too long for so short a render"

@@ -201,8 +201,22 @@ def test_of_what_nothing_is_known_the_first_stays(monkeypatch):
     assert taken(monkeypatch, (first, dear), (second, of[1])).method == "particles"
 
 
+def test_of_two_that_are_known_as_badly_the_later_one_is_not_taken_by_chance(monkeypatch):
+    """Particles in dust, as pilots told of them: 9,240 s and at most 48,700, and 8,840 and 37,100; by many passes the second one
+    is 2.9 times as dear.  One that is known twice as well is taken, as before."""
+    def known(seconds, at_most):
+        pilot = tried(seconds)
+        return pilot._replace(costs=(pilot.costs[0]._replace(spread=np.log(at_most / seconds) / 2),))
+
+    first, second = method("particles+continuous", exact=True), method("particles", exact=True)
+    dust = first, known(0.924, 4.87)
+    assert taken(monkeypatch, dust, (second, known(0.884, 3.71))).method == "particles+continuous"
+    assert taken(monkeypatch, dust, (second, known(0.884, 1.5))).method == "particles"
+    assert taken(monkeypatch, dust, (second, known(0.5, 2.3))).method == "particles"
+
+
 def test_pilots_take_a_small_share_of_a_minute(monkeypatch):
-    """At most 8 %, and each 1.25 % but for the two passes that it has to have."""
+    """At most 8 %, and each 0.8 % but for the two passes that it has to have."""
     asked = []
 
     def of(seconds):
@@ -211,7 +225,7 @@ def test_pilots_take_a_small_share_of_a_minute(monkeypatch):
 
     names = ("paths", "tables", "shells", "vrl", "chains")
     taken(monkeypatch, *((method(name, exact=True, pilot=0.5), of) for name in names), stop=Stop(noise=0.01, time=60.0))
-    assert len(asked) > 2 and max(asked) <= 0.0125 * 60 and sum(asked) <= 0.08 * 60
+    assert len(asked) > 2 and max(asked) <= 0.008 * 60 and sum(asked) <= 0.08 * 60
     # two passes through grains take longer than they should: others are not tried, whatever they say that a pilot takes
     grains = (method("ept", exact=True), tried(1.0)._replace(seconds=5.0)), (method("ept+vpt", exact=True, pilot=1.0), tried(0.1))
     best = taken(monkeypatch, *grains, stop=Stop(noise=0.01, time=60.0))

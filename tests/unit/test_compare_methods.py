@@ -12,7 +12,8 @@ GRAINS = "- {where: {mesh: heap.ply}, as: grains, asset: sand.h5}\n"
 
 @pytest.mark.parametrize(("entries", "said"), [
     (MEDIUM, "expected auto, which is paths here"),
-    (MEDIUM + GRAINS, "(a medium: paths; grains: ept, vpt or ept+wide) are set beside it, such as auto:materials[1].method=ept+wide")])
+    (MEDIUM + GRAINS, "(a medium: paths; grains: ept, vpt or ept+wide) are set beside it, such as auto:materials[1].method="),
+])
 def test_an_unknown_one_is_answered_with_all(tmp_path, entries, said):
     for name in ("fog.h5", "sand.h5", "heap.ply"):
         (tmp_path / name).touch()

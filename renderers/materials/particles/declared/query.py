@@ -22,8 +22,9 @@ def passes(setup, tolerance, seed) -> Passes:
     within = 4 / 3 * math.pi * radius**3 * float(np.sum(classes.density[order]))
     if within > query.MOST:
         fits = 0.95 * footprint * (query.MOST / within) ** (2 / 3)
-        raise setup.scene.wrong("materials[0].footprint", f"found {footprint:g}, with which a query holds {within:.2g} particles, "
-                                f"and {query.MOST:,} are possible; {fits:.2g}, smaller pixels, or method: continuous would do")
+        message = f"found {footprint:g}, with which a query holds {within:.2g} particles, and {query.MOST:,} are possible; " \
+                  f"{fits:.2g}, smaller pixels, or method: continuous would do"
+        raise setup.scene.wrong("materials[0].footprint", message)
     reach = np.broadcast_to(math.pi * (classes.radius[order] + radius) ** 2, classes.extinction.shape)
     cylinders = query.Query(setup.medium._replace(discs=setup.discs(reach, classes.density[order], order)),
                             np.ascontiguousarray(classes.extinction[:, order].T),
