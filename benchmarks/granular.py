@@ -31,8 +31,8 @@ from bakery.physics.granular.packed import Grain, walk  # noqa: E402
 from bakery.physics.packing import pack  # noqa: E402
 from bakery.physics.packing.structure import fraction as filled  # noqa: E402
 from bakery.physics.shapes import build as shapes  # noqa: E402
-from bakery.physics.shapes.examples import EXAMPLES  # noqa: E402
 from benchmarks.sizes import sized  # noqa: E402
+from tests.grain_examples import EXAMPLES  # noqa: E402
 from tests.oracles.balls import statistics  # noqa: E402
 
 PUBLISHED = {("glass ball", 0.3): 120.3, ("glass ball", 0.63): 33.34, ("glass cube", 0.63): 37.88}  # good to 1 %

@@ -22,9 +22,9 @@ from peers import optional  # noqa: E402
 
 from bakery.physics.shapes import build as shapes  # noqa: E402
 from bakery.physics.shapes import files  # noqa: E402
-from bakery.physics.shapes.examples import EXAMPLES  # noqa: E402
 from bakery.physics.shapes.quality import volume  # noqa: E402
 from benchmarks.sizes import sized  # noqa: E402
+from tests.grain_examples import EXAMPLES  # noqa: E402
 
 PLY = (b"ply\nformat %s 1.0\nelement vertex %d\nproperty float x\nproperty float y\nproperty float z\nelement face %d\n"
        b"property list uchar int vertex_indices\nend_header\n")

@@ -20,12 +20,12 @@ from bakery.physics.grains.surface import dielectric
 from bakery.physics.shapes import build as shapes
 from bakery.physics.shapes import files, implicit, limits, mending, quality, radial, repair, rods
 from bakery.physics.shapes.bounding import minimum_sphere, onto_unit_sphere
-from bakery.physics.shapes.examples import EXAMPLES
 from bakery.physics.shapes.implicit import marched, surface
 from bakery.physics.shapes.noise import directions, fractal_noise, gradient_noise, stream
 from bakery.physics.shapes.quality import tree
 from bakery.physics.shapes.simplify import simplified
 from tests.conftest import slow
+from tests.grain_examples import EXAMPLES
 from tests.odds import sigmas
 
 SIGMAS = sigmas(32)  # some 40 comparisons of figures of 32 blocks: 4e-6 a suite

@@ -15,7 +15,7 @@ from bakery.physics.grains.scatterometer import CONTRADICTED_MAX, FIGURES, measu
 from bakery.physics.grains.surface import conductor, dielectric, diffuse
 from bakery.physics.grains.walk import CONTRADICTED, CUT, LEFT, MISSED, Walker
 from bakery.physics.shapes import build as shapes
-from bakery.physics.shapes.examples import EXAMPLES
+from tests.grain_examples import EXAMPLES
 from tests.odds import sigmas
 from tests.oracles import mitsuba_walk
 from tests.oracles.mitsuba_walk import MitsubaWalker

@@ -17,10 +17,10 @@ import ruamel.yaml
 from bakery.errors import RecipeError
 from bakery.physics.shapes import build as shapes
 from bakery.physics.shapes import limits
-from bakery.physics.shapes.examples import EXAMPLES
 from bakery.recipe import json_schema, load
 from bakery.stages.grains import section as grain_section
 from tests.conftest import ROOT
+from tests.grain_examples import EXAMPLES
 from tests.unit.test_recipe import fits
 
 GRAINS = """\
