@@ -5,7 +5,7 @@ Loads nothing heavy: plans ask as well.
 
 import numpy as np
 
-KEPT = 40  # orders that are kept where a phase function has more than are solved in full
+WHOLE, KEPT = 96, 40  # orders that are solved in full at most; those that are kept where a phase function has more
 SHARE = 0.05  # of the light in an unresolved backward peak that is refused
 
 

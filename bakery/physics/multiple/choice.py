@@ -9,11 +9,10 @@ import numpy as np
 from bakery.physics.medium.phase import without_delta
 from bakery.physics.medium.similarity import without_peak
 from bakery.physics.multiple import build, counted, legendre, peaks, solution
-from bakery.physics.multiple.backward import KEPT
+from bakery.physics.multiple.backward import KEPT, WHOLE
 from bakery.physics.multiple.table import Table
 
 POOR = 0.2  # error of the solver's tables above which photons are tried
-_WHOLE = 96  # orders that are solved in full
 _MOMENTS = 140
 _ALL = 1 - 1e-9  # share of the scattered light above which nothing but the delta is left
 
@@ -77,7 +76,7 @@ def solved(medium: Medium, orders: int | None) -> Solved:
     remaining = (p - delta) / (1 - delta)
     remaining[0] = 1.0
     needed = legendre.order_needed(remaining)
-    most = orders or (_WHOLE if needed is not None and needed <= _WHOLE else KEPT)
+    most = orders or (WHOLE if needed is not None and needed <= WHOLE else KEPT)
     if needed is None or needed > most:
         clip = peaks.clipped(theta, phase, most)
         result = peaks.solve(albedo, clip, most)

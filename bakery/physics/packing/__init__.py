@@ -250,4 +250,4 @@ def _collisions(fraction, plan, count) -> float:
 def _microseconds(fraction, count, spread) -> float:
     """Time of a collision with all that goes with it."""
     bubbles = max(0.47 * fraction**-0.65 - 0.6, 0.0)  # bubbles left a collision: 0.13 at 0.5, 2.1 at 0.1, 43 at 0.001
-    return (0.42 + 0.25 * spread + 1.7 * bubbles) * (1.0 + 0.4 * max(np.log10(count / 1e4), 0.0))
+    return (0.36 + 0.25 * spread + 1.7 * bubbles) * (1.0 + 0.4 * max(np.log10(count / 1e4), 0.0))

@@ -128,7 +128,7 @@ def cost(recipe) -> Cost:
     photons = recipe.beam.photons or predicted.photons(recipe.beam.tolerance)
     tables = _MANY if recipe.particles is not None else _FEW  # orders: the peaks of spheres are narrow
     return Cost(number * (tables + _PHOTON * photons), 1e8, number * 1.5e5,
-                f"{number} wavelengths, {photons:.2g} photons each", 0.8, kernels=_KERNELS, most=min(number, _TOGETHER),
+                f"{number} wavelengths, {photons:.2g} photons each", 0.5, kernels=_KERNELS, most=min(number, _TOGETHER),
                 blocks=number)
 
 

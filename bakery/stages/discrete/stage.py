@@ -162,7 +162,7 @@ def cost(recipe) -> Cost:
     return Cost(_SLOWER * expectation.seconds + placing, expectation.memory + tables * 4 + (_STORING + _WRITING) * stored + 1e8,
                 _FILE * stored + tables, f"{number:.3g} particles {settings['method']}, {of_classes} classes of radii, about "
                 f"{expectation.angles} angles" + f"; {_STORING:g} bytes a particle while they are drawn, {_STORING + _WRITING:g} "
-                "while they are written" * (stored > 0), 0.5, kernels=kernels,
+                "while they are written" * (stored > 0), 0.15, kernels=kernels,
                 kind=recipe.discrete.method)
 
 

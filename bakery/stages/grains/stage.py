@@ -19,9 +19,9 @@ _APART = 0.02  # of the tolerance: indices of one walk; figures change by less t
 # seconds on one core, between those of an AMD EPYC (Zen 5) and of an Intel Xeon: of a path, of its look-ups among 200,000
 # triangles (they grow like the square root of the number; light inside of a grain takes several), of a triangle that is made, of
 # a ball; of a triangle of an aggregate that is simplified, and of one that is marched, a body (0.2 for balls, 0.6 for rods)
-_PATH, _LOOKUPS, _LOOKUPS_INSIDE, _BUILD, _BALL = 0.3e-6, 1.2e-6, 4.4e-6, 8e-6, 0.08
+_PATH, _LOOKUPS, _LOOKUPS_INSIDE, _BUILD, _BALL = 0.3e-6, 1.2e-6, 4.4e-6, 8e-6, 0.02
 _SIMPLIFY, _MARCH = 5e-6, 0.4e-6
-_LOADING = 0.3
+_LOADING = 0.15
 _TRIANGLE, _ROUND = 17.0, 7.0  # bytes of a triangle as stored: of a grain, of a sphere
 _OF_BALLS = ("grains.sphere", "grains.surface")
 _OF_WALKS = ("grains._walk", "grains.surface", "grains.scatterometer", "grains.points")
@@ -222,11 +222,12 @@ def cost(recipe) -> Cost:
     radii = np.unique(np.append(1.0, arguments["classes"])) * arguments["radius"]
     triangles, most = arguments["triangles"], 0
     walks = balls = 0
-    tables = file = 0.0
+    tables = file = building = 0.0
     for component in arguments["components"]:
         number = len(traces.traces(component, radii, arguments["wavelengths"], _APART * recipe.scatterometer.tolerance))
         round_ = component["shape"]["type"] == "sphere"
         file += triangles * (_ROUND if round_ else _TRIANGLE)
+        building += 0.0 if round_ else _BUILD * triangles + _growing(component["shape"], triangles)
         if traces.is_ball(component):
             balls += number
         else:
@@ -236,7 +237,6 @@ def cost(recipe) -> Cost:
                                               math.ceil(HITS_MIN / share_hit(component["shape"])))
             most = max(most, paths)
             tables += number * paths * (_PATH + (0.0 if round_ else lookups * math.sqrt(triangles / 200_000)))
-    building = sum(_BUILD * triangles + _growing(component["shape"], triangles) for component in arguments["components"])
     figures = len(arguments["classes"]) * arguments["wavelengths"] * (traces.CELLS + 2) * 2
     before = _LOADING + building + _BALL * balls  # on one core
     return Cost(tables, 4e7 + 260.0 * triangles + 300.0 * 2**18,

@@ -8,7 +8,7 @@ import numpy as np
 
 from bakery import rng
 from bakery.errors import StageError
-from bakery.physics.multiple.backward import refused
+from bakery.physics.multiple.backward import KEPT, WHOLE, refused
 from bakery.physics.multiple.kinds import KINDS
 from bakery.stages import rules
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets, later
@@ -237,18 +237,16 @@ def check(group: Group) -> Iterable[str]:
 
 
 def cost(recipe) -> Cost:
-    g = _width(recipe)
-    if recipe.multiple_scattering.orders:
-        g = min(g, math.exp(-8.5 / recipe.multiple_scattering.orders))  # g^orders = 2e-4: as much as so many orders hold
+    orders = _orders(recipe)
     number = len(recipe.wavelength) * len(recipe.multiple_scattering.sources)
     if counted := _counted(recipe):
         share = min((recipe.multiple_scattering.photons or _PHOTONS) / _PHOTONS, 1.0)
         seconds = counted * (_FITTED + _FLOWN * share + _BESIDE * ("segment" in recipe.multiple_scattering.sources))
         return Cost(seconds, 6e8, 2e5 * number, f"tables of photons for {counted} wavelengths", 1.0,
                     kernels=_KERNELS + _KERNELS_OF_PHOTONS, kind="photons", most=counted)
-    beyond = max(g - 0.5, 0.0)
-    seconds = number * (_FEW + _MORE * beyond + _MANY * beyond**5)
-    return Cost(seconds, 1.1e8 + 2e9 * beyond**2, number * (1.5e4 + 3.3e5 * beyond), f"{number} tables", 1.0,
+    beyond = max(math.exp(-_SMALL / orders) - 0.5, 0.0)
+    seconds = number * (_FEW + _MORE * beyond + _MANY * orders**3)
+    return Cost(seconds, 1.1e8 + 2e9 * beyond**2, number * (1.5e4 + 3.3e5 * beyond), f"{number} tables", 0.5,
                 kernels=_KERNELS, kind="solver", most=min(len(recipe.wavelength), _TOGETHER), blocks=len(recipe.wavelength))
 
 
@@ -260,6 +258,12 @@ def _counted(recipe) -> int:
     if options.method == "solver" or phase is None or phase.type != "hg":
         return 0
     return int(np.sum(refused(np.broadcast_to(phase.g, len(recipe.wavelength)), options.orders)))
+
+
+def _orders(recipe) -> float:
+    """About how many Legendre orders are solved: p_l of Henyey and Greenstein's phase function is g^l."""
+    needed = -_SMALL / math.log(max(_width(recipe), 1e-9))
+    return min(needed, recipe.multiple_scattering.orders or (needed if needed <= WHOLE else KEPT))
 
 
 def _width(recipe) -> float:
@@ -311,7 +315,8 @@ _KERNELS_OF_PHOTONS = ("multiple._tally",)
 # seconds of one core for the tables of a wavelength by photons: a table of points; the flights of so many photons (all that are
 # followed at an albedo of 0.9); integrals of the table of points along a segment
 _FITTED, _FLOWN, _PHOTONS, _BESIDE = 4.0, 25.0, 4e6, 4.0
-_FEW, _MORE, _MANY = 0.06, 0.15, 140.0  # seconds of one core for a table: at g up to 0.5; times g - 0.5; times (g - 0.5)^5
+_FEW, _MORE, _MANY = 0.06, 0.15, 2.9e-6  # seconds of one core for a table: at g up to 0.5; times g - 0.5; times orders^3
+_SMALL = 8.5  # moments count down to exp(-8.5) = 2e-4
 
 STAGE = Stage(
     name="multiple",

@@ -20,7 +20,7 @@ _OF_SHELLS = ("mie.coated",)
 _OF_RAYS = tuple(f"goa._{name}" for name in ("asymptotic", "edge", "field", "rays", "solve", "special", "surface"))
 # the rates are those of an AMD EPYC (Zen 5), of which an Intel Xeon with AVX-512 has less than half: a machine in between
 _SLOWER = 1.6
-_RESTLESS = 1.2  # rays jump here and there: at tolerances of every angle, a few angles take many times the nodes of the others
+_RESTLESS = 1.75  # rays jump here and there: at tolerances of every angle, a few angles take many times the nodes of the others
 _RAYS_LOADED = 1e8  # bytes
 _LAST = deque(maxlen=2)  # recipes and what their averages are expected to take
 METHODS = ("rayleigh", "mie", "goa")

@@ -20,7 +20,7 @@ from bakery.store.tree import Dataset, Group
 
 ORDERED = 6  # times what random directions give: dense random tiles have up to 4
 _CHORDS = 1.8e6  # chords a second and core
-_LOADING = 0.7  # seconds
+_LOADING = 0.3  # seconds
 _KERNELS = ("packing._lists", "packing._queue", "packing._events", "packing.cells", "packing._chords")
 
 

@@ -16,7 +16,7 @@ _ORDER, _PRODUCT, _MODES = 3e-4, 1.3e-7, 1.7e-8  # seconds of a Fourier order, o
 _STACKED = 1.6  # layers under one take their share
 _ROUNDING = 3e-5  # seconds over the directions' square
 # seconds of walks to 1 %: over the root of what is absorbed, at most, and of layers of a thickness at least, a depth, at most
-_WALKS, _LOSSLESS, _THIN, _DEEPER, _FINITE = 1e-2, 0.35, 0.02, 4e-3, 0.4
+_WALKS, _LOSSLESS, _THIN, _DEEPER, _FINITE = 1e-2, 0.35, 0.02, 4e-3, 0.25
 
 
 class Expected(NamedTuple):

@@ -50,7 +50,7 @@ _SHAPE = 0.05  # tolerance of the medium's layer, of which only shapes within ce
 _APART = 0.25  # of the tolerance: indices that share walks; the light that comes back changes by less than indices do
 _TOGETHER = 16  # wavelengths that share walks at most
 # hits times the squared tolerance, and seconds of one core of a hit: light that grains let through comes back late
-_HITS, _HIT, _HITS_CLEAR, _HIT_CLEAR, _MESH = 1.5e3, 1.3e-6, 2.6e4, 0.5e-6, 2.5
+_HITS, _HIT, _HITS_CLEAR, _HIT_CLEAR, _MESH = 1.5e3, 0.55e-6, 2.6e4, 0.2e-6, 2.5
 _FIT = 0.1  # seconds of a wavelength and thickness
 
 
@@ -258,7 +258,7 @@ def cost(recipe) -> Cost:
     slower = _MESH if any(component["shape"]["type"] != "sphere" for component in components) else 1.0
     seconds = slower * hits * (_HIT_CLEAR if clear else _HIT) + _FIT * len(recipe.wavelength) * layers
     return Cost(seconds, 3e8, 2.7e5 * len(recipe.wavelength) * layers * sides, f"about {hits:.2g} hits of light among explicit "
-                f"grains, {groups} groups of wavelengths, {layers} layers", 0.7,
+                f"grains, {groups} groups of wavelengths, {layers} layers", 0.3,
                 kernels=("granular._goniometer", "multiple.legendre", "packing.cells"), kind="of grains")
 
 

@@ -253,7 +253,7 @@ def cost(recipe) -> Cost:
     rough = surface.boundary != "none" and surface.boundary.roughness > 0
     layer = costs.expected(recipe)
     return Cost(layer.seconds * count * layers + (4.0 if rough else 0.0), 1.5e8, layer.file * count * layers + 3e4,
-                f"{count} wavelengths, {layers} layers", 0.5, most=min(count * layers, _TOGETHER), blocks=count * layers,
+                f"{count} wavelengths, {layers} layers", 0.3, most=min(count * layers, _TOGETHER), blocks=count * layers,
                 kernels=("multiple.legendre", "surfaces._spread", "surfaces.orders"))
 
 
