@@ -127,6 +127,7 @@ def test_queries(thin):
     answer = thin.query("surface/reflected", theta_in="30 deg", theta_out="[0, 60] deg")
     np.testing.assert_array_equal(answer.values, thin.surface.reflectance(np.radians(30), np.radians([0, 60])))
     assert [name for name, *_ in answer.axes] == ["wavelength", "thickness", "theta_out"]
+    np.testing.assert_allclose(answer.error, answer.values * thin.surface["change"][..., None])
     assert thin.query("surface/albedo", theta_in="30 deg").values.shape == (2, 3)
     with pytest.raises(UsageError, match="theta_out missing"):
         thin.query("surface/reflected", theta_in="30 deg")

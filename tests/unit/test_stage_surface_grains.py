@@ -14,6 +14,7 @@ from bakery.recipe import load
 from bakery.stages.members import MissingStage
 from bakery.stages.surface import grains
 from bakery.stages.surface.files import csv_tables
+from bakery.stages.surface.view import BETWEEN_CELLS
 from bakery.store.tree import Dataset, Group
 
 RECIPE = """\
@@ -65,6 +66,11 @@ def test_what_is_offered_is_that_of_plane_layers(heap):
     np.testing.assert_allclose(orders.sum(axis=0), surface.reflectance(THETA[:, None], THETA, 0.7))
     answer = heap.query("surface/reflected", theta_in="30 deg", theta_out="[0, 60] deg", phi="180 deg")
     np.testing.assert_array_equal(answer.values, surface.reflectance(np.radians(30), np.radians([0, 60]), math.pi))
+    relative = answer.error / answer.values
+    np.testing.assert_allclose(relative, surface.relative_error(np.radians(30), np.radians([0, 60]), math.pi))
+    assert relative.shape == (2, 2) and (relative > BETWEEN_CELLS).all() and (relative < 1).all()
+    straight_back = surface.relative_error(*np.full((2, 1), 0.5), math.pi)[0, 0]  # at the middle of a cell its own noise
+    assert straight_back > surface.relative_error(0.5, 0.9, 1.5)[0]
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.physics.grains.bvh import mesh_scratch, nearest_triangle, triangle_normal
-from bakery.physics.grains.sampling import AHEAD, FAINT, next_uniform
+from bakery.physics.grains.sampling import AHEAD, FAINT, next_uniform, surface_frame
 from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, fresnel_conductor
 from bakery.physics.granular._packed import FAR, Draws, Kind, leave, turned
 from bakery.physics.granular.flights import flight_in_slab
@@ -20,6 +20,8 @@ FIRST, SECOND, HIGHER, LATE = range(4)  # orders that are kept apart; the last a
 ORDERS = 4
 STEEPEST = 1e-4  # least cosine at which light enters: 89.994 degrees
 _STRAIGHT = 5e-13  # 1 - cosine up to which light counts as not deflected
+# of walks at their first matt surface, that are aimed almost straight back; root of the phase angle over pi up to which
+AIMED, NARROW = 0.2, 0.25
 # What is counted beside light: hits, walks, those given up (no sphere ahead), contradicted and cut in a grain
 HITS, WALKS, GIVEN_UP, CONTRADICTED, CUTS = range(5)
 SUMS = 5
@@ -52,8 +54,9 @@ class Rules(NamedTuple):
 
 
 class Counted(NamedTuple):
-    """Light by side, order, channel and cell; by side, order, channel and bin of entry; walks by bin of entry; light left inside
-    at the end of walks and light that passed undeflected, by channel and bin of entry; `SUMS` numbers."""
+    """Light by side, order, channel and cell; by side, order, channel and bin of entry; walks by bin of entry, by the weights of
+    aimed directions; light left inside at the end of walks and light that passed undeflected, by channel and bin of entry; `SUMS`
+    numbers."""
 
     cells: np.ndarray
     entered: np.ndarray
@@ -78,10 +81,15 @@ class Path(NamedTuple):
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _turned(grain, channels, d, n, draws, carried):
-    """Direction after a meeting with the surface, its part along the outward normal, share of all light that is left."""
+def _turned(grain, channels, d, n, draws, carried, fresh):
+    """Direction after a meeting with the surface, its part along the outward normal, share of all light that is left.
+
+    fresh : light that nothing has turned yet
+    """
     dx, dy, dz, z, share, cosine = turned(grain, d, n, draws)
     if grain.matter == DIFFUSE:
+        if fresh:
+            (dx, dy, dz), z, share = _aimed(d, n, (dx, dy, dz), draws)
         for c in range(len(carried)):
             carried[c] *= channels[0, c]
     elif grain.matter == CONDUCTOR:
@@ -90,8 +98,33 @@ def _turned(grain, channels, d, n, draws, carried):
     return dx, dy, dz, z, share
 
 
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _aimed(d, n, turned_to, draws):
+    """A direction for light that comes in along d to a matt surface, its part along the normal n, and its weight.
+
+    It is that of the surface's lobe, or, by chance, almost straight back, where next to none of that goes and the factors of the
+    first order change most (opposition effect): evenly in the root of the phase angle, as cells lie.  The weight is the lobe over
+    the density of both (one-sample balance heuristic; Veach and Guibas, SIGGRAPH 1995).
+    """
+    (bx, by, bz), (dx, dy, dz) = (-d[0], -d[1], -d[2]), turned_to
+    if next_uniform(draws.stream, draws.pool) < AIMED:
+        root = NARROW * next_uniform(draws.stream, draws.pool)
+        alpha, azimuth = math.pi * root * root, 2.0 * math.pi * next_uniform(draws.stream, draws.pool)
+        sx, sy, sz, tx, ty, tz = surface_frame(bx, by, bz)
+        u, v, w = math.sin(alpha) * math.cos(azimuth), math.sin(alpha) * math.sin(azimuth), math.cos(alpha)
+        dx, dy, dz = u * sx + v * tx + w * bx, u * sy + v * ty + w * by, u * sz + v * tz + w * bz
+    z = dx * n[0] + dy * n[1] + dz * n[2]
+    if z <= 0.0:
+        return (dx, dy, dz), z, 0.0
+    chord = math.sqrt((dx - bx) ** 2 + (dy - by) ** 2 + (dz - bz) ** 2)
+    alpha, lobe, aimed = 2.0 * math.asin(min(0.5 * chord, 1.0)), z / math.pi, 0.0
+    if alpha < math.pi * NARROW * NARROW:
+        aimed = 1.0 / max(4.0 * math.pi * NARROW * math.sin(alpha) * math.sqrt(math.pi * alpha), 1e-300)
+    return (dx, dy, dz), z, lobe / ((1.0 - AIMED) * lobe + AIMED * aimed)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def _ball(grain, channels, ray, depth, draws, carried):
+def _ball(grain, channels, ray, depth, draws, carried, fresh):
     """Follow `ray` (6,) through a ball: what became of it, share of all light left, path inside in radii of the sphere."""
     draws, radius = lent(draws), grain.radius
     ox, oy, oz, dx, dy, dz = ray[0], ray[1], ray[2], ray[3], ray[4], ray[5]
@@ -110,7 +143,7 @@ def _ball(grain, channels, ray, depth, draws, carried):
         if count == depth:
             return CUT, 0.0, path
         count += 1
-        dx, dy, dz, z, share = _turned(grain, channels, (dx, dy, dz), (nx, ny, nz), draws, carried)
+        dx, dy, dz, z, share = _turned(grain, channels, (dx, dy, dz), (nx, ny, nz), draws, carried, fresh and count == 1)
         factor *= share
         if z > 0.0:
             break
@@ -124,9 +157,9 @@ def _ball(grain, channels, ray, depth, draws, carried):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _mesh(tree, grain, channels, ray, depth, draws, carried, scratch):
+def _mesh(tree, grain, channels, ray, limits, draws, carried, scratch):
     """The same through a mesh."""
-    draws, scratch, (nodes, children, blocks) = lent(draws), lent(scratch), lent(tree)
+    draws, scratch, (nodes, children, blocks), (depth, fresh) = lent(draws), lent(scratch), lent(tree), limits
     dx, dy, dz = ray[3], ray[4], ray[5]
     ox, oy, oz = ray[0] - AHEAD * dx, ray[1] - AHEAD * dy, ray[2] - AHEAD * dz
     within, triangle, count, factor, path = False, np.int64(-1), 0, 1.0, 0.0
@@ -150,15 +183,16 @@ def _mesh(tree, grain, channels, ray, depth, draws, carried, scratch):
         if count == depth:
             return CUT, 0.0, path
         count += 1
-        dx, dy, dz, z, share = _turned(grain, channels, (dx, dy, dz), (nx, ny, nz), draws, carried)
+        dx, dy, dz, z, share = _turned(grain, channels, (dx, dy, dz), (nx, ny, nz), draws, carried, fresh and count == 1)
         factor *= share
         within = z < 0.0
     return LEFT, 0.0, path
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _meet(path, radius, grains, matter, depth, draws, scratch):
-    """Follow the path's ray through the grain of its sphere: what became of it, share of all light left."""
+def _meet(path, radius, grains, matter, depth, draws, scratch, fresh):
+    """Follow the path's ray through the grain of its sphere: what became of it, share of all light left, and what of that is the
+    weight of an aimed direction."""
     path, grains, matter = lent(path), lent(grains), lent(matter)
     table, offset, sphere, ray = grains.table, grains.offset, path.sphere, path.ray
     which, b, c, e = 0, 0.0, 0.0, 0.0
@@ -167,18 +201,18 @@ def _meet(path, radius, grains, matter, depth, draws, scratch):
         which = kind(a, grains.shares)
     grain = Kind(int(table[which, 0]), table[which, 1], table[which, 2], table[which, 3])
     if grain.radius > 0.0:
-        state, factor, inside = _ball(grain, matter.channels[which], ray, depth, draws, path.carried)
+        state, factor, inside = _ball(grain, matter.channels[which], ray, depth, draws, path.carried, fresh)
     else:
         turn = rotation_matrix(*rotation(b, c, e))
         low, high = offset[which, 0], offset[which + 1, 0]
         tree = grains.nodes[low:high], grains.children[low:high], grains.blocks[offset[which, 1] : offset[which + 1, 1]]
         _rotated(ray, (turn[0], turn[3], turn[6], turn[1], turn[4], turn[7], turn[2], turn[5], turn[8]))
-        state, factor, inside = _mesh(tree, grain, matter.channels[which], ray, depth, draws, path.carried, scratch)
+        state, factor, inside = _mesh(tree, grain, matter.channels[which], ray, (depth, fresh), draws, path.carried, scratch)
         _rotated(ray, turn)
     if grain.matter == DIELECTRIC:
         for k in range(len(path.optical)):
             path.optical[k] += matter.mu[which, k] * radius * inside
-    return state, factor
+    return state, factor, factor if fresh and grain.matter == DIFFUSE and state == LEFT else 1.0
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -239,13 +273,14 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
         if z < limit:
             radius = tile.radii[path.sphere[0]]
             _enter(path, z)
-            state, kept = _meet(path, radius, grains, matter, rules.depth, draws, scratch)
+            state, kept, weight = _meet(path, radius, grains, matter, rules.depth, draws, scratch, hits == 0)
             if state > LEFT:
                 out.sums[CONTRADICTED if state == DROPPED else CUTS] += 1.0
                 return
             if state == LEFT:
                 hits += 1
                 out.sums[HITS] += 1.0
+                out.walks[bin0] += weight - 1.0  # as much light as is followed: no more of it leaves than came in
                 factor *= kept
                 bent = 1.0 - (path.d[0] * path.ray[3] + path.d[1] * path.ray[4] + path.d[2] * path.ray[5])
                 if bent > _STRAIGHT:
@@ -269,7 +304,8 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
             _count_inside(path, factor, depth, above - below, bin0, rules, out)
             return
         if state == LEFT:
-            factor = _goes_on(path, factor, draws)
+            if hits > 1:  # those that are aimed are faint, and wanted once
+                factor = _goes_on(path, factor, draws)
             # beyond the last order that is asked for nothing is counted
             if factor == 0.0 or rules.last and order > rules.last:
                 return

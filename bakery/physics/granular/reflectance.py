@@ -146,10 +146,13 @@ def _errors(by_order, relative):
 
 
 def _overdispersion(cells):
-    """Variance of the light in cells (R, 3, K) over that of as many walks that bring all or nothing, by order."""
-    total = cells.sum(axis=(0, 2))
-    variance = len(cells) * cells.var(axis=0, ddof=1).sum(axis=-1)
-    return np.clip(np.divide(variance, total, out=np.ones(3), where=total > 0), 0.01, 10.0)
+    """Variance (3, K) of the light in cells (R, 3, K) over that of as many walks that bring all or nothing, by order and slice of
+    the phase angle: walks that are aimed bring little each."""
+    slices = cells.reshape(*cells.shape[:2], CELLS[0], -1)
+    total = slices.sum(axis=(0, -1))
+    variance = len(cells) * slices.var(axis=0, ddof=1).sum(axis=-1)
+    ratio = np.clip(np.divide(variance, total, out=np.ones(total.shape), where=total > 0), 1e-9, 10.0)
+    return np.repeat(ratio, slices.shape[-1], axis=1)
 
 
 def _spread(counts, c: int):

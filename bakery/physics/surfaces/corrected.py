@@ -125,7 +125,15 @@ def merged(cells, coarse):
     return np.ravel_multi_index(index, coarse).ravel()
 
 
-def _held(wanted, modelled, walks: float, slices: int = 1):
+def _worth(light, walks, to):
+    """Walks that bring all or nothing by which light is as well known in the larger cells `to` (K,) of cells (K,), whose walks
+    are given: all of it over the sum of its variances."""
+    light = np.maximum(light, 1e-300)
+    together, variance = (np.bincount(to, part) for part in (light, light / walks))
+    return together / np.maximum(variance, 1e-300)
+
+
+def _held(wanted, modelled, walks, slices: int = 1):
     """Inverse (K,) of the relative variance of cells about what larger ones say, beyond that of counts; infinite where none is
     beyond two standard errors, for few cells of few walks scatter by chance.
 
@@ -133,7 +141,7 @@ def _held(wanted, modelled, walks: float, slices: int = 1):
     """
     counted = (modelled * walks >= 1).reshape(slices, -1)
     wanted, modelled = (np.where(counted, light.reshape(slices, -1), 0.0) for light in (wanted, modelled))
-    chance = modelled / walks
+    chance = modelled / walks.reshape(slices, -1)
     off = np.sum((wanted - modelled) ** 2 - chance, axis=1) - 2 * np.sqrt(2 * np.sum(chance**2, axis=1))
     held = np.divide(np.sum(modelled**2, axis=1), off, out=np.full(slices, math.inf), where=off > 0)
     return np.repeat(np.maximum(held, _FEW), counted.shape[1])
@@ -213,32 +221,33 @@ class Fit:
         """Albedo of an order in the middle of each bin of incidence."""
         return self._values(1, order, table, scale).reshape(self.bins, -1) @ self.albedo_weight
 
-    def fitted(self, order: int, cells, albedo, walks: float):
+    def fitted(self, order: int, cells, albedo, walks):
         """Table and scale of an order, and the relative variance (K,) of its light in the cells of `SHOWN`.
 
         cells : light in each cell, of a walk;  albedo : (B,) of each bin of incidence
-        walks : that were counted, those that bring all or nothing
+        walks : that were counted, those that bring all or nothing; of all cells or (K,) of each
 
         A polynomial takes the light that was counted.  Then, level by level, each cell moves from what that and larger ones say
         by as much as its own counts are worth beside a number that is the inverse of the relative variance which they leave
         (empirical Bayes with a gamma distribution).
         """
-        fine = self.tables[order]
+        fine, walks = self.tables[order], np.broadcast_to(np.asarray(walks, float), len(cells))
         table, scale, variance = self._smooth(order, cells, albedo, walks)
         for level in LEVELS[order]:
             to, of = merged(self.cells, level), merged(fine, level)
-            wanted, modelled = np.bincount(to, cells), np.bincount(to, self.in_cells(order, table, scale))
+            light = self.in_cells(order, table, scale)
+            wanted, modelled, worth = np.bincount(to, cells), np.bincount(to, light), _worth(light, walks, to)
             # light straight back is that of a slice or two, and says nothing of the others
-            holds = _held(wanted, modelled, walks, level[0] if level != SHOWN else 1)
+            holds = _held(wanted, modelled, worth, level[0] if level != SHOWN else 1)
             if level == SHOWN:
                 # the polynomial's counts as far as cells are held to it
-                kept = 1 / (1 + walks * modelled / holds)
-                variance = kept**2 * variance + 1 / (walks * modelled + holds)
+                kept = 1 / (1 + worth * modelled / holds)
+                variance = kept**2 * variance + 1 / (worth * modelled + holds)
             base = table
             free = np.isfinite(holds)
             for _ in range(_ROUNDS if free.any() else 0):
                 ratio = np.bincount(of, table) / np.bincount(of, base)  # by which the cells of this level moved
-                change = np.divide(walks * wanted + holds, walks * modelled / ratio + holds, out=np.ones(len(holds)), where=free)
+                change = np.divide(worth * wanted + holds, worth * modelled / ratio + holds, out=np.ones(len(holds)), where=free)
                 table = base * change[of]
                 scale = self._scaled(order, table, scale, albedo)
                 modelled = np.bincount(to, self.in_cells(order, table, scale))
@@ -246,7 +255,7 @@ class Fit:
             scale = self._scaled(order, table, scale, albedo)
         return table, scale, variance
 
-    def _smooth(self, order: int, cells, albedo, walks: float):
+    def _smooth(self, order: int, cells, albedo, walks):
         """The polynomial's table, the scale beside it, and the polynomial's relative variance in the cells of `SHOWN`.
 
         Least squares, by the variance of counts; its terms are held to 0 and its mean to that of all light, by a few walks', and
@@ -258,12 +267,13 @@ class Fit:
         table, scale, wanted = np.ones(len(terms)), np.ones(self.bins), np.bincount(to, cells)
         prior = _FEW * np.diag(1 + _BENT * (_degrees(DEGREES[order]) ** 2).sum(axis=0))
         for _ in range(_ROUNDS):
-            each = np.bincount(to, self.in_cells(order, table, scale)) / table  # light of a factor of 1
-            mean = (walks * wanted.sum() + _FEW) / (walks * each.sum() + _FEW)
-            weighted = (terms * (walks * each / (walks * each * table + 1))[:, None]).T
+            light = self.in_cells(order, table, scale)
+            each, worth, whole = np.bincount(to, light) / table, _worth(light, walks, to), _worth(light, walks, 0 * to)[0]
+            mean = (whole * wanted.sum() + _FEW) / (whole * each.sum() + _FEW)  # each: light of a factor of 1
+            weighted = (terms * (worth * each / (worth * each * table + 1))[:, None]).T
             held = prior / mean**2
-            inverse = np.linalg.inv(weighted * (walks * each) @ terms + held)
-            factors = inverse @ (weighted @ (walks * wanted) + mean * held[0])
+            inverse = np.linalg.inv(weighted * (worth * each) @ terms + held)
+            factors = inverse @ (weighted @ (worth * wanted) + mean * held[0])
             table = np.maximum(terms @ factors, _FAINTEST * mean)
             scale = self._scaled(order, table, scale, albedo)
         held = [1 / (1 + np.sum(at @ inverse * at, axis=1) / mean**2) for at in (terms, _terms(SHOWN, DEGREES[order]))]
@@ -305,7 +315,7 @@ def factors_of(fit: Fit, cells, entered, walks, kept, elsewhere=0.0, spread=(1.0
     kept : (B,) of the light that no lower order brought out, the share that a higher one brings back (`kept_shares`): of clear
         grains hardly less than 1 in any walk, while whether a walk comes back in a lower order or a higher one is chance
     elsewhere : (B,) share of the light that lower orders, or none, brought out at the other side
-    spread : variance of the light in cells, by order, over that of walks that bring all or nothing
+    spread : variance of the light in cells, by order (and cell), over that of walks that bring all or nothing
 
     Returns
     -------
