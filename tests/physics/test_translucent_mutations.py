@@ -158,6 +158,25 @@ def test_lines_of_sight_lie_evenly_in_their_pixels(baked, tmp_path, monkeypatch)
         assert np.abs(upper - mutations._SAMPLES / 2).max() <= 3
 
 
+@pytest.mark.slow
+def test_several_scatter_for_each_that_goes_straight_on(baked, tmp_path, monkeypatch):
+    """Lines of sight that have scattered in a glass ball, by their weight: the same in sum, and several times as many."""
+    how = transport(tmp_path, [baked(0.9, 0.3)], {"ball": BALL}, PANEL, 1.4, size=8)
+    count, weight = {}, {}
+    for fates in (1, 8):
+        monkeypatch.setattr(mutations, "_FATES", fates)
+        lines = methods.parts(how, "metropolis+tables", "negative", fates)[1].render._lines
+        sights = [lines(number, np.ones((8, 8), bool))[0] for number in range(16)]
+        scattered = [its.of(its.order > 0) for its in sights]
+        count[fates] = sum(its.count for its in scattered)
+        weight[fates] = [its.throughput.sum() / fates for its in scattered]
+        for its in scattered:
+            assert len(np.unique(its.direction, axis=0)) == its.count
+    assert count[8] > 4 * count[1] > 1000
+    assert stats.ttest_ind(weight[1], weight[8], equal_var=False).pvalue > ODDS
+    assert np.std(weight[8]) < np.std(weight[1])
+
+
 @pytest.fixture
 def few(monkeypatch):
     """Passes of few lines and beams."""

@@ -24,6 +24,8 @@ BINS = 24, 8, 8, 4  # of `Guess`
 FINEST = 0.3  # mfp, below which distances are told apart evenly, beyond by their logarithm
 IN_BIN = 8  # places of a bin whose mean it is
 _LINE, _BEAM, _ON_BEAM, _ON_LINE, _CLOSE, _SEEN = range(NUMBERS)
+_AHEAD, _COLLIDES, _TAKES, _WEIGHTS = 3, 6, 7, 8  # columns of `ends_of`
+_FARTHEST = 6.0  # longest mfp between the beginnings of beam and line, beyond which no second event is guessed
 
 
 class Sights(NamedTuple):
@@ -77,11 +79,14 @@ class Guess(NamedTuple):
     share : (L,) what a wavelength weighs, luminance without signs
     scale : inverse of ln(1 + m / `FINEST`) of the farthest distance m that is told apart, longest mean free paths
     values : (R, A, A, T, L) mfp^-3 sr^-1, of bins in distance, in both turns and in the angle between the planes of these
+    lines, beams : `ends_of` those of a pass
     """
 
     share: np.ndarray
     scale: float
     values: np.ndarray
+    lines: np.ndarray
+    beams: np.ndarray
 
 
 class _Joined(NamedTuple):
@@ -279,27 +284,36 @@ def averaged(table, thicker, scale, shifts, values):
         values[r, a, b, c] = total / len(shifts)
 
 
+def ends_of(sigma, origin, direction, length, weight):
+    """Lines of sight or beams (n, 8 + L) as a guess reads them, in single precision and one row each, as most are not in the
+    processor's cache: origin in longest mean free paths, direction, share that collides, 1 where it takes light away, |weight|.
+
+    sigma : 1/m, smallest extinction;  others as in `Sights` and `Beams`
+    """
+    collides, takes = -np.expm1(-sigma * length), weight.sum(axis=1) < 0
+    return np.column_stack([sigma * origin, direction, collides, takes, np.abs(weight)]).astype(np.float32)
+
+
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _guessed(edge, guess, sights, beams, u, scratch):
     """Roughly what luminance a candidate u (NUMBERS,) brings, without signs, over the density of those drawn alike: the mean of
     its places, which are `scratch.guessed`."""
     i, b, total = _number(u[_LINE], len(sights.far)), _number(u[_BEAM], len(beams.length)), 0.0
-    square, along, against, forward = 0.0, 0.0, 0.0, 0.0
-    for k in range(3):
-        apart = sights.origin[i, k] - beams.origin[b, k]
+    square, along, against, forward, lines, ends = 0.0, 0.0, 0.0, 0.0, guess.lines, guess.beams
+    for k in range(_AHEAD):
+        apart = lines[i, k] - ends[b, k]
         square += apart * apart
-        along += apart * beams.direction[b, k]
-        against -= apart * sights.direction[i, k]
-        forward -= beams.direction[b, k] * sights.direction[i, k]
-    sigma, twice = np.min(edge.medium.sigma_t), 0.0
-    square, along, against, power = sigma * sigma * square, sigma * along, sigma * against, scratch.waves[0]
+        along += apart * ends[b, _AHEAD + k]
+        against -= apart * lines[i, _AHEAD + k]
+        forward -= ends[b, _AHEAD + k] * lines[i, _AHEAD + k]
+    sigma, twice, power = np.min(edge.medium.sigma_t), 0.0, scratch.waves[0]
     # close to a line of sight second events are brighter than all later ones
-    joined = _joined(edge, sights, beams, i, b, u, scratch) if edge.second or _takes(beams, b) \
+    joined = _joined(edge, sights, beams, i, b, u, scratch) if (edge.second or ends[b, _TAKES] > 0) and square < _FARTHEST**2 \
         else _Joined(0.0, 0.0, 0.0, 0.0, 0.0)
     # the same places as `_lengths` has, but for rounding
-    collides, lasting = 1 - math.exp(-sigma * beams.length[b]), 1 - math.exp(-sigma * sights.far[i])
+    collides, lasting = ends[b, _COLLIDES], lines[i, _COLLIDES]
     for w in range(len(power)):
-        power[w] = guess.share[w] * abs(sights.weight[i, w] * beams.power[b, w])
+        power[w] = guess.share[w] * lines[i, _WEIGHTS + w] * ends[b, _WEIGHTS + w]
         if power[w] > 0.0 and joined.share > 0.0:
             twice += power[w] * _twice(edge.medium, w, joined)
         power[w] *= edge.medium.sigma_t[w] ** 4 / sigma**2 * collides * lasting

@@ -34,9 +34,10 @@ from renderers.threads import run
 from renderers.transport import wavefront
 from renderers.transport.paths import follow, joined
 
-_PATHS, _SAMPLES = 1 << 17, 64  # from the camera in a pass, about; of a pixel, at most
+_PATHS, _SAMPLES = 1 << 16, 64  # from the camera in a pass, about; of a pixel, at most
+_FATES = 8  # of a path that enters a body and scatters: such lines bring a 28th of the light of glass, and were half of its noise
 _BEAMS = 4  # times the places and walks of other methods, which have lines of sight share few beams
-_OF_LINE = 3  # states that are looked up for a line of sight
+_OF_LINE = 8  # states that are looked up for a line of sight
 _CANDIDATES = 10  # states drawn by the guide for each of them
 _OF_PILOT = 1 << 20  # states drawn alike that tell the guide
 _PARTS = 128, 128  # of lines and of beams, which the guide tells apart
@@ -45,7 +46,7 @@ _ALIKE, _CLIPPED = 0.3, 300.0  # share that it draws alike; of the mean, what on
 _LATTICE = 1.1347241384015194 ** -np.arange(0.0, NUMBERS)
 _IN_PIXEL = 1.3247179572447460 ** -np.arange(1.0, 3.0)  # the same in two
 _TOGETHER = 1 << 18  # candidates that are kept at once
-_ALL = 1 << 17  # paths of the camera that go on together
+_ALL = 1 << 15  # paths of the camera that go on together, and several that scatter of each
 _APART = 1 << 28  # random streams of bodies are so far apart
 _PILOT = (1 << 30) - 1  # pass that finds which states are bright
 _LATER = 1 << 31  # passes of lines of sight are numbered from here, so many of each pass
@@ -148,22 +149,26 @@ class Mutations:
         def camera(first, last):
             which, sample = np.divmod(np.arange(first, last), self._samples)
             places = (shift[which] + sample[:, None] * _IN_PIXEL) % 1.0
-            return transport.begin(setup, pixels[which], _LATER + number, self._seed, first, places)
+            paths = transport.begin(setup, pixels[which], _LATER + number, self._seed, first, places)
+            paths.throughput[:] *= _FATES  # so that roulette leaves as many of each
+            return paths
 
         follow(len(pixels) * self._samples, _ALL, camera,
-               lambda paths: transport.onward(setup, paths, asked.most, sums, collected))
+               lambda paths: transport.onward(setup, paths, asked.most, sums, collected, _FATES))
         return {body: joined(parts) for body, parts in sorted(collected.parts.items())}
 
     def _sights(self, body, lines):
-        """`Sights` of paths in a body: those that the camera sees as they come first, then others."""
+        """`Sights` of paths in a body: those that have not scattered before others."""
         order = gather.by_place(lines.origin, self._setup.bodies[body].vertices)
-        lines = lines.of(order[np.argsort((lines.order + ~lines.seen)[order] > 0, kind="stable")])
-        # those of a pixel are neighbours, so that chance does not decide how many states it has
+        lines = lines.of(order[np.argsort(~lines.seen[order], kind="stable")])
+        # those of a pixel are neighbours, so that chance does not decide how many states it has; those that have scattered are
+        # anywhere in the body, and the guide tells apart where
         _, first, pixel = np.unique(lines.pixel, return_index=True, return_inverse=True)
-        lines = lines.of(np.argsort(first[pixel], kind="stable"))
+        scattered = lines.order > 0
+        lines = lines.of(np.lexsort([np.where(scattered, 0, first[pixel]), scattered]))
         mirrored = np.isfinite(self._settings.beyond[body]).any()
         facing = surfaces.facing(self._setup, lines) if mirrored else np.empty((0, 3))
-        weight = lines.throughput / self._samples
+        weight = lines.throughput / (_FATES * self._samples)
         return Sights(lines.origin, lines.direction, lines.far, facing, weight, lines.pixel, lines.order)
 
     def _edge(self, number):
@@ -207,7 +212,7 @@ def _guess_of(body, to_rgb):
     shifts = (np.arange(IN_BIN)[:, None] * _LATTICE[:4] + 0.5) % 1.0
     for w, table in enumerate(tables):
         _mutations.averaged(table, sigma[w] / sigma.min(), scale, shifts, values[..., w])
-    return Guess(LUMINANCE @ np.abs(to_rgb), scale, values)
+    return Guess(LUMINANCE @ np.abs(to_rgb), scale, values, *[np.empty((0, 0), np.float32)] * 2)
 
 
 class _Among(NamedTuple):
@@ -226,7 +231,11 @@ class _Group:
     """
 
     def __init__(self, body, among, key):
-        self.body, self._among, self._stream = body, among, np.empty(1, np.uint64)
+        sights, beams, sigma = among.sights, among.beams, among.edge.medium.sigma_t.min()
+        guess = among.guess._replace(
+            lines=_mutations.ends_of(sigma, sights.origin, sights.direction, sights.far, sights.weight),
+            beams=_mutations.ends_of(sigma, beams.origin, beams.direction, beams.length, beams.power))
+        self.body, self._among, self._stream = body, among._replace(guess=guess), np.empty(1, np.uint64)
         self._looked = _OF_LINE * len(among.sights.far)
         self.count = _CANDIDATES * self._looked
         wavefront.begin_streams(key, body * _APART, self._stream)

@@ -57,12 +57,12 @@ def begin(transport, pixel, number, seed, first=None, places=None) -> Paths:
     return paths
 
 
-def onward(transport, paths, most, sums, gather=None) -> Paths:
-    """Paths after their next surface or event, those that go on."""
+def onward(transport, paths, most, sums, gather=None, fates=1) -> Paths:
+    """Paths after their next surface or event, those that go on; fates : as `inside`."""
     body = located(transport.geometry, paths)
     parts = [at_surfaces(transport, paths.of(body == _geometry.OUTSIDE), sums)]
     for number in np.unique(body[body != _geometry.OUTSIDE]):
-        parts += inside(transport, paths.of(body == number), number, most[number], sums, gather)
+        parts += inside(transport, paths.of(body == number), number, most[number], sums, gather, fates)
     return joined(parts)
 
 
@@ -73,8 +73,12 @@ def through(transport, number, paths, most, waits):
     return status
 
 
-def inside(transport, paths, number, most, sums, gather):
-    """Parts of the paths in a body after their next surface or event; most : events between two surfaces."""
+def inside(transport, paths, number, most, sums, gather, fates=1):
+    """Parts of the paths in a body after their next surface or event.
+
+    most : events between two surfaces;  fates : paths that scatter for each that comes straight through, where the boundary turns
+    light back; if several, those of little weight are thinned
+    """
     body = transport.bodies[number]
     if gather is not None:
         gather(transport, paths, number, sums)
@@ -83,26 +87,33 @@ def inside(transport, paths, number, most, sums, gather):
     if most:
         split = splits(paths) & (paths.order == 0) & np.isfinite(paths.far) & (paths.triangle >= 0)
         if split.any():
-            parts = _both_ways(transport, paths.of(split), number, sums)
+            parts = _both_ways(transport, paths.of(split), number, sums, 1 if body.matched else fates)
             paths = paths.of(~split)
     start = paths.origin.copy()
     status = through(transport, number, paths, most, bool(
         body.matched or sums.by_paths and (transport.bent[number] or transport.chained) or _joins(transport, number, sums)))
     events = status == _walk.EVENT
     parts.append(_at_events(transport, number, paths.of(events), start[events], sums))
-    parts.append(at_surfaces(transport, paths.of(status == _walk.CONTACT), sums, traced=not body.matched))
+    meets = paths.of(status == _walk.CONTACT)
+    if fates > 1:
+        _, meets = thinned(meets, np.ones(meets.count, bool))
+    parts.append(at_surfaces(transport, meets, sums, traced=not body.matched))
     return parts
 
 
-def _both_ways(transport, paths, number, sums):
-    """Parts of paths in a body that come straight through, and that scatter on the way, both for sure."""
-    body, straight, fate = transport.bodies[number], paths.of(slice(None)), paths.of(slice(None))
+def _both_ways(transport, paths, number, sums, fates):
+    """Parts of paths in a body that come straight through, and, so many of each, that scatter on the way, both for sure."""
+    body, straight = transport.bodies[number], paths.of(slice(None))
+    fate = paths.of(np.tile(np.arange(paths.count), fates))
     run(_walk.straight, paths.count, body.medium, straight)
-    wavefront.skip(fate.states, 1 << 41)
-    run(_walk.inside, paths.count, body.medium, fate)
+    for copy, states in enumerate(np.split(fate.states, fates)):
+        wavefront.skip(states, (1 << 41) + (copy << 44))
+    start = fate.origin.copy()
+    fate.throughput[:] /= fates
+    run(_walk.inside, fate.count, body.medium, fate)
     fate.seen[:] = False
     return [at_surfaces(transport, straight, sums, traced=not body.matched),
-            _at_events(transport, number, fate, paths.origin, sums)]
+            _at_events(transport, number, fate, start, sums)]
 
 
 def _joins(transport, number, sums):
