@@ -70,11 +70,11 @@ def alone(asked) -> dict:
     rendering.stop = dataclasses.replace(rendering.stop, time=None)
     before, longest = time.process_time(), 0.0
 
-    def over(_noise):
+    def over(noise):
         nonlocal before, longest
         now = time.process_time()
         before, longest = now, max(longest, now - before)
-        return now + longest > limit
+        return noise is not None and now + longest > limit  # as in any render two passes end, however long they take
 
     rendering.run(over)
     report, display = rendering.finish(), dict(rendering.job.scene.values.display)

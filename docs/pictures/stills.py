@@ -2,8 +2,10 @@
 
 The longer side gets so many pixels.  A render ends after the time, or once its pixels have a noise of 4 %, and has its noise
 taken out; the picture beneath a filter of fog ends after the time, or its samples, and has its noise taken out, too.  Noise,
-samples and seconds of each are printed.  `--keep` puts the PNG into this folder, with colours as coarse as it takes to stay below
-450 kB; `--only-keep` does that with what an earlier call has rendered.
+samples and seconds of each are printed.  `--jobs` renders so many scenes side by side, in the order of their names as given.  A
+graphics card that works is used; `CUDA_VISIBLE_DEVICES= ` before the command keeps a call off it, so that two calls share a
+machine: bodies on its card, grains and particles on its processors.  `--keep` puts the PNG into this folder, with colours as
+coarse as it takes to stay below 450 kB; `--only-keep` does that with what an earlier call has rendered.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import json
 import re
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -55,11 +58,12 @@ def settings(path: Path, folder: Path, longest: int, seconds: float) -> list[str
     return ["--denoise", *(word for key, value in chosen.items() for word in ("--set", f"{key}={value}"))]
 
 
-def rendered(path: Path, picture: Path, longest: int, seconds: float, resume: bool) -> dict:
-    """The report of a render, which may have missed its noise (status 3)."""
+def rendered(picture: Path, options: list[str], resume: bool) -> dict:
+    """The report of a render of the scene of that name, which may have missed its noise (status 3)."""
+    path = SCENES / f"{picture.stem}.yaml"
     command = [sys.executable, "-m", "bakery", "render", str(path), "-o", str(picture), "--json",
                "--resume" if resume and picture.with_suffix(".exr").is_file() else "--overwrite"]
-    done = subprocess.run([*command, *settings(path, picture.parent, longest, seconds)], stdout=subprocess.PIPE, text=True)
+    done = subprocess.run([*command, *options], stdout=subprocess.PIPE, text=True)
     if done.returncode not in (0, 3):
         sys.exit(f"{path}: bake render ended with status {done.returncode}")
     return json.loads(done.stdout)
@@ -90,28 +94,38 @@ def keep(picture: Path):
     (HERE / picture.name).write_bytes(stored.getvalue())
 
 
+def described(name: str, report: dict) -> str:
+    """A line about a picture."""
+    noise = report.get("pixel_noise") or report["noise"]
+    return (f"{name}: {report['method']}, {report['size'][0]} x {report['size'][1]}, {report['samples']} samples, noise "
+            f"{'none' if noise is None else f'{noise:.1%}'}, {report['seconds']['total']:.0f} s")
+
+
 def main():
-    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("names", nargs="*", help="scenes; all that ship if none is named")
-    options.add_argument("--longest", type=int, default=1024, help="pixels of the longer side")
-    options.add_argument("--time", type=float, default=90.0, help="seconds of passes a scene")
-    options.add_argument("-o", "--output", type=Path, default=Path("build"))
-    options.add_argument("--resume", action="store_true", help="goes on from the samples of an earlier call")
-    options.add_argument("--keep", action="store_true", help="puts the pictures into docs/pictures")
-    options.add_argument("--only-keep", action="store_true", help="and renders none")
-    chosen = options.parse_args()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", help="scenes; all that ship if none is named")
+    parser.add_argument("--longest", type=int, default=1024, help="pixels of the longer side")
+    parser.add_argument("--time", type=float, default=90.0, help="seconds of passes a scene")
+    parser.add_argument("--jobs", type=int, default=1, help="scenes rendered side by side")
+    parser.add_argument("-o", "--output", type=Path, default=Path("build"))
+    parser.add_argument("--resume", action="store_true", help="goes on from the samples of an earlier call")
+    parser.add_argument("--keep", action="store_true", help="puts the pictures into docs/pictures")
+    parser.add_argument("--only-keep", action="store_true", help="and renders none")
+    chosen = parser.parse_args()
     chosen.output.mkdir(parents=True, exist_ok=True)
-    for name in chosen.names or sorted(path.stem for path in SCENES.glob("*.yaml")):
-        picture = chosen.output / f"{name}.png"
-        if chosen.only_keep:
+    pictures = [chosen.output / f"{name}.png" for name in chosen.names or sorted(path.stem for path in SCENES.glob("*.yaml"))]
+    # Mitsuba reads files of one scene at a time
+    options = [[] if chosen.only_keep else settings(SCENES / f"{picture.stem}.yaml", chosen.output, chosen.longest, chosen.time)
+               for picture in pictures]
+
+    def work(picture, options):
+        if not chosen.only_keep:
+            print(described(picture.stem, rendered(picture, options, chosen.resume)), flush=True)
+        if chosen.keep or chosen.only_keep:
             keep(picture)
-            continue
-        report = rendered(SCENES / f"{name}.yaml", picture, chosen.longest, chosen.time, chosen.resume)
-        noise = report.get("pixel_noise") or report["noise"]
-        print(f"{name}: {report['method']}, {report['size'][0]} x {report['size'][1]}, {report['samples']} samples, noise "
-              f"{'none' if noise is None else f'{noise:.1%}'}, {report['seconds']['total']:.0f} s", flush=True)
-        if chosen.keep:
-            keep(picture)
+
+    with ThreadPoolExecutor(chosen.jobs) as side_by_side:
+        list(side_by_side.map(work, pictures, options))
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ CALLS = {
     "multiple": ("--photons",), "multiple_pictures": ("ASSET -o FOLDER",), "packing": ("", "--jamming"), "pictures": ("ASSET",),
     "first_picture": ("-o FOLDER",), "requirements": ("--pictures",), "scatterometer": ("", "--accuracy"),
     "small_lamps": ("", "--bias"), "translucent": ("--folder FOLDER",),
-    "translucent_reference": ("--room ASSET -o FOLDER",),
+    "translucent_reference": ("--room ASSET -o FOLDER",), "variants": ("-o FOLDER",),
 }
 
 
