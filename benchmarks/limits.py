@@ -119,9 +119,9 @@ def machine():
 
 def mie(rates):
     """Kernels of Mie on one core: (name, operations, seconds of the bound, measured seconds)."""
-    from bakery.physics.mie import angular, coefficients, fourier, legendre
+    from bakery.physics.mie import angular, coefficients, cosines, fourier, legendre
 
-    product, quotient = (1.0 / rates[kind] for kind in ("multiply-adds", "quotients among products"))
+    product, quotient, byte = (1.0 / rates[kind] for kind in ("multiply-adds", "quotients among products", "bytes of memory"))
     x = np.linspace(0.1, 1000.0, sized(10_000, 32))
     orders, out = sum(coefficients.terms(size) for size in x), np.empty((5, x.size))
     yield ("efficiencies, 10,000 sizes, m = 1.33", "an order: 21 products, 2 quotients", orders * (21 * product + 2 * quotient),
@@ -133,13 +133,17 @@ def mie(rates):
     size = sized(200_000.0, 600.0)
     last = coefficients.terms(size)
     grid = fourier.blocks(np.array([size]), np.array([0]))[0][0]
-    _, (_, h, tree, _) = fourier._memory(last, 1, grid)
-    h[:], tree[:] = 0.0, 0.0
+    _, (_, h, tree, values) = fourier._memory(last, 1, grid)
+    between = np.zeros(5 * values.size)
+    h[:], tree[:], values[:] = 0.0, 0.0, 0.0
     table, tables, only = legendre.ratios(2 * h.shape[3] + 4 * legendre.LEAF), legendre.box_tables(), np.array([last])
     yield (f"transform, boxes nearby, x = {size:,.0f}", "an order: 88 targets of 5 products", 440 * last * product,
            best(lambda: [legendre._near(h, parity, table, only) for parity in range(2)], sized(10, 1)))
     yield ("transform, boxes and their tree", "an order: 1080 products", 1080 * last * product,
            best(lambda: legendre.legendre_to_fourier(h, only, table, tables, tree), sized(10, 1)))
+    flops = 4 * 2.5 * grid * np.log2(grid)
+    yield ("transform, cosines", "four series, 2.5 n log2 n sums and products; memory written and read twice",
+           max(0.5 * flops * product, 4 * values.nbytes * byte), best(lambda: cosines.cosine_sums(values, between), sized(10, 1)))
 
 
 def main():

@@ -115,3 +115,17 @@ def test_fourier_coefficients_against_their_sum(last):
             row = long_table[i - j] * long_table[i + j + parity]
             exact = h[:, :, parity, i] @ row
             assert np.max(abs(g[:, :, parity, j] - exact)) < 1e-14 * float(np.sqrt(np.sum(row**2)))
+
+
+@pytest.mark.parametrize("grid", [512, 20 << 6, 25 << 8, 16 << 11])
+def test_cosine_sums_against_scipy(grid):
+    from scipy.fft import dct
+
+    from bakery.physics.mie.cosines import cosine_sums
+
+    series = np.full((grid, 4), np.nan)  # the upper half is not read
+    series[:grid // 2] = np.random.default_rng(grid).normal(size=(grid // 2, 4))
+    series[grid // 2] = 0.0
+    exact = dct(np.nan_to_num(series).astype(LONG), type=3, axis=0)
+    cosine_sums(series, np.empty(8 * grid))
+    assert np.max(abs(series - exact)) < 2e-15 * float(np.sqrt(np.mean(exact**2)))

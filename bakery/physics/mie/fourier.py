@@ -13,7 +13,7 @@ SIAM J. Sci. Comput. 41, C479 (2019)).
 The error is the same at all angles: ERROR of the root mean square of S over theta, most of which is the forward peak.  Where that
 is more than WORST of |S|, and more than recurrences lose, the angle is summed by them.  At 0 and pi the sums need neither.
 
-Rounding.  As in `series`; the transform in the middle is SciPy's.
+Rounding.  As in `series`; the transform in the middle is SciPy's where spheres share one, and that of `cosines` for large ones.
 Grids depend on the sphere alone, so that neither other spheres nor other angles change a result.
 """
 
@@ -27,6 +27,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from bakery.physics.mie import angular, coefficients
+from bakery.physics.mie.cosines import cosine_sums
 from bakery.physics.mie.legendre import (
     APART,
     LEAF,
@@ -358,13 +359,17 @@ def _memory(last, radii, grid):
 
 def amplitudes_of_block(m, x, theta, grid, s1, s2):
     """S1, S2 (R, A) of one of `blocks` at theta (A,) rad, into contiguous arrays."""
-    from scipy.fft import dct
-
     window, damping = window_tables()
     last = coefficients.terms(x[-1])
     whole, memory = _memory(last, x.size, grid)
     bounds = _spectrum(m, x, _ratios(last), box_tables(), damping, memory)
-    values = dct(memory[-1], type=3, axis=0, overwrite_x=True)
+    if last > coefficients.WIDE:
+        values = memory[-1]
+        cosine_sums(values, whole[:sum(part.size for part in memory[:-1])])
+    else:
+        from scipy.fft import dct
+
+        values = dct(memory[-1], type=3, axis=0, overwrite_x=True)
     parts = s1.view(np.float64).reshape(*s1.shape, 2), s2.view(np.float64).reshape(*s2.shape, 2)
     doubtful = _evaluate((values, *bounds), theta, window, *parts)
     if whole.nbytes <= KEPT and len(_KEPT) < 4:
