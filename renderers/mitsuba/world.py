@@ -129,6 +129,10 @@ class World:
             self._measured[key] = measure()
         return self._measured[key]
 
+    def forget(self):
+        """Lets go what `once` keeps: no more copies of this world will ask for it, pilots of other methods least of all."""
+        self._measured.clear()
+
     def shapes(self) -> list[shapes.Shape]:
         """All surfaces of the scene."""
         return shapes.of_scene(self.scene, self.unit)

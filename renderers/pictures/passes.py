@@ -159,6 +159,7 @@ class Rendering:
             self.job.scene = dataclasses.replace(choice.applied(scene, taken), choice=taken)
         begins("preparation")
         self.method = self.job.scene.prepare(self.job, world, self.seed)
+        world.forget()
         self.job.part_over("preparation")
         identity = {"scene": fingerprint(*made_of(scene)), "seed": self.seed, "size": list(world.size),
                     "asset": [asset.content_hash for asset in self.job.assets]}
