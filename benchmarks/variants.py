@@ -41,8 +41,8 @@ CASES = {"bust": None, "candle": None, "head": None, "glass_of_milk": None, "mil
          "square_emitter": None}
 
 
-def made(case, folder) -> Path:
-    """The file of a scene that ships, or of what is made of it in a folder."""
+def written(case, folder) -> Path:
+    """The file of a scene that ships, or of one written beside others in a folder, made of such."""
     if not CASES[case]:
         return SCENES / f"{case}.yaml"
     shipped, entries = CASES[case]
@@ -77,7 +77,7 @@ def rendered(path, picture, longest, samples, variant, seed):
 
 def compared(case, folder, longest, samples) -> str:
     """The row of a case."""
-    path = made(case, folder)
+    path = written(case, folder)
     pictures = [rendered(path, folder / f"{case}.{number}.png", longest, count, variant, number)
                 for number, (variant, count) in enumerate(zip(VARIANTS, samples, strict=True))]
     begin = f"| {case} | {' | '.join(f'{seconds:.1f} s, {count}' for *_, seconds, count in pictures)} |"
