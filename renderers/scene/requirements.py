@@ -115,7 +115,7 @@ class About:
     def __init__(self, scene, recipe, medium: Callable, bodies: Sequence[int] | None = None, worlds: dict | None = None):
         self.scene, self.recipe, self._medium, self._measured = scene, recipe, medium, {}
         self.worlds = {} if worlds is None else worlds
-        self._whole = self
+        self._whole = None  # of a part; not itself, which would keep its worlds from going with it
         self.split = budget.of(scene, budget.HALF)
         made_of_it = _bodies(scene, recipe) if bodies is None else list(bodies)
         self.guessed = not made_of_it
@@ -127,6 +127,7 @@ class About:
         listed = [entry.model_copy(update={"method": method}) if number in bodies else entry
                   for number, entry in enumerate(values.materials)]
         part = copy(self)
+        part._whole = self._whole or self
         part.scene = dataclasses.replace(self.scene, values=values.model_copy(update={"materials": listed, "method": method}))
         part.bodies, part._measured = list(bodies), self._measured.setdefault((tuple(bodies), method), {})
         return part
@@ -161,12 +162,12 @@ class About:
     @property
     def medium(self):
         """The medium by a draft bake: `wavelength` (L,) um, `sigma_t` (L,) 1/m, `albedo`, `g` (L,)."""
-        return self._whole.measured(_medium)
+        return (self._whole or self).measured(_medium)
 
     @property
     def world(self):
         """Surfaces, lights and camera, `renderers.mitsuba.world.World`."""
-        whole = self._whole.scene
+        whole = (self._whole or self).scene
         if id(whole) not in self.worlds:
             from renderers.mitsuba.world import World
 
