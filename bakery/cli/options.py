@@ -83,6 +83,14 @@ recipe_options = gathered(
 told_options = gathered("told", Told, json_option, quiet_option, verbose_option)
 
 
+def seed_of(text: str | None) -> int | None:
+    """The seed of a scene's picture, where an option of recipes gives it as text."""
+    # as many digits as the largest has: of thousands Python makes no number
+    if text is not None and not (text.isdecimal() and len(text) <= len(str(SEED.max)) and int(text) <= SEED.max):
+        raise UsageError(f'--seed: found "{text}"; expected a whole number from 0 to 2^53')
+    return None if text is None else int(text)
+
+
 def settings_of(quality, tolerance, seed, settings, sweeps=()) -> dict[str, str]:
     """The recipe values that the options override; `sweeps` stand below the key `sweep`."""
     from bakery.run import overrides

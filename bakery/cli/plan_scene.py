@@ -2,6 +2,7 @@
 
 import math
 
+from bakery.cli.options import seed_of
 from bakery.errors import UsageError
 from bakery.system.terminal import say
 
@@ -23,11 +24,9 @@ def planned(path, output, settings, quality, seed, overwrite, progress):
     from renderers import scene
     from renderers.pictures import images
 
-    if seed is not None and not seed.isdecimal():
-        raise UsageError(f'--seed: found "{seed}"; expected a whole number from 0')
+    number = seed_of(seed)
     loaded = scene.load(path, settings)
     pair = images.output_pair(named(output, loaded.picture), loaded.inputs, overwrite)
-    number = None if seed is None else int(seed)
     return plan(loaded, quality=quality, seed=number, progress=progress), pair
 
 

@@ -3,7 +3,7 @@
 import click
 
 from bakery.cli import offers
-from bakery.cli.options import for_scenes, overwrite_option, print_json, recipe_options, settings_of, told_options
+from bakery.cli.options import for_scenes, overwrite_option, print_json, recipe_options, seed_of, settings_of, told_options
 from bakery.errors import Interrupted, UsageError
 from bakery.scenes import is_scene
 
@@ -49,7 +49,7 @@ def command(source, output, asked, methods, beside, measure, budget, overwrite, 
     progress = choose(told.quiet)
     try:
         if scene:
-            value, lines = _of_scene(source, output, methods, values, _seed(asked.seed), budget=budget, beside=beside,
+            value, lines = _of_scene(source, output, methods, values, seed_of(asked.seed), budget=budget, beside=beside,
                                      progress=progress, verbose=told.verbose, overwrite=overwrite)
         else:
             value, lines = _of_recipe(source, output, values, asked, measure=measure, budget=budget, progress=progress,
@@ -87,9 +87,3 @@ def _of_scene(source, output, methods, values, seed, *, progress, verbose, **opt
     for line in lines(traded) if verbose else ():
         progress.say(line)
     return traded, [*report(traded), traded["page"]]
-
-
-def _seed(text) -> int | None:
-    if text is not None and not text.isdecimal():
-        raise UsageError(f'--seed: found "{text}"; expected a whole number from 0 on')
-    return None if text is None else int(text)
