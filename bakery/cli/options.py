@@ -83,6 +83,14 @@ recipe_options = gathered(
 told_options = gathered("told", Told, json_option, quiet_option, verbose_option)
 
 
+def seed_of(text: str | None) -> int | None:
+    """The seed of a scene's picture, where an option of recipes gives it as text."""
+    # as many digits as the largest has: of thousands Python makes no number
+    if text is not None and not (text.isdecimal() and len(text) <= len(str(SEED.max)) and int(text) <= SEED.max):
+        raise UsageError(f'--seed: found "{text}"; expected a whole number from 0 to 2^53')
+    return None if text is None else int(text)
+
+
 def settings_of(quality, tolerance, seed, settings, sweeps=()) -> dict[str, str]:
     """The recipe values that the options override; `sweeps` stand below the key `sweep`."""
     from bakery.run import overrides
@@ -94,13 +102,6 @@ def settings_of(quality, tolerance, seed, settings, sweeps=()) -> dict[str, str]
             raise UsageError(f'--sweep: found "{key}={value}", and --set "{below}={values[below]}"; give each once')
         values[below] = value
     return overrides(quality, tolerance, seed, values)
-
-
-def seed_of(text: str | None) -> int | None:
-    """The seed of a scene's passes."""
-    if text is not None and not text.isdecimal():
-        raise UsageError(f'--seed: found "{text}"; expected a whole number from 0')
-    return None if text is None else int(text)
 
 
 def _pair(option: str, text: str, example: str) -> tuple[str, str]:

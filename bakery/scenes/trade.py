@@ -4,6 +4,7 @@ First every point gets the same time, then the reference, then the points that m
 Pictures and records stay beside the page: a later call goes on with them.
 """
 
+import time
 from collections.abc import Mapping
 
 from bakery.draw.files import folder_filled
@@ -100,10 +101,14 @@ class _Sweep:
         self.made, self.failed = {}, {}
 
     def run(self):
-        """Renders what the budget allows."""
+        """Renders what the budget allows; of what is begun two passes, however long they take."""
+        begin = time.monotonic()
         # first those that may be the reference: without one nothing else is worth its time
         exact = [job for job in self.jobs if job.name in self.loaded.rules.EXACT]
         for job in [*exact, *(job for job in self.jobs if job not in exact)]:
+            if job not in exact and time.monotonic() - begin > self.budget and not job.record.exists():
+                self.refused[job.name] = "the budget was spent before; the same call goes on with it"
+                continue
             self._draw(job, _NOISE, _FIRST * self.budget / len(self.jobs))
             if exact and job is exact[-1]:
                 self._whole()

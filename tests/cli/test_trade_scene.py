@@ -112,6 +112,14 @@ def test_finished_points_are_kept(call, place):
         assert [begun for _, begun, _ in render.asked[count:]][:2] == [0, 0]
 
 
+def test_a_budget_that_is_spent_begins_no_other_point(call, place):
+    """The reference is rendered in any case; a later call goes on with the others."""
+    found = traded(call, place, "--budget", "1e-9")
+    assert [one["name"] for one in found["methods"]] == ["single"] and found["trade"] is None
+    assert "Not rendered: isotropic: the budget was spent before; the same call goes on with it" in found["remarks"]
+    assert [one["name"] for one in traded(call, place)["methods"]] == ["single", "isotropic"]
+
+
 def test_what_cannot_be_rendered_is_said(call, place, monkeypatch):
     """And the others go on; without a reference it is an error."""
     monkeypatch.setattr("tests.toy_renderer.scene.POINTS", ("single", "isotropic", "single:son=1"))
@@ -164,6 +172,7 @@ WRONG = (
     ("haze.yaml --methods single,single", "found single twice"),
     ("haze.yaml --budget 0", "--budget: found 0; expected a number of minutes above 0"),
     ("haze.yaml --seed x", '--seed: found "x"; expected a whole number'),
+    ("haze.yaml --seed 9007199254740993", "expected a whole number from 0 to 2^53"),
     ("haze.yaml --stage optics", "--stage: haze.yaml is a scene, which has none"),
     ("haze.yaml --measure phase", "--measure: haze.yaml is a scene"),
     ("haze.yaml --set toy.method=single", "the methods are those of --methods"),
