@@ -9,11 +9,9 @@ clock back before that costs digits.
 
 import numpy as np
 
-from bakery.physics.packing._approach import DUE as NEXT
-from bakery.physics.packing._approach import LANES, A, B, C, approach, scratch
+from bakery.physics.packing._approach import first_touch
 from bakery.physics.packing._lists import CODES, DUE, FIRST, INNER, LAST, STRICT, R, V, X, relist
 from bakery.physics.packing._queue import USED, next_event, push
-from bakery.physics.vectors import lowest
 from bakery.system.compiled import njit
 
 LEAVE, CHECK, NONE = -1, -2, -3  # in place of a partner
@@ -38,21 +36,6 @@ def _leaving(st, i, x, y, z, scale):
     if a > 0.0:
         return max((root - b) / a, 0.0)
     return np.inf  # at rest and not growing
-
-
-@njit(**INNER)
-def _touching(a, b, c):
-    """The first tau >= 0 at which c + 2 b tau + a tau^2 falls below 0; inf where it never does."""
-    if c <= 0.0:  # in touch, within rounding
-        if b < 0.0:
-            return 0.0
-        return -2.0 * b / a if a < 0.0 else np.inf  # growth overtakes: when they are as far apart again as now
-    d = b * b - a * c
-    if d < 0.0:
-        return np.inf
-    if b < 0.0:
-        return c / (np.sqrt(d) - b)
-    return (-b - np.sqrt(d)) / a if a < 0.0 else np.inf
 
 
 @njit(**INNER)
@@ -93,24 +76,11 @@ def predict(st, i, t):
         soon = st.sphere[i, DUE] - t
         choice = agreed
 
-    moving, now = (x, y, z, vx, vy, vz, radius), (scale, rate, t)
-    gap = scratch()
-    last = st.index[i, LAST]
-    # lists take whole cache lines: what stands behind the last one is some sphere's number, or was
-    for first in range(st.index[i, FIRST], last, LANES):
-        bits = approach(st.sphere, st.near, first, st.shift, moving, now, soon, gap)
-        bits &= (1 << min(last - first, LANES)) - 1
-        while bits != 0:
-            k = lowest(bits)
-            bits &= bits - 1
-            a, b, c = gap[A + k], gap[B + k], gap[C + k]
-            until = min(soon, gap[NEXT + k])
-            if c > 0.0 and c + until * (2.0 * b + until * min(a, 0.0)) >= 0.0:
-                continue  # no longer, for something else comes sooner
-            tau = _touching(a, b, c)
-            if tau < until:
-                soon = tau
-                choice = st.near[first + k]
+    tau, near = first_touch(st.sphere, st.near, st.index[i, FIRST], st.index[i, LAST], st.shift, (x, y, z, vx, vy, vz, radius),
+                            (scale, rate, t))
+    if tau < soon:
+        soon = tau
+        choice = np.int64(near)
 
     if choice == agreed and agreed >= 0:
         return
