@@ -35,6 +35,7 @@ from renderers.transport import wavefront
 from renderers.transport.paths import follow, joined
 
 _PATHS, _SAMPLES = 1 << 16, 64  # from the camera in a pass, about; of a pixel, at most
+_VIEWS = 8  # of a pixel, at most, by which neighbours share
 _FATES = 8  # of a path that enters a body and scatters: such lines bring a 28th of the light of glass, and were half of its noise
 _BEAMS = 4  # times the places and walks of other methods, which have lines of sight share few beams
 _OF_LINE = 8  # states that are looked up for a line of sight
@@ -88,12 +89,12 @@ class Mutations:
         self._states = {}
 
     def __call__(self, number):
-        view, gathers = self._seen(number)
+        views, gathers = self._seen(number)
         image, self._states[number] = np.zeros((3, self._pixels, 3)), 0
         for group in self._groups(number, gathers):
             group.bring(self._guides[group.body], image)
             self._states[number] += group.count
-        return self._layers(image, gathers, view)
+        return self._layers(image, gathers, views)
 
     @property
     def count(self) -> int:
@@ -101,15 +102,17 @@ class Mutations:
         return sum(self._states.values())
 
     def _seen(self, number):
-        """What the camera sees of bodies in a pass, and pixels (H, W) that gather light."""
-        rays = transport.begin(self._setup, np.arange(self._pixels), _LATER + number, self._seed)
-        view = smooth.seen(self._setup, rays)
+        """What the camera sees of bodies in a pass, as often as it samples a pixel, and pixels (H, W) that gather light."""
+        views = [smooth.seen(self._setup, transport.begin(self._setup, np.arange(self._pixels), _LATER + number, self._seed,
+                                                          view * self._pixels))
+                 for view in range(min(self._samples, _VIEWS))]
         shares = self._samples == 1 and not any(self._settings.second)
-        return view, smooth.chosen(view, number) if shares else np.ones(self._size, bool)
+        return views, smooth.chosen(views[0], number) if shares else np.ones(self._size, bool)
 
-    def _layers(self, image, gathers, view):
+    def _layers(self, image, gathers, views):
         later, second, third = (values.reshape(*self._size, 3) for values in image)
-        half, later = smooth.smoothed(later, gathers, view, 0.5), smooth.smoothed(later, gathers, view)
+        # which pixels share depends on where in each the camera looks: of one view that was half of the noise of a bumpy ball
+        half, later = (np.mean([smooth.smoothed(later, gathers, view, share) for view in views], axis=0) for share in (0.5, 1.0))
         none = np.zeros_like(later)
         return {"": later + second + third, "order0": none, "order1": none, "order2": second, "orders": later + third,
                 CLOSER: half - later}
