@@ -10,7 +10,7 @@ import pytest
 from bakery.errors import UsageError
 from renderers.mitsuba.shading import FAR, met
 from renderers.mitsuba.world import World
-from tests.conftest import slow
+from tests.conftest import ROOT, slow
 from tests.renders import undisturbed_by_scenes
 
 DEPTH = 5  # surfaces
@@ -191,6 +191,16 @@ def test_a_kernel_serves_wavefronts_of_all_lengths(tmp_path):
     compiling takes longer than most wavefronts."""
     first, *others = undisturbed_by_scenes(kernels_of_lengths, World(written(tmp_path, SENSOR, BOX, LIGHTS["many"])))
     assert len(first) == 3 and all(hashes == first for hashes in others)
+
+
+def test_shapes_are_numbered_in_the_order_of_the_file():
+    """Dr.Jit's kernels hold their numbers, which several threads that load them would give out by chance."""
+    import drjit as dr
+    import mitsuba as mi
+
+    loaded = World(ROOT / "assets" / "scenes" / "snow_at_night.xml").scene
+    numbers = np.array(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(loaded.shapes())), int)
+    assert len(numbers) > 5 and np.all(np.diff(numbers) > 0)
 
 
 @pytest.mark.parametrize("parts", [(BOX, LIGHTS["many"]), (BOX,), (LIGHTS["without extent"],)])
