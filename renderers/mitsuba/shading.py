@@ -94,16 +94,16 @@ def reaches(scene):
 
 def beside(surface, direction, reaches):
     """Where rays go on from surfaces: as Mitsuba's `spawn_ray` has it, but nearer to meshes of glass, by `reaches` of a scene."""
-    coordinate, number = dr.max(dr.abs(surface.p)), dr.reinterpret_array(mi.UInt32, surface.shape)
-    own = number < dr.width(reaches)  # of no instance
-    reach = dr.maximum(dr.select(own, dr.gather(mi.Float, reaches, number, own), dr.inf), coordinate)
+    coordinate = dr.max(dr.abs(surface.p))
+    reach = dr.maximum(coordinate, dr.gather(mi.Float, reaches, dr.reinterpret_array(mi.UInt32, surface.shape)))
     off = dr.minimum(mi.math.RayEpsilon * (1 + coordinate), _BESIDE * reach)
     return mi.Point3f(surface.p + mi.Vector3f(surface.n) * dr.mulsign(off, dr.dot(surface.n, direction)))
 
 
-def met(power, scene, kinds, positions, reaches, origin, direction, drawn, random, by_ray, delta):
-    """What `World.shade` gives, as Dr.Jit's arrays, in units of the scene; positions : of emitters in `World.light_names`;
-    reaches : of the scene;  kinds : of a recording, `renderers.mitsuba.recording.pointers`."""
+def met(power, scene, kinds, tables, origin, direction, drawn, random, by_ray, delta):
+    """What `World.shade` gives, as Dr.Jit's arrays, in units of the scene; tables : positions of emitters in `World.light_names`,
+    and `reaches`;  kinds : of a recording, `renderers.mitsuba.recording.pointers`."""
+    positions, reaches = tables
     context = mi.BSDFContext(mi.TransportMode.Importance if power else mi.TransportMode.Radiance)
     si = scene.ray_intersect(mi.Ray3f(origin, direction), ray_flags=mi.RayFlags.All, coherent=False)
     valid, delta = si.is_valid(), delta > 0

@@ -368,7 +368,7 @@ class World:
         u, by_ray = shading.uniform(random, 0, LOBE + 3), [shading.single(values) for values in (density, delta)]
         directions = mi.Vector3f(*shading.columns(direction))
         with undisturbed():
-            met = self._meets(power, self.scene, pointers(self.scene), self.light_positions, self.reaches, places, directions,
+            met = self._meets(power, self.scene, pointers(self.scene), (self.light_positions, self.reaches), places, directions,
                               drawn, u, *by_ray)
         hit, point, emitted, source, by_light, *sample, start, chosen, weight, by_next, smooth = shading.arrays(len(origin), *met)
         return Shading(hit, self._metres(point), emitted, source, by_light, self._light(*sample), self._metres(start), chosen,
