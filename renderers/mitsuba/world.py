@@ -372,11 +372,16 @@ class World:
         u, by_ray = shading.uniform(random, 0, LOBE + 3), [shading.rows(values) for values in (density, delta)]
         directions = mi.Vector3f(*shading.columns(direction))
         with undisturbed():
-            met = self._meets(power, self.scene, pointers(self.scene), self.light_positions, places, directions, drawn, u,
-                              *by_ray)
+            met = self._meets(power, self.scene, pointers(self.scene), (self.light_positions, self.reaches), places, directions,
+                              drawn, u, *by_ray)
         hit, point, emitted, source, by_light, *sample, start, chosen, weight, by_next, smooth = shading.arrays(len(origin), *met)
         return Shading(hit, self._metres(point), emitted, source, by_light, self._light(*sample), self._metres(start), chosen,
                        weight, by_next, ~smooth)
+
+    @cached_property
+    def reaches(self):
+        """As `shading.beside` takes it."""
+        return shading.reaches(self.scene)
 
     @cached_property
     def _meets(self):

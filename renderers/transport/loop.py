@@ -288,10 +288,10 @@ def turned(scene, path, event, records=None):
     factor = scene.reflectance(dr.select(dr.all(dr.isfinite(factor)), factor, 0))
     path.throughput = [dr.select(shades, w * f, w) for w, f in zip(path.throughput, factor)]
     path.squared_index *= dr.select(shades, squared_index(sample), 1)
-    before, onward = Before(path.direction, path.inside), surface.spawn_ray(surface.to_world(sample.wo))
-    onward.o = dr.select(event.crosses, scene.boundaries.across(surface, path.direction), onward.o)
-    path.direction = dr.select(shades, onward.d, path.direction)
-    path.origin = dr.select(event.meets, onward.o, path.origin)
+    before, onward = Before(path.direction, path.inside), surface.to_world(sample.wo)
+    origin = dr.select(event.crosses, scene.boundaries.across(surface, path.direction), scene.from_surface(surface, onward))
+    path.direction = dr.select(shades, onward, path.direction)
+    path.origin = dr.select(event.meets, origin, path.origin)
     path.inside = dr.select(event.meets, scene.boundaries.beyond(surface, path.direction, path.inside, event.meets), path.inside)
     if scene.lamps:
         scene.lamps.turned(path, before, sample, shades)

@@ -6,6 +6,7 @@ from types import MappingProxyType
 import drjit as dr
 import numpy as np
 
+from renderers.mitsuba import shading
 from renderers.mitsuba.recording import pointers
 from renderers.mitsuba.shading import single
 from renderers.transport import regions, thin
@@ -48,6 +49,7 @@ class View:
         """
         self.scene, self.light_number, self.lights = scene, world.light_number, len(world.light_names)
         self._light_positions = world.light_positions  # which `light_number` looks up
+        self._reaches = shading.reaches(scene)
         self.waves = len(colours.to_waves)
         self._camera = [mi.Point3f(*row) for row in _camera(world.camera, world.unit).tolist()]
         self._to_rgb, self._to_waves = _entries(colours.to_rgb), _entries(colours.to_waves)
@@ -74,6 +76,10 @@ class View:
             x, y = (dr.gather(mi.Float, column, pixel) for column in self._corners)
         on_film = corner + (x + offset.x) * right + (y + offset.y) * down
         return origin + dr.zeros(mi.Point3f, dr.width(pixel)), dr.normalize(mi.Vector3f(on_film))
+
+    def from_surface(self, surface, direction):
+        """Where paths go on from surfaces."""
+        return shading.beside(surface, direction, self._reaches)
 
     def seen(self, throughput, radiance, active):
         """What throughput of each wavelength makes of radiance, both as linear sRGB."""

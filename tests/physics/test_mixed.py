@@ -23,8 +23,8 @@ from tests.odds import sigmas
 from tests.physics.particles import hashed, henyey_greenstein, of_depth
 from tests.physics.test_aggregate import tile
 from tests.physics.test_granular_render import GLASS, MATT, STONE, Kind, grains, through
-from tests.physics.test_translucent import BOUNDARIES, FLOOR, PANEL, shape
-from tests.physics.test_transport import asset
+from tests.physics.test_translucent import BOUNDARIES, FLOOR, PANEL, SKY, shape
+from tests.physics.test_transport import asset, box
 from tests.physics.test_transport_media import BALL, DENSITY, cube, glass_in_fog, matched_in_a_box, on_a_grid, pictures, sensor
 
 COLOURS = Colours(np.eye(3), np.eye(3))
@@ -90,6 +90,16 @@ def test_everything_in_a_white_room(tmp_path):
         medium(places.box((-4, -2, 2), (4, 2, 5)), WHITE, 0.8, (0.5,) * 3, kernels.region_grid((-4, -2, 2), (4, 2, 5), DENSITY)),
         body(world, "glass", WHITE, 0.0, (1.0, 1.5, 2.0)),
         body(world, "matched", WHITE, 0.5, (0.7,) * 3)], range(3)), 0.008)
+
+
+@pytest.mark.slow
+def test_a_white_slab_thinner_than_mitsubas_rays_leap(tmp_path):
+    """0.2 mm of glass 6 m wide; 0.86 where rays go on 0.36 mm beside its faces."""
+    scene = sensor("0, -16, 3", size=8) + SKY + shape(
+        tmp_path, "slab", box((-3, -1e-4, -3), (3, 1e-4, 3)), BOUNDARIES[1.4] + '<boolean name="face_normals" value="true"/>')
+    (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0">{scene}</scene>')
+    world = World(tmp_path / "scene.xml")
+    white(averages(world, [body(world, "slab", WHITE, 0.3, (1e-4,) * 3)], range(8)), 0.01)
 
 
 # ---- the same as other renderers where they can render it
