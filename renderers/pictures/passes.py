@@ -104,6 +104,11 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     return rendering.finish()
 
 
+def pace_of(scene, quality) -> float | None:
+    """Seconds by which the size of passes goes (`engine.in_time`); None: they are whole."""
+    return None if scene.whole else reached.limit(scene.values.stop.time, quality)
+
+
 def describe(report) -> list[str]:
     """Lines for people."""
     if report["renderer"] != "mixed":
@@ -163,7 +168,7 @@ class Rendering:
         self.job.part_over("preparation")
         identity = {"scene": fingerprint(*made_of(scene)), "seed": self.seed, "size": list(world.size),
                     "asset": [asset.content_hash for asset in self.job.assets]}
-        parts = in_time(self.method.parts, reached.limit(self.job.scene.values.stop.time, self.job.quality))
+        parts = in_time(self.method.parts, pace_of(self.job.scene, self.job.quality))
         self.estimate = Estimate(parts, identity)
         if resume:
             self.estimate.resume(self.job.pair[1])

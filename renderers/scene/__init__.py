@@ -66,6 +66,7 @@ class Scene:
         it
     assets : of the materials, in their order; () before `renderers.scene.assets` has seen to them
     share : of the tolerance's square that their tables may take, see `renderers.scene.budget`
+    whole : whether passes are those of a long render, however short `stop.time` is
     """
 
     path: Path
@@ -77,6 +78,7 @@ class Scene:
     places: MappingType[str, str] = dataclasses.field(repr=False)
     assets: tuple[Path, ...] = ()
     share: float = budget.HALF
+    whole: bool = False
     frame: int | None = None
     mark: str = ""
     choice: object = dataclasses.field(default=None, repr=False)

@@ -32,6 +32,7 @@ def place(call, milk, monkeypatch):
 def render(scene, output, *, quality=None, variant=None, seed=None, overwrite=False, resume=False, progress=None):
     """By passes, without a kernel."""
     job = Render(scene, output, overwrite=overwrite, progress=progress)
+    assert scene.whole
     values, name = job.scene.values, job.scene.values.toy.method
     if name == render.broken:
         raise UsageError(f"{name} cannot do this")

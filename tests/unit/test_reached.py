@@ -6,6 +6,7 @@ import pytest
 
 from bakery.errors import UsageError
 from renderers.pictures import reached
+from renderers.pictures.passes import pace_of
 
 
 def values(tolerance=None, noise=None):
@@ -44,3 +45,11 @@ def test_limits_of_time():
     assert [reached.limit(None, quality) for quality in (None, "final", "preview", "draft")] == [None, None, None, 60.0]
     with pytest.raises(UsageError, match="expected draft, preview, final"):
         reached.limit(60.0, "best")
+
+
+@pytest.mark.parametrize("whole, quality, seconds", [(False, None, 4.0), (False, "draft", 0.25), (True, None, None),
+                                                     (True, "draft", None)])
+def test_passes_of_figures_are_those_of_a_long_render(whole, quality, seconds):
+    """`bake trade` tells what a picture takes from a render of a second; small passes would tell another time."""
+    values = SimpleNamespace(stop=SimpleNamespace(time=4.0))
+    assert pace_of(SimpleNamespace(whole=whole, values=values), quality) == seconds
