@@ -71,7 +71,7 @@ def lobes(points, length, rho, z, polar, azimuth):
 def _along(points, length, rho, z, directions, out):
     """Adds lobes to out (N, D), of directions (3, D): along the axes of the frames, towards +z, across."""
     work = np.empty((2, directions.shape[1]))
-    wide = np.empty(points.grid.shape[2])
+    blended = np.empty(points.grid.shape[2])
     for n in range(len(rho)):
         # s - z = close sinh(t): smooth however close the beam is, but for lobes that turn as fast as the beam is passed
         close = max(rho[n], frame.CLOSEST)
@@ -82,10 +82,11 @@ def _along(points, length, rho, z, directions, out):
             for k in range(lookup.GAUSS):
                 at = t + lookup.X[k] * step
                 away, r = close * math.sinh(at), close * math.cosh(at)
-                factor = lookup.WEIGHT[k] * step * r * math.exp(-(z[n] + away)) * lookup.coefficients(points, close, -away, wide)
+                factor = lookup.WEIGHT[k] * step * r * math.exp(-(z[n] + away))
+                factor *= lookup.coefficients(points, close, -away, blended)
                 # from the frame of the segment into that of the point of the beam, whose axis is (close, -away) / r
                 turn = (axis[1] * close + axis[0] * away) / r, (axis[0] * close - axis[1] * away) / r
-                _add_lobe(points, wide.astype(np.float32), factor, turn, directions, work, out[n])
+                _add_lobe(points, blended.astype(np.float32), factor, turn, directions, work, out[n])
             t = last if last - t <= step else t + step
 
 
