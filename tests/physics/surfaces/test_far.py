@@ -158,6 +158,23 @@ SMALL = {"film.width": "16", "film.height": "16"}
 
 
 @pytest.mark.slow
+def test_the_edge_of_a_shadow_moves_as_much_light_as_is_expected(tmp_path):
+    """Pixels 2 mm wide on both sides of an edge along the sun's azimuth: what paths bring into the shadow, over a lit pixel, is
+    0.85 +- 0.02 of the mean distance over pi, which is that of light from all sides; eight standard errors."""
+    width = 2e-3
+    settings = {"camera.origin": "[0.001, 0.5, 0.2] m", "camera.target": "[0.001, 0.5, 0] m", "camera.up": "[0, 1, 0]",
+                "camera.fov": f"{2 * math.degrees(math.atan(2 * width / 0.2))} deg", "film.width": "4", "film.height": "16",
+                "materials[0].method": "surface"}
+    field, _ = opened(tmp_path, settings, xml=SHADED.replace("MORE", ""))
+    paths, surface = (rendered(tmp_path, method, settings, passes)[0].mean(axis=(0, 2, 3)) for method, passes in (
+        ("paths", 150), ("surface", 2)))
+    lit = surface > surface.max() / 2
+    assert lit.sum() == 8 and surface[~lit].max() == 0
+    moved, expected = paths[~lit].sum() / surface.max(), far.mean_distance(field.asset)[0] / (math.pi * width)
+    assert 0.7 < moved / expected < 1
+
+
+@pytest.mark.slow
 def test_near_with_all_its_parts_it_is_paths_and_far_with_all_of_them_its_surface(tmp_path):
     """To the last bit."""
     settings = EYE | SMALL
