@@ -48,9 +48,9 @@ SEEN = {"bakery", "bakery.open"}, ("bakery.errors", "bakery.grammar", "bakery.ke
 BAKES = {"renderers/scene/assets.py": ("bakery.run.ensure",),
          "renderers/choice/remembered.py": ("bakery.run.cache", "bakery.store.tree")}
 # rooms of renderers, from the ground up: each with what it may import of the others
-ROOMS = {"camera": set(), "colour": set(), "progress": set(), "threads": set(),
+ROOMS = {"camera": set(), "colour": set(), "progress": set(), "seeds": set(), "threads": set(),
          "scene": {"mitsuba"},
-         "mitsuba": {"camera", "colour", "pictures.engine", "pictures.images", "pictures.reached", "scene.inputs", "threads"},
+         "mitsuba": {"camera", "colour", "pictures.engine", "pictures.images", "pictures.reached", "scene.inputs", "seeds", "threads"},
          "pictures": {"choice", "colour", "mitsuba", "progress", "scene", "threads"},
          "choice": {"colour", "mitsuba", "pictures", "scene"},
          "cluster": {"pictures", "scene"},

@@ -225,7 +225,8 @@ def _placed(sigma, away, ray, view):
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _joined(edge, sights, beams, i, b, u, scratch):
     """A place on beam b and one on line of sight i, `_Joined`, which u draws: on the beam in proportion to the inverse distance
-    from the line, on the line evenly in the angle that it subtends there.
+    from the line, on the line evenly in the angle that it subtends there, or, of a beam that comes towards the camera, as the
+    inverse root of the angle from the line's beginning.
 
     So the inverse square of the distance between them goes, which the tables do not have.
     """
@@ -256,7 +257,11 @@ def _joined(edge, sights, beams, i, b, u, scratch):
     if not h > 0.0:
         return _Joined(0.0, 0.0, 0.0, 0.0, 0.0)
     low, high = math.atan2(-along, h), math.atan2(sights.far[i] - along, h)
-    angle, before, after = low + u[_SEEN] * (high - low), 0.0, 0.0
+    seen, before, after = u[_SEEN], 0.0, 0.0
+    if cosine < 0.0:
+        # light that goes on to the camera's side scatters forward twice, which is bright where few angles are
+        stretch, seen = stretch * 2 * seen, seen * seen
+    angle = low + seen * (high - low)
     t, distance = along + h * math.tan(angle), h / math.cos(angle)
     for k in range(3):
         away[0, k] = (origin[i, k] + t * direction[i, k] - scratch.point[0, k]) / distance
