@@ -193,7 +193,7 @@ def test_a_kernel_serves_wavefronts_of_all_lengths(tmp_path):
     assert len(first) == 3 and all(hashes == first for hashes in others)
 
 
-@pytest.mark.parametrize("parts", [(BOX, LIGHTS["many"]), (BOX,), (LIGHTS["without extent"],)])
+@pytest.mark.parametrize("parts", [(BOX, LIGHTS["many"]), slow((BOX,)), (LIGHTS["without extent"],)])
 def test_what_is_the_same_for_all_rays_is_done_once_and_changes_nothing(tmp_path, parts):
     """To the bit, for wavefronts of any length, also those as long as an array of the scene; a constant has the length of its.
     There is another scene all the while, with surfaces and lights that this one may lack."""
