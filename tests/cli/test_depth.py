@@ -39,7 +39,8 @@ def depths(call, tmp_path, entries, shapes=""):
     return layers(tmp_path / "scene.exr")["depth.Z"]
 
 
-@pytest.mark.parametrize("bsdf", ['<bsdf type="null"/>', '<bsdf type="dielectric"><float name="int_ior" value="1.4"/></bsdf>'])
+@pytest.mark.parametrize("bsdf", [slow('<bsdf type="null"/>'),
+                                  '<bsdf type="dielectric"><float name="int_ior" value="1.4"/></bsdf>'])
 def test_bodies_are_as_far_as_their_boundary(bsdf, call, tmp_path):
     pytest.importorskip("renderers.mitsuba")
     (tmp_path / "body.yaml").write_text(BODY)

@@ -108,6 +108,7 @@ def test_what_only_grains_have_is_drawn(tree, name):
     assert drawn(picture, ("png",), of="mix")["png"].startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_the_same_bytes_each_time(tree):
     (picture,) = [picture for picture in pictures(tree) if picture.name == "walks"]
     assert drawn(picture) == drawn(picture)

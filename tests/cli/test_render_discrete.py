@@ -173,6 +173,7 @@ def test_no_resuming_of_something_else(call, place):
         assert status == 2 and said in err, err
 
 
+@pytest.mark.slow
 def test_baked_from_its_recipe(call, assets, place):
     (place / "drops.yaml").write_text((assets / "drops.yaml").read_text().replace("name: drops\nw", "name: own\nw"))
     scene = SCENE.replace("80, height: 64", "8, height: 6")

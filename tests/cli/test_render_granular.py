@@ -127,7 +127,7 @@ def test_auto_of_opaque_grains_is_explicit(call, place):
     assert np.array_equal(picture(found), picture(rendered(call, place, "b")[1]))
 
 
-@pytest.mark.parametrize("method", ["auto", slow("ept"), slow("vpt"), "ept+vpt", slow("ept+vpt+da"), slow("teleport")])
+@pytest.mark.parametrize("method", ["auto", slow("ept"), slow("vpt"), slow("ept+vpt"), slow("ept+vpt+da"), slow("teleport")])
 def test_grains_of_the_host_s_index_are_not_seen(call, place, method):
     """They turn no light and absorb none: a white world is 1 (a false alarm once in 1e7, seeds are fixed)."""
     (place / "lamp.xml").write_text(WHITE)
@@ -226,7 +226,8 @@ def test_a_medium_of_components_is_that_of_all(place):
     assert np.allclose(phase, alike.phase, atol=0.01 * alike.phase.max())
 
 
-@pytest.mark.parametrize("method", ["ept", slow("ept+vpt+da"), slow("auto")])
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["ept", "ept+vpt+da", "auto"])
 def test_going_on_is_as_not_having_stopped(call, place, method):
     method = f"materials[0].method={method}"
     straight = picture(rendered(call, place, "a", method, "stop={samples: 4, noise: 0.01%}")[1])
@@ -236,6 +237,7 @@ def test_going_on_is_as_not_having_stopped(call, place, method):
     assert not np.array_equal(picture(rendered(call, place, "c", method, options=("--seed", "1"))[1]), first)
 
 
+@pytest.mark.slow
 def test_a_mesh_smaller_than_its_only_grain(call, place):
     """It is there, or it is not, with nothing wrong in either case."""
     vertices, faces = icosphere(20)

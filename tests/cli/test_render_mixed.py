@@ -17,6 +17,7 @@ from renderers import choice
 from renderers.mitsuba.world import World
 from renderers.pictures import denoise
 from renderers.pictures.passes import LENS
+from tests.conftest import slow
 from tests.exr import layers
 
 RECIPES = {
@@ -199,6 +200,7 @@ def test_light_that_single_precision_loses_is_left_out(call, folder):
     assert "jelly reaches 3e+04 m from the origin, where single precision" in report["left_out"][0] and report["bias"] is None
 
 
+@pytest.mark.slow
 def test_of_leaning_normals_nobody_claims_that_they_are_exact(call, folder):
     """A slab whose normals are means over its edges sends on too much light, some per cent of it."""
     vertices = 0.03 * np.array(list(np.ndindex(2, 2, 2)), float) - 0.015
@@ -210,7 +212,7 @@ def test_of_leaning_normals_nobody_claims_that_they_are_exact(call, folder):
     assert any("normals on 100 % of jelly lean" in reason for reason in report["reasons"]) and report["bias"] is None
 
 
-@pytest.mark.parametrize("entries", [(2,), (2, 3)], ids=["alone", "beside a body"])
+@pytest.mark.parametrize("entries", [slow((2,)), (2, 3)], ids=["alone", "beside a body"])
 def test_a_mesh_without_room_for_a_grain_is_told(call, folder, entries):
     """As where.unit gives one that is meant in other units."""
     kept = [line for line in SCENE.splitlines() if "  - " in line]

@@ -14,6 +14,7 @@ from bakery.errors import StageError
 from bakery.physics.averages import Aim, Component, averages, batches, cross, expected, work
 from bakery.physics.medium import phase
 from bakery.physics.sizes import Nodes, population
+from tests.conftest import slow
 
 ANGLES = np.radians([0, 10, 60, 90, 140, 180])
 
@@ -84,8 +85,8 @@ def reference(s, m, at, level, wavelength=0.55):
     (size("lognormal", radius=5.0, sigma=1.5, min=0.1, max=60.0), 1.333, 10),  # fog
     (size("lognormal", radius=5.0, sigma=1.1), 1.333, 9),  # narrow
     (size("lognormal", radius=0.5, sigma=2.0), 1.53 + 0.0055j, 8),  # absorbing
-    (size("lognormal", radius=5.0, sigma=1.6), 0.75, 6),  # bubbles
-    (size("gamma", radius=10.0, variance=0.1), 1.333, 9),
+    slow(size("lognormal", radius=5.0, sigma=1.6), 0.75, 6),  # bubbles
+    slow(size("gamma", radius=10.0, variance=0.1), 1.333, 9),
     (size("lognormal", radius=1.0, sigma=1.2), 1.01, 9),  # soft, of nearly one size: a slope, and troughs far behind
 ])
 def test_claimed_errors_cover_the_true_ones(s, m, level):

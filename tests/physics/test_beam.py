@@ -16,6 +16,7 @@ from bakery.physics.beam import build, kernels, layers, moments, named, photons,
 from bakery.physics.beam.kinds import MEASURES
 from bakery.physics.medium import analytic
 from bakery.physics.medium import phase as tables
+from tests.conftest import slow
 from tests.oracles import beam as oracle
 
 B30 = (math.pi / 6) ** 2 / 4  # spread of 30 degrees
@@ -362,7 +363,7 @@ def test_transport_keeps_up_where_angles_are_not_small(degrees, albedo, limits):
 
 
 @pytest.mark.parametrize(("degrees", "albedo", "flux", "fluence"), [
-    (30, 0.1, 5, 6), (30, 0.5, 6, 8), (10, 0.9, 2, 3), (60, 0.9, 31, 21)])
+    (30, 0.1, 5, 6), (30, 0.5, 6, 8), slow(10, 0.9, 2, 3), (60, 0.9, 31, 21)])
 def test_transport_is_no_worse_than_the_best_kernel_known_before(degrees, albedo, flux, fluence):
     """Percent, the least of eight kernels in each medium; and better than the error function and the path integral."""
     theta, phase = gaussian(degrees)

@@ -104,7 +104,7 @@ def test_grid_against_quadrature(shape):
 
 def test_grid_without_end_and_at_points():
     rng, origin, direction = rays(3, 40, 1.0)
-    grid = Grid(rng.random((4, 4, 4)), (-1, -1, -1), (1, 1, 1))
+    grid = Grid(rng.random((4, 4, 4), np.float32), (-1, -1, -1), (1, 1, 1))  # as other tests have it, whose kernels these are
     long = grid.integrals(origin, direction, np.full(40, 20.0))
     endless = grid.integrals(origin, direction, np.full(40, math.inf))
     met = long[:, 0] > 0

@@ -116,7 +116,7 @@ def test_the_cube_of_particles(depth, g, number):
     assert np.all(np.abs(mean - CASES[depth, g]) < sigmas(16) * error + allowed)
 
 
-@pytest.mark.parametrize("discrete", [False, True])
+@pytest.mark.parametrize("discrete", [slow(False), True])
 def test_a_path_serves_all_wavelengths(discrete):
     """Discs, albedo and angles differ between three wavelengths; each leaves as it does alone from the same realisations."""
     phase = np.stack([particles.henyey_greenstein(g) for g in (0.8, 0.0, -0.4)])[:, None]

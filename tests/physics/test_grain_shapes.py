@@ -186,7 +186,7 @@ def test_examples_are_sound(name):
     {"type": "crystal", "habit": "sucrose", "chips": 30, "depth": 0.6}, {"type": "superellipsoid", "exponents": 0.1},
     {"type": "superellipsoid", "exponents": (0.1, 4)}, {"type": "ellipsoid", "axes": (1e4, 1, 1)},
     {"type": "box", "size": (1e4, 1, 1e4)}, {"type": "aggregate", "bodies": 64, "smallest": 0.3},
-    {"type": "aggregate", "arrangement": "star", "bodies": 12, "smallest": 0.3, "length": 8},
+    slow({"type": "aggregate", "arrangement": "star", "bodies": 12, "smallest": 0.3, "length": 8}),
 ])
 def test_extremes_are_sound(shape):
     grain = shapes.build(shape, 2000)

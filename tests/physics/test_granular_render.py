@@ -95,6 +95,7 @@ def test_absorption_takes_what_the_way_through_says():
     assert np.allclose(picture[..., 2], picture[..., 1] ** 5) and picture.min() < 0.05
 
 
+@pytest.mark.slow
 def test_light_samples_may_be_seldom():
     """Matt and rough grains in the sun: how often lights are sampled makes no difference to the mean."""
     rough = kernels.conductor(complex(np.inf, 0), 0.5), kernels.dielectric(1.5, 0.5)

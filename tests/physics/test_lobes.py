@@ -12,6 +12,7 @@ import pytest
 from bakery.physics.medium.lobe_fits import GAIN, LARGEST, NARROWEST, _Search, fits, matched
 from bakery.physics.medium.lobes import FAINT, Lobes, draine, draine_mean_cosine, misfit, published, quadrature
 from bakery.physics.medium.phase import mean_cosine, normalised
+from tests.conftest import slow
 
 
 def fine(function, angles: int = 500):
@@ -183,8 +184,8 @@ def test_the_published_parameters_fit_water(fitted):
     best = fitted["hg_draine_published_best"]
     assert best.misfit.misdirected < 0.06 and best.misfit.misdirected < fitted["hg_draine"].misfit.misdirected + 0.005
     assert 5 < best.diameter < 15 and abs(best.misfit.g) < 0.01
-    # each branch; measured 3.7, 4.7, 6.3, 5.7, 5.5, 6.7 %
-    for diameter in (1.0, 1.3, 1.8, 4.0, 8.0, 15.0):
+    # each branch, where it is furthest off; measured 4.7, 6.3, 6.7 %
+    for diameter in (1.3, 1.8, 15.0):
         lost = misfit(*water(diameter, (0.45, 0.55, 0.65)), published(diameter))
         assert lost.misdirected < 0.07 and abs(lost.g) < 0.03, diameter
     for diameter in (0.1, 50.1, math.nan):
@@ -209,7 +210,7 @@ def extreme(name):
     return fits(*EXTREMES[name], diameter=10.0)
 
 
-@pytest.mark.parametrize("name", EXTREMES)
+@pytest.mark.parametrize("name", [name if name in ("x = 1e5", "backward") else slow(name) for name in EXTREMES])
 def test_extremes(name):
     found = extreme(name)
     for name, fit in found.items():

@@ -121,6 +121,7 @@ def test_coupling_coefficients_are_eigenvectors():
             assert abs(folded @ vectors[:, n]) == pytest.approx(1, abs=1e-11)
 
 
+@pytest.mark.slow
 def test_quarter_turns_are_orthogonal_and_come_back():
     order, rng = 40, np.random.default_rng(2)
     d = _plane.quarter_turns(order)

@@ -25,6 +25,7 @@ from bakery.physics.packing import pack
 from bakery.physics.packing.cells import tile_grid
 from bakery.physics.packing.instances import rotation_matrix
 from bakery.physics.shapes import build as shapes
+from tests.conftest import slow
 from tests.odds import sigmas
 from tests.oracles.instances import instances
 
@@ -133,7 +134,7 @@ def test_matt_balls_keep_light_back():
     assert found.correlation > 0.1
 
 
-@pytest.mark.parametrize("surface", [GLASS, MATT], ids=["glass", "matt"])
+@pytest.mark.parametrize("surface", [GLASS, slow(MATT)], ids=["glass", "matt"])
 def test_rare_hits_know_nothing_of_each_other(surface):
     """The stage takes Eq. 4 to be right to the hit probability where that is below its tolerance; here it is 0.08.
 
@@ -217,7 +218,7 @@ def nearest_sphere(centers, radii, cell, o, d, left, reach=2):
     return best
 
 
-@pytest.mark.parametrize("which", ["one", "few", "sizes"])
+@pytest.mark.parametrize("which", ["one", slow("few"), "sizes"])
 def test_flights_are_those_of_a_search_over_all_images(which):
     centers, radii, cell = {"one": ONE, "few": tile(0.45, 12), "sizes": tile(0.5, 20, 3)}[which]
     centers, radii, cell = np.asarray(centers, float), np.asarray(radii, float), np.asarray(cell, float)

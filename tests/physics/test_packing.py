@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from bakery.physics import packing
 from bakery.physics.packing import _events, _lists, _queue, ceiling, dynamics, pack, predicted, structure
 from bakery.physics.packing.radii import lognormal, species
+from tests.conftest import slow
 
 IMAGES = np.array(list(itertools.product((-1, 0, 1), repeat=3)))
 
@@ -43,7 +44,7 @@ def brute_gap(tile):
 # -- physics ------------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("fraction", "tolerance"), [(0.1, 0.025), (0.3, 0.02), (0.5, 0.045)])
+@pytest.mark.parametrize(("fraction", "tolerance"), [slow(0.1, 0.025), (0.3, 0.02), (0.5, 0.045)])
 def test_the_fluid_has_the_pressure_of_carnahan_and_starling(fraction, tolerance):
     # standard deviations of Z - 1 over ten seeds: 0.45, 0.36 and 0.9 %; their means lie 0.2 % above the formula, whose own error
     # is 0.3 %.  The tolerances are five standard deviations: a false alarm 1e-6
@@ -192,9 +193,9 @@ def test_many_collisions_without_drift():
 
 CUBE = (1, 1, 1)
 CASES = [
-    (0.001, np.ones(50), CUBE), (0.1, np.ones(200), CUBE), (0.45, np.ones(200), (3, 1, 1)), (0.5, np.ones(300), CUBE),
-    (0.6, np.ones(300), (1, 1.7, 0.6)), (0.64, np.ones(300), CUBE), (0.3, np.ones(40), (1, 1, 20)),
-    (0.63, lognormal(1.35, 300), CUBE), (0.55, lognormal(2.0, 300), CUBE), (0.45, species([0.99, 0.01], [1, 10], 200), CUBE),
+    (0.001, np.ones(50), CUBE), (0.1, np.ones(200), CUBE), (0.45, np.ones(200), (3, 1, 1)), slow(0.5, np.ones(300), CUBE),
+    slow(0.6, np.ones(300), (1, 1.7, 0.6)), (0.64, np.ones(300), CUBE), (0.3, np.ones(40), (1, 1, 20)),
+    slow(0.63, lognormal(1.35, 300), CUBE), (0.55, lognormal(2.0, 300), CUBE), (0.45, species([0.99, 0.01], [1, 10], 200), CUBE),
     (0.02, species([0.9, 0.1], [1, 12], 100), CUBE), (0.2, np.ones(2), CUBE), (0.5, np.ones(3), CUBE),
     (0.5, np.ones(8), (1, 2, 1)), (0.5, np.ones(1), CUBE), (0.3, [5.0, 1, 1, 1], CUBE)]
 

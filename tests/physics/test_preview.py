@@ -24,6 +24,7 @@ from renderers.mitsuba import passes, tables
 from renderers.pictures.engine import Part, Stop
 from renderers.preview import describe, lobe, preview, studio
 from renderers.preview.picture import block_edge
+from tests.conftest import slow
 from tests.physics.media import RGB, angles, asset_file, henyey_greenstein
 
 SMALL = Panel(48, 2, 0.05, 120.0)
@@ -261,7 +262,7 @@ def test_equal_light_from_everywhere_shows_nothing_of_a_white_medium(monkeypatch
     assert picture.rgb[inside].mean() == pytest.approx(1, abs=0.01)
 
 
-@pytest.mark.parametrize("variant", ["scalar_rgb", renderer.variants.choose().names[0]])
+@pytest.mark.parametrize("variant", [slow("scalar_rgb"), renderer.variants.choose().names[0]])
 def test_interruption_is_handed_on(variant, wax, tmp_path, no_strip):
     """SIGINT in the midst of Mitsuba's work: KeyboardInterrupt, not an error of Mitsuba, and no file."""
     calls = []

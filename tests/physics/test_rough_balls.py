@@ -17,6 +17,7 @@ from bakery.physics.grains.points import points, scrambled
 from bakery.physics.grains.scatterometer import Statistics, measure
 from bakery.physics.grains.sphere import Ball, ball
 from bakery.physics.grains.surface import conductor, dielectric, diffuse, fresnel, fresnel_conductor
+from tests.conftest import slow
 from tests.odds import sigmas
 from tests.oracles.balls import statistics
 
@@ -138,7 +139,7 @@ def table(function):
     return lambda cosine: np.interp(cosine, x, values)
 
 
-@pytest.mark.parametrize("alpha", [0.1, 0.4, 1.0])
+@pytest.mark.parametrize("alpha", [0.1, slow(0.4), 1.0])
 @pytest.mark.parametrize("kind", ["mirror", "metal", "glass"])
 def test_rough_balls_reflect_as_facets_do(kind, alpha):
     """Glass that absorbs all that enters has one reflection too."""

@@ -19,6 +19,7 @@ from bakery.physics.grains.bvh import Mesh
 from bakery.physics.grains.scatterometer import CONTRADICTED_MAX, EDGES, LOST_MAX, REPLICATES, measure, ratio
 from bakery.physics.grains.sphere import ball
 from bakery.physics.grains.surface import at_dielectric, conductor, dielectric, diffuse, facet, fresnel_conductor, shadowing
+from tests.conftest import slow
 from tests.odds import sigmas
 
 SIGMAS = sigmas(32, 1e-6)
@@ -464,7 +465,7 @@ def test_roulette_changes_no_mean():
         near(gambling, name, getattr(patient, name)[1], patient.errors[name][1])
 
 
-@pytest.mark.parametrize("index", [1.31, 2.42])
+@pytest.mark.parametrize("index", [slow(1.31), 2.42])
 @pytest.mark.parametrize("mesh", [box(1, 0.01, 0.01), box(1, 1, 0.01), torus(), TETRAHEDRON],
                          ids=["needle", "plate", "hole", "four triangles"])
 def test_extreme_grains_lose_no_light(mesh, index):

@@ -206,8 +206,8 @@ def test_spread_solves_the_moments_of_small_angles(albedo, tau):
 OPTIONS = [{}, {"outside": "black", "energy": "lost"}, {"cut_off": 1.0}]
 
 
-@pytest.mark.parametrize("options", OPTIONS)
-@pytest.mark.parametrize("narrow", [1, 20])
+@pytest.mark.parametrize("narrow, options", [
+    (1, OPTIONS[0]), slow(1, OPTIONS[1]), (1, OPTIONS[2]), slow(20, OPTIONS[0]), (20, OPTIONS[1]), slow(20, OPTIONS[2])])
 def test_against_every_pair(fog, options, narrow):
     """With points as close as the blocks 4 % at worst (a small dark picture), with closer ones 1 %."""
     image, z, angle, column, lever = scene(54, 72)
@@ -218,7 +218,7 @@ def test_against_every_pair(fog, options, narrow):
     assert off["final"] < 0.01 and off["every pixel"] < 0.01 and off["preview"] < 0.015 and off["draft"] < 0.04
 
 
-@pytest.mark.parametrize("points, bound", [("draft", 0.15), ("preview", 0.05), ("final", 0.022), ("every pixel", 0.02)])
+@pytest.mark.parametrize("points, bound", [("draft", 0.15), slow("preview", 0.05), slow("final", 0.022), ("every pixel", 0.02)])
 def test_points_around_a_lamp(fog, points, bound):
     """A single bright pixel, where points matter most: 12, 4, 1.8 and 1.6 % of the mean of what is seen."""
     image = np.zeros((100, 140, 3))
@@ -229,7 +229,7 @@ def test_points_around_a_lamp(fog, points, bound):
     assert rms(screen.fogged(*arguments, points=points).reshape(-1, 3)[some], expected) < bound
 
 
-@pytest.mark.parametrize("options", OPTIONS)
+@pytest.mark.parametrize("options", [OPTIONS[0], slow(OPTIONS[1]), OPTIONS[2]])
 def test_dr_jit_has_the_same_sums(fog, options):
     """Single precision of some thousand terms: 5e-6 of the brightest."""
     on_drjit = pytest.importorskip("renderers.fog.on_drjit")

@@ -271,7 +271,7 @@ def test_chords_start_on_spheres_and_end_at_the_next():
     assert found[2] == pytest.approx(lengths.max(), rel=1e-12) and found[3] == np.sum(lengths >= limit)
 
 
-@pytest.mark.parametrize("radii, edge", [(np.ones(200), 14.0), (lognormal(1.4, 200), 16.0)])
+@pytest.mark.parametrize("radii, edge", [slow(np.ones(200), 14.0), (lognormal(1.4, 200), 16.0)])
 def test_mean_chord_is_four_volumes_over_surface(radii, edge):
     """Exact for any arrangement; the sampled mean within 5 standard errors (odds 6e-7), all bins add up, the error as asked."""
     centers, cell = inserted(radii, edge, 7)

@@ -114,6 +114,7 @@ def test_tables_and_events_agree(baked, tmp_path):
     assert chance(means(how, "vrl+tables", "none", numbers=range(12), seed=1), events) < ODDS, "nothing would be seen"
 
 
+@pytest.mark.slow
 def test_a_ball_on_the_floor(baked, tmp_path, monkeypatch):
     """The floor just touches the ball: triangles around bodies need not enclose anything."""
     monkeypatch.setattr("renderers.transport.guides._VOXELS", 64)  # light is right by any
@@ -129,7 +130,7 @@ def test_a_ball_on_the_floor(baked, tmp_path, monkeypatch):
 def test_the_same_bytes_whatever_threads(baked, tmp_path, monkeypatch):
     from renderers import threads
 
-    how = transport(tmp_path, [baked()], {"ball": BALL}, PANEL + FLOOR)
+    how = transport(tmp_path, [baked()], {"ball": BALL}, PANEL + FLOOR, size=8)
     found = passes(how, "vrl+tables", numbers=[0])
     monkeypatch.setattr(threads, "_pool", lambda: threads.ThreadPoolExecutor(1))
     assert np.array_equal(passes(how, "vrl+tables", numbers=[0]), found)

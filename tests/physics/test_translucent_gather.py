@@ -18,6 +18,7 @@ from renderers.materials.bodies import _choice, _gather, _geometry, shells
 from renderers.materials.bodies._gather import LATER, OTHER, SECOND, Beams
 from renderers.materials.bodies.bodies import Body, laid_out
 from renderers.transport.scattering import scatterer
+from tests.conftest import slow
 from tests.odds import sigmas
 from tests.physics.media import angles, henyey_greenstein
 from tests.physics.particles import averaged
@@ -114,7 +115,7 @@ def agrees(radiance, expected):
     assert abs(mean - expected) < sigmas(LINES) * error + 2e-3 * abs(expected), (mean / expected, error / expected)
 
 
-@pytest.mark.parametrize("rows", [NEAR[:1], NEAR[1:2], NEAR[2:3], NEAR[:3], DISTANT[:1], DISTANT],
+@pytest.mark.parametrize("rows", [NEAR[:1], slow(NEAR[1:2]), NEAR[2:3], slow(NEAR[:3]), DISTANT[:1], DISTANT],
                          ids=["beside", "across", "pencil", "several", "distant", "several-distant"])
 def test_later_events_are_those_of_the_tables(gel, rows):
     """Near a beam all of it is looked up, far from it a point that is drawn on it."""

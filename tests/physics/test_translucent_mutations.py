@@ -262,6 +262,7 @@ def test_no_light_is_no_light(baked, tmp_path, few):
     assert not part.render(0)[""].any()
 
 
+@pytest.mark.slow
 def test_one_pixel(baked, tmp_path, few):
     how = transport(tmp_path, [baked()], {"ball": BALL}, PANEL + FLOOR, size=1)
     found = passes(how, count=3, kinds=slice(1, 2))

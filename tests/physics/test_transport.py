@@ -153,7 +153,7 @@ def test_scenes_in_which_only_numbers_differ_have_the_same_kernels(tmp_path):
     assert len(first) > 5 and first == second and not any(by_chance for _, by_chance in first)
 
 
-@pytest.mark.parametrize("index", [1.0, 1.4])
+@pytest.mark.parametrize("index", [slow(1.0), 1.4])
 def test_a_white_world(tmp_path, index):
     """Albedo 1 in light from everywhere is 1, whatever the wavelengths and their free paths."""
     white = asset(1.0, 0.5, (0.9, 0.7, 1.1, 2.0, 0.8), (0.45, 0.5, 0.55, 0.6, 0.65))
@@ -197,7 +197,7 @@ def test_what_the_loop_leaves_to_the_walk(tmp_path):
     assert not methods.in_one_loop(glass) and methods.in_one_loop(rough)
 
 
-@pytest.mark.parametrize("method, orders", [("vrl+tables", 3), slow("vrl", 2), ("dipole", 2)])
+@pytest.mark.parametrize("method, orders", [("vrl+tables", 3), slow("vrl", 2), slow("dipole", 2)])
 def test_light_of_few_events_is_that_of_paths(tmp_path, method, orders):
     """Order by order, in a body that light enters once, and none of more: the rest is for beams and tables."""
     how = transport(tmp_path, {"ball": (BALL, asset([0.9, 0.8, 0.5], 0.3, (1.0, 0.8, 0.6)))}, SKY + PANEL, [1.0], size=8)

@@ -127,6 +127,7 @@ def test_a_white_room_of_lamps(tmp_path, every, coarse, monkeypatch, counted, sc
     assert white(how, 0.008) == counted
 
 
+@pytest.mark.slow
 def test_directions_are_drawn_by_their_density(tmp_path, none):
     """Of points in a ball under a panel: shares of bins that are drawn, against the density; chi-square over all bins."""
     how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, PANEL, [1.4])
@@ -151,6 +152,7 @@ def bin_middles():
     return np.array([sine * np.cos(angle), sine * np.sin(angle), cosine]).astype(np.float32)
 
 
+@pytest.mark.slow
 def test_solid_angles_are_those_of_neighbouring_walks(tmp_path):
     """Through a smooth boundary: directions from x to where walks to three points of a small triangle end."""
     how = loops.transport(tmp_path, {"ball": (BALL, GREY)}, LAMP, [1.4])
@@ -171,6 +173,7 @@ def test_solid_angles_are_those_of_neighbouring_walks(tmp_path):
     assert np.median(abs(ratio - 1)) < 0.005 and np.quantile(abs(ratio - 1), 0.8) < 0.05
 
 
+@pytest.mark.slow
 def test_lamps_are_looked_for_from_below_the_boundary(tmp_path):
     """Points in a ball, up to 0.1 below the half of the boundary that the lamp shines on, are told to be near it, not as far from
     it as the lamp, which voxels outside of the ball see.  A voxel has an edge of 0.25."""

@@ -65,7 +65,7 @@ def test_a_ball_in_glass_in_a_white_room_of_lamps(tmp_path, every, coarse, of_mi
 
 @pytest.mark.parametrize("meshes, boundary, around", [
     pytest.param({"shell": SHELL}, IN_GLASS, 1.5, marks=pytest.mark.slow, id="in-glass"),
-    pytest.param({"pane": PANE}, glass(1.4), 1.0, id="behind-a-pane")])
+    pytest.param({"pane": PANE}, glass(1.4), 1.0, marks=pytest.mark.slow, id="behind-a-pane")])
 def test_solid_angles_are_those_of_neighbouring_refractions(tmp_path, coarse, monkeypatch, meshes, boundary, around):  # noqa: F811
     """Directions from x to where walks to three points of a small triangle end; and the guess of the index around the body."""
     monkeypatch.setitem(loops.bodies.BOUNDARIES, 1.4, boundary)

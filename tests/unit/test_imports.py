@@ -58,7 +58,7 @@ ROOMS = {"camera": set(), "colour": set(), "progress": set(), "seeds": set(), "t
          "transport": {"mitsuba", "pictures.denoise", "pictures.engine", "threads"},
          "fog": {"camera", "colour", "mitsuba", "pictures", "progress", "scene", "threads"},
          "preview": {"camera", "colour", "mitsuba", "pictures", "progress", "threads", "transport.wavefront"}}
-GROUND = {"camera", "choice", "colour", "mitsuba", "pictures", "progress", "scene", "threads", "transport"}
+GROUND = {"camera", "choice", "colour", "mitsuba", "pictures", "progress", "scene", "seeds", "threads", "transport"}
 # materials stand on all of that and know nothing of each other, but that a medium fills bodies, and that bodies and grains are
 # surfaces far away; `mixed` knows all of them
 MATERIALS = {"medium": set(), "particles": set(), "surface": set(), "grains": {"materials.surface"},

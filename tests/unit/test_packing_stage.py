@@ -20,6 +20,7 @@ from bakery.run.bake import planned
 from bakery.run.executors import Context, threads
 from bakery.stages.packing import stage, view
 from bakery.store.tree import Dataset, Group
+from tests.conftest import slow
 from tests.samples import small_asset, with_member
 
 TILE = "bakery: 1\nname: tile\ntolerance: 30%\npacking: {{{}}}\n"
@@ -370,7 +371,7 @@ def test_pictures_of_a_tile_and_of_a_dictionary(two):
     assert np.allclose(law, np.mean(theory.dixmier(0.5 * (at[1:] + at[:-1]), fraction, radii), axis=0), rtol=1e-3)
 
 
-@pytest.mark.parametrize("name", ["tile", "chord_length"])
+@pytest.mark.parametrize("name", [slow("tile"), "chord_length"])
 def test_a_picture_is_the_same_twice(two, name):
     from bakery.draw.picture import drawn
     from bakery.stages.packing.pictures import pictures

@@ -24,7 +24,7 @@ from bakery.stages.surface.spread import has_spread
 from bakery.stages.surface.triangles import integers, numbers
 from bakery.stages.surface.view import solutions_of
 from bakery.store.tree import Dataset, Group
-from tests.conftest import ROOT, slow
+from tests.conftest import ROOT
 
 RECIPE = """\
 bakery: 1
@@ -415,7 +415,8 @@ def test_layers_under_facets(soil):
 
 
 # 2 % of the first ask for 54 moments, 12 s of a core
-@pytest.mark.parametrize("on_top, tolerance", [slow(0.0, 0.08), (0.3, 0.02)])
+@pytest.mark.slow
+@pytest.mark.parametrize("on_top, tolerance", [(0.0, 0.08), (0.3, 0.02)])
 def test_facets_between_layers(soil, on_top, tolerance):
     """Those of the recipe below, of a larger index and of a smaller one than what lies on it: the solver's values, and light
     that spreads through them."""

@@ -77,7 +77,7 @@ trees = some.recursive(some.builds(Group, some.dictionaries(names, datasets, max
                        max_leaves=5)
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=12, deadline=None, derandomize=True)
 @given(trees)
 def test_any_tree_comes_back(tmp_path_factory, tree):
     tree = Group({"tree": tree})

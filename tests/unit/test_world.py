@@ -203,7 +203,7 @@ def test_shapes_are_numbered_in_the_order_of_the_file():
     assert len(numbers) > 5 and np.all(np.diff(numbers) > 0)
 
 
-@pytest.mark.parametrize("parts", [(BOX, LIGHTS["many"]), (BOX,), (LIGHTS["without extent"],)])
+@pytest.mark.parametrize("parts", [(BOX, LIGHTS["many"]), slow((BOX,)), (LIGHTS["without extent"],)])
 def test_what_is_the_same_for_all_rays_is_done_once_and_changes_nothing(tmp_path, parts):
     """To the bit, for wavefronts of any length, also those as long as an array of the scene; a constant has the length of its.
     There is another scene all the while, with surfaces and lights that this one may lack."""

@@ -11,6 +11,7 @@ import pytest
 from bakery.physics.surfaces import fresnel, nodes
 from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.solution import solve
+from tests.conftest import slow
 from tests.odds import sigmas
 from tests.physics.surfaces.test_layers import henyey_greenstein
 
@@ -71,7 +72,8 @@ def returned(solution, mu0: float) -> float:
     return float(at @ ((solution.albedo - mirrored) / (1 - mirrored)) * (1 - fresnel.reflected(mu0, index)))
 
 
-@pytest.mark.parametrize(("index", "g", "depth", "mu0"), [(1.5, 0.5, 2.0, 0.3), (1.33, -0.4, 0.5, 0.9), (0.8, 0.7, 3.0, 0.75)])
+@pytest.mark.parametrize(("index", "g", "depth", "mu0"), [slow(1.5, 0.5, 2.0, 0.3),
+                                                          (1.33, -0.4, 0.5, 0.9), (0.8, 0.7, 3.0, 0.75)])
 def test_counted_photons(index, g, depth, mu0):
     """Six figures a case; a base that is wrong by a tenth is seen."""
     most = sigmas(comparisons=6)

@@ -124,7 +124,7 @@ def test_energy_and_reciprocity(indices, depths):
 
 
 @pytest.mark.parametrize("boundaries", [
-    slow(((1.5, 0.0), (1.0, 0.3))), ((1.33, 0.0), (1.5, 0.3), (1.2, 0.0)), ((1.5, 0.3), (1.2, 0.2)),
+    slow(((1.5, 0.0), (1.0, 0.3))), slow(((1.33, 0.0), (1.5, 0.3), (1.2, 0.0))), ((1.5, 0.3), (1.2, 0.2)),
     slow(((1.0, 0.0), (1.2, 0.0), (1.4, 0.3)))])
 def test_energy_and_reciprocity_with_facets_between(boundaries):
     """Of a lower index too, where facets reflect totally; with smooth boundaries above and below, and facets above."""
@@ -199,7 +199,8 @@ def test_a_surface_that_is_known():
     np.testing.assert_allclose(values[1][2:, 2:], values[0][2:, 2:], rtol=1e-5)
 
 
-@pytest.mark.parametrize("media", [((0.5, 0.9, 0.3, 1.0), (0.0, 0.8, 0.5, 1.5)), ((0.5, 0.9, 0.3, 1.5), (0.5, 0.8, 0.5, 1.0))])
+@pytest.mark.parametrize("media", [
+    slow(((0.5, 0.9, 0.3, 1.0), (0.0, 0.8, 0.5, 1.5))), ((0.5, 0.9, 0.3, 1.5), (0.5, 0.8, 0.5, 1.0))])
 def test_tables_of_stacks_over_air_at_grazing_angles(media, monkeypatch):
     """To 89.9 degrees, both ways at once too; at the forward lobe's side the grid is coarse."""
     solution = solve(*stack(*media), 36, 1e-4)
