@@ -54,7 +54,7 @@ ROOMS = {"camera": set(), "colour": set(), "progress": set(), "seeds": set(), "t
          "pictures": {"choice", "colour", "mitsuba", "progress", "scene", "seeds", "threads"},
          "choice": {"colour", "mitsuba", "pictures", "scene"},
          "cluster": {"pictures", "scene"},
-         "sequence": {"choice", "cluster", "colour", "mitsuba", "pictures", "scene"},
+         "sequence": {"choice", "cluster", "colour", "mitsuba", "pictures", "scene", "seeds"},
          "transport": {"mitsuba", "pictures.denoise", "pictures.engine", "threads"},
          "fog": {"camera", "colour", "mitsuba", "pictures", "progress", "scene", "threads"},
          "preview": {"camera", "colour", "mitsuba", "pictures", "progress", "threads", "transport.wavefront"}}
