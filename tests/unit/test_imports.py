@@ -48,13 +48,14 @@ SEEN = {"bakery", "bakery.open"}, ("bakery.errors", "bakery.grammar", "bakery.ke
 BAKES = {"renderers/scene/assets.py": ("bakery.run.ensure",),
          "renderers/choice/remembered.py": ("bakery.run.cache", "bakery.store.tree")}
 # rooms of renderers, from the ground up: each with what it may import of the others
-ROOMS = {"camera": set(), "colour": set(), "progress": set(), "threads": set(),
+ROOMS = {"camera": set(), "colour": set(), "progress": set(), "seeds": set(), "threads": set(),
          "scene": {"mitsuba"},
-         "mitsuba": {"camera", "colour", "pictures.engine", "pictures.images", "pictures.reached", "scene.inputs", "threads"},
-         "pictures": {"choice", "colour", "mitsuba", "progress", "scene", "threads"},
+         "mitsuba": {"camera", "colour", "pictures.engine", "pictures.images", "pictures.reached", "scene.inputs", "seeds",
+                     "threads"},
+         "pictures": {"choice", "colour", "mitsuba", "progress", "scene", "seeds", "threads"},
          "choice": {"colour", "mitsuba", "pictures", "scene"},
          "cluster": {"pictures", "scene"},
-         "sequence": {"choice", "cluster", "colour", "mitsuba", "pictures", "scene"},
+         "sequence": {"choice", "cluster", "colour", "mitsuba", "pictures", "scene", "seeds"},
          "transport": {"mitsuba", "pictures.denoise", "pictures.engine", "threads"},
          "fog": {"camera", "colour", "mitsuba", "pictures", "progress", "scene", "threads"},
          "preview": {"camera", "colour", "mitsuba", "pictures", "progress", "threads", "transport.wavefront"}}
