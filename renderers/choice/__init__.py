@@ -336,7 +336,7 @@ class _Pilots:
         """The cheapest that fits."""
         missing, exact = self._missing(), self._exact()
         table = [self._row(name, None, None, f"not possible: {why}") for name, why in self._lacks.items()]
-        taken, best, known, allowed = next(iter(self._offered)), (math.inf, math.inf), math.inf, {}
+        taken, best, deviation, allowed = next(iter(self._offered)), (math.inf, math.inf), math.inf, {}
         for name, candidate in self._offered.items():
             if name not in self._trials:
                 table.append(self._row(name, None, None, self._why.get(name, _untried(candidate, self._tolerance))))
@@ -348,9 +348,9 @@ class _Pilots:
             fits, bias, why, allowed[name] = self._fits(name, exact)
             asked = why if candidate.eligible else f"{why}; other methods are asked for"
             table.append(self._row(name, cost, bias, asked, at_most))
-            cheaper = at_most * _CHEAPER < best[doubt < _DOUBT] and (cost * _CHEAPER < best[0] or spread * _KNOWN < known)
+            cheaper = at_most * _CHEAPER < best[doubt < _DOUBT] and (cost * _CHEAPER < best[0] or spread * _KNOWN < deviation)
             if fits and candidate.eligible and (math.isinf(best[0]) or cheaper):
-                taken, best, known = name, (cost, at_most), spread
+                taken, best, deviation = name, (cost, at_most), spread
         for row in table:
             row["chosen"] = row["method"] == taken
         by = "there is no other candidate" if len(self._offered) == 1 else "pilots take too long for so short a render"

@@ -254,7 +254,7 @@ def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=No
         if not resumable or longest >= _ENOUGH * seconds or _noise(job, kept["report"]) <= noise:
             return _taken(job, kept)
     stop = job.scene.values.stop.model_copy(update={"noise": noise, "time": max(seconds - spent, 0.0), "samples": None})
-    # whole passes: of small ones launches are most of the time.  Of paths through milk, 32 x 24, they foretold 10 times the time
+    # whole passes: of small ones launches are most of the time.  Of paths through milk, 32 x 24, they foretold 6 times the time
     job = dataclasses.replace(job, scene=dataclasses.replace(job.scene, whole=True))
     rendered = render(_stopping(job, stop), quality=quality, variant=variant, resume=resumable, asked=seconds, **options)
     if not job.scene.rules.RESUMES and rendered.clock < seconds / 2:
