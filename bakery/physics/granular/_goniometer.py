@@ -304,8 +304,7 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
             _count_inside(path, factor, depth, above - below, bin0, rules, out)
             return
         if state == LEFT:
-            if hits > 1:  # those that are aimed are faint, and wanted once
-                factor = _goes_on(path, factor, draws)
+            factor = _goes_on(path, factor, draws) if hits > 1 else factor
             # beyond the last order that is asked for nothing is counted
             if factor == 0.0 or rules.last and order > rules.last:
                 return
@@ -359,7 +358,10 @@ def _enter(path, z):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _goes_on(path, factor, draws):
-    """The share of all light of a path that goes on, 0 where it does not: faint ones go on by chance."""
+    """The share of all light of a path that goes on, 0 where it does not: faint ones go on by chance.
+
+    Not asked after the first hit: those that are aimed are faint, and wanted once.
+    """
     strongest = 0.0
     for c in range(len(path.carried)):
         strongest = max(strongest, path.carried[c] * math.exp(-path.optical[c]))

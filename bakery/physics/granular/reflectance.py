@@ -147,12 +147,12 @@ def _errors(by_order, relative):
 
 def _overdispersion(cells):
     """Variance (3, K) of the light in cells (R, 3, K) over that of as many walks that bring all or nothing, by order and slice of
-    the phase angle: walks that are aimed bring little each."""
+    the phase angle, as walks that are aimed bring little each; where a slice has none, that of all."""
     slices = cells.reshape(*cells.shape[:2], CELLS[0], -1)
-    total = slices.sum(axis=(0, -1))
-    variance = len(cells) * slices.var(axis=0, ddof=1).sum(axis=-1)
-    ratio = np.clip(np.divide(variance, total, out=np.ones(total.shape), where=total > 0), 1e-9, 10.0)
-    return np.repeat(ratio, slices.shape[-1], axis=1)
+    total, variance = slices.sum(axis=(0, -1)), len(cells) * slices.var(axis=0, ddof=1).sum(axis=-1)
+    whole = np.maximum(variance.sum(axis=1), 1e-300) / np.maximum(total.sum(axis=1), 1e-300)
+    ratio = np.divide(variance, total, out=np.repeat(whole[:, None], CELLS[0], axis=1), where=total > 0)
+    return np.repeat(np.clip(ratio, 1e-9, 10.0), slices.shape[-1], axis=1)
 
 
 def _spread(counts, c: int):

@@ -116,8 +116,8 @@ def deviation(scene, number, asset, world) -> float:
 def at_edges(mean, seen: Seen, weight=1.0) -> np.ndarray:
     """Mean square error (L,) of pixels that edges cross, as `deviation` says; mean : (L,) m;  weight : (N,) of their squares"""
     shares = mean[:, None] / np.maximum(seen.width, 1e-30)
-    each = np.minimum((shares / math.pi) ** 2, shares / 4) * weight
-    return (each * (seen.steps + min(1.0, _UNSEEN / len(seen.steps)))).mean(axis=1)
+    square = np.minimum((shares / math.pi) ** 2, shares / 4) * weight
+    return (square * (seen.steps + min(1.0, _UNSEEN / len(seen.steps)))).mean(axis=1)
 
 
 def unfit(entry, asset, world) -> str:
@@ -188,7 +188,8 @@ def seen(world, box, first) -> Seen:
     if not meets.any():
         nearest = np.clip(world.camera.origin, *box) - world.camera.origin
         return Seen(np.array([angle * float(np.linalg.norm(nearest))]), np.zeros(1), angle)
-    steps = _stepped(world, [(point[meets], there[meets]) for point, _, there in places], first, height * width * meets.mean())
+    pairs = [(point[meets], its[meets]) for point, _, its in places]
+    steps = _stepped(world, pairs, first, height * width * meets.mean())
     return Seen(angle * distance[meets], steps, angle)
 
 
@@ -208,17 +209,19 @@ def _stepped(world, places, first, pixels: float) -> np.ndarray:
     apart.  Where none comes straight, so many pixels have the edges of a square.
     """
     (middle, _), *beside = places
-    across = np.cross(*(np.where(there[:, None], point - middle, axis) for (point, there), axis in zip(beside, np.eye(3)[:2])))
+    across = np.cross(*(np.where(meets[:, None], point - middle, axis)
+                        for (point, meets), axis in zip(beside, np.eye(3)[:2], strict=True)))
     normal = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
-    light = [_lit(world, point, normal, first) for point, _ in places]
-    mean = float(light[0].mean())
+    irradiance, *others = [_irradiance(world, point, normal, first) for point, _ in places]
+    mean = float(irradiance.mean())
     if not mean > 0:  # what comes by way of others is not looked at
         return np.full(len(middle), min(1.0, _EDGES / math.sqrt(pixels)))
-    ends = np.square(light[0] / mean)
-    return sum(np.where(there, np.square((lit - light[0]) / mean), ends) for (_, there), lit in zip(beside, light[1:]))
+    ends = np.square(irradiance / mean)
+    changes = [np.square((another - irradiance) / mean) for another in others]
+    return sum(np.where(meets, change, ends) for (_, meets), change in zip(beside, changes, strict=True))
 
 
-def _lit(world, point, normal, first) -> np.ndarray:
+def _irradiance(world, point, normal, first) -> np.ndarray:
     """Luminance (n,) of the light that comes to places straight from lamps and sky."""
     index = np.arange(_LIGHTS)
     lattice = np.stack([(index + 0.5) / _LIGHTS, index * (math.sqrt(5) - 1) / 2 % 1], axis=1)  # Fibonacci's
