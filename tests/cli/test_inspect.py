@@ -134,8 +134,9 @@ def test_a_reader_that_goes_away_is_no_error(fog):
     assert done.stdout.splitlines()[-1] == "0" and not complaints(done.stderr)
 
 
-def test_a_narrow_terminal_gets_short_lines_and_every_word(fog):
-    """In pseudo-terminals of 20 and 80 columns lines go on below themselves; nothing is lost, long words stay whole."""
+def test_a_narrow_terminal_gets_short_lines_and_every_word(call, fog):
+    """In pseudo-terminals of 20 and 80 columns lines go on below themselves; nothing of what others get is lost, long words stay
+    whole."""
     import pty
 
     def lines(columns: str) -> list[str]:
@@ -154,7 +155,7 @@ def test_a_narrow_terminal_gets_short_lines_and_every_word(fog):
         assert child.returncode == 0
         return out.decode().splitlines()
 
-    wide = lines("400")
+    wide = call("inspect", fog, "medium/g")[1].splitlines()
     words = " ".join(wide).split()
     for columns in (1, 80):
         found = lines(str(columns))

@@ -130,7 +130,7 @@ def test_a_ball_on_the_floor(baked, tmp_path, monkeypatch):
 def test_the_same_bytes_whatever_threads(baked, tmp_path, monkeypatch):
     from renderers import threads
 
-    how = transport(tmp_path, [baked()], {"ball": BALL}, PANEL + FLOOR, size=8)
+    how = transport(tmp_path, [baked()], {"ball": BALL}, PANEL + FLOOR)
     found = passes(how, "vrl+tables", numbers=[0])
     monkeypatch.setattr(threads, "_pool", lambda: threads.ThreadPoolExecutor(1))
     assert np.array_equal(passes(how, "vrl+tables", numbers=[0]), found)

@@ -111,7 +111,7 @@ def test_a_white_room_of_wide_lamps(tmp_path, none, coarse, monkeypatch, counted
 
 
 @pytest.mark.parametrize("counted, scatterings, arrivals", [
-    slow(True, lamps.SCATTERINGS, lamps.ARRIVALS), (True, (0.5, 1), (0.1, 1)),
+    slow(True, lamps.SCATTERINGS, lamps.ARRIVALS), slow(True, (0.5, 1), (0.1, 1)),
     slow(False, lamps.SCATTERINGS, lamps.ARRIVALS)])
 def test_a_white_room_of_lamps(tmp_path, every, coarse, monkeypatch, counted, scatterings, arrivals):
     """What loses no light is 1, whatever the wavelengths; not so if light that paths meet by chance counts in full as well.

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import renderers.mitsuba  # noqa: F401  before Dr.Jit: it finds LLVM
-from renderers.transport import loop, passes, strata
+from renderers.transport import lamps, loop, passes, strata
 from renderers.transport.scene import Scene
 from tests.physics import test_transport as loops
 from tests.physics.test_translucent import BALL, BLACK, FLOOR, PANEL, shape
@@ -55,8 +55,12 @@ def panes(tmp_path, meshes):
 
 @pytest.mark.parametrize("counted", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_ball_in_glass_in_a_white_room_of_lamps(tmp_path, every, coarse, of_milk, monkeypatch, counted):  # noqa: F811
-    """What loses no light is 1; not so if light that paths meet by chance counts in full as well."""
-    if not counted:
+    """What loses no light is 1, also where lanes have no room for more scatterings, nor for more lamps that paths have met; not
+    so if light that paths meet by chance counts in full as well."""
+    if counted:
+        monkeypatch.setattr(lamps, "SCATTERINGS", (0.5, 1))
+        monkeypatch.setattr(lamps, "ARRIVALS", (0.1, 1))
+    else:
         counted_twice(monkeypatch)
     lossless = loops.asset(1.0, 0.5, (0.9, 0.7, 1.1))
     how = loops.transport(tmp_path, {"ball": (BALL, lossless)}, walls() + panes(tmp_path, {"shell": SHELL}), [1.4], size=8)

@@ -110,7 +110,7 @@ def chunk_of(data: bytes, path: str) -> int:
 
 
 @pytest.mark.parametrize("place", ["medium/phase", "optics/droplets/radius", "recipe"])
-def test_verify_names_the_dataset_that_is_hit(tmp_path, sound, place):
+def test_verify_names_the_dataset_that_is_hit(tmp_path, sound, place, verified_here):
     (tmp_path / "fog.h5").write_bytes(flip(sound, chunk_of(sound, place), 3))
     broken = verify(tmp_path / "fog.h5")
     assert broken[0].startswith("container: ") and broken[1].startswith(f"{place}: "), broken
@@ -224,7 +224,7 @@ def test_contract(root, words):
     assert any(line.startswith(words) for line in contract(seal(root))), contract(seal(root))
 
 
-def test_a_sound_asset_passes(tmp_path):
+def test_a_sound_asset_passes(tmp_path, verified_here):
     write(tmp_path / "fog.h5", small_asset())
     assert verify(tmp_path / "fog.h5") == []
 
