@@ -81,9 +81,10 @@ def test_white_rooms_with_light_samples_along_all_flights(tmp_path, everything_i
     test_transport_media.test_a_white_room(tmp_path)
 
 
-def test_a_white_sky_over_haze_that_reaches_further_than_surfaces(tmp_path):
-    """Radiance 1 from inside of a lossless box 8 m wide, whose only surface is a small lamp; 1.06 where light of the sky has only
-    come past what lies within a ball around that lamp."""
+def test_a_white_sky_over_haze_that_reaches_further_than_surfaces(tmp_path, monkeypatch):
+    """Radiance 1 from inside of a lossless box 8 m wide, whose only surface is a small lamp, looked for however faint; 1.06
+    where light of the sky has only come past what lies within a ball around that lamp."""
+    monkeypatch.setattr(thin, "LEAST", 0.0)
     lamp = '<shape type="sphere"><point name="center" x="1" y="-0.4" z="0"/><float name="radius" value="0.02"/>' + BLACK + \
         '<emitter type="area"><rgb name="radiance" value="1"/></emitter></shape>'
     entries = [medium(Box((-4, -4, -4), (4, 4, 4)), [1.0] * 3, 0.0, (5.0,) * 3)]
