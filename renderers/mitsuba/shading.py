@@ -9,6 +9,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from renderers.mitsuba.variants import on_gpu
+
 # m, where lights at infinity are taken to stand: beyond any scene, and its square is a float32
 FAR = 1e12
 # Of the largest coordinate of a mesh of glass: so far beside it rays go on.  At 1e-7 some 1e-3 of them meet it again, from 2e-7
@@ -82,11 +84,11 @@ def light_number(positions, emitter):
 
 def reaches(scene):
     """Of shapes, by Dr.Jit's numbers for them: the largest coordinate of a mesh of glass; inf of others, whose points are less
-    precise, or for which it is of no matter."""
+    precise, or for which it is of no matter, and of all on graphics cards, where `_BESIDE` was not measured."""
     shapes = scene.shapes()
     numbers = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in shapes]
     table = np.full(max(numbers, default=0) + 1, np.inf)
-    for number, shape in zip(numbers, shapes):
+    for number, shape in zip(numbers, shapes if not on_gpu(mi.variant()) else ()):
         if shape.is_mesh() and shape.bsdf() is not None and shape.bsdf().class_name() in ("SmoothDielectric", "RoughDielectric"):
             table[number] = float(np.abs(np.array([shape.bbox().min, shape.bbox().max], float)).max())
     return single(table)
