@@ -270,11 +270,12 @@ class Fit:
         prior = _FEW * np.diag(1 + _BENT * (_degrees(DEGREES[order]) ** 2).sum(axis=0))
         for _ in range(_ROUNDS):
             light = self.in_cells(order, table, scale)
-            each, worth, whole = np.bincount(to, light) / table, _worth(light, walks, to), _worth(light, walks, 0 * to)[0]
-            mean = (whole * wanted.sum() + _FEW) / (whole * each.sum() + _FEW)  # each: light of a factor of 1
-            weighted = (terms * (worth * each / (worth * each * table + 1))[:, None]).T
+            unit_light = np.bincount(to, light) / table  # at a factor of 1
+            worth, whole = _worth(light, walks, to), _worth(light, walks, 0 * to)[0]
+            mean = (whole * wanted.sum() + _FEW) / (whole * unit_light.sum() + _FEW)
+            weighted = (terms * (worth * unit_light / (worth * unit_light * table + 1))[:, None]).T
             held = prior / mean**2
-            inverse = np.linalg.inv(weighted * (worth * each) @ terms + held)
+            inverse = np.linalg.inv(weighted * (worth * unit_light) @ terms + held)
             factors = inverse @ (weighted @ (worth * wanted) + mean * held[0])
             table = np.maximum(terms @ factors, _FAINTEST * mean)
             scale = self._scaled(order, table, scale, albedo)
