@@ -8,7 +8,7 @@ import numpy as np
 from bakery.physics.grains.bvh import mesh_scratch, nearest_triangle, triangle_normal
 from bakery.physics.grains.sampling import AHEAD, FAINT, next_uniform, surface_frame
 from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, fresnel_conductor
-from bakery.physics.granular._packed import FAR, Draws, Kind, leave, turned
+from bakery.physics.granular._packed import FAR, Draws, Kind, begin_beyond, leave, turned
 from bakery.physics.granular.flights import flight_in_slab
 from bakery.physics.lent import lent
 from bakery.physics.packing.instances import kind, rotation, rotation_matrix, uniforms
@@ -285,7 +285,7 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
                 bent = 1.0 - (path.d[0] * path.ray[3] + path.d[1] * path.ray[4] + path.d[2] * path.ray[5])
                 if bent > _STRAIGHT:
                     order += 1
-            _start_again(path, tile.centers, radius)
+            begin_beyond(path, tile.centers, radius)
         elif not rises and (path.d[2] == 0.0 or below == -np.inf):
             out.sums[GIVEN_UP] += 1.0
             return
@@ -304,16 +304,6 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
             # beyond the last order that is asked for nothing is counted
             if factor == 0.0 or rules.last and order > rules.last:
                 return
-
-
-@njit(nogil=True, error_model="numpy", forceinline=True)
-def _start_again(path, centers, radius):
-    """The next flight begins where light left the sphere, which it does not meet again."""
-    for k in range(4):
-        path.left_behind[k] = path.sphere[k]
-    for k in range(3):
-        path.d[k] = path.ray[3 + k]
-        path.o[k] = centers[path.sphere[0], k] + radius * path.ray[k]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)

@@ -347,13 +347,19 @@ def _pass(walk, radius):
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _next_sphere(tile, walk, radius):
-    """Flight from a sphere to the next one, which is entered; the limit where none comes."""
+def begin_beyond(walk, centers, radius):
+    """The next flight begins where light left the sphere, which it does not meet again."""
     for k in range(4):
         walk.left_behind[k] = walk.sphere[k]
     for k in range(3):
         walk.d[k] = walk.ray[3 + k]
-        walk.o[k] = tile.centers[walk.left_behind[0], k] + radius * walk.ray[k]
+        walk.o[k] = centers[walk.sphere[0], k] + radius * walk.ray[k]
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _next_sphere(tile, walk, radius):
+    """Flight from a sphere to the next one, which is entered; the limit where none comes."""
+    begin_beyond(walk, tile.centers, radius)
     z = flight_to_sphere(walk.o, walk.d, walk.left_behind, tile.grid, tile.limit, walk.sphere, walk.to)
     if z >= tile.limit:
         return z
