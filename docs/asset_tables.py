@@ -67,9 +67,10 @@ def _together(names: list[str]) -> str:
 
 
 def _plain_error(output: Output) -> bool:
-    """Whether a dataset is the standard error of another, of which no more is to be said."""
+    """Whether a dataset is the standard error of another, or its standard deviation over realisations."""
     figure = output.path.rpartition("/")[2].removesuffix(ERROR)
-    return output.path.endswith(ERROR) and output.description == f"standard error of {figure}"
+    words = tuple(f"standard {kind} of {figure}" for kind in ("error", "deviation"))
+    return output.path.endswith(ERROR) and output.description.startswith(words)
 
 
 def current(page: str) -> str:

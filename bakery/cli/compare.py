@@ -48,7 +48,7 @@ class _Pictures(NamedTuple):
 @click.command(name="compare", short_help="render a scene with several methods and compare them")
 @click.argument("source", type=click.Path(), metavar="SCENE")
 @click.option("--methods", required=True, metavar="A,B,C", shell_complete=offers.scene_methods,
-              help="Methods of the scene's materials, as --list names them; METHOD:KEY=VALUE also sets a key of the material.")
+              help="Methods to compare (--list names them); METHOD:KEY=VALUE also sets a key of the material.")
 @click.option("--list", is_flag=True, is_eager=True, expose_value=False, callback=_print_methods,
               help="Print the methods of each kind of material: which light each brings and leaves out, its error, its keys.")
 @click.option("--reference", metavar="METHOD|FILE.exr", help="Reference for the others.  [default: the first method]")
@@ -56,14 +56,16 @@ class _Pictures(NamedTuple):
               help="The page; its pictures go into a folder of the same name.  Default: NAME_compare.html beside the scene.")
 @gathered(
     "asked", _Pictures,
-    click.option("--time", "seconds", metavar="TIME", help="For each method, such as 60s: --set stop.time."),
-    click.option("--noise", metavar="X", help="For each method, such as 2%: --set stop.noise."),
+    click.option("--time", "seconds", metavar="TIME",
+                 help="Stop each method after this time, such as 60s, in place of the scene's stop.time."),
+    click.option("--noise", metavar="X", help="Stop each method at this noise, such as 2%, in place of the scene's stop.noise."),
     click.option("--quality", metavar="|".join(qualities.QUALITIES), shell_complete=offers.qualities,
-                 help="4, 2 or 1 times the noise that the scene asks for.  [default: what the scene asks for]"),
-    click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_rgb); the best that runs by default."),
-    click.option("--seed", type=SEED, metavar="N", help="Seed, from which each method gets its own.  [default: 0]"),
+                 help="draft: 4 times the noise that the scene asks for; preview: twice.  [default: final, as the scene asks]"),
+    click.option("--variant", metavar="NAME", help="Mitsuba variant, such as llvm_ad_rgb.  [default: the best that runs here]"),
+    click.option("--seed", type=SEED, metavar="N",
+                 help="Seed of the random numbers; each method gets others from it.  [default: 0]"),
     click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one value of the scene; repeatable."),
-    click.option("--resume", is_flag=True, help="Also continue from samples that were enough for an earlier call."),
+    click.option("--resume", is_flag=True, help="Also add samples to pictures that an earlier call finished."),
     click.option("--force", is_flag=True, help="Render every method again."))
 @overwrite_option
 @json_option

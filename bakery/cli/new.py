@@ -18,10 +18,10 @@ from bakery.errors import UsageError
 @click.option("--mesh", type=click.Path(), metavar="FILE",
               help="Also write a scene in which the material fills this closed mesh: PLY, OBJ, STL, OFF or 3MF.")
 @click.option("--mitsuba", type=click.Path(), metavar="FILE.xml",
-              help="Also write a scene in which it fills the air of this Mitsuba scene.")
+              help="Also write a scene in which the material, such as fog, fills the air of this Mitsuba scene.")
 @click.option("--unit", metavar="UNIT", help="Length of one unit of the mesh or the Mitsuba scene: mm, cm, m, um, km, in or ft.")
 @click.option("--height", metavar="LENGTH", help='Height of the mesh, such as "12 cm".')
-@click.option("--up", type=click.Choice(["z", "y"]), help="Axis of the mesh that points up (z).")
+@click.option("--up", type=click.Choice(["z", "y"]), help="Axis of the mesh that points up.  [default: z]")
 @click.option("--list", "as_list", is_flag=True, help="List all kinds, materials, recipes and scenes, as without KIND.")
 @click.option("--overwrite", is_flag=True, help="Replace existing files.")
 @click.option("--force", is_flag=True, hidden=True)
@@ -79,7 +79,7 @@ def _refuse_in_vain(kind, mesh, mitsuba, as_list, unit, height, up):
         raise UsageError("found no KIND; expected a material, as in `bake new milk --mesh drink.ply`")
     for option, value, needed in (("--unit", unit, mesh or mitsuba), ("--height", height, mesh), ("--up", up, mesh)):
         if value and not needed:
-            raise UsageError(f"{option}: found without --mesh, to which it applies")
+            raise UsageError(f"{option}: found without --mesh{' or --mitsuba' * (option == '--unit')}; it has no other use")
     if unit and unit not in UNITS:
         raise UsageError(f'--unit: found "{unit}"; expected {", ".join(UNITS)}')
 
@@ -121,7 +121,7 @@ def _in_fog(kind, mitsuba, target, unit):
 
     material = air(kind)
     if mitsuba.suffix.lower() != ".xml" or not mitsuba.is_file():
-        raise UsageError(f"{mitsuba}: found no such file that ends in .xml; expected a scene of Mitsuba")
+        raise UsageError(f"{mitsuba}: there is no such .xml file; expected a scene of Mitsuba")
     return filled(material, mitsuba, target.parent, target.stem, seen(mitsuba), unit)
 
 

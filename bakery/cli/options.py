@@ -25,15 +25,15 @@ class FiniteRange(click.FloatRange):
 
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")
-quiet_option = click.option("--quiet", "-q", is_flag=True, help="Only errors on standard error.")
+quiet_option = click.option("--quiet", "-q", is_flag=True, help="Print no progress, errors only.")
 overwrite_option = click.option("--overwrite", is_flag=True,
-                                help="Also replace a file of another kind, or an asset of another recipe, at the output path.")
+                                help="Replace what is at the output path, even another kind of file or another recipe's.")
 sweep_option = click.option("--sweep", "sweeps", multiple=True, metavar="KEY=VALUES",
                             help="Bake a family over values of a key, such as 'KEY=[2, 4, 8] um'; repeatable.")
 at_option = click.option("--at", "coordinates", multiple=True, metavar="AXIS=VALUE",
                          help="For a family: interpolate the asset at this value, such as radius=5um; once for each axis.")
 SEED = click.IntRange(0, 2**53)  # as recipes take it
-verbose_option = click.option("--verbose", "-v", is_flag=True, help="Print more on standard error.")
+verbose_option = click.option("--verbose", "-v", is_flag=True, help="Print reasons and details on standard error.")
 
 
 def gathered(name: str, record: type, *options):
@@ -76,7 +76,7 @@ recipe_options = gathered(
     click.option("--scene", "scenes", type=click.Path(), multiple=True, metavar="FILE",
                  help="Bake only what this scene needs; repeatable: what any of the scenes needs."),
     click.option("--quality", metavar="|".join(QUALITIES), shell_complete=offers.qualities,
-                 help="Tolerance of 10 % (draft) or 3 % (preview) for the light as a whole; final: the recipe unchanged."),
+                 help="draft: a tolerance of 10 % for the light as a whole; preview: 3 %; final: the recipe as it is."),
     click.option("--tolerance", metavar="X", help="Relative error allowed in each baked quantity, such as 2%."),
     click.option("--seed", metavar="N", help="Seed of all random numbers."),
     click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one recipe value; repeatable."))

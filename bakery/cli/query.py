@@ -11,7 +11,7 @@ from bakery.errors import UsageError
 _BEYOND = 3  # digits of a figure from the first one of its error on
 
 
-@click.command(name="query", short_help="print one baked value")
+@click.command(name="query", short_help="print baked values, or values between them")
 @click.argument("asset", type=click.Path(), metavar="ASSET")
 @click.argument("path", metavar="PATH", shell_complete=offers.datasets)
 @click.argument("arguments", nargs=-1, metavar="[key=value …]")

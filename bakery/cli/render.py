@@ -48,18 +48,19 @@ class _Picture(NamedTuple):
 @gathered(
     "asked", _Picture,
     click.option("--quality", metavar="|".join(QUALITIES), shell_complete=offers.qualities,
-                 help="4, 2 or 1 times the noise that a scene asks for; a draft ends after at most 60 s.  [default: final; "
-                      "preview for an asset]"),
-    click.option("--variant", metavar="NAME", help="Mitsuba variant (such as llvm_ad_mono); the best that runs by default."),
+                 help="draft: 4 times the noise that a scene asks for, within 60 s; preview: twice.  [default: final, as the "
+                      "scene asks; preview for an asset]"),
+    click.option("--variant", metavar="NAME", help="Mitsuba variant, such as llvm_ad_rgb.  [default: the best that runs here]"),
     click.option("--seed", type=SEED, metavar="N", help="Seed of the picture's random numbers.  [default: 0]"),
     click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Override one value of a scene; repeatable."),
     click.option("--denoise/--no-denoise", default=None, help="Remove the noise from a scene's PNG, or keep it.  [default: the "
                                                               "scene's setting; else at draft and preview]"),
-    click.option("--resume", is_flag=True, help="Continue from the samples in the scene's EXR, if its renderer can."),
+    click.option("--resume", is_flag=True, help="Add samples to the picture in the scene's EXR, if its renderer can."),
     click.option("--live", is_flag=True, help="Show a scene's picture on a web page while it renders; the page can stop it."),
     click.option("--live-port", "port", type=click.IntRange(0, 65535), metavar="N",
                  help="Port of that page.  [default: a free one]"),
-    click.option("--frames", metavar="NUMBERS", help="Frames of a scene with a section frames: 1-48, 1,5,9 or 1-48:2."),
+    click.option("--frames", metavar="NUMBERS",
+                 help="Frames to render (1-48, 1,5,9 or 1-48:2) of a scene with a section `frames`."),
     click.option("--cluster", metavar="ADDRESS",
                  help="Share frames or passes of a scene among the workers of a Dask scheduler at this address."))
 @at_option

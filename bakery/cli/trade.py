@@ -19,10 +19,11 @@ from bakery.scenes import is_scene
                    "beside the scene.")
 @recipe_options
 @click.option("--methods", metavar="A,B,C", shell_complete=offers.scene_methods,
-              help="For a scene: methods to measure, instead of the renderer's list; as for `bake compare`.")
+              help="For a scene: methods to measure, in place of all; written as for `bake compare`.")
 @click.option("--beside", type=click.Path(), multiple=True, metavar="FILE",
               help="For a scene: another scene of the same picture, for another renderer; repeatable.")
-@click.option("--measure", metavar="NAME", help="For a recipe: error by which settings are ranked.  Default: the stage's first.")
+@click.option("--measure", metavar="NAME",
+              help="For a recipe: error to rank settings by, such as phase_pointwise.  Default: the stage's first.")
 @click.option("--budget", type=float, default=5.0, show_default=True, metavar="MINUTES", help="Time that the runs may take.")
 @overwrite_option
 @told_options

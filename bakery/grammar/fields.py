@@ -34,7 +34,7 @@ def _raise(found: str, expected: str, offset: int = 0):
 def describe(node: Any) -> str:
     """What stands at a node, in words."""
     if isinstance(node, Mapping):
-        return "a mapping"
+        return "keys with values"
     if isinstance(node, Sequence):
         return "a list"
     return "nothing" if is_null(node) else show(node.text)

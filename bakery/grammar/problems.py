@@ -74,8 +74,8 @@ def translate(error: dict) -> Iterator[Problem]:
     else:  # a mapping is expected
         name = error.get("ctx", {}).get("class_name", "")
         fields = Section.named.get(name)
-        keys = f" with {', '.join(fields.model_fields)}" if fields else ""
-        yield owner(node).problem(f"found {describe(node)}", f"expected a mapping{keys}")
+        keys = f": {', '.join(fields.model_fields)}" if fields else ""
+        yield owner(node).problem(f"found {describe(node)}", f"expected keys with values{keys}")
 
 
 def _lower(description: str) -> str:
@@ -120,7 +120,7 @@ def _choice(node: Node, key: str, choices: list[str]) -> Problem:
     if not key:
         return owner(node).problem(f"found {describe(node)}", f"expected {one_of(choices)}")
     if not isinstance(node, Mapping):
-        return owner(node).problem(f"found {describe(node)}", f"expected a mapping such as {{{key}: {choices[0]}, …}}")
+        return owner(node).problem(f"found {describe(node)}", f"expected keys with values, such as {{{key}: {choices[0]}, …}}")
     if key not in node:
         return owner(node).problem("missing", f"expected {key}: {one_of(choices)}", key=_below(node, key))
     chosen = node[key]

@@ -261,7 +261,7 @@ class _Builder:
         if self.count > MAX_NODES:
             self._stop(event, f"found more than {MAX_NODES:,} values", "expected a smaller recipe; long tables go into CSV files")
         if len(self.stack) >= MAX_DEPTH and kind != "ScalarEvent":
-            self._stop(event, f"found more than {MAX_DEPTH} levels of nesting", "expected a flatter recipe")
+            self._stop(event, f"found more than {MAX_DEPTH} levels of nesting", "expected fewer lists and keys inside each other")
         parent = self.stack[-1] if self.stack else None
         if parent and isinstance(parent[0], Mapping) and parent[1] is None:
             self._name(event, kind, parent)

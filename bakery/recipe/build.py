@@ -48,7 +48,7 @@ def check(path: Path, source: Source, tree: Tree, text: str, problems: list[Prob
 def _named(path: Path, within: tuple[str, ...]) -> Recipe:
     """The recipe of a file that another one names; `Wrong` where that goes round, or it is many."""
     if os.path.realpath(path) in within:
-        raise Wrong(f"found {show(path.name)}, which names itself by way of this", "expected another recipe")
+        raise Wrong(f"found {show(path.name)}, which leads back to this recipe", "expected another recipe")
     source = source_of(path)
     tree = parse(source)
     if isinstance(tree.root, Mapping) and isinstance(tree.root.get("sweep"), Mapping):

@@ -332,7 +332,7 @@ class Checker:
         try:
             root = conform.parsed(name, data)
         except (AssetError, StoreError) as fault:
-            raise Wrong(f"found a file that is no whole asset ({fault})", "expected what `bake` wrote") from None
+            raise Wrong(f"found a file that is damaged or no asset ({fault})", "expected what `bake` wrote") from None
         return root, file
 
     def recipe(self, node: Node) -> Named | None:

@@ -22,7 +22,7 @@ NAMED_WAVELENGTHS = {"rgb": (0.610, 0.550, 0.465), "visible8": (0.405, 0.455, 0.
 def _sweep(node) -> None:
     """No value of a recipe: what a sweep says is read before (`bakery.recipe.sweep`)."""
     if not isinstance(node, Mapping) and not (isinstance(node, Scalar) and node.text == "none"):
-        raise Wrong(f"found {describe(node)}", "expected a mapping of dotted keys to values, or none")
+        raise Wrong(f"found {describe(node)}", "expected dotted keys with values, or none")
 
 
 class Common(Section):

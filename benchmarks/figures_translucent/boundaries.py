@@ -39,7 +39,7 @@ def tables(numbers):
     light = []
     for index in INDICES:
         for g in COSINES:
-            for albedo in ALBEDOS:
+            for albedo in ALBEDOS[1:] or ALBEDOS:  # the darkest are measured, but mostly noise
                 light.append([f"{index:g}", f"{g:g}", f"{albedo:g}",
                               *(_light(numbers[index, g, albedo, radius]) for radius in SHOWN)])
     head = ["index", "g", "albedo", *(f"R = {radius:g}" for radius in SHOWN)]

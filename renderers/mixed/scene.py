@@ -47,10 +47,10 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
         surface = is_surface(kind, method)
         for name, reason in _NOT_OF_SURFACES.items() if surface else {}:
             if name in entry:
-                yield entry.names[name].problem(f"found {name}, and {reason}", "expected none")
+                yield entry.names[name].problem(f"found {name}, and {reason}", "leave it out")
         for name, reason in _OF_GRAINS.items() if kind == "grains" else ():
             if name in entry:
-                yield entry.names[name].problem(f"found {name}, and {reason}", "expected none")
+                yield entry.names[name].problem(f"found {name}, and {reason}", "leave it out")
         for name in _OF_METHODS.get(kind, ()) if method in (*METHODS[kind], "auto") else ():
             takers = [taker for taker in (*_OPEN.get(kind, ()), *METHODS[kind]) if name in declared(kind)[taker].keys]
             if name in entry and method not in takers:
@@ -59,7 +59,7 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
         for name, reason in _UNUSED.items():
             if (node := node_at(root, f"{key}.{name}")) is not None:
                 yield owner(node).problem(f"found {name.rpartition('.')[2]}, and {reason} beside other materials",
-                                          "expected none")
+                                          "leave it out")
         if method in METHODS[kind] and declared(kind)[method].continuous:
             for name in UNKNOWN_TO_MEDIA:
                 if name in entry and name in KEYS[kind]:

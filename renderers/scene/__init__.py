@@ -319,7 +319,7 @@ def _section(source: text.Source, root: Node | None) -> tuple[str, Problem | Non
         last = root.names[max(named, key=keys.index)]
         return "", last.problem(f"found {' beside '.join(named)}", f"{expected}, one of them")
     near = [text.closest(key, names) for key in keys if key not in common.Common.model_fields]
-    return next(filter(None, near), ""), source.problem(None, "", "found neither materials nor a renderer's section", expected)
+    return next(filter(None, near), ""), source.problem(None, "", "found nothing to render", expected)
 
 
 def _read(path: Path) -> tuple[text.Source, text.Tree]:
@@ -382,7 +382,7 @@ def _files(path: Path, root: Mapping, values: dict, keys: list[str], assets: boo
             yield node.place.problem(f"found {text.show(name)}{_ABSENT}",
                                      f"expected a file, relative to the scene's folder {text.label_of(path.parent)}")
         elif not (path.parent / name).is_file():
-            yield node.place.problem(f"found {text.show(name)}, which is no regular file", "expected a file")
+            yield node.place.problem(f"found {text.show(name)}, which is a folder or a device", "expected a file")
         elif reason := unbounded(path.parent / name, _parameters(values) if key == "scene.mitsuba" else None):
             yield node.place.problem(f"found {text.show(name)}, which names {reason}", "")
         elif key == "scene.mitsuba":

@@ -341,9 +341,9 @@ def _of_kind(root: Mapping, entry: Mapping, of: Known, key: str) -> Iterator[Pro
     volume = _place(node) or ""
     if of.contradiction:
         yield entry["as"].place.problem(f"found {of.kind}, but {of.contradiction}",
-                                        "expected none, or an asset that holds it")
+                                        "leave it out, or name an asset that holds it")
     if node is not None and volume and volume not in PLACES[of.kind]:
-        yield owner(node).problem(f"found {called} in a place of kind {volume}", f"expected {fields.one_of(_words(of.kind))}")
+        yield owner(node).problem(f"found {volume} for {called}", f"expected {fields.one_of(_words(of.kind))}")
     elif node is None and "" not in PLACES[of.kind]:
         yield owner(entry).problem("missing", f"expected where: {fields.one_of(_words(of.kind))}", key=f"{key}.where")
     for name in dict.fromkeys(name for names in KEYS.values() for name in names):

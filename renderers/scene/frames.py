@@ -118,7 +118,7 @@ class Frames:
 def read(node: Node) -> Frames:
     """The section; raises `Wrong` where it is no mapping."""
     if not isinstance(node, Mapping):
-        raise Wrong(f"found {describe(node)}", f"expected a mapping with {_EXAMPLE}, and count")
+        raise Wrong(f"found {describe(node)}", f"expected keys with values: {_EXAMPLE}, and count")
     options, keys, problems = {}, [], []
     for name, child in node.items():
         begin = node.names[name]
@@ -242,7 +242,7 @@ def _quantities(node: Scalar) -> tuple[list[float], str]:
     written = [entry.strip() for entry in match[2].split(",")] if match else [number[0]] if number else []
     if node.broken or not written or not all(units.NUMBER.fullmatch(entry) for entry in written) \
             or max(map(len, written)) > units.MAX_DIGITS:
-        raise Misplaced(Wrong(f"found {describe(node)}, which has no values between it and another",
+        raise Misplaced(Wrong(f"found {describe(node)}, which cannot change gradually",
                               "expected a number, or a list of one value a frame"), node)
     return [float(entry) for entry in written], re.sub(r"\s+", "", match[3] or "" if match else text[number.end():])
 

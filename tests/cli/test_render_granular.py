@@ -157,7 +157,7 @@ def test_several_bodies(call, place):
                          (("mesh: right.ply", "mesh: open.ply"), "materials[1].where.mesh: not closed"),
                          ((right, right.replace(", asset: beads.h5", "")), "materials[1].asset: missing"),
                          (("mesh: right.ply", "mesh: heap.ply"), "materials[1].where.mesh: reaches 0.00"),
-                         (("mesh: right.ply", "mash: right.ply"), "materials[1].where: found a mapping; expected every")]:
+                         (("mesh: right.ply", "mash: right.ply"), "materials[1].where: found keys with values; expected every")]:
         assert change[0] in text
         (place / "s.yaml").write_text(text.replace(*change))
         status, out, err = call("render", place / "s.yaml", "-o", place / "x.png")

@@ -144,7 +144,7 @@ def test_its_needs_are_baked(call, place, milk, monkeypatch):
 
 
 def test_messages_list_every_renderer(call, place, milk):
-    said = "found neither materials nor a renderer's section; expected materials, fog or toy"
+    said = "found nothing to render; expected materials, fog or toy"
     (place / "haze.yaml").write_text(SCENE[:SCENE.index("toy:")])
     assert said in call("render", place / "haze.yaml")[2] and said in call("plan", milk, "--scene", place / "haze.yaml")[2]
     (place / "haze.yaml").write_text(SCENE + "fog: {}\n")

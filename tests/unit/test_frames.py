@@ -117,7 +117,7 @@ def test_values_of_the_mitsuba_scene(load):
     ("  materials[0].time: [0, x, 1] s", 's.yaml:8: materials[0].time: found "x s"'),
     ("  materials[0].tme: [0, 1, 2]", 's.yaml:8: materials[0].tme: found the unknown key "tme"'),
     ("  materials[2].time: [0, 1, 2] s", "s.yaml:8: frames.materials[2].time: found materials[2]; expected an index below 1"),
-    ("  materials[0].method: {from: auto, to: query}", "has no values between it and another"),
+    ("  materials[0].method: {from: auto, to: query}", "cannot change gradually"),
     ("  camera.origin: {from: [0, 0, 1] m, to: [0, 1] m}", "expected as many numbers"),
     ("  camera.origin: {from: [0 m, 0 m, 1 m], to: [0, 1, 2] m}", "expected values of the same form"),
     ("  display.exposure: [1, 2]", "frames.display.exposure: found 2 values; expected 3, as count says, one a frame"),
@@ -134,7 +134,7 @@ def test_a_section_without_values(load):
     assert "s.yaml:7: frames: found no key that changes" in faults(load, SCENE + "frames: {count: 3}\n")
     assert "s.yaml:7: frames.count: missing" in faults(load, SCENE + "frames: {materials[0].time: {from: 0 s, to: 1 s}}\n"
                                                        .replace("materials[0].time", '"materials[0].time"'))
-    assert 's.yaml:7: frames: found "3"; expected a mapping' in faults(load, SCENE + "frames: 3\n")
+    assert 's.yaml:7: frames: found "3"; expected keys with values' in faults(load, SCENE + "frames: 3\n")
     assert "s.yaml: frames: missing; expected frames: {count: 48" in faults(load, SCENE)
 
 

@@ -74,7 +74,7 @@ def test_every_fault_at_once(load):
     ({"fog:": "fgo:"}, 'unknown key "fgo"'),
     ({"{color: a.exr, depth: a.exr, channel: depth.Z, measure: z, far: 1 km}": "{mitsuba: street.xml}"}, "found a camera beside"),
     ({"camera: {origin: [0, -12, 1.7] m, target: [0 m, 0 m, 200 cm], fov: 40 deg}\n": ""}, "camera: missing"),
-    ({"color: a.exr, depth: a.exr, ": ""}, "picture: found a mapping; expected {mitsuba"),
+    ({"color: a.exr, depth: a.exr, ": ""}, "picture: found keys with values; expected {mitsuba"),
     ({"[0 m, 0 m, 200 cm]": "[0, -12, 1.7] m"}, "the camera's own place"),
     ({"[0 m, 0 m, 200 cm]": "[0, -12, 5] m"}, "looks along its own up"),
     ({"fov: 40 deg": "fov: 40 deg, up: [0, 0, 0]"}, "camera.up: found a direction of length 0"),
@@ -87,7 +87,7 @@ def test_every_fault_at_once(load):
     ({"{type: height, falloff: 6 m}": "{type: grid, file: a.exr}"}, "expected .h5, .hdf5, .npy or .vol"),
     ({"{type: height, falloff: 6 m}": "{type: grid, file: cloud.vol, lo: [0,0,0] m, hi: [1,1,0] m}"}, "a box without volume"),
     ({"type: height": "type: heigth"}, '"heigth"'),
-    ({"asset: fog.h5": "asset: ."}, "no regular file"),
+    ({"asset: fog.h5": "asset: ."}, "a folder or a device"),
     ({"name: night": "name: &a night"}, "scenes have no anchors"),
     ({"name: night": "name: night\nname: day"}, "a second time"),
 ])

@@ -462,7 +462,7 @@ def test_another_base_bakes_anew_and_the_same_does_not(soil, tmp_path):
     ("{thickness: 1 mm, base: {albedo: 0.5, layer: 1}}", "layer beside albedo"),
     ("{thickness: 1 mm, boundary: {index: 0.9}, base: {asset: soil.h5}}", "index of 0.9 .*; expected 1 or more"),
     ("{thickness: 1 mm, boundary: {index: 1.3, roughness: 0.2}, base: {recipe: open.yaml}}", "layers over air"),
-    ("{thickness: 1 mm, base: {recipe: self.yaml}}", "names itself"),
+    ("{thickness: 1 mm, base: {recipe: self.yaml}}", "leads back to this recipe"),
     ("{thickness: 1 mm, base: {recipe: wrong.yaml}}", "wrong.yaml:5: .*albedo"),
     ("{thickness: 1 mm, base: {recipe: red.yaml}}", "at 0.7 um, without 0.45, 0.65 um"),
     ("{base: {recipe: soil.yaml}}", "base under an infinite layer"),
