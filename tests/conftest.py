@@ -225,6 +225,24 @@ def _nothing_ahead():
         yield
 
 
+@pytest.fixture(autouse=True)
+def _one_thread_of_drjit():
+    """Workers have tests for all processors, and Dr.Jit's threads wait for work by asking for it again and again: with two of
+    them a worker a seventh of the processor time of small pictures.  What threads may change is tested with `several_threads`."""
+    if "PYTEST_XDIST_WORKER" in os.environ and "drjit" in sys.modules:
+        from renderers import threads
+
+        threads.one_of_drjit()
+
+
+@pytest.fixture
+def several_threads(_one_thread_of_drjit):
+    """Two threads of Dr.Jit's at least."""
+    import drjit as dr
+
+    dr.set_thread_count(max(2, dr.thread_count()))
+
+
 @pytest.fixture(autouse=True, scope="session")
 def _interruptible():
     """A shell starts what it puts into the background with SIGINT ignored; tests of interruptions need Python's own handler."""
