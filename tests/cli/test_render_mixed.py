@@ -294,6 +294,7 @@ def changed(picture, other) -> dict:
             for name in picture if not np.array_equal(picture[name], other[name])}
 
 
+@pytest.mark.slow
 def test_where_all_is_continuous_one_loop_renders(call):
     report, found = rendered(call, "loop.png", "--set", "materials[1].method=continuous", "--set", "materials[2].method=vpt")
     assert [entry["bias"] for entry in report["materials"]] == [0, None, None, 0] and report["bias"] is None
