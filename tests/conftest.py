@@ -225,22 +225,24 @@ def _nothing_ahead():
         yield
 
 
-@pytest.fixture(autouse=True)
-def _one_thread_of_drjit():
-    """Workers have tests for all processors, and Dr.Jit's threads wait for work by asking for it again and again: with two of
-    them a worker a seventh of the processor time of small pictures.  What threads may change is tested with `several_threads`."""
-    if "PYTEST_XDIST_WORKER" in os.environ and "drjit" in sys.modules:
-        from renderers import threads
+@pytest.fixture(autouse=True, scope="session")
+def _integrators_once():
+    """Each change of Mitsuba's variant imports its differentiable integrators anew, a tenth of a second.  No test renders by
+    them: once for a variant is enough."""
+    reload, imported = importlib.reload, set()
 
-        threads.one_of_drjit()
+    def once(module):
+        if module.__name__ != "mitsuba.python.ad.integrators":
+            return reload(module)
+        variant = sys.modules["mitsuba"].variant()
+        if variant not in imported:
+            reload(module)
+            imported.add(variant)
+        return module
 
-
-@pytest.fixture
-def several_threads(_one_thread_of_drjit):
-    """Two threads of Dr.Jit's at least."""
-    import drjit as dr
-
-    dr.set_thread_count(max(2, dr.thread_count()))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(importlib, "reload", once)
+        yield
 
 
 @pytest.fixture(autouse=True, scope="session")

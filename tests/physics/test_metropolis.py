@@ -170,7 +170,7 @@ def passes(how, name, count, seed=0, layer=""):
 
 
 @pytest.mark.slow
-def test_passes_depend_on_their_number_and_the_seed_alone(tmp_path, monkeypatch, several_threads):
+def test_passes_depend_on_their_number_and_the_seed_alone(tmp_path, monkeypatch):
     how = transport(tmp_path, {"ball": (BALL, asset(0.9, 0.0))}, PANEL + FLOOR, [1.4], size=8)
     monkeypatch.setattr(metropolis, "_FEWEST", 1 << 14)
     monkeypatch.setattr(metropolis, "_SAMPLES", 1)

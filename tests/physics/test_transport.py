@@ -101,7 +101,7 @@ def test_pilots_share_what_does_not_depend_on_the_film(tmp_path, monkeypatch):
     assert np.array_equal(picture, passes(transport(tmp_path, meshes, PANEL + FLOOR, [1.4]), [0])) and len(prepared) == 2
 
 
-def test_passes_depend_on_their_number_and_the_seed_alone(matched, several_threads):
+def test_passes_depend_on_their_number_and_the_seed_alone(matched):
     first, again = passes(matched, [0, 1]), passes(matched, [1, 0])
     assert np.array_equal(first, again[::-1]) and not np.array_equal(first[0], first[1])
     assert not np.array_equal(first[0], passes(matched, [0], seed=1)[0])

@@ -115,7 +115,7 @@ def test_refractions_follow_the_rays_of_mitsuba(tmp_path, coarse, of_milk):  # n
 
 
 @pytest.mark.slow
-def test_any_number_of_threads(tmp_path, of_milk, several_threads):
+def test_any_number_of_threads(tmp_path, of_milk):
     """Light samples through panes, strata and reflections do not depend on it."""
     around = LAMP + panes(tmp_path, {"shell": SHELL})
     how, threads = loops.transport(tmp_path, {"ball": (BALL, GREY)}, around, [1.4], size=6), dr.thread_count()
