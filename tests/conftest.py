@@ -226,6 +226,26 @@ def _nothing_ahead():
 
 
 @pytest.fixture(autouse=True, scope="session")
+def _integrators_once():
+    """Each change of Mitsuba's variant imports its differentiable integrators anew, a tenth of a second.  No test renders by
+    them: once for a variant is enough."""
+    reload, imported = importlib.reload, set()
+
+    def once(module):
+        if module.__name__ != "mitsuba.python.ad.integrators":
+            return reload(module)
+        variant = sys.modules["mitsuba"].variant()
+        if variant not in imported:
+            reload(module)
+            imported.add(variant)
+        return module
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(importlib, "reload", once)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
 def _interruptible():
     """A shell starts what it puts into the background with SIGINT ignored; tests of interruptions need Python's own handler."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

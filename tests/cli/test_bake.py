@@ -181,6 +181,7 @@ def test_quiet_and_closed_output(call, milk, tmp_path):
     assert full.returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is the test")
 def test_make_rebuilds_only_what_changed(milk, tmp_path):
     (tmp_path / "Makefile").write_text(

@@ -103,12 +103,17 @@ def some(folder, *recipes, xml="room.xml"):
     return "some.yaml"
 
 
-def test_a_sky_does_not_shine_into_a_medium_without_an_end_and_that_is_said(call, folder):
+def test_a_sky_and_media_of_the_mitsuba_file_are_left_out_and_that_is_said(call, folder):
+    """No sky shines into a medium without an end; materials say what is in the scene.  Each is told of the file that has it."""
     (folder / "sky.xml").write_text(XML.replace("</scene>", '<emitter type="constant"/></scene>'))
-    said = "materials[0]: light at infinity (sky, sun) does not get into a medium that is everywhere"
-    for xml in ("sky.xml", "room.xml"):
-        report, _ = rendered(call, "sky.png", "--overwrite", scene=some(folder, "mist", xml=xml))
-        assert any(line.startswith(said) for line in report["reasons"]) == (xml == "sky.xml")
+    (folder / "smoke.xml").write_text(XML.replace("</scene>", """<shape type="cube" id="smoke"><transform name="to_world"><scale
+value="0.01"/></transform><bsdf type="null"/><medium name="interior" type="homogeneous"/></shape></scene>"""))
+    sky = "materials[0]: light at infinity (sky, sun) does not get into a medium that is everywhere"
+    media = "media of the Mitsuba file, at smoke, are left out: materials say what is in the scene"
+    for xml in ("sky.xml", "smoke.xml"):
+        reasons = rendered(call, "sky.png", "--overwrite", scene=some(folder, "mist", xml=xml))[0]["reasons"]
+        assert any(line.startswith(sky) for line in reasons) == (xml == "sky.xml")
+        assert (media in reasons) == (xml == "smoke.xml")
 
 
 def test_what_a_plugin_of_mitsuba_refuses_while_it_renders_is_one_line(call, folder):
@@ -118,15 +123,6 @@ def test_what_a_plugin_of_mitsuba_refuses_while_it_renders_is_one_line(call, fol
     status, _, error = call("-o", "bumps.png", "--quiet", scene=some(folder, "mist", xml="bumps.xml"))
     assert status == 2 and "Traceback" not in error and not (folder / "bumps.png").exists()
     assert "Mitsuba cannot render a surface, light or texture of this scene: [Texture] Texture::eval_1_grad()" in error
-
-
-def test_media_of_the_mitsuba_file_are_left_out_and_that_is_said(call, folder):
-    (folder / "smoke.xml").write_text(XML.replace("</scene>", """<shape type="cube" id="smoke"><transform name="to_world"><scale
-value="0.01"/></transform><bsdf type="null"/><medium name="interior" type="homogeneous"/></shape></scene>"""))
-    said = "media of the Mitsuba file, at smoke, are left out: materials say what is in the scene"
-    for xml in ("smoke.xml", "room.xml"):
-        report, _ = rendered(call, "smoke.png", "--overwrite", scene=some(folder, "mist", xml=xml))
-        assert (said in report["reasons"]) == (xml == "smoke.xml")
 
 
 def test_report_and_layers(call):
@@ -294,6 +290,7 @@ def changed(picture, other) -> dict:
             for name in picture if not np.array_equal(picture[name], other[name])}
 
 
+@pytest.mark.slow
 def test_where_all_is_continuous_one_loop_renders(call):
     report, found = rendered(call, "loop.png", "--set", "materials[1].method=continuous", "--set", "materials[2].method=vpt")
     assert [entry["bias"] for entry in report["materials"]] == [0, None, None, 0] and report["bias"] is None

@@ -16,6 +16,7 @@ from bakery.cli import status_of
 from renderers import scene as scenes
 from renderers.fog import kernels
 from renderers.pictures import denoise, images
+from tests.conftest import slow
 from tests.exr import layers, library
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -95,7 +96,7 @@ def test_a_constant_picture_fades_by_absorption_only(call, place):
     assert (left <= np.exp(-SIGMA_A * 40) * (1 + 1e-9)).all() and left[0] == pytest.approx(1)
 
 
-@pytest.mark.parametrize("density", ["{type: uniform, scale: 0}", "{type: height, base: -90 m, falloff: 5 cm}"])
+@pytest.mark.parametrize("density", ["{type: uniform, scale: 0}", slow("{type: height, base: -90 m, falloff: 5 cm}")])
 def test_without_fog_the_picture_is_the_picture(call, place, density):
     color = np.random.default_rng(1).random((18, 32, 3))
     write(place, color, np.full((18, 32), 30.0))

@@ -83,6 +83,7 @@ def test_report_and_layers(call, place):
     assert np.isfinite(picture(found)).all() and (found["noise.Y"] >= 0).all() and "closer.R" in found
 
 
+@pytest.mark.slow
 def test_auto_measures_and_remembers(call, place, monkeypatch):
     """Pilots of both, whose choice the same scene finds again, with the same bytes, and a picture that is gone on with."""
     declared = entries.declared("body")

@@ -16,6 +16,7 @@ import mitsuba as mi
 
 from renderers.mitsuba import passes, tables
 from renderers.preview import preview
+from tests.conftest import slow
 from tests.devices import jit, on_each_device
 from tests.physics.media import RGB, angles, asset_file, henyey_greenstein
 
@@ -299,7 +300,7 @@ def test_sky_polarisation(variant, folder):
 
 
 @variants("llvm_ad_spectral_polarized", "scalar_spectral_polarized")
-@pytest.mark.parametrize("incidence", [0.3, 0.8, 1.2])
+@pytest.mark.parametrize("incidence", [slow(0.3), 0.8, slow(1.2)])
 def test_mueller_matrix_is_that_of_a_mirror(variant, incidence, folder):
     """A large absorbing sphere reflects like a plane: all elements and signs against Mitsuba's own Fresnel reflection.
 

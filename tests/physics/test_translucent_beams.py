@@ -61,6 +61,7 @@ def test_cells_lose_and_double_nothing():
     assert (found[0] > 0).any(axis=2).sum() > 100 and np.allclose(*found, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_points_and_beams_share():
     """Flights in the open bring lines of sight the same light as beams, as points at their ends, and as both, of which neither
     brings all."""

@@ -112,6 +112,7 @@ def test_states_bring_the_same_whatever_is_guessed(gel, changed):
     agrees(images[:, 0, 0, 1], expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("second", [False, True])
 def test_guesses_are_near_what_states_bring(gel, second):
     """Light over what is guessed of it, as the guess draws: near 1, and its spread below a half."""

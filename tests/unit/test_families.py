@@ -27,6 +27,7 @@ from bakery.run.progress import Progress
 from bakery.store.missed import missed
 from bakery.store.read import read
 from bakery.store.write import write
+from tests.conftest import slow
 from tests.failing import fails_at
 
 LOBES = """\
@@ -416,7 +417,7 @@ def test_ten_thousand_points_are_planned_and_refused_where_they_have_no_room(tmp
     assert not any(tmp_path.glob("*.h5"))
 
 
-@pytest.mark.parametrize("several", [False, True], ids=["one wavelength", "values for each of three"])
+@pytest.mark.parametrize("several", [slow(False), True], ids=["one wavelength", "values for each of three"])
 def test_a_pilot_counts_what_the_bake_will_take(tmp_path, monkeypatch, several):
     """All its points, and all places: on one axis a place between each two points is the last to be looked at."""
     path = tmp_path / "lobes.yaml"

@@ -54,7 +54,8 @@ class Continuous:
     def next_event(self, paths, event, sample, added):
         """What light samples send by way of scatterings, added (n, 3)."""
         n, walk = paths.count, Walk.of(paths)
-        chance, passed, towards = np.empty(n), np.empty(paths.throughput.shape), sample.direction
+        chance, passed = np.empty(n), np.empty(paths.throughput.shape)
+        towards = np.asarray(sample.direction, float)  # of Mitsuba single: one kernel for these and for `transmittance`
         far = np.where((sample.radiance > 0).any(axis=1), sample.distance, 0.0)  # no random numbers for what brings no light
         run(_medium.chances, n, self.medium, event, paths.origin, chance)
         run(_medium.transmit, n, self.content, paths.states, paths.origin, towards, far, passed)

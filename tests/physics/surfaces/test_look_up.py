@@ -74,6 +74,7 @@ def test_nothing_enters_beyond_the_critical_angle():
     assert surface_reflectance(looked_up, 0, 0.7, 0.9, 0.0) > 0
 
 
+@pytest.mark.slow
 def test_light_counted_among_grains_is_looked_up():
     """Factors of a made-up packing, with a peak straight back: what the compiled loops say against what the asset says."""
     rng = np.random.default_rng(7)
