@@ -90,7 +90,10 @@ def command(asset, target, output, coordinates, overwrite, as_json, **given):
 
 
 def _check(asset, exporter):
-    """AssetError where an asset holds nothing of what a format takes."""
+    """AssetError where an asset holds nothing of what a format takes, or values that cannot be."""
+    from bakery.asset.verify import check_physics
+
+    check_physics(asset.path, asset.tree)
     if not exporter.takes or any(stage in asset.stages for stage in exporter.takes):
         return
     stages = " or ".join(f"`{stage}`" for stage in exporter.takes)
