@@ -20,8 +20,10 @@ def describe(root: Group, below: str = "") -> dict:
     """An asset, or what lies below a path of it, for people and machines.
 
     Returns summary : of JSON's types only; `members` (every path, groups too), `datasets` and `stages` in the order of the file;
-        seconds in s, memory and sizes in bytes
+        `broken` rules of physics, in words; seconds in s, memory and sizes in bytes
     """
+    from bakery.asset.verify import physics
+
     inside = [(path, member) for path, member in root.walk()
               if not below or path == below or path.startswith(below + "/") or below.startswith(path + "/")]
     wanted = {path.partition("/")[0] for path, _ in inside}
@@ -30,6 +32,7 @@ def describe(root: Group, below: str = "") -> dict:
         "format_version": root.attributes.get("format_version"),
         "bakery_version": root.attributes.get("bakery_version"),
         "content_hash": root.attributes.get("content_hash"),
+        "broken": physics(root),
         "stages": [stage(root, name) for name, member in root.members.items() if name in wanted
                    and isinstance(member, Group) and "stage" in member.attributes],
         "members": [path for path, _ in inside],

@@ -154,7 +154,9 @@ def contract(root) -> list[str]:
 
 
 def physics(root) -> list[str]:
-    """What the stages' own checks say of their groups."""
+    """What the stages' own checks say of their groups: `verify` lists it, `inspect` and the page show it, exports refuse it."""
+    import numpy as np
+
     from bakery.family.tree import is_family
     from bakery.family.tree import physics as of_family
     from bakery.stages.conform import stages_of
@@ -162,10 +164,18 @@ def physics(root) -> list[str]:
     broken = of_family(root) if is_family(root) else []
     for stage in stages_of(root):
         try:
-            broken += [f"{stage.name}: {rule}" for rule in stage.check(root.members[stage.name])]
+            with np.errstate(all="ignore"):  # a sum of zero, and the like: the rules say so in words
+                broken += [f"{stage.name}: {rule}" for rule in stage.check(root.members[stage.name])]
         except Exception as error:  # a check trips over a group that lacks what it needs: the contract says what
             broken.append(f"{stage.name}: its rules cannot be checked ({type(error).__name__}: {error})")
     return broken
+
+
+def check_physics(path: str, root) -> None:
+    """AssetError that names the first rule of `physics` that a tree breaks: for what other programs are to compute with."""
+    if broken := physics(root):
+        more = f" and {len(broken) - 1} more" if len(broken) > 1 else ""
+        raise AssetError(f"{path}: {broken[0]}{more}; `bake verify` lists all, a new bake mends it")
 
 
 def _plain(path: str, error: Exception) -> str:

@@ -97,7 +97,7 @@ class Commands(click.Group):
     def unknown(self, word: str):
         from bakery.grammar.text import closest
 
-        near = closest(word, COMMANDS)
+        near = f"inspect {word}" if word.endswith(".h5") else closest(word, COMMANDS)
         raise click.UsageError(
             f'found "{word}", which is neither a command nor a recipe (a recipe ends in .yaml or holds a slash)'
             + (f"; did you mean {near}?" if near else "; see bake --help")

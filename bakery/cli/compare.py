@@ -8,6 +8,7 @@ import click
 from bakery.cli import offers
 from bakery.cli.options import (
     SEED,
+    Listing,
     gathered,
     json_option,
     overwrite_option,
@@ -25,8 +26,11 @@ from bakery.system.terminal import say
 def _print_methods(context, _parameter, asked) -> None:
     """What methods declare, and no more."""
     if asked and not context.resilient_parsing:
-        from bakery.cli.methods import declared_lines
+        from bakery.cli.methods import declarations, declared_lines
 
+        if context.meta["json"]:
+            print_json(list(declarations()))
+            context.exit()
         for line in declared_lines():
             say(line)
         context.exit()
@@ -45,7 +49,7 @@ class _Pictures(NamedTuple):
     force: bool
 
 
-@click.command(name="compare", short_help="render a scene with several methods and compare them")
+@click.command(name="compare", cls=Listing, short_help="render a scene with several methods and compare them")
 @click.argument("source", type=click.Path(), metavar="SCENE")
 @click.option("--methods", required=True, metavar="A,B,C", shell_complete=offers.scene_methods,
               help="Methods to compare (--list names them); METHOD:KEY=VALUE also sets a key of the material.")

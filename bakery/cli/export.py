@@ -5,13 +5,13 @@ from pathlib import Path
 import click
 
 from bakery.cli import offers
-from bakery.cli.options import at_option, json_option, one_asset, overwrite_option, print_json, print_paths
+from bakery.cli.options import Listing, at_option, json_option, one_asset, overwrite_option, print_json, print_paths
 from bakery.errors import AssetError, UsageError
 from bakery.stages import sections_for
 from bakery.system.terminal import remark
 
 
-class _Export(click.Command):
+class _Export(Listing):
     """The command with the options that formats declare."""
 
     def get_params(self, ctx):
@@ -39,6 +39,11 @@ def _print_formats(context, _parameter, asked) -> None:
 
     if not asked or context.resilient_parsing:
         return
+    if context.meta["json"]:
+        keys = ("name", "words", "program", "takes", "holds", "loses")
+        print_json([{key: getattr(exporter, key) for key in keys} | {"options": {o.flag: o.words for o in exporter.options}}
+                    for exporter in exporters().values()])
+        context.exit()
     for exporter in exporters().values():
         say(f"{exporter.name}: {exporter.words}")
         say(f"  for: {exporter.program}")
@@ -90,7 +95,10 @@ def command(asset, target, output, coordinates, overwrite, as_json, **given):
 
 
 def _check(asset, exporter):
-    """AssetError where an asset holds nothing of what a format takes."""
+    """AssetError where an asset holds nothing of what a format takes, or values that cannot be."""
+    from bakery.asset.verify import check_physics
+
+    check_physics(asset.path, asset.tree)
     if not exporter.takes or any(stage in asset.stages for stage in exporter.takes):
         return
     stages = " or ".join(f"`{stage}`" for stage in exporter.takes)

@@ -75,6 +75,8 @@ def _print(summary: dict, whole: bool) -> None:
 
     say(f"{clean(summary['file'])}: {clean(summary['name'])}, asset format {summary['format_version']}, "
         f"baked by bakery {clean(summary['bakery_version'])}, {in_words(summary['bytes'])}")
+    for rule in summary["broken"]:
+        say(f"BROKEN: {clean(rule)}")
     for line in _tree(summary, plain()):
         say(line)
     for stage in summary["stages"]:

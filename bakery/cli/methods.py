@@ -1,21 +1,23 @@
 """What methods of scenes declare, and how they compare, for people."""
 
 
-def declared_lines():
-    """What each method of each kind of material declares, for people."""
+def declarations():
+    """What each method of each kind of material declares, of JSON's types."""
     from renderers.scene.entries import KINDS, declared
 
     for kind in KINDS:
         for method in declared(kind).values():
-            yield f"{kind}, {method.name}: {method.words}"
-            yield f"  brings: {method.brings}"
-            if method.leaves_out:
-                yield f"  leaves out: {method.leaves_out}"
-            yield f"  error: {_error_text(method)}"
-            if method.candidates:
-                yield f"  chooses from: {', '.join(method.candidates)}"
-            if method.keys:
-                yield f"  takes: {', '.join(method.keys)}"
+            yield {"kind": kind, "name": method.name, "words": method.words, "brings": method.brings,
+                   "leaves_out": method.leaves_out, "error": _error_text(method),
+                   "chooses_from": list(method.candidates), "takes": list(method.keys)}
+
+
+def declared_lines():
+    """The same for people."""
+    for method in declarations():
+        yield f"{method.pop('kind')}, {method.pop('name')}: {method.pop('words')}"
+        yield from (f"  {key.replace('_', ' ')}: {value if isinstance(value, str) else ', '.join(value)}"
+                    for key, value in method.items() if value)
 
 
 def _error_text(method) -> str:

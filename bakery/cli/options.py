@@ -24,6 +24,14 @@ class FiniteRange(click.FloatRange):
         return number if math.isfinite(number) else self.fail(f"{value!r} is not a finite number.", param, ctx)
 
 
+class Listing(click.Command):
+    """A command with an option `--list`, which is answered before others are read, and yet finds `context.meta["json"]`."""
+
+    def parse_args(self, ctx, args):
+        ctx.meta["json"] = "--json" in args
+        return super().parse_args(ctx, args)
+
+
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Print no progress, errors only.")
 overwrite_option = click.option("--overwrite", is_flag=True,

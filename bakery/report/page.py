@@ -23,7 +23,8 @@ def page(root: Group, description: str = "", picture: bytes = b"", source: str =
     name = str(summary["name"])
     lead = f"Bakery asset, format {summary['format_version']}, baked by bakery {summary['bakery_version']}"
     parts = [f"<h1>{escape(name)}</h1>\n", paragraph(description, "what") if description else ""]
-    parts += [paragraph(lead, "lead"), *(_missed(stage) for stage in summary["stages"] if stage["missed"])]
+    parts += [paragraph(lead, "lead"), *(paragraph(f"Broken: {rule}.", "missed") for rule in summary["broken"]),
+              *(_missed(stage) for stage in summary["stages"] if stage["missed"])]
     stages = stages_of(root)
     parts.append(_rendered(picture, name, source) if any(stage.rendered for stage in stages) else "")
     for stage in reversed(stages):  # what renderers take first, then what it came from

@@ -87,6 +87,8 @@ def _root(root: Group) -> Iterable[str]:
         yield f"wavelength: missing, or not an array (L,) in um of up to {LONGEST['L']} numbers"
     elif not (wavelength.data > 0).all() or not (wavelength.data < LARGEST).all():
         yield "wavelength: not positive and finite"
+    elif len(np.unique(wavelength.data)) < wavelength.data.size:
+        yield "wavelength: holds one of them twice"
     for name, spent in (provenance.members if isinstance(provenance, Group) else {}).items():
         if isinstance(spent, Group):
             present = {key: kind for key, kind in PROVENANCE.items() if key in spent.attributes}

@@ -69,7 +69,7 @@ def check_target(path: str | os.PathLike) -> None:
     target = os.path.realpath(shown)
     folder = os.path.dirname(target)
     try:
-        mode = os.stat(target).st_mode
+        mode = os.stat(shown).st_mode  # not of `target`: /dev/stdout leads to a pipe that has no path
     except FileNotFoundError:
         mode = stat.S_IFREG
     except OSError as error:

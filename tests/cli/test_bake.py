@@ -144,6 +144,7 @@ def test_every_problem_of_every_recipe_at_once(call, milk, tmp_path):
 def test_first_word(call, tmp_path):
     status, _, err = call("plann")
     assert status == 2 and "did you mean plan?" in err
+    assert "did you mean inspect fog.h5?" in call("fog.h5")[2]
     status, _, err = call(tmp_path / "none.yaml")
     assert status == 2 and "none.yaml" in err
     assert call("--help")[0] == 0 and call("bake", "--help")[0] == 0 and call("--version")[1].startswith("bakery ")

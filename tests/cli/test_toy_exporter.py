@@ -29,6 +29,8 @@ def test_every_command_has_it(call, tmp_path):
     assert status == 0 and not err and out.endswith(
         "note: the albedo in a line of text\n  for: people\n  takes: stage medium\n  holds: the albedo\n  loses: all else\n"
         "  --digits N: of each number.\n")
+    listed = json.loads(call("export", "--list", "--json")[1])[-1]
+    assert (listed["name"], listed["takes"], listed["options"]) == ("note", ["medium"], {"--digits": "of each number."})
     status, out, err = call("export", tmp_path / "a.h5", "--to", "note", "--digits", "2", "--json")
     assert status == 0 and json.loads(out) == {"files": [str(tmp_path / "a-note" / "a.note")], "lost": [{"digits": 2}],
                                                "warnings": ["a note is no medium"]}

@@ -78,6 +78,8 @@ def test_each_kind_has_its_own(call):
     out = call("compare", "--list")[1]
     for kind, words in (("grains", "flights by chance, for the tests"), ("body", "paths, for the tests")):
         assert f"{kind}, toy: a toy of the tests\n  brings: {words}\n" in out
+    listed = json.loads(call("compare", "--list", "--json")[1])
+    assert {method["kind"] for method in listed if method["name"] == "toy"} == {*entries.KINDS}
     for kind, package in entries.PACKAGES.items():
         method, derived = entries.declared(kind)["toy"], importlib.import_module(f"{package}.scene")
         assert method.kind == kind and "toy" in derived.POINTS and ("method", entries.methods(kind)) == derived.CHOICE

@@ -5,6 +5,7 @@ The fuzzer of `fuzz_assets.py` found most of these; a handful of its assets run 
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -145,6 +146,8 @@ MORE = {
     "depths in disorder": ("haze", changed("beam/depth", lambda depth: depth[::-1]), "beam: depth or ratio do not ascend"),
     "many wavelengths": ("fog", changed("wavelength", lambda um: np.linspace(0.4, 0.7, 5000)),
                          "wavelength: missing, or not an array (L,) in um of up to 4096 numbers"),
+    "one wavelength twice": ("fog", changed("wavelength", lambda um: np.full_like(um, 0.5)),
+                             "wavelength: holds one of them twice"),
     "seconds in words": ("haze", lambda root: with_attributes(root, "provenance/beam", seconds="many"),
                          "provenance/beam: attribute `seconds` is missing or not float"),
 }
@@ -165,6 +168,37 @@ def test_every_command_says_it_in_a_line(call, sound, tmp_path, of, craft, words
         status, out, err = call(*args)
         assert status == 2 and err.count("\n") == 1 and f"{path}: " in err and words in err, (args, err)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["crafted.h5", "whole.h5"]
+
+
+def swapped(path: str):
+    return changed(path, lambda data: np.concatenate([data[:, :3], data[:, 4:2:-1], data[:, 5:]], axis=1))
+
+
+# as declared, and yet impossible
+IMPOSSIBLE = {
+    "tiny sigma": ("fog", changed("medium/sigma_t", lambda sigma_t: 1e-300 * np.ones(2)),
+                   "medium: sigma_t is not sigma_s + sigma_a"),
+    "no sigma": ("fog", changed("medium/sigma_s", np.zeros_like), "medium: sigma_t is not sigma_s + sigma_a"),
+    "nothing to normalise": ("fog", changed("medium/phase", np.zeros_like), "medium: phase integrates to 1 with an error of 1"),
+    "cdf in disorder": ("fog", swapped("medium/cdf"), "medium: cdf does not rise from 0 to 1"),
+    "no decay": ("haze", changed("multiple/k0", np.zeros_like), "multiple: k0 is not the decay of diffuse light"),
+    "decay beyond extinction": ("haze", changed("multiple/k0", lambda k0: 0 * k0 + 2),
+                                "multiple: k0 is not the decay of diffuse light"),
+}
+
+
+@pytest.mark.parametrize(("of", "craft", "words"), IMPOSSIBLE.values(), ids=IMPOSSIBLE)
+def test_impossible_values_are_shown_and_not_exported(call, sound, tmp_path, of, craft, words):
+    path = tmp_path / "crafted.h5"
+    write(path, craft(sound[of]))
+    assert any(line.startswith(words) for line in _broken(str(path)))
+    status, out, err = call("inspect", path)
+    assert (status, err) == (0, "") and f"\nBROKEN: {words}" in out
+    assert any(rule.startswith(words) for rule in json.loads(call("inspect", path, "--json")[1])["broken"])
+    for target in ("csv", "mitsuba", "hg", "netcdf"):
+        status, out, err = call("export", path, "--to", target)
+        assert (status, out, err.count("\n")) == (2, "", 1) and err.startswith(f"{path}: {words}"), (target, err)
+    assert [file.name for file in tmp_path.iterdir()] == ["crafted.h5"]
 
 
 @pytest.mark.parametrize(("of", "craft", "words"), (CRAFTED | MORE).values(), ids=CRAFTED | MORE)

@@ -63,6 +63,8 @@ def test_a_tolerance_means_the_same_written_or_left_out(bake):
     """Byte by byte; another tolerance makes other tables."""
     tables = [bake(options=f"{{extent: 4, sources: [segment]{options}}}", tolerance="10%").tree["multiple/segment/w0"]
               for options in ("", ", tolerance: 10%", ", tolerance: 3%")]
+    with pytest.raises(AttributeError, match=r"bake it with multiple_scattering: \{sources: \[point, segment\]\}"):
+        _ = bake(options="{extent: 4, sources: [segment]}", tolerance="10%").multiple.point
     derived, written, finer = ({name: member.data.tobytes() for name, member in table.members.items()} for table in tables)
     assert derived == written and derived != finer
 

@@ -237,6 +237,13 @@ def test_targets_are_refused_before_anything_is_computed(tmp_path):
                         (f"{tmp_path}/none/", "does not exist")]:
         with pytest.raises(UsageError, match=words):
             check_target(path)
+    reading, writing = os.pipe()
+    try:  # as /dev/stdout is where output is piped: opening it to see what is there would wait for ever
+        with pytest.raises(UsageError, match="pipe or device"):
+            check_target(f"/dev/fd/{writing}")
+    finally:
+        os.close(reading)
+        os.close(writing)
     check_target(tmp_path / "new.h5")
     assert free_space(tmp_path / "none" / "a.h5") > 0
 

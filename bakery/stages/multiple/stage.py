@@ -221,8 +221,11 @@ def check(group: Group) -> Iterable[str]:
     for name in ("extinction", "albedo", "peak"):
         if ((v[name] < 0) | (v[name] > 1 + 1e-12)).any():
             yield f"{name} outside 0 .. 1"
-    if (v["k0"] < 0).any() or (v["extent"] <= 0).any() or (v["length"] <= 0).any():
-        yield "k0 below 0, or extent or length not above 0"
+    # in mean free paths of the medium with its peak at most 1, where nothing is scattered, and 0 only where nothing is absorbed
+    if (v["k0"] * v["extinction"] > 1 + 1e-9).any() or ((v["k0"] <= 0) & (v["albedo"] < 1 - 1e-9)).any():
+        yield "k0 is not the decay of diffuse light: 0 although light is absorbed, or faster than extinction"
+    if (v["extent"] <= 0).any() or (v["length"] <= 0).any():
+        yield "extent or length not above 0"
     faults = list(sound(group))
     yield from faults
     for kind in [kind for kind in KINDS if kind in group.members and not faults]:

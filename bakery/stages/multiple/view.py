@@ -35,6 +35,8 @@ class Multiple(Members):
 
     def __getattr__(self, name: str):
         sources = self.__dict__.get("_sources", {})
+        if name in KINDS and name not in sources:
+            raise AttributeError(f"multiple holds no {name!r}; bake it with multiple_scattering: {{sources: [point, segment]}}")
         return sources[name] if name in sources else super().__getattr__(name)
 
     def point_to_point(self, vertex, incoming, target, outgoing) -> np.ndarray:
