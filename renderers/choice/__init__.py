@@ -31,7 +31,6 @@ from renderers.scene import budget, candidates, entries
 from renderers.scene.budget import percent
 from renderers.scene.candidates import Candidate
 
-_VERSION = 7  # of the rules below; another one does not go by what was kept
 # Of the render, that pilots may take together, and that each is given; two passes of each size take what they take.  A tenth
 # beside the first was more than they saved (a jelly whose first candidate is the cheapest), and a twentieth left no time for two
 # passes through grains (fine salt from afar, of which another one is 1.8 times as cheap).  At 1.25 % each the pilots of a sand
@@ -118,7 +117,7 @@ def chosen(opened, world, quality: str | None = None, picture: Path | None = Non
     lacks |= {candidate.name: reason for candidate in offered if (reason := candidate.lacks(opened.assets, world))}
     offered = tuple(candidate for candidate in offered if candidate.name not in lacks) or offered
     stop, tolerance = stop_of(opened.scene, quality), opened.scene.values.tolerance or budget.DEFAULT
-    key = remembered.key_of(_VERSION, bakery.__version__, fingerprint(*made_of(opened.scene)), list(world.size),
+    key = remembered.key_of(remembered.of_code(), fingerprint(*made_of(opened.scene)), list(world.size),
                             [candidate.name for candidate in offered], [asset.content_hash for asset in opened.assets],
                             dataclasses.astuple(stop), world.variant)
     kept = _choice_of(remembered.get("choice", key), offered)
