@@ -29,7 +29,8 @@ def report(summary: Mapping) -> Iterable[str]:
         ratio = f"{1 + different['bias']:.3f} +- {different['bias_error'] or 0:.3f}" if different else ""
         until = until_text(trade, method["name"]) or ("never" if method["name"] in trade["never"] else "hidden by noise")
         marks = ["front"] * (method["name"] in on_front) + ["as it stands"] * (method["name"] == summary["as_it_stands"])
-        rows.append((", ".join(marks), method["name"], until,
+        took = f" ({method['method']})" if method["name"] == "auto" and method["method"] != "auto" else ""
+        rows.append((", ".join(marks), method["name"] + took, until,
                      "reference" if method is base else error, ratio,
                       "" if method["noise"] is None else f"{100 * method['noise']:.2g} %",
                      duration(method["processor"])))

@@ -31,7 +31,6 @@ from renderers.scene import budget, candidates, entries
 from renderers.scene.budget import percent
 from renderers.scene.candidates import Candidate
 
-_VERSION = 7  # of the rules below; another one does not go by what was kept
 # Of the render, that pilots may take together, and that each is given; two passes of each size take what they take.  A tenth
 # beside the first was more than they saved (a jelly whose first candidate is the cheapest), and a twentieth left no time for two
 # passes through grains (fine salt from afar, of which another one is 1.8 times as cheap).  At 1.25 % each the pilots of a sand
@@ -67,10 +66,11 @@ class Opened(NamedTuple):
         return cls(scene, listed, listed[0])
 
 
-def of_scene(scene, quality: str | None = None, variant: str | None = None) -> Choice | None:
+def of_scene(scene, quality: str | None = None, variant: str | None = None, picture: Path | None = None) -> Choice | None:
     """The choice that a render of a scene makes or finds; None where its method chooses from none.  Errors as below.
 
     scene : `renderers.scene.Scene` with its assets
+    picture : as of `chosen`
     """
     if not (candidates.of(scene) or candidates.surfaces(scene)):
         return None
@@ -79,7 +79,7 @@ def of_scene(scene, quality: str | None = None, variant: str | None = None) -> C
     world = World.of(scene, variant)
     if world.camera is None:
         raise scene.no_camera()
-    return chosen(Opened.of(scene), world, quality)
+    return chosen(Opened.of(scene), world, quality, picture)
 
 
 def applied(scene, choice: Choice):
@@ -118,7 +118,7 @@ def chosen(opened, world, quality: str | None = None, picture: Path | None = Non
     lacks |= {candidate.name: reason for candidate in offered if (reason := candidate.lacks(opened.assets, world))}
     offered = tuple(candidate for candidate in offered if candidate.name not in lacks) or offered
     stop, tolerance = stop_of(opened.scene, quality), opened.scene.values.tolerance or budget.DEFAULT
-    key = remembered.key_of(_VERSION, bakery.__version__, fingerprint(*made_of(opened.scene)), list(world.size),
+    key = remembered.key_of(remembered.of_code(), fingerprint(*made_of(opened.scene)), list(world.size),
                             [candidate.name for candidate in offered], [asset.content_hash for asset in opened.assets],
                             dataclasses.astuple(stop), world.variant)
     kept = _choice_of(remembered.get("choice", key), offered)
@@ -234,6 +234,7 @@ class _Pilots:
         self._tolerance = opened.scene.values.tolerance or budget.DEFAULT
         self._trials: dict[str, Trial] = {}
         self._why: dict[str, str] = {}
+        self._spent = 0.0
         if len(self._offered) > 1:
             self._run()
 
@@ -271,6 +272,7 @@ class _Pilots:
             tried = trial.of(lambda world, seed: self._prepare(opened, world, seed), self._world, seconds, most=most)
         if tried is not None:
             self._trials[name] = tried
+            self._spent += tried.processor
         return tried is not None
 
     def _tell_more(self, seconds_left):
@@ -357,7 +359,7 @@ class _Pilots:
         if self._trials:
             by = f"by pilots: seconds of a processor to a noise of {percent(self._noise)}"
         foretold = self._trials[taken].summary(self._pixels, self._stop, missing[taken]) if taken in self._trials else None
-        return Choice(taken, list(self._offered[taken].methods), table, allowed.get(taken), by, foretold)
+        return Choice(taken, list(self._offered[taken].methods), table, allowed.get(taken), by, foretold, self._spent)
 
     def _row(self, name, seconds, bias, why, at_most=None) -> dict:
         size, error = (None, None) if bias is None else (bias.size, bias.error)

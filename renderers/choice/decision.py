@@ -22,6 +22,7 @@ class Choice(NamedTuple):
     approximations : error of the method in this scene with what two standard errors may add; None where the pilots do not tell
     sentence : how it was chosen
     foretold : of the picture by the method, as `Trial.summary` gives it; None without a pilot
+    spent : processor seconds of the pilots, when they were rendered; kernels were compiled before
     """
 
     method: str
@@ -30,6 +31,7 @@ class Choice(NamedTuple):
     approximations: float | None
     sentence: str
     foretold: dict | None = None
+    spent: float = 0.0
 
     @property
     def row(self) -> dict:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import time
 import tracemalloc
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -19,6 +20,7 @@ from bakery.store import scratch
 from bakery.system import resources
 from renderers import choice
 from renderers.choice import trial
+from renderers.mitsuba import variants
 from renderers.pictures import denoise, reached
 from renderers.pictures.engine import TRUSTED, in_time, shares
 from renderers.pictures.means import LEAST
@@ -66,6 +68,23 @@ class Forecast(NamedTuple):
     choice: tuple[str, ...] = ()
 
 
+class _Clock:
+    """How quickly the clock goes while passes tell their progress: a machine is not as busy as when a kept choice was made."""
+
+    def __init__(self):
+        self._told = []
+
+    def __call__(self, _fraction, noise=None):
+        if noise is not None:
+            self._told.append((time.monotonic(), time.process_time()))
+
+    @property
+    def pace(self) -> float | None:
+        """Seconds of it to one of processors; None of too few passes."""
+        (begin, begun), (end, spent) = (self._told[0], self._told[-1]) if self._told else ((0.0, 0.0), (0.0, 0.0))
+        return (end - begin) / (spent - begun) if spent > begun else None
+
+
 class _Pilot(NamedTuple):
     """A picture that was rendered."""
 
@@ -110,11 +129,13 @@ def _by_passes(scene, stop, quality, options, picture_path):
     tiny, middle, larger = (_smaller(width, height, pixels) for pixels in (TINY, SMALL, LARGE))
     shortest = {"samples": 1}
     _drawn(scene, tiny, shortest, options, picture_path)  # compiles
-    if of_materials := scene.section in OF_MATERIALS:
-        tried = _tried(scene, stop, options["variant"])
-    else:
+    of_materials = scene.section in OF_MATERIALS
+    if not of_materials:
         small = _drawn(scene, middle, {"time": SECONDS}, options, picture_path)
-    large = _drawn(scene, larger, {"time": SECONDS}, options, picture_path)
+    clock = _Clock()
+    large = _drawn(scene, larger, {"time": SECONDS}, options | {"progress": clock}, picture_path)
+    if of_materials:
+        tried = _tried(scene, stop, options["variant"], clock.pace)
     each_pixel = _held(scene, larger, shortest, options, picture_path)
     memory = resources.peak_memory() + each_pixel * max(width * height - large.pixels, 0)
     report, parts = large.report, tried if of_materials else _scaled(small, large, width * height)
@@ -168,9 +189,12 @@ def _held(scene, size, stop, options, picture_path) -> float:
         tracemalloc.stop()
 
 
-def _tried(scene, stop, variant) -> dict[str, Mapping]:
+def _tried(scene, stop, variant, clock=None) -> dict[str, Mapping]:
     """What the passes of a picture of materials will report of its parts, by the pilot of its choice; by one of its own, which is
-    longer, where that does not tell enough or there is none."""
+    longer, where that does not tell enough or there is none.
+
+    clock : seconds of it to one of processors, as they are now; None: as in the pilot
+    """
     from renderers.mitsuba.world import World
 
     opened, world = choice.Opened.of(scene), World.of(scene, variant)
@@ -179,7 +203,8 @@ def _tried(scene, stop, variant) -> dict[str, Mapping]:
     samples, shared = {part.name: part.samples for part in in_time(whole, stop.time)}, shares(whole, stop.time)
     # the pilots of a choice follow all paths
     foretold = scene.choice and scene.choice.foretold if min(shared.values(), default=1) == 1 else None
-    parts = _extrapolated(foretold, samples) if foretold else {}
+    now = {"clock": clock} if clock and not variants.on_gpu(world.variant) else {}
+    parts = _extrapolated(foretold | now, samples) if foretold else {}
     if parts and _spread(parts) <= _VAGUE:
         return parts
     with world.as_it_is():

@@ -4,15 +4,29 @@ from __future__ import annotations
 
 import hashlib
 import json
+from functools import cache
+from pathlib import Path
 from typing import Any
 
+import bakery
 from bakery.run.cache import Cache
 from bakery.store.tree import Group, read_text, text
+
+_SOURCES = Path(__file__).parents[1], Path(bakery.__file__).parent / "physics"  # folders of what renders
 
 
 def key_of(*content: Any) -> str:
     """The hash of texts, numbers, lists and dicts."""
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+@cache
+def of_code() -> str:
+    """The hash of the sources that render, whatever version they say they are: other code takes other times."""
+    digest = hashlib.sha256(bakery.__version__.encode())
+    for source in sorted(source for folder in _SOURCES for source in folder.rglob("*.py")):
+        digest.update(hashlib.sha256(source.read_bytes()).digest())
+    return digest.hexdigest()
 
 
 def get(kind: str, key: str) -> Any:

@@ -128,6 +128,7 @@ class Trial(NamedTuple):
     pixels, passes : of the larger picture, and of the kind that has fewest
     seconds : of the clock, that the pilot took but for compiling
     clock : seconds of it to one of processors, in passes
+    processor : seconds of processors that the pilot took but for compiling
     """
 
     setup: float
@@ -137,6 +138,7 @@ class Trial(NamedTuple):
     passes: int
     seconds: float
     clock: float = 1.0
+    processor: float = 0.0
 
     @property
     def level(self) -> float:
@@ -240,7 +242,8 @@ def of(prepare: Callable, world, seconds: float | None, samples: int | None = No
     level = max(float(large.light[""].mean.mean()), 1e-100)
     costs = tuple(_cost(part, small, large, level, world.size[0] * world.size[1]) for part in large.passes.parts)
     passes = min(mean.count for mean in large.passes.means.values())
-    return Trial(large.setup, costs, large.light, large.pixels, passes, small.clock + large.clock, large.pace)
+    return Trial(large.setup, costs, large.light, large.pixels, passes, small.clock + large.clock, large.pace,
+                 small.processor + large.processor)
 
 
 def _cost(part, small, large, level, pixels) -> Cost:
@@ -330,6 +333,11 @@ class _Run:
     def of_pass(self, part) -> float:
         """Processor seconds of a pass: the first one of a size also traces what the others go by."""
         return float(np.median(self._seconds[part.name][1:]))
+
+    @property
+    def processor(self) -> float:
+        """Seconds of processors, with the preparation."""
+        return self.setup + sum(map(sum, self._seconds.values()))
 
     @property
     def pace(self) -> float:

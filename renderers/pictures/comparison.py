@@ -15,7 +15,7 @@ from zlib import crc32
 import bakery
 from bakery.errors import Interrupted, UsageError
 from bakery.grammar import fields
-from renderers import scene
+from renderers import choice, scene
 from renderers.pictures import denoise, images
 from renderers.pictures.pace import Pace, Paced
 from renderers.pictures.progressive import fingerprint, made_of
@@ -210,7 +210,10 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
     if on:
         report["seconds"] = {"earlier": spent["seconds"]} | report["seconds"]
         report["seconds"]["total"] += spent["seconds"]
-    values = keep(True, pace.paced(report.get("parts") or {}), report=report, asked=asked)
+    paced = pace.paced(report.get("parts") or {})
+    if job.scene.choice is not None:  # made before this call, of which a render by itself makes it
+        paced = paced._replace(setup=paced.setup + job.scene.choice.spent)
+    values = keep(True, paced, report=report, asked=asked)
     return Made(job, report, values["processor"], values["compiling"], values["pace"], False, resume and not on and bool(kept))
 
 
@@ -254,12 +257,14 @@ def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=No
         if not resumable or longest >= _ENOUGH * seconds or _noise(job, kept["report"]) <= noise:
             return _taken(job, kept)
     stop = job.scene.values.stop.model_copy(update={"noise": noise, "time": max(seconds - spent, 0.0), "samples": None})
+    # a method that chooses does so for the render that the scene asks for: so short a one would have no pilots
+    taken = choice.of_scene(job.scene, quality, variant, job.pair[1] if resumable else None)
     # whole passes: of small ones launches are most of the time.  Of paths through milk, 32 x 24, they foretold 6 times the time
-    job = dataclasses.replace(job, scene=dataclasses.replace(job.scene, whole=True))
-    rendered = render(_stopping(job, stop), quality=quality, variant=variant, resume=resumable, asked=seconds, **options)
+    whole = dataclasses.replace(job, scene=dataclasses.replace(job.scene, whole=True, choice=taken))
+    rendered = render(_stopping(whole, stop), quality=quality, variant=variant, resume=resumable, asked=seconds, **options)
     if not job.scene.rules.RESUMES and rendered.clock < seconds / 2:
-        return render(job, quality=quality, variant=variant, force=True, **options)  # without what Mitsuba compiled
-    return rendered
+        return render(whole, quality=quality, variant=variant, force=True, **options)  # without what Mitsuba compiled
+    return dataclasses.replace(rendered, job=job)  # the same call again is to choose as this one did
 
 
 def _noise(job, report) -> float:

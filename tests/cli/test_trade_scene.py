@@ -10,6 +10,7 @@ import pytest
 
 from bakery.errors import UsageError
 from bakery.scenes import is_scene
+from renderers.choice import Choice
 from renderers.colour import LUMINANCE
 from renderers.pictures import comparison
 from renderers.pictures.progressive import Estimate, Part, Stop, fingerprint
@@ -191,3 +192,18 @@ def test_what_is_wrong_is_said_before_anything_is_rendered(call, place, monkeypa
     monkeypatch.chdir(place)
     refused_unrendered(call, place, "trade", WRONG)
     assert not render.asked
+
+
+def test_the_time_of_pilots_counts(call, place, monkeypatch):
+    """Of a method that chooses, for a render as the scene asks for it: 30 s of pilots, more than the other one needs."""
+    stops = []
+
+    def of_scene(scene, *_):
+        stops.append((scene.values.stop.noise, scene.values.stop.time))
+        chooses = scene.values.toy.method == "isotropic"
+        return Choice("isotropic", ["isotropic"], [], None, "by pilots", spent=30.0) if chooses else None
+
+    monkeypatch.setattr(comparison.choice, "of_scene", of_scene)
+    found = traded(call, place)
+    assert found["trade"]["until"]["isotropic"] == pytest.approx(30.0 + SETUP + 2.0)
+    assert found["trade"]["advised"]["name"] == "single" and set(stops) == {(None, None)}

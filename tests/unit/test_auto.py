@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import shutil
 import time
 from contextlib import nullcontext
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,9 +23,11 @@ from renderers.choice.trial import Cost, Light, Trial
 from renderers.materials.grains import bundles
 from renderers.pictures import engine
 from renderers.pictures.engine import Part, Stop
+from renderers.scene import load
 from renderers.scene.candidates import Candidate
 
 REGIONS, STOP = (8, 8), Stop(noise=0.01)
+SCENES = Path(__file__).parents[2] / "assets" / "scenes"
 
 
 def world(height=128, width=128):
@@ -390,6 +394,45 @@ def test_a_choice_holds_for_the_variant_that_it_was_measured_with(monkeypatch):
     for variant in ("llvm_ad_rgb", "cuda_ad_rgb", "llvm_ad_rgb"):
         choice.chosen(opened, SimpleNamespace(size=(64, 64), dark=False, variant=variant))
     assert keys[0] == keys[2] != keys[1]
+
+
+def test_a_choice_does_not_outlive_what_it_was_made_of(monkeypatch, tmp_path):
+    """Scene, its files, assets, quality, film, tolerance, stop, and the code that renders."""
+    keys = []
+    monkeypatch.setattr(choice.remembered, "get", lambda kind, key: keys.append(key))
+    monkeypatch.setattr(choice.surfaces, "beside", lambda opened, world, offered: (offered, {}))
+    monkeypatch.setattr(choice.candidates, "of", lambda scene: (method("paths"),))
+    for name in ("head.xml", "head.ply", "head.yaml"):
+        shutil.copy(SCENES / name, tmp_path)
+    (tmp_path / "head.yaml").write_text((SCENES / "head.yaml").read_text().replace("../..", str(SCENES.parents[1])))
+
+    def key(asset="a", quality=None, size=(64, 64), **settings):
+        opened = choice.Opened(load(tmp_path / "head.yaml", settings), [SimpleNamespace(content_hash=asset)], None)
+        choice.chosen(opened, SimpleNamespace(size=size, dark=False, variant="llvm_ad_rgb"), quality)
+        return keys[-1]
+
+    first = key()
+    changes = [{"asset": "b"}, {"quality": "draft"}, {"size": (64, 65)}, {"tolerance": "3%"}, {"stop": "{noise: 2%, time: 61 s}"},
+               {"materials[0].boundary.index": "1.3"}, {"measure": "pixels"}]
+    assert key() == key(display="{exposure: 2}") == first and len({first, *(key(**change) for change in changes)}) == 8
+    with (tmp_path / "head.ply").open("ab") as mesh:
+        mesh.write(b" ")
+    of_mesh = key()
+    (tmp_path / "head.xml").write_text((tmp_path / "head.xml").read_text() + " ")
+    of_scene = key()
+    monkeypatch.setattr(choice.remembered, "of_code", lambda: "changed")
+    assert len({first, of_mesh, of_scene, key()}) == 4
+
+
+def test_code_that_changes_has_another_hash(monkeypatch, tmp_path):
+    """Whatever version it says it is."""
+    (tmp_path / "bodies").mkdir()
+    monkeypatch.setattr(choice.remembered, "_SOURCES", (tmp_path,))
+    hashes = [choice.remembered.of_code.__wrapped__()]
+    for text in ("a = 1", "a = 2"):
+        (tmp_path / "bodies" / "loop.py").write_text(text)
+        hashes.append(choice.remembered.of_code.__wrapped__())
+    assert len(set(hashes)) == 3 and hashes[-1] == choice.remembered.of_code.__wrapped__()
 
 
 def test_a_choice_is_kept_and_found(monkeypatch):

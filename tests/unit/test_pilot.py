@@ -95,7 +95,7 @@ def test_a_pilot_has_the_shape_of_the_picture(size, pixels, smaller):
 def planned(monkeypatch):
     """A function of the standard error of what a choice foretells, and of what makes another pilot: the scene, and that one."""
     monkeypatch.setattr(pilot, "in_time", lambda parts, _time: parts)
-    world = SimpleNamespace(size=(1024, 1024), as_it_is=nullcontext)
+    world = SimpleNamespace(size=(1024, 1024), as_it_is=nullcontext, variant="llvm_ad_rgb")
     monkeypatch.setattr("renderers.mitsuba.world.World", SimpleNamespace(of=lambda *_: world))
     monkeypatch.setattr(pilot.choice.Opened, "of", lambda scene: None)
 
@@ -125,6 +125,17 @@ def test_the_plan_of_a_scene_says_what_its_choice_says(planned):
     reported = pilot._tried(scene, STOP, None)
     # passes of a quarter of the samples: four times as many, each with the fixed half second too, which is little
     assert pilot._ends(reported, STOP, {"noise": 1.0})["noise"][0] == pytest.approx(seconds_to_noise(tried), rel=2e-3)
+
+
+def test_a_choice_that_was_kept_foretells_by_the_clock_of_today(planned):
+    """It was made on a machine that had nothing else to do, or more processors: its passes took a tenth of the clock's time."""
+    scene, tried = planned(0.2, lambda *_: pytest.fail("a second pilot"))
+    then, now = (pilot._ends(pilot._tried(scene, STOP, None, clock), STOP, {"noise": 1.0})["noise"][0] for clock in (None, 5.0))
+    assert now == pytest.approx(10 * then)
+    clock = pilot._Clock()
+    assert clock.pace is None
+    clock._told = [(10.0, 2.0), (11.0, 3.0), (13.0, 3.5)]
+    assert clock.pace == pytest.approx(2.0)
 
 
 def test_where_the_pilot_of_a_choice_tells_little_a_longer_one_foretells(planned):
