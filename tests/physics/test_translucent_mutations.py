@@ -13,6 +13,7 @@ from scipy import stats
 from renderers import threads
 from renderers.materials.bodies import _mutations, methods, mutations
 from renderers.materials.bodies._mutations import NUMBERS, Edge, Sights
+from renderers.materials.bodies.bias import CLOSER
 from tests.odds import ODDS, sigmas
 from tests.physics import test_translucent as bodies
 from tests.physics import test_translucent_gather as quadrature
@@ -195,6 +196,25 @@ def agree(ours, theirs, most=0.03):
     error = np.hypot(*(values.std(ddof=1) / len(values) ** 0.5 for values in (ours, theirs)))
     assert error < most * theirs.mean()
     assert stats.ttest_ind(ours, theirs, equal_var=False).pvalue > ODDS, (ours.mean() / theirs.mean(), error / theirs.mean())
+
+
+def test_pixels_share_over_less_in_later_passes(baked, tmp_path, few):
+    """What sharing changes of light that bends falls with the lines of a pixel so far, and `closer` tells it."""
+    how = transport(tmp_path, [baked()], {"ball": BALL}, PANEL, size=16)
+    made = methods.parts(how, "metropolis+tables", "negative", 0)[1].render
+    views, gathers = made._seen(0)
+    seen = np.all([view.body >= 0 for view in views], axis=0)
+    bent = np.mean([np.sum((view.point / np.ptp(BALL[0])) ** 4, axis=-1) for view in views], axis=0) * seen
+    image = np.zeros((3, 256, 3))
+    image[0] = bent.reshape(-1, 1)
+    first = mutations._WIDE // made._samples - 1
+    lost, told = [], []
+    for number in (first, 16 * (first + 1) - 1, 100 * mutations._WIDE):
+        layers = made._layers(number, image, gathers, views)
+        lost.append(np.sqrt(np.mean((layers["orders"] - bent[..., None])[seen] ** 2)))
+        told.append(4 / 3 * np.sqrt(np.mean(layers[CLOSER][seen] ** 2)))
+    assert lost[0] > 1e-3 * bent.max() and lost[1] < 0.6 * lost[0] and lost[2] < 0.1 * lost[0]
+    assert 0.5 * lost[0] < told[0] < 2 * lost[0]
 
 
 @pytest.mark.slow
