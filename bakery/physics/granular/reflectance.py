@@ -118,7 +118,7 @@ def _reflectance(fits: Sequence[Fit], counts, c: int, lossless: bool):
     passed = np.divide(straight, walks, out=np.zeros_like(straight), where=walks > 0)
     lower = np.stack([sum(lower_albedos(fit, part, walks)) for fit, part in zip(fits, entered, strict=True)])
     elsewhere = passed + lower.sum(axis=0) - lower
-    parts, light, relative = [], [], []
+    parts, light, relative, misfit = [], [], [], []
     for side, fit in enumerate(fits):
         cells = counts[side].cells[:, :, c]
         factors, *of_cells = factors_of(fit, cells.sum(axis=0), entered[side], (walks, through), kept[side], elsewhere[side],
@@ -126,7 +126,8 @@ def _reflectance(fits: Sequence[Fit], counts, c: int, lossless: bool):
         parts.append((factors, of_cells[1], _spread(counts[side], c)))
         light.append([np.bincount(merged(CELLS, SHOWN), part) for part in of_cells[0]])
         relative.append(of_cells[2])
-    error, by_kind = _errors(np.concatenate(light, axis=1), np.concatenate(relative, axis=1))
+        misfit.append(of_cells[3])
+    error, by_kind = _errors(*(np.concatenate(part, axis=1) for part in (light, relative, misfit)))
     achieved, inside = math.sqrt(sum(by_kind)), float(counts[0].inside[:, c].mean())
     sides = [Reflectance(factors, lossless, albedo, scatter, noise.reshape(SHOWN), achieved, inside)
              for (factors, albedo, scatter), noise in zip(parts, np.split(error, len(parts)), strict=True)]
@@ -135,14 +136,15 @@ def _reflectance(fits: Sequence[Fit], counts, c: int, lossless: bool):
     return replace(sides[0], below=sides[1], straight=passed), by_kind
 
 
-def _errors(by_order, relative):
-    """Relative standard error in each of K cells, and by kind of walk the variance over the light of all cells; (3, K) light and
-    relative variance by order."""
+def _errors(by_order, relative, misfit):
+    """Relative standard error in each of K cells, and by kind of walk the variance over the light of all cells; (3, K) light,
+    relative variance and, which more walks would not make less, squared misfit by order."""
     whole, variance = by_order.sum(axis=0), np.minimum(relative, 1.0) * by_order**2
     # a cell's error counts by its light
     by_kind = [float(np.sum(np.divide(part, whole, out=np.zeros_like(whole), where=whole > 0)) / max(whole.sum(), 1e-300))
                for part in (variance[0] + variance[1], variance[2])]
-    return np.divide(np.sqrt(sum(variance)), whole, out=np.zeros_like(whole), where=whole > 0), by_kind
+    off = np.sqrt(sum(variance + misfit * by_order**2))
+    return np.divide(off, whole, out=np.zeros_like(whole), where=whole > 0), by_kind
 
 
 def _overdispersion(cells):

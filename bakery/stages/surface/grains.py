@@ -264,7 +264,7 @@ def cost(recipe) -> Cost:
 
 OF_GRAINS = Stage(
     name="surface",
-    version=13,
+    version=14,
     title="reflectance and transmittance of packed grains",
     reads=("wavelengths", "seed", "surface", "grains.radius", "grains.components[*].weight", "packing.fraction"),
     needs=("medium", "packing", "grains"),

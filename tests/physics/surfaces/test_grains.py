@@ -25,7 +25,7 @@ from bakery.physics.granular.reflectance import LEAST, measured
 from bakery.physics.medium import phase
 from bakery.physics.packing import pack
 from bakery.physics.surfaces import pairs
-from bakery.physics.surfaces.corrected import SHOWN, Corrected, Fit, merged, middles
+from bakery.physics.surfaces.corrected import SHOWN, Corrected, Fit, _entering, merged, middles
 from bakery.physics.surfaces.refine import refined
 from bakery.physics.surfaces.slab import Slab
 from bakery.system.compiled import njit
@@ -103,10 +103,35 @@ def test_few_walks_move_no_light_between_cells():
         a, b, c = np.meshgrid(*((np.arange(n) + 0.5) / n for n in fine), indexing="ij")
         table, scale = 1 + 0.4 * np.cos(3 * a) * np.sin(2 * c) + 0.3 * b * b * np.exp(-a), np.ones(BINS)
         true, albedo = fit.in_cells(order, table.ravel(), scale), fit.albedo(order, table.ravel(), scale)
-        table, scale, variance = fit.fitted(order, true, albedo, 3e4)
+        table, scale, variance, _ = fit.fitted(order, true, albedo, 3e4)
         fitted, light = (np.bincount(merged(CELLS, (6, 4, 4)), part) for part in (fit.in_cells(order, table, scale), true))
         assert np.sqrt(np.average((fitted / light - 1) ** 2, weights=light)) < 0.015
         assert np.all(variance > 0) and np.median(variance) < 0.1
+
+
+def test_light_of_walks_that_enter_at_the_rim_is_in_its_cells():
+    """All cells hold what R = 1/(mu + mu0) sends back, in closed form: 0.9 % less of it where four points told what enters."""
+    mu, mu0, _, light = _entering(CELLS, LEAST)
+    s, weight = np.polynomial.legendre.leggauss(200)
+    root = LEAST + (1 - LEAST) * 0.5 * (1 + s)
+    albedo = 2 * (1 - root**2 * np.log1p(1 / root**2))
+    assert (light / (mu + mu0)).sum() == pytest.approx(0.5 * albedo @ weight, rel=2e-3)
+
+
+def test_stated_errors_cover_cells_that_stay_dark():
+    """Where a fiftieth of the light goes of what goes beside it, three stated errors hold 96 % of the cells.
+
+    They held 84 to 86 %, with cells at 5 times their light by a stated error of 7 %; five seeds bring 97.4 to 99.1 %.
+    """
+    fit, walks = Fit(medium("matt")[0], CELLS, BINS, LEAST), 3e5
+    a, b, c = np.meshgrid(*((np.arange(n) + 0.5) / n for n in fit.tables[0]), indexing="ij")
+    table = np.where((b > 0.75) & (c > 0.3), 0.02, 1 + 0.3 * np.cos(3 * a)).ravel()
+    true, albedo = fit.in_cells(0, table, np.ones(BINS)), fit.albedo(0, table, np.ones(BINS))
+    counted = np.random.default_rng(1).poisson(walks * true) / walks
+    table, scale, variance, misfit = fit.fitted(0, counted, albedo, walks)
+    fitted, light = (np.bincount(merged(CELLS, SHOWN), part) for part in (fit.in_cells(0, table, scale), true))
+    off = np.abs(fitted - light) / (fitted * np.sqrt(np.minimum(variance, 1) + misfit))
+    assert np.mean(off < 3) > 0.96
 
 
 @njit
