@@ -43,6 +43,6 @@ def first_shares(means):
 
 
 def material_layer(shares):
-    """Layer `material` (H, W): the entry in which most of a pixel's paths scattered first, -1 where most did not."""
-    none = 1 - shares.sum(axis=-1, keepdims=True)
-    return (np.argmax(np.concatenate([none, shares], axis=-1), axis=-1) - 1).astype(np.float32)
+    """Layer `material` (H, W): the entry in which most of a pixel's paths scattered first, of those that did; -1 where none
+    did."""
+    return np.where(shares.any(axis=-1), shares.argmax(axis=-1), -1).astype(np.float32)

@@ -209,3 +209,9 @@ def test_fog_takes_as_much_of_a_disc_as_of_its_lamp(tmp_path):
     error = np.hypot(*(found.mean(axis=1).std(ddof=1) / len(found)**0.5 / found.mean() for found in (clear, dimmed)))
     assert error < 0.05
     assert abs(np.log(dimmed.mean() / clear.mean()) + 0.82) < sigmas(12) * error + 0.05
+
+
+def test_the_material_of_a_pixel_that_few_paths_scatter_in():
+    """As the loop of continuous media has it: thin fog counts where nothing else scatters."""
+    shares = np.array([[[0.0, 0.0], [0.1, 0.0], [0.1, 0.2], [0.6, 0.4]]])
+    assert passes.material_layer(shares).tolist() == [[-1, 0, 1, 0]]
