@@ -1,8 +1,8 @@
 """Materials as what paths of a wavefront meet: each an interactor of the same few functions.
 
 advance(paths, stop)
-    Takes paths on to their next event, or to distances stop (n,) m: what they have come to (n,), REACHED, EVENT or ENDED, and
-    what `next_event` and `scatter` need of it, arrays by path.  Paths at events are where the event is.
+    Takes paths on to their next event, or to distances stop (n,) m: what they have come to (n,), REACHED, EVENT, ENDED or
+    ELSEWHERE, and what `next_event` and `scatter` need of it, arrays by path.  Paths at events are where the event is.
 transmittance(states, origin, direction, distance, left_out, share)
     Multiplies share (n, L) by what the material leaves of light along ways of which it is the innermost material.
 next_event(paths, event, sample, passed, clear, added)

@@ -43,8 +43,10 @@ def prepare(job, world, seed) -> Method:
     entries = [chosen(entry.kind, entry.method) for entry in scene.values.materials]
     stated = [declared(entry.kind)[name] for entry, name in zip(scene.values.materials, entries, strict=True)]
     widened = [getattr(content.what, "angle", 0.0) for content in filled]
+    # nor is what is explicit without bias where smooth grains are to show lamps that no path meets
     stand_ins = [method.continuous or method.surface or method.surface_far or angle > 0
-                 for method, angle in zip(stated, widened, strict=True)]
+                 or method.exact and method.lacks([asset], world) != ""
+                 for method, angle, asset in zip(stated, widened, assets, strict=True)]
     listed = [{"kind": entry.kind, "method": name, "bias": None if stand_in else 0.0, "reasons": list(content.reasons),
                "pilot": None}
               for entry, name, stand_in, content in zip(scene.values.materials, entries, stand_ins, filled, strict=True)]

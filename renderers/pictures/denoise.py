@@ -145,7 +145,7 @@ def sentence(figures) -> str:
     shown = f"the PNG has its noise taken out ({figures['filter']}), which {changes}"
     if figures["apart"]:
         filtered = "filtered grain by grain" if figures["grains"] else "not filtered"
-        shown += f"; {', '.join(figures['apart'])}, whose detail looks like noise, is {filtered} where that is seen"
+        shown += f"; grains and particles, whose detail looks like noise, are {filtered} where they are seen"
     return f"{shown}; noise is that of R, G and B of the EXR, which are not filtered, and not the error of what is shown"
 
 

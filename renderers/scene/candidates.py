@@ -190,9 +190,15 @@ def _combined(materials, methods, replaced, eligible=True):
                for number, (entry, method) in enumerate(zip(materials, methods, strict=True))]
     declared = [entries.declared(entry.kind)[method] for entry, method in zip(materials, methods, strict=True)]
     media = tuple(number for number, method in enumerate(declared) if method.continuous)
+    open_to_choice = [number for number, entry in enumerate(materials) if entry.method == "auto"]
+
+    def lacks(assets, world):
+        every = [declared[number].lacks([assets[number]], world) for number in open_to_choice if declared[number].exact]
+        return "; ".join(dict.fromkeys(filter(None, every)))
+
     return Candidate(_named(materials, methods), tuple(methods), all(method.exact for method in declared),
                      lambda tolerance: math.hypot(*(method.error(tolerance) for method in declared)),
-                     max(method.pilot for method in declared), media=media, replaced=tuple(replaced), eligible=eligible)
+                     max(method.pilot for method in declared), lacks, media=media, replaced=tuple(replaced), eligible=eligible)
 
 
 def _named(materials, methods):

@@ -11,7 +11,8 @@ import numpy as np
 from renderers import threads
 from renderers.transport import wavefront
 
-REACHED, EVENT, ENDED = range(3)  # what a material has taken a path to: where it was to go, an event, nowhere
+# what a material has taken a path to: where it was to go, an event, nowhere, or another place, on its way
+REACHED, EVENT, ENDED, ELSEWHERE = range(4)
 UNKNOWN = -2  # in place of a grain's sphere: it is not known whether a path starts in one (`renderers.materials.grains._grains`)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from bakery.kernels import stream_key
 from renderers.mitsuba.shading import FAR
 from renderers.transport import regularised, steps, wavefront
-from renderers.transport.paths import EVENT, REACHED, Colours, Paths, follow, joined, of_camera
+from renderers.transport.paths import ELSEWHERE, EVENT, REACHED, Colours, Paths, follow, joined, of_camera
 from renderers.transport.places import NOWHERE, Places
 
 ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
@@ -110,7 +110,7 @@ def one_pass(scene, size, number, seed, samples=1) -> Sums:
 def step(scene, paths, sums) -> Paths:
     """Paths after the ends of their flights, those that go on."""
     ahead = look(scene, paths)
-    events, reached = [], []
+    events, reached, elsewhere = [], [], []
     for number in np.unique(ahead.material):
         inside = ahead.material == number
         group, its = paths.of(inside), ahead.of(inside)
@@ -126,11 +126,13 @@ def step(scene, paths, sums) -> Paths:
         events.append((material, group.of(meets), tuple(values[meets] for values in event), chance))
         arrives = np.flatnonzero(status == REACHED)
         reached.append((group.of(arrives), its.of(arrives)))
+        elsewhere.append(group.of(status == ELSEWHERE))
     paths = joined([group for group, _ in reached])
     ahead = Ahead(*map(np.concatenate, zip(*(its for _, its in reached))))
     onward, meets, at_surface = _into_grains(scene, paths, ahead, sums)
     crossing = (ahead.cause == BOUNDARY) | (ahead.cause == BLIND)
-    return joined([*onward, _across(scene, paths.of(crossing), ahead.of(crossing)), at_events(scene, paths, events + meets, sums),
+    return joined([*onward, *elsewhere, _across(scene, paths.of(crossing), ahead.of(crossing)),
+                   at_events(scene, paths, events + meets, sums),
                    at_surfaces(scene, joined([paths.of(ahead.cause == SURFACE), *at_surface]), sums)])
 
 

@@ -40,6 +40,16 @@ def test_it_is_told_of_boundaries_that_refract(matched, normals, told):
     assert len(said) == told and all("100 % of it lean by more than 40 degrees" in sentence for sentence in said)
 
 
+def test_it_is_told_of_glass_around_bodies():
+    """A tumbler with means over its rim bends what is seen of the milk in it."""
+    cube = trimesh.creation.box()
+    glass = shape(cube, np.sign(cube.vertices) / math.sqrt(3))
+    shapes = [glass._replace(name="glass"), glass._replace(name="clay", index=None), shape(cube, None)]
+    world = SimpleNamespace(shapes=lambda: shapes)
+    (said,) = bodies.leans(world, [SimpleNamespace(name="it", matched=False)])
+    assert "100 % of glass lean" in said
+
+
 @pytest.mark.parametrize("gap, share", [(0, 1 / 6), (1e-5, 1 / 6), (1e-3, 0)])
 def test_milk_that_lies_on_glass(gap, share):
     """A cube whose one side lies on that of another, of other triangles: with no gap, and with one below Mitsuba's epsilon."""

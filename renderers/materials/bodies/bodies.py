@@ -97,9 +97,10 @@ def flaws(world, bodies):
 
 
 def leans(world, bodies):
-    """Sentences on bodies whose boundary refracts by normals that are means over sharp edges."""
-    names = {body.name for body in bodies if not body.matched}
-    shares = {shape.name: leaning(shape, _LEANS) for shape in world.shapes() if shape.name in names}
+    """Sentences on bodies, and on glass around them, that refract by normals that are means over sharp edges."""
+    straight = {body.name for body in bodies if body.matched}
+    shares = {shape.name: leaning(shape, _LEANS) for shape in world.shapes()
+              if shape.faces is not None and shape.index not in (None, 1.0) and shape.name not in straight}
     return [f"normals on {percent(share)} of {name} lean by more than {math.degrees(_LEANS):.0f} degrees from its triangles: "
             "light is lost there, or leaves where it should not; use face_normals in the Mitsuba file, or normals in the mesh "
             "that keep edges sharp" for name, share in shares.items() if share > _LEANING]

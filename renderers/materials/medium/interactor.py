@@ -11,12 +11,16 @@ from bakery.system.compiled import njit
 from renderers.mitsuba.shading import FAR
 from renderers.threads import run
 from renderers.transport import wavefront
-from renderers.transport.paths import ENDED, EVENT, REACHED
-from renderers.transport.scattering import Scatterer, flight, flown, mean_cosines, next_event, of_one_component, turn
+from renderers.transport.paths import ELSEWHERE, ENDED, EVENT, REACHED, UNKNOWN
+from renderers.transport.scattering import Scatterer, flight, flown, mean_cosines, next_event, of_one_component, turn, turned
 from renderers.transport.wavefront import uniform
 
 _EVERYWHERE = kernels.region_box(np.zeros(3), np.ones(3))  # in place of a grid; nobody reads it
 _DIM, _GOES_ON = 0.1, 0.5  # transmittance below which an estimate of it ends by chance, and the share that goes on
+# Depth around a scene from which on no light samples are drawn: 6e-6 of the light comes so far.  In fog that absorbs nothing a
+# path may come back after 100,000 scatterings, and a step of all materials takes milliseconds however few paths are left
+_OUTSKIRTS = 12
+_LONG = 100_000  # scatterings from which on paths end as in `wavefront.goes_on`
 
 
 class Medium:
@@ -35,6 +39,8 @@ class Medium:
         self._density = density or _EVERYWHERE
         self._decay = _decay(scatterer)
         self._most = float(np.max(scatterer.sigma_t)) if density is not None else 0.0
+        clearest = float(np.min(scatterer.sigma_t))
+        self._outskirts = _OUTSKIRTS / clearest if clearest > 0.0 else math.inf
 
     def light_chance(self, share):
         """Of a light sample at an event, where a share of them is wanted."""
@@ -46,6 +52,7 @@ class Medium:
         paths.left_out[status == EVENT] = np.nan
         if self._extent:
             self._end_far_out(paths, status)
+            self._wander(paths, status)
         return status, ()
 
     def _end_far_out(self, paths, status):
@@ -60,6 +67,17 @@ class Medium:
         paths.states[at] = states
         paths.throughput[at] /= np.maximum(chance, 1e-300)[:, None]
         status[at[numbers[:, 0] >= chance]] = ENDED
+
+    def _wander(self, paths, status):
+        """Takes paths at events so far out that light samples bring nothing back to its outskirts: where they come in, their
+        status is ELSEWHERE, and they find all lights by themselves; else it is ENDED."""
+        middle, radius = self._extent
+        out = Outside(np.asarray(middle, float), radius, radius + self._outskirts, self._decay)
+        run(wander, paths.count, self.scatterer, out, paths, status)
+        back = np.flatnonzero(status == ELSEWHERE)
+        paths.drawn[back], paths.far[back] = paths.origin[back], np.nan
+        paths.single[back], paths.shaded[back] = True, True
+        paths.grains[back], paths.triangle[back], paths.sphere[back] = -1, -1, UNKNOWN
 
     def transmittance(self, states, origin, direction, distance, left_out, share):
         ways = Ways(states, origin, direction, distance)
@@ -126,6 +144,64 @@ def fly(medium, density, most, paths, stop, status, begin, end):
                 paths.origin[i, k] += t * paths.direction[i, k]
             paths.order[i] += 1
             paths.bounces[i] += 1
+
+
+class Outside(NamedTuple):
+    """Of a scene in a medium without end: middle (3,) m and radius m of a ball around it, that of its outskirts, and how quickly
+    diffuse light decays, 1/m."""
+
+    middle: np.ndarray
+    radius: float
+    outskirts: float
+    decay: float
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def wander(medium, out, paths, status, begin, end):
+    """Takes paths begin to end at events outside of the outskirts of a scene through all further scatterings there."""
+    medium, out, paths = lent(medium), lent(out), lent(paths)
+    values = np.empty(paths.throughput.shape[1])
+    for i in range(begin, end):
+        while status[i] == EVENT:
+            square, along = 0.0, 0.0
+            for k in range(3):
+                square += (paths.origin[i, k] - out.middle[k]) ** 2
+            if square <= out.outskirts**2:
+                break
+            turned(medium, paths, i, values)
+            for k in range(3):
+                along += (paths.origin[i, k] - out.middle[k]) * paths.direction[i, k]
+            chord = along * along - square + out.outskirts**2
+            comes_in = -along - math.sqrt(chord) if along < 0.0 and chord > 0.0 else np.inf
+            t = flight(medium, paths.throughput, paths.states, i)
+            flown(medium, paths.throughput, i, min(t, comes_in, FAR), t < comes_in)
+            for k in range(3):
+                paths.origin[i, k] += min(t, comes_in, FAR) * paths.direction[i, k]
+            if t >= comes_in:
+                status[i] = ELSEWHERE
+            elif not _goes_on_outside(out, paths, i):
+                status[i] = ENDED
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _goes_on_outside(out, paths, i):
+    """Whether path i goes on from another event, by `Medium._end_far_out` and `wavefront.goes_on`; changes its throughput."""
+    paths.order[i] += 1
+    paths.bounces[i] += 1
+    square, most = 0.0, 0.0
+    for k in range(3):
+        square += (paths.origin[i, k] - out.middle[k]) ** 2
+    for w in range(paths.throughput.shape[1]):
+        most = max(most, paths.throughput[i, w])
+    far = math.sqrt(square)
+    chance = min(1.0, most * math.exp(out.decay * (out.radius - far)) * out.radius / far)
+    if paths.bounces[i] > _LONG:
+        chance *= (1.0 - 1.0 / paths.bounces[i]) ** 4
+    if uniform(paths.states, i) >= chance:
+        return False
+    for w in range(paths.throughput.shape[1]):
+        paths.throughput[i, w] /= chance
+    return True
 
 
 class Ways(NamedTuple):
