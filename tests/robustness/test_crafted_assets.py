@@ -182,6 +182,11 @@ IMPOSSIBLE = {
     "nothing to normalise": ("fog", changed("medium/phase", np.zeros_like), "medium: phase integrates to 1 with an error of 1"),
     "cdf in disorder": ("fog", swapped("medium/cdf"), "medium: cdf does not rise from 0 to 1"),
     "no decay": ("haze", changed("multiple/k0", np.zeros_like), "multiple: k0 is not the decay of diffuse light"),
+    "more forward than there is": ("haze", changed("beam/fluence", lambda fluence: 0.5 * fluence),
+                                   "beam: forward exceeds fluence"),
+    "moment": ("haze", changed("beam/m2", lambda m2: 2 * m2), "beam: beta^2 is not 3/2 m2 / m0"),
+    "teleport": ("shot", changed("grains/ball/lambda_s", np.ones_like),
+                 "grains: ball: lambda_s is longer than the root of mean_square"),
     "decay beyond extinction": ("haze", changed("multiple/k0", lambda k0: 0 * k0 + 2),
                                 "multiple: k0 is not the decay of diffuse light"),
 }
