@@ -154,7 +154,7 @@ def contract(root) -> list[str]:
 
 
 def physics(root) -> list[str]:
-    """What the stages' own checks say of their groups: `verify` lists it, `inspect` and the page show it, exports refuse it."""
+    """What the stages' own checks say of their groups: `verify` lists it, `inspect` and the page show it."""
     import numpy as np
 
     from bakery.family.tree import is_family
@@ -169,13 +169,6 @@ def physics(root) -> list[str]:
         except Exception as error:  # a check trips over a group that lacks what it needs: the contract says what
             broken.append(f"{stage.name}: its rules cannot be checked ({type(error).__name__}: {error})")
     return broken
-
-
-def check_physics(path: str, root) -> None:
-    """AssetError that names the first rule of `physics` that a tree breaks: for what other programs are to compute with."""
-    if broken := physics(root):
-        more = f" and {len(broken) - 1} more" if len(broken) > 1 else ""
-        raise AssetError(f"{path}: {broken[0]}{more}; `bake verify` lists all, a new bake mends it")
 
 
 def _plain(path: str, error: Exception) -> str:

@@ -95,10 +95,11 @@ def command(asset, target, output, coordinates, overwrite, as_json, **given):
 
 
 def _check(asset, exporter):
-    """AssetError where an asset holds nothing of what a format takes, or values that cannot be."""
-    from bakery.asset.verify import check_physics
+    """AssetError where an asset holds nothing of what a format takes, or a medium that cannot be."""
+    from bakery.export.medium import impossible
 
-    check_physics(asset.path, asset.tree)
+    if "medium" in asset.stages and (faults := list(impossible(asset.tree["medium"]))):
+        raise AssetError(f"{asset.path}: {faults[0]}; `bake verify` says what else is wrong, a new bake mends it")
     if not exporter.takes or any(stage in asset.stages for stage in exporter.takes):
         return
     stages = " or ".join(f"`{stage}`" for stage in exporter.takes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +10,8 @@ import numpy as np
 from bakery.errors import AssetError
 from bakery.stages.optics.elements import ELEMENTS
 from bakery.store.tree import Dataset, Group
+
+_LOOSE = 1e-3  # relative, or of 1: coefficients and tables by other hands may be rounded
 
 
 def medium_of(root: Group, name: str) -> Group:
@@ -18,6 +21,20 @@ def medium_of(root: Group, name: str) -> Group:
         raise AssetError(f"{name}: holds no stage `medium`, which a renderer needs; bake it from a recipe with `particles`, "
                          "`grains` or `medium`")
     return medium
+
+
+def impossible(medium: Group) -> Iterator[str]:
+    """What no program can compute with, in words that begin with the dataset; `bake verify` is a thousand times as strict."""
+    from bakery.physics.medium.phase import phase_integral
+
+    sigma_t, sigma_s, albedo, theta, phase, cdf = (
+        np.asarray(medium[name].data, float) for name in ("sigma_t", "sigma_s", "albedo", "theta", "phase", "cdf"))
+    if not np.allclose(albedo * sigma_t, sigma_s, rtol=_LOOSE, atol=0):
+        yield "medium/sigma_s: is not albedo times sigma_t"
+    if not np.allclose(phase_integral(theta, phase), 1, rtol=0, atol=_LOOSE):
+        yield "medium/phase: does not integrate to 1 over the sphere"
+    if (np.diff(cdf) < 0).any() or not np.allclose(cdf[:, [0, -1]], [0, 1], rtol=0, atol=_LOOSE):
+        yield "medium/cdf: does not rise from 0 to 1"
 
 
 @dataclass(frozen=True)

@@ -182,19 +182,33 @@ IMPOSSIBLE = {
     "nothing to normalise": ("fog", changed("medium/phase", np.zeros_like), "medium: phase integrates to 1 with an error of 1"),
     "cdf in disorder": ("fog", swapped("medium/cdf"), "medium: cdf does not rise from 0 to 1"),
     "no decay": ("haze", changed("multiple/k0", np.zeros_like), "multiple: k0 is not the decay of diffuse light"),
+    "more forward than there is": ("haze", changed("beam/fluence", lambda fluence: 0.5 * fluence),
+                                   "beam: forward exceeds fluence"),
+    "moment": ("haze", changed("beam/m2", lambda m2: 2 * m2), "beam: beta^2 is not 3/2 m2 / m0"),
+    "teleport": ("shot", changed("grains/ball/lambda_s", np.ones_like),
+                 "grains: ball: lambda_s is longer than the root of mean_square"),
     "decay beyond extinction": ("haze", changed("multiple/k0", lambda k0: 0 * k0 + 2),
                                 "multiple: k0 is not the decay of diffuse light"),
 }
 
 
 @pytest.mark.parametrize(("of", "craft", "words"), IMPOSSIBLE.values(), ids=IMPOSSIBLE)
-def test_impossible_values_are_shown_and_not_exported(call, sound, tmp_path, of, craft, words):
+def test_impossible_values_are_shown(call, sound, tmp_path, of, craft, words):
     path = tmp_path / "crafted.h5"
     write(path, craft(sound[of]))
     assert any(line.startswith(words) for line in _broken(str(path)))
     status, out, err = call("inspect", path)
     assert (status, err) == (0, "") and f"\nBROKEN: {words}" in out
     assert any(rule.startswith(words) for rule in json.loads(call("inspect", path, "--json")[1])["broken"])
+
+
+@pytest.mark.parametrize(("name", "words"), [
+    ("tiny sigma", "medium/sigma_s: is not albedo times sigma_t"), ("no sigma", "medium/sigma_s: is not albedo times sigma_t"),
+    ("nothing to normalise", "medium/phase: does not integrate to 1"), ("cdf in disorder", "medium/cdf: does not rise from 0")])
+def test_impossible_media_are_not_exported(call, sound, tmp_path, name, words):
+    of, craft, _ = IMPOSSIBLE[name]
+    path = tmp_path / "crafted.h5"
+    write(path, craft(sound[of]))
     for target in ("csv", "mitsuba", "hg", "netcdf"):
         status, out, err = call("export", path, "--to", target)
         assert (status, out, err.count("\n")) == (2, "", 1) and err.startswith(f"{path}: {words}"), (target, err)

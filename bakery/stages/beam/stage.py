@@ -119,6 +119,11 @@ def check(group: Group) -> Iterable[str]:
             yield f"{name} is not (L, D, U)"
     if not np.allclose(v["alpha"] * np.sqrt(2 * np.pi) * v["beta"], v["m0"], rtol=1e-9, atol=1e-300):
         yield "alpha and beta do not give m0"
+    if not np.allclose(v["beta"] ** 2 * v["m0"], 1.5 * v["m2"], rtol=1e-9, atol=1e-300):
+        yield "beta^2 is not 3/2 m2 / m0"
+    for part, whole in (("forward", "fluence"), ("flux", "forward")):
+        if (v[part] > v[whole] * (1 + 1e-5)).any():  # of single precision
+            yield f"{part} exceeds {whole}, of which it is a part"
     if (v["m0"] > 1 + 1e-9).any():
         yield "m0 above 1"
 

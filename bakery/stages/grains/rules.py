@@ -105,6 +105,9 @@ def _check_component(part: Group, theta) -> Iterable[str]:
             yield from rules.phase_function(theta, value)
         if name == "mean_square" and ((value < 0) | (value > 4 + 1e-9)).any():
             yield f"{path} outside 0 .. 4"
+        if name in ("lambda_s", "lambda_o") and (above := path.removesuffix(name)) + "mean_square" in v \
+                and (value**2 > v[above + "mean_square"] * (1 + 1e-6) + 1e-12).any():
+            yield f"{path} is longer than the root of mean_square"
     beta = v["hit_probability"][0]
     # chords of a sphere have the mean 4/3, whatever the grain; six standard errors, and rounding
     mean = (1 - beta) * v["lambda_delta"][0] + beta * v["chord"][0]
