@@ -141,8 +141,8 @@ def _entering(cells, least: float):
         density = [np.where(into >= least**2, 0.5 / np.sqrt(np.maximum(into, 1e-300)) / (1 - least), 0.0) for into in (mu, mu0)]
         return mu, mu0, phi, weight * (mu * density[1] + mu0 * density[0]) / (2 * math.pi**2)
 
-    (mu, mu0, phi, few), (*_, many) = light(_POINTS), light((1, _RIM, _POINTS[2]))
-    return mu, mu0, phi, few * (many.sum(axis=1) / np.maximum(few.sum(axis=1), 1e-300))[:, None]
+    (mu, mu0, phi, coarse), (*_, fine) = light(_POINTS), light((1, _RIM, _POINTS[2]))
+    return mu, mu0, phi, coarse * (fine.sum(axis=1) / np.maximum(coarse.sum(axis=1), 1e-300))[:, None]
 
 
 def merged(cells, coarse):
@@ -173,7 +173,7 @@ def _held(wanted, modelled, walks, kinds):
     return np.maximum(held, _FEW)[kinds]
 
 
-def _own(wanted, modelled, walks):
+def _disputed(wanted, modelled, walks):
     """The same of each cell (K,) by its own counts, which say so where they are three standard errors off; else infinite.
 
     Without that few cells that differ are held by many that do not: where shining balls hide what would come back, cells had up
@@ -270,7 +270,7 @@ class Fit:
             # light straight back is that of a slice or two, and says nothing of the others
             holds = _held(wanted, modelled, worth, merged(level, (1 if level == SHOWN else level[0], 1, 1)))
             if level == SHOWN:
-                holds = np.minimum(holds, _own(wanted, modelled, worth))
+                holds = np.minimum(holds, _disputed(wanted, modelled, worth))
                 # the polynomial's counts as far as cells are held to it
                 kept = 1 / (1 + worth * modelled / holds)
                 variance = kept**2 * variance + 1 / (worth * modelled + holds)

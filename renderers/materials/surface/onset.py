@@ -92,7 +92,7 @@ def in_words(number, begins: Onset, paths="paths", into="it") -> str:
     where = f"from {length(begins.near)} to {length(2 * begins.near)} from the camera" if begins.near else "at the camera"
     return (f"materials[{number}]: paths go into {into} near the camera, and its surface sends light on far from it; it changes "
             f"{where}. {percent(begins.share)} of what the camera sees of it is its surface, and an error of "
-            f"{percent(begins.error)} of its light is expected of that")
+            f"{percent(begins.error)} of its light is expected of that, but for caustics and other edges of indirect light")
 
 
 def length(metres: float) -> str:
