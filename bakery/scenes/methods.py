@@ -80,7 +80,7 @@ def summary(renders, comparison, base, file=None) -> dict:
                           "stated_bias": report["bias"], "processor": item.processor,
                           "compiling": item.compiling, "pace": item.pace._asdict(), "taken": item.taken, "anew": item.anew,
                           "difference": difference,
-                          "exact": item.job.name in first.rules.EXACT and not missing,
+                          "exact": _exact(item, first.rules) and not missing,
                           "kept": item.job.name in first.rules.KEPT and not missing, "left_out": missing, "flip": seen.flip})
     remarks = [differences.flip_missing()]
     unknown = dict.fromkeys(name for seen in comparison if seen.difference for name in seen.difference.left_in)
@@ -97,6 +97,12 @@ def summary(renders, comparison, base, file=None) -> dict:
             "overrides": common, "measure": "pixels" if pixels else "picture",
             "reference": base.name, "reference_file": None if file is None else str(file),
             "flip": differences.flip_missing() or None, "remarks": [remark for remark in remarks if remark], "methods": methods}
+
+
+def _exact(rendered, rules) -> bool:
+    """Whether a method has no error of its own, or one that chooses has taken such a one here."""
+    name, took = rendered.job.name, rendered.report["method"]
+    return name in rules.EXACT or name in rules.KEPT and took in rules.EXACT
 
 
 def curves(summary) -> list:

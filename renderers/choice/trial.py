@@ -234,7 +234,7 @@ def of(prepare: Callable, world, seconds: float | None, samples: int | None = No
 
     tiny, middle = smaller(world, TINY), smaller(world, SMALL)
     parts = parts_of(tiny, _SEED)
-    share = _share(parts, world, seconds)
+    share, spent = _share(parts, world, seconds)
     small = _Run(lambda *_: parts, tiny, Stop(time=seconds and 0.3 * seconds, samples=samples), share)
     if small.clock + LEAST * small.pace * sum(map(small.of_pass, small.passes.parts)) > most:
         return None
@@ -243,7 +243,7 @@ def of(prepare: Callable, world, seconds: float | None, samples: int | None = No
     costs = tuple(_cost(part, small, large, level, world.size[0] * world.size[1]) for part in large.passes.parts)
     passes = min(mean.count for mean in large.passes.means.values())
     return Trial(large.setup, costs, large.light, large.pixels, passes, small.clock + large.clock, large.pace,
-                 small.processor + large.processor)
+                 spent + small.processor + large.processor)
 
 
 def _cost(part, small, large, level, pixels) -> Cost:
@@ -269,16 +269,18 @@ def _by_pixel(first, second, fewer, pixels) -> float:
     return max(second - first, _CLOCK * second) / (pixels - fewer)
 
 
-def _share(parts, world, seconds) -> float:
+def _share(parts, world, seconds) -> tuple[float, float]:
     """Compiles parts of the smaller picture; of their samples a share with which two passes of the larger one take no more than
-    some times the seconds of a pilot: a path in a medium that hardly absorbs takes milliseconds."""
-    needed = 0.0
+    some times the seconds of a pilot (a path in a medium that hardly absorbs takes milliseconds), and the processor seconds of
+    the passes that tell it."""
+    needed = spent = 0.0
     for part in parts:
         single = part.fewer(1) if _many(part) else part
         single.render(_COMPILES)
         if part.fewer:
-            needed += part.samples * _of_sample(part, single, world) * LEAST * SMALL / TINY
-    return 1.0 if not seconds or needed <= _PATIENCE * seconds else _PATIENCE * seconds / needed
+            of_sample, took = _of_sample(part, single, world)
+            needed, spent = needed + part.samples * of_sample * LEAST * SMALL / TINY, spent + took
+    return 1.0 if not seconds or needed <= _PATIENCE * seconds else _PATIENCE * seconds / needed, spent
 
 
 def _many(part) -> bool:
@@ -286,8 +288,9 @@ def _many(part) -> bool:
     return part.fewer is not None and part.samples > 1
 
 
-def _of_sample(part, single, world) -> float:
-    """Processor seconds that a sample of all pixels takes in a pass, but for what a pass takes without."""
+def _of_sample(part, single, world) -> tuple[float, float]:
+    """Processor seconds that a sample of all pixels takes in a pass, but for what a pass takes without; and those of the passes
+    that tell it."""
     spent = variants.clock(world.variant)
 
     def took(passes):
@@ -297,8 +300,9 @@ def _of_sample(part, single, world) -> float:
 
     alone = took(single)
     if alone > _LAUNCHES * part.steps or part.samples < _SEVERAL:
-        return max(alone - _LAUNCHES * part.steps, 0.0)
-    return max(took(part.fewer(_SEVERAL)) - alone, 0.0) / (_SEVERAL - 1)
+        return max(alone - _LAUNCHES * part.steps, 0.0), alone
+    several = took(part.fewer(_SEVERAL))
+    return max(several - alone, 0.0) / (_SEVERAL - 1), alone + several
 
 
 def _growth(times, spread, pixels) -> float:
@@ -331,13 +335,14 @@ class _Run:
         self.light = {layer: self._light(layer) for layer in every}
 
     def of_pass(self, part) -> float:
-        """Processor seconds of a pass: the first one of a size also traces what the others go by."""
-        return float(np.median(self._seconds[part.name][1:]))
+        """Processor seconds of a pass: of the quickest, as the first one of a size also traces what the others go by, and a busy
+        machine takes longer for some.  Of two passes the later one alone had seconds of a pixel wrong by two to four times."""
+        return min(self._seconds[part.name])
 
     @property
     def processor(self) -> float:
-        """Seconds of processors, with the preparation."""
-        return self.setup + sum(map(sum, self._seconds.values()))
+        """Seconds of processors, with the preparation; the first pass, in which a machine compiles, counts as later ones."""
+        return self.setup + sum(self.passes.means[part.name].count * self.of_pass(part) for part in self.passes.parts)
 
     @property
     def pace(self) -> float:

@@ -15,6 +15,7 @@ from renderers.colour import LUMINANCE
 from renderers.pictures import comparison
 from renderers.pictures.progressive import Estimate, Part, Stop, fingerprint
 from renderers.pictures.running import Render
+from tests import toy_renderer
 from tests.cli.test_compare import Parts
 from tests.renders import HAZE, hazy, refused_unrendered
 
@@ -27,7 +28,7 @@ SETUP = 2.0  # s, before the first pass
 def place(call, milk, monkeypatch):
     """A folder with a scene by two methods: one exact, the other 1 % off with a tenth of the noise; `asked`: renders so far."""
     monkeypatch.setattr(comparison, "_clocks", lambda compiled: (render.now, render.now, 0.0))
-    return hazy(call, milk, monkeypatch, render, broken="", now=0.0)
+    return hazy(call, milk, monkeypatch, render, broken="", now=0.0, took={})
 
 
 def render(scene, output, *, quality=None, variant=None, seed=None, overwrite=False, resume=False, progress=None):
@@ -51,7 +52,7 @@ def render(scene, output, *, quality=None, variant=None, seed=None, overwrite=Fa
     begun = estimate.samples
     estimate.run(Stop(noise=values.stop.noise), job.progress(0.0, 1.0))
     render.asked.append((name, begun, estimate.samples))
-    return estimate.finish(job, method=name)
+    return estimate.finish(job, method=render.took.get(name, name))
 
 
 def traded(call, place, *words):
@@ -204,6 +205,15 @@ def test_the_time_of_pilots_counts(call, place, monkeypatch):
         return Choice("isotropic", ["isotropic"], [], None, "by pilots", spent=30.0) if chooses else None
 
     monkeypatch.setattr(comparison.choice, "of_scene", of_scene)
+    monkeypatch.setattr(toy_renderer.scene, "KEPT", ("isotropic",))
     found = traded(call, place)
+    assert not found["methods"][1]["exact"]  # it has an error of its own within the tolerance
     assert found["trade"]["until"]["isotropic"] == pytest.approx(30.0 + SETUP + 2.0)
     assert found["trade"]["advised"]["name"] == "single" and set(stops) == {(None, None)}
+
+
+def test_what_chose_a_method_without_an_error_has_none(call, place, monkeypatch):
+    """Noise hid up to half of the tolerance, and `auto` that is `paths` took 1.3 times as long as `paths` by that."""
+    render.took = {"isotropic": "single"}
+    monkeypatch.setattr(toy_renderer.scene, "KEPT", ("isotropic",))
+    assert traded(call, place)["methods"][1]["exact"]

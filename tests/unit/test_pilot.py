@@ -4,12 +4,14 @@ import math
 from contextlib import nullcontext
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from renderers import choice
 from renderers.choice import pilot, trial
 from renderers.choice.trial import Cost, Trial
-from renderers.pictures.engine import Stop
+from renderers.pictures.engine import Part, Stop
+from tests.unit.test_auto import method, taken, tried, world
 
 
 def part(seconds, noise, passes=4, samples=2):
@@ -152,3 +154,51 @@ def test_where_the_pilot_of_a_choice_tells_little_a_longer_one_foretells(planned
     expected = seconds_to_noise(another(tried, 0))
     assert expected > 2 * seconds_to_noise(tried)
     assert pilot._ends(reported, STOP, {"noise": 1.0})["noise"][0] == pytest.approx(expected, rel=2e-3)
+
+
+def test_what_a_pilot_compiles_is_not_in_its_seconds(monkeypatch):
+    """By a made-up clock: the first pass of each film takes 5 s, others 0.1 s; of 4 passes of each of the two films."""
+    clock = [0.0]
+
+    def prepare(small, _seed):
+        passed = []
+
+        def render(number):
+            clock[0] += 0.1 if passed else 5.0
+            passed.append(number)
+            return {"": np.random.default_rng(number).normal(1, 0.1, (*small.size, 3))}
+
+        return SimpleNamespace(parts=(Part("walk", render),))
+
+    monkeypatch.setattr(trial.variants, "clock", lambda _variant: lambda: clock[0])
+    assert trial.of(prepare, world(), None, 4).processor == pytest.approx(0.8)
+
+
+def test_what_is_little_cheaper_has_to_be_so_twice(monkeypatch):
+    """A busy machine: of two pilots of a candidate one takes longer by chance, or its larger picture less than it should."""
+    def pilots(*seconds):
+        times = list(seconds)
+        return lambda _: tried(times.pop(0) if len(times) > 1 else times[0])
+
+    first, second = method("ept", exact=True), method("ept+vpt", exact=True)
+    for of_first, of_second, best in (((1.3, 1.0), (0.9,), "ept"), ((1.0,), (0.7, 0.9), "ept"), ((1.0,), (0.7,), "ept+vpt"),
+                                      ((1.0, 0.2), (0.3, 9.0), "ept+vpt")):  # 3.3 times as cheap is enough
+        assert taken(monkeypatch, (first, pilots(*of_first)), (second, pilots(*of_second))).method == best
+
+
+def test_the_quickest_pass_tells_what_passes_take(monkeypatch):
+    """By a made-up clock: of two passes the later one takes twice as long on a busy machine."""
+    clock = [0.0]
+
+    def prepare(small, _seed):
+        pixels = small.size[0] * small.size[1]
+
+        def render(number):
+            clock[0] += (0.08 + 0.04 * pixels / trial.SMALL) * (2 if number == 1 else 1)
+            return {"": np.random.default_rng(number).normal(1, 0.1, (*small.size, 3))}
+
+        return SimpleNamespace(parts=(Part("walk", render),))
+
+    monkeypatch.setattr(trial.variants, "clock", lambda _variant: lambda: clock[0])
+    (cost,) = trial.of(prepare, world(), None, 2).costs
+    assert cost.by_pixel == pytest.approx(0.04 / trial.SMALL) and cost.fixed == pytest.approx(0.08)
