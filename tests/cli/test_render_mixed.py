@@ -242,10 +242,11 @@ def test_smooth_grains_show_small_lamps_wider(call, folder):
                                                          '</emitter></scene>'))
     scene = some(folder, "drops", "beads", xml="point.xml")
     alone = "--set", "materials[1].recipe=glass.yaml", "--set", "stop.samples=8"
-    exact, _ = rendered(call, "exact.png", *alone, scene=scene)
+    exact, _ = rendered(call, "exact.png", *alone, "--set", "materials[1].method=ept", scene=scene)
     discs = "--set", "materials[1].method=ept+wide", "--set", "materials[1].widen=9 deg"
     wide, _ = rendered(call, "wide.png", *alone, *discs, scene=scene)
-    assert [report["materials"][1]["bias"] for report in (exact, wide)] == [0, None]
+    entries = [report["materials"][1] for report in (exact, wide, rendered(call, "auto.png", *alone, scene=scene)[0])]
+    assert [(entry["method"], entry["bias"]) for entry in entries] == [("ept", None), ("ept+wide", None), ("ept+wide", None)]
     assert "method: ept+wide shows them as discs" in " ".join(exact["reasons"])
     assert "small lamps as discs of 9 degrees" in " ".join(wide["reasons"])
     assert wide["mean"][1] > exact["mean"][1]

@@ -400,9 +400,9 @@ def _reasons(assets, bodies, method, looped):
         notes.append("light that scatters in a body is blurred: that of lamps and one event over 1 % of the body's size, that of "
                     "more over 0.2 mean free paths to both sides, less in each pass; by mirrors and glass it comes by chance")
     elif turned and looped:
-        notes.append("light of lamps, suns and skies is looked for from where it scatters in bodies of smooth glass, by "
-                     "refraction at the boundary and at panes, that of wide ones, where it gains, by mirrors too; of rough "
-                     "glass, where it gains, through the boundary alone")
+        notes.append("where bodies scatter light, the ways to lamps, suns and skies are searched for: out of smooth bodies by "
+                     "refraction, also at panes, and to wide lights by mirrors, out of rough bodies through the boundary alone, "
+                     "the latter two where that saves noise; light by other ways comes by chance")
     elif turned:
         notes.append("light that scatters once reaches the eye through refracting boundaries by chance; that of lights without "
                     "extent is looked for from where it scatters, straight through one smooth boundary; what smooth boundaries "
