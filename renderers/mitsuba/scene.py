@@ -5,7 +5,7 @@ from functools import wraps
 from pathlib import Path
 
 from bakery.errors import AssetError, BakeryError, UsageError
-from renderers.mitsuba import bitmaps, lights, normals, passes, variants
+from renderers.mitsuba import bitmaps, lights, messages, normals, passes, variants
 from renderers.pictures import images, reached
 from renderers.scene import inputs
 
@@ -41,7 +41,7 @@ def load(path, *, colour="rgb", variant=None, parameters=None, sensor=True, inte
     try:
         # optimised, shapes with equal BSDFs become one without an id, in an order that changes from run to run; read by several
         # threads, so do the numbers of objects, which Dr.Jit's kernels hold (four meshes of 500,000 triangles: 1.2 s either way)
-        with normals.one_kernel():
+        with normals.one_kernel(), messages.on_standard_error():
             scene = mi.load_file(str(path), optimize=False, parallel=False,
                                  **{key: str(value) for key, value in (parameters or {}).items()})
     except (RuntimeError, ValueError, TypeError, BakeryError) as error:
