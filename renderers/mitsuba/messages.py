@@ -2,6 +2,7 @@
 
 import sys
 from contextlib import contextmanager
+from typing import ClassVar
 
 import mitsuba as mi
 
@@ -9,7 +10,7 @@ import mitsuba as mi
 class _StandardError(mi.Appender):
     """Plain lines, each once: a render may read its scene several times."""
 
-    written: set[str] = set()
+    written: ClassVar[set[str]] = set()
 
     def append(self, level, text):
         message = text.rsplit("] ", 1)[-1]  # without the time and the line of Mitsuba's code, or all of it
