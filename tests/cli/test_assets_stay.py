@@ -34,6 +34,7 @@ def state(folder):
     return {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in folder.glob("*.h5")}
 
 
+@pytest.mark.slow
 def test_a_render_leaves_a_finer_asset_with_tables_alone(call, wax):
     """Method paths reads no tables and 100 % asks for little: both stay, and the very file is used."""
     assert call(wax / "wax.yaml", "-o", wax / "wax.h5", "--set", "tolerance=1%")[0] == 0

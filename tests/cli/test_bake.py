@@ -168,6 +168,7 @@ def test_same_bytes_in_other_surroundings(call, command, drops, tmp_path):
     assert here == there
 
 
+@pytest.mark.slow
 def test_quiet_and_closed_output(call, milk, tmp_path):
     status, _, err = call(milk, "-o", tmp_path / "a.h5", "--quiet")
     assert status == 0 and err == ""
@@ -202,6 +203,7 @@ def test_make_rebuilds_only_what_changed(milk, tmp_path):
     assert "phase.csv" in (tmp_path / "milk.d").read_text()
 
 
+@pytest.mark.slow
 def test_files_read_are_files_named(drops, tmp_path):
     """Every file below the recipe's folder or assets/ that a bake opens for reading is in its depfile."""
     code = (

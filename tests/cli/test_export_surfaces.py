@@ -237,6 +237,7 @@ def test_a_white_base_keeps_all_light():
         assert np.allclose(albedo, 1, atol=5e-4)
 
 
+@pytest.mark.slow
 def test_a_base_under_a_boundary_comes_back():
     """What is the model itself is fitted without loss; a lobe that it lacks is lost as it should be."""
     bands, colour = np.eye(3), np.array([[0.8], [0.4], [0.1]])
@@ -254,6 +255,7 @@ def test_a_base_under_a_boundary_comes_back():
     assert forward.misdirected == pytest.approx(0.5, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["gloss", pytest.param("matt", marks=pytest.mark.slow)])
 def test_materialx_and_blender_hold_one_fit(name, export, assets, monkeypatch):
     mx = pytest.importorskip("MaterialX", reason="the package MaterialX is not installed (extra `exchange`)")

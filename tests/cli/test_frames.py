@@ -72,6 +72,7 @@ def content(place):
     return {path.name: path.read_bytes() for path in place.iterdir() if ".0" in path.name}
 
 
+@pytest.mark.slow
 def test_frames_are_whole_and_depend_on_nothing_else(call, place):
     """Each frame is the picture of a call of its own, byte for byte, with the pixels that `--set` gives."""
     report = frames_of(call, place, "1-3")

@@ -134,6 +134,7 @@ def test_a_reader_that_goes_away_is_no_error(fog):
     assert done.stdout.splitlines()[-1] == "0" and not complaints(done.stderr)
 
 
+@pytest.mark.slow
 def test_a_narrow_terminal_gets_short_lines_and_every_word(call, fog):
     """In pseudo-terminals of 20 and 80 columns lines go on below themselves; nothing of what others get is lost, long words stay
     whole."""
@@ -251,6 +252,7 @@ def test_a_page_renders_its_own_picture(call, undrawn, fog, tmp_path, monkeypatc
     assert len(asked) == 1 and "No rendered picture" in (tmp_path / "fog.html").read_text()
 
 
+@pytest.mark.slow
 def test_texts_of_strangers_stay_texts(call, hostile, tmp_path):
     status, out, _ = call("report", hostile, "-o", tmp_path / "x.html", "--no-render")
     assert status == 0 and out == f"{tmp_path / 'x.html'}\n"

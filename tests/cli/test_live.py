@@ -136,6 +136,7 @@ def stopped_early(address):
     return names, frames, last
 
 
+@pytest.mark.slow
 def test_a_page_stops_the_render(call, addresses, folder):
     """Whole files, the last picture for the page, status 3 where the noise that was asked for is missed; a draft only tells."""
     thread, given = in_the_background(addresses, stopped_early)

@@ -77,6 +77,7 @@ def test_the_plane_shows_the_light(found, cloud):
     assert data["z [mfp]"].min() < 0 < data["z [mfp]"].max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["point", "segment"])
 def test_photons_agree_with_the_table(found, kind):
     """Mean over directions of all cells where photons are sure: mean square deviation in standard errors about 1.

@@ -125,6 +125,7 @@ def test_the_size_distribution_integrates_to_one():
     assert np.allclose(density, np.exp(-np.log(where) ** 2 / 2) / np.sqrt(2 * np.pi) / 0.9973, atol=4e-3)
 
 
+@pytest.mark.slow
 def test_extremes_are_drawn(tmp_path):
     """Isotropic, without absorption, one wavelength, a zero in the phase function, eight wavelengths in the infrared."""
     theta = np.linspace(0, np.pi, 181)

@@ -134,6 +134,7 @@ def test_particles_fall(call, place):
     assert np.mean(np.abs(again - still)) < 0.1 * still.mean()
 
 
+@pytest.mark.slow
 def test_the_same_bytes_for_any_number_of_threads(call, place, monkeypatch):
     """Of the kernels: one thread or three; Mitsuba's rays do not see each other."""
     from renderers import threads

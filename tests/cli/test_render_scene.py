@@ -206,6 +206,7 @@ def test_a_scene_takes_its_own_samples_unless_told(call, place):
         assert json.loads(call("render", place / "m.yaml", "--json", *told)[1])["picture"]["samples"] == own
 
 
+@pytest.mark.slow
 def test_the_noise_of_a_foggy_picture(call, place):
     """As stated, and as pictures of other seeds scatter.  Seeds are given: it came out 11 % less, of errors of 6 %."""
     (place / "m.yaml").write_text(SCENE[:SCENE.index("camera:")] + "picture: {mitsuba: street.xml, far: 100 m}\n"
@@ -418,6 +419,7 @@ def test_square_emitter(call, tmp_path):
     assert np.allclose(found["G"], 0.06 * found["R"], rtol=1e-4) and np.allclose(found["B"], 0.03 * found["R"], rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_night_street(call, tmp_path):
     """Lamps glow, what is far fades to the sky; without fog the picture is the street."""
     asset = tmp_path / "street_fog.h5"

@@ -27,6 +27,7 @@ def shell(tmp_path):
     return run
 
 
+@pytest.mark.slow
 def test_closed_streams_are_like_dev_null(shell, milk, tmp_path):
     for redirection, out in (("<&- >&- 2>&-", ""), ("2>&-", "milk.h5\n")):
         assert shell(f"milk.yaml --force {redirection}")[:2] == (0, out)
@@ -34,6 +35,7 @@ def test_closed_streams_are_like_dev_null(shell, milk, tmp_path):
     assert shell("milk.yaml --tolerance none 2>&-")[:2] == (2, "")
 
 
+@pytest.mark.slow
 def test_a_full_standard_output_is_a_failure(shell, milk, tmp_path):
     """With Python's own buffer, which fails when it is flushed, and without, where the first write fails."""
     assert shell("milk.yaml --quiet >/dev/full", PYTHONUNBUFFERED="") == (3, "", UNWRITTEN)
@@ -43,6 +45,7 @@ def test_a_full_standard_output_is_a_failure(shell, milk, tmp_path):
     assert status == 2 and "tolerance" in err and UNWRITTEN in err  # the recipe's fault comes first
 
 
+@pytest.mark.slow
 def test_a_full_standard_error_leaves_the_status(shell, milk):
     assert shell("milk.yaml 2>/dev/full") == (0, "milk.h5\n", "")
     assert shell("milk.yaml --tolerance none >/dev/full 2>/dev/full") == (2, "", "")

@@ -95,6 +95,7 @@ def test_figures_of_the_picture_are_no_stop_of_pixels(call, place):
     assert "--set measure=pixels --set toy.method=isotropic" in out and "stop" not in out
 
 
+@pytest.mark.slow
 def test_finished_points_are_kept(call, place):
     """An interruption loses none, the same call again renders nothing; another scene or seed is rendered anew."""
     render.interrupt = ("isotropic", 2)

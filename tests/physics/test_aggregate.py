@@ -141,6 +141,7 @@ def made(request):
     return found, listed(*spheres, vertices, faces), vertices
 
 
+@pytest.mark.slow
 def test_spheres_along_rays_are_those_of_a_list(made):
     """From outside, in order, none twice and none missing; and the same ones on the way back."""
     aggregate, spheres, vertices = made

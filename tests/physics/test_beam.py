@@ -383,6 +383,7 @@ def test_transport_is_no_worse_than_the_best_kernel_known_before(degrees, albedo
 STACKS = {"ends": (2, 0, 0, 2), "falling": (3, 0.5, 0.2, 0.1), "rising": (0.1, 0.2, 0.5, 3)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stack", STACKS)
 def test_layered_kernel_is_what_photons_count_in_space(stack):
     """Spread 30 degrees, albedo 0.9.  Long runs are at 3 to 4 and 6 to 8 %; stretched alone is at 9 to 19 %."""

@@ -205,6 +205,7 @@ def test_stored_particles_stop_what_all_of_them_do(case):
     assert np.array_equal(np.sort(there, axis=0), np.sort(place, axis=0)) and np.array_equal(np.sort(of), np.sort(kind))
 
 
+@pytest.mark.slow
 def test_what_leaves_a_stored_box_comes_in_on_the_other_side():
     region, numbers, extinction = CASES["sizes over three decades"]
     velocity = np.array([[0.3, -0.2, 0.1]] * 2 + [[-1.0, 0.0, 2.0]] * 2)
@@ -239,6 +240,7 @@ def procedural(region, numbers, extinction, words=WORDS, **more):
     return kernels.procedural_discs(region, extinction, density, words, **more)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("where", REGIONS)
 def test_hashed_particles_stop_what_all_of_them_do(where, moving):
@@ -285,6 +287,7 @@ def shares(discs, radius, width, realisations, pencils, passed):
                 passed[i, w] += free[w] / pencils
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.3, 1.0, 3.0, 10.0])
 @pytest.mark.parametrize("depth", [0.5, 2.0])
 def test_fat_rays_keep_the_exponential_law(depth, ratio):

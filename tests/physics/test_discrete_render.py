@@ -61,6 +61,7 @@ WORLDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["sun and sky", *map(slow, ("camera inside", "light behind", "lamp inside"))])
 def test_splat_and_walk_are_two_ways_to_one_picture(where):
     """The first order of the same realisation, pixel by pixel: discs larger than pixels, and pixels larger than discs."""
@@ -465,6 +466,7 @@ class Bulb(Sky):
         return np.repeat(np.where(direction[:, 1] > math.cos(0.012), 1000.0, 1.0)[:, None], 3, axis=1)
 
 
+@pytest.mark.slow
 def test_pixels_that_show_a_lamp_have_a_path_in_each_of_their_squares():
     """Sixteen: of a lamp with particles before it the same light, with less than a sixteenth of the variance, as its rim goes
     through few of the squares; without particles its solid angle, which they tell to some 1 %."""

@@ -209,6 +209,7 @@ def test_phase_of_total_reflection():
     assert np.sqrt(np.sum(abs(found - exact) ** 2) / np.sum(abs(exact) ** 2)) < 0.1
 
 
+@pytest.mark.slow
 def test_jump_of_the_edge_sum():
     """Starting the recurrences at the window equals the sum of all partial waves from n = 1, but for the tails cut off."""
     theta = np.concatenate([[0.0, 1e-7, 1e-4], np.linspace(0.01, np.pi - 0.01, 40), [np.pi - 1e-4, np.pi]])

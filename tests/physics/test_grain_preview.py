@@ -139,6 +139,7 @@ def test_grains_lie_stable():
         assert len(places) == count and min(apart, default=2.0) >= 2.0 and unit > 1  # bounding spheres do not meet
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("path", "stored", "message"), [
     ("surface", "{", "no JSON object"), ("surface", '{"type": "jelly"}', "found type 'jelly'"),
     ("surface", '{"type": "dielectric", "index": [1.5]}', "3 numbers are needed"), ("shape", "[]", "no JSON object")])

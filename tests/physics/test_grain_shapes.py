@@ -179,6 +179,7 @@ def test_examples_are_sound(name):
     assert mending.mended(vertices, faces)[2] == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [
     {"type": "rock", "axes": (1, 0.01, 0.01)}, {"type": "rock", "corners": 8, "axes": (1, 1, 0.02), "sharpness": np.inf},
     {"type": "rock", "roughness": 0.3}, {"type": "crystal", "habit": "octahedron"}, {"type": "crystal", "axes": (100, 1, 1)},
@@ -252,6 +253,7 @@ def test_an_aggregate_that_is_none(monkeypatch):
         shapes.aggregate(triangles=500)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape, wanted", [
     ({"bodies": 6, "smallest": 0.6}, 1300), ({"bodies": 6, "smallest": 0.1, "length": 3}, 1300), ({"bodies": 64}, 20_000),
     ({"bodies": 12, "arrangement": "star", "length": 5, "smallest": 0.3}, 5000),

@@ -210,6 +210,7 @@ CASES = {"glass": ([Kind(GLASS)], ["glass"]), "frosted": ([Kind(kernels.dielectr
                      ["glass", "matt", "steel"])}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [slow(case) if case in ("frosted", "matt stones", "mixture") else case for case in CASES])
 def test_mitsuba_sees_the_same_grains(tmp_path, case):
     """Pixel by pixel, a floor through the lowest grains, lamp and sky: Mitsuba with every grain as a shape."""

@@ -119,6 +119,7 @@ def test_hg_gives_itself_back(g):
     assert _Search(*fine(lambda t: draine(t, g, 0.0), 4000)).one_hg().g[0] == pytest.approx(g, abs=4e-6)
 
 
+@pytest.mark.slow
 def test_mixtures_give_themselves_back():
     true = Lobes((0.6, 0.4), (0.95, -0.3), (0.0, 0.0))
     table = fine(true)
@@ -210,6 +211,7 @@ def extreme(name):
     return fits(*EXTREMES[name], diameter=10.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name if name in ("x = 1e5", "backward") else slow(name) for name in EXTREMES])
 def test_extremes(name):
     found = extreme(name)

@@ -134,6 +134,7 @@ def test_matt_balls_keep_light_back():
     assert found.correlation > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("surface", [GLASS, slow(MATT)], ids=["glass", "matt"])
 def test_rare_hits_know_nothing_of_each_other(surface):
     """The stage takes Eq. 4 to be right to the hit probability where that is below its tolerance; here it is 0.08.

@@ -69,6 +69,7 @@ def test_both_files_and_a_report(wax, tmp_path):
     assert np.median(np.abs(floor[:, 0] - floor[:, 2])) < 0.05 * floor.mean()  # grey is without colour noise, though 50 % noisy
 
 
+@pytest.mark.slow
 def test_same_seed_same_picture(wax, tmp_path, no_strip):
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         preview(wax, tmp_path / f"{name}.exr", panel=SMALL, seed=seed)
@@ -113,6 +114,7 @@ def test_stops_by_noise_and_by_time(wax, tmp_path, no_strip):
     assert "depends on the machine" in " ".join(describe(report))
 
 
+@pytest.mark.slow
 def test_filtered_picture_stops_the_passes(wax, tmp_path, no_strip):
     """At equal noise asked for, what is shown has it after fewer samples than the EXR, and is as low as was asked for.
 

@@ -144,6 +144,7 @@ def test_places_are_drawn_by_their_share(gel):
     assert np.all(count > 0) and abs(likely.sum() - 1) < 1e-12 and np.abs(count / n - likely).max() < 2 / n
 
 
+@pytest.mark.slow
 def test_lines_of_sight_lie_evenly_in_their_pixels(baked, tmp_path, monkeypatch):
     """Of the halves of each pixel that a wide body fills, by rows and columns."""
     how = transport(tmp_path, [baked()], {"ball": (40 * BALL[0], BALL[1])}, PANEL, size=4)

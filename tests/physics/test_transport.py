@@ -88,6 +88,7 @@ def matched(tmp_path):
     return transport(tmp_path, {"ball": (BALL, asset([0.9, 0.8, 0.5], 0.3, (1.0, 0.8, 0.6)))}, PANEL + FLOOR, [1.0])
 
 
+@pytest.mark.slow
 def test_pilots_share_what_does_not_depend_on_the_film(tmp_path, monkeypatch):
     """The picture behind a pilot has the light samples that were prepared for that, and is the same as without one."""
     prepared, measure = [], scene.samples

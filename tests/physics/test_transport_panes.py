@@ -53,6 +53,7 @@ def panes(tmp_path, meshes):
     return "".join(shape(tmp_path, name, mesh, FLAT if mesh is PANE else WALL) for name, mesh in meshes.items())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("counted", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_ball_in_glass_in_a_white_room_of_lamps(tmp_path, every, coarse, of_milk, monkeypatch, counted):  # noqa: F811
     """What loses no light is 1, also where lanes have no room for more scatterings, nor for more lamps that paths have met; not

@@ -38,6 +38,7 @@ def of_roughness(monkeypatch, alpha):
     monkeypatch.setitem(loops.bodies.BOUNDARIES, FROST, BOUNDARIES[FROST].replace("0.15", str(alpha)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("counted, space", [slow(True, (3.0, 8)), (True, (0.3, 1)), slow(False, (3.0, 8))])
 def test_a_white_room_of_lamps(tmp_path, every, monkeypatch, counted, space):
     """What loses no light is 1, also where lanes have no room for records; not so if light by chance counts in full as well.

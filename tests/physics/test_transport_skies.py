@@ -48,6 +48,7 @@ def test_which_environments_are_drawn(tmp_path, coarse):  # noqa: F811
     assert isinstance(lamps_of(sun).small._sky, Sky) and lamps_of(even) is None
 
 
+@pytest.mark.slow
 def test_the_sun_through_panes(tmp_path, coarse, monkeypatch):  # noqa: F811
     """Walks begin with the index of the body over that around the sun, which is air; else 16 of 100 end, and half have to."""
     loops.transport(tmp_path, {"ball": (BALL, GREY)}, SKY, [1.4])  # sets the variant

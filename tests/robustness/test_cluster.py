@@ -51,6 +51,7 @@ def workers(scheduler):
         yield workers
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_the_values_of_one_process(call, scheduler, drops, tmp_path):
     # here first: workers find kernels compiled, where each of them would compile its own
     for name, where in ("near.h5", ("--jobs", 1)), ("far.h5", ("--cluster", scheduler)):
@@ -95,6 +96,7 @@ SWEPT = ("bakery: 1\nname: lobes\nwavelengths: [0.55]\ntolerance: 5%\n"
          "sweep: {medium.phase.g: [0.1, 0.2, 0.3], refine: false}\n")
 
 
+@pytest.mark.slow
 def test_a_family_calls_its_cluster_once(call, tmp_path, monkeypatch):
     monkeypatch.setattr(dask, "_ANSWER", "1s")
     (tmp_path / "lobes.yaml").write_text(SWEPT)
@@ -103,6 +105,7 @@ def test_a_family_calls_its_cluster_once(call, tmp_path, monkeypatch):
     assert {path.name for path in tmp_path.iterdir()} <= {"lobes.yaml", "cache"}
 
 
+@pytest.mark.slow
 def test_no_recipe_is_started_after_one_that_found_no_cluster(call, drops, milk, tmp_path, monkeypatch):
     monkeypatch.setattr(dask, "_ANSWER", "1s")
     status, out, err = call(drops, milk, "-o", f"{tmp_path}/", "--force", "--keep-going", "--jobs", 1, "--cluster", "localhost:9")

@@ -266,6 +266,7 @@ def test_letters_are_one_length():
 # ---- the fuzzer
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [0, 1, slow(2), slow(3)])
 def test_fuzzed(sound, tmp_path, number):
     whole = {}

@@ -229,6 +229,7 @@ def test_a_sound_asset_passes(tmp_path, verified_here):
     assert verify(tmp_path / "fog.h5") == []
 
 
+@pytest.mark.slow
 def test_verify_says_what_its_process_finds(tmp_path, sound):
     """A fault of the structure, one of the hashes, one of the physics."""
     for change in (EDITS["format"], EDITS["value"]):

@@ -160,6 +160,7 @@ def test_bakes_at_once(drops, tmp_path, undisturbed):
         assert read(tmp_path / f"{i}.h5").attributes["content_hash"] == expected
 
 
+@pytest.mark.slow
 def test_the_holder_of_a_lock_dies(drops, tmp_path):
     holder = subprocess.Popen([sys.executable, "-c", (
         "import time\nfrom pathlib import Path\nfrom bakery.run.bake import planned\nfrom bakery.run.cache import Cache\n"

@@ -11,6 +11,7 @@ from bakery.system import memory
 from tests.conftest import slow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("limit", "words", "library"), [
     (100, ("--version",), "numpy"), (256, ("drops.yaml",), "scipy"), slow(512, ("drops.yaml",), "llvmlite")])
 def test_a_library_that_does_not_fit_is_not_begun(command, drops, tmp_path, limit, words, library):

@@ -23,6 +23,7 @@ from bakery.grammar.fields import Leaf
 from bakery.grammar.section import Section
 from bakery.recipe import schema
 from bakery.run import bake, execute
+from tests.conftest import slow
 from tests.libradtran import libradtran
 from tests.unit.test_opac_files import opac
 
@@ -297,8 +298,12 @@ def test_bases_hold_every_key(folder):
     assert not missing
 
 
+# others take the same functions to like ends
+LONG = ("grown", "indices", "sphere", "mixture", "more of a mixture", "single", "masses", "volumes")
+
+
 @pytest.mark.timeout(60)
-@pytest.mark.parametrize("base", BASES)
+@pytest.mark.parametrize("base", [slow(base) if base in LONG else base for base in BASES])
 def test_smallest_largest_and_empty(folder, base):
     assert planned(recipe_in(folder, BASES[base])) is not None
     for path, value in tried()[base]:

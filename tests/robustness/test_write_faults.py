@@ -147,6 +147,7 @@ def start(script: str, *args: object) -> subprocess.Popen:
     return process
 
 
+@pytest.mark.slow
 def test_killed_writers(tmp_path):
     """Six writers, each killed at a random moment: old or new, and the next write tidies up."""
     path = tmp_path / "fog.h5"

@@ -35,6 +35,7 @@ except KeyError:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", [{}, {"OMP_NUM_THREADS": "2"}])
 def test_one_thread_of_matrices_while_it_bakes(asked, tmp_path):
     (tmp_path / "milk.yaml").write_text(MILK.format(name="milk", g=0.7))

@@ -90,6 +90,7 @@ materials: [{{where: {{shape: box}}, recipe: white.yaml, method: {method}}}]
     return Rendering(Render(folder / "box.yaml", folder / "box.png"), seed=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sharp", [True, False])
 def test_no_bias_is_stated_of_it(sharp, tmp_path):
     """Methods by beams are 10 % brighter than paths in a cube with means over its edges, which no layer of theirs tells."""

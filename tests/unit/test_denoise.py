@@ -205,6 +205,7 @@ def test_first_hits(tmp_path, boundary):
         to_rgb=np.eye(3), to_waves=np.eye(3)), 0).distance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(16, 24), (64, 96)])
 @pytest.mark.parametrize("passes", [2, 8])
 def test_shared_noise_is_found(size, passes):

@@ -163,6 +163,7 @@ def test_a_place_is_an_asset(lobes, tmp_path):
     assert member.open().medium.g[0] == pytest.approx(family.at(g=0.5).medium.g[0], abs=1e-4)
 
 
+@pytest.mark.slow
 def test_the_error_at_a_point_is_the_members_own(tmp_path):
     """Of two axes: between the points of one its error counts, of none nothing but the member's; a member's tolerance is 5 %."""
     (tmp_path / "lobes.yaml").write_text(LOBES.replace("[0.0, 0.5, 0.8]", "[0.1, 0.2]"))
@@ -221,6 +222,7 @@ def test_up_to_date_and_again(lobes, tmp_path):
     assert planned(recipe, family, force=True).write
 
 
+@pytest.mark.slow
 def test_a_member_that_is_gone_is_baked_again(own, monkeypatch):
     monkeypatch.setenv("BAKERY_CACHE", str(own.parent / "cache"))
     recipe, gone = own.with_suffix(".yaml"), next((own.parent / "lobes").glob("g_0.5.h5"))
@@ -340,6 +342,7 @@ def test_one_point(tmp_path, monkeypatch):
         family.at(g=0.4)
 
 
+@pytest.mark.slow
 def test_a_point_that_fails_is_named_and_the_others_are_there(tmp_path, monkeypatch):
     mended = fails_at(monkeypatch, 0.5, ValueError("no such lobe"))
     path = tmp_path / "lobes.yaml"
@@ -417,6 +420,7 @@ def test_ten_thousand_points_are_planned_and_refused_where_they_have_no_room(tmp
     assert not any(tmp_path.glob("*.h5"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("several", [slow(False), True], ids=["one wavelength", "values for each of three"])
 def test_a_pilot_counts_what_the_bake_will_take(tmp_path, monkeypatch, several):
     """All its points, and all places: on one axis a place between each two points is the last to be looked at."""

@@ -135,6 +135,7 @@ def test_drjit_without_what_it_needs_is_refused(milk, monkeypatch):
         kernels.drjit_tables(points, segments, float)
 
 
+@pytest.mark.slow
 def test_phase_functions(milk):
     layout = kernels.phase_layout(milk.medium.theta, milk.medium["phase"][0])
     xi = (np.arange(20_000) + 0.5) / 20_000  # stratified: the mean of a smooth function to 1e-6 and better
@@ -155,6 +156,7 @@ def test_instances_are_those_of_the_bake():
     assert np.allclose(found[:, 1:], [rotation_matrix(*q) for q in quaternions], atol=1e-15)
 
 
+@pytest.mark.slow
 def test_spheres_of_a_repeated_tile():
     """Against all spheres of 5 x 5 x 5 copies, one by one."""
     draw = np.random.default_rng(3)

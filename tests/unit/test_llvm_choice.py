@@ -83,6 +83,7 @@ def test_missing_library_still_gives_a_picture(tmp_path):
     assert done.stdout.startswith("scalar_rgb | ")
 
 
+@pytest.mark.slow
 def test_aborting_llvm_is_refused_even_on_request():
     found = sorted(glob.glob("/usr/lib/*/libLLVM-15.so*"))
     if not found:
@@ -91,6 +92,7 @@ def test_aborting_llvm_is_refused_even_on_request():
     assert done.returncode == 1 and "UsageError" in done.stderr and "15 and 16 abort" in done.stderr
 
 
+@pytest.mark.slow
 def test_mitsuba_before_us_with_an_old_llvm_is_refused():
     """README had it so; the process was aborted at the first kernel."""
     found = sorted(glob.glob("/usr/lib/*/libLLVM-15.so*"))

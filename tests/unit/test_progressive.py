@@ -161,6 +161,7 @@ def test_few_passes_do_not_claim_a_mean_without_noise():
     assert estimate.noise_mean == pytest.approx(estimate.noise / np.sqrt(scatter.size), rel=1e-9) and estimate.noise > 0.05
 
 
+@pytest.mark.slow
 def test_noise_of_regions_is_what_their_means_are_off():
     """Half of the picture sways in common, the rest pixel by pixel: against the true error of the tiles' means over 200 pictures
     of 16 passes, which is known to 5 %, and to 5.5 times that here; independent pixels would have a quarter of it."""
@@ -422,6 +423,7 @@ def test_an_interruption_leaves_the_picture_so_far(tmp_path, number, status):
     assert on.samples == 5 and np.allclose(on.rgb, estimate.rgb, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("second, status, said", [("SIGTERM", 0, "interruption 1\n"), slow("SIGINT", -signal.SIGINT, "")])
 def test_two_signals(second, status, said):
     """The other one at once is kept as well, and Python complains of neither; the same one again ends the process."""

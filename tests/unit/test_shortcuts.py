@@ -37,6 +37,7 @@ def numba_now():
     return [vars(owner).get(name) for owner, name in CHANGED]
 
 
+@pytest.mark.slow
 def test_kernels_are_what_they_are_without_them_to_the_last_digit():
     values, before = np.linspace(0.1, 4.0, 37), numba_now()
     assert np.array_equal(njit(sums)(5, values), njit_of_numba(sums)(5, values))
@@ -100,6 +101,7 @@ def rows(record, indices):
     return kept.values, kept.inner[0]
 
 
+@pytest.mark.slow
 def test_records_and_indexed_arrays_are_what_they_are_without_them():
     values = np.random.default_rng(3).random((4, 3))
     record = Record(values, 4, (np.array([2.0, 3.0, 4.0]), 0.25))

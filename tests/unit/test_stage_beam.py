@@ -33,6 +33,7 @@ def asset(tmp_path_factory):
     return bakery.open(bakery.bake(folder / "ray.yaml", output=folder / "ray.h5"))
 
 
+@pytest.mark.slow
 def test_kernels(asset):
     """A narrow lobe: all models are near each other, and the power is that of all scattered light, e^-tau_a (1 - e^-tau_s).
 

@@ -128,6 +128,7 @@ def test_none_and_one(recipe, count):
     assert ("mean_extinction" in found) == bool(count)
 
 
+@pytest.mark.slow
 def test_a_grid_of_either_kind_is_an_input(recipe):
     values = np.random.default_rng(0).random((3, 4, 5))
     path = recipe("{count: 3000, box: [1 m, 1 m, 1 m], grid: {file: rho.h5, dataset: fields/rho}}")

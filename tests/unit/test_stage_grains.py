@@ -83,6 +83,7 @@ def test_balls_are_exact(bake):
     assert 5e-4 * bake(component(n=1.46)).medium.sigma_t_mean_flight == pytest.approx([0.4498], abs=2e-3)
 
 
+@pytest.mark.slow
 def test_mixture_takes_conditional_means(bake):
     """A white ball that is always hit with a black one: albedos weigh by hits, which here go by cross section alone."""
     white = "{name: white, weight: 0.5, shape: {type: sphere}, surface: {type: diffuse, reflectance: 1}}"
@@ -231,6 +232,7 @@ def test_sigma_t_of_the_random_walk(bake):
     assert medium.sigma_t_bias == 0 and medium.sigma_t_error > 0
 
 
+@pytest.mark.slow
 def test_needles_are_not_walked_among(bake, tmp_path):
     """Where light hits fewer grains than the tolerance a walk takes minutes: sigma_t is that of Eq. 4, that share its error."""
     needle = "{name: needle, shape: {type: ellipsoid, axes: [1, 0.02, 0.02]}, surface: {type: dielectric, material: {n: 1.5}}}"

@@ -59,6 +59,7 @@ def test_published_lobes(bake):
         asset.multiple.point(1, 1, 0, 0, length=2)
 
 
+@pytest.mark.slow
 def test_a_tolerance_means_the_same_written_or_left_out(bake):
     """Byte by byte; another tolerance makes other tables."""
     tables = [bake(options=f"{{extent: 4, sources: [segment]{options}}}", tolerance="10%").tree["multiple/segment/w0"]

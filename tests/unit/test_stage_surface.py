@@ -373,6 +373,7 @@ def test_a_third_layer_needs_no_file_but_that_under_it(soil):
     assert [slab.under.under.base for slab in slabs] == [0.3, 0.2] and slabs[1].under.under.depth == pytest.approx(10)
 
 
+@pytest.mark.slow
 def test_air_below_layers_on_each_other(soil, monkeypatch):
     """What leaves below is stored as a square, for it is not the same from both sides; tables are of either."""
     (soil / "free.yaml").write_text(RECIPE.replace("{options}", "{thickness: 1 mm}"))
@@ -397,6 +398,7 @@ def test_air_below_layers_on_each_other(soil, monkeypatch):
         bakery.open(soil / "top.h5").surface.table(from_below=True)
 
 
+@pytest.mark.slow
 def test_layers_under_facets(soil):
     """A rough coat of the soil's index on it: the solver's values, and in loops."""
     options = "{thickness: 0.2 mm, boundary: {index: 1.2, roughness: 0.3}, base: {recipe: soil.yaml, layer: 1}}"
@@ -435,6 +437,7 @@ def test_facets_between_layers(soil, on_top, tolerance):
     assert (asset.surface["mean_square"] > 0).all()
 
 
+@pytest.mark.slow
 def test_another_base_bakes_anew_and_the_same_does_not(soil, tmp_path):
     def actions():
         from bakery.run.bake import planned

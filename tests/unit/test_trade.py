@@ -320,6 +320,7 @@ def test_a_clock_that_slows_down_is_corrected(copied):
     assert compared > 5
 
 
+@pytest.mark.slow
 def test_finished_runs_are_kept_and_used_again(copied):
     task, first, _ = copied
     files = sorted((task.folder / "runs").iterdir())
@@ -346,6 +347,7 @@ def test_damaged_runs_are_made_anew(copied):
     assert [run.content for run in again.runs] == [run.content for run in first.runs]
 
 
+@pytest.mark.slow
 def test_what_changes_the_figures_is_measured_again(copied, monkeypatch):
     task, first, _ = copied
     only(monkeypatch)
@@ -356,6 +358,7 @@ def test_what_changes_the_figures_is_measured_again(copied, monkeypatch):
     assert sweep(task).reused == 0
 
 
+@pytest.mark.slow
 def test_a_budget_that_is_spent_and_raised(copied, tmp_path):
     task, first, total = copied
     (tmp_path / "new").mkdir()

@@ -90,6 +90,7 @@ def some_slow(names, quick):
     return [pytest.param(name, marks=() if name in quick else pytest.mark.slow) for name in names]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_light_counted_among_grains_is_looked_up_as_in_compiled_loops(variant):
     """To 89.9 degrees in both directions, straight back too, where the plugin's single precision allows."""
@@ -269,6 +270,7 @@ def two_sided(media, monkeypatch):
     return plugin("stack"), (above, below)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_both_sides_of_a_stack_are_the_solutions(variant, monkeypatch):
     mi.set_variant(variant)

@@ -98,6 +98,7 @@ ABOVE = {"camera.origin": "[0.011, 0.023, 8] m", "camera.target": "[0.011, 0.023
          "film.width": "64", "film.height": "64", "camera.fov": f"{2 * math.degrees(math.atan(0.25))} deg"}  # 4 m across
 
 
+@pytest.mark.slow
 def test_pixels_that_shadows_edges_cross(tmp_path):
     """A square shadow, 1 m wide: of the pixels on its four sides the light changes by all that there is elsewhere; without it by
     none.  Behind glass no light comes straight, and the edges are a square's outline."""

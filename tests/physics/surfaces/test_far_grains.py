@@ -123,6 +123,7 @@ def test_lobes_send_on_what_the_table_says():
         assert np.all(np.abs(drawn.mean(axis=0) - other.mean(axis=0)) < 6 * error) and np.all(error < 0.01 * drawn.mean(axis=0))
 
 
+@pytest.mark.slow
 def test_near_with_all_parts_it_is_the_method_without_a_surface(folder, baked):
     """To the last bit."""
     (scene, world), (plain, _) = (opened(folder, baked(0.6), settings=settings) for settings in (

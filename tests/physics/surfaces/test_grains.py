@@ -207,6 +207,7 @@ def test_black_grains_send_nothing_back():
     assert result.reached and (surface.reflection(0.5, np.array([2e-3, 0.5, 1.0]), 1.0) == 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("thickness, base", [slow(0.0, None), (0.5, None), slow(4.0, None), (4.0, 1.0)])
 def test_layers_of_white_grains_keep_all_light(thickness, base):
     """What comes back and what passes is all there is, and directions may be exchanged; without grains all passes."""

@@ -120,6 +120,7 @@ def test_seam_between_thin_and_thick(albedo, index, monkeypatch):
         np.testing.assert_allclose(*(getattr(solution, name)(*EVERYWHERE) for solution in solutions), rtol=2e-7)
 
 
+@pytest.mark.slow
 def test_peaked_and_backward_phase_functions():
     """Energy of what needs many moments, of a backward lobe, and of two lobes that no number of moments can carry."""
     theta, narrow = henyey_greenstein(0.99)

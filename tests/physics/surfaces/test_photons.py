@@ -72,6 +72,7 @@ def returned(solution, mu0: float) -> float:
     return float(at @ ((solution.albedo - mirrored) / (1 - mirrored)) * (1 - fresnel.reflected(mu0, index)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("index", "g", "depth", "mu0"), [slow(1.5, 0.5, 2.0, 0.3),
                                                           (1.33, -0.4, 0.5, 0.9), (0.8, 0.7, 3.0, 0.75)])
 def test_counted_photons(index, g, depth, mu0):

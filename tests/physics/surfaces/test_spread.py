@@ -45,6 +45,7 @@ def followed(albedo, g, depth, count, seed):
     return np.concatenate(out, axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("albedo", "g", "depth"), [(0.99, 0.85, math.inf), slow(0.99, 0.1, math.inf), (0.98, -0.3, 4.0)])
 def test_followed_photons(albedo, g, depth):
     """Mean squared distance, what comes out, and the share within some distances: four figures a case.

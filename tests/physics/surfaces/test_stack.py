@@ -68,6 +68,7 @@ def test_stacks_over_air(indices, depths):
     np.testing.assert_allclose(there, back, rtol=rtol)
 
 
+@pytest.mark.slow
 def test_unscattered_light_at_any_angle():
     """The sums of a free layer are those of a window of one boundary above and one below; at nodes the solver's."""
     slab, wanted = stack((0.5, 0.9, 0.3, 1.4), (0.5, 0.9, 0.7, 1.4))
