@@ -135,8 +135,8 @@ def _metres(path, edges, usual_height, unit, height, stated):
     if distance[guess] > math.log(_FAR):
         raise UsageError(f"{path}: found a mesh {longest:.4g} units across and no unit, and in none of {', '.join(_GUESSED)} "
                          f"is that near {length(usual_height)}; give --unit mm, cm or m, or --height \"12 cm\"")
-    return UNITS[guess], (f"{length(longest * UNITS[guess])} across: GUESSED, because the file has no unit: with one unit "
-                          f"1 {guess} it is nearest to the usual {length(usual_height)} (change it with --unit or --height)")
+    return UNITS[guess], (f"{length(longest * UNITS[guess])} across: GUESSED, because the file has no unit: at 1 {guess} "
+                          f"a unit it is nearest to the usual {length(usual_height)} (change it with --unit or --height)")
 
 
 def written(unit: str) -> str:

@@ -311,12 +311,12 @@ class _Pilots:
         by chance.  The first one counts by its quicker pilot, the other one by its slower."""
         first, name, missing = next(iter(self._offered)), self.choice().method, self._missing()
         pilots = self._trials[first], self._trials[name]
-        known = [self._seconds(pilot, missing[each]) for each, pilot in zip((first, name), pilots)]
-        if name == first or known[0] > _LITTLE * known[1] or sum(pilot.seconds for pilot in pilots) > seconds_left:
+        seconds = [self._seconds(pilot, missing[method]) for method, pilot in zip((first, name), pilots)]
+        if name == first or seconds[0] > _LITTLE * seconds[1] or sum(pilot.seconds for pilot in pilots) > seconds_left:
             return
-        for each, pilot, counts in zip((first, name), pilots, (min, max)):
-            self._try(each, pilot.seconds)
-            self._trials[each] = counts(pilot, self._trials[each], key=self._seconds)
+        for method, pilot, counts in zip((first, name), pilots, (min, max)):
+            self._try(method, pilot.seconds)
+            self._trials[method] = counts(pilot, self._trials[method], key=self._seconds)
 
     def _seconds_to_end(self, tried) -> float:
         """Until noise or samples end the passes."""

@@ -81,8 +81,10 @@ class _Clock:
     @property
     def pace(self) -> float | None:
         """Seconds of it to one of processors; None of too few passes."""
-        (begin, begun), (end, spent) = (self._told[0], self._told[-1]) if self._told else ((0.0, 0.0), (0.0, 0.0))
-        return (end - begin) / (spent - begun) if spent > begun else None
+        if not self._told:
+            return None
+        clock, processors = (last - first for first, last in zip(self._told[0], self._told[-1]))
+        return clock / processors if processors > 0 else None
 
 
 class _Pilot(NamedTuple):

@@ -26,12 +26,12 @@ class _StandardError(mi.Appender):
 def on_standard_error():
     """Around calls of Mitsuba: what its logger has to say goes to standard error, in place of its own appenders."""
     logger = mi.logger()
-    own = [logger.appender(n) for n in range(logger.appender_count())]
+    appenders = [logger.appender(n) for n in range(logger.appender_count())]
     logger.clear_appenders()
     logger.add_appender(_StandardError())
     try:
         yield
     finally:
         logger.clear_appenders()
-        for appender in own:
+        for appender in appenders:
             logger.add_appender(appender)

@@ -183,8 +183,7 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
     on = same and (not kept["finished"] or resume or enough and job.scene.rules.RESUMES)
     on = on or (resume and not kept and job.pair[1].is_file())  # without a record the EXR says whether it is the same
     spent = {key: kept.get(key, 0.0) if on else 0.0 for key in ("seconds", "processor", "compiling")}
-    begin = _clocks(compiled)
-    before = _stamp(job.pair[1])
+    begin, before = _clocks(compiled), _stamp(job.pair[1])
     pace = Pace(progress, lambda: _clocks(compiled)[1], kept["pace"][0] if on and kept else 0.0)
 
     def keep(finished, paced, **extra):

@@ -262,6 +262,7 @@ def test_python_does_what_the_command_does(drops, tmp_path):
     assert bakery.open(asset).content_hash == asset.content_hash  # it passes for its path
 
 
+@pytest.mark.slow
 def test_assets_of_texts_and_dicts_stand_in_a_folder_that_goes(milk, tmp_path, monkeypatch):
     """Two of one name are two files, nothing is written beside them, and the folder ends with the process."""
     import subprocess

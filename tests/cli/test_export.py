@@ -379,6 +379,7 @@ def test_the_published_fit_is_for_water_in_air():
     assert not any(map(water_in_air, ("", "a: [", "particles: 3", "particles: {components: 3}", "particles: {components: [3]}")))
 
 
+@pytest.mark.slow
 def test_lobes_for_machines(call, root, tmp_path):
     """One wavelength, not known to be water: no published fit; the JSON on standard output holds the errors."""
     one = with_member(root, "wavelength", Dataset(np.array([0.61]), "um", "wavelength"))

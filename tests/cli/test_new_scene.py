@@ -47,7 +47,7 @@ def written(folder):
     (("unit: mm",), (), 5, "5 cm across: one unit is 1 mm, as the file says"),
     (("File units = centimeters",), (), 50, "one unit is 1 cm, as the file says"),
     (("units: inches",), ("--unit", "cm"), 50, "one unit is 1 cm, as asked"),
-    ((), (), 5, "5 cm across: GUESSED, because the file has no unit: with one unit 1 mm it is nearest to the usual 10 cm"),
+    ((), (), 5, "5 cm across: GUESSED, because the file has no unit: at 1 mm a unit it is nearest to the usual 10 cm"),
 ])
 def test_the_size_of_a_mesh_is_said(comments, options, centimetres, said, call, tmp_path):
     """50 units high; of milk 5 cm (mm) is nearer to 10 cm than 50 cm and 50 m are."""

@@ -286,6 +286,7 @@ def test_a_mitsuba_scene_without_light_or_integrator(call, place):
     assert status == 2 and "dark.xml: the scene has no integrator; expected <integrator" in err
 
 
+@pytest.mark.slow
 def test_a_recipe_in_place_of_the_asset(call, assets, place, monkeypatch):
     """Baked into the cache, of stages that are kept there, and nothing beside the scene; the picture is that of the asset."""
     monkeypatch.setenv("BAKERY_CACHE", str(assets / "cache"))

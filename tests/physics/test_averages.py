@@ -246,6 +246,7 @@ def test_predicted_work_is_right_within_a_factor(s, m):
     assert 1 / 3 < made.seconds / (done[-1] + 0.025) < 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("s", "m"), [(size("lognormal", radius=5.0, sigma=1.5), 1.33),
                                       (size("lognormal", radius=0.5, sigma=2.0), 1.53 + 0.0055j),
                                       (size("gamma", radius=20.0, variance=0.1), 0.75), (size("single", radius=3.0), 1.33)])

@@ -90,6 +90,7 @@ def coloured(folder):
                       albedo=[0.5, 0.5, 1.0])
 
 
+@pytest.mark.slow
 @variants("llvm_ad_mono", "scalar_rgb")
 @pytest.mark.parametrize("wi", [(0.3, 0.2, 0.9), (0, 0, -1), (0, 1, 0)])
 def test_sampling_follows_the_table(variant, wi, grey):

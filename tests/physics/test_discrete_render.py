@@ -244,6 +244,7 @@ def test_all_orders_are_the_continuous_medium_s(number):
 # ---- level of detail
 
 
+@pytest.mark.slow
 def test_level_of_detail_keeps_mean_and_tolerance():
     """Particles nearer than the predicted depths, and beyond them the continuous medium: what is lost deviates as was allowed."""
     size, world, tolerance, kinds = (24, 24), Sky(sun=(0, 0, -1)), 0.2, of_depth(0.05, 60_000)

@@ -277,6 +277,7 @@ def test_few_lines_of_sight_gather_for_all(baked, tmp_path, monkeypatch, name):
     assert chance(few_gather, pictures) > ODDS and chance(2 * few_gather, pictures) < ODDS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "size", "share"), [("vrl+tables", 16, 1), ("vrl+tables", 128, 1 / 4), ("vrl", 16, 1 / 8)])
 def test_all_pixels_of_small_pictures_look_beams_up(baked, tmp_path, name, size, share):
     """There the beams take the time, and an eighth of the pixels took 0.9 of their time, with up to 16 times the variance."""

@@ -115,6 +115,7 @@ def agrees(radiance, expected):
     assert abs(mean - expected) < sigmas(LINES) * error + 2e-3 * abs(expected), (mean / expected, error / expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [NEAR[:1], slow(NEAR[1:2]), NEAR[2:3], slow(NEAR[:3]), DISTANT[:1], DISTANT],
                          ids=["beside", "across", "pencil", "several", "distant", "several-distant"])
 def test_later_events_are_those_of_the_tables(gel, rows):

@@ -129,6 +129,7 @@ def test_guesses_are_near_what_states_bring(gel, second):
     assert abs(mean - 1) < 0.2 and np.average((ratio - mean) ** 2, weights=worth) < 0.25 * mean**2
 
 
+@pytest.mark.slow
 def test_places_are_drawn_by_their_share(gel):
     """Of a candidate whose numbers are drawn evenly, each place is as likely as what is guessed of it; it stays in its part."""
     states, guide = group(gel, NEAR, 0)

@@ -84,6 +84,7 @@ def test_lines_are_right_after_crlf(write):
         ("bakery: [" + "1, " * 100_000, "."),
     ],
 )
+@pytest.mark.slow
 def test_large_inputs(write, data, says):
     with pytest.raises(RecipeError, match=says):
         load(write(data))

@@ -322,6 +322,7 @@ def test_media_bake_at_their_ends(folder, base):
     assert baked
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None, derandomize=True, database=None)
 @given(data=st.data())
 def test_two_ends_at_once(folder, data):

@@ -12,6 +12,7 @@ from renderers.transport.scattering import UNIFORM, scatterer
 PATHS, START, RADIUS, ABSORBED = 20_000, 40.0, 13.0, 1e-4  # of scattered light
 
 
+@pytest.mark.slow
 def test_they_come_back_or_end_within_one_step():
     """In fog that absorbs nothing some took 100,000 steps, milliseconds each: a draft of fog and sand took more than ten minutes.
 

@@ -125,6 +125,7 @@ def test_a_tile_holds_what_the_contract_says(bake, call):
     assert status == 0 and "0.5" in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("inside, count", [
     ("fraction: 0.3, count: 1", 1), ("fraction: 0.4, count: 2", 2), ("fraction: 0.4, count: 3, cell: [1, 1, 2]", 3),
     ("fraction: 0.01, count: 8", 8),

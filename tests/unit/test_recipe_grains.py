@@ -19,7 +19,7 @@ from bakery.physics.shapes import build as shapes
 from bakery.physics.shapes import limits
 from bakery.recipe import json_schema, load
 from bakery.stages.grains import section as grain_section
-from tests.conftest import ROOT
+from tests.conftest import ROOT, slow
 from tests.grain_examples import EXAMPLES
 from tests.unit.test_recipe import fits
 
@@ -144,11 +144,11 @@ RANGES = [
     ("rock", "roughness", limits.NOISE),
     ("crystal", "chips", limits.CHIPS),
     ("crystal", "depth", limits.DEPTH),
-    ("aggregate", "bodies", limits.BODIES),
+    slow("aggregate", "bodies", limits.BODIES),
     ("aggregate", "smallest", limits.SMALLEST),
-    ("aggregate", "length", limits.LENGTH),
-    ("aggregate", "overlap", limits.OVERLAP),
-    ("aggregate", "blend", limits.BLEND),
+    slow("aggregate", "length", limits.LENGTH),
+    slow("aggregate", "overlap", limits.OVERLAP),
+    slow("aggregate", "blend", limits.BLEND),
 ]
 
 

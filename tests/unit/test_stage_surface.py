@@ -365,6 +365,7 @@ def test_spread_of_layers_on_each_other(soil):
     assert math.isnan(former.under.length) and not has_spread(former)
 
 
+@pytest.mark.slow
 def test_a_third_layer_needs_no_file_but_that_under_it(soil):
     (soil / "third.yaml").write_text(RECIPE.replace("{options}", "{thickness: 0.2 mm, base: {asset: top.h5}}"))
     asset = bakery.bake(soil / "third.yaml", output=soil / "third.h5")
