@@ -13,7 +13,7 @@ class _StandardError(mi.Appender):
     written: ClassVar[set[str]] = set()
 
     def append(self, level, text):
-        message = text.rsplit("] ", 1)[-1]  # without the time and the line of Mitsuba's code, or all of it
+        message = text.split("] ", 1)[-1]  # without the time and the line of Mitsuba's code, or all of it
         if message not in self.written:
             self.written.add(message)
             print(f"Mitsuba: {message}", file=sys.stderr)

@@ -44,10 +44,10 @@ def test_those_of_a_file_stay(ball, tmp_path):
 def test_what_mitsuba_warns_of_goes_to_standard_error(tmp_path, capfd):
     text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
     text += "element face 1\nproperty list uchar int vertex_indices\nproperty float stl\nend_header\n"
-    (tmp_path / "mesh.ply").write_text(text + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2 7\n")
-    (tmp_path / "scene.xml").write_text(PLY)
+    (tmp_path / "part [1] of 2.ply").write_text(text + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2 7\n")
+    (tmp_path / "scene.xml").write_text(PLY.replace("mesh.ply", "part [1] of 2.ply"))
     appenders = mi.logger().appender_count()
     load(tmp_path / "scene.xml", sensor=False, integrator=False)
     out, messages = capfd.readouterr()
-    assert out == "" and 'attribute "stl" ignored' in messages
+    assert out == "" and messages.startswith('Mitsuba: "part [1] of 2.ply": ') and 'attribute "stl" ignored' in messages
     assert mi.logger().appender_count() == appenders
