@@ -3,8 +3,6 @@
 The layout is that of the stage `grains`; mixing follows Meng et al. 2015, equations 1 to 4, for grains of equal radius.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

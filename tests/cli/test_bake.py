@@ -1,7 +1,5 @@
 """`bake`, `bake plan`, `bake cache` as a user calls them."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """`bake plot` of narrow beams: what is drawn is what the asset holds; the benchmark's pictures: what photons count."""
 
-from __future__ import annotations
-
 import csv
 
 import numpy as np

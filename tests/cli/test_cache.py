@@ -1,7 +1,5 @@
 """`bake cache` and the folder that it tidies: entries are taken, whatever else lies there never is."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """`bake compare` as a user calls it: what is rendered and what is taken, numbers, the page, and every way to be wrong."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import re

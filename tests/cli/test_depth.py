@@ -1,7 +1,5 @@
 """Layer depth.Z: along the camera's axis to the first surface or grain, of scenes of every kind of entry."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """`bake plot` of multiple scattering: what is drawn is what the tables hold; the benchmark's pictures: photons agree with it."""
 
-from __future__ import annotations
-
 import csv
 import json
 

@@ -1,7 +1,5 @@
 """`bake render SCENE.yaml` of particles as a user calls it: report, layers, the same bytes, resuming, and every way to fail."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 

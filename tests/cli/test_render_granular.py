@@ -1,7 +1,5 @@
 """`bake render SCENE.yaml` of grains as a user calls it: report, layers, resuming, a recipe that is baked, and ways to fail."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

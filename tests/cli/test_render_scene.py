@@ -1,7 +1,5 @@
 """`bake render SCENE.yaml` as a user calls it: what is known of the picture in closed form, and every way to fail."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """`bake render SCENE.yaml` of translucent bodies as a user calls it: report, layers, resuming, and ways to fail."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

@@ -1,7 +1,5 @@
 """Standard streams that are closed or full: a status, a message where one can be read, no traceback, no damaged asset."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Tiles from the command line: wishes that are not met, refusals, exports."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

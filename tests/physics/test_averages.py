@@ -1,7 +1,5 @@
 """Averages over size distributions: published rows, limits, honest errors, independence from how the work is cut."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from concurrent.futures import ThreadPoolExecutor

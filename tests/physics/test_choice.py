@@ -1,7 +1,5 @@
 """Rays instead of series: the measured error covers the true one, and rays are taken only where they should be."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

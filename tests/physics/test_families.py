@@ -1,7 +1,5 @@
 """Clouds between the members of a family: against bakes of their own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

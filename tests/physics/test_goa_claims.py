@@ -1,7 +1,5 @@
 """The verdicts of docs/goa-claims.md, through the functions that draw its figures."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

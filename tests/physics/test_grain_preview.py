@@ -1,7 +1,5 @@
 """The preview of packed grains, tiny: exemplars with their surfaces and interiors, beside the medium that stands for them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

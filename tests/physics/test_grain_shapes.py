@@ -1,7 +1,5 @@
 """Exemplar grains: meshes against closed forms, integral geometry and other people's programs; files good and bad."""
 
-from __future__ import annotations
-
 import sys
 import tracemalloc
 from itertools import combinations

@@ -1,7 +1,5 @@
 """Lobes of production renderers: closed forms against 30 digits, fits against brute force and what they must give back."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

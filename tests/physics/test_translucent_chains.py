@@ -5,8 +5,6 @@ towards the camera.  Of that light a quarter has been turned back before its fir
 once in 1e7 seeds each.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

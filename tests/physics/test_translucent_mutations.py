@@ -4,8 +4,6 @@ Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.  Shown to f
 beams 3 % too bright (quadratures), without negative beams (a white world), and with places of a candidate drawn alike.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

@@ -1,7 +1,5 @@
 """Blocks on a Dask cluster: the values of one process, workers of another version refused, workers and schedulers that die."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

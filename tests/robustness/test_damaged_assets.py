@@ -1,7 +1,5 @@
 """Corrupted and forged assets: found by `open` and by `verify`, never a wrong value."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

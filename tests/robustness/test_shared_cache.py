@@ -1,7 +1,5 @@
 """Machines that share a cache: through a real server of objects, and through a folder; with faults of both."""
 
-from __future__ import annotations
-
 import json
 import os
 import random

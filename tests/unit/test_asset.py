@@ -1,7 +1,5 @@
 """`bakery.open`: what a user of an asset sees."""
 
-from __future__ import annotations
-
 import math
 import pickle
 import subprocess

@@ -1,7 +1,5 @@
 """Scenes of separate particles that ship, and the graininess that docs/discrete-claims.md tells of."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The layers of docs/architecture.md, kept by reading every import statement."""
 
-from __future__ import annotations
-
 import ast
 import gc
 import re

@@ -1,7 +1,5 @@
 """Coatings, mixtures and growth as recipes state them, and what is baked of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A picture always comes out: which variant is chosen for which LLVM, and what happens with the machine's own."""
 
-from __future__ import annotations
-
 import glob
 import importlib.util
 import os

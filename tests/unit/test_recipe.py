@@ -1,7 +1,5 @@
 """Recipes in, checked values out."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import pickle

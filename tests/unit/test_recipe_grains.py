@@ -1,7 +1,5 @@
 """Packed grains in recipes: every shape, surface and option, in and out."""
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 import math

@@ -1,7 +1,5 @@
 """Shortcuts through numba's compiler: kernels are what they are without them, and numba is as it was when they are left."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from typing import NamedTuple

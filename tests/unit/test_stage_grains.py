@@ -1,7 +1,5 @@
 """Stages `grains` and `medium` from grains: what they store against closed forms, and what they refuse or remark."""
 
-from __future__ import annotations
-
 import math
 import sys
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """The two stages that fill `medium`: from particles and from coefficients."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 

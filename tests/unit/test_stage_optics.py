@@ -1,7 +1,5 @@
 """The stage `optics`: what it declares, stores, checks and predicts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

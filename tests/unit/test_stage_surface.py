@@ -1,7 +1,5 @@
 """Stage `surface`: what an asset says of plane layers, against the solver, laws of conservation and each other."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

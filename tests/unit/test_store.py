@@ -1,7 +1,5 @@
 """The store: what goes in comes out, the same bytes each time, hashes over everything that counts."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import os

@@ -1,7 +1,5 @@
 """A stage is its folder and one line in a list: with them it is found in every command."""
 
-from __future__ import annotations
-
 import json
 import os
 

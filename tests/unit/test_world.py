@@ -1,7 +1,5 @@
 """Surfaces and lights as arrays, against Mitsuba's own path tracer: a path tracer of a few lines walks on them."""
 
-from __future__ import annotations
-
 import gc
 
 import numpy as np

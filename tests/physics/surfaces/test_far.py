@@ -1,7 +1,5 @@
 """Bodies as their baked surfaces: what is expected of that, and where `auto` takes one."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 
