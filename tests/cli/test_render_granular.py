@@ -117,6 +117,7 @@ def test_grains_and_medium(call, place):
     assert report["bias"] is None and any("how far ept+vpt is off is not measured" in said for said in report["reasons"])
 
 
+@pytest.mark.slow
 def test_auto_of_opaque_grains_is_explicit(call, place):
     """The same picture as that of `ept`, without pilots where the picture is small, and the report says why."""
     report, found = rendered(call, place, "a", "materials[0].method=auto")

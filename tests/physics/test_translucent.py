@@ -125,6 +125,7 @@ def test_a_ball_on_the_floor(baked, tmp_path, monkeypatch):
     assert chance(*light) > ODDS
 
 
+@pytest.mark.slow
 def test_the_same_bytes_whatever_threads(baked, tmp_path, monkeypatch):
     from renderers import threads
 

@@ -161,6 +161,7 @@ def test_recipes_that_are_refused(tmp_path, options, says):
         load(tmp_path / "layer.yaml")
 
 
+@pytest.mark.slow
 def test_a_missed_tolerance_is_said(tmp_path):
     """A lobe so narrow that no number of moments tells light that grazes in and out."""
     (tmp_path / "layer.yaml").write_text(RECIPE.replace("{options}", "{tolerance: 0.01%}").replace("g: 0.6", "g: 0.99")
