@@ -2,8 +2,6 @@
 bright particle, a grazing beam, and others.  Lengths of fog and grains in m, of translucent bodies in mm.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

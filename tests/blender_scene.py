@@ -8,8 +8,6 @@ The slab is 1 m thick and 20 m wide, seen along its normal.  The sun (irradiance
 camera; "behind" is a white sky that only the camera sees.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import runpy

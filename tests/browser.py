@@ -1,7 +1,5 @@
 """A page in a headless Chromium, over its debugging pipe (DevTools protocol): what a script of a page does for a reader."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

@@ -1,7 +1,5 @@
 """What all tests share: a cache of their own, recipes that bake in a moment, the command line as a user calls it."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import gc

@@ -3,8 +3,6 @@
 Tests of the code that runs on both take the argument `device` (`@on_each_device`) or a variant of `jit`.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from renderers.mitsuba import variants

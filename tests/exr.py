@@ -1,7 +1,5 @@
 """Pictures of tests: reading and writing them by Mitsuba, which is loaded when the first one is."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

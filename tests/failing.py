@@ -1,7 +1,5 @@
 """Points of a family that cannot be baked."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from bakery.physics.medium import analytic

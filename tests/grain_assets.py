@@ -3,8 +3,6 @@
 The layout is that of the stage `grains`; mixing follows Meng et al. 2015, equations 1 to 4, for grains of equal radius.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -17,7 +15,6 @@ from bakery.physics.medium.phase import areas, cumulative, mean_cosine, normalis
 from bakery.physics.medium.similarity import reduced
 from bakery.physics.shapes.build import build
 from bakery.store.tree import Dataset, Group, text
-from bakery.store.write import write
 
 RGB = (0.61, 0.55, 0.465)
 RADIUS = 0.5e-3  # m
@@ -114,11 +111,6 @@ def asset(components: dict[str, Group], *, fraction=0.6, wavelength=RGB, radii=(
     return Group({"recipe": text("bakery: 1\nname: sand\n", "recipe"),
                   "wavelength": Dataset(np.asarray(wavelength, float), "um", "wavelengths"), "grains": grains,
                   "medium": _medium(list(components.values()), theta, fraction)}, {"name": name, "bakery_version": "0.1.0"})
-
-
-def write_asset(path, *args, **keywords) -> str:
-    write(path, asset(*args, **keywords))
-    return str(path)
 
 
 def _medium(parts, theta, fraction) -> Group:

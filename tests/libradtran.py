@@ -1,7 +1,5 @@
 """Files of optical properties as libRadtran's tools write them."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.io import netcdf_file
 

@@ -4,8 +4,6 @@ Odds are always the probability that a right program fails a comparison, should 
 so a test that passes does so for good.  Tests of a probability compare it with `ODDS`, tests of a distance take `sigmas`.
 """
 
-from __future__ import annotations
-
 import math
 
 from scipy import stats

@@ -4,8 +4,6 @@ Written from the rules of its parser.cpp (tokens, numbers, parameter lists), par
 and media.cpp (what a homogeneous medium takes).  `Refused` is raised where pbrt stops with an error.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Scenes of tests, rendered as a user calls it: report and layers, refusals, and the toy renderer in the place of the others."""
 
-from __future__ import annotations
-
 import gc
 import json
 

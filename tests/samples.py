@@ -1,7 +1,5 @@
 """A small asset made by hand, with everything that the format knows, and functions that corrupt it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

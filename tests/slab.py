@@ -3,8 +3,6 @@
 The slab is 1 m thick and 20 m wide, seen along its normal.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

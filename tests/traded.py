@@ -1,7 +1,5 @@
 """Stages whose error and time are known, for the tests of `bake trade`: by name, so that a worker's process finds them too."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

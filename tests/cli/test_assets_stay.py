@@ -1,7 +1,5 @@
 """No asset is made worse: not by a scene that needs less, not by another recipe of its name, not by another file's recipe."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

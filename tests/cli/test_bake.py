@@ -1,7 +1,5 @@
 """`bake`, `bake plan`, `bake cache` as a user calls them."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -115,19 +113,6 @@ def test_wrong_options_are_told(call, milk, tmp_path, arguments, said):
     assert status == 2 and said in err and not out and not (tmp_path / "a.h5").exists(), err
 
 
-def test_a_scene_adds_the_stages_that_it_needs(call, milk, tmp_path):
-    scene = tmp_path / "street.yaml"
-    scene.write_text("bakery_scene: 2\nname: street\nasset: milk.h5\nfog: {density: {type: uniform}}\n")
-    asset = tmp_path / "milk.h5"
-    milk.write_text("bakery: 1\nname: milk\nwavelengths: [0.55]\n"
-                    "medium: {albedo: 0.5, mean_free_path: 1 mm, phase: {type: isotropic}}\n")
-    status, out, err = call(milk, "-o", asset, "--scene", scene, "--tolerance", "20%")
-    assert status == 0 and "beam, because" in err and set(read(asset).members) >= {"medium", "beam"}, err
-    scene.write_text("bakery_scene: 2\nname: street\n")
-    status, _, err = call(milk, "-o", asset, "--scene", scene)
-    assert status == 2 and "expected materials or fog" in err
-
-
 def test_every_problem_of_every_recipe_at_once(call, milk, tmp_path):
     text = milk.read_text()
     milk.write_text(text.replace("g: 0.7", "g: 1.7").replace("albedo", "albdo"))
@@ -150,14 +135,6 @@ def test_first_word(call, tmp_path):
     assert call("--help")[0] == 0 and call("bake", "--help")[0] == 0 and call("--version")[1].startswith("bakery ")
 
 
-def test_same_bytes_whatever_the_workers(call, drops, tmp_path):
-    hashes = set()
-    for jobs in (1, 3):
-        assert call(drops, "-o", tmp_path / "a.h5", "--force", "--jobs", jobs)[0] == 0
-        hashes.add(read(tmp_path / "a.h5").attributes["content_hash"])
-    assert len(hashes) == 1
-
-
 @pytest.mark.slow
 def test_same_bytes_in_other_surroundings(call, command, drops, tmp_path):
     assert call(drops, "-o", tmp_path / "here.h5")[0] == 0
@@ -166,21 +143,6 @@ def test_same_bytes_in_other_surroundings(call, command, drops, tmp_path):
     assert done.returncode == 0, done.stderr
     here, there = (read(tmp_path / name).attributes["content_hash"] for name in ("here.h5", "there.h5"))
     assert here == there
-
-
-@pytest.mark.slow
-def test_quiet_and_closed_output(call, milk, tmp_path):
-    status, _, err = call(milk, "-o", tmp_path / "a.h5", "--quiet")
-    assert status == 0 and err == ""
-    # the reader of the output leaves at once: no traceback, whatever the status of the pipe
-    pipe = subprocess.run(f"{sys.executable} -m bakery plan {milk} --verbose | head -c 1", shell=True, text=True,
-                          capture_output=True, env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=60)
-    assert "Traceback" not in pipe.stderr
-    # buffered, as it is for users: Python would try once more at exit and give a status of its own
-    buffered = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": ""}
-    full = subprocess.run(f"{sys.executable} -m bakery {milk} -o {tmp_path}/b.h5 --force 2>/dev/full", shell=True, timeout=60,
-                          env=buffered, capture_output=True, text=True)
-    assert full.returncode == 0
 
 
 @pytest.mark.slow
@@ -234,24 +196,6 @@ def test_one_thread_of_matrices_unless_asked_for_more(asked):
     environment |= {"PYTHONPATH": str(ROOT)} | ({"OPENBLAS_NUM_THREADS": asked} if asked else {})
     done = subprocess.run([sys.executable, "-c", code], env=environment, text=True, capture_output=True, timeout=60)
     assert done.stdout.splitlines()[-1] == f"threads {asked or 1}", done.stderr
-
-
-def test_cache_commands(call, drops, tmp_path):
-    assert call(drops, "-o", tmp_path / "a.h5")[0] == 0
-    info = json.loads(call("cache", "info", "--json")[1])
-    assert info["entries"] == 2 and set(info["stages"]) == {"optics", "medium"}
-    out = call("cache", "info")[1]
-    assert ": 2 entries, " in out and "  medium   1 entry, " in out
-    assert call("cache", "prune", "--max-size", "0B")[1] == "2 entries removed\n"
-    assert call("cache", "prune", "--max-size", "many")[0] == 2
-    status, out, err = call("cache", "prune", "--max-age", "nan")
-    assert status == 2 and not out and "--max-age" in err
-    assert call(drops, "-o", tmp_path / "a.h5", "--force")[0] == 0
-    assert call("cache", "clear")[1] == "2 entries removed\n"
-    # the asset itself holds the stages: an empty cache does not make them run again
-    drops.write_text(drops.read_text().replace("1e8 /m^3", "2e8 /m^3"))
-    did = json.loads(call(drops, "-o", tmp_path / "a.h5", "--json")[1])[0]["steps"]
-    assert [step["source"] for step in did] == ["unchanged", "computed"]
 
 
 def test_python_does_what_the_command_does(drops, tmp_path):

@@ -3,8 +3,6 @@
 What they measure in that form says nothing and is not looked at; peers that are not installed are left out by the benchmarks.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """`bake cache` and the folder that it tidies: entries are taken, whatever else lies there never is."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -73,6 +71,9 @@ def test_clear_with_yes_and_prune_take_entries_alone(call, here):
     aside.write_bytes(entry.read_bytes()[:600])
     assert json.loads(call("cache", "prune", "--json")[1])["removed"] == [aside.name] and everything(here) == before
     assert json.loads(call("cache", "prune", "--max-size", "0B", "--json")[1])["removed"] == [entry.name]
+    for words in (("--max-size", "many"), ("--max-age", "nan")):
+        status, out, err = call("cache", "prune", *words)
+        assert status == 2 and not out and words[0] in err
     before.pop(entry)
     assert everything(here) == before
     bakery.bake("milk.yaml", "again.h5", force=True)

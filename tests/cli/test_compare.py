@@ -1,7 +1,5 @@
 """`bake compare` as a user calls it: what is rendered and what is taken, numbers, the page, and every way to be wrong."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import re
@@ -141,6 +139,7 @@ def test_what_is_there_is_taken(call, place, monkeypatch):
     assert render.asked[10:] == [("single", 7, 0, 16)]
 
 
+@pytest.mark.slow
 def test_resume_goes_on_with_the_same_alone(call, place):
     """Anything else is rendered anew, and that is said, here where the asset is another; not where quality is."""
     words = [place / "haze.yaml", "--methods", "single,isotropic", "--quiet"]

@@ -1,7 +1,5 @@
 """`bake render --denoise` as a user calls it: what the PNG, the EXR and the report say, and what is said where it cannot be."""
 
-from __future__ import annotations
-
 import json
 import sys
 

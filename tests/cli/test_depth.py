@@ -1,7 +1,5 @@
 """Layer depth.Z: along the camera's axis to the first surface or grain, of scenes of every kind of entry."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -58,7 +56,7 @@ def mesh(path):
     path.write_bytes(ply.mesh(corners, np.array(faces)))
 
 
-@pytest.mark.parametrize(("method", "more"), [("ept", ()), ("vpt", ()),
+@pytest.mark.parametrize(("method", "more"), [("ept", ()), slow("vpt", ()),
                                               slow("ept", ["{where: everywhere, recipe: body.yaml}"])])
 def test_grains_are_nearer_than_the_floor(method, more, call, tmp_path):
     """Grains of 0.2 mm stick out of a block that is 2 mm high by at most a radius; one medium stands for them in the block."""

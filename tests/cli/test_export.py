@@ -1,7 +1,5 @@
 """`bake export`: tables that hold every number, and a phase function for stock Mitsuba whose loss is what it says."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import io

@@ -1,7 +1,5 @@
 """`bake export --to blender`: the script's numbers are the medium, less what is stated, and Cycles renders it as Mitsuba does."""
 
-from __future__ import annotations
-
 import ast
 import json
 import math

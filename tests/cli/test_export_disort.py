@@ -1,7 +1,5 @@
 """`bake export --to disort`: what the file holds, and the real solvers on it against the baked surface and against Mitsuba."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """`bake export --to eradiate` and `libradtran` in Eradiate itself: its readers, and its Monte Carlo against the baked surface."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """libRadtran itself: radiances of its `uvspec` with what `bake export --to libradtran` writes, and files of its `mie` read."""
 
-from __future__ import annotations
-
 import math
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """`bake export --to mitsuba`, rendered: stock Mitsuba with the file gives the picture of the asset in `bakedphase`."""
 
-from __future__ import annotations
-
 import math
 import re
 

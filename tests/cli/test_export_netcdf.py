@@ -1,7 +1,5 @@
 """`bake export --to netcdf`, `libradtran`, `eradiate`: what other readers find, and a medium baked of these files again."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """`bake export --to pbrt`, `materialx`, `usd`: what other programs read from the files is the medium, less what is stated."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -3,8 +3,6 @@
 What the files hold is tested without pbrt, in test_export.py.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import subprocess

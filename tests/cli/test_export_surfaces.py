@@ -4,8 +4,6 @@ what is stated.
 Draws are seeded.  Comparisons with chance fail a right program with the odds of `tests.odds`.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import runpy

@@ -1,7 +1,5 @@
 """`bake render SCENE --frames` as a user calls it: the same bytes, what is there stays, interruptions, film and sheet."""
 
-from __future__ import annotations
-
 import json
 import signal
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`bake plot`, `report` and `export` of packed grains: what is drawn and written is what the asset holds."""
 
-from __future__ import annotations
-
 import csv
 import json
 

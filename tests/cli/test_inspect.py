@@ -1,7 +1,5 @@
 """`bake inspect` and `bake report`: what an asset holds, on any terminal."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """`bake render SCENE --live` as a user calls it: the page, its stop button, the address, what is refused."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import os

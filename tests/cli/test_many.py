@@ -1,7 +1,5 @@
 """Several recipes in one call: what is shared, what stops, what is told; the bytes of bakes by themselves."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

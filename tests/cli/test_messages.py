@@ -1,7 +1,5 @@
 """Mistakes that new users make: what was found, and what would do."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

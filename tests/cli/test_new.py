@@ -1,7 +1,5 @@
 """`bake new`: recipes to start from, each of which passes the checks."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

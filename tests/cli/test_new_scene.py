@@ -1,7 +1,5 @@
 """`bake new MATERIAL --mesh` and `--mitsuba`: scenes of what people have, and the scenes that ship; the page that shows it."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import re

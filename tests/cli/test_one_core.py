@@ -1,7 +1,5 @@
 """A machine of one core."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

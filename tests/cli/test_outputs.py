@@ -1,7 +1,5 @@
 """No command writes over what it reads, over another of its outputs, or over a file of another kind; paths alone on stdout."""
 
-from __future__ import annotations
-
 import errno
 import os
 

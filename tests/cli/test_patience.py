@@ -1,7 +1,5 @@
 """Commands that take longer than a moment say that they are at work."""
 
-from __future__ import annotations
-
 import pytest
 
 from bakery.cli import TELLING, status_of

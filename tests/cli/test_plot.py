@@ -1,7 +1,5 @@
 """`bake plot`: pictures that show what the asset holds, the same bytes each time."""
 
-from __future__ import annotations
-
 import csv
 import json
 from xml.etree import ElementTree

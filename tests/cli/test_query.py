@@ -1,7 +1,5 @@
 """`bake query`: baked values, and values looked up at arguments."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """`bake render SCENE.yaml` of particles as a user calls it: report, layers, the same bytes, resuming, and every way to fail."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -151,6 +149,7 @@ def test_the_same_bytes_for_any_number_of_threads(call, place, monkeypatch):
     assert not np.array_equal(picture(other), before)
 
 
+@pytest.mark.slow
 def test_resuming_is_going_on(call, place):
     small = "film={width: 40, height: 32}"
     _, whole = rendered(call, place, "whole", "stop.samples=4", small)

@@ -1,7 +1,5 @@
 """`bake render SCENE.yaml` of grains as a user calls it: report, layers, resuming, a recipe that is baked, and ways to fail."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -119,6 +117,7 @@ def test_grains_and_medium(call, place):
     assert report["bias"] is None and any("how far ept+vpt is off is not measured" in said for said in report["reasons"])
 
 
+@pytest.mark.slow
 def test_auto_of_opaque_grains_is_explicit(call, place):
     """The same picture as that of `ept`, without pilots where the picture is small, and the report says why."""
     report, found = rendered(call, place, "a", "materials[0].method=auto")

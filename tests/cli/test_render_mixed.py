@@ -1,7 +1,5 @@
 """`bake render SCENE.yaml` of several materials as a user calls it: report, layers, the same bytes, resuming, what is refused."""
 
-from __future__ import annotations
-
 import gc
 import json
 import re

@@ -1,7 +1,5 @@
 """`bake render SCENE.yaml` as a user calls it: what is known of the picture in closed form, and every way to fail."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
@@ -105,7 +103,7 @@ def test_without_fog_the_picture_is_the_picture(call, place, density):
     assert np.array_equal(rgb(place / "night.exr"), color.astype(np.float32))
 
 
-@pytest.mark.parametrize("energy", ["kept", "lost"])
+@pytest.mark.parametrize("energy", ["kept", slow("lost")])
 def test_ambient_light_counts_once(call, place, energy):
     """A picture of radiance L in ambient light L, where nothing is absorbed (red), stays L; in the dark it fades."""
     sky, filtered = "fog.light=[{type: ambient, radiance: 0.25}]", f"filter.energy={energy}"

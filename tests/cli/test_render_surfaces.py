@@ -1,7 +1,5 @@
 """`bake render` of scenes whose materials are baked surfaces (method surface)."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

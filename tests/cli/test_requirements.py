@@ -1,7 +1,5 @@
 """`--scene` as a user gives it: stages, knobs and reasons, in plans, bakes and renders."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """`bake schema` and `bake completion`: what editors and shells are given."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Standard streams that are closed or full: a status, a message where one can be read, no traceback, no damaged asset."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -47,7 +45,7 @@ def test_a_full_standard_output_is_a_failure(shell, milk, tmp_path):
 
 @pytest.mark.slow
 def test_a_full_standard_error_leaves_the_status(shell, milk):
-    assert shell("milk.yaml 2>/dev/full") == (0, "milk.h5\n", "")
+    assert shell("milk.yaml 2>/dev/full", PYTHONUNBUFFERED="") == (0, "milk.h5\n", "")
     assert shell("milk.yaml --tolerance none >/dev/full 2>/dev/full") == (2, "", "")
 
 

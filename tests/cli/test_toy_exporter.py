@@ -1,7 +1,5 @@
 """An exporter is a file and one line in a list: with them it is found in help, completion, messages and docs."""
 
-from __future__ import annotations
-
 import json
 import re
 

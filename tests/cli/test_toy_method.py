@@ -1,7 +1,5 @@
 """A method of a renderer is a file and one line in a table: scenes, lists, compare, trade, plan, budget and pictures have it."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import re

@@ -1,7 +1,5 @@
 """A renderer is its folder and one line: a toy is registered and found by every command that takes scenes."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`bake trade` as a user calls it."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

@@ -1,7 +1,5 @@
 """`bake trade SCENE` as a user calls it: points of a toy whose passes take a second each, on a clock of their own."""
 
-from __future__ import annotations
-
 import json
 import signal
 

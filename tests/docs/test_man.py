@@ -1,7 +1,5 @@
 """Man pages: one a command with all its options, and `man` has nothing to complain of."""
 
-from __future__ import annotations
-
 import os
 import re
 import runpy

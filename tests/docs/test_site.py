@@ -1,7 +1,5 @@
 """The site: no warning when it is made, notebooks run and show pictures, no dead link in it, no page wider than a phone."""
 
-from __future__ import annotations
-
 import os
 import re
 import runpy

@@ -1,7 +1,5 @@
 """Statistics of balls, in closed form or by walks."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.grains.balls import BallWalker

@@ -3,8 +3,6 @@
 Closed forms take what `bakery.physics.beam.moments` gives and a distance r > 0 from the axis (mfp), and return mfp^-2.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

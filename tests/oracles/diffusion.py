@@ -3,8 +3,6 @@
 Index-matched boundaries.  Any unit of length; coefficients are 1 over it.  Arrays broadcast.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

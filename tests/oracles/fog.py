@@ -1,8 +1,6 @@
 """The filter of fog in screen space by its definition, pair of pixels by pair of pixels; slow.  What the sums are:
 `renderers.fog._filter`."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

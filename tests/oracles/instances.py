@@ -1,7 +1,5 @@
 """Grains at many spheres at once, by what loops ask for one by one."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.packing.instances import cumulated_shares, kind, rotation, uniforms

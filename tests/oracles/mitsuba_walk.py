@@ -3,8 +3,6 @@
 Stands in for `walk.Walker` with other random numbers and float32 below: figures agree within their errors.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
 

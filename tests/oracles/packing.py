@@ -3,8 +3,6 @@
 Lengths are in units of the radius of equal spheres, or of any one length where radii are given.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

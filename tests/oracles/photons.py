@@ -4,8 +4,6 @@ Photons fly and scatter in an infinite medium; cells are rings around the axis o
 is scattered into the chosen directions is added to the cell.  A direction (theta, phi) has its phi from the azimuth of the event.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor

@@ -5,8 +5,6 @@
 Source: Bohren & Huffman 1983, eqs. 8.2 and 4.61 to 4.77, with mpmath.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

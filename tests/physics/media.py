@@ -1,7 +1,5 @@
 """Assets for tests of renderers, written through the store: a medium with the phase functions that a test asks for."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bakery.physics.medium.phase import normalised

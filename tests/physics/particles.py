@@ -1,7 +1,5 @@
 """Media of separate particles made by hand, and worlds of one light in closed form, for tests of their renderer."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

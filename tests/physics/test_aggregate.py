@@ -1,7 +1,5 @@
 """Grains that fill a mesh: voxels, which spheres exist, the first sphere along a ray, all held against explicit lists."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

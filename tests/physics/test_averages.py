@@ -1,7 +1,5 @@
 """Averages over size distributions: published rows, limits, honest errors, independence from how the work is cut."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -61,11 +59,7 @@ def test_rayleigh_limit():
     for radius in (r, 1e-9):
         theta, a = bake(size("single", radius=radius), m, tolerance=1e-4)
         at = np.linspace(0, math.pi, 50)
-        assert phase.phase_at(
-            theta, a.elements[0, 0],
-            at) ==pytest.approx(
-            3 / (16 * math.pi) *(1 +np.cos(at) **2),
-            rel=1.5e-4)
+        assert phase.phase_at(theta, a.elements[0, 0], at) ==pytest.approx(3 / (16 * math.pi) *(1 +np.cos(at) **2), rel=1.5e-4)
         x = 2 * math.pi * radius / 0.55
         assert a.scattering[0, 0] == pytest.approx(8 / 3 * x**4 * abs(k) ** 2 * math.pi * radius**2, rel=1e-5)
         assert a.absorption[0, 0] == pytest.approx(4 * x * k.imag * math.pi * radius**2, rel=1e-5)
@@ -229,14 +223,10 @@ def test_a_tolerance_out_of_reach_leaves_what_was_reached(monkeypatch, m, integr
 
 
 @pytest.mark.parametrize("s, m",
-                         [(size("lognormal", radius=3.0, sigma=1.4),
-                           1.33),
-                          (size("lognormal", radius=0.5, sigma=2.0),
-                           1.53 +0.0055j),
-                          (size("lognormal", radius=10.0, sigma=1.6),
-                           0.75),
-                          (size("single", radius=20.0),
-                           1.33)])
+                         [(size("lognormal", radius=3.0, sigma=1.4), 1.33),
+                          (size("lognormal", radius=0.5, sigma=2.0), 1.53 +0.0055j),
+                          (size("lognormal", radius=10.0, sigma=1.6), 0.75),
+                          (size("single", radius=20.0), 1.33)])
 def test_predicted_work_is_right_within_a_factor(s, m):
     """In units of charged work, so that no clock is read; fixed overheads of the prediction left out."""
     done = []

@@ -3,8 +3,6 @@
 All draws are seeded.  A test that compares with chance is made so that a right program fails it with odds below 1e-7.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

@@ -3,8 +3,6 @@
 Statistical tests use fixed seeds and limits of at least five standard errors (false alarm below 1e-6 each).
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

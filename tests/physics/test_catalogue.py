@@ -1,7 +1,5 @@
 """The recipes of the catalogue against what their sources say of the same materials; benchmarks/catalogue.py compares."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Rays instead of series: the measured error covers the true one, and rays are taken only where they should be."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 
@@ -38,7 +36,7 @@ def difference(one, other):
     return phase.phase_integral(theta, np.abs(f - g))
 
 
-@pytest.mark.parametrize(("m", "radius"), [(1.33, 6.0), (1.33, 15.0), (1.5 + 1e-3j, 12.0), (0.75, 6.0), slow(1.31, 24.0)])
+@pytest.mark.parametrize(("m", "radius"), [(1.33, 6.0), slow(1.33, 15.0), (1.5 + 1e-3j, 12.0), (0.75, 6.0), slow(1.31, 24.0)])
 def test_measured_error_covers_the_true_one(m, radius):
     series, rays = by("mie", m, radius), by("goa", m, radius)
     choice = rays[1].choices[0]

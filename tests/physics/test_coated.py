@@ -1,7 +1,5 @@
 """Spheres in a concentric shell: against the closed form in many digits, published values, and the limits."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Moments of densities along rays, against quadrature by mpmath and SciPy and against Mitsuba's grids."""
 
-from __future__ import annotations
-
 import math
 
 import mpmath

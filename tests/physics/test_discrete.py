@@ -3,8 +3,6 @@
 Each comparison with chance goes wrong once in 1e7 seeds (`ODDS`); seeds are fixed.  Seeded defects show that they can fail.
 """
 
-from __future__ import annotations
-
 import math
 from concurrent.futures import ThreadPoolExecutor
 

@@ -4,8 +4,6 @@ Each comparison with chance goes wrong once in 1e7 seeds (`ODDS`, or `SIGMAS` st
 are fixed.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

@@ -4,8 +4,6 @@ Worlds are one light in closed form (`particles.Sky`, `Lamp`).  Comparisons with
 1e7 seeds; seeds are fixed.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

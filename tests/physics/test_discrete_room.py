@@ -3,8 +3,6 @@
 Nothing absorbs, so radiance is 1 everywhere, whatever scatters.  Comparisons go wrong once in 1e7 seeds; seeds are fixed.
 """
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

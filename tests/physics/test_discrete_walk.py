@@ -4,8 +4,6 @@ Shares of light that leave above, below and at the sides; nothing is absorbed.  
 seeds.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Statistical tests have fixed seeds; each says how far its figure may be off, in standard errors (6: a false alarm in 1e-9).
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from functools import cache

@@ -3,8 +3,6 @@
 By pilots of 64 x 64 pixels, two standard errors of what they tell and more.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from renderers import choice

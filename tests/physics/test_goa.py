@@ -1,7 +1,5 @@
 """Rays of large spheres against Lorenz-Mie, single Debye orders, exact angles of geometrical optics and special functions."""
 
-from __future__ import annotations
-
 import math
 
 import mpmath

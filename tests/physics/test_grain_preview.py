@@ -1,7 +1,5 @@
 """The preview of packed grains, tiny: exemplars with their surfaces and interiors, beside the medium that stands for them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -65,6 +63,7 @@ def test_two_panels_and_a_report(beads, tmp_path):
     assert clay[0] > 1.3 * clay[1] > 1.6 * clay[2]
 
 
+@pytest.mark.slow
 def test_grains_alone(tree, tmp_path):
     """An asset baked with `--stage grains`: one panel; without both, the message says what is missing."""
     write(tmp_path / "alone.h5", with_member(tree, "medium", None))

@@ -1,7 +1,5 @@
 """What `auto` of grains is in scenes where points scatter otherwise than grains; seeds and numbers of samples are fixed."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -4,8 +4,6 @@ What light samples and directions count together is exactly 1, so a density or w
 mean.  Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 Statistical tests have a fixed seed; comparisons are within 5.5 standard errors (4e-8 each), 4e-6 for the file.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Lobes of production renderers: closed forms against 30 digits, fits against brute force and what they must give back."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 
@@ -180,6 +178,7 @@ def test_more_parameters_are_never_worse_and_g_is_kept(droplets, fitted):
     assert fits(*droplets, diameter=15.0) == fitted  # nothing is random
 
 
+@pytest.mark.slow
 def test_the_published_parameters_fit_water(fitted):
     """Their authors say 95 %: a wrong coefficient would not come within half a percent of the free fit."""
     best = fitted["hg_draine_published_best"]

@@ -3,8 +3,6 @@
 Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -164,9 +162,15 @@ def test_paths_that_are_followed_again_go_the_same_way(tmp_path):
     assert (beside[bright].sum(axis=1) > 0).mean() > 2 * bright.mean(), "near light there is light"
 
 
-def passes(how, name, count, seed=0, layer=""):
+def layers_of(how, name, count, seed=0):
+    """Layers (count, H, W, 3) of passes."""
     (part,) = methods.parts(how, name, "negative", seed)
-    return np.array([part.render(number)[layer] for number in range(count)])
+    rendered = [part.render(number) for number in range(count)]
+    return {layer: np.array([each[layer] for each in rendered]) for layer in rendered[0]}
+
+
+def passes(how, name, count, seed=0):
+    return layers_of(how, name, count, seed)[""]
 
 
 @pytest.mark.slow
@@ -220,9 +224,9 @@ def test_a_white_world(tmp_path, index, few):
 def test_chains_and_paths_agree(tmp_path, index, g, around, few):
     """In each layer, of a ball of 5 mean free paths and more; light of one event that rough glass lets out is known to 6 %."""
     how = transport(tmp_path, {"ball": (BALL, asset([0.95, 0.9, 0.5], g, (1.0, 0.8, 0.6)))}, around, [index], size=16)
+    of_paths, of_chains = layers_of(how, "paths", 40), layers_of(how, "metropolis", 16, 1)
     for layer in ("", "order1", "orders"):
-        drawn, moved = (passes(how, name, count, seed, layer).mean(axis=(1, 2, 3))
-                        for seed, (name, count) in enumerate((("paths", 40), ("metropolis", 16))))
+        drawn, moved = (layers[layer].mean(axis=(1, 2, 3)) for layers in (of_paths, of_chains))
         error = np.hypot(drawn.std(ddof=1) / 40**0.5, moved.std(ddof=1) / 16**0.5)
         assert error < 0.1 * drawn.mean() and stats.ttest_ind(drawn, moved, equal_var=False).pvalue > ODDS
 

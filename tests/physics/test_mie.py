@@ -1,7 +1,5 @@
 """Lorenz-Mie theory against arbitrary precision, published tables, closed limits and conservation laws."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Amplitudes at many angles: the transform against long sums, and where it gives way to recurrences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -4,8 +4,6 @@ is continuous.
 Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Mixtures of materials, and what humidity makes of particles, against equations, limits and published values."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

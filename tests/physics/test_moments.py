@@ -1,7 +1,5 @@
 """Legendre moments and expansion coefficients: closed forms, another rule, output published with Mishchenko's program."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

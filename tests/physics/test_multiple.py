@@ -1,7 +1,5 @@
 """Light of the third and later events: closed forms, brute force and photons against the solver."""
 
-from __future__ import annotations
-
 import math
 
 import mpmath

@@ -1,7 +1,5 @@
 """Which tables are made of a medium: light that keeps its direction, orders, and photons in the solver's place."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

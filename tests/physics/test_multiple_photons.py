@@ -1,7 +1,5 @@
 """Tables made of photons: against the solver where both reach, their own error bars, and media that the solver refuses."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

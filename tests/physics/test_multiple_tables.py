@@ -1,7 +1,5 @@
 """Tables of multiple scattering against the solver, published values, conservation of energy, reciprocity and photons."""
 
-from __future__ import annotations
-
 import math
 import tracemalloc
 from dataclasses import replace

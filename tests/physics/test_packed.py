@@ -4,8 +4,6 @@ Statistical tests have fixed seeds and compare within `SIGMAS` standard errors o
 comparison, 1e-4 for the file, should random numbers be drawn anew.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import pickle

@@ -1,7 +1,5 @@
 """Packings against equations of state, lattices, published densities, a literal simulation, and searches of their own."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Clipped forward peaks: what is left, and the light of its events against photons that follow the undivided phase function."""
 
-from __future__ import annotations
-
 import math
 from contextlib import nullcontext
 

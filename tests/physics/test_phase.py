@@ -1,7 +1,5 @@
 """Phase tables: exactness for the interpolant, samplers, formulas, similarity, mixing."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

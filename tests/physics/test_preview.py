@@ -1,7 +1,5 @@
 """The preview of an asset and the rendering of scenes, tiny."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

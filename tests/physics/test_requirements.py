@@ -5,8 +5,6 @@ beside three times the square of the noise that is left, and each pixel, beside 
 chance once in 1e6 of all tests together).
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -4,8 +4,6 @@ Statistical tests have fixed seeds and compare within `SIGMAS` standard errors o
 comparison, 3e-4 for the file (300 comparisons), should random numbers be drawn anew.
 """
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

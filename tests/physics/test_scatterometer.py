@@ -4,8 +4,6 @@ Statistical tests have fixed seeds and compare within `SIGMAS` standard errors o
 comparison, 3e-4 for the file (300 comparisons, most of them bins), should random numbers be drawn anew.
 """
 
-from __future__ import annotations
-
 import itertools
 import pickle
 from concurrent.futures import ThreadPoolExecutor

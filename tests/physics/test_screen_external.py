@@ -1,7 +1,5 @@
 """Light from outside the picture: the two-stream column and single scattering against closed forms, a lattice, and photons."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

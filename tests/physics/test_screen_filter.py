@@ -1,7 +1,5 @@
 """Fog in screen space: the filter against every pair of pixels, and both against integrals over the asset's kernels."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

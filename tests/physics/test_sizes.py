@@ -1,7 +1,5 @@
 """Size distributions against closed forms, scipy and brute force."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Media between the baked wavelengths: what is claimed of the interpolation covers what a bake at those wavelengths shows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

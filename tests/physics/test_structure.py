@@ -1,7 +1,5 @@
 """What tiles look like: crystals that are known in every digit, random arrangements with exact laws, theory of the fluid."""
 
-from __future__ import annotations
-
 import math
 
 import mpmath

@@ -3,8 +3,6 @@
 Fixed seeds; a comparison is within 5.5 standard errors, 4e-8 each, some 2e-5 for the file.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

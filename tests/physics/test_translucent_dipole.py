@@ -1,7 +1,5 @@
 """The directional dipole: its exitance is that of its fluence, and how much light it lets out of a half space."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -6,8 +6,6 @@ comparisons of pictures did not notice, and with 1.015 (all cases of later event
 mirror that takes 2 % less away.
 """
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -4,8 +4,6 @@ Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.  Shown to f
 beams 3 % too bright (quadratures), without negative beams (a white world), and with places of a candidate drawn alike.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -188,9 +186,15 @@ def few(monkeypatch):
         monkeypatch.setattr(mutations, name, value)
 
 
-def passes(how, boundary="negative", *, count, seed=0, layer="", method="metropolis+tables", kinds=slice(None)):
+def layers_of(how, *layers, count, boundary="negative", seed=0, method="metropolis+tables", kinds=slice(None)):
+    """Passes (count, H, W, 3) of each layer, which are rendered once for all of them."""
     parts = methods.parts(how, method, boundary, seed)[kinds]
-    return np.array([sum(part.render(number)[layer] for part in parts) for number in range(count)])
+    rendered = [[part.render(number) for part in parts] for number in range(count)]
+    return [np.array([sum(part[layer] for part in each) for each in rendered]) for layer in layers]
+
+
+def passes(how, boundary="negative", *, layer="", **more):
+    return layers_of(how, layer, boundary=boundary, **more)[0]
 
 
 def agree(ours, theirs, most=0.03):
@@ -235,8 +239,10 @@ def test_the_same_bytes_whatever_threads(baked, tmp_path, monkeypatch, few):
 def test_states_and_paths_agree(baked, tmp_path, few, index, mesh):
     """Of all light, and of three and more events."""
     how = transport(tmp_path, [baked(0.9, 0.3)], {"body": mesh}, SKY + PANEL, index, size=16)
-    for layer in ("", "orders"):
-        agree(passes(how, count=24, layer=layer), passes(how, count=40, seed=1, layer=layer, method="paths"))
+    of_states, of_paths = (layers_of(how, "", "orders", count=count, seed=seed, method=method)
+                           for seed, (method, count) in enumerate((("metropolis+tables", 24), ("paths", 40))))
+    for ours, theirs in zip(of_states, of_paths, strict=True):
+        agree(ours, theirs)
 
 
 @pytest.mark.slow
@@ -251,9 +257,10 @@ def test_boundaries_are_those_of_other_methods(baked, tmp_path, few, boundary):
 def test_points_behind_glass(baked, tmp_path, few):
     """Second events come of beams there."""
     how = transport(tmp_path, [baked(0.9)], {"ball": BALL}, POINT + FLOOR, 1.4, size=16)
-    for layer in ("order2", "orders"):
-        agree(*(passes(how, count=24, seed=seed, layer=layer, method=method, kinds=slice(1, 2))
-                for seed, method in enumerate(("metropolis+tables", "vrl+tables"))), most=0.05)
+    of_states, of_beams = (layers_of(how, "order2", "orders", count=24, seed=seed, method=method, kinds=slice(1, 2))
+                           for seed, method in enumerate(("metropolis+tables", "vrl+tables")))
+    for ours, theirs in zip(of_states, of_beams, strict=True):
+        agree(ours, theirs, most=0.05)
 
 
 @pytest.mark.slow

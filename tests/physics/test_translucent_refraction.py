@@ -4,8 +4,6 @@ The same energy twice: irradiance at points spread evenly in a body, and light t
 boundary.  Fixed seeds; they compare within 5 standard errors: a false alarm in 6e-7, should random numbers be drawn anew.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

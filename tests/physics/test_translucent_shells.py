@@ -3,8 +3,6 @@
 Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
 """
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -53,10 +51,11 @@ def transport(folder, around, index, albedo=ALBEDO):
     return shells.laid(how), how
 
 
-def means(how, name, count, layer="", seed=0):
-    """(passes, 3) means of pictures."""
+def means(how, name, count, *layers, seed=0):
+    """(passes, 3) means of pictures, of each layer."""
     part = methods.parts(how, name, "none", seed)[0]
-    return np.array([part.render(number)[layer].mean(axis=(0, 1)) for number in range(count)])
+    rendered = [part.render(number) for number in range(count)]
+    return [np.array([each[layer].mean(axis=(0, 1)) for each in rendered]) for layer in layers]
 
 
 def walked(radius, wave, count, rng):
@@ -111,7 +110,7 @@ def jumped(made, at, origin, direction, weight, states):
 def test_a_white_world_stays_white(index, tmp_path):
     how, _ = transport(tmp_path, SKY, index, albedo=1.0)
     # of all wavelengths together: what one gains by chance another loses, however many jumps there are
-    found = means(how, "shells", 16).mean(axis=1)
+    found = means(how, "shells", 16, "")[0].mean(axis=1)
     noise = found.std(ddof=1) / len(found)**0.5
     assert noise < 0.02
     assert abs(found.mean() - 1) < sigmas(len(found)) * noise + 1e-6
@@ -120,8 +119,9 @@ def test_a_white_world_stays_white(index, tmp_path):
 @pytest.mark.parametrize(("index", "around"), [slow(1.0, PANEL), slow(1.4, SKY)])  # paths seldom find a panel through glass
 def test_jumps_and_events_agree(index, around, tmp_path, count=40):
     jumps, events = transport(tmp_path, around, index)
-    for layer in ("", "order1", "order2"):
-        ours, theirs = means(jumps, "shells", count, layer), means(events, "paths", count, layer, seed=1)
+    layers = "", "order1", "order2"
+    of_jumps, of_events = means(jumps, "shells", count, *layers), means(events, "paths", count, *layers, seed=1)
+    for layer, ours, theirs in zip(layers, of_jumps, of_events, strict=True):
         assert np.all(stats.ttest_ind(ours, theirs, equal_var=False).pvalue > ODDS), layer
         # orders that jumps leave alone are rare in a ball as large as this
         assert layer or np.all(ours.std(axis=0, ddof=1) < 0.2 * count**0.5 * ours.mean(axis=0)), "nothing would be seen"

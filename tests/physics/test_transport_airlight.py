@@ -3,8 +3,6 @@
 Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -81,6 +79,7 @@ def test_white_rooms_with_light_samples_along_all_flights(tmp_path, everything_i
     test_transport_media.test_a_white_room(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_white_sky_over_haze_that_reaches_further_than_surfaces(tmp_path, monkeypatch):
     """Radiance 1 from inside of a lossless box 8 m wide, whose only surface is a small lamp, looked for however faint; 1.06
     where light of the sky has only come past what lies within a ball around that lamp."""

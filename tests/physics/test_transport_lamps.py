@@ -3,8 +3,6 @@
 Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -247,18 +245,16 @@ def test_small_lamps_are_not_noisy(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("meshes, indices, boundary", [
-    ({"ball": (BALL, GREY)}, [1.4], BOUNDARIES[1.4]),
     ({"ball": (BALL, GREY)}, [1.4], FACETS),
     ({"bumpy": (bumpy(5.0), FORWARD)}, [1.4], BOUNDARIES[1.4]),
     ({"bumpy": (bumpy(5.0), loops.asset([0.95, 0.9, 0.8], 0.5, (6.0, 7.0, 8.0)))}, [1.4], BOUNDARIES[1.4]),
-    ({"cube": (CUBE, GREY)}, [1.4], FACETS),
     ({"cube": (CUBE, GREY)}, [1.4], BOUNDARIES[1.4]),
     ({"outer": ((1.3 * BALL[0], BALL[1]), loops.asset(0.9, 0.0, (5.0, 5.0, 5.0))), "inner": (BALL, GREY)}, [1.0, 1.4],
      BOUNDARIES[1.4]),
     ({"outer": (BALL, GREY), "inner": ((0.5 * BALL[0], BALL[1]), loops.asset(0.9, 0.0))}, [1.4, 1.0], BOUNDARIES[1.4]),
     ({"left": (loops.box((-4, -2, -2), (0, 2, 2)), GREY), "right": (loops.box((0, -2, -2), (4, 2, 2)), FORWARD)}, [1.4, 1.0],
      FACETS),
-], ids=["ball", "facets", "bumpy", "thin", "cube", "cube-shaded", "in-matched", "matched-in", "touching"])
+], ids=["facets", "bumpy", "thin", "cube-shaded", "in-matched", "matched-in", "touching"])
 def test_as_paths_that_meet_lamps_by_chance(tmp_path, every, monkeypatch, meshes, indices, boundary):
     """By blocks of the picture and orders, under a panel, beside an obstacle."""
     monkeypatch.setitem(loops.bodies.BOUNDARIES, 1.4, boundary)
@@ -268,11 +264,10 @@ def test_as_paths_that_meet_lamps_by_chance(tmp_path, every, monkeypatch, meshes
 
 @pytest.mark.slow
 @pytest.mark.parametrize("meshes, boundary", [
-    ({"ball": (BALL, GREY)}, BOUNDARIES[1.4]),
     ({"bumpy": (bumpy(5.0), FORWARD)}, BOUNDARIES[1.4]),
     ({"cube": (CUBE, GREY)}, BOUNDARIES[1.4]),
     ({"left": (loops.box((-4, -2, -2), (0, 2, 2)), GREY), "right": (loops.box((0, -2, -2), (4, 2, 2)), FORWARD)}, FACETS),
-], ids=["ball", "bumpy", "cube-shaded", "touching"])
+], ids=["bumpy", "cube-shaded", "touching"])
 def test_directions_as_paths_that_meet_lamps_by_chance(tmp_path, none, monkeypatch, meshes, boundary):
     """The same where directions are drawn."""
     monkeypatch.setitem(loops.bodies.BOUNDARIES, 1.4, boundary)

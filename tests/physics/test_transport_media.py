@@ -3,8 +3,6 @@
 Comparisons with chance go wrong once in 1e7 seeds; seeds are fixed.
 """
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -5,8 +5,6 @@ beside Monte Carlo figures the same of their standard errors.  So a stage is wat
 of it moves is seen: the projections see values in another order, which keep mean and root mean square.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

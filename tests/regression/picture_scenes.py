@@ -4,8 +4,6 @@ A small scene is what stands around (XML of Mitsuba), a camera, and materials: a
 its entry.  `Small.write` makes the files of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple

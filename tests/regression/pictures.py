@@ -13,8 +13,6 @@ have other random numbers than those that were kept.
 meant to change is begun again by `--anew`, and the changelog says why.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import re

@@ -4,8 +4,6 @@
 format, and begins the list of a raised version.
 """
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 

@@ -1,7 +1,5 @@
 """What `pictures.json` keeps of pictures, and how a new run is compared with it; three entries of it, rendered anew."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

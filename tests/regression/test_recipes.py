@@ -4,8 +4,6 @@
 the version of their stage was raised, or the recipe changed; the changelog says why.
 """
 
-from __future__ import annotations
-
 import copy
 import json
 import math

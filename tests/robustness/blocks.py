@@ -1,7 +1,5 @@
 """Blocks for clusters of tests: they run in worker processes, which import them by name."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

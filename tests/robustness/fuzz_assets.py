@@ -4,8 +4,6 @@ Each command must end with a status of the contract, within its time and memory,
 `python -m tests.robustness.fuzz_assets --seconds 600`; a failure names its number, which `--only NUMBER` repeats.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import io

@@ -1,7 +1,5 @@
 """A server of objects (moto's) as a process of its own, which tests may kill, and the plainest of clients."""
 
-from __future__ import annotations
-
 import json
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """Blocks on a Dask cluster: the values of one process, workers of another version refused, workers and schedulers that die."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -80,7 +78,7 @@ def test_what_is_no_address_is_refused(call, drops, tmp_path, address):
 
 @pytest.mark.parametrize(("address", "encrypted", "says"), [
     slow("tls://localhost:9", "False", "Dask has no certificates for it; its options distributed.comm.tls.ca-file"),
-    ("tcp://localhost:9", "True", "where no Dask scheduler answers (encryption required by Dask configuration"),
+    slow("tcp://localhost:9", "True", "where no Dask scheduler answers (encryption required by Dask configuration"),
 ])
 def test_an_address_that_dask_cannot_call_ends_at_once(drops, tmp_path, address, encrypted, says):
     """Clients that fail while they connect wait for a minute to be collected, unless they are closed."""

@@ -1,7 +1,5 @@
 """Frames and passes on a Dask cluster: the bytes of one machine, whichever workers live, and faults in the renderer's words."""
 
-from __future__ import annotations
-
 import os
 import signal
 from types import SimpleNamespace

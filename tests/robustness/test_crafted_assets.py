@@ -3,8 +3,6 @@
 The fuzzer of `fuzz_assets.py` found most of these; a handful of its assets run here, ten minutes of them in `make fuzz`.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

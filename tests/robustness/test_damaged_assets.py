@@ -1,7 +1,5 @@
 """Corrupted and forged assets: found by `open` and by `verify`, never a wrong value."""
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -19,7 +17,7 @@ from bakery.asset.verify import _broken, contract, verify
 from bakery.errors import AssetError
 from bakery.store.tree import Dataset, Group, text
 from bakery.store.write import write
-from tests.conftest import ROOT
+from tests.conftest import ROOT, slow
 from tests.samples import resealed, sealed_bytes, small_asset, with_member
 
 
@@ -87,8 +85,7 @@ print(json.dumps(counts))
 """
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("rounds", [70, pytest.param(2500, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("rounds", [slow(70), pytest.param(2500, marks=pytest.mark.soak)])
 def test_corruption_under_a_digest_that_fits(rounds):
     """The digest is computed again after the corruption: hashes inside, HDF5's checksums and the structure are what is left.
 

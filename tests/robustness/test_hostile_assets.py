@@ -4,8 +4,6 @@ All are read in one child process that may take 200 MB more than it has after it
 the tests.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os

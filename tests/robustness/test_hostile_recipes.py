@@ -4,8 +4,6 @@
 pair of files.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

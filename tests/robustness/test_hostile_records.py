@@ -1,7 +1,5 @@
 """What earlier runs left behind, changed by others: records, metadata, names.  Each is told or left out, none is a traceback."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

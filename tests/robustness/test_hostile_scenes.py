@@ -1,7 +1,5 @@
 """Scenes made to do harm: each is refused with one sentence before Mitsuba opens anything, and before anything is computed."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

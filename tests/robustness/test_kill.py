@@ -1,7 +1,5 @@
 """Bakes that are killed, stopped and started together: no broken file, no finished stage lost, the same values afterwards."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal

@@ -1,7 +1,5 @@
 """Address limits (`ulimit -v`), under which OpenBLAS and LLVM end the process or loop for ever by themselves."""
 
-from __future__ import annotations
-
 import resource
 import tracemalloc
 

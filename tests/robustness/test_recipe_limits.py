@@ -3,8 +3,6 @@
 What is squared, inverted or divided by turns up here: `medium.phase.spread: 1e-300 deg`, `packing.radii: []`.
 """
 
-from __future__ import annotations
-
 import copy
 import json
 import math

@@ -1,7 +1,5 @@
 """Writes that go wrong: whatever fails, and whenever, the old asset or the new one stands there whole, and nothing else."""
 
-from __future__ import annotations
-
 import errno
 import os
 import random

@@ -1,7 +1,5 @@
 """A small exporter: the medium's albedo as one line of text."""
 
-from __future__ import annotations
-
 from bakery.errors import UsageError
 from bakery.export.declaration import Exporter, Job, Option, Written
 from bakery.store.outputs import FileKind

@@ -1,7 +1,5 @@
 """A small size distribution: all radii up to the largest are equally frequent."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """A small method of each kind of material: of particles walks in their medium, of grains and bodies what others do already."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from renderers.materials.bodies.declared import paths

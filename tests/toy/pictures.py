@@ -1,7 +1,5 @@
 """The picture and the table of the group `echo`."""
 
-from __future__ import annotations
-
 from bakery.draw.picture import Picture
 from bakery.draw.table import Table
 

@@ -1,7 +1,5 @@
 """Stage `echo`: the sum of a geometric series, one for each wavelength."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

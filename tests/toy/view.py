@@ -1,7 +1,5 @@
 """What the group `echo` can be asked."""
 
-from __future__ import annotations
-
 from bakery.stages.declaration import Answer
 from bakery.stages.members import Members
 

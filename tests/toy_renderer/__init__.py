@@ -3,8 +3,6 @@
 Along any ray the integral of sigma_s exp(-sigma_t t) over t is the albedo: radiance = albedo phase(angle to the sun) irradiance.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from renderers.camera import Camera

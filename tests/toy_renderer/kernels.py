@@ -1,7 +1,5 @@
 """The toy renderer's loop: compiled, with look-ups through `bakery.kernels`."""
 
-from __future__ import annotations
-
 from numba import njit
 
 from bakery import kernels

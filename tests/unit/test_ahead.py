@@ -1,7 +1,5 @@
 """Kernels that are compiled ahead, and turns of processes that compile."""
 
-from __future__ import annotations
-
 import gc
 import inspect
 import json

@@ -1,7 +1,5 @@
 """Amounts of particles by number, volume and mass, and the histograms of instruments, as recipes state them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,11 +1,7 @@
 """`bakery.open`: what a user of an asset sees."""
 
-from __future__ import annotations
-
 import math
 import pickle
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +14,6 @@ from bakery.stages.coordinates import standard_error, stated_error
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group
 from bakery.store.write import write
-from tests.conftest import ROOT
 from tests.samples import small_asset, with_member
 
 
@@ -174,9 +169,3 @@ def test_arrays_know_their_units(asset):
 
 def test_tree_is_what_read_gives(asset):
     assert asset.tree.attributes == read(asset.path).attributes
-
-
-def test_import_loads_nothing_heavy():
-    script = "import sys, bakery; print(sorted({'numpy', 'h5py', 'numba', 'scipy'} & set(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, timeout=60)
-    assert done.stdout == "[]\n", done.stderr

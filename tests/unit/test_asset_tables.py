@@ -1,7 +1,5 @@
 """docs/asset-format.md and the stages' declarations agree, and every declared shape is enforced."""
 
-from __future__ import annotations
-
 import re
 import runpy
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """How `auto` is chosen: what pilots say of made-up passes, and what is taken by that.  No clock is asserted."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -1,7 +1,5 @@
 """A bake by the library has one thread of matrices, and gives back those it took."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Boundaries that refract by normals which are means over sharp edges, or that lie on glass, are told."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 

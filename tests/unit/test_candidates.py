@@ -1,7 +1,5 @@
 """Which ways to render a scene there are, by what the methods of its entries declare."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

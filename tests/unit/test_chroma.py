@@ -1,7 +1,5 @@
 """Hues of denoised pictures: spots of coloured noise go, what is no noise stays."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter

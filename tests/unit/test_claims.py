@@ -1,7 +1,5 @@
 """Pages of claims: each claim that is measured again has its table and its picture there, and each place its claim."""
 
-from __future__ import annotations
-
 import re
 from importlib import import_module
 

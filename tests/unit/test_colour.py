@@ -1,7 +1,5 @@
 """Wavelengths to colour, and pictures to files."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

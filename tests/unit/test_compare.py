@@ -1,7 +1,5 @@
 """`compare`: what counts as a difference, and how large it is said to be."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

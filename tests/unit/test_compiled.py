@@ -1,7 +1,5 @@
 """Kept kernels are those of all the sources that they were compiled from."""
 
-from __future__ import annotations
-
 import gc
 import os
 import pickle

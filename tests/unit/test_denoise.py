@@ -1,7 +1,5 @@
 """Pictures without their noise: what a filter may change, when it runs, and what pixels show of a scene."""
 
-from __future__ import annotations
-
 import sys
 import types
 

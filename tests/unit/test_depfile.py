@@ -1,7 +1,5 @@
 """Depfiles as Make and Ninja read them, with names that need guarding."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Differences of pictures: the error beneath the noise, the bias of the mean, what is not known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

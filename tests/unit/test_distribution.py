@@ -1,7 +1,5 @@
 """The distribution's name: `bakery` on the package index is somebody else's, so nothing may tell a user to install it."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 

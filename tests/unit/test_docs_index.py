@@ -1,7 +1,5 @@
 """docs/index.md leads to every page, and no link of README or docs leads nowhere."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """The examples of docstrings run as they stand; they take NumPy and bakery from the reader."""
 
-from __future__ import annotations
-
 import doctest
 from importlib import import_module
 

@@ -1,7 +1,5 @@
 """Entries of `materials`: of which kind each is, which renderer they are for, what is told where something does not fit."""
 
-from __future__ import annotations
-
 import h5py
 import pytest
 

@@ -1,7 +1,5 @@
 """Families of a medium given by numbers: baked, opened, interpolated, damaged, compared."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Scenes of format 1 as texts of format 2, and the message that has them."""
 
-from __future__ import annotations
-
 import pytest
 
 from bakery.errors import RecipeError

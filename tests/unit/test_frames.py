@@ -1,7 +1,5 @@
 """Frames of a sequence: numbers as they are asked for, values between others, faults with their lines, the scene of a frame."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The page of all recipes and scenes: each is on it, with a picture or what makes one; texts stay texts."""
 
-from __future__ import annotations
-
 import runpy
 
 from tests.conftest import ROOT

@@ -1,7 +1,5 @@
 """Assets laid out for the renderer of grains: which tile, which units, which voxels hold surfaces of the scene."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

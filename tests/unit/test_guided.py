@@ -1,7 +1,5 @@
 """Grains without their noise: how much is taken away, and what of the grains stays."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

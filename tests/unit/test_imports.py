@@ -1,7 +1,5 @@
 """The layers of docs/architecture.md, kept by reading every import statement."""
 
-from __future__ import annotations
-
 import ast
 import gc
 import re
@@ -221,22 +219,6 @@ def test_physics_knows_arrays_only():
         for name in imports(path):
             known = OUTSIDE | ENGINE.get(str(path.relative_to(ROOT)), set())
             assert name.startswith("bakery.") or name.split(".")[0] in known, f"{path} imports {name}"
-
-
-def test_no_circles_in_physics():
-    """File by file: those that import none of the others are taken away, until nothing is left."""
-    files = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
-             for path in modules("bakery/physics")}
-    needs = {}
-    for module, path in files.items():
-        named = set(imports(path))
-        needs[module] = {other for other in files if other != module and (other in named or any(
-            name.rpartition(".")[0] == other and name not in files for name in named))}
-    while needs:
-        free = [module for module, others in needs.items() if not others & needs.keys()]
-        assert free, f"circle among {sorted(needs)}"
-        for module in free:
-            del needs[module]
 
 
 def test_private_names_stay_in_their_package():

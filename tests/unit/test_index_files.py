@@ -1,7 +1,5 @@
 """Refractive indices from files of refractiveindex.info and of the Aerosol Refractive Index Archive, as a recipe's materials."""
 
-from __future__ import annotations
-
 import random
 from importlib.util import find_spec
 from pathlib import Path

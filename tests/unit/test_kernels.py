@@ -1,7 +1,5 @@
 """`bakery.kernels`: a kernel compiled outside of bakery calls the look-ups and gets the values that `bakery.open` gives."""
 
-from __future__ import annotations
-
 import importlib
 import math
 import sys

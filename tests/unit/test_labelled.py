@@ -1,7 +1,5 @@
 """Assets as xarray's labelled arrays: what those hold, and that the way back gives the same asset."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 

@@ -1,7 +1,5 @@
 """Coatings, mixtures and growth as recipes state them, and what is baked of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -175,6 +173,7 @@ def test_five_hundred_wavelengths(write, tmp_path):
     assert extinction[77] == pytest.approx(there, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_masses_and_shells_can_be_swept(write, tmp_path):
     """sigma_t goes with the mass of the particles, which grows with their shells."""
     keys = f"density: 1.8 g/cm^3, coating: {COAT}thickness: 10 nm, density: 1.77 g/cm^3}}"

@@ -1,7 +1,5 @@
 """Kernels that only other kernels call have no machine code of their own, and are what they are with it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numba import njit as njit_of_numba

@@ -1,7 +1,5 @@
 """Renders that are looked at: what an observer sees and stops, pictures one after another, frames for a page."""
 
-from __future__ import annotations
-
 import io
 import os
 import signal

@@ -1,7 +1,5 @@
 """A picture always comes out: which variant is chosen for which LLVM, and what happens with the machine's own."""
 
-from __future__ import annotations
-
 import glob
 import importlib.util
 import os
@@ -77,6 +75,7 @@ def test_system_llvm_still_gives_a_picture(version):
     assert done.stdout.startswith("scalar_rgb | ") and "pip install" in done.stdout
 
 
+@pytest.mark.slow
 def test_missing_library_still_gives_a_picture(tmp_path):
     done = run(tmp_path / "libLLVM.so")
     assert done.returncode == 0, done.stderr

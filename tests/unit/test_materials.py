@@ -1,7 +1,5 @@
 """The tables that ship, against formulas, published checkpoints and each other."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Normals at the vertices of meshes, as scenes are loaded."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,7 +1,5 @@
 """What assets show in notebooks, and what they are asked from Python."""
 
-from __future__ import annotations
-
 import errno
 import math
 

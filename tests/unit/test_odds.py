@@ -1,7 +1,5 @@
 """What statistical tests allow chance."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

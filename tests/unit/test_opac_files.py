@@ -1,7 +1,5 @@
 """A medium of the text of an OPAC component: `medium: {file: suso99, number_density: 3000 /cm^3}`."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

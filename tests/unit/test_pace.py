@@ -1,7 +1,5 @@
 """What passes take, from the times at which progress is told: without what comes before them, and what compiles in the first."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The stage `packing`: from a recipe to tiles in an asset, its rules, what is refused, what is exported and drawn."""
 
-from __future__ import annotations
-
 import math
 import threading
 from dataclasses import replace

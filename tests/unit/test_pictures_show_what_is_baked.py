@@ -1,7 +1,5 @@
 """`bake plot` computes no physics: pictures look up what the bake stored."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

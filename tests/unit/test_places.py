@@ -1,7 +1,5 @@
 """Which of the materials that fill one mesh is the innermost."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What runs and why: the plan against made-up stages and recipes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Pictures from passes: noise, what stops them, interruptions, and going on from a file."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

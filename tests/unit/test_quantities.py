@@ -1,7 +1,5 @@
 """Optical quantities in one table, moments and expansion coefficients of assets: against miepython, and at extremes."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """Every error names file, line, key, what was found and what would do; all at once, each once."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """Packed grains in recipes: every shape, surface and option, in and out."""
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 import math
@@ -10,7 +8,6 @@ import re
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 import ruamel.yaml
 
@@ -289,37 +286,6 @@ def test_the_recipes_tolerance_carries_the_grains(write):
     assert load(write(GRAINS), {"tolerance": "10%"}).scatterometer.tolerance == 0.05
     own = GRAINS + "scatterometer: {tolerance: 0.1%}\n"
     assert load(write(own), {"tolerance": "10%"}).scatterometer.tolerance == 0.001
-
-
-def test_overrides(write):
-    path = write(GRAINS)
-    recipe = load(path, {
-        "grains.components[0].surface.roughness": "0.2",
-        "grains.components.b.shape": "{type: aggregate, bodies: 3}",
-        "grains.components.c.surface.material": "copper",
-        "scatterometer.tolerance": "1%",
-        "scatterometer.triangles": "coarse",
-        "effective_medium.walks": "5000",
-        "grains.host": "air",
-    })
-    a, b, c, _ = recipe.grains.components
-    assert a.surface.roughness == 0.2 and b.shape["bodies"] == 3 and b.shape["type"] == "aggregate"
-    assert c.surface.material.name == "copper" and c.surface.material.k[1] > 2.5
-    assert (recipe.scatterometer.tolerance, recipe.scatterometer.triangles) == (0.01, 1300)
-    assert recipe.effective_medium.walks == 5000 and recipe.grains.host.name == "air"
-    assert recipe.where("scatterometer.tolerance") == "--set scatterometer.tolerance"
-    again = load(write(recipe.text, "again.yaml"))
-    assert again.leaves == recipe.leaves
-    with pytest.raises(RecipeError, match=r"--set grains.components\[0\].surface.roughness: .* found \"2\""):
-        load(path, {"grains.components[0].surface.roughness": "2"})
-
-
-def test_arrays_stay_as_they_are(write):
-    grain = load(write(GRAINS)).grains.components[0]
-    for array in (grain.interior.absorption, grain.surface.material.n):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 1
-    assert np.array_equal(pickle.loads(pickle.dumps(grain)).interior.absorption, grain.interior.absorption)
 
 
 def test_editors_accept_every_kind(write):

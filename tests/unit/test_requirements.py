@@ -1,7 +1,5 @@
 """What scenes require of recipes: the union over scenes, the shares of a tolerance, and the rules against what they stand for."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

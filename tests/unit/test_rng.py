@@ -1,7 +1,5 @@
 """Random streams: names and words are unique, numbers of one stream are no other's, nothing else draws numbers."""
 
-from __future__ import annotations
-
 import ast
 import itertools
 

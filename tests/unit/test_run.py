@@ -1,7 +1,5 @@
 """The runner and its cache, with two small stages of the tests' own."""
 
-from __future__ import annotations
-
 import os
 import re
 import threading

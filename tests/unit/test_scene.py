@@ -1,7 +1,5 @@
 """Scene files and what they name: every fault with its line, pictures and cameras as Mitsuba has them, files of densities."""
 
-from __future__ import annotations
-
 import re
 import struct
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Temporary folders of one's own: gone at the end, and after a kill with the next run."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

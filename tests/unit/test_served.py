@@ -1,7 +1,5 @@
 """The server of a page: who is answered, what it gives, when it ends."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import socket

@@ -1,7 +1,5 @@
 """A cache that machines share, without machines: what is asked of a store, and what becomes of its faults."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import threading

@@ -1,7 +1,5 @@
 """Shortcuts through numba's compiler: kernels are what they are without them, and numba is as it was when they are left."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from typing import NamedTuple
@@ -159,6 +157,7 @@ assert max(young) < 2000, young
 """
 
 
+@pytest.mark.slow
 def test_compiling_leaves_little_to_collect_at_once():
     """In a process of its own: here all is frozen that there was before the first test.  It was 69,000 objects."""
     done = subprocess.run([sys.executable, "-c", COMPILING], capture_output=True, text=True)

@@ -1,7 +1,5 @@
 """Every snippet of README and docs: Python runs, recipes load, commands and their options exist."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re

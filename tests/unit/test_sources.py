@@ -1,7 +1,5 @@
 """What an asset's tables answer by coordinates, in space and along lines of sight, in the medium's mean free paths."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Stage `beam`: kernels that an asset gives, against moments, brute force and each other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The stage `discrete`: its sections, what it stores against the medium, the same for any workers, files that count as inputs."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Stages `grains` and `medium` from grains: what they store against closed forms, and what they refuse or remark."""
 
-from __future__ import annotations
-
 import math
 import sys
 from contextlib import suppress
@@ -202,6 +200,7 @@ def test_matched_index(bake, tmp_path):
     assert not (tmp_path / "no.h5").exists()
 
 
+@pytest.mark.slow
 def test_an_index_that_a_table_cannot_show_is_not_called_exact(bake):
     """Index 1.003: 1 - g is 1.57e-4, and 2.02e-4 by a table with an angle a degree; nothing walks for minutes."""
     asset = bake(component(n=1.003))

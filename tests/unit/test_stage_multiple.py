@@ -1,7 +1,5 @@
 """Stage `multiple`: tables against independent solutions, what the asset gives, and the extremes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

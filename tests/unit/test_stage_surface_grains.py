@@ -1,7 +1,5 @@
 """Stage `surface` of packed grains: what is baked, looked up, exported and refused."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The key `sweep` of recipes: what it takes, what it refuses, and where it says so."""
 
-from __future__ import annotations
-
 import pytest
 
 from bakery.errors import RecipeError

@@ -1,7 +1,5 @@
 """What pilots say of noise that few passes show too little of: made-up passes whose variance among more is known."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 

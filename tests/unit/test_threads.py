@@ -1,7 +1,5 @@
 """Threads of Dr.Jit: one where few rays come next."""
 
-from __future__ import annotations
-
 import pytest
 
 from renderers import threads

@@ -1,7 +1,5 @@
 """A size distribution is a class and one line in a list: recipes, schema, messages and the optics of a bake know it then."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

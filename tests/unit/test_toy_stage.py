@@ -1,7 +1,5 @@
 """A stage is its folder and one line in a list: with them it is found in every command."""
 
-from __future__ import annotations
-
 import json
 import os
 
@@ -125,6 +123,7 @@ def test_verify_and_diff(hall, call, tmp_path):
     assert status == 1 and "echo/loudness" in out
 
 
+@pytest.mark.slow
 def test_trade(hall, call):
     status, out, err = call("trade", "hall.yaml", "-o", "traded")
     assert status == 0, err

@@ -1,7 +1,5 @@
 """`bakery.trade`: the front, the knee and the search against known laws; noise; what is kept; the worker's process."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -1,7 +1,5 @@
 """Error against time of methods, each from one render: who is closest when, the knee, and what is said of a tolerance."""
 
-from __future__ import annotations
-
 import pytest
 
 from bakery.trade.methods import Curve, advised, compared, contenders, times

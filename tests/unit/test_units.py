@@ -1,7 +1,5 @@
 """Numbers with units: one closed table, one rounding."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

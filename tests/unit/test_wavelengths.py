@@ -1,7 +1,5 @@
 """Wavelengths in the wrong unit are told as a warning, or with the error of the material that has no data there."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Layers whose reflectance tests look up: solved once, without a bake."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

@@ -3,8 +3,6 @@
 Draws are seeded.  A test that compares with chance is made so that a right program fails it with odds below 1e-6.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from pathlib import Path

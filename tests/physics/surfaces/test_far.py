@@ -1,7 +1,5 @@
 """Bodies as their baked surfaces: what is expected of that, and where `auto` takes one."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 
@@ -124,6 +122,7 @@ def test_pixels_and_the_bend_decide_where_a_surface_is_offered(tmp_path):
     assert "is expected, and 2.5 % allowed" in refused["materials[0] by surface"]
 
 
+@pytest.mark.slow
 def test_a_body_is_its_surface_from_where_that_keeps_the_tolerance(tmp_path):
     """Nearer with a larger tolerance; nowhere with the least; and as the scene says, at no distance and at any."""
     field, world = opened(tmp_path, EYE)

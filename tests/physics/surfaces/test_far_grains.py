@@ -3,8 +3,6 @@
 Statistical tests have fixed seeds; limits are six standard errors of both sides: false alarms in 2e-9 a comparison.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

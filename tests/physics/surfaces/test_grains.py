@@ -4,8 +4,6 @@ Statistical tests have fixed seeds; limits are six standard errors of both sides
 single pair of directions is asked for: a false alarm in 1e-6 a run, should random numbers be drawn anew.
 """
 
-from __future__ import annotations
-
 import math
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache

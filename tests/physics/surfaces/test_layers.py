@@ -1,7 +1,5 @@
 """Plane layers against closed forms, published figures and laws of conservation."""
 
-from __future__ import annotations
-
 import math
 
 import mpmath

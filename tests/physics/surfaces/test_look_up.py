@@ -1,7 +1,5 @@
 """Tables of layers in compiled loops: within their error of the solutions, reciprocal, and right at the limits."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

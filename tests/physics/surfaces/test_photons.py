@@ -1,7 +1,5 @@
 """Layers under a smooth boundary against photons that are counted one by one: what comes back, by angle, and what passes."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

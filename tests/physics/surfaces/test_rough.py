@@ -1,7 +1,5 @@
 """Rough boundaries: energy, reciprocity, the smooth limit, facets counted one by one."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Draws are seeded; comparisons with chance fail a right program with the odds of `tests.odds`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Layers of different media on each other: against one layer, closed forms, and two programs of others."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from dataclasses import replace
