@@ -11,12 +11,9 @@ scattering, mean, noise, and processor seconds to a noise of 1 %.  Assets are ta
 
 import argparse
 import math
-import sys
 import time
 import xml.etree.ElementTree as xml
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 from ruamel.yaml import YAML

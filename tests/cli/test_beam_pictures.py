@@ -1,4 +1,4 @@
-"""`bake plot` of narrow beams: what is drawn is what the asset holds; the benchmark's pictures: what photons count."""
+"""`bake plot` of narrow beams: what is drawn is what the asset holds."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from bakery.draw.picture import drawn
 from bakery.report import figures
 from bakery.stages.beam import pictures as beam
 from bakery.store.read import read
-from benchmarks import beam_pictures as compared
 
 RECIPE = """\
 bakery: 1
@@ -27,13 +26,6 @@ beam: {{depth: {depth}, photons: 20000}}
 NAMES = ["beam_maps", "beam_sections", "beam_errors"]
 TABLES = (("all directions", "fluence"), ("forward, fluence", "forward"), ("forward, flux", "flux"),
           ("small-angle model", "small_angle"))
-
-
-@pytest.fixture(scope="module", autouse=True)
-def few_photons():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(compared, "_PHOTONS", 30_000)
-        yield
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +46,7 @@ def ray(bake):
 
 @pytest.fixture(scope="module")
 def found(ray):
-    return {picture.name: picture for of in (beam, compared) for picture in of.pictures(read(ray))}
+    return {picture.name: picture for picture in beam.pictures(read(ray))}
 
 
 def columns(picture):
@@ -82,49 +74,10 @@ def test_the_errors_are_those_of_the_bake(found, ray):
             assert data[f"{label} {word} [%]"].tolist() == (100 * group[f"{table}_{end}"].data[:2]).tolist()
 
 
-def test_the_compared_maps_show_the_kernels(found, ray):
-    """At 0.55 um, the middle one of those that scatter: rings in the middle of the map are as wide as they are smooth."""
-    data = columns(found["beam_photons_maps"])
-    z, r = data["z [mfp]"], data["r [mfp]"]
-    assert z.size == 2500 and z.max() == pytest.approx(5) and r.max() == pytest.approx(4.95)
-    away = (r > 0.4) & (z > 1)
-    asset = bakery.open(ray)
-    for label, name in (("transport", "forward"), ("error function", "erf"), ("path integral", "path_integral"),
-                        ("small-angle, absorption", "small_angle_absorbing"), ("Elek et al., approximate", "elek")):
-        exact = 2 * np.pi * r * asset.beam.kernel(z, r, name)[1]
-        assert np.abs(data[f"{label} [1/mfp]"] - exact)[away].max() < 0.03 * exact[away].max(), label
-
-
-def test_photons_agree_with_transport(found):
-    """Mean square deviation in standard errors of the rings of the sections that photons are sure of (neighbours are nearly
-    independent): 1, with errors of transport of 1 %; above 3 once in 1e6.  A kernel that is 25 % too bright is found out.
-    """
-    data = columns(found["beam_photons_sections"])
-    assert set(np.round(data["z [mfp]"], 6)) == {1.0, 2.5, 5.0}
-    value, error, exact = (data[f"{name} [1/mfp]"] for name in ("photons", "photons standard error", "transport"))
-    sure = (error < 0.1 * value) & (error > 0)
-    assert sure.sum() > 30
-    value, error, exact = value[sure], error[sure], exact[sure]
-    assert np.mean(((value - exact) / error) ** 2) < 3
-    assert np.mean(((value - 1.25 * exact) / error) ** 2) > 3
-
-
-def test_the_best_kernel_has_the_least_error(found):
-    data = columns(found["beam_photons_errors"])
-    assert set(data["wavelength [um]"]) == {0.45, 0.55}  # at 0.65 um nothing is scattered
-    for um in (0.45, 0.55):
-        for measure in ("fluence", "flux"):
-            own = (data["wavelength [um]"] == um) & (data["measure"] == measure)
-            error = dict(zip(data["kernel"][own], data["error [1]"][own], strict=True))
-            assert min(error, key=error.get) == "transport"
-            assert error["transport"] < 0.05 < error["error function"] < error["path integral"]
-    assert (data["noise [1]"] < 0.05).all() and (data["noise [1]"] > 0).all()
-
-
 def test_each_picture_with_its_data(found, ray):
     """They are among those of the asset, are drawn, come with their numbers, and are the same on every run."""
     again = {picture.name: picture for picture in figures.pictures(read(ray)) if picture.name.startswith("beam")}
-    assert list(again) == NAMES and list(found) == NAMES + [f"beam_photons_{name.removeprefix('beam_')}" for name in NAMES]
+    assert list(again) == list(found) == NAMES
     for name in NAMES:
         picture = found[name]
         svg = drawn(picture, ("svg",))["svg"]
@@ -136,13 +89,10 @@ def test_each_picture_with_its_data(found, ray):
 
 
 def test_too_narrow_for_transport_and_too_thin(bake):
-    """Half a degree: the best kernel is the small-angle model and is called so; rings follow the light."""
+    """Half a degree: rings follow the light."""
     root = read(bake(albedo=0.8, wavelengths="[0.5]", spread=0.2, depth=0.02))
     data = columns(next(beam.pictures(root)))
     assert data["z [mfp]"].max() == pytest.approx(0.02) and data["r [mfp]"].max() < 3e-4
-    data = columns(next(compared.pictures(root)))
-    assert data["z [mfp]"].max() == pytest.approx(0.02) and data["r [mfp]"].max() < 3e-4
-    assert "small-angle model [1/mfp]" in data and "transport [1/mfp]" not in data
 
 
 def test_nothing_scattered_nothing_drawn(bake):
