@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from pathlib import Path
 
 
@@ -34,12 +33,3 @@ def beheaded(scheduler):
 def refused(number):
     """A file that a block does not find is the block's own fault."""
     raise FileNotFoundError(f"block {number}")
-
-
-def slow_once(mark, number):
-    """Takes seconds the first time that block 0 runs, and a moment else."""
-    if number == 0 and not Path(mark).exists():
-        Path(mark).touch()
-        time.sleep(6.0)
-    time.sleep(0.01)
-    return number
