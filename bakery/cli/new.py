@@ -16,7 +16,7 @@ from bakery.errors import UsageError
 @click.option("-o", "--output", type=click.Path(), metavar="FILE or DIR/",
               help="The recipe; DIR/, or an existing folder, gets KIND.yaml.  Default: KIND.yaml in the current folder.")
 @click.option("--mesh", type=click.Path(), metavar="FILE",
-              help="Also write a scene in which the material fills this closed mesh: PLY, OBJ, STL, OFF or 3MF.")
+              help="Also write a scene in which the material fills this closed mesh: PLY, OBJ, STL or OFF.")
 @click.option("--mitsuba", type=click.Path(), metavar="FILE.xml",
               help="Also write a scene in which the material, such as fog, fills the air of this Mitsuba scene.")
 @click.option("--unit", metavar="UNIT", help="Length of one unit of the mesh or the Mitsuba scene: mm, cm, m, um, km, in or ft.")

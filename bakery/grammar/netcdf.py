@@ -35,7 +35,7 @@ def read(data: bytes, wanted: frozenset[str]) -> dict[str, Variable]:
     """The variables of those names at the root of a file; raises `Wrong`."""
     if not is_netcdf(data):
         raise Wrong("found no NetCDF file" + (" but an empty one" if not data else ""),
-                    "expected NetCDF 3 or 4 (.nc, .cdf), or OPAC's text of a component")
+                    "expected NetCDF 3 or 4 (.nc, .cdf)")
     try:
         with np.errstate(all="ignore"):  # bytes that are no numbers
             variables = _hdf5(data, wanted) if data.startswith(HDF5) else _classic(data, wanted)

@@ -30,8 +30,8 @@ CALLS = {
     "cluster": ("overhead", "speed", "killed"), "emitter": ("ASSET --pictures FOLDER/sheet.png",), "granular": ("--quick",),
     "multiple": ("--photons",), "packing": ("", "--jamming"), "pictures": ("ASSET",),
     "first_picture": ("-o FOLDER",), "requirements": ("--pictures",), "scatterometer": ("", "--accuracy"),
-    "small_lamps": ("", "--bias"), "translucent": ("--folder FOLDER",),
-    "translucent_reference": ("--room ASSET -o FOLDER",), "variants": ("-o FOLDER",),
+    "small_lamps": ("", "--bias"),
+    "variants": ("-o FOLDER",),
 }
 
 
