@@ -9,7 +9,7 @@ xarray is imported where it is asked for.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -173,8 +173,8 @@ def _plain(value):
     return value.item() if isinstance(value, np.generic) or isinstance(value, np.ndarray) and value.size == 1 else value
 
 
-def write_asset(root: Group, path: str | os.PathLike, overwrite: bool) -> None:
-    """Write a tree as an asset, after all that its stages check."""
+def write_asset(root: Group, path: str | os.PathLike, overwrite: bool, inputs: Sequence[str] = ()) -> None:
+    """Write a tree as an asset, after all that its stages check; inputs : files that it must not replace."""
     from bakery.stages.conform import faults, stages_of
     from bakery.store.outputs import ASSET, check_outputs
     from bakery.store.write import write
@@ -182,5 +182,5 @@ def write_asset(root: Group, path: str | os.PathLike, overwrite: bool) -> None:
     def broken(root: Group) -> list[str]:
         return faults(root) or [rule for stage in stages_of(root) for rule in stage.check(root[stage.name])]
 
-    check_outputs([(path, ASSET)], [], overwrite)
+    check_outputs([(path, ASSET)], inputs, overwrite)
     write(path, root, check=broken)
