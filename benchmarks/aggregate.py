@@ -9,11 +9,7 @@ sigma_t 0.45 in 1/radius, in light from everywhere; the aggregate fills the pict
 
 import argparse
 import resource
-import sys
 import time
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 

@@ -8,9 +8,6 @@ what a look-up and a table cost.  `--layers` does only these; `--pictures` draws
 import math
 import sys
 import time
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 

@@ -16,11 +16,7 @@ lossless light is conserved: shares over those without absorption.
 """
 
 import argparse
-import sys
 import time
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 

@@ -18,11 +18,8 @@ left half), which tells how the filter errs where rays meet the wall at up to 30
 
 import argparse
 import math
-import sys
 import time
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 

@@ -10,12 +10,9 @@ is gained over paths that find lamps by chance hangs on their size.
 
 import argparse
 import re
-import sys
 import tempfile
 import time
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 

@@ -13,12 +13,9 @@ the better of `volpath` and `volpathmis`, with and without; differences of the m
 """
 
 import argparse
-import sys
 import tempfile
 from pathlib import Path
 from types import SimpleNamespace
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 

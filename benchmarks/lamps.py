@@ -17,13 +17,10 @@ none was among the rounds.
 
 import argparse
 import re
-import sys
 import tempfile
 import time
 from pathlib import Path
 from types import SimpleNamespace
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 

@@ -11,13 +11,10 @@ Error against mutations in shipped scenes: `python -m benchmarks.figures_translu
 """
 
 import argparse
-import sys
 import tempfile
 import time
 from pathlib import Path
 from types import SimpleNamespace
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 

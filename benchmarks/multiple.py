@@ -7,9 +7,6 @@ With --photons: what photons cost for the error that they reach.
 import math
 import sys
 import time
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 

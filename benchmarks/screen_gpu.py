@@ -9,12 +9,9 @@ complete on the card; `with copy`: when it is an array of NumPy again.
 
 import argparse
 import dataclasses
-import sys
 import tempfile
 import time
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 

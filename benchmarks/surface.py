@@ -7,13 +7,10 @@ installed; how far light spreads; what half spaces of packed balls take.
 
 import importlib.util
 import math
-import sys
 import tempfile
 import time
 import warnings
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 

@@ -10,11 +10,6 @@ Second table, of grains: sigma_t R by Eq. 4, exact in the mean for both, and wha
 spreads in the tile, as sigma_t over that of Eq. 4.  The medium of a body takes the factor at 0.6 at all fractions.
 """
 
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 import numpy as np
 from numba import njit
 

@@ -14,14 +14,11 @@ which that is 0.8 % too dark, over that of `volpath`, which has few bright pixel
 """
 
 import argparse
-import sys
 import tempfile
 import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import NamedTuple
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 

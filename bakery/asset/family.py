@@ -91,11 +91,10 @@ class Interpolated(Asset):
         UsageError : nothing can be written there, it is the family, or (but for `overwrite`) what stands there is no asset
         StoreError : the system refused
         """
-        check_outputs([(path, ASSET)], [str(self.provenance.attributes["family"])], overwrite)
-
         def broken(root: Group) -> list[str]:
             return faults(root) or [rule for stage in stages_of(root) for rule in stage.check(root[stage.name])]
 
+        check_outputs([(path, ASSET)], [str(self.provenance.attributes["family"])], overwrite)
         write(path, self.tree, check=broken)
         return Path(path)
 

@@ -152,7 +152,9 @@ def _baked(recipes, plans, failures, where, keep_going, depfile, told) -> int:
         missed = max(missed, status_of_missed(outcome.baked.output, outcome.baked.missed))
     progress.close()
     if told.as_json:
-        print_json([done[index].as_dict() if index in done else _failure(recipe, *failures.get(index, ("", 0)))
+        failed = {index: failures.get(index, ("not started", 0)) for index in range(len(recipes))}
+        print_json([done[index].as_dict() if index in done else
+                    {"recipe": str(recipe), "failed": failed[index][0], "status": failed[index][1]}
                     for index, recipe in enumerate(recipes)])
     else:
         _print_paths(recipes, done, dict.fromkeys(range(len(recipes))), printed)
@@ -166,11 +168,6 @@ def _print_paths(recipes, done, failures, printed: int) -> int:
             print_paths([done[printed].output])
         printed += 1
     return printed
-
-
-def _failure(recipe, message: str, status: int) -> dict:
-    """Of a recipe without an asset, for machines: what went wrong, or that it was not started (status 0)."""
-    return {"recipe": str(recipe), "failed": message or "not started", "status": status}
 
 
 def _tell(recipes, failures, done, keep_going: bool) -> int:

@@ -16,7 +16,7 @@ from bakery.errors import UsageError
 @click.option("-o", "--output", type=click.Path(), metavar="FILE or DIR/",
               help="The recipe; DIR/, or an existing folder, gets KIND.yaml.  Default: KIND.yaml in the current folder.")
 @click.option("--mesh", type=click.Path(), metavar="FILE",
-              help="Also write a scene in which the material fills this closed mesh: PLY, OBJ, STL, OFF or 3MF.")
+              help="Also write a scene in which the material fills this closed mesh: PLY, OBJ, STL or OFF.")
 @click.option("--mitsuba", type=click.Path(), metavar="FILE.xml",
               help="Also write a scene in which the material, such as fog, fills the air of this Mitsuba scene.")
 @click.option("--unit", metavar="UNIT", help="Length of one unit of the mesh or the Mitsuba scene: mm, cm, m, um, km, in or ft.")
@@ -24,9 +24,8 @@ from bakery.errors import UsageError
 @click.option("--up", type=click.Choice(["z", "y"]), help="Axis of the mesh that points up.  [default: z]")
 @click.option("--list", "as_list", is_flag=True, help="List all kinds, materials, recipes and scenes, as without KIND.")
 @click.option("--overwrite", is_flag=True, help="Replace existing files.")
-@click.option("--force", is_flag=True, hidden=True)
 @json_option
-def command(kind, output, mesh, mitsuba, as_list, overwrite, force, as_json, **size):
+def command(kind, output, mesh, mitsuba, as_list, overwrite, as_json, **size):
     """Write a recipe to start from: of a KIND (fog, sand, family, scene, …), of a published material (espresso, opac_fog, …), or
     a shipped recipe or scene.
 
@@ -41,8 +40,6 @@ def command(kind, output, mesh, mitsuba, as_list, overwrite, force, as_json, **s
     if as_list or not kind:
         _list(as_json)
         return
-    if force:
-        remark("--force is called --overwrite here, as everywhere")
     recipe = Path(kind) if mesh and Path(kind).suffix in (".yaml", ".yml") and Path(kind).is_file() else None
     kind = kind.removesuffix(".yaml")
     target = _target(kind if recipe is None else str(recipe.with_suffix("")), output)
@@ -57,7 +54,7 @@ def command(kind, output, mesh, mitsuba, as_list, overwrite, force, as_json, **s
         files, remarks = _as_it_ships(kind, target), []
     files = {target.parent / name: content for name, content in files.items()}
     standing = [path for path, content in files.items() if path.exists() and not _is(path, content)]
-    if standing and not (overwrite or force):
+    if standing and not overwrite:
         raise UsageError(f"{standing[0]}: exists already; choose another file with -o, or replace it with --overwrite")
     written = [str(path) for path in put_all(files)]
     if as_json:

@@ -20,14 +20,12 @@ from bakery.scenes import is_scene
 @recipe_options
 @click.option("--methods", metavar="A,B,C", shell_complete=offers.scene_methods,
               help="For a scene: methods to measure, in place of all; written as for `bake compare`.")
-@click.option("--beside", type=click.Path(), multiple=True, metavar="FILE",
-              help="For a scene: another scene of the same picture, for another renderer; repeatable.")
 @click.option("--measure", metavar="NAME",
               help="For a recipe: error to rank settings by, such as phase_pointwise.  Default: the stage's first.")
 @click.option("--budget", type=float, default=5.0, show_default=True, metavar="MINUTES", help="Time that the runs may take.")
 @overwrite_option
 @told_options
-def command(source, output, asked, methods, beside, measure, budget, overwrite, told):
+def command(source, output, asked, methods, measure, budget, overwrite, told):
     """Measure true error against time: over settings of each stage of a RECIPE, or over the methods of a SCENE and their
     settings.
 
@@ -42,7 +40,7 @@ def command(source, output, asked, methods, beside, measure, budget, overwrite, 
     if not scene and source.lower().endswith(".xml"):
         raise UsageError(f'found "{source}", which is no scene (.yaml); those of Mitsuba have no methods to measure')
     refused = {"stage": asked.stage, "scene": asked.scenes, "quality": asked.quality, "measure": measure} \
-        if scene else {"methods": methods, "beside": beside}
+        if scene else {"methods": methods}
     for name, value in refused.items():
         if value:
             raise UsageError(f"--{name}: {source} is a {'scene' if scene else 'recipe'}, which has none; leave it out")
@@ -50,8 +48,8 @@ def command(source, output, asked, methods, beside, measure, budget, overwrite, 
     progress = choose(told.quiet)
     try:
         if scene:
-            value, lines = _of_scene(source, output, methods, values, seed_of(asked.seed), budget=budget, beside=beside,
-                                     progress=progress, verbose=told.verbose, overwrite=overwrite)
+            value, lines = _of_scene(source, output, methods, values, seed_of(asked.seed), budget=budget, progress=progress,
+                                     verbose=told.verbose, overwrite=overwrite)
         else:
             value, lines = _of_recipe(source, output, values, asked, measure=measure, budget=budget, progress=progress,
                                       verbose=told.verbose, overwrite=overwrite)

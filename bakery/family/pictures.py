@@ -57,7 +57,8 @@ def _figures(i: int, axes, middle, tables: Tables, family: Group, um, at: str) -
             (plain_numbers if figure_name == "g" else partial(positive_axis, values=line.figures[figure_name]))(panel)
         _errors(last, axis, error, float(family.attributes["tolerance"]))
         for panel in (panels[-1], last):
-            panel.set_xlabel(_label(axis))
+            unit = _unit(axis).replace("um", "µm")
+            panel.set_xlabel(name + (f" ({unit})" if unit != "1" else ""))
         legend_beside(figure, panels[0])
 
     columns = [(f"{name} [{_unit(axis)}]", line.values), ("point", line.point.astype(int))]
@@ -127,9 +128,12 @@ def _phases(i: int, axes, middle, tables: Tables, um, at: str) -> Picture:
     degrees = np.degrees(tables.theta)
 
     def draw(figure):
+        from matplotlib import colormaps
+
+        shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(curves)))  # in the order of the axis
         all_angles, near = figure.subplots(1, 2, width_ratios=(1.7, 1), sharey=True)
         for panel in (all_angles, near):
-            for (label, curve), colour in zip(curves.items(), _shades(len(curves)), strict=True):
+            for (label, curve), colour in zip(curves.items(), shades, strict=True):
                 panel.plot(degrees, np.where(curve > 0, curve, np.nan), color=colour, label=label)
         all_angles.set(yscale="log", xlim=(0, 180), xlabel="scattering angle θ (°), 0 = forward", ylabel="phase function (1/sr)")
         all_angles.set_xticks(range(0, 181, 30))
@@ -143,13 +147,6 @@ def _phases(i: int, axes, middle, tables: Tables, um, at: str) -> Picture:
                    tuple(columns))
 
 
-def _shades(count: int):
-    """One colour a curve, in the order of the axis."""
-    from matplotlib import colormaps
-
-    return colormaps["viridis"](np.linspace(0.0, 0.85, count))
-
-
 def _scale(axis: Axis) -> float:
     """Lengths are shown in µm."""
     return 1e6 if axis.first.units == "m" else 1.0
@@ -157,8 +154,3 @@ def _scale(axis: Axis) -> float:
 
 def _unit(axis: Axis) -> str:
     return "um" if axis.first.units == "m" else axis.first.units.replace("/", "1/")
-
-
-def _label(axis: Axis) -> str:
-    unit = _unit(axis).replace("um", "µm")
-    return axis.first.name + (f" ({unit})" if unit != "1" else "")

@@ -69,16 +69,21 @@ def dataset(file, name: str, most: int):
         where = where[step]
     if not isinstance(where, h5py.Dataset):
         raise Wrong(f"found {show(name)}, a group", f"expected the name of a dataset ({_datasets(file)})")
-    if where.is_virtual or where.external or where.compression not in _FILTERS:
-        raise Wrong(f"found {show(name)}, which is not stored in the file itself in a layout that is known here",
-                    "expected a dataset without filters, or with gzip or lzf")
     check_shape(where.shape or (), where.dtype, most)
-    # what a bomb of zeros unpacks to, or values never written, which HDF5 makes up; 1100 is the most that deflate can save
-    stored = min(where.id.get_storage_size(), file.id.get_filesize())
-    if where.size * where.dtype.itemsize > 1100 * stored + (1 << 20):
-        raise Wrong(f"found {show(name)} of {where.size:,} values, most of which the file does not hold",
-                    "expected a dataset that was written whole")
+    check_stored(file, where, name, "dataset")
     return where
+
+
+def check_stored(file, array, name: str, noun: str) -> None:
+    """`Wrong` unless a dataset of an open HDF5 file lies in that file, as long as it says; `noun` says what it is."""
+    if array.is_virtual or array.external or array.compression not in _FILTERS:
+        raise Wrong(f"found {show(name)}, which is not stored in the file itself in a layout that is known here",
+                    f"expected a {noun} without filters, or with gzip or lzf")
+    # what a bomb of zeros unpacks to, or values never written, which HDF5 makes up; 1100 is the most that deflate can save
+    stored = min(array.id.get_storage_size(), file.id.get_filesize())
+    if array.size * array.dtype.itemsize > 1100 * stored + (1 << 20):
+        raise Wrong(f"found {show(name)} of {array.size:,} values, most of which the file does not hold",
+                    f"expected a {noun} that was written whole")
 
 
 def _datasets(file) -> str:

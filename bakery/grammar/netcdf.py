@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bakery.grammar.grids import check_stored
 from bakery.grammar.text import show
 from bakery.grammar.units import Wrong
 
 BYTES = 512 << 20  # of a file
 MOST = 1 << 27  # values of a variable
 CLASSIC, HDF5 = (b"CDF\x01", b"CDF\x02"), b"\x89HDF\r\n\x1a\n"
-_FILTERS = {"gzip", "lzf", None}
 # what the libraries raise at damaged files
 _DAMAGED = (OSError, ValueError, KeyError, RuntimeError, EOFError, TypeError, IndexError, AssertionError, OverflowError,
             MemoryError, AttributeError, struct.error)
@@ -26,16 +26,11 @@ class Variable(NamedTuple):
     units: str
 
 
-def is_netcdf(data: bytes) -> bool:
-    """Whether a file begins as NetCDF 3 or HDF5 does."""
-    return data.startswith((*CLASSIC, HDF5))
-
-
 def read(data: bytes, wanted: frozenset[str]) -> dict[str, Variable]:
     """The variables of those names at the root of a file; raises `Wrong`."""
-    if not is_netcdf(data):
+    if not data.startswith((*CLASSIC, HDF5)):
         raise Wrong("found no NetCDF file" + (" but an empty one" if not data else ""),
-                    "expected NetCDF 3 or 4 (.nc, .cdf), or OPAC's text of a component")
+                    "expected NetCDF 3 or 4 (.nc, .cdf)")
     try:
         with np.errstate(all="ignore"):  # bytes that are no numbers
             variables = _hdf5(data, wanted) if data.startswith(HDF5) else _classic(data, wanted)
@@ -68,14 +63,8 @@ def _hdf5(data: bytes, wanted) -> dict[str, Variable]:
             if not isinstance(file.get(name, getlink=True), h5py.HardLink) or not isinstance(file[name], h5py.Dataset):
                 raise Wrong(f"found {show(name)}, which is no variable in the file itself", "expected numbers")
             variable = file[name]
-            if variable.is_virtual or variable.external or variable.compression not in _FILTERS:
-                raise Wrong(f"found {show(name)}, which is not stored in the file itself in a layout that is known here",
-                            "expected a variable without filters, or with gzip or lzf")
             _check(name, variable.shape or (), variable.dtype)
-            # 1100 is the most that deflate can save
-            if variable.size * variable.dtype.itemsize > 1100 * variable.id.get_storage_size() + (1 << 20):
-                raise Wrong(f"found {show(name)} of {variable.size:,} values, most of which the file does not hold",
-                            "expected a variable that was written whole")
+            check_stored(file, variable, name, "variable")
             _packed(name, variable.attrs)
             variables[name] = Variable(np.array(variable[()], float), _hdf5_units(name, variable))
         return variables

@@ -1,6 +1,4 @@
-"""Optical properties of a medium from files: the text of OPAC (`opac_files`), and NetCDF.
-
-NetCDF is that of libRadtran (its `mie` tool and OPAC), of Eradiate, and of our own export.
+"""Optical properties of a medium from NetCDF files: of libRadtran (its `mie` tool and OPAC), of Eradiate, and of our own export.
 
 | | libRadtran | Eradiate, Aer-Core v2 and v1 | `bake export --to netcdf` |
 |---|---|---|---|
@@ -17,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bakery.grammar import netcdf, opac_files
+from bakery.grammar import netcdf
 from bakery.grammar.netcdf import Variable
 from bakery.grammar.text import show
 from bakery.grammar.units import Wrong
@@ -28,7 +26,7 @@ _V1 = ("w", "mu", "sigma_t", "albedo", "phase", "i", "j")
 _OURS = ("wavelength", "scattering_angle", "extinction_coefficient", "single_scattering_albedo", "phase_function")
 _WANTED = frozenset((*_LIBRADTRAN, *_CORE, *_V1, *_OURS, "reff", "hum"))
 RADIUS, HUMIDITY = "effective_radius", "humidity"
-MASS, NUMBER = "mass_concentration", "number_density"
+MASS = "mass_concentration"
 _LENGTHS = {"micrometer": 1.0, "micrometers": 1.0, "micrometre": 1.0, "micrometres": 1.0, "micron": 1.0, "microns": 1.0,
             "um": 1.0,
             "µm": 1.0, "μm": 1.0, "nm": 1e-3, "nanometer": 1e-3, "nanometers": 1e-3, "nanometre": 1e-3, "nanometres": 1e-3,
@@ -53,18 +51,15 @@ class OpticalProperties(NamedTuple):
     wavelength: np.ndarray  # (W,) um, ascending
     axis: str  # what the second axis is: `RADIUS`, `HUMIDITY` or ""
     values: np.ndarray  # (P,) um or 1, ascending; (1,) where there is no such axis
-    # (W, P) 1/m of `per` = 1, that is m^2/kg of a mass concentration, m^2 of a number density; 1/m where there is none
-    extinction: np.ndarray
+    extinction: np.ndarray  # (W, P) m^2/kg of the mass in `per`, 1/m where there is none
     albedo: np.ndarray  # (W, P) 1
     rows: tuple[tuple[Row, ...], ...]  # W tuples of P `Row`s
     integral: float  # the integral over cos theta that rows should have
-    per: str  # `MASS` or `NUMBER`, the key whose amount 1 kg/m^3 or 1 /m^3 the extinction is of; "" where it is the medium's own
+    per: str  # `MASS` where the extinction is that of 1 kg/m^3; "" where it is the medium's own
 
 
 def read(data: bytes) -> OpticalProperties:
     """The optical properties of a file; raises `Wrong`."""
-    if opac_files.is_opac(data):
-        return _checked(_opac(data))
     variables = netcdf.read(data, _WANTED)
     for names, reader in ((_LIBRADTRAN, _libradtran), (_CORE, _eradiate), (_V1, _eradiate_v1), (_OURS, _ours)):
         if set(names) <= variables.keys():
@@ -77,13 +72,6 @@ def read(data: bytes) -> OpticalProperties:
     raise Wrong(f"found the variables {', '.join(sorted(variables)) or 'of no kind that is known here'}",
                 f"expected those of libRadtran ({', '.join(_LIBRADTRAN)}, and reff or hum), of Eradiate ({', '.join(_CORE)}), or "
                 f"of `bake export --to netcdf` ({', '.join(_OURS)})")
-
-
-def _opac(data: bytes) -> OpticalProperties:
-    wavelength, area, albedo, theta, phases = opac_files.read(data)
-    rows = tuple((_row(theta, phase),) for phase in phases)
-    return OpticalProperties(wavelength, "", np.zeros(1), area.reshape(-1, 1), albedo.reshape(-1, 1), rows, 1 / (2 * math.pi),
-                             NUMBER)
 
 
 def _scaled(variables: dict[str, Variable], name: str, units: dict[str, float], default: str = "") -> np.ndarray:

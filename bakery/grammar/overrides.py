@@ -43,11 +43,6 @@ def put(label: str, root: Mapping, key: str, new: Node) -> str:
     return _dotted(_put(label, root, _path(label, key), new))
 
 
-def written(node: Node) -> str:
-    """A value on one line, as `--set` would take it."""
-    return _written(node)
-
-
 def _wrong(label: str, found: str, expected: str) -> RecipeError:
     return RecipeError([Problem(label, None, None, "", found, expected)])
 
@@ -152,17 +147,17 @@ def _rekey(node: Node, key: str) -> None:
 def _edit(label: str, document: str, path: list[str | int], new: Node) -> str:
     """The text with the node at the path replaced, or added to the mapping above it."""
     source = Source(label, document)
-    node, written = text.parse(source).root, _written(new)
+    node, line = text.parse(source).root, written(new)
     for depth, step in enumerate(path):
         if isinstance(node, Mapping) and step not in node:
             for name in reversed(path[depth + 1 :]):
-                written = f"{{{_word(name)}: {written}}}"
-            return _insert(source, node, f"{_word(step)}: {written}")
+                line = f"{{{_word(name)}: {line}}}"
+            return _insert(source, node, f"{_word(step)}: {line}")
         node = node[step]
     begin = node.place.begin
     end = begin + len(document[begin : node.place.end].rstrip())  # a block ends where the next key starts
     space = " " if begin and not document[begin - 1].isspace() and document[begin - 1] not in "[{" else ""
-    return document[:begin] + space + written + document[end:]
+    return document[:begin] + space + line + document[end:]
 
 
 def _insert(source: Source, mapping: Mapping, entry: str) -> str:
@@ -175,12 +170,12 @@ def _insert(source: Source, mapping: Mapping, entry: str) -> str:
     return document[:at] + entry + "\n" + " " * indent + document[at:]
 
 
-def _written(node: Node) -> str:
-    """A node on one line."""
+def written(node: Node) -> str:
+    """A value on one line, as `--set` would take it."""
     if isinstance(node, Mapping):
-        return "{" + ", ".join(f"{_word(name)}: {_written(child)}" for name, child in node.items()) + "}"
+        return "{" + ", ".join(f"{_word(name)}: {written(child)}" for name, child in node.items()) + "}"
     if isinstance(node, Sequence):
-        return "[" + ", ".join(map(_written, node)) + "]"
+        return "[" + ", ".join(map(written, node)) + "]"
     return json.dumps(node.text, ensure_ascii=False) if node.quoted else _word(node.text)
 
 

@@ -94,11 +94,11 @@ class Plan:
                 "warnings": [warning.as_dict() for warning in self.recipe.warnings]}
 
 
-def chosen(recipe, only: Sequence[str] = ()) -> list[Stage]:
-    """The stages that a recipe asks for, upstream ones first; with `only`, those and what they need."""
+def chosen(recipe, only: Sequence[str] = (), stages: Sequence[Stage] = ()) -> list[Stage]:
+    """The stages that a recipe asks for, upstream ones first; with `only`, those and what they need; of `stages`, else of all."""
     from bakery.stages import all_stages
 
-    applicable = [stage for stage in all_stages() if stage.applies(recipe)]
+    applicable = [stage for stage in stages or all_stages() if stage.applies(recipe)]
     names = [stage.name for stage in applicable]
     for name in only:
         if name not in names:
@@ -120,14 +120,14 @@ class Wanted(NamedTuple):
     input_hash: str
 
 
-def wanted(recipe, only: Sequence[str] = ()) -> list[Wanted]:
-    """The stages that a recipe asks for, upstream ones first; with `only`, those and what they need."""
-    stages, hashes = [], {}
-    for stage in chosen(recipe, only):
+def wanted(recipe, only: Sequence[str] = (), stages: Sequence[Stage] = ()) -> list[Wanted]:
+    """What `chosen` gives, with hashes."""
+    listed, hashes = [], {}
+    for stage in chosen(recipe, only, stages):
         inputs = parts(stage, recipe, hashes)
         hashes[stage.name] = input_hash(inputs)
-        stages.append(Wanted(stage, inputs, hashes[stage.name]))
-    return stages
+        listed.append(Wanted(stage, inputs, hashes[stage.name]))
+    return listed
 
 
 def make(

@@ -5,7 +5,8 @@ keys are wrong.  A key that is missing or malformed is passed over here: the sch
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -183,6 +184,16 @@ class Checker:
 
     # ---- files
 
+    @contextmanager
+    def _told(self, node: Node) -> Iterator[None]:
+        """What is wrong with a file, inside of the `with`, as a problem of the node that names it; the `with` ends there."""
+        try:
+            yield
+        except Wrong as wrong:
+            self.report(node, wrong.found, wrong.expected)
+        except tables.BadTable as bad:
+            self.problems += bad.problems
+
     def index(self, section: Mapping, name: str, default: str | None = None) -> Index | None:
         """Optical constants at the recipe's wavelengths, from a name, {n, k} or a file."""
         node, key = section.get(name), f"{section.place.key}.{name}"
@@ -241,39 +252,29 @@ class Checker:
             self.report(node or section, f"found {show(word)}, an unknown material",
                         f"expected {', '.join(names)}, or {{n: …, k: …}}, or {{file: …}}" + nearest(word, names))
             return None
-        anchor = node or section
-        try:
+        with self._told(node or section):
             data, file = self.folder.material(key, word)
             table = tables.read(data, f"assets/materials/{word}.csv", key, tables.INDEX)
-        except Wrong as wrong:
-            self.report(anchor, wrong.found, wrong.expected)
-            return None
-        except tables.BadTable as bad:
-            self.problems += bad.problems
-            return None
-        self.files.append(file)
-        return self._interpolate(anchor, word, table)
+            self.files.append(file)
+            return self._interpolate(node or section, word, table)
+        return None
 
     def _of_file(self, node: Mapping) -> Index | None:
         """Constants of a table of our own form, or of somebody else's file."""
-        name = self.value(node, "file")
-        try:
-            data = None if name is None else self.folder.read(node["file"].place.key, name)
-        except Wrong as wrong:
-            self.report(node["file"], wrong.found, wrong.expected)
+        name, where = self.value(node, "file"), node["file"]
+        if name is None:
             return None
-        if data is None or not index_files.is_foreign(data[0], name):
-            return self._interpolate(node["file"], name, self.table(node["file"], tables.INDEX), self._in_air(node, None))
-        try:
-            constants = index_files.read(data[0], name, node["file"].place.key, formulas.FEWEST, formulas.MOST)
-        except tables.BadTable as bad:
-            self.problems += bad.problems
-            return None
-        self.files.append(data[1])
-        if constants.k is None:
-            self.warnings.append(node["file"].place.problem(
-                f"found no k in {show(name)}: it is taken as clear", "is that meant? a CSV of wavelength_um,n,k has both"))
-        return self._at_wavelengths(node["file"], name, constants, self._in_air(node, constants.in_air))
+        with self._told(where):
+            data, file = self.folder.read(where.place.key, name)
+            if not index_files.is_foreign(data, name):
+                return self._interpolate(where, name, self.table(where, tables.INDEX), self._in_air(node, None))
+            constants = index_files.read(data, name, where.place.key, formulas.FEWEST, formulas.MOST)
+            self.files.append(file)
+            if constants.k is None:
+                self.warnings.append(where.place.problem(
+                    f"found no k in {show(name)}: it is taken as clear", "is that meant? a CSV of wavelength_um,n,k has both"))
+            return self._at_wavelengths(where, name, constants, self._in_air(node, constants.in_air))
+        return None
 
     def _in_air(self, node: Mapping, stated: bool | None) -> bool:
         """Whether n of a file is relative to air: the recipe's word, then the file's; else it is relative to vacuum."""
@@ -352,14 +353,8 @@ class Checker:
         if name is None:
             return None
         key = node.place.key
-        try:
+        with self._told(node):
             data, file = self.folder.read(key, name)
             self.found[key] = read(data, show(name, 300)[1:-1], key)
-        except Wrong as wrong:
-            self.report(node, wrong.found, wrong.expected)
-            return None
-        except tables.BadTable as bad:
-            self.problems += bad.problems
-            return None
-        self.files.append(file)
-        return self.found[key]
+            self.files.append(file)
+        return self.found.get(key)

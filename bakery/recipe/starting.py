@@ -50,11 +50,6 @@ def starts() -> dict[str, Start]:
     return by_name
 
 
-def start(name: str) -> Start:
-    """The one of a name, which is there."""
-    return starts()[name]
-
-
 def _of(folder: str) -> Iterator[Start]:
     for path in sorted((_root() / folder).glob("*.yaml")):
         if path.stem == "published":  # the figures of the sources

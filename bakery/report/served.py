@@ -11,7 +11,6 @@ import sys
 import threading
 import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Protocol
 from urllib.parse import parse_qs, unquote, urlsplit
 
 HOST = "127.0.0.1"
@@ -24,16 +23,6 @@ _IDLE = 60.0  # s after which a connection without a request is closed
 _PAGES = 64  # that are remembered at once
 
 
-class Source(Protocol):
-    """What is shown: `renderers.pictures.live.Watch`."""
-
-    def state(self, seen: int, seconds: float) -> dict: ...
-
-    def frame(self, name: str): ...
-
-    def stop(self) -> None: ...
-
-
 class Server:
     """Serves a page and what its script asks for, in threads of its own.
 
@@ -42,12 +31,12 @@ class Server:
     address : of the page
     """
 
-    def __init__(self, page: str, source: Source, port: int = 0):
+    def __init__(self, page: str, source, port: int = 0):
         """
         Parameters
         ----------
         page : HTML
-        source : what it shows
+        source : what it shows, `renderers.pictures.live.Watch`
         port : 0: a free one
 
         Raises

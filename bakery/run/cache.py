@@ -10,7 +10,6 @@ import errno
 import json
 import math
 import os
-import secrets
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -19,6 +18,7 @@ from pathlib import Path
 from bakery.errors import AssetError, StoreError, UsageError
 from bakery.run.entries import BAD, ENTRY, LOCKS, SCENES, SPEED, Held, held, is_entry, is_stage, key_of_asset
 from bakery.run.shared import Shared, is_shared
+from bakery.store.put import put
 from bakery.store.tree import Group
 
 KEEP = 16  # bakes kept of a kind of work
@@ -262,13 +262,8 @@ class Cache:
         speeds = self._speeds()
         measured = [entry for entry in speeds.get(kind, []) if entry[0] != key[:SHORT]]
         speeds[kind] = (measured + [(key[:SHORT], work, max(seconds, 1e-3))])[-KEEP:]
-        part = self.where / f".{SPEED}.{secrets.token_hex(8)}.part"
-        try:
-            part.write_text(json.dumps(speeds))
-            os.replace(part, self.where / SPEED)
-        except OSError:  # only the next plan's estimate is poorer
-            with suppress(OSError):
-                part.unlink()
+        with suppress(StoreError, UsageError):  # only the next plan's estimate is poorer
+            put(self.where / SPEED, json.dumps(speeds))
 
     def _speeds(self) -> dict[str, list[tuple[str, float, float]]]:
         try:

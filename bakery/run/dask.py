@@ -9,7 +9,7 @@ import re
 import time
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager, suppress
 
@@ -127,13 +127,9 @@ class Cluster(Executor):
         self._shared.move_to_end(key)
         return self._shared[key]
 
-    def send(self, key: str, workers: Sequence[str], *arguments) -> Future:
+    def send(self, workers: Iterable[str], *arguments) -> Future:
         """The future of a message, which one of some workers runs."""
-        return self._executor.submit(run, *arguments, key=key, workers=list(workers))
-
-    def holder(self, key: str) -> str | None:
-        """The worker that has a message."""
-        return next((address for address, keys in self._client.processing().items() if key in keys), None)
+        return self._executor.submit(run, *arguments, workers=list(workers))
 
     @contextmanager
     def _told(self) -> Iterator[None]:

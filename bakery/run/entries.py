@@ -22,7 +22,7 @@ ENTRY, BAD = ".h5", ".bad"
 SCENES, LOCKS = "scenes", "locks"  # folders inside of a cache
 SPEED = "speed.json"  # what stages took here, for the next plan
 _NAME = re.compile(r"(?P<name>[A-Za-z][A-Za-z0-9_-]{0,63})-(?P<key>[0-9a-f]{64})(?P<suffix>\.h5|\.bad)")
-_PART = re.compile(r"\..+\.part", re.DOTALL)
+_PART = re.compile(r"\..+\.(part|tmp)", re.DOTALL)
 _HEAD = FORMAT.encode() + b" "
 
 

@@ -15,7 +15,6 @@ from concurrent.futures import Future
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Protocol
 
 from bakery.errors import StoreError, UsageError
 from bakery.run.entries import has_form
@@ -32,21 +31,6 @@ _DAY = 86400.0
 def is_shared(address: str) -> bool:
     """Whether a value of BAKERY_CACHE names a store behind the cache, not the cache's own folder."""
     return "://" in address or is_network(address)
-
-
-class _Place(Protocol):
-    """Where entries lie by name; each call raises what the system or a library raises, FileNotFoundError for a missing entry."""
-
-    def load(self) -> None:
-        """Get ready what the others need of this machine."""
-
-    def size(self, name: str) -> int: ...
-
-    def read(self, name: str, size: int) -> bytes: ...
-
-    def write(self, name: str, data: bytes) -> None: ...
-
-    def names(self) -> list[tuple[str, int]]: ...
 
 
 class Shared:
@@ -162,7 +146,8 @@ def _reason(error: BaseException) -> str:
     return " ".join(text.split()) or type(error).__name__
 
 
-def _place_of(address: str) -> _Place:
+def _place_of(address: str) -> "Folder | Objects":
+    """Where entries lie by name; each call raises what the system or a library does, FileNotFoundError for a missing entry."""
     scheme, separator, path = address.partition("://")
     if not separator:
         return Folder(Path(address).absolute())

@@ -3,8 +3,7 @@
 A stage goes as its place in the list of stages, which every process of a bakery declares alike.
 """
 
-import io
-import pickle
+import copyreg
 import threading
 import time
 from multiprocessing.connection import Connection
@@ -16,14 +15,11 @@ from bakery.stages.declaration import Stage
 SELDOM = 0.2  # seconds between two words on how far a stage is
 
 
-class _Pickler(pickle.Pickler):
-    def persistent_id(self, value):
-        return all_stages().index(value) if isinstance(value, Stage) else None
+def _stage(place: int) -> Stage:
+    return all_stages()[place]
 
 
-class _Unpickler(pickle.Unpickler):
-    def persistent_load(self, place):
-        return all_stages()[place]
+copyreg.pickle(Stage, lambda stage: (_stage, (all_stages().index(stage),)))
 
 
 class Wire:
@@ -36,13 +32,11 @@ class Wire:
         self.connection, self._lock = connection, threading.Lock()
 
     def send(self, *message) -> None:
-        data = io.BytesIO()
-        _Pickler(data, protocol=5).dump(message)
         with self._lock:
-            self.connection.send_bytes(data.getbuffer())
+            self.connection.send(message)
 
     def receive(self) -> tuple:
-        return _Unpickler(io.BytesIO(self.connection.recv_bytes())).load()
+        return self.connection.recv()
 
 
 class Sent(Progress):

@@ -25,7 +25,7 @@ _FIRST, _REFERENCE = 0.3, 0.3
 _NOISE, _LEAST_NOISE = 0.5, 0.25
 
 
-def trade(source, output, names: str | None, settings: Mapping[str, str], seed, budget: float, progress, *, beside=(),
+def trade(source, output, names: str | None, settings: Mapping[str, str], seed, budget: float, progress, *,
           overwrite=False) -> dict:
     """Measures the points of a scene, and writes the page.
 
@@ -36,7 +36,6 @@ def trade(source, output, names: str | None, settings: Mapping[str, str], seed, 
     settings : dotted key -> value as text
     seed : of the passes, or None
     budget : minutes, of the clock
-    beside : paths of scenes of the same picture, for other renderers
     overwrite : replace also files of other kinds
 
     Returns
@@ -49,15 +48,10 @@ def trade(source, output, names: str | None, settings: Mapping[str, str], seed, 
     BakeryError : no point that may be the reference could be rendered
     """
     check_budget(budget)
-    loaded, *others = (load(path, settings) for path in (source, *beside))
+    loaded = load(source, settings)
     page = shared.page_at(output, loaded, "trade")
     jobs, refused = _jobs(loaded, names, page.with_suffix(""), settings, seed)
-    for second in others:
-        its_jobs = _jobs(second, None, page.with_suffix(""), settings, seed)
-        jobs += [job.beside() for job in its_jobs[0]]
-        refused |= {f"{second.section}: {name}": why for name, why in its_jobs[1].items()}
-    _distinct([loaded, *others])
-    shared.check(page, jobs, [path for loaded_scene in (loaded, *others) for path in loaded_scene.inputs], overwrite)
+    shared.check(page, jobs, loaded.inputs, overwrite)
     sweep = _Sweep(jobs, loaded, 60 * budget, progress, overwrite, refused)
     with folder_filled(page.with_suffix("")):
         sweep.run()
@@ -80,15 +74,6 @@ def _jobs(loaded, names, folder, settings, seed):
         except RecipeError as error:
             refused[name] = error.problems[0].found
     return jobs, refused
-
-
-def _distinct(scenes):
-    """UsageError unless each scene is for another renderer."""
-    sections = [scene.section for scene in scenes]
-    for scene in scenes[1:]:
-        if sections.count(scene.section) > 1:
-            raise UsageError(f"--beside: {scene.path} is for the renderer {scene.section}, like another one; give scenes of the "
-                             "same picture for different renderers")
 
 
 class _Sweep:
@@ -137,7 +122,7 @@ class _Sweep:
 
         Raises UsageError where all of them leave light out.
         """
-        exact = [rendered for name, rendered in self.made.items() if name in self.loaded.rules.EXACT]  # of the first scene
+        exact = [rendered for name, rendered in self.made.items() if name in self.loaded.rules.EXACT]
         whole = [rendered for rendered in exact if not rendered.report.get("left_out")]
         if exact and not whole:
             raise UsageError(f"{self.loaded.path}: every method leaves light out, so none is a reference for errors: "

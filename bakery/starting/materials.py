@@ -8,7 +8,7 @@ import numpy as np
 from bakery.errors import UsageError
 from bakery.grammar.fields import nearest
 from bakery.recipe import load
-from bakery.recipe.starting import Start, start, starts
+from bakery.recipe.starting import Start, starts
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def air(name: str) -> Start:
     """The recipe of what fills the air of a scene; UsageError with what may where it does not."""
     if name not in AIRS:
         raise _refused("--mitsuba", name, "does not fill the air of a scene", AIRS, "--mesh FILE" if name in FILLINGS else "")
-    return start(name)
+    return starts()[name]
 
 
 def _refused(option, name, why, accepted, other_option):

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from bakery.errors import UsageError
-from bakery.starting import three_mf
 
 UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3, "in": 0.0254, "ft": 0.3048}  # m
 SMALLEST, LARGEST = 1e-4, 1e4  # m, longest edge of a mesh's box
@@ -45,7 +44,7 @@ class Solid:
 def solid(path: Path, usual_height: float, unit: str | None = None, height: float | None = None, up: str = "z") -> Solid:
     """The mesh of a file as a solid of some size.
 
-    path : PLY, OBJ, STL, OFF or 3MF file
+    path : PLY, OBJ, STL or OFF file
     usual_height : m, of what such a mesh shows, by which a unit is guessed where neither the file nor the caller says one
     unit : one of `UNITS`, in place of the file's
     height : m, that the mesh shall have
@@ -81,9 +80,9 @@ def _read(path):
     from bakery.physics.shapes.limits import BYTES, KINDS
 
     kind = path.suffix.lower().lstrip(".")
-    if kind not in (*KINDS, "3mf"):
+    if kind not in KINDS:
         raise UsageError(f"{path}: found a name that ends in {path.suffix or 'nothing'}; expected a mesh in a "
-                         "file of PLY, OBJ, STL, OFF or 3MF")
+                         "file of PLY, OBJ, STL or OFF")
     try:
         if path.stat().st_size > BYTES:
             raise UsageError(f"{path}: found {path.stat().st_size / 2**20:.0f} MiB; expected a file of at most {BYTES >> 20} MiB")
@@ -91,10 +90,8 @@ def _read(path):
             raise UsageError(f"{path}: found a folder, pipe or device; expected a mesh file")
         data = path.read_bytes()
     except OSError as error:
-        raise UsageError(f"{path}: cannot be read: {error.strerror}; expected a mesh file (PLY, OBJ, STL, OFF or 3MF)") from None
+        raise UsageError(f"{path}: cannot be read: {error.strerror}; expected a mesh file (PLY, OBJ, STL or OFF)") from None
     try:
-        if kind == "3mf":
-            return three_mf.triangles(data)
         return *triangles(data, kind), _stated(data)
     except ValueError as fault:
         raise UsageError(f"{path}: {fault}") from None

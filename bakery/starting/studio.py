@@ -9,7 +9,7 @@ import numpy as np
 from bakery.draw.meshes import CREASE, smooth_normals
 from bakery.errors import UsageError
 from bakery.recipe import load
-from bakery.recipe.starting import start
+from bakery.recipe.starting import starts
 from bakery.run import draft
 from bakery.run.cache import Cache
 from bakery.starting.materials import Filling, filling, of_recipe
@@ -48,7 +48,7 @@ def in_studio(material: str | Path, mesh: Path, name: str, folder: Path, *, unit
     if isinstance(material, Path):
         path, files, written = material, {}, Path(os.path.relpath(material.resolve(), folder.resolve())).as_posix()
     else:
-        source, written = start(fill.recipe), f"{name}.yaml"
+        source, written = starts()[fill.recipe], f"{name}.yaml"
         path, files = source.path, source.files(name)
     recipe = load(path)
     gap, *about = _grains(body, mesh, recipe) if fill.index is None and recipe.grains is not None else _body(fill, body, recipe)

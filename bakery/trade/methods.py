@@ -97,24 +97,22 @@ def compared(curves: Sequence[Curve], tolerance: float) -> dict:
             "spread": {curve.name: curve.point(tolerance).spread for curve in curves}, "advised": best,
             "knee": None if chosen is None else {"name": at[chosen][0].name, "seconds": points[chosen].seconds,
                                                 "error": points[chosen].error},
-            "advice": [_closest(ranges), *([] if chosen is None else [_bend(at[chosen][0].name, points[chosen])]),
-                       *_for(curves, best, tolerance)],
+            "advice": list(_advice(ranges, None if chosen is None else (at[chosen][0].name, points[chosen]), curves, best,
+                                   tolerance)),
             "never": [curve.name for curve in curves if curve.least >= tolerance],
             "others": [_not_sure(curve, tolerance) for curve in curves if math.isinf(until[curve.name])]}
 
 
-def _closest(ranges):
+def _advice(ranges, knee, curves, best, tolerance):
+    """Sentences; knee : name and point, or None."""
     if len(ranges) == 1:
-        return f"{ranges[0]['name']} is closest to the reference at all times."
-    parts = [f"{span['name']} " + (f"up to {duration(span['end'])}" if span["end"] else "from there on") for span in ranges]
-    return f"Closest to the reference, by time of all cores together: {', '.join(parts)}."
-
-
-def _bend(name, point):
-    return f"Knee: {name} after {duration(point.seconds)}, {100 * point.error:.2g} %; from there on more time brings less."
-
-
-def _for(curves, best, tolerance):
+        yield f"{ranges[0]['name']} is closest to the reference at all times."
+    else:
+        parts = [f"{span['name']} " + (f"up to {duration(span['end'])}" if span["end"] else "from there on") for span in ranges]
+        yield f"Closest to the reference, by time of all cores together: {', '.join(parts)}."
+    if knee:
+        yield (f"Knee: {knee[0]} after {duration(knee[1].seconds)}, {100 * knee[1].error:.2g} %; from there on more time brings "
+               "less.")
     if best:
         yield _taken(best, tolerance)
     elif all(curve.least >= tolerance for curve in curves):

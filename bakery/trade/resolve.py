@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from importlib import import_module
 
+from bakery.plan import chosen, wanted
 from bakery.plan.inputs import input_hash, parts
 from bakery.stages.declaration import Stage
 
@@ -20,20 +21,12 @@ def find(stages: str, recipe, name: str) -> Stage:
 
 def above(stages: str, recipe, name: str) -> list[Stage]:
     """The stages that a stage needs, directly or not, upstream ones first."""
-    needed, upstream = set(find(stages, recipe, name).needs), []
-    for stage in reversed([stage for stage in all_of(stages) if stage.applies(recipe)]):
-        if stage.name in needed:
-            needed |= set(stage.needs)
-            upstream.append(stage)
-    return upstream[::-1]
+    return chosen(recipe, (name,), all_of(stages))[:-1]
 
 
 def hashes_above(stages: str, recipe, name: str) -> dict[str, str]:
     """Input hashes of those stages."""
-    hashes: dict[str, str] = {}
-    for stage in above(stages, recipe, name):
-        hashes[stage.name] = hash_of(stage, recipe, hashes)
-    return hashes
+    return {step.stage.name: step.input_hash for step in wanted(recipe, (name,), all_of(stages))[:-1]}
 
 
 def hash_of(stage: Stage, recipe, upstream: Mapping[str, str]) -> str:

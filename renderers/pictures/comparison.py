@@ -43,12 +43,6 @@ class Job:
     pair: tuple[Path, Path]
     seed: int | None
 
-    def beside(self) -> "Job":
-        """The same among those of another renderer: the name of its own before that of the method and of its files."""
-        section = self.scene.section
-        return dataclasses.replace(self, name=f"{section}: {self.name}",
-                                   pair=tuple(path.with_name(f"{section}_{path.name}") for path in self.pair))
-
     @property
     def record(self) -> Path:
         """Where its record is kept."""

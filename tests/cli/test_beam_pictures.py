@@ -87,7 +87,7 @@ def test_each_picture_with_its_data(found, ray):
 
 
 def test_too_narrow_for_transport_and_too_thin(bake):
-    """Rings follow the light."""
+    """Half a degree: rings follow the light."""
     root = read(bake(albedo=0.8, wavelengths="[0.5]", spread=0.2, depth=0.02))
     data = columns(next(beam.pictures(root)))
     assert data["z [mfp]"].max() == pytest.approx(0.02) and data["r [mfp]"].max() < 3e-4

@@ -13,7 +13,7 @@ import bakery
 from tests.conftest import ROOT
 
 FOLDER = ROOT / "benchmarks"
-SHARED = {"claims", "compiled_trace", "drawing", "peers", "planned", "sizes"}  # what benchmarks have in common
+SHARED = {"claims", "compiled_trace", "peers", "planned", "sizes"}  # what benchmarks have in common
 GEL = """bakery: 1
 name: gel
 wavelengths: [0.55]
@@ -24,12 +24,12 @@ beam: {depth: 4, photons: 4000, tolerance: 50%}
 """
 # arguments of each call; ASSET stands for an asset of `GEL`, FOLDER for an empty folder
 CALLS = {
-    "averages": ("", "--rates", "--model", "--whole"), "beam": ("", "--pictures"), "beam_pictures": ("ASSET -o FOLDER",),
+    "averages": ("", "--rates", "--model", "--whole"), "beam": ("", "--pictures"),
     "cluster": ("overhead", "speed", "killed"), "emitter": ("ASSET --pictures FOLDER/sheet.png",), "granular": ("--quick",),
-    "multiple": ("--photons",), "multiple_pictures": ("ASSET -o FOLDER",), "packing": ("", "--jamming"), "pictures": ("ASSET",),
+    "multiple": ("--photons",), "packing": ("", "--jamming"), "pictures": ("ASSET",),
     "first_picture": ("-o FOLDER",), "requirements": ("--pictures",), "scatterometer": ("", "--accuracy"),
-    "small_lamps": ("", "--bias"), "translucent": ("--folder FOLDER",),
-    "translucent_reference": ("--room ASSET -o FOLDER",), "variants": ("-o FOLDER",),
+    "small_lamps": ("", "--bias"),
+    "variants": ("-o FOLDER",),
 }
 
 

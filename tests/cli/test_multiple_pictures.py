@@ -9,12 +9,10 @@ from matplotlib.figure import Figure
 
 from bakery.cli import status_of
 from bakery.draw.picture import drawn
-from bakery.physics.multiple import point
+from bakery.physics.multiple import choice, point
 from bakery.report.figures import title_of
 from bakery.stages.multiple import pictures as multiple
-from bakery.stages.multiple.stage import tables_of
 from bakery.store.read import read
-from benchmarks import multiple_pictures as compared
 
 RECIPE = """\
 bakery: 1
@@ -56,12 +54,11 @@ def columns(picture):
 @pytest.mark.slow
 def test_the_plane_shows_the_light(found, cloud):
     """Colour is the solver's integral over directions; the picture is that of 0.55 um, as at 0.65 um nothing is scattered."""
-    root, data = read(cloud), columns(found["multiple_point"])
-    shown = compared.Shown("point", 0.55, tables_of(root["multiple"], "point")[1], 0.8, root["medium"], 1, 0.0, 0.0,
-                           root["multiple/phase"].data[1], None)
+    medium, data = read(cloud)["medium"], columns(found["multiple_point"])
+    solved = choice.solved(choice.Medium(0.8, medium["theta"].data, medium["phase"].data[1], 0.0), None).solution
     some = np.random.default_rng(3).integers(0, data["z [mfp]"].size // 2, 60)  # of the first panel
     z, rho, value = (data[name][some] for name in ("z [mfp]", "rho [mfp]", "integral over directions [mfp^-3]"))
-    exact = point.integral(shown.solved.medium, np.hypot(rho, z), np.arctan2(rho, z))
+    exact = point.integral(solved.medium, np.hypot(rho, z), np.arctan2(rho, z))
     assert np.abs(value / exact - 1).max() < 0.02  # table 0.9 %, the rough sum over directions 1 %
     assert np.allclose(data["over the singular part [mfp^-2]"][some], value * np.hypot(rho, z))
     assert data["z [mfp]"].min() < 0 < data["z [mfp]"].max()

@@ -96,12 +96,10 @@ def test_what_cannot_be_written_is_told(args, said, call, tmp_path, monkeypatch)
     assert [path.name for path in tmp_path.iterdir()] == ["fog.yaml"] and (tmp_path / "fog.yaml").read_text() == "mine"
 
 
-def test_force_writes_over_it(call, tmp_path, monkeypatch):
+def test_overwrite_writes_over_it(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "fog.yaml").write_text("mine")
     assert call("new", "fog", "--overwrite")[0] == 0 and load("fog.yaml").name == "fog"
-    status, out, err = call("new", "fog.yaml", "--force")  # as it was called
-    assert (status, out) == (0, "fog.yaml\n") and "--overwrite" in err
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ import importlib.util
 import json
 import re
 import shlex
-import zipfile
 
 import numpy as np
 import pytest
@@ -90,14 +89,9 @@ def test_sharp_edges_of_a_mesh_stay_sharp(call, tmp_path):
         assert len(closed_mesh((tmp_path / "one.scene.ply").read_bytes(), "ply")[0]) == len(body.vertices)
 
 
-def test_units_of_3mf_and_an_axis_that_points_up(call, tmp_path):
-    numbers = "".join(f'<vertex x="{x:g}" y="{2 * y:g}" z="{z:g}"/>' for x, y, z in CORNERS)
-    faces = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in TETRAHEDRON)
-    with zipfile.ZipFile(tmp_path / "mine.3mf", "w") as archive:
-        archive.writestr("3D/3dmodel.model", f'''<model unit="inch" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">
-<resources><object id="7"><mesh><vertices>{numbers}</vertices><triangles>{faces}</triangles></mesh></object></resources>
-<build><item objectid="7" transform="2 0 0 0 2 0 0 0 2 5 5 5"/></build></model>''')
-    status, _, err = call("new", "soap", "--mesh", tmp_path / "mine.3mf", "--up", "y", "-o", tmp_path / "bar.yaml")
+def test_the_unit_of_the_file_and_an_axis_that_points_up(call, tmp_path):
+    mesh(tmp_path / "mine.ply", 2 * CORNERS * [1, 2, 1], comments=("units: inch",))
+    status, _, err = call("new", "soap", "--mesh", tmp_path / "mine.ply", "--up", "y", "-o", tmp_path / "bar.yaml")
     assert status == 0 and "10.2 cm across: one unit is 1 in, as the file says" in err
     corners = closed_mesh((tmp_path / "bar.scene.ply").read_bytes(), "ply")[0]
     assert np.ptp(corners, axis=0) == pytest.approx([50.8, 50.8, 101.6])
@@ -141,7 +135,6 @@ def test_a_recipe_of_ones_own_fills_a_mesh(source, said, entry, call, tmp_path):
     (("milk", "--mesh", "point.ply"), "whose vertices are all in one place"),
     (("milk", "--mesh", "nan.ply"), "no finite numbers"),
     (("milk", "--mesh", "mine.txt"), "found a name that ends in .txt; expected a mesh in a file of PLY"),
-    (("milk", "--mesh", "mine.3mf"), "mine.3mf: no 3mf file"),
     (("milk", "--mesh", "good.ply", "--unit", "km", "--height", "2 m"), "each sets the size of the mesh"),
     (("milk", "--mesh", "good.ply", "--unit", "yard"), '--unit: found "yard"; expected um, mm, cm, m, km, in, ft'),
     (("milk", "--mesh", "good.ply", "--height", "12"), "has no unit"),
@@ -169,7 +162,6 @@ def test_what_cannot_start_a_scene_is_told(args, said, call, tmp_path, monkeypat
     mesh(tmp_path / "nan.ply", CORNERS * np.nan)
     for name in ("empty.obj", "mine.txt", "wax.scene.yaml"):
         (tmp_path / name).write_text("")
-    (tmp_path / "mine.3mf").write_text("no archive")
     (tmp_path / "tile.yaml").write_text((ROOT / "recipes" / "tile.yaml").read_text())
     before = written(tmp_path)
     status, out, err = call("new", *args)

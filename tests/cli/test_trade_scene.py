@@ -15,7 +15,7 @@ from renderers.pictures.progressive import Estimate, Part, Stop, fingerprint
 from renderers.pictures.running import Render
 from tests import toy_renderer
 from tests.cli.test_compare import Parts
-from tests.renders import HAZE, hazy, refused_unrendered
+from tests.renders import hazy, refused_unrendered
 
 SHAPE = (24, 32, 3)
 LEVELS, NOISE = {"single": 1.0, "isotropic": 1.01}, {"single": 0.25, "isotropic": 0.025}  # of a pass, a channel
@@ -136,20 +136,6 @@ def test_what_cannot_be_rendered_is_said(call, place, monkeypatch):
     assert any((place / "b").iterdir()) and not (place / "c").exists()  # only the other method's pictures stay
 
 
-@pytest.mark.slow
-def test_a_scene_of_another_renderer(call, place, monkeypatch):
-    """Its points are named after it, and what it is sure of counts for nothing; here a second one of the same renderer."""
-    monkeypatch.setattr("bakery.scenes.trade._distinct", lambda scenes: None)
-    (place / "other.yaml").write_text(HAZE.replace("name: haze", "name: other"))
-    found = traded(call, place, "--beside", place / "other.yaml", "--methods", "single")
-    by_name = {one["name"]: one for one in found["methods"]}
-    assert list(by_name) == ["single", "toy: single", "toy: isotropic"] and found["trade"]["advised"]["name"] == "toy: isotropic"
-    assert by_name["single"]["exact"] and not by_name["toy: single"]["exact"]
-    assert by_name["toy: single"]["files"][0] == str(place / "haze_trade" / "toy_single.png")
-    assert f"bake render {place / 'other.yaml'} --set toy.method=isotropic" in call(
-        "trade", place / "haze.yaml", "--beside", place / "other.yaml", "--methods", "single")[1]
-
-
 @pytest.mark.parametrize("begin, scene", [
     ("\ufeffbakery_scene: 2", True), ('"bakery_scene": 1', True), ("'bakery_scene' : 1\nname: [", True),
     ("bakery: 1\ndescription: \"\n\nbakery_scene: 2\"", False), ("bakery: 1\nnote: {bakery_scene: 2}", False)])
@@ -180,8 +166,6 @@ WRONG = (
     ("haze.yaml --set toy.method=single", "the methods are those of --methods"),
     ("haze.yaml --set toy.methd=single", "toy.methd"),
     ("haze.yaml -o haze.trade", "ends in .html"),
-    ("haze.yaml --beside haze.yaml", "--beside: haze.yaml is for the renderer toy, like another one"),
-    ("haze.yaml --beside gone.yaml", "gone.yaml: there is no such scene"),
     ("haze.yaml -o notes.html", "not an HTML page"),
     ("milk.yaml --methods single", "--methods: milk.yaml is a recipe"),
     ("haze.xml", "found \"haze.xml\", which is no scene (.yaml)"),

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import time
 from pathlib import Path
 
 
@@ -32,12 +31,3 @@ def beheaded(scheduler):
 def refused(number):
     """A file that a block does not find is the block's own fault."""
     raise FileNotFoundError(f"block {number}")
-
-
-def slow_once(mark, number):
-    """Takes seconds the first time that block 0 runs, and a moment else."""
-    if number == 0 and not Path(mark).exists():
-        Path(mark).touch()
-        time.sleep(6.0)
-    time.sleep(0.01)
-    return number

@@ -193,16 +193,6 @@ def test_a_cluster_without_workers_is_not_waited_for_without_end(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_late_block_is_done_by_another_worker_as_well(workers, tmp_path, monkeypatch):
-    said = []
-    monkeypatch.setattr(workers, "say", said.append)
-    monkeypatch.setattr(messages, "_LATE", 1.0)
-    monkeypatch.setattr(messages, "_TIMES", 1.0)  # on a busy machine others take 2 of the 6 s and more
-    assert workers.map(blocks.slow_once, [tmp_path / "slow"] * 6, range(6)) == list(range(6))
-    assert said and all("is slow" in line for line in said)
-
-
-@pytest.mark.slow
 def test_a_worker_of_another_version_is_left_out(call, drops, milk, tmp_path, scheduler, monkeypatch):
     """A real one, which says that it has another bakery; the hash is that of one machine, and one line says so."""
     monkeypatch.setattr(many, "SHORT", 0.0)

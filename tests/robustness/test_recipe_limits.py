@@ -23,7 +23,6 @@ from bakery.recipe import schema
 from bakery.run import bake, execute
 from tests.conftest import slow
 from tests.libradtran import libradtran
-from tests.unit.test_opac_files import opac
 
 HEAD = {"bakery": 1, "name": "x", "description": "", "wavelengths": [0.55, 0.6], "seed": 0, "tolerance": 0.1,
         "measure": "pointwise", "sweep": "none"}
@@ -91,7 +90,6 @@ BASES = {
         {**DROP, "material": {"file": "index.csv"}}]}},
     "file of droplets": {"medium": {"file": "radii.cdf", "mass_concentration": "1 g/m^3", "effective_radius": "7 um"}},
     "file of an aerosol": {"medium": {"file": "humid.cdf", "mass_concentration": "10 ug/m^3", "humidity": 0.5}},
-    "file of particles": {"medium": {"file": "suso99", "number_density": "3000 /cm^3"}},
     "hg": _medium({"type": "hg", "g": 0.5}, multiple_scattering={
         "sources": ["point"], "extent": 2, "length": 1, "tolerance": 0.1, "orders": 8, "method": "solver", "photons": "auto"}),
     "beam": _medium({"type": "hg", "g": 0.5}, beam={"depth": 1, "photons": 1000, "tolerance": 0.5}),
@@ -157,7 +155,6 @@ def folder(tmp_path_factory):
     (made / "clear.csv").write_text("0.3,1.1\n0.9,1.2\n")
     libradtran(made / "radii.cdf", reff=[5, 10])
     libradtran(made / "humid.cdf", hum=[0, 50, 80])
-    (made / "suso99").write_bytes(opac())
     (made / "phase.csv").write_text("theta_deg,value\n0,2\n180,1\n")
     (made / "grain.ply").write_text(PLY)
     (made / "under.yaml").write_text(json.dumps(HEAD | _medium({"type": "isotropic"}, surface={})))

@@ -1,6 +1,6 @@
 """Pictures of narrow beams: the baked kernels in false colour, along the radius, and the errors that the bake measured.
 
-Lengths are mean free paths.  `benchmarks/beam_pictures.py` draws the same beside counted photons and other models.
+Lengths are mean free paths.
 """
 
 from collections.abc import Iterator

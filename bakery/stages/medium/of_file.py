@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 from bakery.grammar import netcdf, optical_files
-from bakery.grammar.optical_files import HUMIDITY, MASS, NUMBER, RADIUS, OpticalProperties
+from bakery.grammar.optical_files import HUMIDITY, MASS, RADIUS, OpticalProperties
 from bakery.grammar.text import Mapping, show
 from bakery.grammar.units import Wrong
 from bakery.stages.declaration import Result, datasets
@@ -15,10 +15,7 @@ from bakery.stages.declaration import Result, datasets
 if TYPE_CHECKING:
     from bakery.recipe.checker import Checker
 
-KEYS = (MASS, NUMBER, RADIUS, HUMIDITY)  # beside `file` alone
-_AMOUNTS = {MASS: "the mass of the particles in a volume, such as 0.3 g/m^3: the file holds extinction per mass",
-            NUMBER: "the number of the particles in a volume, such as 3000 /cm^3: the file holds extinction per particle"}
-_HOLDS = {MASS: "extinction per mass", NUMBER: "extinction per particle", "": "coefficients, not extinction per mass"}
+KEYS = (MASS, RADIUS, HUMIDITY)  # beside `file` alone
 _NAMES = {RADIUS: ("effective radius", "um", 1.0), HUMIDITY: ("relative humidity", "%", 100.0)}
 _SAME = 1e-6  # of a wavelength: files hold them in single precision
 _OFF = 0.01  # of the integral of a phase function: told beyond
@@ -54,12 +51,12 @@ def check(checker: Checker, section: Mapping) -> None:
 
 
 def _amount(checker: Checker, section: Mapping, properties: OpticalProperties) -> None:
-    if properties.per and properties.per not in section:
-        checker.report_section(section, f"found no {properties.per}", f"expected {_AMOUNTS[properties.per]}")
-    for key in _AMOUNTS:
-        if key in section and key != properties.per:
-            checker.report_section(section[key], f"found a {key}",
-                                   f"expected {properties.per or 'none'}: the file holds {_HOLDS[properties.per]}")
+    if properties.per and MASS not in section:
+        checker.report_section(section, f"found no {MASS}", "expected the mass of the particles in a volume, such as 0.3 g/m^3: "
+                               "the file holds extinction per mass")
+    elif MASS in section and not properties.per:
+        checker.report_section(section[MASS], f"found a {MASS}",
+                               "expected none: the file holds coefficients, not extinction per mass")
 
 
 def _second_axis(checker: Checker, section: Mapping, properties: OpticalProperties) -> None:

@@ -11,7 +11,7 @@ from bakery.grammar import tables
 from bakery.grammar.fields import Length, Path, number, numbers, word
 from bakery.grammar.section import Section, given, meant, pick
 from bakery.grammar.text import Mapping, mappings, owner
-from bakery.grammar.units import ANGLE, COEFFICIENT, DENSITY, FRACTION, LENGTH, MASS_CONCENTRATION
+from bakery.grammar.units import ANGLE, COEFFICIENT, FRACTION, LENGTH, MASS_CONCENTRATION
 from bakery.grammar.values import Values
 from bakery.stages.declaration import RecipeSection
 from bakery.stages.medium import of_file
@@ -71,12 +71,9 @@ class Medium(Section):
     phase: MediumPhase | None = Field(None, description="Phase function.")
     file: Path | None = Field(
         None, description="File with coefficients and phase functions, instead of both: NetCDF of libRadtran (`mie`, OPAC), "
-        "Eradiate, or `bake export --to netcdf`, or the text of an OPAC component.")
+        "Eradiate, or `bake export --to netcdf`.")
     mass_concentration: number(MASS_CONCENTRATION, above=0) | None = Field(
         None, description="With a file that holds extinction per mass: mass of the particles in a volume, such as 0.3 g/m^3.")
-    number_density: number(DENSITY, above=0, most=1e30) | None = Field(
-        None, description="With a file that holds extinction per particle (OPAC's text): particles per volume, "
-        "such as 3000 /cm^3.")
     effective_radius: Length | None = Field(None, description="With a file that holds several: the effective radius.")
     humidity: number(FRACTION, least=0, most=1) | None = Field(
         None, description="With a file that holds several: the relative humidity, such as 80%.")

@@ -1,7 +1,6 @@
 """Pictures of the tables of multiple scattering: the plane of the source with its quadtree, and the errors that the bake stated.
 
 Lengths are mean free paths of the medium that was solved, so without a peak that counts as not scattered (`multiple/extinction`).
-`benchmarks/multiple_pictures.py` draws tables beside photons and the solver.
 """
 
 from __future__ import annotations
