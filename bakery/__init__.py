@@ -11,7 +11,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from bakery import goa, mie
-    from bakery.asset import Asset, Family, open
+    from bakery.asset import Asset, Family, from_xarray, open
     from bakery.errors import AssetError, BakeryError, RecipeError, StageError, StoreError, UsageError
     from bakery.run.bake import bake
 
@@ -25,11 +25,12 @@ _WHERE = {
     "StoreError": "bakery.errors",
     "UsageError": "bakery.errors",
     "bake": "bakery.run.bake",
+    "from_xarray": "bakery.asset",
     "open": "bakery.asset",
 }
 
 __all__ = ["Asset", "AssetError", "BakeryError", "Family", "RecipeError", "StageError", "StoreError", "UsageError", "bake",
-           "goa", "mie", "open"]
+           "from_xarray", "goa", "mie", "open"]
 
 
 def __getattr__(name: str):

@@ -25,13 +25,11 @@ from bakery.grammar.fields import nearest
 from bakery.grammar.text import show
 from bakery.grammar.units import Wrong, naming, parse, quantity_of
 from bakery.stages import sections_for
-from bakery.stages.conform import FAMILY, faults, stages_of
+from bakery.stages.conform import FAMILY
 from bakery.stages.declaration import Answer
 from bakery.stages.members import MissingStage, Values, with_units
 from bakery.store.hashes import HASH
-from bakery.store.outputs import ASSET, check_outputs
 from bakery.store.tree import Attribute, Dataset, Group, read_text
-from bakery.store.write import write
 
 if TYPE_CHECKING:
     import xarray
@@ -91,11 +89,7 @@ class Interpolated(Asset):
         UsageError : nothing can be written there, it is the family, or (but for `overwrite`) what stands there is no asset
         StoreError : the system refused
         """
-        def broken(root: Group) -> list[str]:
-            return faults(root) or [rule for stage in stages_of(root) for rule in stage.check(root[stage.name])]
-
-        check_outputs([(path, ASSET)], [str(self.provenance.attributes["family"])], overwrite)
-        write(path, self.tree, check=broken)
+        labelled.write_asset(self.tree, path, overwrite, [str(self.provenance.attributes["family"])])
         return Path(path)
 
 

@@ -1,4 +1,4 @@
-"""Assets as xarray's labelled arrays: names, units, errors, coordinates by the Climate and Forecast conventions.
+"""Assets as xarray's labelled arrays, and back: names, units, errors, coordinates by the Climate and Forecast conventions.
 
 `long_name` is the description, `units` as stored (UDUNITS reads them), `flag_meanings` the names of an enumeration,
 `ancillary_variables` the arrays `X_error` and `X_bias` of X, `largest_error` the largest of both together.  CF has names for
@@ -8,6 +8,8 @@ xarray is imported where it is asked for.
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +18,7 @@ from bakery.asset.axes import axes, declared_letters, of_points
 from bakery.errors import UsageError
 from bakery.stages.conform import FAMILY
 from bakery.stages.coordinates import BIAS, COORDINATES, ERROR, coordinate, stated_error
-from bakery.store.tree import Dataset, Group, is_text, read_text
+from bakery.store.tree import Dataset, Group, is_text, read_text, text
 
 if TYPE_CHECKING:
     import xarray
@@ -129,3 +131,56 @@ def _has(root: Group, path: str) -> bool:
         return isinstance(root[path], Dataset)
     except KeyError:
         return False
+
+
+# ---- back
+
+
+def group_of(labelled: xarray.Dataset) -> Group:
+    """The group whose arrays a dataset holds: what `dataset` gave, with values, units and descriptions as they are now.
+
+    Variables without `bakery_path` are new ones of the group; coordinates that stand elsewhere in the asset are left out.
+    """
+    path = str(labelled.attrs.get(STORED, ""))
+    members = {}
+    for name, variable in labelled.variables.items():
+        parent, _, stored = str(variable.attrs.get(STORED, f"{path}/{name}" if path else name)).rpartition("/")
+        if parent == path and (STORED in variable.attrs or name not in labelled.coords):
+            members[stored] = _member(variable)
+    attributes = {name: _plain(value) for name, value in labelled.attrs.items() if name not in (*_CONVENTIONS, STORED)}
+    return Group(members, attributes)
+
+
+def root_of(labelled: xarray.DataTree) -> Group:
+    """The tree of an asset from what `tree` gave."""
+    root = group_of(labelled.to_dataset(inherit=False))
+    for name, node in labelled.children.items():
+        root.members[name] = root_of(node)
+    return root
+
+
+def _member(variable) -> Dataset:
+    attributes: Mapping[str, Any] = variable.attrs
+    description = str(attributes.get("long_name", ""))
+    if variable.dtype.kind in "OU":
+        return text(str(variable.values.item()), description)
+    choices = tuple(str(attributes["flag_meanings"]).split()) if "flag_meanings" in attributes else ()
+    return Dataset(np.ascontiguousarray(variable.values), str(attributes.get("units", "1")), description, choices)
+
+
+def _plain(value):
+    """An attribute as assets keep it: files give NumPy's scalars."""
+    return value.item() if isinstance(value, np.generic) or isinstance(value, np.ndarray) and value.size == 1 else value
+
+
+def write_asset(root: Group, path: str | os.PathLike, overwrite: bool, inputs: Sequence[str] = ()) -> None:
+    """Write a tree as an asset, after all that its stages check; inputs : files that it must not replace."""
+    from bakery.stages.conform import faults, stages_of
+    from bakery.store.outputs import ASSET, check_outputs
+    from bakery.store.write import write
+
+    def broken(root: Group) -> list[str]:
+        return faults(root) or [rule for stage in stages_of(root) for rule in stage.check(root[stage.name])]
+
+    check_outputs([(path, ASSET)], inputs, overwrite)
+    write(path, root, check=broken)

@@ -118,7 +118,7 @@ class Asset:
         return ask(self, path, arguments)
 
     def to_xarray(self) -> xarray.DataTree:
-        """The asset as xarray's labelled arrays, each group a node.
+        """The asset as xarray's labelled arrays, each group a node; `bakery.from_xarray` makes an asset of it again.
 
         `asset.medium.to_xarray()` gives one group alone.  See `bakery.asset.labelled` for names, units and errors; UsageError
         where xarray is not installed.

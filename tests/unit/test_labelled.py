@@ -1,4 +1,4 @@
-"""Assets as xarray's labelled arrays: what those hold."""
+"""Assets as xarray's labelled arrays: what those hold, and that the way back gives the same asset."""
 
 import sys
 import warnings
@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import bakery
-from bakery.errors import UsageError
+from bakery.asset import compare
+from bakery.errors import AssetError, UsageError
+from bakery.store.hashes import root_hash
 from bakery.store.write import write
 from tests.samples import small_asset
 
@@ -37,6 +39,10 @@ def fog(tmp_path_factory):
     return bakery.open(path)
 
 
+def same(a, b):
+    return root_hash(a.tree) == root_hash(b.tree) and compare.compare(a.tree, b.tree) == []
+
+
 def test_a_group_has_names_units_and_errors(xarray, fog):
     medium = fog.medium.to_xarray()
     assert medium.sigma_t.dims == ("wavelength",) and medium.phase.dims == ("wavelength", "theta")
@@ -52,13 +58,41 @@ def test_a_group_has_names_units_and_errors(xarray, fog):
     assert drops.method.attrs["flag_meanings"] == "rayleigh mie goa" and drops.method.attrs["flag_values"].tolist() == [0, 1, 2]
 
 
+def test_assets_come_back(xarray, fog, tmp_path):
+    again = bakery.from_xarray(fog.to_xarray())
+    assert same(again, fog) and again.recipe == fog.recipe and np.array_equal(again.medium.phase(1.0), fog.medium.phase(1.0))
+    stored = bakery.from_xarray(fog.to_xarray(), tmp_path / "again.h5")
+    assert same(bakery.open(stored), fog)
+    with pytest.raises(UsageError, match="not an asset"):
+        (tmp_path / "other.h5").write_text("somebody's")
+        bakery.from_xarray(fog.to_xarray(), tmp_path / "other.h5")
+
+
 def test_netcdf_holds_all_of_it(xarray, fog, tmp_path):
     pytest.importorskip("h5netcdf", reason="h5netcdf is not installed: pip install '.[xarray]'")
     fog.to_xarray().to_netcdf(tmp_path / "fog.nc", engine="h5netcdf")
     with xarray.open_datatree(tmp_path / "fog.nc", engine="h5netcdf") as arrays:
-        for name in ("sigma_t", "phase"):
-            assert np.array_equal(arrays["medium"][name], fog.medium[name])
-            assert arrays["medium"][name].attrs["units"] == fog.medium.units[name]
+        assert same(bakery.from_xarray(arrays), fog)
+
+
+def test_a_dataset_gives_its_arrays(xarray, fog):
+    medium = fog.medium.to_xarray()
+    medium["sigma_t"] = medium.sigma_t * 2
+    medium["new"] = ("wavelength", [1.0, 2.0], {"units": "K", "long_name": "temperature"})
+    members = bakery.from_xarray(medium)
+    assert np.array_equal(members.new, [1, 2]) and members.units["new"] == "K" and "wavelength" not in members
+    assert np.array_equal(members.phase(0.5), fog.medium.phase(0.5)) and members.attributes["tolerance"] == 0.01
+    with pytest.raises(UsageError, match="expected the tree of a whole asset"):
+        bakery.from_xarray(medium, "a.h5")
+
+
+def test_trees_that_are_no_assets_are_refused(xarray, fog):
+    arrays = fog.to_xarray()
+    arrays["medium"] = arrays["medium"].to_dataset(inherit=False).drop_vars("phase")
+    with pytest.raises(AssetError, match="medium"):
+        bakery.from_xarray(arrays)
+    with pytest.raises(AssetError, match="holds no recipe"):
+        bakery.from_xarray(xarray.DataTree())
 
 
 def test_media_between_wavelengths_have_labels_too(xarray, fog):
@@ -69,7 +103,7 @@ def test_media_between_wavelengths_have_labels_too(xarray, fog):
 @pytest.mark.slow
 @pytest.mark.parametrize("recipe", ["grains", "family", "multiple", "surface", "discrete"])
 def test_every_group_has_labels(xarray, recipe, tmp_path):
-    """Of every stage: each group alone, and the whole."""
+    """Of every stage: each group alone, and the whole there and back."""
     milk = {"bakery": 1, "name": "milk", "wavelengths": [0.55, 0.45], "tolerance": "10%",
             "medium": {"sigma_s": "1 /mm", "sigma_a": "[0.1, 0.2] /mm", "phase": {"type": "hg", "g": 0.5}}}
     particles = {"bakery": 1, "name": "drops", "wavelengths": [0.55, 0.45], "tolerance": "10%", "particles": {
@@ -80,6 +114,7 @@ def test_every_group_has_labels(xarray, recipe, tmp_path):
                "surface": milk | {"surface": {"thickness": "[1, 5] mm"}}}
     asset = bakery.bake(recipes[recipe], tmp_path / "asset.h5")
     arrays = asset.to_xarray()
+    assert same(bakery.from_xarray(arrays), asset)
     for name, group in asset.tree.members.items():
         if hasattr(group, "members"):
             assert set(arrays[name].children) == {key for key, member in group.members.items() if hasattr(member, "members")}
