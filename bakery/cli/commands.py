@@ -32,6 +32,7 @@ COMMANDS = {
     "trade": "measure error against time, of a recipe's settings or a scene's methods",
     "schema": "print the recipe's JSON Schema",
     "cache": "show or clean up the cache of finished stages",
+    "cluster-script": "print a script that starts a cluster for --cluster: slurm or local",
     "completion": "print the shell's completion script",
 }
 
