@@ -1,7 +1,5 @@
 """`bake cluster-script`: scripts that the shell accepts, with what Slurm has to be asked for; the local one bakes."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import signal
