@@ -6,10 +6,11 @@
 Time is that of processors, so that others on the machine do not count: `--seconds` of `--cores`, from baked assets, of the whole
 process with its imports, pilots, filter and files; smaller pictures have as much less for what comes after the start.  The
 reference takes `--reference` seconds of so many cores, by the first method without an error of its own, with other random
-numbers.  A row a scene: method; processor seconds; samples a pixel, and noise of the picture before the filter; FLIP (mean, 67
-pixels a degree) of what is shown against the reference as it was rendered, and against that without its noise; noise of the
-reference, and FLIP between it with and without its noise, below which nothing is told; `*` where both FLIP of the picture are
-above 0.05.  References that are there already are taken again.
+numbers; where each of those lacks light, as `ept` does of the sun on smooth grains, by the one of the least error (`ept+wide`).
+A row a scene: method; processor seconds; samples a pixel, and noise of the picture before the filter; FLIP (mean, 67 pixels a
+degree) of what is shown against the reference as it was rendered, and against that without its noise; noise of the reference,
+and FLIP between it with and without its noise, below which nothing is told; `*` where both FLIP of the picture are above 0.05.
+References that are there already are taken again.
 """
 
 import argparse
@@ -23,9 +24,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.sizes import SMALL, sized
+from renderers import choice
 from renderers.mitsuba.world import World
 from renderers.pictures import differences
-from renderers.scene import candidates, load
+from renderers.scene import assets, budget, candidates, load
 
 SCENES = Path(__file__).resolve().parents[1] / "assets" / "scenes"
 WISHED = 0.05  # FLIP
@@ -34,14 +36,18 @@ ENDS = 6.0  # of the filter and of files, for 512 x 512
 
 
 def settings(path, longest, exact) -> dict[str, str]:
-    """Of a scene at a size; `exact`: by the first way to render it without an error of its own, where its methods are open."""
-    scene = load(path, assets=False)
-    height, width = World.of(scene).size
+    """Of a scene at a size; `exact`: by a way to render it that brings all light and has the least error of its own, the first of
+    those, where its methods are open."""
+    scene = assets.baked(load(path)) if exact else load(path, assets=False)
+    world = World.of(scene)
+    height, width = world.size
     scale = longest / max(height, width)
     chosen = {"film.width": str(round(width * scale)), "film.height": str(round(height * scale)), "stop.noise": "0.5%",
               "stop.samples": "1000000", "denoise": "yes"}
-    ways = [candidate for candidate in candidates.of(scene) if candidate.exact] if exact else []
-    return chosen | {f"materials[{number}].method": method for number, method in enumerate(ways[0].methods if ways else ())}
+    listed = candidates.of(scene) if exact else ()
+    ways = [candidate for candidate in listed if not candidate.lacks(choice.Opened.of(scene).assets, world)] or listed
+    way = min(ways, key=lambda candidate: (not candidate.exact, candidate.stated(budget.DEFAULT)), default=None)
+    return chosen | {f"materials[{number}].method": method for number, method in enumerate(way.methods if way else ())}
 
 
 def render(path, picture, options, seconds, *, exact, seed) -> dict:
