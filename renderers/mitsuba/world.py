@@ -341,6 +341,7 @@ class World:
             if beam or mi.has_flag(flags, mi.EmitterFlags.DeltaPosition):
                 sample = self.from_light(number, middle)
                 towards = sample.direction[0].astype(float)
+                towards /= np.linalg.norm(towards)  # what rounding to single precision leaves kept Newton's method from its end
                 ideal.append(IdealLight(number, towards if distant else middle[0] + sample.distance[0] * towards, distant))
         return ideal
 

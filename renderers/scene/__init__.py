@@ -374,7 +374,9 @@ def _files(path: Path, root: Mapping, values: dict, keys: list[str], assets: boo
         if name is None:
             continue
         node = node_at(root, key)
-        if not name.strip() or not name.isprintable() or len(os.fsencode(name)) > 1000:
+        parts = os.fsencode(name).split(b"/")
+        # no file system has longer names
+        if not name.strip() or not name.isprintable() or len(os.fsencode(name)) > 1000 or max(map(len, parts)) > 255:
             yield node.place.problem(f"found {text.show(name)}", "expected a path relative to the scene's folder")
         elif key.endswith("asset") and not (path.parent / name).exists() and (not assets or beside(path.parent / name)):
             continue

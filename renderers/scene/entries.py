@@ -9,6 +9,7 @@ import dataclasses
 import math
 from collections.abc import Iterator
 from importlib import import_module
+from os.path import isfile  # False of names that no file can have, where a Path raises
 from pathlib import Path as File
 from typing import Annotated
 
@@ -272,7 +273,7 @@ def _known(entry: Mapping, folder: File, method: str | None, default: str) -> Kn
     contradiction = ""
     if claimed in KINDS:
         kind, fitting = claimed, [claimed]
-        if held is not None and kind not in held and (folder / _text(entry, "asset")).is_file():  # of recipes bakes say it
+        if held is not None and kind not in held and isfile(folder / _text(entry, "asset")):  # of recipes bakes say it
             contradiction = f"its asset holds {fields.one_of([KINDS[holds] for holds in held]) or 'no such stage'}"
     else:
         fitting = [kind for kind in able if held is None or kind in held] or able
@@ -291,9 +292,11 @@ def _held(entry: Mapping, folder: File) -> list[str] | None:
     key = "asset" if "asset" in entry else "recipe"
     name = _text(entry, key)
     path = folder / name
-    if key == "asset" and not path.is_file():
-        path = next((path.with_suffix(suffix) for suffix in (".yaml", ".yml") if path.with_suffix(suffix).is_file()), path)
-    if not name or not path.is_file():
+    if not name or not path.name:
+        return None
+    if key == "asset" and not isfile(path):
+        path = next((path.with_suffix(suffix) for suffix in (".yaml", ".yml") if isfile(path.with_suffix(suffix))), path)
+    if not isfile(path):
         return None
     parts = _groups(path) if path.suffix.lower() not in (".yaml", ".yml") else _sections(path)
     own = {"particles": "discrete", "grains": "grains"}  # of a medium and of bodies opening the asset says what lacks

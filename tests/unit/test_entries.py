@@ -65,6 +65,21 @@ def test_a_file_that_is_missing_is_all_that_is_wrong(load, more):
     assert len(problems(load, f"{MESH}, recipe: gone.yaml, method: dipole")) == 2  # which is that of no kind in a mesh
 
 
+@pytest.mark.parametrize("name, said", [
+    ('""', 'found ""; expected a path'), ("[1, 2]", "found a list; expected the name of a file"), ("{a: 1}", "keys with values"),
+    (".", "a folder or a device"), ("x" * 300, "expected a path relative to"), ("a/" + "x" * 300 + ".h5", "expected a path"),
+])
+@pytest.mark.parametrize("key", ["asset", "recipe"])
+def test_a_name_that_no_file_can_have_is_one_message(load, tmp_path, monkeypatch, key, name, said):
+    """In the folder of the scene, whose own name is then empty."""
+    load(f"{MESH}, asset: sand.h5")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "s.yaml").write_text(f"{HEAD}  - {{{MESH}, {key}: {name}}}\n")
+    with pytest.raises(RecipeError) as raised:
+        scene.load("s.yaml")
+    assert any(problem.key == f"materials[0].{key}" and said in str(problem) for problem in raised.value.problems)
+
+
 @pytest.mark.parametrize("kinds, methods, name", [
     (["particles"], ["auto"], "discrete"), (["particles"] * 2, ["auto"] * 2, "mixed"),
     (["grains"] * 3, ["ept"] * 3, "granular"), (["grains"] * 2, ["ept", "vpt"], "mixed"),
