@@ -117,6 +117,8 @@ def follow(total, together, begin, step):
         while started < total or paths.count:
             if started < total and paths.count < together // 2:
                 last = min(started + together, total)
+                expect(last - started)
                 started, paths = last, joined([paths, begin(started, last)])
             expect(paths.count)
-            paths = step(paths)
+            if paths.count:
+                paths = step(paths)

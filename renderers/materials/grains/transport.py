@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers import threads
 from renderers.materials.grains import _paths, bundles, far
 from renderers.materials.grains._grains import OFF, UNKNOWN
 from renderers.materials.grains._paths import GRAINS, MEDIUM
@@ -23,7 +22,7 @@ from renderers.materials.grains.ahead import TURNED, into_next, look_ahead, look
 from renderers.materials.grains.paths import NEVER, Explicit, Paths
 from renderers.materials.surface import lobes
 from renderers.transport import regularised, steps, wavefront
-from renderers.transport.paths import Colours, joined, of_camera
+from renderers.transport.paths import Colours, follow, joined, of_camera
 
 _ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 _MANY, _SHARE = 4096, 1 / 16  # where fewer paths than that, and than that share of them, are left, lights are sampled less often
@@ -128,28 +127,29 @@ def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=No
     sums = Sums(height * width, len(world.light_names), which, samples)
     if corners is None:
         corners = np.stack([np.arange(height * width) % width, np.arange(height * width) // width], axis=1)
-    started, taken, paths = 0, 0, _begin(transport, camera, corners, order[:0], number, seed, 0)
-    with threads.of_drjit() as expect:
-        while started < len(order) or paths.count:
-            if started < len(order) and paths.count < _ALL // 2:
-                new = _begin(transport, camera, corners, order[started : started + _ALL], number, seed, started)
-                started, taken = started + new.count, 0
-                expect(new.count)
-                if transport.switch is not None:
-                    new = _until_switched(world, transport, new, size, sums)
-                elif transport.share < 1:
-                    new.stage[:] = transport.late
-                paths = joined([paths, new])
-            if paths.count:
-                expect(paths.count)
-                paths, late = _on(world, transport, paths, sums)
-                if late.count:
-                    late = _thinned(late, transport.share)
-                    late.stage[:] = NEVER
-                    paths = joined([paths, late])
-                taken += 1
-                if transport.share < 1 and taken > _STEPS:
-                    paths = _thinned(paths, 1 - 1 / taken)
+    taken = 0  # steps since paths were added
+
+    def begin(first, last):
+        nonlocal taken
+        taken = 0
+        new = _begin(transport, camera, corners, order[first:last], number, seed, first)
+        if transport.switch is not None:
+            return _until_switched(world, transport, new, size, sums)
+        if transport.share < 1:
+            new.stage[:] = transport.late
+        return new
+
+    def step(paths):
+        nonlocal taken
+        taken += 1
+        paths, late = _on(world, transport, paths, sums)
+        if late.count:
+            late = _thinned(late, transport.share)
+            late.stage[:] = NEVER
+            paths = joined([paths, late])
+        return _thinned(paths, 1 - 1 / taken) if transport.share < 1 and taken > _STEPS else paths
+
+    follow(len(order), _ALL, begin, step)
     sums.average()
     return sums
 

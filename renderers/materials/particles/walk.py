@@ -20,7 +20,7 @@ from renderers.mitsuba.world import FAR
 from renderers.threads import run
 from renderers.transport import paths as wavefront_paths
 from renderers.transport import steps, wavefront
-from renderers.transport.paths import of_camera
+from renderers.transport.paths import follow, of_camera
 
 # ways on from the first particle, which takes as long to find as the next one: some four take least time to an error; passes of
 # the first picture take one each, as that comes sooner
@@ -212,10 +212,11 @@ def one_pass(world, method, camera, height, width, number, seed, *, discrete, li
     pixels = height * width
     sums = steps.Sums(pixels, lights)
     squares = Squares.every(np.ones(pixels, np.int64) if method.squares is None else method.squares)
-    for first in range(0, len(squares.pixel), ALL):
-        paths = _begin(method.medium, camera, width, squares.of(slice(first, first + ALL)), number, seed, discrete, first)
-        while paths.count:
-            paths = _bounce(world, method, paths, sums)
+
+    def begin(first, last):
+        return _begin(method.medium, camera, width, squares.of(slice(first, last)), number, seed, discrete, first)
+
+    follow(len(squares.pixel), ALL, begin, lambda paths: _bounce(world, method, paths, sums))
     return sums.by_order.reshape(-1, height, width, 3), sums.by_light.reshape(-1, height, width, 3)
 
 
