@@ -13,7 +13,7 @@ import numpy as np
 from bakery.kernels import stream_key
 from renderers.mitsuba.shading import FAR
 from renderers.transport import regularised, steps, wavefront
-from renderers.transport.paths import ELSEWHERE, EVENT, REACHED, Colours, Paths, follow, joined, of_camera
+from renderers.transport.paths import ELSEWHERE, EVENT, REACHED, UNKNOWN, Colours, Paths, follow, joined, of_camera
 from renderers.transport.places import NOWHERE, Places
 
 ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
@@ -101,10 +101,17 @@ def one_pass(scene, size, number, seed, samples=1) -> Sums:
         pixel = np.arange(first, last) % (height * width)
         rows = np.stack([pixel // width, pixel % width], axis=1)
         states, origin, direction = of_camera(scene.world.camera_rays, key, first, rows)
-        return Paths.begun(np.array(origin, float), np.array(direction, float), len(scene.colours.to_waves), states, pixel)
+        return begun(np.array(origin, float), np.array(direction, float), len(scene.colours.to_waves), states, pixel)
 
     follow(total, ALL, begin, lambda paths: step(scene, paths, sums))
     return sums
+
+
+def begun(origin, direction, waves, states, pixel) -> Paths:
+    """Paths of the camera."""
+    n = len(pixel)
+    return Paths.begun(origin, direction, waves, states, pixel, drawn=origin.copy(), shaded=True, far=np.nan, grains=-1,
+                       sphere=np.full((n, 4), UNKNOWN), triangle=-1, left_out=np.full((n, 3), np.nan), first=-1)
 
 
 def step(scene, paths, sums) -> Paths:

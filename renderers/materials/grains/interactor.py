@@ -59,7 +59,7 @@ class Grains:
         elsewhere = paths.grains != self.number
         paths.sphere[elsewhere], paths.triangle[elsewhere], paths.grains[:] = UNKNOWN, -1, self.number
         event, never = _paths.Event.empty(n), _paths.Switching(np.empty((n, 3)), np.full(n, NEVER), np.zeros(n, bool))
-        walk = _paths.Walk.of(paths)._replace(far=far)
+        walk = paths.part(_paths.Walk)._replace(far=far)
         run(_paths.advance, n, self.grains, self.occupied, walk, never, event, block=TOGETHER)
         turned = np.isnan(far)
         paths.far[turned], paths.left_out[turned], paths.shaded[turned] = np.nan, np.nan, False
@@ -70,10 +70,10 @@ class Grains:
 
     def next_event(self, paths, event, sample, passed, clear, added):
         """clear : (n,) m, up to which grains of this region are looked for here"""
-        walk, sample = _paths.Walk.of(paths)._replace(throughput=paths.throughput * passed), sample._replace(distance=clear)
+        walk, sample = paths.part(_paths.Walk)._replace(throughput=paths.throughput * passed), sample._replace(distance=clear)
         run(_paths.next_event, paths.count, self.grains, self.colours, walk, _paths.Event(*event), sample, added)
 
     def scatter(self, paths, event):
         event = _paths.Event(*event)
-        run(_paths.scatter, paths.count, self.grains, _paths.Walk.of(paths), event)
+        run(_paths.scatter, paths.count, self.grains, paths.part(_paths.Walk), event)
         paths.throughput[~event.alive] = 0.0

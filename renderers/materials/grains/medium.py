@@ -48,12 +48,12 @@ class Continuous:
     def advance(self, paths):
         """As `paths.Explicit.advance`; the kinds of events are components that scatter, or `scattering.DIFFUSE`."""
         event = Event.empty(paths.count)
-        run(_medium.advance, paths.count, self.content, self.occupied, Walk.of(paths), paths.technique, event, block=TOGETHER)
+        run(_medium.advance, paths.count, self.content, self.occupied, paths.part(Walk), paths.technique, event, block=TOGETHER)
         return event
 
     def next_event(self, paths, event, sample, added):
         """What light samples send by way of scatterings, added (n, 3)."""
-        n, walk = paths.count, Walk.of(paths)
+        n, walk = paths.count, paths.part(Walk)
         chance, passed = np.empty(n), np.empty(paths.throughput.shape)
         towards = np.asarray(sample.direction, float)  # of Mitsuba single: one kernel for these and for `transmittance`
         far = np.where((sample.radiance > 0).any(axis=1), sample.distance, 0.0)  # no random numbers for what brings no light
@@ -64,7 +64,7 @@ class Continuous:
     def scatter(self, paths, event):
         """Turns paths at scatterings; event.alive becomes whether they go on."""
         paths.single[:] = False
-        run(_medium.scatter, paths.count, self.medium, Walk.of(paths), event)
+        run(_medium.scatter, paths.count, self.medium, paths.part(Walk), event)
 
     def transmittance(self, point, direction, distance, share):
         """Share (n, L) of light that gets from points along directions to a distance; the same for the same way."""
@@ -85,5 +85,5 @@ class Continuous:
     def arrive(self, paths):
         """Makes scatterings of the grains that paths have met: their events, LIGHT, TURNS or PASSES."""
         event = Event.empty(paths.count)
-        run(_medium.arrive, paths.count, self.medium, self.met_by, Walk.of(paths), event)
+        run(_medium.arrive, paths.count, self.medium, self.met_by, paths.part(Walk), event)
         return event

@@ -1,19 +1,15 @@
-"""Camera paths among grains: their state, and explicit path tracing from grain to grain, with next-event estimation to the lights
-where a surface is not smooth.
+"""Explicit path tracing from grain to grain, with next-event estimation to the lights where a surface is not smooth.
 
 Compiled loops take each path through the grains until it needs something that all paths get together (`transport`).
 """
-
-from typing import NamedTuple
 
 import numpy as np
 
 from bakery.kernels import stream_key
 from renderers.materials.grains import _paths
-from renderers.materials.grains._grains import UNKNOWN
 from renderers.materials.grains._paths import Event, Switching, Walk
 from renderers.threads import run
-from renderers.transport import paths as wavefront_paths
+from renderers.transport.paths import UNKNOWN, Paths
 
 NEVER = 2**62  # a stage that no path comes to
 TOGETHER = 256  # paths that one processor takes on: 4096 are often all those of a body, which then wait for one
@@ -59,17 +55,17 @@ class Explicit:
     def advance(self, paths):
         """Takes paths on until they need something: an `Event`."""
         event = Event.empty(paths.count)
-        switching = Switching(paths.last, paths.stage, paths.switching)
-        run(_paths.advance, paths.count, self.grains, self.occupied, Walk.of(paths), switching, event, block=TOGETHER)
+        switching = paths.part(Switching)
+        run(_paths.advance, paths.count, self.grains, self.occupied, paths.part(Walk), switching, event, block=TOGETHER)
         return event
 
     def next_event(self, paths, event, sample, added):
         """What light samples send by way of rough and matt grains, added (n, 3); event : of these paths, by `advance`."""
-        run(_paths.next_event, paths.count, self.grains, self.colours, Walk.of(paths), event, sample, added)
+        run(_paths.next_event, paths.count, self.grains, self.colours, paths.part(Walk), event, sample, added)
 
     def scatter(self, paths, event):
         """Turns paths at rough and matt grains; event.alive becomes whether they go on."""
-        run(_paths.scatter, paths.count, self.grains, Walk.of(paths), event)
+        run(_paths.scatter, paths.count, self.grains, paths.part(Walk), event)
 
     def transmittance(self, point, direction, distance, share):
         """Share (n, L) of light that gets from points along directions to a distance."""
@@ -113,50 +109,11 @@ def first_surface(grains, point, direction, far, sphere, triangle):
     return t, normal
 
 
-class Paths(NamedTuple):
-    """Camera paths on their way, n of them; arrays are changed in place.
-
-    origin to density : as in `_paths.Walk`;  pixel : (n,)
-    far : (n,) m, to the first surface of the scene, or what is of another body; nan: not known
-    beyond : (n,) that body, -1 where it is a surface or nothing
-    body : (n,) in which each goes on, -1 where that is not known
-    technique : (n,) GRAINS, MEDIUM or DIFFUSION
-    last, stage, switching : as in `_paths.Switching`
-    centre : (n, 3) m, of the sphere that each starts in where its place is drawn; nan elsewhere
-    """
-
-    origin: np.ndarray
-    direction: np.ndarray
-    throughput: np.ndarray
-    states: np.ndarray
-    pixel: np.ndarray
-    sphere: np.ndarray
-    triangle: np.ndarray
-    far: np.ndarray
-    beyond: np.ndarray
-    density: np.ndarray
-    single: np.ndarray
-    order: np.ndarray
-    bounces: np.ndarray
-    body: np.ndarray
-    technique: np.ndarray
-    last: np.ndarray
-    stage: np.ndarray
-    switching: np.ndarray
-    centre: np.ndarray
-
-    @classmethod
-    def begun(cls, origin, direction, waves, states, pixel, technique):
-        """Paths from places in the open."""
-        n = len(pixel)
-        none, zero, unknown = np.full(n, -1), np.zeros(n, np.int64), np.full((n, 3), np.nan)
-        return cls(origin=origin, direction=direction, throughput=np.ones((n, waves)), states=states, pixel=pixel,
-                   sphere=np.full((n, 4), UNKNOWN), triangle=none, far=np.full(n, np.nan), beyond=none.copy(),
-                   density=np.zeros(n), single=np.ones(n, bool), order=zero, bounces=zero.copy(), body=none.copy(),
-                   technique=np.full(n, technique), last=unknown, stage=np.full(n, NEVER), switching=np.zeros(n, bool),
-                   centre=unknown.copy())
-
-    count, of = wavefront_paths.Paths.count, wavefront_paths.Paths.of
+def begun(origin, direction, waves, states, pixel, technique) -> Paths:
+    """Paths from places in the open."""
+    n, unknown = len(pixel), np.full((len(pixel), 3), np.nan)
+    return Paths.begun(origin, direction, waves, states, pixel, far=np.nan, sphere=np.full((n, 4), UNKNOWN), triangle=-1, body=-1,
+                       beyond=-1, technique=technique, last=unknown, stage=NEVER, switching=False, centre=unknown.copy())
 
 
 def streams_of(point, direction, distance):

@@ -10,7 +10,7 @@ from bakery.kernels import stream_key
 from renderers.materials.grains import _medium, _paths, _teleport
 from renderers.materials.grains._grains import NOWHERE
 from renderers.materials.grains._paths import GRAINS, Event, Walk
-from renderers.materials.grains.paths import Explicit, Paths, streams_of
+from renderers.materials.grains.paths import Explicit, begun, streams_of
 from renderers.materials.grains.seen import by_ends
 from renderers.threads import run
 from renderers.transport import wavefront
@@ -33,25 +33,25 @@ class Teleports(Explicit):
     def advance(self, paths):
         """As `paths.Explicit.advance`; no path waits or switches."""
         event = Event.empty(paths.count)
-        run(_teleport.advance, paths.count, self.grains, self.flights, self.occupied, Walk.of(paths), paths.centre, event)
+        run(_teleport.advance, paths.count, self.grains, self.flights, self.occupied, paths.part(Walk), paths.centre, event)
         return event
 
     def next_event(self, paths, event, sample, added):
         """As `paths.Explicit.next_event`; whether light gets there is drawn."""
         bright = (sample.radiance > 0).any(axis=1)
-        walk = Walk.of(paths)._replace(direction=np.ascontiguousarray(sample.direction, float))
+        walk = paths.part(Walk)._replace(direction=np.ascontiguousarray(sample.direction, float))
         clear = self._is_clear(walk, paths.centre, np.where(bright, sample.distance, 0.0))
         # nothing is in the way any more: a distance of 0
         sample = sample._replace(distance=np.zeros_like(sample.distance), radiance=sample.radiance * clear[:, None])
-        walk = Walk.of(paths)._replace(sphere=np.full((paths.count, 4), NOWHERE), triangle=np.full(paths.count, -1))
+        walk = paths.part(Walk)._replace(sphere=np.full((paths.count, 4), NOWHERE), triangle=np.full(paths.count, -1))
         run(_paths.next_event, paths.count, self.grains, self.colours, walk, event, sample, added)
 
     def transmittance(self, point, direction, distance, share):
         """Share (n, L), 0 or 1, of light that gets from points along directions to a distance; the same for the same way."""
         n, states = len(point), streams_of(point, direction, distance)
         point, direction = (np.ascontiguousarray(values, float) for values in (point, direction))
-        paths = Paths.begun(point, direction, share.shape[1], states, np.arange(n), GRAINS)
-        share[:] = self._is_clear(Walk.of(paths), paths.centre, distance)[:, None]
+        paths = begun(point, direction, share.shape[1], states, np.arange(n), GRAINS)
+        share[:] = self._is_clear(paths.part(Walk), paths.centre, distance)[:, None]
 
     def entry(self, point, direction, far, inside=True):
         """As `medium.Continuous.entry`: spheres may be anywhere in the mesh."""

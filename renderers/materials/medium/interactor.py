@@ -11,7 +11,7 @@ from bakery.system.compiled import njit
 from renderers.mitsuba.shading import FAR
 from renderers.threads import run
 from renderers.transport import wavefront
-from renderers.transport.paths import ELSEWHERE, ENDED, EVENT, REACHED, UNKNOWN
+from renderers.transport.paths import ELSEWHERE, ENDED, EVENT, REACHED, UNKNOWN, Flying
 from renderers.transport.scattering import Scatterer, flight, flown, mean_cosines, next_event, of_one_component, turn, turned
 from renderers.transport.wavefront import uniform
 
@@ -48,7 +48,7 @@ class Medium:
 
     def advance(self, paths, stop):
         status = np.empty(paths.count, np.int64)
-        run(fly, paths.count, self.scatterer, self._density, self._most, paths, stop, status)
+        run(fly, paths.count, self.scatterer, self._density, self._most, paths.part(Flying), stop, status)
         paths.left_out[status == EVENT] = np.nan
         if self._extent:
             self._end_far_out(paths, status)
@@ -73,7 +73,7 @@ class Medium:
         status is ELSEWHERE, and they find all lights by themselves; else it is ENDED."""
         middle, radius = self._extent
         out = Outside(np.asarray(middle, float), radius, radius + self._outskirts, self._decay)
-        run(wander, paths.count, self.scatterer, out, paths, status)
+        run(wander, paths.count, self.scatterer, out, paths.part(Flying), status)
         back = np.flatnonzero(status == ELSEWHERE)
         paths.drawn[back], paths.far[back] = paths.origin[back], np.nan
         paths.single[back], paths.shaded[back] = True, True
@@ -85,10 +85,10 @@ class Medium:
 
     def next_event(self, paths, event, sample, passed, clear, added):
         points = of_one_component(paths.count)
-        run(next_event, paths.count, self.scatterer, self.colours, paths, points, sample, passed, added)
+        run(next_event, paths.count, self.scatterer, self.colours, paths.part(Flying), points, sample, passed, added)
 
     def scatter(self, paths, event):
-        run(turn, paths.count, self.scatterer, paths)
+        run(turn, paths.count, self.scatterer, paths.part(Flying))
 
 
 def _decay(scatterer):

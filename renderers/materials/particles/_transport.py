@@ -26,7 +26,7 @@ from renderers.transport.wavefront import to_rgb, uniform
 
 
 class Walk(NamedTuple):
-    """What loops read and change of n paths, whatever record these have: a kernel for all of them.
+    """What loops read and change of n paths.
 
     origin, direction : (n, 3) m, unit;  throughput : (n, L);  states : (n,) random streams
     left_out : (n, 3) m, the particle that each starts at, or nan
@@ -39,11 +39,6 @@ class Walk(NamedTuple):
     states: np.ndarray
     left_out: np.ndarray
     density: np.ndarray
-
-    @classmethod
-    def of(cls, paths) -> "Walk":
-        """Of a record of paths, without a copy."""
-        return cls(*(getattr(paths, name) for name in cls._fields))
 
 
 class Ways(NamedTuple):

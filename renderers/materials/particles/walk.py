@@ -18,9 +18,8 @@ from renderers.materials.particles._transport import Guide, Walk, Ways
 from renderers.materials.particles.box import absorb
 from renderers.mitsuba.world import FAR
 from renderers.threads import run
-from renderers.transport import paths as wavefront_paths
 from renderers.transport import steps, wavefront
-from renderers.transport.paths import follow, of_camera
+from renderers.transport.paths import Paths, follow, joined, of_camera
 
 # ways on from the first particle, which takes as long to find as the next one: some four take least time to an error; passes of
 # the first picture take one each, as that comes sooner
@@ -33,35 +32,6 @@ ALL = 1 << 16  # paths that go on together; more take more memory, and fewer mor
 # as many as add this share of the pixels to a pass.  One path a pixel left the rim of a bulb, and what hides it by chance, 99.9 %
 # of the variance of dust and of rain around it
 _BRIGHT, _FINEST, _ADDED = 4.0, 8, 1 / 4
-
-
-class Paths(NamedTuple):
-    """Camera paths on their way, n of them.
-
-    origin, direction : (n, 3) m, unit;  throughput : (n, L);  states : (n,) random streams;  pixel : (n,)
-    left_out : (n, 3) m, the particle that the ray starts at, or nan
-    density : (n,) 1/sr, with which the direction was drawn;  single : (n,) whether light sampling cannot take it
-    order : (n,) scatterings by particles so far;  bounces : (n,) these and surfaces
-    discrete : (n,) m, up to where particles stop the ray
-    seen : (n,) whether what `splat` takes of the path's next light is left out here
-    ways : (n,) ways on from its next particle
-    """
-
-    origin: np.ndarray
-    direction: np.ndarray
-    throughput: np.ndarray
-    states: np.ndarray
-    pixel: np.ndarray
-    left_out: np.ndarray
-    density: np.ndarray
-    single: np.ndarray
-    order: np.ndarray
-    bounces: np.ndarray
-    discrete: np.ndarray
-    seen: np.ndarray
-    ways: np.ndarray
-
-    count, of = wavefront_paths.Paths.count, wavefront_paths.Paths.of
 
 
 class Squares(NamedTuple):
@@ -103,7 +73,7 @@ class Discs:
         """The next scattering of each path before `far` (n,) m: class (n,) or NO_DISC, distance (n,) and place (n, 3) m."""
         n = paths.count
         kind, distance, point = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
-        run(_transport.collide, n, self.medium, Walk.of(paths), far, paths.discrete, kind, distance, point)
+        run(_transport.collide, n, self.medium, paths.part(Walk), far, paths.discrete, kind, distance, point)
         return kind, distance, point
 
     def scattered(self, world, paths, kind, point, sums):
@@ -122,13 +92,13 @@ class Discs:
         share = _together(self, (paths.bounces == 0) & ~particle, point, sample.direction, sample.distance, numbers[:, 6:])
         sample.radiance[first] = 0.0
         _let_through(medium, paths, point, sample, point, share)
-        run(_transport.light, n, medium.scatterer, kind, Walk.of(paths), guide, share, sample, added)
+        run(_transport.light, n, medium.scatterer, kind, paths.part(Walk), guide, share, sample, added)
         sums.add(paths, sample.light, added)
-        paths = paths._replace(origin=point, left_out=point.copy(), single=np.zeros(n, bool), seen=first)
+        paths = paths._replace(origin=point, left_out=point.copy(), single=np.zeros(n, bool), splatted=first)
         copies = np.repeat(np.arange(n), paths.ways)
         paths = _split(paths, copies)
         guide = Guide(guide.direction[copies], guide.used[copies])
-        run(_transport.scatter, paths.count, medium.scatterer, kind[copies], Walk.of(paths), guide)
+        run(_transport.scatter, paths.count, medium.scatterer, kind[copies], paths.part(Walk), guide)
         return paths
 
 
@@ -227,10 +197,10 @@ def _begin(medium, camera, width, squares, number, seed, discrete, first):
     cell = np.stack([squares.number % squares.side, squares.number // squares.side], axis=1)
     states, origin, direction = of_camera(lambda offset, corner: camera.rays_at((cell + offset) / side, corner),
                                           stream_key(seed, "render.walk", number), first, corners)
-    throughput = np.repeat(1.0 / side**2, waves, axis=1)
-    return Paths(origin, direction, throughput, states, pixel, np.full((n, 3), np.nan),
-                 np.zeros(n), np.ones(n, bool), np.zeros(n, np.int64), np.zeros(n, np.int64), discrete.reshape(-1)[pixel],
-                 np.zeros(n, bool), np.full(n, 1 if number < _BEGINNING else _SPLIT))
+    paths = Paths.begun(origin, direction, waves, states, pixel, left_out=np.full((n, 3), np.nan),
+                        discrete=discrete.reshape(-1)[pixel], splatted=False, ways=1 if number < _BEGINNING else _SPLIT)
+    paths.throughput[:] /= side**2
+    return paths
 
 
 def _bounce(world, method, paths, sums):
@@ -241,8 +211,7 @@ def _bounce(world, method, paths, sums):
     absorb(method.medium, paths, np.where(stopped, distance, far))
     parts = [_among_particles(world, method, paths.of(stopped), kind[stopped], point[stopped], sums),
              _at_surfaces(world, method, paths.of(~stopped), sums)]
-    together = Paths(*map(np.concatenate, zip(*parts)))
-    alive, region = steps.survivors(together), method.medium.discs.region
+    alive, region = steps.survivors(joined(parts)), method.medium.discs.region
     return alive.of(_coherent(region.lo, region.hi, alive.origin, alive.direction))
 
 
@@ -280,7 +249,7 @@ def _at_surfaces(world, method, paths, sums):
         once, light = paths.bounces == 1, (paths.origin, paths.direction, far)
         arriving = arriving * _together(method, once & (paths.order == 0), *light) \
             * _together(method, once & (paths.order == 1), *light, numbers[:, 6:])
-    order = np.where(paths.seen, -1, paths.order)
+    order = np.where(paths.splatted, -1, paths.order)
     steps.add_light(medium, arriving, order, shading.emitted, shading.source, paths, sums)
     hit = np.flatnonzero(shading.hit)
     m, paths = len(hit), paths.of(hit)
@@ -292,4 +261,4 @@ def _at_surfaces(world, method, paths, sums):
     _let_through(medium, paths, shading.point[hit], sample, nothing, share)
     steps.add_light(medium, paths.throughput * share, paths.order, sample.radiance, sample.light, paths, sums)
     steps.reflected(medium, paths, shading, hit)
-    return paths._replace(left_out=nothing, seen=np.zeros(m, bool))
+    return paths._replace(left_out=nothing, splatted=np.zeros(m, bool))
