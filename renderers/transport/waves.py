@@ -308,44 +308,16 @@ def _samples(scene, paths, drawn, numbers, chance):
 
 def at_surfaces(scene, paths, sums) -> Paths:
     """Paths that go on from surfaces of the scene, after their light has been added."""
-    if paths.count == 0:
-        return paths
-    widened = regularised.begin(paths, scene.chord, ~paths.shaded)
-    shading, _ = steps.met(scene.world, paths, paths.drawn)
-    steps.add_light(scene.colours, paths.throughput, paths.order, shading.emitted, shading.source, paths, sums)
-    if len(widened):
-        _add_regularised(scene, paths, shading, widened, sums)
-    hit = np.flatnonzero(shading.hit)
-    paths = paths.of(hit)
-    paths.left_out[:] = np.nan
-    _next_event(scene, paths, shading.point[hit], shading.light.of(hit), sums)
-    steps.reflected(scene.colours, paths, shading, hit)
-    paths.shaded[:] = True
-    paths.bounces[:] += 1
-    paths.away_from_surfaces()
-    return steps.thinned(steps.survivors(paths), _FAR)
-
-
-def _add_regularised(scene, paths, shading, rows, sums):
-    """Adds light of small lamps to some paths from smooth grains that saw them wider, up to the surfaces that they met."""
-    group = paths.of(rows)
-    group = group._replace(origin=group.drawn)
-    distance = np.where(shading.hit[rows], np.linalg.norm(shading.point[rows] - group.origin, axis=1), np.inf)
+    def let_through(paths, point, sample):
+        towards = sample.direction.astype(float)
+        return transmittance(scene, paths, point + scene.places.off * towards, towards, sample.distance)[0]
 
     def behind(paths, point, length):
         """Nothing hides what paths have come past."""
         return transmittance(scene, paths, point, paths.direction, np.minimum(length, FAR))[0]
 
-    regularised.add_light(scene.world, scene.colours, group, distance, scene.chord, sums, behind)
-    paths.states[rows] = group.states
-
-
-def _next_event(scene, paths, point, sample, sums):
-    """Adds what light samples send by way of surfaces of the scene."""
-    bright = np.flatnonzero((sample.radiance > 0).any(axis=1))
-    bright_paths, sample = paths.of(bright), sample.of(bright)
-    towards = sample.direction.astype(float)
-    passed, _ = transmittance(scene, bright_paths, point[bright] + scene.places.off * towards, towards, sample.distance)
-    paths.states[bright] = bright_paths.states
-    throughput = bright_paths.throughput * passed
-    steps.add_light(scene.colours, throughput, bright_paths.order, sample.radiance, sample.light, bright_paths, sums)
+    paths = steps.at_surfaces(scene.world, scene.colours, paths, sums, let_through,
+                              wider=regularised.Wider(scene.chord, behind))
+    paths.shaded[:] = True
+    paths.away_from_surfaces()
+    return steps.thinned(steps.survivors(paths), _FAR)

@@ -324,40 +324,11 @@ def _at_baked_surface(world, transport, paths, body, sums):
 
 def _at_surfaces(world, transport, paths, sums):
     """Paths that go on from surfaces of the scene, after their light has been added."""
-    colours = transport.colours
-    if paths.count == 0:
-        return paths
-    widened = regularised.begin(paths, transport.chord)
-    shading, _ = steps.met(world, paths)
-    steps.add_light(colours, paths.throughput, paths.order, shading.emitted, shading.source, paths, sums)
-    if len(widened):
-        _add_regularised(world, transport, paths, shading, widened, sums)
-    hit = np.flatnonzero(shading.hit)
-    paths = paths.of(hit)
-    paths.bounces[:] += 1
-    _next_event(transport, paths, shading.point[hit], shading.light.of(hit), sums)
-    steps.reflected(colours, paths, shading, hit)
+    def let_through(paths, point, sample):
+        return _let_in(transport, paths.technique[0], point, sample.direction, sample.distance)
+
+    paths = steps.at_surfaces(world, transport.colours, paths, sums, let_through, wider=regularised.Wider(transport.chord))
     paths.sphere[:], paths.triangle[:], paths.far[:], paths.body[:], paths.beyond[:] = UNKNOWN, -1, np.nan, -1, -1
     # nobody tells grains apart in light that a matt surface has scattered
     paths.switching[:] |= (transport.switch is not None) & (paths.technique == GRAINS) & (paths.order > 0) & ~paths.single
     return steps.survivors(paths)
-
-
-def _add_regularised(world, transport, paths, shading, rows, sums):
-    """Adds light of small lamps to some paths that saw them wider, up to the surfaces that they met."""
-    group = paths.of(rows)
-    distance = np.where(shading.hit[rows], np.linalg.norm(shading.point[rows] - group.origin, axis=1), np.inf)
-    regularised.add_light(world, transport.colours, group, distance, transport.chord, sums)
-    paths.states[rows] = group.states
-
-
-def _next_event(transport, paths, point, sample, sums):
-    """Adds what light samples send by way of surfaces of the scene, through what is between the grains."""
-    if sums.skips(paths):
-        return
-    bright = (sample.radiance > 0).any(axis=1)
-    for technique in np.unique(paths.technique[bright]):
-        rows = np.flatnonzero(bright & (paths.technique == technique))
-        group, light = paths.of(rows), sample.of(rows)
-        passed = _let_in(transport, technique, point[rows], light.direction, light.distance)
-        steps.add_light(transport.colours, group.throughput * passed, group.order, light.radiance, light.light, group, sums)

@@ -294,7 +294,7 @@ def _followed(world, medium, particles, pencils, chosen) -> LightSample:
     run(_transport.scatter, n, medium.scatterer, particles[0][chosen], paths.part(Walk), guide)
     pencils.states[chosen] = paths.states
     density *= _FOLLOWED
-    shading, _ = steps.met(world, paths)
+    shading = steps.met(world, paths)
     far = np.where(shading.hit, np.linalg.norm(shading.point - origin, axis=1), FAR)
     radiance = shading.emitted / np.maximum(density, 1e-30)[:, None]
     return LightSample(paths.direction.astype(np.float32), far, radiance.astype(np.float32), density.astype(np.float32),

@@ -238,27 +238,24 @@ def _among_particles(world, method, paths, kind, point, sums):
 
 
 def _at_surfaces(world, method, paths, sums):
-    medium = method.medium
-    if paths.count == 0:
-        return paths
-    shading, numbers = steps.met(world, paths, columns=6 if method.eye is None else 8)
-    arriving = paths.throughput
-    if method.eye is not None:
+    def brought(paths, shading):
+        order = np.where(paths.splatted, -1, paths.order)
+        if method.eye is None:
+            return paths.throughput, order
         # what light sampling finds from the same places counts as much
+        numbers = np.empty((paths.count, 2))
+        wavefront.draw(paths.states, numbers)
         far = np.where(shading.hit, np.sqrt(((shading.point - paths.origin) ** 2).sum(axis=1)), FAR)
         once, light = paths.bounces == 1, (paths.origin, paths.direction, far)
-        arriving = arriving * _together(method, once & (paths.order == 0), *light) \
-            * _together(method, once & (paths.order == 1), *light, numbers[:, 6:])
-    order = np.where(paths.splatted, -1, paths.order)
-    steps.add_light(medium, arriving, order, shading.emitted, shading.source, paths, sums)
-    hit = np.flatnonzero(shading.hit)
-    m, paths = len(hit), paths.of(hit)
-    paths.bounces[:] += 1
-    paths.ways[:] = 1
-    paths.discrete[:] = method.later
-    sample, nothing = shading.light.of(hit), np.full((m, 3), np.nan)
-    share = _together(method, paths.bounces == 1, shading.point[hit], sample.direction, sample.distance)
-    _let_through(medium, paths, shading.point[hit], sample, nothing, share)
-    steps.add_light(medium, paths.throughput * share, paths.order, sample.radiance, sample.light, paths, sums)
-    steps.reflected(medium, paths, shading, hit)
-    return paths._replace(left_out=nothing, splatted=np.zeros(m, bool))
+        arriving = _together(method, once & (paths.order == 0), *light)
+        return paths.throughput * arriving * _together(method, once & (paths.order == 1), *light, numbers), order
+
+    def let_through(paths, point, sample):
+        share = _together(method, paths.bounces == 1, point, sample.direction, sample.distance)
+        ways = paths._replace(discrete=np.full(paths.count, method.later))
+        _let_through(method.medium, ways, point, sample, paths.left_out, share)
+        return share
+
+    paths = steps.at_surfaces(world, method.medium, paths, sums, let_through, brought=brought)
+    paths.ways[:], paths.discrete[:], paths.splatted[:] = 1, method.later, False
+    return paths
