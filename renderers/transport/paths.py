@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from renderers import threads
+from renderers import colour, threads
 from renderers.transport import wavefront
 
 # what a material has taken a path to: where it was to go, an event, nowhere, or another place, on its way
@@ -21,6 +21,12 @@ class Colours(NamedTuple):
 
     to_rgb: np.ndarray
     to_waves: np.ndarray
+
+    @classmethod
+    def of(cls, wavelength) -> "Colours":
+        """From and to wavelengths (L,) um."""
+        waves = np.asarray(wavelength, float)
+        return cls(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
 
 
 class Flying(NamedTuple):

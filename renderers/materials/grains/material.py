@@ -5,14 +5,12 @@ import math
 import numpy as np
 
 from bakery import kernels
-from renderers import colour
 from renderers.materials.grains._grains import Grains
 from renderers.materials.grains._medium import Medium
 from renderers.materials.grains.local import UNIFORM
 from renderers.materials.grains.paths import SELDOM
 from renderers.scene import meshes
 from renderers.transport import solids
-from renderers.transport.paths import Colours
 
 _FIGURES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "forward_delta", "phase")
 _PEAK = np.radians(5.0)  # light that a grain turns by less may count as not turned: it meets ten more
@@ -98,12 +96,6 @@ def meetings(asset, vertices, faces) -> float:
 def _unit(asset) -> float:
     """Mean radius of an asset's grains, m."""
     return float(np.sum(np.asarray(asset.grains.radius) * np.asarray(asset.grains.radius_share)))
-
-
-def colours_of(asset) -> Colours:
-    """From and to the asset's wavelengths."""
-    waves = np.asarray(asset.wavelength, float)
-    return Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
 
 
 def medium_of(asset, grains):

@@ -4,9 +4,9 @@ import numpy as np
 
 from bakery import kernels
 from renderers.materials.grains import _medium
+from renderers.materials.grains._entries import Boundary
 from renderers.materials.grains._paths import Event, Walk
 from renderers.materials.grains.paths import TOGETHER, Seldom, streams_of
-from renderers.materials.grains.seen import by_ends
 from renderers.threads import run
 from renderers.transport.scattering import Points, next_event
 
@@ -22,7 +22,7 @@ class Continuous:
     """
 
     def __init__(self, medium, occupied, colours, diffuse=False, varied=None, met_by=None):
-        self.medium, self.occupied, self.colours = medium, occupied, colours
+        self.medium, self.occupied, self.colours, self.boundary = medium, occupied, colours, Boundary.around(medium)
         self.varied = varied or kernels.unvaried_medium()
         self.met_by = met_by or self.varied
         self.diffuse = kernels.never_diffuse(medium.sigma_t)
@@ -74,13 +74,11 @@ class Continuous:
     def entry(self, point, direction, far, inside=True):
         """Distances (n,) m to where rays come into the mesh before far (n,) m, inf where they do not; `inside`: 0 for those that
         start in it."""
-        t = np.empty(len(point))
-        run(_medium.entry, len(point), self.medium, point, direction, far, inside, t)
-        return t
+        return self.boundary.entries(point, direction, far, inside)[0]
 
     def seen(self, point, direction, far):
         """As `paths.Explicit.seen`, of the mesh."""
-        return by_ends(self.entry, point, direction, far)
+        return self.boundary.entries(point, direction, far, True)
 
     def arrive(self, paths):
         """Makes scatterings of the grains that paths have met: their events, LIGHT, TURNS or PASSES."""

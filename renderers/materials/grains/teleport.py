@@ -7,11 +7,12 @@ offset by chance, and leaves where the grain sends it.  Each sphere is forgotten
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.materials.grains import _medium, _paths, _teleport
+from renderers.materials.grains import _paths, _teleport
+from renderers.materials.grains._entries import Boundary
 from renderers.materials.grains._grains import NOWHERE
 from renderers.materials.grains._paths import GRAINS, Event, Walk
+from renderers.materials.grains.medium import Continuous
 from renderers.materials.grains.paths import Explicit, begun, streams_of
-from renderers.materials.grains.seen import by_ends
 from renderers.threads import run
 from renderers.transport import wavefront
 
@@ -28,7 +29,7 @@ class Teleports(Explicit):
 
     def __init__(self, grains, occupied, colours, *, exponential=False):
         super().__init__(grains, occupied, colours)
-        self.flights = flights(grains.aggregate, exponential=exponential)
+        self.boundary, self.flights = Boundary.around(grains), flights(grains.aggregate, exponential=exponential)
 
     def advance(self, paths):
         """As `paths.Explicit.advance`; no path waits or switches."""
@@ -53,15 +54,8 @@ class Teleports(Explicit):
         paths = begun(point, direction, share.shape[1], states, np.arange(n), GRAINS)
         share[:] = self._is_clear(paths.part(Walk), paths.centre, distance)[:, None]
 
-    def entry(self, point, direction, far, inside=True):
-        """As `medium.Continuous.entry`: spheres may be anywhere in the mesh."""
-        t = np.empty(len(point))
-        run(_medium.entry, len(point), self.grains, point, direction, far, inside, t)
-        return t
-
-    def seen(self, point, direction, far):
-        """As `paths.Explicit.seen`, of the mesh."""
-        return by_ends(self.entry, point, direction, far)
+    # spheres may be anywhere in the mesh
+    entry, seen = Continuous.entry, Continuous.seen
 
     def _is_clear(self, walk, centre, distance):
         """Whether no grain is on the way of paths to a distance (n,) m; draws from their streams."""

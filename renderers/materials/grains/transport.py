@@ -68,12 +68,6 @@ class Transport(NamedTuple):
         """The loops of a body: those of its grains or those of its medium."""
         return self.bodies[body].grains if technique == GRAINS else self.bodies[body].medium
 
-    def entry(self, origin, direction, far):
-        """Distances (n,) m along rays to the first grain before far (n,) m, or to the mesh where paths begin in the medium; inf
-        where there is none."""
-        interactors = (self.interactor(body, self.technique) for body in range(len(self.bodies)))
-        return np.min([interactor.entry(origin, direction, far) for interactor in interactors], axis=0)
-
 
 class Sums(steps.Sums):
     """As `steps.Sums`.
@@ -303,7 +297,7 @@ def _turned(interactor, paths, event):
 def _at_baked_surface(world, transport, paths, body, sums):
     """Paths that go on from the baked surface of a body, after light samples have been added."""
     surface, n = transport.surfaces[body], paths.count
-    distance, normal = surface.entries(paths.origin, paths.direction, np.full(n, np.inf))
+    distance, normal = surface.boundary.entries(paths.origin, paths.direction, np.full(n, np.inf))
     paths.origin[:] += distance[:, None] * paths.direction
     if n and not sums.skips(paths):
         numbers = np.empty((n, 3))
