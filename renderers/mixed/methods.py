@@ -123,11 +123,10 @@ def _of_entries(layer, inside):
 
 def _in_one_loop(name, world, materials, colours, seed, reasons, figures, inside, far):
     from renderers.transport import passes
-    from renderers.transport import surfaces as bare
 
+    part = passes.part("paths" if materials else "surfaces", world, materials, colours, seed, by_light=True, far=far)
     if not materials:
-        return Method(name, (bare.part("surfaces", world, colours, seed),), reasons, lambda estimate: figures)
-    part = passes.part("paths", world, materials, colours, seed, by_light=True, far=far)
+        return Method(name, (part,), reasons, lambda estimate: figures)
 
     def after(estimate):
         numbers = passes.materials(world, materials, colours, seed, _MATERIAL)
