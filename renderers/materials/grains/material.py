@@ -26,16 +26,19 @@ def meshes_of(scene):
     return [meshes.of_entry(scene, number) for number in range(len(scene.values.materials))]
 
 
-def overlap(grains, meshes):
-    """Two bodies, the second with a corner of its mesh in the first, and how deep, m: more than a radius.  None if none."""
-    for outer, body in enumerate(grains):
-        for inner, (vertices, _) in enumerate(meshes):
+def refuse_overlap(scene, numbers, grains, meshes):
+    """UsageError, with the key, where grains of one entry reach into the mesh of another's by more than a radius.
+
+    numbers, grains, meshes : of the entries
+    """
+    for outer, body in zip(numbers, grains):
+        for inner, (vertices, _) in zip(numbers, meshes):
             if inner != outer:
                 corners = np.array(vertices / body.unit, order="C")
                 deep = body.unit * kernels.deepest_in_mesh(body.aggregate, corners, kernels.aggregate_scratch())
                 if deep > radius_of(body):
-                    return outer, inner, deep
-    return None
+                    raise scene.wrong(f"materials[{inner}].where.mesh", f"reaches {deep:.2g} m into the mesh of "
+                                      f"materials[{outer}]; meshes that do not overlap, but may touch, would do")
 
 
 def radius_of(grains) -> float:

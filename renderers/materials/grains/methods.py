@@ -44,10 +44,7 @@ def prepare(job, world, seed) -> Method:
     filled = ((asset.content_hash, vertices.tobytes()) for asset, (vertices, _) in zip(assets, meshes))
     grains = world.once(("grains", *filled), lambda: [
         material.grains_of(asset, *mesh, varied) for asset, mesh, varied in zip(assets, meshes, varies)])
-    if reaching := material.overlap(grains, meshes):
-        outer, inner, deep = reaching
-        raise job.scene.wrong(f"materials[{inner}].where.mesh", f"reaches {deep:.2g} m into the mesh of materials[{outer}]; "
-                              "meshes that do not overlap, but may touch, would do")
+    material.refuse_overlap(job.scene, range(len(grains)), grains, meshes)
     tolerance, surfaces = values.tolerance or budget.DEFAULT, (None, [])
     if methods()[values.method].surface_far:
         surfaces = far.surfaces_of(job.scene, world, assets, grains, meshes, methods()[values.method])

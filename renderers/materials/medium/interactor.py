@@ -12,11 +12,21 @@ from renderers.mitsuba.shading import FAR
 from renderers.threads import run
 from renderers.transport import wavefront
 from renderers.transport.paths import ELSEWHERE, ENDED, EVENT, REACHED, UNKNOWN, Flying
-from renderers.transport.scattering import Scatterer, flight, flown, mean_cosines, next_event, of_one_component, turn, turned
+from renderers.transport.scattering import (
+    Scatterer,
+    collides,
+    flight,
+    flown,
+    lessened,
+    mean_cosines,
+    next_event,
+    of_one_component,
+    turn,
+    turned,
+)
 from renderers.transport.wavefront import uniform
 
 _EVERYWHERE = kernels.region_box(np.zeros(3), np.ones(3))  # in place of a grid; nobody reads it
-_DIM, _GOES_ON = 0.1, 0.5  # transmittance below which an estimate of it ends by chance, and the share that goes on
 # Depth around a scene from which on no light samples are drawn: 6e-6 of the light comes so far.  In fog that absorbs nothing a
 # path may come back after 100,000 scatterings, and a step of all materials takes milliseconds however few paths are left
 _OUTSKIRTS = 12
@@ -110,16 +120,7 @@ def _collision(medium, density, most, paths, i, stop, scratch):
         rho = relative_density(density, paths.origin[i, 0] + t * paths.direction[i, 0],
                                paths.origin[i, 1] + t * paths.direction[i, 1], paths.origin[i, 2] + t * paths.direction[i, 2],
                                scratch)
-        total, stopped = 0.0, 0.0
-        for w in range(len(sigma)):
-            total += weight[i, w]
-            stopped += weight[i, w] * sigma[w]
-        chance = rho * stopped / (total * most) if total > 0.0 else 1.0
-        ends = chance >= 1.0 or uniform(states, i) < chance
-        for w in range(len(sigma)):
-            real = rho * sigma[w] / most
-            weight[i, w] *= real / chance if ends else (1.0 - real) / (1.0 - chance)
-        if ends:
+        if collides(sigma, rho, most, weight, states, i):
             return t
 
 
@@ -224,18 +225,12 @@ def transmit(medium, density, most, ways, share, begin, end):
             for w in range(len(sigma)):
                 share[i, w] *= math.exp(-sigma[w] * min(distance[i], FAR))
             continue
-        t, passed = 0.0, 1.0  # what an estimate that ends by chance is made of
-        while passed > 0.0:
+        t = 0.0
+        while True:
             t -= math.log1p(-uniform(states, i)) / most
             if t >= distance[i]:
                 break
             rho = relative_density(density, origin[i, 0] + t * direction[i, 0], origin[i, 1] + t * direction[i, 1],
                                    origin[i, 2] + t * direction[i, 2], scratch)
-            brightest = 0.0
-            for w in range(len(sigma)):
-                share[i, w] *= 1.0 - rho * sigma[w] / most
-                brightest = max(brightest, share[i, w])
-            if brightest < _DIM:
-                passed = 1.0 / _GOES_ON if uniform(states, i) < _GOES_ON else 0.0
-                for w in range(len(sigma)):
-                    share[i, w] *= passed
+            if not lessened(share[i], sigma, rho, most, states, i):
+                break
