@@ -71,9 +71,8 @@ def distance(point, triangles) -> float:
 
 def number_in(packed, vertices, faces) -> float:
     """Grains that are expected in a mesh, vertices (V, 3) m."""
-    a, b, c = (vertices[faces[:, k]] / packed.unit for k in range(3))
     aggregate = packed.aggregate
-    volume = float(np.sum(a * np.cross(b, c))) / 6 * kernels.mean_share(aggregate)
+    volume = solids.volume(vertices / packed.unit, faces) * kernels.mean_share(aggregate)
     return volume * len(aggregate.radii) / float(np.prod(aggregate.cell))
 
 

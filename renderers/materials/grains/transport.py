@@ -4,7 +4,7 @@ All paths of a pass go on together: compiled loops take each through one body un
 another body or the other paths; Mitsuba answers for all that do.  A path begins among explicit grains and may switch: the grain
 that it meets next is then a scattering of the medium, in which it goes on (`bundles` says when).
 
-A loop of its own beside `renderers.transport.waves`, with the steps of `renderers.transport.steps`: paths of a bundle wait for
+Steps of its own beside those of `renderers.transport.waves`, with those of `renderers.transport.steps`: paths of a bundle wait for
 each other before they switch, and what a compiled loop finds ahead of a path need not be found again.  `waves` looks for all
 materials ahead in every step: a path took 1.2 (20,000 glass balls, the only entry) and 1.6 times as long (grey stones).
 """

@@ -3,7 +3,7 @@
 One pass is one camera path a pixel, more where bright lamps are seen, whose first particle sends several on.  All paths go on
 together, bounce by bounce: kernels for particles, Mitsuba for surfaces and lights.
 
-A loop of its own beside `renderers.transport.waves`, with the steps of `renderers.transport.steps`: paths part at their first
+Steps of its own beside those of `renderers.transport.waves`, with those of `renderers.transport.steps`: paths part at their first
 particle, lights guide scattering, particles stop rays up to a depth of each pixel, and light that splats bring is left out.
 """
 
@@ -141,11 +141,13 @@ def squares_of(world, camera, height, width):
     Lamps are looked for by rays at corners and in the middle of pixels, and, around what those show, in the middle of squares;
     a lamp that none of them meets has one path, as other things have.
     """
+    from scipy.ndimage import binary_dilation
+
     rows, columns = np.mgrid[:height + 1, :width + 1]
     inside = _shining(world, camera, columns[:-1, :-1] + 0.5, rows[:-1, :-1] + 0.5)
     bright = _BRIGHT * inside.mean()
     at_corners = _shining(world, camera, columns, rows)[:-1, :-1]
-    row, column = np.nonzero(_grown(np.maximum(inside, at_corners) > bright))
+    row, column = np.nonzero(binary_dilation(np.maximum(inside, at_corners) > bright, np.ones((3, 3))))
     down, right = (np.mgrid[:_FINEST, :_FINEST].reshape(2, -1, 1) + 0.5) / _FINEST
     shows = (_shining(world, camera, column + right, row + down) > bright).any(axis=0)
     finest = _FINEST
@@ -154,12 +156,6 @@ def squares_of(world, camera, height, width):
     squares = np.ones(inside.shape, np.int64)
     squares[row[shows], column[shows]] = finest
     return squares.ravel()
-
-
-def _grown(marked):
-    """Pixels that are marked, and those around them."""
-    padded = np.pad(marked, 1)
-    return np.any([padded[i:i + len(marked), j:j + marked.shape[1]] for i in range(3) for j in range(3)], axis=0)
 
 
 def _shining(world, camera, x, y):
