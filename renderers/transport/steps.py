@@ -4,11 +4,18 @@ Paths are any record with the fields that `renderers.transport.paths.Paths` and 
 throughput, states, pixel, order, bounces, density, single.
 """
 
+import math
+
 import numpy as np
 
 from renderers.threads import run
 from renderers.transport import wavefront
 from renderers.transport.paths import Colours
+
+ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
+# where fewer paths than that, and than that share of them, are left, lights are sampled less; with less than the last share each
+# sample would be seen
+_MANY, _SHARE, _LEAST = 4096, 1 / 16, 1 / 8
 
 
 class Sums:
@@ -17,8 +24,17 @@ class Sums:
     by_order : (ORDERS, pixels, 3);  by_light : (lights, pixels, 3)
     """
 
-    def __init__(self, pixels, lights):
+    def __init__(self, pixels, lights, paths=ALL):
+        """paths : of the pass"""
         self.by_order, self.by_light = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
+        self._many = min(_MANY, _SHARE * min(paths, ALL))
+
+    def often(self, count):
+        """Share of the light samples that are taken, a power of 1/2, where a call of Mitsuba's is for so many paths.
+
+        Pictures are the same in the mean; the fewer paths go on, the more each of these calls costs.
+        """
+        return min(max(2.0 ** math.floor(math.log2(max(count / self._many, 1e-9))), _LEAST), 1.0)
 
     @staticmethod
     def skips(paths):

@@ -5,7 +5,6 @@ surface.  Materials (`renderers.materials`) fly and scatter in compiled loops; M
 once for the light samples of all events.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +15,6 @@ from renderers.transport import regularised, steps, wavefront
 from renderers.transport.paths import ELSEWHERE, EVENT, REACHED, UNKNOWN, Colours, Paths, follow, joined, of_camera
 from renderers.transport.places import NOWHERE, Places
 
-ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
-_MANY, _SHARE, _LEAST = 4096, 1 / 16, 1 / 8  # where fewer paths than that, and than that share, are left, lights are sampled less
 _ALMOST = 1 - 1e-4  # of the way to a surface that may be the blind boundary itself, or the light's
 # Bounces after which surfaces end paths, and those after which grains do so that are looked for anew at each.
 # Glass keeps light without loss, as a ball does into which light has come out of a body that reaches into it.  In heaps of clear
@@ -73,13 +70,11 @@ class Sums(steps.Sums):
     """As `steps.Sums`.
 
     first : (materials, pixels) paths that each material was the first to scatter
-    many : paths for which a call of Mitsuba's is worth its time
     """
 
     def __init__(self, pixels, scene, paths):
-        super().__init__(pixels, len(scene.world.light_names))
+        super().__init__(pixels, len(scene.world.light_names), paths)
         self.first = np.zeros((len(scene.materials), pixels))
-        self.many = min(_MANY, _SHARE * min(paths, ALL))
 
     def scattered_by(self, paths, number):
         """Counts paths that have scattered for the first time."""
@@ -103,7 +98,7 @@ def one_pass(scene, size, number, seed, samples=1) -> Sums:
         states, origin, direction = of_camera(scene.world.camera_rays, key, first, rows)
         return begun(np.array(origin, float), np.array(direction, float), len(scene.colours.to_waves), states, pixel)
 
-    follow(total, ALL, begin, lambda paths: step(scene, paths, sums))
+    follow(total, steps.ALL, begin, lambda paths: step(scene, paths, sums))
     return sums
 
 
@@ -125,8 +120,7 @@ def step(scene, paths, sums) -> Paths:
             reached.append((group, its))
             continue
         material = scene.materials[number]
-        share = 2.0 ** math.floor(math.log2(max(group.count / sums.many, 1e-9)))
-        chance = material.light_chance(min(max(share, _LEAST), 1.0))
+        chance = material.light_chance(sums.often(group.count))
         status, event = _advance(material, group, its)
         sums.scattered_by(group, number)
         meets = np.flatnonzero(status == EVENT)
@@ -201,7 +195,7 @@ def _into_grains(scene, paths, ahead, sums):
     for number in np.unique(ahead.grains[ahead.cause == GRAIN]):
         material, rows = scene.materials[number], np.flatnonzero((ahead.cause == GRAIN) & (ahead.grains == number))
         group = paths.of(rows)
-        material.light_chance(min(max(2.0 ** math.floor(math.log2(group.count / sums.many)), _LEAST), 1.0))
+        material.light_chance(sums.often(group.count))
         status, event = material.enter(group, np.where(ahead.within[rows], group.far, np.inf))
         sums.scattered_by(group, number)
         meets = np.flatnonzero(status == EVENT)

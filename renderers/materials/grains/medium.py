@@ -1,12 +1,14 @@
 """Paths in the continuous medium that stands for grains, in their mesh, whose boundary is none to light."""
 
+from functools import cache, partial
+
 import numpy as np
 
 from bakery import kernels
 from renderers.materials.grains import _medium
 from renderers.materials.grains._entries import Boundary
 from renderers.materials.grains._paths import Event, Walk
-from renderers.materials.grains.paths import TOGETHER, Seldom, streams_of
+from renderers.materials.grains.paths import TOGETHER, less_often, streams_of
 from renderers.threads import run
 from renderers.transport.scattering import Points, next_event
 
@@ -29,7 +31,7 @@ class Continuous:
         if diffuse and not self.varies:
             self.diffuse = kernels.diffuse_in_mesh(medium.aggregate, medium.sigma_t, medium.albedo, medium.v, medium.phase,
                                                    occupied)
-        self._seldom = Seldom(medium)
+        self._with_share = cache(partial(less_often, medium))
 
     @property
     def varies(self):
@@ -38,7 +40,7 @@ class Continuous:
 
     def sample_lights(self, share):
         """As `paths.Explicit.sample_lights`."""
-        self.medium = self._seldom.by(share)
+        self.medium = self._with_share(share)
 
     @property
     def content(self):

@@ -3,6 +3,8 @@
 Compiled loops take each path through the grains until it needs something that all paths get together (`transport`).
 """
 
+from functools import cache, partial
+
 import numpy as np
 
 from bakery.kernels import stream_key
@@ -14,27 +16,16 @@ from renderers.transport.paths import UNKNOWN, Paths
 NEVER = 2**62  # a stage that no path comes to
 TOGETHER = 256  # paths that one processor takes on: 4096 are often all those of a body, which then wait for one
 SELDOM = 1 / 64  # chance of a light sample far inside
-_LEAST = 1 / 8  # of the light samples; with fewer, each of them would be seen
 _POWERS = np.cumprod(np.full(7, 0x9E3779B97F4A7C15, np.uint64))  # odd, modulo 2^64: make a number of a way's seven words
 
 
-class Seldom:
-    """Layouts with a `chance` (X, Y, Z) of light samples, and the same with less.
-
-    Pictures are the same in the mean; the fewer paths go on, the more each call of Mitsuba's for lights costs.
-    """
-
-    def __init__(self, layout):
-        self._made = {1.0: layout}
-
-    def by(self, share):
-        """With a share, a power of 1/2, of the samples; far inside, where they are seldom anyway, no less."""
-        share = max(share, _LEAST)
-        if share not in self._made:
-            layout = self._made[1.0]
-            less = {"chance": np.maximum(np.float32(share) * layout.chance, np.float32(SELDOM))}
-            self._made[share] = layout._replace(**less | ({"often": share} if "often" in layout._fields else {}))
-        return self._made[share]
+def less_often(layout, share):
+    """A layout with a `chance` (X, Y, Z) of light samples, with a share of these; far inside, where they are seldom anyway, no
+    less."""
+    if share == 1:
+        return layout
+    less = {"chance": np.maximum(np.float32(share) * layout.chance, np.float32(SELDOM))}
+    return layout._replace(**less | ({"often": share} if "often" in layout._fields else {}))
 
 
 class Explicit:
@@ -46,11 +37,11 @@ class Explicit:
 
     def __init__(self, grains, occupied, colours):
         self.grains, self.occupied, self.colours = grains, occupied, colours
-        self._seldom = Seldom(grains)
+        self._with_share = cache(partial(less_often, grains))
 
     def sample_lights(self, share):
         """Lights are sampled so often, against what the grains' `chance` says, until this is called again."""
-        self.grains = self._seldom.by(share)
+        self.grains = self._with_share(share)
 
     def advance(self, paths):
         """Takes paths on until they need something: an `Event`."""

@@ -4,12 +4,11 @@ All paths of a pass go on together: compiled loops take each through one body un
 another body or the other paths; Mitsuba answers for all that do.  A path begins among explicit grains and may switch: the grain
 that it meets next is then a scattering of the medium, in which it goes on (`bundles` says when).
 
-Steps of its own beside those of `renderers.transport.waves`, with those of `renderers.transport.steps`: paths of a bundle wait for
+Steps of its own beside `renderers.transport.waves`, with those of `renderers.transport.steps`: paths of a bundle wait for
 each other before they switch, and what a compiled loop finds ahead of a path need not be found again.  `waves` looks for all
 materials ahead in every step: a path took 1.2 (20,000 glass balls, the only entry) and 1.6 times as long (grey stones).
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -24,8 +23,6 @@ from renderers.materials.surface import lobes
 from renderers.transport import regularised, steps, wavefront
 from renderers.transport.paths import Colours, follow, joined, of_camera
 
-_ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
-_MANY, _SHARE = 4096, 1 / 16  # where fewer paths than that, and than that share of them, are left, lights are sampled less often
 # Where a share goes on, steps after which paths end with a chance of one over them: a step takes milliseconds for however few
 # paths.  The light after the switch of the snowman, 320 x 240: 0.62 of the time and 1.08 times the variance
 _STEPS = 16
@@ -74,14 +71,13 @@ class Sums(steps.Sums):
 
     by_technique : (ORDERS, pixels, 3)
     switched : (pixels, 3) grains met before the switch, and whether there was one
-    which : ALL, BEFORE or AFTER;  many : paths for which a call of Mitsuba's is worth its time
+    which : ALL, BEFORE or AFTER
     pixels, samples : of the picture, and paths of each; the arrays are means over those once `one_pass` is over
     """
 
     def __init__(self, pixels, lights, which, samples=1):
-        self.pixels, self.samples = pixels, samples
-        self.which, self.many = which, min(_MANY, _SHARE * min(pixels * samples, _ALL))
-        super().__init__(pixels, lights)
+        self.pixels, self.samples, self.which = pixels, samples, which
+        super().__init__(pixels, lights, pixels * samples)
         self.by_technique, self.switched = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((pixels, 3))
 
     def add(self, paths, light, added):
@@ -143,7 +139,7 @@ def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=No
             paths = joined([paths, late])
         return _thinned(paths, 1 - 1 / taken) if transport.share < 1 and taken > _STEPS else paths
 
-    follow(len(order), _ALL, begin, step)
+    follow(len(order), steps.ALL, begin, step)
     sums.average()
     return sums
 
@@ -207,7 +203,7 @@ def _through(world, transport, paths, body, sums):
     if body < 0:  # nothing but surfaces of the scene ahead
         return [_at_surfaces(world, transport, paths, sums)], paths.of(slice(0, 0))
     interactor = transport.interactor(body, paths.technique[0])
-    interactor.sample_lights(min(1.0, 2.0 ** math.floor(math.log2(max(paths.count / sums.many, 1e-9)))))
+    interactor.sample_lights(sums.often(paths.count))
     event = interactor.advance(paths)
     status = event.status
     near = np.flatnonzero(status == _paths.TRACE)

@@ -90,7 +90,7 @@ class Medium:
         paths.grains[back], paths.triangle[back], paths.sphere[back] = -1, -1, UNKNOWN
 
     def transmittance(self, states, origin, direction, distance, left_out, share):
-        ways = Ways(states, origin, direction, distance)
+        ways = states, origin, direction, distance
         run(transmit, len(share), self.scatterer, self._density, self._most, ways, share)
 
     def next_event(self, paths, event, sample, passed, clear, added):
@@ -205,18 +205,12 @@ def _goes_on_outside(out, paths, i):
     return True
 
 
-class Ways(NamedTuple):
-    """Straight ways of light: random streams (n,), origins and unit directions (n, 3) m, lengths (n,) m."""
-
-    states: np.ndarray
-    origin: np.ndarray
-    direction: np.ndarray
-    distance: np.ndarray
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def transmit(medium, density, most, ways, share, begin, end):
-    """Multiplies share (n, L) by what a medium leaves of light on its ways; where it varies, by an estimate of that."""
+    """Multiplies share (n, L) by what a medium leaves of light on its ways; where it varies, by an estimate of that.
+
+    ways : random streams (n,), origins and unit directions (n, 3) m, lengths (n,) m
+    """
     medium, density, ways = lent(medium), lent(density), lent(ways)
     states, origin, direction, distance = ways
     sigma, scratch = medium.sigma_t, mesh_scratch()

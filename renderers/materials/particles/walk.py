@@ -3,7 +3,7 @@
 One pass is one camera path a pixel, more where bright lamps are seen, whose first particle sends several on.  All paths go on
 together, bounce by bounce: kernels for particles, Mitsuba for surfaces and lights.
 
-Steps of its own beside those of `renderers.transport.waves`, with those of `renderers.transport.steps`: paths part at their first
+Steps of its own beside `renderers.transport.waves`, with those of `renderers.transport.steps`: paths part at their first
 particle, lights guide scattering, particles stop rays up to a depth of each pixel, and light that splats bring is left out.
 """
 
@@ -27,7 +27,6 @@ _SPLIT, _BEGINNING = 4, 2
 _SMALL = 1.0  # 1/sr: density of places on lights from which on their direction is worth following
 _PARTS = 16  # of a box along each axis, in which rays are gathered
 _SPREAD = np.array([sum((i >> bit & 1) << 3 * bit for bit in range(4)) for i in range(_PARTS)])  # bits with two free ones between
-ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 # Of pixels that show what shines so many times the picture's mean of it: squares of a pixel that have a path each, along a side,
 # as many as add this share of the pixels to a pass.  One path a pixel left the rim of a bulb, and what hides it by chance, 99.9 %
 # of the variance of dust and of rain around it
@@ -182,7 +181,7 @@ def one_pass(world, method, camera, height, width, number, seed, *, discrete, li
     def begin(first, last):
         return _begin(method.medium, camera, width, squares.of(slice(first, last)), number, seed, discrete, first)
 
-    follow(len(squares.pixel), ALL, begin, lambda paths: _bounce(world, method, paths, sums))
+    follow(len(squares.pixel), steps.ALL, begin, lambda paths: _bounce(world, method, paths, sums))
     return sums.by_order.reshape(-1, height, width, 3), sums.by_light.reshape(-1, height, width, 3)
 
 
