@@ -100,12 +100,12 @@ class Paths(NamedTuple):
     centre: np.ndarray | None = None
 
     @classmethod
-    def begun(cls, origin, direction, waves, states, pixel, **more) -> "Paths":
-        """Paths of the camera;  more : fields of those that only some renderers need: arrays, or one value of all."""
+    def begun(cls, origin, direction, waves, states, pixel, **fields) -> "Paths":
+        """Paths of the camera;  fields : those that only some renderers need: arrays, or one value of all."""
         n = len(pixel)
-        more = {name: value if isinstance(value, np.ndarray) else np.full(n, value) for name, value in more.items()}
+        fields = {name: value if isinstance(value, np.ndarray) else np.full(n, value) for name, value in fields.items()}
         return cls(origin, direction, np.ones((n, waves)), states, pixel, np.zeros(n, np.int64), np.zeros(n, np.int64),
-                   np.zeros(n), np.ones(n, bool), **more)
+                   np.zeros(n), np.ones(n, bool), **fields)
 
     def part(self, kind):
         """Those fields that a kind of named tuple has, without a copy: kernels take no more than they read."""

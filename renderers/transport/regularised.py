@@ -83,8 +83,8 @@ class Wider(NamedTuple):
         sample, group, distance = sample.of(seen), group.of(seen), distance[seen]
         if self.behind is not None:
             near = np.flatnonzero(sample.distance < np.minimum(distance, FAR))
-            some, to_lamp = group.of(near), sample.distance[near]
-            passed = self.behind(some, some.origin + to_lamp[:, None] * some.direction, distance[near] - to_lamp)
+            past, to_lamp = group.of(near), sample.distance[near]
+            passed = self.behind(past, past.origin + to_lamp[:, None] * past.direction, distance[near] - to_lamp)
             group.throughput[near] /= np.where(passed > 0, passed, 1.0)
         radiance = sample.radiance * (density * sample.share(density))[:, None]
         return group.throughput, group.order, radiance.astype(np.float32), sample.light, group

@@ -96,13 +96,13 @@ def one_pass(scene, size, number, seed, samples=1) -> Sums:
         pixel = np.arange(first, last) % (height * width)
         rows = np.stack([pixel // width, pixel % width], axis=1)
         states, origin, direction = of_camera(scene.world.camera_rays, key, first, rows)
-        return begun(np.array(origin, float), np.array(direction, float), len(scene.colours.to_waves), states, pixel)
+        return starting(np.array(origin, float), np.array(direction, float), len(scene.colours.to_waves), states, pixel)
 
     follow(total, steps.ALL, begin, lambda paths: step(scene, paths, sums))
     return sums
 
 
-def begun(origin, direction, waves, states, pixel) -> Paths:
+def starting(origin, direction, waves, states, pixel) -> Paths:
     """Paths of the camera."""
     n = len(pixel)
     return Paths.begun(origin, direction, waves, states, pixel, drawn=origin.copy(), shaded=True, far=np.nan, grains=-1,

@@ -100,7 +100,7 @@ def first_surface(grains, point, direction, far, sphere, triangle):
     return t, normal
 
 
-def begun(origin, direction, waves, states, pixel, technique) -> Paths:
+def starting(origin, direction, waves, states, pixel, technique) -> Paths:
     """Paths from places in the open."""
     n, unknown = len(pixel), np.full((len(pixel), 3), np.nan)
     return Paths.begun(origin, direction, waves, states, pixel, far=np.nan, sphere=np.full((n, 4), UNKNOWN), triangle=-1, body=-1,

@@ -12,7 +12,7 @@ from renderers.materials.grains._entries import Boundary
 from renderers.materials.grains._grains import NOWHERE
 from renderers.materials.grains._paths import GRAINS, Event, Walk
 from renderers.materials.grains.medium import Continuous
-from renderers.materials.grains.paths import Explicit, begun, streams_of
+from renderers.materials.grains.paths import Explicit, starting, streams_of
 from renderers.threads import run
 from renderers.transport import wavefront
 
@@ -51,7 +51,7 @@ class Teleports(Explicit):
         """Share (n, L), 0 or 1, of light that gets from points along directions to a distance; the same for the same way."""
         n, states = len(point), streams_of(point, direction, distance)
         point, direction = (np.ascontiguousarray(values, float) for values in (point, direction))
-        paths = begun(point, direction, share.shape[1], states, np.arange(n), GRAINS)
+        paths = starting(point, direction, share.shape[1], states, np.arange(n), GRAINS)
         share[:] = self._is_clear(paths.part(Walk), paths.centre, distance)[:, None]
 
     # spheres may be anywhere in the mesh

@@ -18,7 +18,7 @@ from renderers.materials.grains import _paths, bundles, far
 from renderers.materials.grains._grains import OFF, UNKNOWN
 from renderers.materials.grains._paths import GRAINS, MEDIUM
 from renderers.materials.grains.ahead import TURNED, into_next, look_ahead, look_from_the_open
-from renderers.materials.grains.paths import NEVER, Explicit, begun
+from renderers.materials.grains.paths import NEVER, Explicit, starting
 from renderers.materials.surface import lobes
 from renderers.transport import regularised, steps, wavefront
 from renderers.transport.paths import Colours, follow, joined, of_camera
@@ -147,7 +147,7 @@ def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=No
 def _begin(transport, camera, corners, pixel, number, seed, first):
     key = stream_key(seed, "render.grains", number)
     states, origin, direction = of_camera(camera.rays_at, key, first, corners[pixel % len(corners)])
-    return begun(origin, direction, len(transport.colours.to_waves), states, pixel, transport.technique)
+    return starting(origin, direction, len(transport.colours.to_waves), states, pixel, transport.technique)
 
 
 def _thinned(paths, share):
