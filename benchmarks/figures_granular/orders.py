@@ -9,6 +9,7 @@ from benchmarks.sizes import sized
 from renderers.camera import Camera
 from renderers.materials.grains import material, medium, paths, transport
 from renderers.materials.grains.teleport import Teleports
+from renderers.transport.paths import Colours
 from tests.physics.particles import Sky
 from tests.physics.test_granular_render import through
 
@@ -34,7 +35,7 @@ def _measured(asset, passes, packings):
     for number in range(packings):
         middle = 97.3 * unit * np.array([number, number**2 % 7, number**3 % 5], float)
         grains = material.grains_of(asset, *stand.ball(middle, RADIUS * unit))
-        around = np.zeros((0, 0, 0), np.uint8), material.colours_of(asset)
+        around = np.zeros((0, 0, 0), np.uint8), Colours.of(asset.wavelength)
         how = (paths.Explicit(grains, *around), Teleports(grains, *around), Teleports(grains, *around, exponential=True),
                medium.Continuous(material.medium_of(asset, grains)[0], *around))
         view = Camera.looking(middle - [0, 20 * RADIUS * unit, 0], middle, (0, 0, 1), 2 * math.atan(0.5 / 20), PIXELS, PIXELS)

@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 
 from renderers.materials.bodies.bodies import flaws, rounded
+from renderers.materials.grains import material
 from renderers.materials.grains.paths import first_grain, seen_grain
 from renderers.materials.particles.interactor import seen_particle
 from renderers.mixed import build, contents, surfaces
@@ -99,7 +100,7 @@ def _features(world, entries, colours, seed):
 
 def _with_grains(world, explicit, colours, around, quality):
     """Features for a quality with those of grains and particles, `contents.Content`, in place of what stands for them."""
-    from renderers.materials.grains import features, material
+    from renderers.materials.grains import features
 
     bodies = [features.with_radius(partial(seen_grain, content.what.grains), material.radius_of(content.what.grains))
               if isinstance(content.what, contents.Grains) else partial(_wide_particle, world, content.what.medium)
@@ -123,17 +124,23 @@ def _of_entries(layer, inside):
 
 def _in_one_loop(name, world, materials, colours, seed, reasons, figures, inside, far):
     from renderers.transport import passes
-    from renderers.transport import surfaces as bare
 
+    part = passes.part("paths" if materials else "surfaces", world, materials, colours, seed, by_light=True, far=far)
     if not materials:
-        return Method(name, (bare.part("surfaces", world, colours, seed),), reasons, lambda estimate: figures)
-    part = passes.part("paths", world, materials, colours, seed, by_light=True, far=far)
+        return Method(name, (part,), reasons, lambda estimate: figures)
 
     def after(estimate):
         numbers = passes.materials(world, materials, colours, seed, _MATERIAL)
         return figures | {"layers": {"material": _of_entries(numbers, inside)}}
 
     return Method(name, (part,), reasons, after, features=lambda quality: _features(world, materials, colours, seed))
+
+
+def _refuse_overlap(scene, filled):
+    """UsageError where grains of one entry reach into the mesh of another's."""
+    packed = {number: content.what for number, content in enumerate(filled) if isinstance(content.what, contents.Grains)}
+    grains, meshes = ([getattr(content, name) for content in packed.values()] for name in ("grains", "region"))
+    material.refuse_overlap(scene, packed, grains, meshes)
 
 
 def _refuse_twins(scene, filled):
@@ -153,15 +160,3 @@ def _refuse_twins(scene, filled):
                 raise scene.wrong(f"materials[{number}].where", f"found the {kind} of materials[{earlier}], so that neither is "
                                   "inside of the other; use a larger or a smaller one")
         before.append((number, kind, corners))
-
-
-def _refuse_overlap(scene, filled):
-    """UsageError where grains of one entry reach into the mesh of another's by more than a radius."""
-    from renderers.materials.grains import material
-
-    numbers = [number for number, content in enumerate(filled) if isinstance(content.what, contents.Grains)]
-    packed = [filled[number].what for number in numbers]
-    if reaching := material.overlap([content.grains for content in packed], [tuple(content.region) for content in packed]):
-        outer, inner, deep = reaching
-        raise scene.wrong(f"materials[{numbers[inner]}].where.mesh", f"reaches {deep:.2g} m into the mesh of "
-                          f"materials[{numbers[outer]}]; use meshes that do not overlap, but may touch")

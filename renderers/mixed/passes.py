@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from renderers.pictures.engine import Part, layers_of
+from renderers.pictures.engine import Part, by_samples, layers_of
 from renderers.transport import regularised, waves
 
 _PATHS, _SAMPLES = 1 << 17, 16  # of a pass, at most, where a pixel has several; and of a pixel
@@ -17,14 +17,10 @@ def part(name, scene, seed) -> Part:
     height, width = scene.world.size
     most = _SAMPLES if scene.world.whole is None else _OF_PILOTS
     samples = max(1, min(most, round(_PATHS / (height * width))))
-    return _of_samples(name, scene, (height, width), seed, samples)
+    return by_samples(name, partial(_rendered, scene, (height, width), seed), samples)
 
 
-def _of_samples(name, scene, size, seed, samples):
-    return Part(name, partial(_rendered, scene, size, samples, seed), samples, partial(_of_samples, name, scene, size, seed))
-
-
-def _rendered(scene, size, samples, seed, number):
+def _rendered(scene, size, seed, samples, number):
     """Layers of a pass."""
     scene = scene._replace(chord=regularised.chord(scene.angle, samples * (number + 1)))
     sums = waves.one_pass(scene, size, number, seed, samples)

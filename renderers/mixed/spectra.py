@@ -27,8 +27,7 @@ class Spectra(NamedTuple):
         waves = [np.asarray(asset.wavelength, float) for asset in assets]
         if any(not np.array_equal(wavelengths, waves[0]) for wavelengths in waves):
             return cls(Colours(np.eye(3), np.eye(3)), True)
-        return cls(Colours(np.ascontiguousarray(colour.srgb_matrix(waves[0])),
-                           np.ascontiguousarray(colour.spread_matrix(waves[0]))), False)
+        return cls(Colours.of(waves[0]), False)
 
     def _matrix(self, asset):
         return colour.band_matrix(np.asarray(asset.wavelength, float))

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -81,6 +82,11 @@ class Part(NamedTuple):
     fewer: Callable[[int], "Part"] | None = None
     steps: int = 1
     fewest: float = 1
+
+
+def by_samples(name, render, samples) -> Part:
+    """A part of passes of so many samples a pixel, or fewer;  render : function of samples and the number of a pass"""
+    return Part(name, partial(render, samples), samples, partial(by_samples, name, render))
 
 
 def in_time(parts, seconds) -> tuple[Part, ...]:

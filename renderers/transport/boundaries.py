@@ -22,6 +22,7 @@ class Boundaries:
     """Boundaries of bodies, which paths keep a bit each of.
 
     around_camera : bodies in which the camera stands
+    blind : whether there are boundaries that light does not see
     """
 
     def __init__(self, world, bodies):
@@ -31,7 +32,8 @@ class Boundaries:
             has them
         """
         unit = world.unit
-        self._shapes = _numbers(world, {body.name: number for number, body in bodies.items()})
+        shapes = _numbers(world, {body.name: number for number, body in bodies.items()})
+        self._shapes, self.blind = mi.UInt32(shapes), bool(np.any(shapes & np.uint32(_BLIND)))
         self._apart = [(1 << number, boundary(body.vertices, body.faces, unit)) for number, body in bodies.items()] \
             if needs_search(world, list(bodies.values())) else []
         corners = np.concatenate([body.vertices for body in bodies.values()]) / unit if bodies else np.zeros((1, 3))
@@ -126,4 +128,4 @@ def _numbers(world, bodies):
         bsdf = shape.bsdf()
         if mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null) and not len(mi.traverse(bsdf).keys()):
             table[number] |= _BLIND
-    return mi.UInt32(table)
+    return table

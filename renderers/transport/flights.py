@@ -33,6 +33,10 @@ def flight(scene, path, ray):
     """The next flights of paths along their rays; changes the throughput."""
     if scene.regions.bounded:
         return _through_regions(scene, path, ray)
+    if not scene.entries:  # surfaces alone
+        hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=path.alive)
+        none = dr.full(mi.Bool, False, dr.width(path.alive))
+        return Flight(none, dr.zeros(mi.UInt32, dr.width(path.alive)), path.alive & hit.is_valid(), hit, mi.Float(hit.t))
     within, medium = scene.innermost(path.inside | scene.regions.always)
     sigma_t = [dr.select(within, sigma, 0) for sigma in scene.media.sigma_t(medium)]
     distance = media.flight(path.throughput, sigma_t, path.random.next_float32(), path.random.next_float32())
@@ -117,6 +121,9 @@ def transmittance(scene, ray, inside, active):
 
     inside : bodies in which the rays begin
     """
+    if not (scene.entries or scene.boundaries.blind):
+        return [dr.select(active & ~scene.scene.ray_test(ray, active), mi.Float(1), 0)] * scene.media.count
+
     def step(ray, inside, depth, active):
         hit, meets, crosses = _ahead(scene, ray, active)
         free = active & (crosses | ~meets)

@@ -183,10 +183,8 @@ class Guides:
 
 def _blurred(light, share):
     """Light (x, y, z, cosines, angles) of which neighbours on each side get a share along each axis; angles go around."""
+    from scipy.ndimage import convolve1d
+
     for axis in range(light.ndim):
-        width = [(1, 1) if k == axis else (0, 0) for k in range(light.ndim)]
-        padded = np.pad(light, width, mode="wrap" if axis == light.ndim - 1 else "edge")
-        count = light.shape[axis]
-        before, after = (padded.take(range(first, first + count), axis) for first in (0, 2))
-        light = (1 - 2 * share) * light + share * (before + after)
+        light = convolve1d(light, [share, 1 - 2 * share, share], axis, mode="wrap" if axis == light.ndim - 1 else "nearest")
     return light

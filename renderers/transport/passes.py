@@ -9,7 +9,7 @@ import numpy as np
 from bakery.kernels import stream_key
 from renderers.mitsuba import variants
 from renderers.mitsuba.recording import undisturbed
-from renderers.pictures.engine import Part, layers_of
+from renderers.pictures.engine import Part, by_samples, layers_of
 from renderers.transport import loop
 from renderers.transport.scene import Scene
 from renderers.transport.state import Numbers
@@ -71,12 +71,8 @@ def of_loop(name, world, traced, seed, by_light=False, most=_SAMPLES, paths=_PAT
     height, width = world.size
     paths *= _ON_GPU if variants.on_gpu(world.variant) else 1
     samples = 1 << max(0, min(most, paths // (height * width)).bit_length() - 1)
-    return _of_samples(name, traced, (height, width), seed, world.light_names if by_light else (), samples)
-
-
-def _of_samples(name, traced, size, seed, lights, samples):
-    return Part(name, partial(_rendered, traced, size, samples, seed, lights), samples,
-                partial(_of_samples, name, traced, size, seed, lights))
+    lights = world.light_names if by_light else ()
+    return by_samples(name, partial(_rendered, traced, (height, width), seed, lights), samples)
 
 
 def recorded(view, turn):
@@ -118,7 +114,7 @@ def halves(key):
     return int(key) & 0xFFFFFFFF, int(key) >> 32
 
 
-def _rendered(traced, size, samples, seed, lights, number):
+def _rendered(traced, size, seed, lights, samples, number):
     """Layers of a pass."""
     by_order, by_light = traced(halves(stream_key(seed, "render.paths", number)), size[0] * size[1], samples, len(lights) > 0)
     by_order = np.moveaxis(by_order.reshape(*size, ORDERS, 3), 2, 0) / samples

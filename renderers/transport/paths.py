@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from renderers import threads
+from renderers import colour, threads
 from renderers.transport import wavefront
 
 # what a material has taken a path to: where it was to go, an event, nowhere, or another place, on its way
@@ -22,19 +22,53 @@ class Colours(NamedTuple):
     to_rgb: np.ndarray
     to_waves: np.ndarray
 
+    @classmethod
+    def of(cls, wavelength) -> "Colours":
+        """From and to wavelengths (L,) um."""
+        waves = np.asarray(wavelength, float)
+        return cls(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
+
+
+class Flying(NamedTuple):
+    """What loops through media read and change of `Paths`."""
+
+    origin: np.ndarray
+    direction: np.ndarray
+    throughput: np.ndarray
+    states: np.ndarray
+    order: np.ndarray
+    bounces: np.ndarray
+    drawn: np.ndarray
+    density: np.ndarray
+
 
 class Paths(NamedTuple):
-    """n paths on their way; arrays are changed in place.
+    """n paths on their way; arrays are changed in place.  What a renderer does not need of them is None.
 
     origin, direction : (n, 3) m, unit;  throughput : (n, L);  states : (n,) uint64, random streams;  pixel : (n,)
     order, bounces : (n,) scatterings by materials; these and surfaces
-    drawn, density : (n, 3) m, (n,) 1/sr, where the direction was drawn, and how likely over the chance of a light sample there
+    density : (n,) 1/sr, of the direction, over the chance of a light sample where it was drawn
     single : (n,) whether no light sample could have taken the place of the direction
+    drawn : (n, 3) m, where the direction was drawn
     shaded : (n,) whether a surface of the scene, the camera, or a body whose boundary turns light drew it
-    far : (n,) m, to the first surface of the scene; nan: not known
-    grains : (n,) material whose grain each is on, or -1;  sphere, triangle : (n, 4), (n,) of that grain
+    far : (n,) m, to the first surface of the scene, or what is of another body of grains; nan: not known
+    grains : (n,) material whose grain each is on, or -1;  sphere, triangle : (n, 4), (n,) of that grain (`_grains.next_surface`)
     left_out : (n, 3) m, the particle that each has just left, or nan
     first : (n,) entry of the material that scattered it first, or -1
+
+    Of scenes of particles alone:
+
+    discrete : (n,) m, up to where particles stop the ray
+    splatted : (n,) whether what `splat` takes of the path's next light is left out here
+    ways : (n,) ways on from its next particle
+
+    Of scenes of grains alone:
+
+    body : (n,) in which each goes on, -1 where that is not known
+    beyond : (n,) body in which `far` ends, -1 where it ends at a surface or nothing
+    technique : (n,) GRAINS, MEDIUM or DIFFUSION (`_paths`)
+    last, stage, switching : as in `_paths.Switching`
+    centre : (n, 3) m, of the sphere that each starts in where its place is drawn; nan elsewhere
     """
 
     origin: np.ndarray
@@ -44,26 +78,38 @@ class Paths(NamedTuple):
     pixel: np.ndarray
     order: np.ndarray
     bounces: np.ndarray
-    drawn: np.ndarray
     density: np.ndarray
     single: np.ndarray
-    shaded: np.ndarray
-    far: np.ndarray
-    grains: np.ndarray
-    sphere: np.ndarray
-    triangle: np.ndarray
-    left_out: np.ndarray
-    first: np.ndarray
+    drawn: np.ndarray | None = None
+    shaded: np.ndarray | None = None
+    far: np.ndarray | None = None
+    grains: np.ndarray | None = None
+    sphere: np.ndarray | None = None
+    triangle: np.ndarray | None = None
+    left_out: np.ndarray | None = None
+    first: np.ndarray | None = None
+    discrete: np.ndarray | None = None
+    splatted: np.ndarray | None = None
+    ways: np.ndarray | None = None
+    body: np.ndarray | None = None
+    beyond: np.ndarray | None = None
+    technique: np.ndarray | None = None
+    last: np.ndarray | None = None
+    stage: np.ndarray | None = None
+    switching: np.ndarray | None = None
+    centre: np.ndarray | None = None
 
     @classmethod
-    def begun(cls, origin, direction, waves, states, pixel) -> "Paths":
-        """Paths of the camera."""
+    def begun(cls, origin, direction, waves, states, pixel, **fields) -> "Paths":
+        """Paths of the camera;  fields : those that only some renderers need: arrays, or one value of all."""
         n = len(pixel)
-        nothing, unknown = np.full(n, -1), np.full((n, 3), np.nan)
-        return cls(origin=origin, direction=direction, throughput=np.ones((n, waves)), states=states, pixel=pixel,
-                   order=np.zeros(n, np.int64), bounces=np.zeros(n, np.int64), drawn=origin.copy(), density=np.zeros(n),
-                   single=np.ones(n, bool), shaded=np.ones(n, bool), far=np.full(n, np.nan), grains=nothing,
-                   sphere=np.full((n, 4), UNKNOWN), triangle=nothing.copy(), left_out=unknown, first=nothing.copy())
+        fields = {name: value if isinstance(value, np.ndarray) else np.full(n, value) for name, value in fields.items()}
+        return cls(origin, direction, np.ones((n, waves)), states, pixel, np.zeros(n, np.int64), np.zeros(n, np.int64),
+                   np.zeros(n), np.ones(n, bool), **fields)
+
+    def part(self, kind):
+        """Those fields that a kind of named tuple has, without a copy: kernels take no more than they read."""
+        return kind(*(getattr(self, name) for name in kind._fields))
 
     @property
     def count(self) -> int:
@@ -75,8 +121,8 @@ class Paths(NamedTuple):
         # `take` copies whole rows: a third to two thirds of the time of indexing with a mask
         rows = np.arange(self.count)[chosen]
         if not len(rows):
-            return type(self)(*(field[:0] for field in self))
-        return type(self)(*(field.take(rows, axis=0) for field in self))
+            return type(self)(*(field if field is None else field[:0] for field in self))
+        return type(self)(*(field if field is None else field.take(rows, axis=0) for field in self))
 
     def off_grains(self):
         """Where they are no grain is known to be."""
@@ -92,7 +138,8 @@ class Paths(NamedTuple):
 def joined(parts):
     """Paths of several records of a kind, of at least one."""
     filled = [part for part in parts if part.count] or parts[:1]
-    return filled[0] if len(filled) == 1 else type(filled[0])(*map(np.concatenate, zip(*filled)))
+    return filled[0] if len(filled) == 1 else type(filled[0])(*(
+        None if fields[0] is None else np.concatenate(fields) for fields in zip(*filled)))
 
 
 def of_camera(rays, key, first, pixel):
@@ -117,6 +164,8 @@ def follow(total, together, begin, step):
         while started < total or paths.count:
             if started < total and paths.count < together // 2:
                 last = min(started + together, total)
+                expect(last - started)
                 started, paths = last, joined([paths, begin(started, last)])
             expect(paths.count)
-            paths = step(paths)
+            if paths.count:
+                paths = step(paths)

@@ -13,7 +13,7 @@ from bakery import kernels
 from bakery.kernels import lent, mesh_scratch, nearest_triangle, triangle_normal
 from bakery.system.compiled import njit
 from renderers.threads import run
-from renderers.transport.solids import SMALLER
+from renderers.transport.solids import SMALLER, volume
 
 # What there is of the scene's surfaces at the boundary of a region: none; one that light does not see (`null`); one that turns
 # light, which itself ends a path's flight
@@ -58,8 +58,7 @@ def mesh(vertices, faces, bounds=FREE, solid=False) -> Region:
     centre, scale = (lo + hi) / 2, float(np.linalg.norm(hi - lo)) / 2
     nodes, children, blocks = kernels.Mesh((vertices - centre) / scale, faces).tree[:3]
     layout = kernels.region_box(lo, hi)._replace(centre=centre, scale=scale, nodes=nodes, children=children, blocks=blocks)
-    a, b, c = (vertices[faces[:, k]] - centre for k in range(3))
-    return Region(layout, float(np.einsum("fk,fk->", a, np.cross(b, c))) / 6, bounds, solid)
+    return Region(layout, volume(vertices, faces), bounds, solid)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -12,7 +12,7 @@ balance heuristic of `renderers.transport`, with 1/A as the density of a directi
 too.
 
 A path brings a lamp's light when it has come past it, to a surface.  Light that media between these have taken from it, T of it,
-is given back as 1/T, which is right in the mean where T is known; `behind` of `add_light`.
+is given back as 1/T, which is right in the mean where T is known; `Wider.behind`.
 
 The mean is off by c^2 times the curvature of what light of one direction becomes.  The chord goes with n samples as n^(-1/6), as
 that of the discs of Kaplanyan & Dachsbacher 2013 (Path Space Regularization for Holistic and Robust Light Transport), so that
@@ -20,11 +20,13 @@ the picture goes to that of the lamp itself, and its variance to 0.
 """
 
 import math
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from renderers.mitsuba.shading import FAR
-from renderers.transport import steps, wavefront
+from renderers.transport import wavefront
 
 MOST = math.radians(20.0)  # half angle of the cone at first
 _SHRINKS = -1 / 6
@@ -43,37 +45,46 @@ def angle_of(pixels_wide) -> float:
     return min(MOST, 1 / max(pixels_wide, 1e-30))
 
 
-def begin(paths, c, turned=True):
-    """Gives directions that have no density and come from grains that of their cone, and says which paths (m,) those are.
+class Wider(NamedTuple):
+    """How paths see small lamps by way of smooth grains.
 
-    turned : (n,) whether what turned paths last was a material
-    """
-    if c == 0:
-        return np.zeros(0, int)
-    rows = np.flatnonzero(paths.single & (paths.order > 0) & turned)
-    paths.density[rows], paths.single[rows] = 1 / (math.pi * c * c), False
-    return rows
-
-
-def add_light(world, colours, paths, distance, c, sums, behind=None):
-    """Adds what light samples from where paths began bring in their cones, before the surfaces that they meet.
-
-    distance : (n,) m, to these; inf where there are none
+    chord : of the half angle of the cone; 0: as they are
     behind : function of paths (m,), points (m, 3) m of lamps on their ways, and distances (m,) m from there to surfaces -> share
         (m, L) of the light that media between these leave, which paths that came so far have lost; None: there are no media
     """
-    numbers, density = np.empty((paths.count, 3)), 1 / (math.pi * c * c)
-    wavefront.draw(paths.states, numbers)
-    sample = world.lights(paths.origin, numbers, hidden=False)
-    within = np.sum((sample.direction - paths.direction) ** 2, axis=1) < c * c
-    # a lamp of a density p has a solid angle of 1/p or less: what is nearer than its point by its width may be its own surface
-    depth = np.where(sample.delta, 0.0, np.minimum(2 / np.sqrt(math.pi * np.maximum(sample.density, 1e-30)), c))
-    rows = np.flatnonzero(within & (sample.distance * (1 - depth) <= distance))
-    sample, paths, distance = sample.of(rows), paths.of(rows), distance[rows]
-    if behind is not None:
-        near = np.flatnonzero(sample.distance < np.minimum(distance, FAR))
-        group, to_lamp = paths.of(near), sample.distance[near]
-        passed = behind(group, group.origin + to_lamp[:, None] * group.direction, distance[near] - to_lamp)
-        paths.throughput[near] /= np.where(passed > 0, passed, 1.0)
-    radiance = sample.radiance * (density * sample.share(density))[:, None]
-    steps.add_light(colours, paths.throughput, paths.order, radiance.astype(np.float32), sample.light, paths, sums)
+
+    chord: float
+    behind: Callable | None = None
+
+    def begin(self, paths):
+        """Gives directions that have no density and come from grains that of their cone, and says which paths (m,) those are."""
+        if self.chord == 0:
+            return np.zeros(0, int)
+        turned = True if paths.shaded is None else ~paths.shaded
+        rows = np.flatnonzero(paths.single & (paths.order > 0) & turned)
+        paths.density[rows], paths.single[rows] = 1 / (math.pi * self.chord**2), False
+        return rows
+
+    def light(self, world, paths, shading, rows):
+        """Of paths `rows` (m,) what light samples from where they began bring in their cones, before the surfaces that they met:
+        throughputs, orders, radiance, numbers of lights, and the paths."""
+        group, c = paths.of(rows), self.chord
+        if paths.drawn is not None:
+            group = group._replace(origin=group.drawn)
+        distance = np.where(shading.hit[rows], np.linalg.norm(shading.point[rows] - group.origin, axis=1), np.inf)
+        numbers, density = np.empty((group.count, 3)), 1 / (math.pi * c * c)
+        wavefront.draw(group.states, numbers)
+        sample = world.lights(group.origin, numbers, hidden=False)
+        within = np.sum((sample.direction - group.direction) ** 2, axis=1) < c * c
+        # a lamp of a density p has a solid angle of 1/p or less: what is nearer than its point by its width may be its surface
+        depth = np.where(sample.delta, 0.0, np.minimum(2 / np.sqrt(math.pi * np.maximum(sample.density, 1e-30)), c))
+        seen = np.flatnonzero(within & (sample.distance * (1 - depth) <= distance))
+        paths.states[rows] = group.states
+        sample, group, distance = sample.of(seen), group.of(seen), distance[seen]
+        if self.behind is not None:
+            near = np.flatnonzero(sample.distance < np.minimum(distance, FAR))
+            past, to_lamp = group.of(near), sample.distance[near]
+            passed = self.behind(past, past.origin + to_lamp[:, None] * past.direction, distance[near] - to_lamp)
+            group.throughput[near] /= np.where(passed > 0, passed, 1.0)
+        radiance = sample.radiance * (density * sample.share(density))[:, None]
+        return group.throughput, group.order, radiance.astype(np.float32), sample.light, group

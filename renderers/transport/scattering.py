@@ -16,6 +16,7 @@ from renderers.transport.wavefront import to_rgb, uniform
 
 DIFFUSE = -1  # in place of the component that scatters: a point whose fluence counts, the same in all directions
 UNIFORM = 1 / (4 * math.pi)  # 1/sr
+_DIM, _GOES_ON = 0.1, 0.5  # transmittance below which an estimate of it ends by chance, and the share that goes on
 
 
 class Scatterer(NamedTuple):
@@ -99,6 +100,39 @@ def flown(medium, weight, i, t, ends):
         density += weight[i, w] * math.exp(-sigma[w] * t) * (sigma[w] if ends else 1.0)
     for w in range(len(sigma)):
         weight[i, w] *= math.exp(-sigma[w] * t) * (sigma[w] if ends else 1.0) * total / density if density > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def collides(sigma, rho, most, weight, states, i):
+    """Whether a flight of path i through the densest part of a medium ends where its density is rho; changes the weights.
+
+    sigma : (L,) 1/m, where the relative density is 1;  most : the largest extinction anywhere
+    """
+    total, stopped = 0.0, 0.0
+    for w in range(len(sigma)):
+        total += weight[i, w]
+        stopped += weight[i, w] * sigma[w]
+    chance = rho * stopped / (total * most) if total > 0.0 else 1.0
+    ends = chance >= 1.0 or uniform(states, i) < chance
+    for w in range(len(sigma)):
+        real = rho * sigma[w] / most
+        weight[i, w] *= real / chance if ends else (1.0 - real) / (1.0 - chance)
+    return ends
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def lessened(share, sigma, rho, most, states, i):
+    """Whether an estimate share (L,) of what gets through goes on after such a point, at which it becomes less."""
+    brightest = 0.0
+    for w in range(len(sigma)):
+        share[w] *= 1.0 - rho * sigma[w] / most
+        brightest = max(brightest, share[w])
+    if brightest >= _DIM:
+        return True
+    goes_on = uniform(states, i) < _GOES_ON
+    for w in range(len(sigma)):
+        share[w] *= 1.0 / _GOES_ON if goes_on else 0.0
+    return goes_on
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)

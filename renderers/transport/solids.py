@@ -30,5 +30,4 @@ def area(vertices, faces) -> float:
 
 def chord(vertices, faces) -> float:
     """Mean chord of a closed mesh, in the unit of its vertices (V, 3): 4 V/S of isotropic lines (Cauchy)."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return 4 * (abs(float(np.sum(a * np.cross(b, c)))) / 6) / area(vertices, faces)
+    return 4 * abs(volume(vertices, faces)) / area(vertices, faces)

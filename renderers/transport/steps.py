@@ -4,11 +4,18 @@ Paths are any record with the fields that `renderers.transport.paths.Paths` and 
 throughput, states, pixel, order, bounces, density, single.
 """
 
+import math
+
 import numpy as np
 
 from renderers.threads import run
 from renderers.transport import wavefront
 from renderers.transport.paths import Colours
+
+ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
+# where fewer paths than that, and than that share of them, are left, lights are sampled less; with less than the last share each
+# sample would be seen
+_MANY, _SHARE, _LEAST = 4096, 1 / 16, 1 / 8
 
 
 class Sums:
@@ -17,22 +24,64 @@ class Sums:
     by_order : (ORDERS, pixels, 3);  by_light : (lights, pixels, 3)
     """
 
-    def __init__(self, pixels, lights):
+    def __init__(self, pixels, lights, paths=ALL):
+        """paths : of the pass"""
         self.by_order, self.by_light = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((lights, pixels, 3))
+        self._many = min(_MANY, _SHARE * min(paths, ALL))
+
+    def often(self, count):
+        """Share of the light samples that are taken, a power of 1/2, where a call of Mitsuba's is for so many paths.
+
+        Pictures are the same in the mean; the fewer paths go on, the more each of these calls costs.
+        """
+        return min(max(2.0 ** math.floor(math.log2(max(count / self._many, 1e-9))), _LEAST), 1.0)
+
+    @staticmethod
+    def skips(paths):
+        """Whether the light of paths is left to other passes."""
+        return False
 
     def add(self, paths, light, added):
         """What paths bring, added (n, 3), from lights (n,)."""
         wavefront.accumulate(added, paths.order, light, paths.pixel, self.by_order, self.by_light)
 
 
-def met(world, paths, *drawn, columns=6):
-    """What paths meet at surfaces, a `renderers.mitsuba.world.Shading`, and numbers (n, columns) of which that has used five.
-
-    drawn : (n, 3) m, where their directions were drawn, if not at their origins
-    """
-    numbers = np.empty((paths.count, columns))
+def met(world, paths):
+    """What paths meet at surfaces, a `renderers.mitsuba.world.Shading`."""
+    numbers = np.empty((paths.count, 6))
     wavefront.draw(paths.states, numbers)
-    return world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single, *drawn), numbers
+    drawn = () if paths.drawn is None else (paths.drawn,)  # else where they begin
+    return world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single, *drawn)
+
+
+def at_surfaces(world, colours, paths, sums, let_through, *, brought=None, wider=None):
+    """Paths that go on from surfaces of the scene, after light that they meet, and that of light samples, has been added.
+
+    let_through : function of paths (m,), points (m, 3) m, and samples of lights from there -> share (m, L) that gets through
+    brought : function of paths and of what they met -> their throughput and order, as they count for the light there
+    wider : `regularised.Wider`; None: small lamps are seen as they are
+    """
+    if paths.count == 0:
+        return paths
+    widened = wider.begin(paths) if wider else ()
+    shading = met(world, paths)
+    throughput, order = brought(paths, shading) if brought else (paths.throughput, paths.order)
+    add_light(colours, throughput, order, shading.emitted, shading.source, paths, sums)
+    if len(widened):
+        add_light(colours, *wider.light(world, paths, shading, widened), sums)
+    hit = np.flatnonzero(shading.hit)
+    paths, sample = paths.of(hit), shading.light.of(hit)
+    paths.bounces[:] += 1
+    if paths.left_out is not None:
+        paths.left_out[:] = np.nan
+    bright = np.flatnonzero((sample.radiance > 0).any(axis=1))
+    if len(bright) and not sums.skips(paths):
+        group, sample = paths.of(bright), sample.of(bright)
+        passed = let_through(group, shading.point[hit[bright]], sample)
+        paths.states[bright] = group.states
+        add_light(colours, group.throughput * passed, group.order, sample.radiance, sample.light, group, sums)
+    reflected(colours, paths, shading, hit)
+    return paths
 
 
 def add_light(colours, throughput, order, radiance, light, paths, sums):

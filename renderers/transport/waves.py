@@ -5,7 +5,6 @@ surface.  Materials (`renderers.materials`) fly and scatter in compiled loops; M
 once for the light samples of all events.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,11 +12,9 @@ import numpy as np
 from bakery.kernels import stream_key
 from renderers.mitsuba.shading import FAR
 from renderers.transport import regularised, steps, wavefront
-from renderers.transport.paths import ELSEWHERE, EVENT, REACHED, Colours, Paths, follow, joined, of_camera
+from renderers.transport.paths import ELSEWHERE, EVENT, REACHED, UNKNOWN, Colours, Paths, follow, joined, of_camera
 from renderers.transport.places import NOWHERE, Places
 
-ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
-_MANY, _SHARE, _LEAST = 4096, 1 / 16, 1 / 8  # where fewer paths than that, and than that share, are left, lights are sampled less
 _ALMOST = 1 - 1e-4  # of the way to a surface that may be the blind boundary itself, or the light's
 # Bounces after which surfaces end paths, and those after which grains do so that are looked for anew at each.
 # Glass keeps light without loss, as a ball does into which light has come out of a body that reaches into it.  In heaps of clear
@@ -73,13 +70,11 @@ class Sums(steps.Sums):
     """As `steps.Sums`.
 
     first : (materials, pixels) paths that each material was the first to scatter
-    many : paths for which a call of Mitsuba's is worth its time
     """
 
     def __init__(self, pixels, scene, paths):
-        super().__init__(pixels, len(scene.world.light_names))
+        super().__init__(pixels, len(scene.world.light_names), paths)
         self.first = np.zeros((len(scene.materials), pixels))
-        self.many = min(_MANY, _SHARE * min(paths, ALL))
 
     def scattered_by(self, paths, number):
         """Counts paths that have scattered for the first time."""
@@ -101,10 +96,17 @@ def one_pass(scene, size, number, seed, samples=1) -> Sums:
         pixel = np.arange(first, last) % (height * width)
         rows = np.stack([pixel // width, pixel % width], axis=1)
         states, origin, direction = of_camera(scene.world.camera_rays, key, first, rows)
-        return Paths.begun(np.array(origin, float), np.array(direction, float), len(scene.colours.to_waves), states, pixel)
+        return starting(np.array(origin, float), np.array(direction, float), len(scene.colours.to_waves), states, pixel)
 
-    follow(total, ALL, begin, lambda paths: step(scene, paths, sums))
+    follow(total, steps.ALL, begin, lambda paths: step(scene, paths, sums))
     return sums
+
+
+def starting(origin, direction, waves, states, pixel) -> Paths:
+    """Paths of the camera."""
+    n = len(pixel)
+    return Paths.begun(origin, direction, waves, states, pixel, drawn=origin.copy(), shaded=True, far=np.nan, grains=-1,
+                       sphere=np.full((n, 4), UNKNOWN), triangle=-1, left_out=np.full((n, 3), np.nan), first=-1)
 
 
 def step(scene, paths, sums) -> Paths:
@@ -118,8 +120,7 @@ def step(scene, paths, sums) -> Paths:
             reached.append((group, its))
             continue
         material = scene.materials[number]
-        share = 2.0 ** math.floor(math.log2(max(group.count / sums.many, 1e-9)))
-        chance = material.light_chance(min(max(share, _LEAST), 1.0))
+        chance = material.light_chance(sums.often(group.count))
         status, event = _advance(material, group, its)
         sums.scattered_by(group, number)
         meets = np.flatnonzero(status == EVENT)
@@ -194,7 +195,7 @@ def _into_grains(scene, paths, ahead, sums):
     for number in np.unique(ahead.grains[ahead.cause == GRAIN]):
         material, rows = scene.materials[number], np.flatnonzero((ahead.cause == GRAIN) & (ahead.grains == number))
         group = paths.of(rows)
-        material.light_chance(min(max(2.0 ** math.floor(math.log2(group.count / sums.many)), _LEAST), 1.0))
+        material.light_chance(sums.often(group.count))
         status, event = material.enter(group, np.where(ahead.within[rows], group.far, np.inf))
         sums.scattered_by(group, number)
         meets = np.flatnonzero(status == EVENT)
@@ -301,44 +302,16 @@ def _samples(scene, paths, drawn, numbers, chance):
 
 def at_surfaces(scene, paths, sums) -> Paths:
     """Paths that go on from surfaces of the scene, after their light has been added."""
-    if paths.count == 0:
-        return paths
-    widened = regularised.begin(paths, scene.chord, ~paths.shaded)
-    shading, _ = steps.met(scene.world, paths, paths.drawn)
-    steps.add_light(scene.colours, paths.throughput, paths.order, shading.emitted, shading.source, paths, sums)
-    if len(widened):
-        _add_regularised(scene, paths, shading, widened, sums)
-    hit = np.flatnonzero(shading.hit)
-    paths = paths.of(hit)
-    paths.left_out[:] = np.nan
-    _next_event(scene, paths, shading.point[hit], shading.light.of(hit), sums)
-    steps.reflected(scene.colours, paths, shading, hit)
-    paths.shaded[:] = True
-    paths.bounces[:] += 1
-    paths.away_from_surfaces()
-    return steps.thinned(steps.survivors(paths), _FAR)
-
-
-def _add_regularised(scene, paths, shading, rows, sums):
-    """Adds light of small lamps to some paths from smooth grains that saw them wider, up to the surfaces that they met."""
-    group = paths.of(rows)
-    group = group._replace(origin=group.drawn)
-    distance = np.where(shading.hit[rows], np.linalg.norm(shading.point[rows] - group.origin, axis=1), np.inf)
+    def let_through(paths, point, sample):
+        towards = sample.direction.astype(float)
+        return transmittance(scene, paths, point + scene.places.off * towards, towards, sample.distance)[0]
 
     def behind(paths, point, length):
         """Nothing hides what paths have come past."""
         return transmittance(scene, paths, point, paths.direction, np.minimum(length, FAR))[0]
 
-    regularised.add_light(scene.world, scene.colours, group, distance, scene.chord, sums, behind)
-    paths.states[rows] = group.states
-
-
-def _next_event(scene, paths, point, sample, sums):
-    """Adds what light samples send by way of surfaces of the scene."""
-    bright = np.flatnonzero((sample.radiance > 0).any(axis=1))
-    bright_paths, sample = paths.of(bright), sample.of(bright)
-    towards = sample.direction.astype(float)
-    passed, _ = transmittance(scene, bright_paths, point[bright] + scene.places.off * towards, towards, sample.distance)
-    paths.states[bright] = bright_paths.states
-    throughput = bright_paths.throughput * passed
-    steps.add_light(scene.colours, throughput, bright_paths.order, sample.radiance, sample.light, bright_paths, sums)
+    paths = steps.at_surfaces(scene.world, scene.colours, paths, sums, let_through,
+                              wider=regularised.Wider(scene.chord, behind))
+    paths.shaded[:] = True
+    paths.away_from_surfaces()
+    return steps.thinned(steps.survivors(paths), _FAR)

@@ -108,7 +108,7 @@ def test_paths_that_go_on_by_chance():
     how, n = joined([grains([Kind(GLASS)], bumpy(9.0))]), 4000
     how = how._replace(share=0.25)
     states = np.arange(n, dtype=np.uint64) * np.uint64(7919)
-    some = paths.Paths.begun(np.zeros((n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1)), 3, states, np.arange(n), transport.GRAINS)
+    some = paths.starting(np.zeros((n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1)), 3, states, np.arange(n), transport.GRAINS)
     some.body[:] = 0
     onward = transport.joined(transport._switched(Sky(), how, some, transport.Sums(n, 0, transport.AFTER)))
     assert np.all(onward.throughput == 4) and abs(onward.count / n - 0.25) < SIGMAS * np.sqrt(0.25 * 0.75 / n)
@@ -162,7 +162,7 @@ def test_what_grains_do_not_turn_goes_on():
         stands = medium.Continuous(body.medium.medium._replace(turned=np.full(3, 1 - share)), NOTHING, COLOURS)
         n = 4000
         states = np.arange(n, dtype=np.uint64) * np.uint64(7919)
-        some = paths.Paths.begun(np.zeros((n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1)), 3, states, np.arange(n), transport.GRAINS)
+        some = paths.starting(np.zeros((n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1)), 3, states, np.arange(n), transport.GRAINS)
         status = stands.arrive(some).status
         found.append(np.mean(status == PASSES))
         assert np.allclose(some.throughput, 1) and np.array_equal(some.order, status != PASSES)

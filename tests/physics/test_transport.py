@@ -19,10 +19,10 @@ from renderers.materials.bodies.declaration import FEW
 from renderers.mitsuba import variants
 from renderers.mitsuba.world import World
 from renderers.pictures.engine import ORDERS
-from renderers.transport import boundaries, loop, scene, steps, surfaces, wavefront
+from renderers.transport import boundaries, loop, scene, steps, wavefront
 from renderers.transport.media import Media, scattered
 from renderers.transport.paths import Paths
-from renderers.transport.scene import Scene, View
+from renderers.transport.scene import Scene
 from tests.conftest import slow
 from tests.odds import ODDS, sigmas
 from tests.physics import test_translucent as bodies
@@ -319,8 +319,8 @@ class Caught:
         self.how = methods.transport_of(World(folder / "scene.xml"), ["ball"], [asset(0.5, 0.0)], [None], None, "paths")
 
     def over_surfaces(self):
-        view = View(self.how.world, self.how.world.scene, self.how.colours)
-        return loop.trace(view, (1, 2), 64 * 64, 1, False, surfaces.TURN)[0].sum(axis=1)[:, 1]
+        scene = Scene(self.how.world, [], self.how.colours)
+        return loop.trace(scene, (1, 2), 64 * 64, 1, False)[0].sum(axis=1)[:, 1]
 
     def through_media(self):
         scene = Scene(self.how.world, self.how.bodies, self.how.colours)

@@ -54,7 +54,7 @@ ROOMS = {"camera": set(), "colour": set(), "progress": set(), "seeds": set(), "t
          "choice": {"colour", "mitsuba", "pictures", "scene"},
          "cluster": {"pictures", "scene"},
          "sequence": {"choice", "cluster", "colour", "mitsuba", "pictures", "scene", "seeds"},
-         "transport": {"mitsuba", "pictures.denoise", "pictures.engine", "threads"},
+         "transport": {"colour", "mitsuba", "pictures.denoise", "pictures.engine", "threads"},
          "fog": {"camera", "colour", "mitsuba", "pictures", "progress", "scene", "threads"},
          "preview": {"camera", "colour", "mitsuba", "pictures", "progress", "threads", "transport.wavefront"}}
 GROUND = {"camera", "choice", "colour", "mitsuba", "pictures", "progress", "scene", "seeds", "threads", "transport"}

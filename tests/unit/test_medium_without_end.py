@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from renderers.materials.medium.interactor import Medium
-from renderers.transport.paths import ELSEWHERE, ENDED, Colours, Paths
+from renderers.transport import waves
+from renderers.transport.paths import ELSEWHERE, ENDED, Colours
 from renderers.transport.scattering import UNIFORM, scatterer
 
 PATHS, START, RADIUS, ABSORBED = 20_000, 40.0, 13.0, 1e-4  # of scattered light
@@ -24,7 +25,7 @@ def test_they_come_back_or_end_within_one_step():
     direction = rng.normal(size=(PATHS, 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     origin = np.full((PATHS, 3), [START, 0.0, 0.0])
-    paths = Paths.begun(origin, direction, 1, rng.integers(2**63, size=PATHS, dtype=np.uint64), np.zeros(PATHS, np.int64))
+    paths = waves.starting(origin, direction, 1, rng.integers(2**63, size=PATHS, dtype=np.uint64), np.zeros(PATHS, np.int64))
     fog = scatterer([1.0], [1 - ABSORBED], [0, np.pi], np.full((1, 2), UNIFORM))
     medium = Medium(fog, Colours(np.ones((3, 1)), np.ones((1, 3)) / 3), extent=(np.zeros(3), RADIUS))
     status = medium.advance(paths, np.full(PATHS, np.inf))[0]

@@ -6,6 +6,7 @@ import numpy as np
 
 from bakery.kernels import Mesh, aggregate_scratch, lent, mesh_boundary, triangle_normal
 from bakery.system.compiled import njit
+from renderers.threads import run
 
 
 class Boundary(NamedTuple):
@@ -25,24 +26,43 @@ class Boundary(NamedTuple):
         middle, scale = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
         return cls(Mesh((vertices - middle) / scale, np.array(faces, np.int64, order="C")).tree[:3], middle, scale)
 
+    @classmethod
+    def around(cls, packed):
+        """Of what fills a mesh: a record with `aggregate`, and its `unit`, m."""
+        aggregate, unit = packed.aggregate, packed.unit
+        return cls(aggregate.tree, unit * aggregate.middle, unit * aggregate.scale)
+
+    def entries(self, origin, direction, far, inside=False):
+        """Distances (n,) m along directions to where rays first come in, before far (n,) m, inf where they do not, and outward
+        normals (n, 3) there.
+
+        inside : whether rays that begin inside are in it already, at 0 m and without a normal; else once they have been outside
+        """
+        t, normal = np.empty(len(origin)), np.zeros((len(origin), 3))
+        rays = (np.ascontiguousarray(values, float) for values in (origin, direction, far))
+        run(_entries, len(t), self, *rays, inside, t, normal)
+        return t, normal
+
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def entries(boundary, origin, direction, far, t, normal, begin, end):
-    """Distances t (n,) m along directions to where rays first come in, before far (n,) m, inf where they do not, and the outward
-    normals there, (n, 3).  Rays that begin inside come in once they have been outside."""
+def _entries(boundary, origin, direction, far, inside, t, normal, begin, end):
+    """Fills t and normal; parameters as those of `Boundary.entries`."""
     boundary = lent(boundary)
     memory, p, d = aggregate_scratch(), np.empty(3), np.empty(3)
     for i in range(begin, end):
-        distance, triangle, limit = 0.0, -1, far[i]
+        distance, triangle, first = 0.0, -1, inside
         t[i] = np.inf
         for k in range(3):
             d[k] = direction[i, k]
-        while distance < limit:
+        while distance < far[i]:
             for k in range(3):
                 p[k] = origin[i, k] + distance * d[k]
             ahead, triangle, outward = mesh_boundary(boundary, p, d, triangle, memory)
-            distance += ahead
-            if triangle < 0 or not distance < limit:
+            if triangle >= 0 and outward and first:
+                t[i] = 0.0
+                break
+            distance, first = distance + ahead, False
+            if triangle < 0 or not distance < far[i]:
                 break
             if not outward:
                 t[i] = distance

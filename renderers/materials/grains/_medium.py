@@ -323,32 +323,3 @@ def arrive(medium, met_by, walk, event, begin, end):
             walk.order[i] += 1
             walk.single[i] = False
             event.status[i] = LIGHT if uniform(states, i) < chance_at(medium.aggregate, medium.chance, p) else TURNS
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def entry(medium, origin, direction, far, inside, t, begin, end):
-    """Distances t (n,) m along directions to where rays come into the mesh, before far (n,) m, inf where they do not.
-
-    inside : whether those that start inside of the mesh are in it already
-    """
-    medium = lent(medium)
-    memory, p, d = aggregate_scratch(), np.empty(3), np.empty(3)
-    for i in range(begin, end):
-        distance, triangle, first = 0.0, -1, True
-        t[i] = np.inf
-        while distance < far[i] / medium.unit:
-            for k in range(3):
-                d[k] = direction[i, k]
-                p[k] = origin[i, k] / medium.unit + distance * d[k]
-            ahead, triangle, outward = mesh_boundary(medium.aggregate, p, d, triangle, memory)
-            if triangle < 0:
-                break
-            if outward and first and inside:
-                t[i] = 0.0
-                break
-            first = False
-            distance += ahead
-            if not outward:
-                if distance * medium.unit < far[i]:
-                    t[i] = distance * medium.unit
-                break

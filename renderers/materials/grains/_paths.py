@@ -53,11 +53,6 @@ class Walk(NamedTuple):
     single: np.ndarray
     density: np.ndarray
 
-    @classmethod
-    def of(cls, paths) -> Walk:
-        """Of a record of paths, without a copy."""
-        return cls(*(getattr(paths, name) for name in cls._fields))
-
 
 class Switching(NamedTuple):
     """When n paths go from grains to their medium.

@@ -15,12 +15,11 @@ from typing import NamedTuple
 import numpy as np
 
 from renderers.materials.grains import material
-from renderers.materials.grains._entries import Boundary, entries
+from renderers.materials.grains._entries import Boundary
 from renderers.materials.surface import far, lobes, onset
 from renderers.mitsuba import layers
 from renderers.mitsuba.shapes import Shape
 from renderers.scene import budget, meshes
-from renderers.threads import run
 from renderers.transport import wavefront
 from renderers.transport.far import chance
 
@@ -41,10 +40,6 @@ class Surface(NamedTuple):
     camera: np.ndarray
     near: float
 
-    def entries(self, origin, direction, limit):
-        """Distances (n,) m to where rays come into the mesh before limit (n,) m, inf where they do not, and normals (n, 3)."""
-        return _entries_of(self.boundary, origin, direction, limit)
-
     def chance(self, point):
         """That a path is turned at points (n, 3) m."""
         distance = np.sqrt(np.sum((point - self.camera) ** 2, axis=1))
@@ -54,12 +49,6 @@ class Surface(NamedTuple):
         """Distances (n,) m, from which on grains can stick out of the mesh where rays come in at distances t (n,)."""
         cosine = np.abs(np.sum(direction * normal, axis=1))
         return np.maximum(t - self.reach / np.maximum(cosine, 1e-6), 0.0)
-
-
-def _entries_of(boundary, origin, direction, limit):
-    t, normal, ahead = np.empty(len(origin)), np.zeros((len(origin), 3)), np.ascontiguousarray(direction, float)
-    run(entries, len(origin), boundary, np.ascontiguousarray(origin, float), ahead, np.asarray(limit, float), t, normal)
-    return t, normal
 
 
 # ---- the surfaces of a scene
@@ -115,7 +104,7 @@ def onset_of(scene, number, asset, world, method) -> onset.Onset:
 
 def _first(world, boundary, origin, direction):
     """Distances (n,) m to a mesh, and whether rays meet it before any surface."""
-    t, _ = _entries_of(boundary, origin, direction, world.trace(origin, direction, np.inf))
+    t, _ = boundary.entries(origin, direction, world.trace(origin, direction, np.inf))
     return t, np.isfinite(t)
 
 
@@ -129,7 +118,7 @@ def meetings(surfaces, paths, at, limit):
     comes_in, first = np.full((len(at), len(surfaces)), np.inf), np.full(len(at), np.inf)
     turned = comes_in.copy()
     for body, surface in enumerate(surfaces):
-        t, normal = surface.entries(origin, direction, limit)
+        t, normal = surface.boundary.entries(origin, direction, limit)
         rows = np.flatnonzero(np.isfinite(t))
         comes_in[rows, body] = t[rows]
         first[rows] = np.minimum(first[rows], surface.beside(t[rows], direction[rows], normal[rows]))
@@ -146,7 +135,7 @@ def lets_in(surfaces, origin, direction, distance):
     be ahead (n,) m, inf where none are."""
     share, first = np.ones(len(origin)), np.full(len(origin), np.inf)
     for surface in surfaces:
-        t, normal = surface.entries(origin, direction, distance)
+        t, normal = surface.boundary.entries(origin, direction, distance)
         rows = np.flatnonzero(np.isfinite(t))
         share[rows] *= 1 - surface.chance(origin[rows] + t[rows, None] * direction[rows])
         first[rows] = np.minimum(first[rows], surface.beside(t[rows], direction[rows], normal[rows]))

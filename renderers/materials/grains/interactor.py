@@ -4,31 +4,28 @@ import numpy as np
 
 from renderers.materials.grains import _paths
 from renderers.materials.grains._grains import UNKNOWN
-from renderers.materials.grains.paths import NEVER, TOGETHER, Seldom, first_grain, first_surface
+from renderers.materials.grains.paths import NEVER, TOGETHER, Explicit, first_grain, first_surface
 from renderers.threads import run
 from renderers.transport.paths import ENDED, EVENT, REACHED
 
 AGAIN = -1  # a path is on a grain, and what is ahead of it is not known
 
 
-class Grains:
-    """Explicit grains of one mesh.
+class Grains(Explicit):
+    """Explicit grains of one mesh, where a scene has several materials.
 
-    number : among the materials
-    grains : `renderers.materials.grains._grains.Grains`
-    occupied : (X, Y, Z) uint8, its voxels with surfaces of the scene, or where other materials may be; empty where there are none
-    colours : to_rgb (3, L), to_waves (L, 3)
+    number : among the materials;  others : as of `Explicit`
     """
 
     solid, walks, sampled = True, False, True
 
     def __init__(self, number, grains, occupied, colours):
-        self.number, self.grains, self.occupied, self.colours = number, grains, occupied, colours
-        self._seldom = Seldom(grains)
+        super().__init__(grains, occupied, colours)
+        self.number = number
 
     def light_chance(self, share):
         """The loop over grains itself draws where lights are sampled."""
-        self.grains = self._seldom.by(share)
+        self.sample_lights(share)
         return 1.0
 
     def advance(self, paths, stop):
@@ -59,7 +56,7 @@ class Grains:
         elsewhere = paths.grains != self.number
         paths.sphere[elsewhere], paths.triangle[elsewhere], paths.grains[:] = UNKNOWN, -1, self.number
         event, never = _paths.Event.empty(n), _paths.Switching(np.empty((n, 3)), np.full(n, NEVER), np.zeros(n, bool))
-        walk = _paths.Walk.of(paths)._replace(far=far)
+        walk = paths.part(_paths.Walk)._replace(far=far)
         run(_paths.advance, n, self.grains, self.occupied, walk, never, event, block=TOGETHER)
         turned = np.isnan(far)
         paths.far[turned], paths.left_out[turned], paths.shaded[turned] = np.nan, np.nan, False
@@ -70,10 +67,10 @@ class Grains:
 
     def next_event(self, paths, event, sample, passed, clear, added):
         """clear : (n,) m, up to which grains of this region are looked for here"""
-        walk, sample = _paths.Walk.of(paths)._replace(throughput=paths.throughput * passed), sample._replace(distance=clear)
-        run(_paths.next_event, paths.count, self.grains, self.colours, walk, _paths.Event(*event), sample, added)
+        lighted = paths._replace(throughput=paths.throughput * passed)
+        super().next_event(lighted, _paths.Event(*event), sample._replace(distance=clear), added)
 
     def scatter(self, paths, event):
         event = _paths.Event(*event)
-        run(_paths.scatter, paths.count, self.grains, _paths.Walk.of(paths), event)
+        super().scatter(paths, event)
         paths.throughput[~event.alive] = 0.0

@@ -5,14 +5,12 @@ import math
 import numpy as np
 
 from bakery import kernels
-from renderers import colour
 from renderers.materials.grains._grains import Grains
 from renderers.materials.grains._medium import Medium
 from renderers.materials.grains.local import UNIFORM
 from renderers.materials.grains.paths import SELDOM
 from renderers.scene import meshes
 from renderers.transport import solids
-from renderers.transport.paths import Colours
 
 _FIGURES = ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g", "forward_delta", "phase")
 _PEAK = np.radians(5.0)  # light that a grain turns by less may count as not turned: it meets ten more
@@ -28,16 +26,19 @@ def meshes_of(scene):
     return [meshes.of_entry(scene, number) for number in range(len(scene.values.materials))]
 
 
-def overlap(grains, meshes):
-    """Two bodies, the second with a corner of its mesh in the first, and how deep, m: more than a radius.  None if none."""
-    for outer, body in enumerate(grains):
-        for inner, (vertices, _) in enumerate(meshes):
+def refuse_overlap(scene, numbers, grains, meshes):
+    """UsageError, with the key, where grains of one entry reach into the mesh of another's by more than a radius.
+
+    numbers, grains, meshes : of the entries
+    """
+    for outer, body in zip(numbers, grains):
+        for inner, (vertices, _) in zip(numbers, meshes):
             if inner != outer:
                 corners = np.array(vertices / body.unit, order="C")
                 deep = body.unit * kernels.deepest_in_mesh(body.aggregate, corners, kernels.aggregate_scratch())
                 if deep > radius_of(body):
-                    return outer, inner, deep
-    return None
+                    raise scene.wrong(f"materials[{inner}].where.mesh", f"reaches {deep:.2g} m into the mesh of "
+                                      f"materials[{outer}]; meshes that do not overlap, but may touch, would do")
 
 
 def radius_of(grains) -> float:
@@ -70,9 +71,8 @@ def distance(point, triangles) -> float:
 
 def number_in(packed, vertices, faces) -> float:
     """Grains that are expected in a mesh, vertices (V, 3) m."""
-    a, b, c = (vertices[faces[:, k]] / packed.unit for k in range(3))
     aggregate = packed.aggregate
-    volume = float(np.sum(a * np.cross(b, c))) / 6 * kernels.mean_share(aggregate)
+    volume = solids.volume(vertices / packed.unit, faces) * kernels.mean_share(aggregate)
     return volume * len(aggregate.radii) / float(np.prod(aggregate.cell))
 
 
@@ -98,12 +98,6 @@ def meetings(asset, vertices, faces) -> float:
 def _unit(asset) -> float:
     """Mean radius of an asset's grains, m."""
     return float(np.sum(np.asarray(asset.grains.radius) * np.asarray(asset.grains.radius_share)))
-
-
-def colours_of(asset) -> Colours:
-    """From and to the asset's wavelengths."""
-    waves = np.asarray(asset.wavelength, float)
-    return Colours(np.ascontiguousarray(colour.srgb_matrix(waves)), np.ascontiguousarray(colour.spread_matrix(waves)))
 
 
 def medium_of(asset, grains):

@@ -8,7 +8,6 @@ import numpy as np
 from renderers.materials.grains import bundles, far, local, material, medium, transport
 from renderers.materials.grains.declared import methods
 from renderers.materials.grains.declared.ept import LITTLE, smooth
-from renderers.materials.grains.seen import remembering
 from renderers.materials.grains.transport import GRAINS, MEDIUM, Body, Transport
 from renderers.pictures.engine import Part, layers_of
 from renderers.pictures.passes import Method
@@ -16,6 +15,7 @@ from renderers.scene import budget
 from renderers.scene.budget import percent
 from renderers.scene.declaration import settled
 from renderers.transport import regularised
+from renderers.transport.paths import Colours
 from renderers.transport.scattering import Scatterer
 
 _TECHNIQUES = ("ept", "vpt", "da")
@@ -44,10 +44,7 @@ def prepare(job, world, seed) -> Method:
     filled = ((asset.content_hash, vertices.tobytes()) for asset, (vertices, _) in zip(assets, meshes))
     grains = world.once(("grains", *filled), lambda: [
         material.grains_of(asset, *mesh, varied) for asset, mesh, varied in zip(assets, meshes, varies)])
-    if reaching := material.overlap(grains, meshes):
-        outer, inner, deep = reaching
-        raise job.scene.wrong(f"materials[{inner}].where.mesh", f"reaches {deep:.2g} m into the mesh of materials[{outer}]; "
-                              "meshes that do not overlap, but may touch, would do")
+    material.refuse_overlap(job.scene, range(len(grains)), grains, meshes)
     tolerance, surfaces = values.tolerance or budget.DEFAULT, (None, [])
     if methods()[values.method].surface_far:
         surfaces = far.surfaces_of(job.scene, world, assets, grains, meshes, methods()[values.method])
@@ -98,8 +95,7 @@ def of(name, world, assets, meshes, grains, seed, asked=PLAIN, tolerance=budget.
     seen = [remembering(scene.interactor(body, scene.technique).seen) for body in range(len(scene.bodies))]
 
     def entry(*rays):
-        # of a mesh alone distances cost a third of what normals do
-        return np.min([of_body(*rays)[0] for of_body in seen], axis=0) if scene.technique == GRAINS else scene.entry(*rays)
+        return np.min([of_body(*rays)[0] for of_body in seen], axis=0)
 
     def after(estimate):
         return {"grains": sum(numbers), "layers": _switches(estimate.means.values()), "bias": None, "left_out": left_out}
@@ -107,6 +103,19 @@ def of(name, world, assets, meshes, grains, seed, asked=PLAIN, tolerance=budget.
     return Method(name, parts, reasons, after,
                   features=lambda quality: _features(world, scene, assets, meshes, seed, quality, seen),
                   apart=(kinds[0][0],) if scene.technique == GRAINS else (), entry=entry)
+
+
+def remembering(seen):
+    """A function of arrays that gives what it gave last where it is asked for the same: layer `depth.Z` and the filter of a draft
+    both ask what rays through the middles of the pixels meet."""
+    asked, told = [], []
+
+    def again(*rays):
+        if not (asked and all(map(np.array_equal, asked, rays))):
+            asked[:], told[:] = rays, seen(*rays)
+        return told
+
+    return again
 
 
 def cone(declared, widen, world, assets, meshes):
@@ -129,7 +138,7 @@ def _features(*scene):
 def transport_of(name, world, assets, meshes, grains, asked=PLAIN):
     """How light goes by a method, a `Transport`, and sentences about it; parameters as those of `of`."""
     declared = methods()[name]
-    colours, reasons, bodies = material.colours_of(assets[0]), [], []
+    colours, reasons, bodies = Colours.of(assets[0].wavelength), [], []
     reach = [material.radius_of(packed) for packed in grains]
     for number, (asset, packed) in enumerate(zip(assets, grains)):
         others = [(*mesh, reach[other_body]) for other_body, mesh in enumerate(meshes) if other_body != number]

@@ -1,44 +1,31 @@
-"""Camera paths among grains: their state, and explicit path tracing from grain to grain, with next-event estimation to the lights
-where a surface is not smooth.
+"""Explicit path tracing from grain to grain, with next-event estimation to the lights where a surface is not smooth.
 
 Compiled loops take each path through the grains until it needs something that all paths get together (`transport`).
 """
 
-from typing import NamedTuple
+from functools import cache, partial
 
 import numpy as np
 
 from bakery.kernels import stream_key
 from renderers.materials.grains import _paths
-from renderers.materials.grains._grains import UNKNOWN
 from renderers.materials.grains._paths import Event, Switching, Walk
 from renderers.threads import run
-from renderers.transport import paths as wavefront_paths
+from renderers.transport.paths import UNKNOWN, Paths
 
 NEVER = 2**62  # a stage that no path comes to
 TOGETHER = 256  # paths that one processor takes on: 4096 are often all those of a body, which then wait for one
 SELDOM = 1 / 64  # chance of a light sample far inside
-_LEAST = 1 / 8  # of the light samples; with fewer, each of them would be seen
 _POWERS = np.cumprod(np.full(7, 0x9E3779B97F4A7C15, np.uint64))  # odd, modulo 2^64: make a number of a way's seven words
 
 
-class Seldom:
-    """Layouts with a `chance` (X, Y, Z) of light samples, and the same with less.
-
-    Pictures are the same in the mean; the fewer paths go on, the more each call of Mitsuba's for lights costs.
-    """
-
-    def __init__(self, layout):
-        self._made = {1.0: layout}
-
-    def by(self, share):
-        """With a share, a power of 1/2, of the samples; far inside, where they are seldom anyway, no less."""
-        share = max(share, _LEAST)
-        if share not in self._made:
-            layout = self._made[1.0]
-            less = {"chance": np.maximum(np.float32(share) * layout.chance, np.float32(SELDOM))}
-            self._made[share] = layout._replace(**less | ({"often": share} if "often" in layout._fields else {}))
-        return self._made[share]
+def less_often(layout, share):
+    """A layout with a `chance` (X, Y, Z) of light samples, with a share of these; far inside, where they are seldom anyway, no
+    less."""
+    if share == 1:
+        return layout
+    less = {"chance": np.maximum(np.float32(share) * layout.chance, np.float32(SELDOM))}
+    return layout._replace(**less | ({"often": share} if "often" in layout._fields else {}))
 
 
 class Explicit:
@@ -50,26 +37,26 @@ class Explicit:
 
     def __init__(self, grains, occupied, colours):
         self.grains, self.occupied, self.colours = grains, occupied, colours
-        self._seldom = Seldom(grains)
+        self._with_share = cache(partial(less_often, grains))
 
     def sample_lights(self, share):
         """Lights are sampled so often, against what the grains' `chance` says, until this is called again."""
-        self.grains = self._seldom.by(share)
+        self.grains = self._with_share(share)
 
     def advance(self, paths):
         """Takes paths on until they need something: an `Event`."""
         event = Event.empty(paths.count)
-        switching = Switching(paths.last, paths.stage, paths.switching)
-        run(_paths.advance, paths.count, self.grains, self.occupied, Walk.of(paths), switching, event, block=TOGETHER)
+        switching = paths.part(Switching)
+        run(_paths.advance, paths.count, self.grains, self.occupied, paths.part(Walk), switching, event, block=TOGETHER)
         return event
 
     def next_event(self, paths, event, sample, added):
         """What light samples send by way of rough and matt grains, added (n, 3); event : of these paths, by `advance`."""
-        run(_paths.next_event, paths.count, self.grains, self.colours, Walk.of(paths), event, sample, added)
+        run(_paths.next_event, paths.count, self.grains, self.colours, paths.part(Walk), event, sample, added)
 
     def scatter(self, paths, event):
         """Turns paths at rough and matt grains; event.alive becomes whether they go on."""
-        run(_paths.scatter, paths.count, self.grains, Walk.of(paths), event)
+        run(_paths.scatter, paths.count, self.grains, paths.part(Walk), event)
 
     def transmittance(self, point, direction, distance, share):
         """Share (n, L) of light that gets from points along directions to a distance."""
@@ -113,50 +100,11 @@ def first_surface(grains, point, direction, far, sphere, triangle):
     return t, normal
 
 
-class Paths(NamedTuple):
-    """Camera paths on their way, n of them; arrays are changed in place.
-
-    origin to density : as in `_paths.Walk`;  pixel : (n,)
-    far : (n,) m, to the first surface of the scene, or what is of another body; nan: not known
-    beyond : (n,) that body, -1 where it is a surface or nothing
-    body : (n,) in which each goes on, -1 where that is not known
-    technique : (n,) GRAINS, MEDIUM or DIFFUSION
-    last, stage, switching : as in `_paths.Switching`
-    centre : (n, 3) m, of the sphere that each starts in where its place is drawn; nan elsewhere
-    """
-
-    origin: np.ndarray
-    direction: np.ndarray
-    throughput: np.ndarray
-    states: np.ndarray
-    pixel: np.ndarray
-    sphere: np.ndarray
-    triangle: np.ndarray
-    far: np.ndarray
-    beyond: np.ndarray
-    density: np.ndarray
-    single: np.ndarray
-    order: np.ndarray
-    bounces: np.ndarray
-    body: np.ndarray
-    technique: np.ndarray
-    last: np.ndarray
-    stage: np.ndarray
-    switching: np.ndarray
-    centre: np.ndarray
-
-    @classmethod
-    def begun(cls, origin, direction, waves, states, pixel, technique):
-        """Paths from places in the open."""
-        n = len(pixel)
-        none, zero, unknown = np.full(n, -1), np.zeros(n, np.int64), np.full((n, 3), np.nan)
-        return cls(origin=origin, direction=direction, throughput=np.ones((n, waves)), states=states, pixel=pixel,
-                   sphere=np.full((n, 4), UNKNOWN), triangle=none, far=np.full(n, np.nan), beyond=none.copy(),
-                   density=np.zeros(n), single=np.ones(n, bool), order=zero, bounces=zero.copy(), body=none.copy(),
-                   technique=np.full(n, technique), last=unknown, stage=np.full(n, NEVER), switching=np.zeros(n, bool),
-                   centre=unknown.copy())
-
-    count, of = wavefront_paths.Paths.count, wavefront_paths.Paths.of
+def starting(origin, direction, waves, states, pixel, technique) -> Paths:
+    """Paths from places in the open."""
+    n, unknown = len(pixel), np.full((len(pixel), 3), np.nan)
+    return Paths.begun(origin, direction, waves, states, pixel, far=np.nan, sphere=np.full((n, 4), UNKNOWN), triangle=-1, body=-1,
+                       beyond=-1, technique=technique, last=unknown, stage=NEVER, switching=False, centre=unknown.copy())
 
 
 def streams_of(point, direction, distance):

@@ -7,11 +7,12 @@ offset by chance, and leaves where the grain sends it.  Each sphere is forgotten
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.materials.grains import _medium, _paths, _teleport
+from renderers.materials.grains import _paths, _teleport
+from renderers.materials.grains._entries import Boundary
 from renderers.materials.grains._grains import NOWHERE
 from renderers.materials.grains._paths import GRAINS, Event, Walk
-from renderers.materials.grains.paths import Explicit, Paths, streams_of
-from renderers.materials.grains.seen import by_ends
+from renderers.materials.grains.medium import Continuous
+from renderers.materials.grains.paths import Explicit, starting, streams_of
 from renderers.threads import run
 from renderers.transport import wavefront
 
@@ -28,40 +29,33 @@ class Teleports(Explicit):
 
     def __init__(self, grains, occupied, colours, *, exponential=False):
         super().__init__(grains, occupied, colours)
-        self.flights = flights(grains.aggregate, exponential=exponential)
+        self.boundary, self.flights = Boundary.around(grains), flights(grains.aggregate, exponential=exponential)
 
     def advance(self, paths):
         """As `paths.Explicit.advance`; no path waits or switches."""
         event = Event.empty(paths.count)
-        run(_teleport.advance, paths.count, self.grains, self.flights, self.occupied, Walk.of(paths), paths.centre, event)
+        run(_teleport.advance, paths.count, self.grains, self.flights, self.occupied, paths.part(Walk), paths.centre, event)
         return event
 
     def next_event(self, paths, event, sample, added):
         """As `paths.Explicit.next_event`; whether light gets there is drawn."""
         bright = (sample.radiance > 0).any(axis=1)
-        walk = Walk.of(paths)._replace(direction=np.ascontiguousarray(sample.direction, float))
+        walk = paths.part(Walk)._replace(direction=np.ascontiguousarray(sample.direction, float))
         clear = self._is_clear(walk, paths.centre, np.where(bright, sample.distance, 0.0))
         # nothing is in the way any more: a distance of 0
         sample = sample._replace(distance=np.zeros_like(sample.distance), radiance=sample.radiance * clear[:, None])
-        walk = Walk.of(paths)._replace(sphere=np.full((paths.count, 4), NOWHERE), triangle=np.full(paths.count, -1))
+        walk = paths.part(Walk)._replace(sphere=np.full((paths.count, 4), NOWHERE), triangle=np.full(paths.count, -1))
         run(_paths.next_event, paths.count, self.grains, self.colours, walk, event, sample, added)
 
     def transmittance(self, point, direction, distance, share):
         """Share (n, L), 0 or 1, of light that gets from points along directions to a distance; the same for the same way."""
         n, states = len(point), streams_of(point, direction, distance)
         point, direction = (np.ascontiguousarray(values, float) for values in (point, direction))
-        paths = Paths.begun(point, direction, share.shape[1], states, np.arange(n), GRAINS)
-        share[:] = self._is_clear(Walk.of(paths), paths.centre, distance)[:, None]
+        paths = starting(point, direction, share.shape[1], states, np.arange(n), GRAINS)
+        share[:] = self._is_clear(paths.part(Walk), paths.centre, distance)[:, None]
 
-    def entry(self, point, direction, far, inside=True):
-        """As `medium.Continuous.entry`: spheres may be anywhere in the mesh."""
-        t = np.empty(len(point))
-        run(_medium.entry, len(point), self.grains, point, direction, far, inside, t)
-        return t
-
-    def seen(self, point, direction, far):
-        """As `paths.Explicit.seen`, of the mesh."""
-        return by_ends(self.entry, point, direction, far)
+    # spheres may be anywhere in the mesh
+    entry, seen = Continuous.entry, Continuous.seen
 
     def _is_clear(self, walk, centre, distance):
         """Whether no grain is on the way of paths to a distance (n,) m; draws from their streams."""

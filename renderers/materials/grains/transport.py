@@ -4,29 +4,25 @@ All paths of a pass go on together: compiled loops take each through one body un
 another body or the other paths; Mitsuba answers for all that do.  A path begins among explicit grains and may switch: the grain
 that it meets next is then a scattering of the medium, in which it goes on (`bundles` says when).
 
-A loop of its own beside `renderers.transport.waves`, with the steps of `renderers.transport.steps`: paths of a bundle wait for
+Steps of its own beside `renderers.transport.waves`, with those of `renderers.transport.steps`: paths of a bundle wait for
 each other before they switch, and what a compiled loop finds ahead of a path need not be found again.  `waves` looks for all
 materials ahead in every step: a path took 1.2 (20,000 glass balls, the only entry) and 1.6 times as long (grey stones).
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers import threads
 from renderers.materials.grains import _paths, bundles, far
 from renderers.materials.grains._grains import OFF, UNKNOWN
 from renderers.materials.grains._paths import GRAINS, MEDIUM
 from renderers.materials.grains.ahead import TURNED, into_next, look_ahead, look_from_the_open
-from renderers.materials.grains.paths import NEVER, Explicit, Paths
+from renderers.materials.grains.paths import NEVER, Explicit, starting
 from renderers.materials.surface import lobes
 from renderers.transport import regularised, steps, wavefront
-from renderers.transport.paths import Colours, joined, of_camera
+from renderers.transport.paths import Colours, follow, joined, of_camera
 
-_ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
-_MANY, _SHARE = 4096, 1 / 16  # where fewer paths than that, and than that share of them, are left, lights are sampled less often
 # Where a share goes on, steps after which paths end with a chance of one over them: a step takes milliseconds for however few
 # paths.  The light after the switch of the snowman, 320 x 240: 0.62 of the time and 1.08 times the variance
 _STEPS = 16
@@ -69,26 +65,19 @@ class Transport(NamedTuple):
         """The loops of a body: those of its grains or those of its medium."""
         return self.bodies[body].grains if technique == GRAINS else self.bodies[body].medium
 
-    def entry(self, origin, direction, far):
-        """Distances (n,) m along rays to the first grain before far (n,) m, or to the mesh where paths begin in the medium; inf
-        where there is none."""
-        interactors = (self.interactor(body, self.technique) for body in range(len(self.bodies)))
-        return np.min([interactor.entry(origin, direction, far) for interactor in interactors], axis=0)
-
 
 class Sums(steps.Sums):
     """As `steps.Sums`.
 
     by_technique : (ORDERS, pixels, 3)
     switched : (pixels, 3) grains met before the switch, and whether there was one
-    which : ALL, BEFORE or AFTER;  many : paths for which a call of Mitsuba's is worth its time
+    which : ALL, BEFORE or AFTER
     pixels, samples : of the picture, and paths of each; the arrays are means over those once `one_pass` is over
     """
 
     def __init__(self, pixels, lights, which, samples=1):
-        self.pixels, self.samples = pixels, samples
-        self.which, self.many = which, min(_MANY, _SHARE * min(pixels * samples, _ALL))
-        super().__init__(pixels, lights)
+        self.pixels, self.samples, self.which = pixels, samples, which
+        super().__init__(pixels, lights, pixels * samples)
         self.by_technique, self.switched = np.zeros((wavefront.ORDERS, pixels, 3)), np.zeros((pixels, 3))
 
     def add(self, paths, light, added):
@@ -128,28 +117,29 @@ def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=No
     sums = Sums(height * width, len(world.light_names), which, samples)
     if corners is None:
         corners = np.stack([np.arange(height * width) % width, np.arange(height * width) // width], axis=1)
-    started, taken, paths = 0, 0, _begin(transport, camera, corners, order[:0], number, seed, 0)
-    with threads.of_drjit() as expect:
-        while started < len(order) or paths.count:
-            if started < len(order) and paths.count < _ALL // 2:
-                new = _begin(transport, camera, corners, order[started : started + _ALL], number, seed, started)
-                started, taken = started + new.count, 0
-                expect(new.count)
-                if transport.switch is not None:
-                    new = _until_switched(world, transport, new, size, sums)
-                elif transport.share < 1:
-                    new.stage[:] = transport.late
-                paths = joined([paths, new])
-            if paths.count:
-                expect(paths.count)
-                paths, late = _on(world, transport, paths, sums)
-                if late.count:
-                    late = _thinned(late, transport.share)
-                    late.stage[:] = NEVER
-                    paths = joined([paths, late])
-                taken += 1
-                if transport.share < 1 and taken > _STEPS:
-                    paths = _thinned(paths, 1 - 1 / taken)
+    taken = 0  # steps since paths were added
+
+    def begin(first, last):
+        nonlocal taken
+        taken = 0
+        new = _begin(transport, camera, corners, order[first:last], number, seed, first)
+        if transport.switch is not None:
+            return _until_switched(world, transport, new, size, sums)
+        if transport.share < 1:
+            new.stage[:] = transport.late
+        return new
+
+    def step(paths):
+        nonlocal taken
+        taken += 1
+        paths, late = _on(world, transport, paths, sums)
+        if late.count:
+            late = _thinned(late, transport.share)
+            late.stage[:] = NEVER
+            paths = joined([paths, late])
+        return _thinned(paths, 1 - 1 / taken) if transport.share < 1 and taken > _STEPS else paths
+
+    follow(len(order), steps.ALL, begin, step)
     sums.average()
     return sums
 
@@ -157,7 +147,7 @@ def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=No
 def _begin(transport, camera, corners, pixel, number, seed, first):
     key = stream_key(seed, "render.grains", number)
     states, origin, direction = of_camera(camera.rays_at, key, first, corners[pixel % len(corners)])
-    return Paths.begun(origin, direction, len(transport.colours.to_waves), states, pixel, transport.technique)
+    return starting(origin, direction, len(transport.colours.to_waves), states, pixel, transport.technique)
 
 
 def _thinned(paths, share):
@@ -213,7 +203,7 @@ def _through(world, transport, paths, body, sums):
     if body < 0:  # nothing but surfaces of the scene ahead
         return [_at_surfaces(world, transport, paths, sums)], paths.of(slice(0, 0))
     interactor = transport.interactor(body, paths.technique[0])
-    interactor.sample_lights(min(1.0, 2.0 ** math.floor(math.log2(max(paths.count / sums.many, 1e-9)))))
+    interactor.sample_lights(sums.often(paths.count))
     event = interactor.advance(paths)
     status = event.status
     near = np.flatnonzero(status == _paths.TRACE)
@@ -303,7 +293,7 @@ def _turned(interactor, paths, event):
 def _at_baked_surface(world, transport, paths, body, sums):
     """Paths that go on from the baked surface of a body, after light samples have been added."""
     surface, n = transport.surfaces[body], paths.count
-    distance, normal = surface.entries(paths.origin, paths.direction, np.full(n, np.inf))
+    distance, normal = surface.boundary.entries(paths.origin, paths.direction, np.full(n, np.inf))
     paths.origin[:] += distance[:, None] * paths.direction
     if n and not sums.skips(paths):
         numbers = np.empty((n, 3))
@@ -324,40 +314,11 @@ def _at_baked_surface(world, transport, paths, body, sums):
 
 def _at_surfaces(world, transport, paths, sums):
     """Paths that go on from surfaces of the scene, after their light has been added."""
-    colours = transport.colours
-    if paths.count == 0:
-        return paths
-    widened = regularised.begin(paths, transport.chord)
-    shading, _ = steps.met(world, paths)
-    steps.add_light(colours, paths.throughput, paths.order, shading.emitted, shading.source, paths, sums)
-    if len(widened):
-        _add_regularised(world, transport, paths, shading, widened, sums)
-    hit = np.flatnonzero(shading.hit)
-    paths = paths.of(hit)
-    paths.bounces[:] += 1
-    _next_event(transport, paths, shading.point[hit], shading.light.of(hit), sums)
-    steps.reflected(colours, paths, shading, hit)
+    def let_through(paths, point, sample):
+        return _let_in(transport, paths.technique[0], point, sample.direction, sample.distance)
+
+    paths = steps.at_surfaces(world, transport.colours, paths, sums, let_through, wider=regularised.Wider(transport.chord))
     paths.sphere[:], paths.triangle[:], paths.far[:], paths.body[:], paths.beyond[:] = UNKNOWN, -1, np.nan, -1, -1
     # nobody tells grains apart in light that a matt surface has scattered
     paths.switching[:] |= (transport.switch is not None) & (paths.technique == GRAINS) & (paths.order > 0) & ~paths.single
     return steps.survivors(paths)
-
-
-def _add_regularised(world, transport, paths, shading, rows, sums):
-    """Adds light of small lamps to some paths that saw them wider, up to the surfaces that they met."""
-    group = paths.of(rows)
-    distance = np.where(shading.hit[rows], np.linalg.norm(shading.point[rows] - group.origin, axis=1), np.inf)
-    regularised.add_light(world, transport.colours, group, distance, transport.chord, sums)
-    paths.states[rows] = group.states
-
-
-def _next_event(transport, paths, point, sample, sums):
-    """Adds what light samples send by way of surfaces of the scene, through what is between the grains."""
-    if sums.skips(paths):
-        return
-    bright = (sample.radiance > 0).any(axis=1)
-    for technique in np.unique(paths.technique[bright]):
-        rows = np.flatnonzero(bright & (paths.technique == technique))
-        group, light = paths.of(rows), sample.of(rows)
-        passed = _let_in(transport, technique, point[rows], light.direction, light.distance)
-        steps.add_light(transport.colours, group.throughput * passed, group.order, light.radiance, light.light, group, sums)

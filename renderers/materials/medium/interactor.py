@@ -11,12 +11,22 @@ from bakery.system.compiled import njit
 from renderers.mitsuba.shading import FAR
 from renderers.threads import run
 from renderers.transport import wavefront
-from renderers.transport.paths import ELSEWHERE, ENDED, EVENT, REACHED, UNKNOWN
-from renderers.transport.scattering import Scatterer, flight, flown, mean_cosines, next_event, of_one_component, turn, turned
+from renderers.transport.paths import ELSEWHERE, ENDED, EVENT, REACHED, UNKNOWN, Flying
+from renderers.transport.scattering import (
+    Scatterer,
+    collides,
+    flight,
+    flown,
+    lessened,
+    mean_cosines,
+    next_event,
+    of_one_component,
+    turn,
+    turned,
+)
 from renderers.transport.wavefront import uniform
 
 _EVERYWHERE = kernels.region_box(np.zeros(3), np.ones(3))  # in place of a grid; nobody reads it
-_DIM, _GOES_ON = 0.1, 0.5  # transmittance below which an estimate of it ends by chance, and the share that goes on
 # Depth around a scene from which on no light samples are drawn: 6e-6 of the light comes so far.  In fog that absorbs nothing a
 # path may come back after 100,000 scatterings, and a step of all materials takes milliseconds however few paths are left
 _OUTSKIRTS = 12
@@ -48,7 +58,7 @@ class Medium:
 
     def advance(self, paths, stop):
         status = np.empty(paths.count, np.int64)
-        run(fly, paths.count, self.scatterer, self._density, self._most, paths, stop, status)
+        run(fly, paths.count, self.scatterer, self._density, self._most, paths.part(Flying), stop, status)
         paths.left_out[status == EVENT] = np.nan
         if self._extent:
             self._end_far_out(paths, status)
@@ -73,22 +83,22 @@ class Medium:
         status is ELSEWHERE, and they find all lights by themselves; else it is ENDED."""
         middle, radius = self._extent
         out = Outside(np.asarray(middle, float), radius, radius + self._outskirts, self._decay)
-        run(wander, paths.count, self.scatterer, out, paths, status)
+        run(wander, paths.count, self.scatterer, out, paths.part(Flying), status)
         back = np.flatnonzero(status == ELSEWHERE)
         paths.drawn[back], paths.far[back] = paths.origin[back], np.nan
         paths.single[back], paths.shaded[back] = True, True
         paths.grains[back], paths.triangle[back], paths.sphere[back] = -1, -1, UNKNOWN
 
     def transmittance(self, states, origin, direction, distance, left_out, share):
-        ways = Ways(states, origin, direction, distance)
+        ways = states, origin, direction, distance
         run(transmit, len(share), self.scatterer, self._density, self._most, ways, share)
 
     def next_event(self, paths, event, sample, passed, clear, added):
         points = of_one_component(paths.count)
-        run(next_event, paths.count, self.scatterer, self.colours, paths, points, sample, passed, added)
+        run(next_event, paths.count, self.scatterer, self.colours, paths.part(Flying), points, sample, passed, added)
 
     def scatter(self, paths, event):
-        run(turn, paths.count, self.scatterer, paths)
+        run(turn, paths.count, self.scatterer, paths.part(Flying))
 
 
 def _decay(scatterer):
@@ -110,16 +120,7 @@ def _collision(medium, density, most, paths, i, stop, scratch):
         rho = relative_density(density, paths.origin[i, 0] + t * paths.direction[i, 0],
                                paths.origin[i, 1] + t * paths.direction[i, 1], paths.origin[i, 2] + t * paths.direction[i, 2],
                                scratch)
-        total, stopped = 0.0, 0.0
-        for w in range(len(sigma)):
-            total += weight[i, w]
-            stopped += weight[i, w] * sigma[w]
-        chance = rho * stopped / (total * most) if total > 0.0 else 1.0
-        ends = chance >= 1.0 or uniform(states, i) < chance
-        for w in range(len(sigma)):
-            real = rho * sigma[w] / most
-            weight[i, w] *= real / chance if ends else (1.0 - real) / (1.0 - chance)
-        if ends:
+        if collides(sigma, rho, most, weight, states, i):
             return t
 
 
@@ -204,18 +205,12 @@ def _goes_on_outside(out, paths, i):
     return True
 
 
-class Ways(NamedTuple):
-    """Straight ways of light: random streams (n,), origins and unit directions (n, 3) m, lengths (n,) m."""
-
-    states: np.ndarray
-    origin: np.ndarray
-    direction: np.ndarray
-    distance: np.ndarray
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def transmit(medium, density, most, ways, share, begin, end):
-    """Multiplies share (n, L) by what a medium leaves of light on its ways; where it varies, by an estimate of that."""
+    """Multiplies share (n, L) by what a medium leaves of light on its ways; where it varies, by an estimate of that.
+
+    ways : random streams (n,), origins and unit directions (n, 3) m, lengths (n,) m
+    """
     medium, density, ways = lent(medium), lent(density), lent(ways)
     states, origin, direction, distance = ways
     sigma, scratch = medium.sigma_t, mesh_scratch()
@@ -224,18 +219,12 @@ def transmit(medium, density, most, ways, share, begin, end):
             for w in range(len(sigma)):
                 share[i, w] *= math.exp(-sigma[w] * min(distance[i], FAR))
             continue
-        t, passed = 0.0, 1.0  # what an estimate that ends by chance is made of
-        while passed > 0.0:
+        t = 0.0
+        while True:
             t -= math.log1p(-uniform(states, i)) / most
             if t >= distance[i]:
                 break
             rho = relative_density(density, origin[i, 0] + t * direction[i, 0], origin[i, 1] + t * direction[i, 1],
                                    origin[i, 2] + t * direction[i, 2], scratch)
-            brightest = 0.0
-            for w in range(len(sigma)):
-                share[i, w] *= 1.0 - rho * sigma[w] / most
-                brightest = max(brightest, share[i, w])
-            if brightest < _DIM:
-                passed = 1.0 / _GOES_ON if uniform(states, i) < _GOES_ON else 0.0
-                for w in range(len(sigma)):
-                    share[i, w] *= passed
+            if not lessened(share[i], sigma, rho, most, states, i):
+                break

@@ -22,11 +22,12 @@ from bakery.kernels import (
     turned_direction,
 )
 from bakery.system.compiled import njit
+from renderers.transport.scattering import collides, lessened
 from renderers.transport.wavefront import to_rgb, uniform
 
 
 class Walk(NamedTuple):
-    """What loops read and change of n paths, whatever record these have: a kernel for all of them.
+    """What loops read and change of n paths.
 
     origin, direction : (n, 3) m, unit;  throughput : (n, L);  states : (n,) random streams
     left_out : (n, 3) m, the particle that each starts at, or nan
@@ -39,11 +40,6 @@ class Walk(NamedTuple):
     states: np.ndarray
     left_out: np.ndarray
     density: np.ndarray
-
-    @classmethod
-    def of(cls, paths) -> "Walk":
-        """Of a record of paths, without a copy."""
-        return cls(*(getattr(paths, name) for name in cls._fields))
 
 
 class Ways(NamedTuple):
@@ -159,16 +155,7 @@ def _continuum(medium, paths, begin, end, distance, point, i, scratch):
         rho = share * relative_density(region, x, y, z, scratch)
         if rho <= 0:
             continue
-        total, stopped = 0.0, 0.0
-        for w in range(len(sigma)):
-            total += weight[i, w]
-            stopped += weight[i, w] * sigma[w]
-        chance = rho * stopped / (total * most) if total > 0 else 1.0
-        hit = chance >= 1.0 or uniform(states, i) < chance
-        for w in range(len(sigma)):
-            real = rho * sigma[w] / most
-            weight[i, w] *= real / chance if hit else (1 - real) / (1 - chance)
-        if hit:
+        if collides(sigma, rho, most, weight, states, i):
             distance[i], point[i, 0], point[i, 1], point[i, 2] = t, x, y, z
             return len(medium.albedo) - 1
 
@@ -219,17 +206,8 @@ def _through_continuum(medium, others, ray, span, states, i, passed, scratch):
         if t >= end:
             return
         rho = others * relative_density(region, ox + t * dx, oy + t * dy, oz + t * dz, scratch)
-        brightest = 0.0
-        for w in range(len(passed)):
-            passed[w] *= 1 - rho * sigma[w] / most
-            brightest = max(brightest, passed[w])
-        if brightest < 0.1:  # Russian roulette
-            if uniform(states, i) >= 0.5:
-                for w in range(len(passed)):
-                    passed[w] = 0.0
-                return
-            for w in range(len(passed)):
-                passed[w] *= 2
+        if not lessened(passed, sigma, rho, most, states, i):
+            return
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -34,6 +34,8 @@ def depths(world, medium, camera, height, width, tolerance, seed):
     emission and one sample of the lights make them.  Light that is scattered more than once is not counted: it makes pixels
     smoother than predicted.
     """
+    from scipy.ndimage import maximum_filter
+
     if not world.light_names:
         return np.zeros((height, width))
     probes = _probed(world, medium, camera, height, width, seed)
@@ -45,8 +47,7 @@ def depths(world, medium, camera, height, width, tolerance, seed):
     depth = np.where(first == 0, 0.0, np.take_along_axis(edges, first[:, None], axis=1)[:, 0])
     depth = np.where((first == enough.shape[1] - 1) | (begin >= end), np.where(begin >= end, 0.0, np.inf), depth)
     # between probes the largest of those around
-    around = np.pad(depth.reshape(len(rows), len(columns)), 1, mode="edge")
-    grid = np.lib.stride_tricks.sliding_window_view(around, (3, 3)).max(axis=(2, 3))
+    grid = maximum_filter(depth.reshape(len(rows), len(columns)), 3)
     return grid.repeat(probes.stride, axis=0).repeat(probes.stride, axis=1)[:height, :width]
 
 

@@ -41,7 +41,7 @@ class Spheres:
         """As `walk.Discs.scattered`; no light is sampled here."""
         n = paths.count
         run(_pass, n, self.medium.discs.largest, self.index, self.absorption, kind, point, paths)
-        return paths._replace(density=np.zeros(n), single=np.ones(n, bool), seen=np.zeros(n, bool))
+        return paths._replace(density=np.zeros(n), single=np.ones(n, bool), splatted=np.zeros(n, bool))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

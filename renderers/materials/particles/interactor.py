@@ -30,7 +30,7 @@ class Particles:
     def advance(self, paths, stop):
         n = paths.count
         kind, distance, centre = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
-        run(_transport.collide, n, self.medium, Walk.of(paths), stop, np.full(n, np.inf), kind, distance, centre)
+        run(_transport.collide, n, self.medium, paths.part(Walk), stop, np.full(n, np.inf), kind, distance, centre)
         stopped = np.flatnonzero(kind != NO_DISC)
         length = np.minimum(stop, FAR)
         length[stopped] = distance[stopped]
@@ -51,10 +51,11 @@ class Particles:
         run(_transport.transmit, len(share), self.medium, Ways(states, origin, direction, distance, everywhere, left_out), share)
 
     def next_event(self, paths, event, sample, passed, clear, added):
-        run(_transport.light, paths.count, self.medium.scatterer, *event, Walk.of(paths), _no_guide(paths), passed, sample, added)
+        walk, scatterer = paths.part(Walk), self.medium.scatterer
+        run(_transport.light, paths.count, scatterer, *event, walk, _no_guide(paths), passed, sample, added)
 
     def scatter(self, paths, event):
-        run(_transport.scatter, paths.count, self.medium.scatterer, *event, Walk.of(paths), _no_guide(paths))
+        run(_transport.scatter, paths.count, self.medium.scatterer, *event, paths.part(Walk), _no_guide(paths))
 
 
 def seen_particle(medium, origin, direction, far):

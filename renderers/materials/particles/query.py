@@ -69,7 +69,8 @@ class Query:
         wavefront.draw(paths.states, numbers)
         run(_scatter, n, self.medium, self.cylinder, point, paths, world.lights(point, numbers), sums.by_order,
             sums.by_light)
-        return paths._replace(origin=point, left_out=np.full((n, 3), np.nan), single=np.zeros(n, bool), seen=np.zeros(n, bool))
+        return paths._replace(origin=point, left_out=np.full((n, 3), np.nan), single=np.zeros(n, bool),
+                              splatted=np.zeros(n, bool))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -26,10 +26,10 @@ from bakery.system.compiled import njit
 from renderers.materials.particles import _transport, shadow
 from renderers.materials.particles._transport import Guide, Walk, Ways
 from renderers.materials.particles.box import column
-from renderers.materials.particles.walk import Paths
 from renderers.mitsuba.world import FAR, LightSample
 from renderers.threads import run
 from renderers.transport import steps, wavefront
+from renderers.transport.paths import Paths
 
 CHUNK = 1 << 17  # particles at a time
 _FOLLOWED = 0.25  # share of the pencils that also go on as their particles scatter, to find light by
@@ -289,12 +289,12 @@ def _followed(world, medium, particles, pencils, chosen) -> LightSample:
     n, none, whole = len(chosen), np.zeros(len(chosen), bool), np.zeros(len(chosen), np.int64)
     origin, density = particles[1][chosen], np.zeros(n)
     paths = Paths(origin, pencils.direction[chosen], pencils.throughput[chosen], pencils.states[chosen], pencils.pixel[chosen],
-                  origin, density, none, whole, whole, np.zeros(n), none, whole)
+                  whole, whole, density, none, left_out=origin)
     guide = Guide(paths.direction.copy(), none)
-    run(_transport.scatter, n, medium.scatterer, particles[0][chosen], Walk.of(paths), guide)
+    run(_transport.scatter, n, medium.scatterer, particles[0][chosen], paths.part(Walk), guide)
     pencils.states[chosen] = paths.states
     density *= _FOLLOWED
-    shading, _ = steps.met(world, paths)
+    shading = steps.met(world, paths)
     far = np.where(shading.hit, np.linalg.norm(shading.point - origin, axis=1), FAR)
     radiance = shading.emitted / np.maximum(density, 1e-30)[:, None]
     return LightSample(paths.direction.astype(np.float32), far, radiance.astype(np.float32), density.astype(np.float32),

@@ -3,7 +3,7 @@
 One pass is one camera path a pixel, more where bright lamps are seen, whose first particle sends several on.  All paths go on
 together, bounce by bounce: kernels for particles, Mitsuba for surfaces and lights.
 
-A loop of its own beside `renderers.transport.waves`, with the steps of `renderers.transport.steps`: paths part at their first
+Steps of its own beside `renderers.transport.waves`, with those of `renderers.transport.steps`: paths part at their first
 particle, lights guide scattering, particles stop rays up to a depth of each pixel, and light that splats bring is left out.
 """
 
@@ -18,9 +18,8 @@ from renderers.materials.particles._transport import Guide, Walk, Ways
 from renderers.materials.particles.box import absorb
 from renderers.mitsuba.world import FAR
 from renderers.threads import run
-from renderers.transport import paths as wavefront_paths
 from renderers.transport import steps, wavefront
-from renderers.transport.paths import of_camera
+from renderers.transport.paths import Paths, follow, joined, of_camera
 
 # ways on from the first particle, which takes as long to find as the next one: some four take least time to an error; passes of
 # the first picture take one each, as that comes sooner
@@ -28,40 +27,10 @@ _SPLIT, _BEGINNING = 4, 2
 _SMALL = 1.0  # 1/sr: density of places on lights from which on their direction is worth following
 _PARTS = 16  # of a box along each axis, in which rays are gathered
 _SPREAD = np.array([sum((i >> bit & 1) << 3 * bit for bit in range(4)) for i in range(_PARTS)])  # bits with two free ones between
-ALL = 1 << 16  # paths that go on together; more take more memory, and fewer more calls
 # Of pixels that show what shines so many times the picture's mean of it: squares of a pixel that have a path each, along a side,
 # as many as add this share of the pixels to a pass.  One path a pixel left the rim of a bulb, and what hides it by chance, 99.9 %
 # of the variance of dust and of rain around it
 _BRIGHT, _FINEST, _ADDED = 4.0, 8, 1 / 4
-
-
-class Paths(NamedTuple):
-    """Camera paths on their way, n of them.
-
-    origin, direction : (n, 3) m, unit;  throughput : (n, L);  states : (n,) random streams;  pixel : (n,)
-    left_out : (n, 3) m, the particle that the ray starts at, or nan
-    density : (n,) 1/sr, with which the direction was drawn;  single : (n,) whether light sampling cannot take it
-    order : (n,) scatterings by particles so far;  bounces : (n,) these and surfaces
-    discrete : (n,) m, up to where particles stop the ray
-    seen : (n,) whether what `splat` takes of the path's next light is left out here
-    ways : (n,) ways on from its next particle
-    """
-
-    origin: np.ndarray
-    direction: np.ndarray
-    throughput: np.ndarray
-    states: np.ndarray
-    pixel: np.ndarray
-    left_out: np.ndarray
-    density: np.ndarray
-    single: np.ndarray
-    order: np.ndarray
-    bounces: np.ndarray
-    discrete: np.ndarray
-    seen: np.ndarray
-    ways: np.ndarray
-
-    count, of = wavefront_paths.Paths.count, wavefront_paths.Paths.of
 
 
 class Squares(NamedTuple):
@@ -103,7 +72,7 @@ class Discs:
         """The next scattering of each path before `far` (n,) m: class (n,) or NO_DISC, distance (n,) and place (n, 3) m."""
         n = paths.count
         kind, distance, point = np.empty(n, np.int64), np.empty(n), np.empty((n, 3))
-        run(_transport.collide, n, self.medium, Walk.of(paths), far, paths.discrete, kind, distance, point)
+        run(_transport.collide, n, self.medium, paths.part(Walk), far, paths.discrete, kind, distance, point)
         return kind, distance, point
 
     def scattered(self, world, paths, kind, point, sums):
@@ -122,13 +91,13 @@ class Discs:
         share = _together(self, (paths.bounces == 0) & ~particle, point, sample.direction, sample.distance, numbers[:, 6:])
         sample.radiance[first] = 0.0
         _let_through(medium, paths, point, sample, point, share)
-        run(_transport.light, n, medium.scatterer, kind, Walk.of(paths), guide, share, sample, added)
+        run(_transport.light, n, medium.scatterer, kind, paths.part(Walk), guide, share, sample, added)
         sums.add(paths, sample.light, added)
-        paths = paths._replace(origin=point, left_out=point.copy(), single=np.zeros(n, bool), seen=first)
+        paths = paths._replace(origin=point, left_out=point.copy(), single=np.zeros(n, bool), splatted=first)
         copies = np.repeat(np.arange(n), paths.ways)
         paths = _split(paths, copies)
         guide = Guide(guide.direction[copies], guide.used[copies])
-        run(_transport.scatter, paths.count, medium.scatterer, kind[copies], Walk.of(paths), guide)
+        run(_transport.scatter, paths.count, medium.scatterer, kind[copies], paths.part(Walk), guide)
         return paths
 
 
@@ -171,11 +140,13 @@ def squares_of(world, camera, height, width):
     Lamps are looked for by rays at corners and in the middle of pixels, and, around what those show, in the middle of squares;
     a lamp that none of them meets has one path, as other things have.
     """
+    from scipy.ndimage import binary_dilation
+
     rows, columns = np.mgrid[:height + 1, :width + 1]
     inside = _shining(world, camera, columns[:-1, :-1] + 0.5, rows[:-1, :-1] + 0.5)
     bright = _BRIGHT * inside.mean()
     at_corners = _shining(world, camera, columns, rows)[:-1, :-1]
-    row, column = np.nonzero(_grown(np.maximum(inside, at_corners) > bright))
+    row, column = np.nonzero(binary_dilation(np.maximum(inside, at_corners) > bright, np.ones((3, 3))))
     down, right = (np.mgrid[:_FINEST, :_FINEST].reshape(2, -1, 1) + 0.5) / _FINEST
     shows = (_shining(world, camera, column + right, row + down) > bright).any(axis=0)
     finest = _FINEST
@@ -184,12 +155,6 @@ def squares_of(world, camera, height, width):
     squares = np.ones(inside.shape, np.int64)
     squares[row[shows], column[shows]] = finest
     return squares.ravel()
-
-
-def _grown(marked):
-    """Pixels that are marked, and those around them."""
-    padded = np.pad(marked, 1)
-    return np.any([padded[i:i + len(marked), j:j + marked.shape[1]] for i in range(3) for j in range(3)], axis=0)
 
 
 def _shining(world, camera, x, y):
@@ -212,10 +177,11 @@ def one_pass(world, method, camera, height, width, number, seed, *, discrete, li
     pixels = height * width
     sums = steps.Sums(pixels, lights)
     squares = Squares.every(np.ones(pixels, np.int64) if method.squares is None else method.squares)
-    for first in range(0, len(squares.pixel), ALL):
-        paths = _begin(method.medium, camera, width, squares.of(slice(first, first + ALL)), number, seed, discrete, first)
-        while paths.count:
-            paths = _bounce(world, method, paths, sums)
+
+    def begin(first, last):
+        return _begin(method.medium, camera, width, squares.of(slice(first, last)), number, seed, discrete, first)
+
+    follow(len(squares.pixel), steps.ALL, begin, lambda paths: _bounce(world, method, paths, sums))
     return sums.by_order.reshape(-1, height, width, 3), sums.by_light.reshape(-1, height, width, 3)
 
 
@@ -226,10 +192,10 @@ def _begin(medium, camera, width, squares, number, seed, discrete, first):
     cell = np.stack([squares.number % squares.side, squares.number // squares.side], axis=1)
     states, origin, direction = of_camera(lambda offset, corner: camera.rays_at((cell + offset) / side, corner),
                                           stream_key(seed, "render.walk", number), first, corners)
-    throughput = np.repeat(1.0 / side**2, waves, axis=1)
-    return Paths(origin, direction, throughput, states, pixel, np.full((n, 3), np.nan),
-                 np.zeros(n), np.ones(n, bool), np.zeros(n, np.int64), np.zeros(n, np.int64), discrete.reshape(-1)[pixel],
-                 np.zeros(n, bool), np.full(n, 1 if number < _BEGINNING else _SPLIT))
+    paths = Paths.begun(origin, direction, waves, states, pixel, left_out=np.full((n, 3), np.nan),
+                        discrete=discrete.reshape(-1)[pixel], splatted=False, ways=1 if number < _BEGINNING else _SPLIT)
+    paths.throughput[:] /= side**2
+    return paths
 
 
 def _bounce(world, method, paths, sums):
@@ -240,8 +206,7 @@ def _bounce(world, method, paths, sums):
     absorb(method.medium, paths, np.where(stopped, distance, far))
     parts = [_among_particles(world, method, paths.of(stopped), kind[stopped], point[stopped], sums),
              _at_surfaces(world, method, paths.of(~stopped), sums)]
-    together = Paths(*map(np.concatenate, zip(*parts)))
-    alive, region = steps.survivors(together), method.medium.discs.region
+    alive, region = steps.survivors(joined(parts)), method.medium.discs.region
     return alive.of(_coherent(region.lo, region.hi, alive.origin, alive.direction))
 
 
@@ -268,27 +233,24 @@ def _among_particles(world, method, paths, kind, point, sums):
 
 
 def _at_surfaces(world, method, paths, sums):
-    medium = method.medium
-    if paths.count == 0:
-        return paths
-    shading, numbers = steps.met(world, paths, columns=6 if method.eye is None else 8)
-    arriving = paths.throughput
-    if method.eye is not None:
+    def brought(paths, shading):
+        order = np.where(paths.splatted, -1, paths.order)
+        if method.eye is None:
+            return paths.throughput, order
         # what light sampling finds from the same places counts as much
+        numbers = np.empty((paths.count, 2))
+        wavefront.draw(paths.states, numbers)
         far = np.where(shading.hit, np.sqrt(((shading.point - paths.origin) ** 2).sum(axis=1)), FAR)
         once, light = paths.bounces == 1, (paths.origin, paths.direction, far)
-        arriving = arriving * _together(method, once & (paths.order == 0), *light) \
-            * _together(method, once & (paths.order == 1), *light, numbers[:, 6:])
-    order = np.where(paths.seen, -1, paths.order)
-    steps.add_light(medium, arriving, order, shading.emitted, shading.source, paths, sums)
-    hit = np.flatnonzero(shading.hit)
-    m, paths = len(hit), paths.of(hit)
-    paths.bounces[:] += 1
-    paths.ways[:] = 1
-    paths.discrete[:] = method.later
-    sample, nothing = shading.light.of(hit), np.full((m, 3), np.nan)
-    share = _together(method, paths.bounces == 1, shading.point[hit], sample.direction, sample.distance)
-    _let_through(medium, paths, shading.point[hit], sample, nothing, share)
-    steps.add_light(medium, paths.throughput * share, paths.order, sample.radiance, sample.light, paths, sums)
-    steps.reflected(medium, paths, shading, hit)
-    return paths._replace(left_out=nothing, seen=np.zeros(m, bool))
+        arriving = _together(method, once & (paths.order == 0), *light)
+        return paths.throughput * arriving * _together(method, once & (paths.order == 1), *light, numbers), order
+
+    def let_through(paths, point, sample):
+        share = _together(method, paths.bounces == 1, point, sample.direction, sample.distance)
+        ways = paths._replace(discrete=np.full(paths.count, method.later))
+        _let_through(method.medium, ways, point, sample, paths.left_out, share)
+        return share
+
+    paths = steps.at_surfaces(world, method.medium, paths, sums, let_through, brought=brought)
+    paths.ways[:], paths.discrete[:], paths.splatted[:] = 1, method.later, False
+    return paths
