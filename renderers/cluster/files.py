@@ -5,17 +5,18 @@ import dataclasses
 import hashlib
 import os
 import threading
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from bakery.errors import BakeryError
 from bakery.store import scratch
 from renderers.pictures.versions import versions
 
 _UNTIL_THE_END = ExitStack()  # folders of scenes
 atexit.register(_UNTIL_THE_END.close)
 _FOLDERS: dict[str, str] = {}  # hash of files -> folder that holds them
-ONE_AT_A_TIME = threading.Lock()  # Mitsuba's variant is that of the process
+_ONE_AT_A_TIME = threading.Lock()  # Mitsuba's variant is that of the process
 
 
 def needed(scene) -> list[str]:
@@ -67,11 +68,25 @@ def scene_below(folder: str, path: str, settings: Mapping[str, str], besides: di
     return dataclasses.replace(shot, **besides | {"assets": assets, "asset": assets[0]})
 
 
-def unlike(wanted: Mapping[str, str]) -> str:
-    """Why this process would not give the pictures of one with these versions; "" where it would."""
-    differing = ", ".join(f"{name} {version or 'missing'} instead of {wanted[name] or 'none'}"
-                          for name, version in versions().items() if version != wanted[name])
-    return differing and f"a worker has {differing}; equal versions give equal pictures: install the same there"
+@contextmanager
+def on_worker(files: Mapping[str, bytes], wanted: Mapping[str, str], label: str = "") -> Iterator[str]:
+    """The folder of `unpacked`, for one piece of work at a time; its faults travel, and name files as the process that asks does.
+
+    wanted : versions of libraries there; label : what faults begin with
+
+    Raises BakeryError where this process has other versions, whose pictures would be others.
+    """
+    with _ONE_AT_A_TIME:
+        folder = unpacked(files)
+        try:
+            if differing := ", ".join(f"{name} {version or 'missing'} instead of {wanted[name] or 'none'}"
+                                      for name, version in versions().items() if version != wanted[name]):
+                raise BakeryError(f"a worker has {differing}; equal versions give equal pictures: install the same there")
+            yield folder
+        except BakeryError as error:
+            fault = BakeryError(label + str(error).replace(folder, ""))
+            fault.exit_status = error.exit_status
+            raise fault from None
 
 
 def _absolute(path) -> str:

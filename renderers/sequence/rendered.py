@@ -4,7 +4,6 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from bakery.errors import BakeryError
 from renderers.cluster import files
 from renderers.cluster.passes import workers
 from renderers.pictures import images
@@ -39,10 +38,6 @@ def on_cluster(sequence, frames, resume, progress, cluster) -> Iterator[tuple[in
                       versions(), frame.pair[1].read_bytes() if resume and frame.pair[1].is_file() else None) for frame in frames]
     finished = 0
     for position, answer in cluster.arriving(far.rendered, [common] * len(frames), besides, tasks):
-        if answer.fault:
-            fault = BakeryError(f"frame {frames[position].number}: {answer.fault}")
-            fault.exit_status = answer.status
-            raise fault
         frame, finished = frames[position], finished + 1
         images.write([(path, lambda temporary, data=data: Path(temporary).write_bytes(data))
                       for path, data in zip(frame.pair, answer.pictures)])

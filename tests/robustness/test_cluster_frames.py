@@ -89,9 +89,11 @@ def test_faults_of_a_worker(place, scheduler):
 
 
 def test_a_worker_with_another_mitsuba_is_refused():
-    asked = SimpleNamespace(versions=versions() | {"mitsuba": "2.0"})
-    for answer in far.rendered({}, {}, asked), passes.rendered({}, asked, "walk", 0):
-        assert answer.status == 2 and "instead of 2.0; equal versions give equal pictures" in answer.fault
+    asked = SimpleNamespace(versions=versions() | {"mitsuba": "2.0"}, number=7)
+    for rendered, arguments in (far.rendered, ({}, asked)), (passes.rendered, (asked, "walk", 0)):
+        with pytest.raises(BakeryError, match="instead of 2.0; equal versions give equal pictures") as fault:
+            rendered({}, *arguments)
+        assert fault.value.exit_status == 2
 
 
 def test_passes_of_workers_have_the_bytes_of_one_machine(call, place, scheduler):
