@@ -200,12 +200,16 @@ class Bias(NamedTuple):
 NO_BIAS = Bias(0.0, 0.0, False, {})  # of a method without an error of its own
 
 
+def shrunk(first: int, second: int, pixels: int) -> tuple[int, int]:
+    """Sides of a picture of the same shape with so many pixels, or of this one where it has fewer."""
+    shrink = min(1.0, math.sqrt(pixels / (first * second)))
+    return max(2, round(shrink * first)), max(2, round(shrink * second))
+
+
 def smaller(world, pixels: int):
     """A world with the same view on a film of at most so many pixels."""
     height, width = world.size
-    shrink = min(1.0, math.sqrt(pixels / (width * height)))
-    size = max(2, round(shrink * height)), max(2, round(shrink * width))
-    reduced = copy.copy(world)
+    size, reduced = shrunk(height, width, pixels), copy.copy(world)
     reduced.camera, reduced.size = world.camera.refitted(height, width, *size), size
     reduced.whole, reduced.coarser = world, math.sqrt(height * width / (size[0] * size[1]))
     return reduced

@@ -46,6 +46,10 @@ class Candidate(NamedTuple):
     expected: float | None = None
     eligible: bool = True
 
+    def off_by(self, *errors: float) -> "Candidate":
+        """The same, with further errors in what is stated."""
+        return self._replace(stated=lambda tolerance: math.hypot(self.stated(tolerance), *errors))
+
 
 def of(scene) -> tuple[Candidate, ...]:
     """The candidates for a scene, in the order in which they are tried; () where there is nothing to choose or to measure.
@@ -55,11 +59,6 @@ def of(scene) -> tuple[Candidate, ...]:
     if scene.renderer in entries.PACKAGES.values():
         return _of_one_kind(scene)
     return _of_several(scene.values.materials) if scene.renderer == "renderers.mixed" else ()
-
-
-def applied(scene, candidate: Candidate):
-    """The scene as a candidate has it."""
-    return by_methods(scene, candidate.methods)
 
 
 def by_methods(scene, methods: Sequence[str]):
@@ -114,9 +113,8 @@ def with_surfaces(scene, numbers: Sequence[int], deviation: float, changing: Seq
     for number, method in enumerate(methods):
         by_method.setdefault(method, []).append(f"materials[{number}]")
     name = "; ".join(f"{', '.join(rows)} by {method}" for method, rows in by_method.items())
-    base = _combined(materials, methods, ())
-    return base._replace(name=methods[0] if len(by_method) == 1 else name, surfaces=(*numbers, *changing),
-                         stated=lambda tolerance: math.hypot(base.stated(tolerance), deviation))
+    return _combined(materials, methods, ()).off_by(deviation)._replace(name=methods[0] if len(by_method) == 1 else name,
+                                                                        surfaces=(*numbers, *changing))
 
 
 # ---- of several kinds
