@@ -43,13 +43,17 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     `distance` (m): with
     `picture: {color: X.exr, layer: clear, depth: X.exr, channel: distance, measure: distance}` it gets other fog in seconds.
     """
+    from renderers.fog import kernels
     from renderers.fog.view import View
     from renderers.pictures.running import Render
 
     job = Render(scene, output, overrides=overrides, quality=quality, overwrite=overwrite, progress=progress)
     scene, asset = job.scene, job.asset
     threads = threads or len(os.sched_getaffinity(0))
-    medium = _medium(scene, asset)
+    try:
+        medium = kernels.fog_of(asset, channels=3, kernel=scene.values.filter.kernel)
+    except UsageError as error:
+        raise scene.wrong("asset", error) from None
     density = _density(scene, threads)
     job.part_over("prepare")
 
@@ -143,15 +147,6 @@ def describe(report) -> list[str]:
         + (f", {100 * report['share_sun']:.3g} % from the sun" if report["share_sun"] else ""), *report.get("reasons", [])[1:]])
 
 
-def _medium(scene, asset):
-    from renderers.fog import kernels
-
-    try:
-        return kernels.fog_of(asset, channels=3, kernel=scene.values.filter.kernel)
-    except UsageError as error:
-        raise scene.wrong("asset", error) from None
-
-
 def _density(scene, threads):
     from renderers.fog import density
     from renderers.scene import grids
@@ -161,15 +156,8 @@ def _density(scene, threads):
         return density.Uniform(section.scale)
     if section.type == "height":
         return density.Height(section.scale, section.base, section.falloff, tuple(section.up))
-    try:
-        values, lo, hi = grids.read(scene.file(section.file), section.dataset)
-    except UsageError as error:
-        raise scene.wrong("fog.density.file", error) from None
-    lo, hi = section.lo or lo, section.hi or hi
-    try:
-        return density.Grid(values, tuple(lo), tuple(hi), section.scale, threads)
-    except ValueError as error:
-        raise scene.wrong("fog.density", error) from None
+    values, lo, hi = grids.placed(scene, "fog.density", section, "file")
+    return density.Grid(values, tuple(lo), tuple(hi), section.scale, threads)
 
 
 def _picture(scene, quality, variant, seed, progress, view_of=None):

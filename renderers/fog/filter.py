@@ -22,7 +22,6 @@ not know the kernel's size.
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 
 import numpy as np
 
@@ -44,7 +43,7 @@ def fogged(image, distance, angle, column, lever, medium, *, points="final", thr
 
     Parameters
     ----------
-    image : (H, W, C) radiance of the surfaces as seen without fog
+    image : (H, W, C) radiance of the surfaces as seen without fog; up to LANES channels
     distance : (H, W) m, along the viewing ray
     angle : (H, W) rad, side of a pixel
     column : (H, W) m, integral of the relative density along the ray
@@ -74,17 +73,21 @@ def fogged(image, distance, angle, column, lever, medium, *, points="final", thr
     """
     if points not in POINTS:
         raise UsageError(f"filter: points {points!r}; {', '.join(POINTS)} would do")
-    image = np.asarray(image, float)
-    rays = distance, angle, column, lever
-    parts = [Prepared(part, rays, kind, **options) for part, kind in _by_lanes(image, medium)]
-    with _workers(threads) as pool:
-        return np.concatenate([_seen(p, pool, POINTS[points], progress) for p in parts], axis=2)
+    image, kinds = np.asarray(image, float), len(medium.sigma_t)
+    if image.ndim != 3 or image.size == 0 or image.shape[2] > LANES or kinds not in (1, image.shape[2]):
+        raise UsageError(f"image: shape {image.shape}; (height, width, {kinds if kinds > 1 else f'1 to {LANES}'}) would do")
+    p = Prepared(image, (distance, angle, column, lever), medium, **options)
+    if not p.power.any():  # nothing is scattered
+        return p.finished(np.zeros((*p.z.shape, _filter.SUMS, LANES)))
+    pool = ThreadPoolExecutor(threads or os.cpu_count() or 1)
+    try:
+        return _seen(p, pool, POINTS[points], progress)
+    finally:
+        pool.shutdown(cancel_futures=True)  # what has not begun when it is interrupted
 
 
 def _seen(p, pool, finer, progress):
-    """The picture of some channels; p : `_prepared.Prepared`;  finer : of POINTS"""
-    if not p.power.any():  # nothing is scattered
-        return p.finished(np.zeros((*p.z.shape, _filter.SUMS, LANES)))
+    """The picture; p : `_prepared.Prepared`;  finer : of POINTS"""
     pyramid = _pyramid(p, pool)
     sums, targets = None, None
     for number in range(len(pyramid), 0, -1):
@@ -145,22 +148,3 @@ def _refined(p, pool, pyramid, number, targets, sums):
     if targets is not None:
         _in_parts(pool, _filter.between_points, len(finer.mask), _ROWS, 0.0 if number else 0.5, finer, targets, sums, total)
     return finer, total
-
-
-def _by_lanes(image, medium):
-    """Pictures of so many channels as are filtered at once, and their media."""
-    kinds = len(medium.sigma_t)
-    if image.ndim != 3 or kinds not in (1, image.shape[2]) or image.size == 0:
-        raise UsageError(f"image: shape {image.shape}; (height, width, {kinds if kinds > 1 else 'any'}) would do")
-    return [(image[..., first:first + LANES], medium.channels(first, first + LANES) if kinds > LANES else medium)
-            for first in range(0, image.shape[2], LANES)]
-
-
-@contextmanager
-def _workers(threads):
-    """Threads that leave what has not begun when they are interrupted."""
-    pool = ThreadPoolExecutor(threads or os.cpu_count() or 1)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)

@@ -257,14 +257,6 @@ def test_dr_jit_with_other_channels(fog):
     assert clear == pytest.approx(image, rel=1e-6)
 
 
-def test_more_channels_than_are_summed_at_once(fog):
-    image, z, angle, column, lever = scene(20, 24)
-    one = replace(fog, **{name: getattr(fog, name)[:1] for name in ("sigma_t", "sigma_s", "g", "peak", "shape", "width")})
-    six = screen.fogged(np.concatenate([image, 2 * image], axis=2), z, angle, column, lever, one)
-    three = screen.fogged(image, z, angle, column, lever, one)
-    assert rms(six[..., :3], three) < 0.003 and rms(six[..., 3:], 2 * three) < 0.003  # light is centred by all that are summed
-
-
 @pytest.mark.parametrize("size", [(1, 1), (7, 60), (37, 22)])
 @pytest.mark.parametrize("pixel", [1e-9, 1e-3, 0.1, 100.0])
 @pytest.mark.parametrize("cut_off", [None, 0.5])
