@@ -42,7 +42,7 @@ import mitsuba as mi
 import numpy as np
 
 from renderers.mitsuba import tables as asset_tables
-from renderers.mitsuba.rows import JitRows, ScalarRows, between, pick
+from renderers.mitsuba.rows import JitRows, ScalarRows, bands, between, pick
 
 
 def define():
@@ -51,7 +51,8 @@ def define():
     class BakedPhase(mi.PhaseFunction):
         def __init__(self, props):
             self.filename = props["filename"]
-            self.tables = _for_variant(asset_tables.load(str(mi.file_resolver().resolve(self.filename))), props)
+            self.tables = asset_tables.load(str(mi.file_resolver().resolve(self.filename))).selected(
+                int(props.get("channel", -1)), float(props["wavelength"]) if "wavelength" in props else None, bands())
             self.function = PhaseFunction(self.tables)
             mi.PhaseFunction.__init__(self, props)  # last: Dr.Jit calls whatever has been registered, what is refused too
             self.m_flags = +mi.PhaseFunctionFlags.Anisotropic
@@ -66,19 +67,6 @@ def define():
             return f"BakedPhase[{self.filename}, {len(self.tables)} tables of {self.tables.s.size} angles]"
 
     return BakedPhase
-
-
-def _for_variant(tables, props):
-    """The tables that the plugin's parameters ask for, in the variant that is set."""
-    channel = int(props.get("channel", -1))
-    wavelength = float(props["wavelength"]) if "wavelength" in props else None
-    if wavelength is not None:
-        return tables.at(wavelength)
-    if channel != -1:
-        return tables.channel(channel)
-    if mi.is_monochromatic:
-        return tables.mean()
-    return tables.rgb() if mi.is_rgb else tables.ascending()
 
 
 class PhaseFunction:

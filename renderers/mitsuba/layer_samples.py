@@ -84,15 +84,12 @@ class Surface(Values):
         chance = pick(pair.reflects, chances[REFLECTED], chances[TRANSMITTED])
         return chance * self._at(self._density, cell + side) * pair.mu
 
-    def _facets_density(self, wi, wo):
-        normal = dr.normalize(wi + wo)
-        facets = mi.MicrofacetDistribution(mi.MicrofacetType.GGX, self.roughness)
-        return facets.pdf(wi, normal) / dr.maximum(4 * dr.dot(wo, normal), 1e-9)
-
     def _density_of(self, chances, wi, wo, pair):
         density = self._drawn_density(chances, pair)
         if self.rough:
-            density = density + chances[FACETS] * self._facets_density(wi, wo)
+            normal = dr.normalize(wi + wo)
+            facets = mi.MicrofacetDistribution(mi.MicrofacetType.GGX, self.roughness).pdf(wi, normal)
+            density = density + chances[FACETS] * (facets / dr.maximum(4 * dr.dot(wo, normal), 1e-9))
         return density
 
     def _seen(self, wi, active):

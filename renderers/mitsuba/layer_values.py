@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from renderers.mitsuba import layers
-from renderers.mitsuba.rows import between, pick
+from renderers.mitsuba.rows import bands, between, pick
 
 LEAST = 1e-6  # cosine; single precision has no smaller ones to add to
 
@@ -38,9 +38,8 @@ class Values:
     layer : `layers.Layer`;  channel, wavelength : of the plugin's parameters
     """
 
-    def __init__(self, layer, channel=-1, wavelength=None):
-        bands = "mono" if mi.is_monochromatic else "rgb" if mi.is_rgb else "spectral"
-        self.layer, self._channels = layers.selected(layer, channel, wavelength, bands)
+    def __init__(self, layer, channel, wavelength):
+        self.layer, self._channels = layers.selected(layer, channel, wavelength, bands())
         table = self.layer.table
         self.index, self.rough, self.roughness, self.free = table.index, self.layer.rough, table.roughness, table.free
         self._finite, self._based = bool(np.isfinite(table.depth).any()), bool(np.any(table.base > 0))

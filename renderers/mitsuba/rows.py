@@ -12,6 +12,11 @@ def pick(condition, a, b):
     return dr.select(condition, a, b) if dr.is_jit_v(condition) else (a if condition else b)
 
 
+def bands() -> str:
+    """mono, rgb or spectral: what colours are in the variant that is set."""
+    return "mono" if mi.is_monochromatic else "rgb" if mi.is_rgb else "spectral"
+
+
 def between(knots, wavelength):
     """The row of a table below a wavelength, and the weight of the next one.  knots : um, of the rows;  wavelength : nm"""
     lower, weight = mi.UInt32(0), mi.Float(0.0)

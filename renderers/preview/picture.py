@@ -19,8 +19,10 @@ from bakery.grammar import qualities
 from renderers import colour
 from renderers.mitsuba import bitmaps, passes, variants
 from renderers.mitsuba import tables as asset_tables
+from renderers.mitsuba.scene import describe as describe_render
 from renderers.pictures import images
 from renderers.preview import grains, lobe, studio
+from renderers.preview.lobe import length
 from renderers.progress import share
 
 REDUCED_PATHS, DIFFUSION_LENGTHS, MEAN_FREE_PATHS = 3.0, 4.0, 60.0
@@ -119,6 +121,23 @@ def preview(asset_path, output_path, *, quality="preview", panel=None, variant=N
     return report | {key: value for shown_panel in panels for key, value in shown_panel.report().items()}
 
 
+def describe(report) -> list[str]:
+    """Lines for the report of `preview`."""
+    lines = describe_render(report)
+    if len(report["panels"]) > 1:
+        lines.append("panels: " + "; ".join(f"{panel['shows']}, {panel['samples']} samples, noise {100 * panel['noise']:.2g} %, "
+                                            f"{100 * panel['noise_shown']:.2g} % filtered" for panel in report["panels"]))
+    if "grains" in report:
+        left_out = f", {report['grains_left_out']} left out" if report["grains_left_out"] else ""
+        lines.append(f"grains: {', '.join(report['grains'])}{left_out}; bounding radius {length(report['grain_radius'])}")
+    if "block" in report:
+        lines.append(f"block: edge {report['block']}, surface index-matched")
+    if report.get("misdirected"):
+        lines.append(f"phase function: on a regular grid, which sends {100 * report['misdirected']:.2g} % of the light to "
+                     "another angle; llvm and cuda variants use the asset's own table")
+    return lines
+
+
 @dataclass(frozen=True)
 class Panel:
     """One rendered picture with its strip.
@@ -142,9 +161,9 @@ def _grains(mi, asset, shown, size) -> Panel:
     exemplars, radius, count = shown
     unit = grains.scale(len(exemplars))
     sizes = asset.grains["radius"]
-    words = [f"R = {lobe.length(radius)}" + (f" on average, {lobe.length(sizes.min())} to {lobe.length(sizes.max())}"
+    words = [f"R = {length(radius)}" + (f" on average, {length(sizes.min())} to {length(sizes.max())}"
                                              if len(sizes) > 1 else ""),
-             f"checks {lobe.length(studio.CHECK * unit * radius)}"]
+             f"checks {length(studio.CHECK * unit * radius)}"]
     words += [f"{len(exemplars)} of {count} components"] if count > len(exemplars) else []
     um = asset.wavelength[lobe.middle(asset)]
     strip = lobe.grain_strip(asset, exemplars, size[0], (
@@ -168,11 +187,11 @@ def _block(mi, asset, asset_path, edge, words, size, chosen) -> Panel:
         return list(built)
 
     delta = lobe.forward_delta(asset)
-    captions = [f"block edge {lobe.length(edge)} = {words}", f"checks {lobe.length(studio.CHECK * edge)}   ·   {chosen}"]
+    captions = [f"block edge {length(edge)} = {words}", f"checks {length(studio.CHECK * edge)}   ·   {chosen}"]
     captions += [f"not drawn: a peak with {100 * delta:.2g} % of the light"] if delta else []
     strip = lobe.strip(asset, asset_tables.load(asset_path), size[0], captions)
     return Panel("medium", scenes, lambda: studio.features(*size, edge * np.asarray(asset.medium.sigma_t).max()), strip,
-                 lambda: {"block_edge": edge, "block": f"{lobe.length(edge)} ({words})", "misdirected": max(losses, default=0.0)})
+                 lambda: {"block_edge": edge, "block": f"{length(edge)} ({words})", "misdirected": max(losses, default=0.0)})
 
 
 def _variant(asked):
