@@ -332,9 +332,7 @@ class _Run:
         self.passes.run(stop)
         self.clock += time.monotonic() - begin
         if self.passes.signal:
-            fault = Interrupted("interrupted before there was a picture; nothing was written")
-            fault.exit_status = 128 + self.passes.signal
-            raise fault
+            raise Interrupted("interrupted before there was a picture; nothing was written").ending(128 + self.passes.signal)
         every = dict.fromkeys([*ORDERS, *(layer for passes in self._regions.values() for layer in passes[0])])
         self.light = {layer: self._light(layer) for layer in every}
 

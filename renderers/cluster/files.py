@@ -84,9 +84,7 @@ def on_worker(files: Mapping[str, bytes], wanted: Mapping[str, str], label: str 
                 raise BakeryError(f"a worker has {differing}; equal versions give equal pictures: install the same there")
             yield folder
         except BakeryError as error:
-            fault = BakeryError(label + str(error).replace(folder, ""))
-            fault.exit_status = error.exit_status
-            raise fault from None
+            raise BakeryError(label + str(error).replace(folder, "")).ending(error.exit_status) from None
 
 
 def _absolute(path) -> str:

@@ -15,8 +15,9 @@ from zlib import crc32
 import bakery
 from bakery.errors import Interrupted, UsageError
 from bakery.grammar import fields
+from bakery.store.put import put
 from renderers import choice, scene
-from renderers.pictures import denoise, images
+from renderers.pictures import denoise
 from renderers.pictures.pace import Pace, Paced
 from renderers.pictures.progressive import fingerprint, made_of
 from renderers.pictures.reached import coarser, limit
@@ -190,8 +191,7 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
         values = {key: spent[key] + end - start for key, start, end in zip(spent, begin, _clocks(compiled))} | {"pace": paced}
         kept = {"made_of": this, "stop": stop, "display": _display(job), "finished": finished,
                 "picture": fingerprint(job.pair[1]), **values, **extra}
-        text = json.dumps(kept, indent=1, allow_nan=False) + "\n"
-        images.write([(job.record, lambda target: Path(target).write_text(text, encoding="utf-8"))])
+        put(job.record, json.dumps(kept, indent=1, allow_nan=False) + "\n")
         return values
 
     def drawn(method, on):
@@ -205,7 +205,8 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
     except Interrupted as error:
         if _stamp(job.pair[1]) != before:
             keep(False, pace.interrupted())
-        raise _interrupted(job, error) from None
+        raise Interrupted(f"interrupted while rendering {job.name}; what is rendered is kept in {job.pair[0].parent}, and the "
+                          "same call goes on with it").ending(error.exit_status) from None
     if on:
         report["seconds"] = {"earlier": spent["seconds"]} | report["seconds"]
         report["seconds"]["total"] += spent["seconds"]
@@ -227,14 +228,6 @@ def _with_lost_time(job, report, lost, quality, drawn):
     more_time = min(lost, limit(job.scene.values.stop.time, quality)) * coarser(quality) ** 2
     longer = job.scene.values.stop.model_copy(update={"time": more_time})
     return _together(report, drawn(_stopping(job, longer).scene, True))
-
-
-def _interrupted(job, error) -> Interrupted:
-    """What to say of an interruption, with its exit status."""
-    interruption = Interrupted(f"interrupted while rendering {job.name}; what is rendered is kept in {job.pair[0].parent}, and "
-                               "the same call goes on with it")
-    interruption.exit_status = error.exit_status
-    return interruption
 
 
 def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=None, **options) -> Made:

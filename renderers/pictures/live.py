@@ -16,6 +16,8 @@ from renderers.mitsuba import variants
 from renderers.pictures import denoise, passes, running
 from renderers.pictures.picture import DENOISED, NOISE, PICTURE, Picture, words_of
 
+import mitsuba as mi  # isort: skip  # after renderers.mitsuba, which finds LLVM, once
+
 SHARE = 0.04  # of the passes' processor time that frames of a page may take
 _ASKED = 5.0  # s for which a page is taken to look at the layer that it asked for last
 _A_PIXEL = 2e-6  # s that the filter of the first picture is expected to take
@@ -94,7 +96,8 @@ class Pictures:
             noises[:] = [noise]
             return self._asked or _passes(estimate) > before and estimate.spent - begin >= self._every
 
-        _set_variant(self._rendering.variant)
+        if self._rendering.variant != mi.variant():  # between two pictures a program may have rendered something else
+            mi.set_variant(self._rendering.variant)
         self._over = True  # unless all goes well
         self._rendering.run(enough)
         if estimate.stopped_by == "request" and not self._asked:
@@ -122,14 +125,6 @@ class Pictures:
 
 def _passes(estimate) -> int:
     return sum(mean.count for mean in estimate.means.values())
-
-
-def _set_variant(name: str) -> None:
-    """Mitsuba's: between two pictures a program may have rendered something else."""
-    import mitsuba as mi
-
-    if name != mi.variant():
-        mi.set_variant(name)
 
 
 # ---- for a page

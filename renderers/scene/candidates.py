@@ -109,12 +109,8 @@ def with_surfaces(scene, numbers: Sequence[int], deviation: float, changing: Seq
     materials = scene.values.materials
     methods = [surface_of(entry.kind) if number in numbers else far_surface_of(entry.kind) if number in changing
                else beside(entry.kind)[0] if entry.method == "auto" else entry.method for number, entry in enumerate(materials)]
-    by_method: dict[str, list[str]] = {}
-    for number, method in enumerate(methods):
-        by_method.setdefault(method, []).append(f"materials[{number}]")
-    name = "; ".join(f"{', '.join(rows)} by {method}" for method, rows in by_method.items())
-    return _combined(materials, methods, ()).off_by(deviation)._replace(name=methods[0] if len(by_method) == 1 else name,
-                                                                        surfaces=(*numbers, *changing))
+    name = methods[0] if len(set(methods)) == 1 else _named(methods, range(len(methods)))
+    return _combined(materials, methods, ()).off_by(deviation)._replace(name=name, surfaces=(*numbers, *changing))
 
 
 # ---- of several kinds
@@ -194,15 +190,16 @@ def _combined(materials, methods, replaced, eligible=True):
         every = [declared[number].lacks([assets[number]], world) for number in open_to_choice if declared[number].exact]
         return "; ".join(dict.fromkeys(filter(None, every)))
 
-    return Candidate(_named(materials, methods), tuple(methods), all(method.exact for method in declared),
+    # of entries for which a medium may stand
+    name = _named(methods, [number for number, entry in enumerate(materials) if medium_for(entry.kind)])
+    return Candidate(name, tuple(methods), all(method.exact for method in declared),
                      lambda tolerance: math.hypot(*(method.error(tolerance) for method in declared)),
                      max(method.pilot for method in declared), lacks, media=media, replaced=tuple(replaced), eligible=eligible)
 
 
-def _named(materials, methods):
-    """Of entries for which a medium may stand: what they are rendered by."""
+def _named(methods, numbers):
+    """What entries of these numbers are rendered by."""
     by_method: dict[str, list[str]] = {}
-    for number, (entry, method) in enumerate(zip(materials, methods, strict=True)):
-        if medium_for(entry.kind):
-            by_method.setdefault(method, []).append(f"materials[{number}]")
-    return "; ".join(f"{', '.join(numbers)} by {method}" for method, numbers in by_method.items())
+    for number in numbers:
+        by_method.setdefault(methods[number], []).append(f"materials[{number}]")
+    return "; ".join(f"{', '.join(rows)} by {method}" for method, rows in by_method.items())

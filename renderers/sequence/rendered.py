@@ -2,11 +2,10 @@
 
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
+from bakery.store.put import put_all
 from renderers.cluster import files
 from renderers.cluster.passes import workers
-from renderers.pictures import images
 from renderers.pictures.versions import versions
 from renderers.sequence import far
 from renderers.sequence.frame import drawn, row_of
@@ -39,8 +38,7 @@ def on_cluster(sequence, frames, resume, progress, cluster) -> Iterator[tuple[in
     finished = 0
     for position, answer in cluster.arriving(far.rendered, [common] * len(frames), besides, tasks):
         frame, finished = frames[position], finished + 1
-        images.write([(path, lambda temporary, data=data: Path(temporary).write_bytes(data))
-                      for path, data in zip(frame.pair, answer.pictures)])
+        put_all(dict(zip(frame.pair, answer.pictures)))
         progress.update(finished / len(frames), None, f"{finished} of {len(frames)}")
         yield frame.number, row_of(frame, answer.figures, "resumed" if answer.resumed else "rendered", answer.seconds)
 

@@ -10,6 +10,7 @@ import pytest
 
 from bakery.errors import BakeryError
 from bakery.run import dask
+from bakery.run.progress import Progress
 from renderers import sequence
 from renderers.cluster import passes
 from renderers.pictures import passes as passes_of_picture
@@ -53,7 +54,7 @@ class Killing:
         os.kill(pid, signal.SIGKILL)
 
     def __getattr__(self, name):
-        return getattr(sequence._Silent(), name)
+        return getattr(Progress(), name)
 
 
 def test_frames_of_workers_have_the_bytes_of_one_machine(call, place, scheduler):
