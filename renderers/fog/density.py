@@ -6,17 +6,14 @@ far.
 """
 
 import math
-import os
 from abc import ABC, abstractmethod
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import hyp1f1
 
 from renderers.fog import _march
-
-_BLOCK = 4096  # rays
+from renderers.threads import run
 
 
 class Density(ABC):
@@ -131,7 +128,6 @@ class Grid(Density):
     lo: tuple[float, float, float]
     hi: tuple[float, float, float]
     scale: float = 1.0
-    threads: int | None = None  # as many as the process may use
 
     def __post_init__(self):
         if np.ndim(self.values) != 3 or not np.size(self.values):
@@ -161,12 +157,10 @@ class Grid(Density):
         step = direction * per_metre
         out = np.empty(direction.shape)
 
-        def block(first):
-            part = slice(first, first + _BLOCK)
-            _march.moments(self.values, start[part], step[part], distance[part], out[part])
+        def block(low, high):
+            _march.moments(self.values, *(rays[low:high] for rays in (start, step, distance, out)))
 
-        with ThreadPoolExecutor(self.threads or len(os.sched_getaffinity(0))) as pool:
-            list(pool.map(block, range(0, len(direction), _BLOCK)))
+        run(block, len(direction))
         return self.scale * out if self.scale else np.zeros_like(out)
 
     def reach(self, origin):

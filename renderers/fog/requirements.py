@@ -65,7 +65,7 @@ def _columns(about):
     from renderers.fog.view import finite
 
     scene, values = about.scene, about.scene.values
-    density = fog._density(scene, 1)
+    density = fog._density(scene)
     if hasattr(values.picture, "mitsuba"):
         from renderers.mitsuba.world import World
 

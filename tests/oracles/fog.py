@@ -19,12 +19,12 @@ from renderers.fog._prepared import Prepared
 _SOME = 64  # pixels of a task
 
 
-def direct(image, distance, angle, column, lever, medium, *, threads=None, pixels=None, reach=None, **options):
+def direct(image, distance, angle, column, lever, medium, *, pixels=None, reach=None, **options):
     """`filter.fogged` by its definition, every pair of pixels.
 
     Parameters
     ----------
-    image ... threads, options : as of `fogged`
+    image ... medium, options : as of `fogged`
     pixels : (N,) flat indices of pixels that are wanted, or None for all
     reach : pixels; what is farther away along a row or a column is left out
 
@@ -38,7 +38,7 @@ def direct(image, distance, angle, column, lever, medium, *, threads=None, pixel
     sums = np.zeros((len(chosen), _filter.SUMS, LANES))
     farthest = max(p.z.shape) if reach is None else int(reach)
     table = Table(p.kernels, _number(p._offsets))
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         for task in [pool.submit(every_pair, chosen[k:k + _SOME], farthest, p.pixels, table, p.outside == "black",
                                  sums[k:k + _SOME]) for k in range(0, len(chosen), _SOME)]:
             task.result()
