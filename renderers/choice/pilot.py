@@ -69,25 +69,6 @@ class Forecast(NamedTuple):
     choice: tuple[str, ...] = ()
 
 
-class _Clock:
-    """How quickly the clock goes while passes tell their progress: a machine is not as busy as when a kept choice was made."""
-
-    def __init__(self):
-        self._told = []
-
-    def __call__(self, _fraction, noise=None):
-        if noise is not None:
-            self._told.append((time.monotonic(), time.process_time()))
-
-    @property
-    def pace(self) -> float | None:
-        """Seconds of it to one of processors; None of too few passes."""
-        if not self._told:
-            return None
-        clock, processors = (last - first for first, last in zip(self._told[0], self._told[-1]))
-        return clock / processors if processors > 0 else None
-
-
 def forecast(scene, *, quality=None, variant=None, seed=None) -> Forecast:
     """Renders pilots of a scene.
 
@@ -123,11 +104,18 @@ def _forecast_of(scene, quality, variant, seed) -> Forecast:
 def _by_passes(scene, stop, quality, options, picture_path):
     width, height = _size(scene, options["variant"])
     tiny, larger = (trial.shrunk(width, height, pixels) for pixels in (TINY, LARGE))
-    shortest, clock, pixels = {"samples": 1}, _Clock(), larger[0] * larger[1]
+    shortest, pixels, told = {"samples": 1}, larger[0] * larger[1], []
+
+    def passed(_fraction, noise=None):
+        if noise is not None:
+            told.append((time.monotonic(), time.process_time()))
+
     _drawn(scene, tiny, shortest, options, picture_path)  # compiles
-    report = _drawn(scene, larger, {"time": SECONDS}, options | {"progress": clock}, picture_path)
+    report = _drawn(scene, larger, {"time": SECONDS}, options | {"progress": passed}, picture_path)
     if scene.section in OF_MATERIALS:
-        parts = _tried(scene, stop, options["variant"], clock.pace)
+        # how quickly the clock goes: a machine is not as busy as when a kept choice was made
+        clock, processors = (last - first for first, last in zip(told[0], told[-1])) if told else (0.0, 0.0)
+        parts = _tried(scene, stop, options["variant"], clock / processors if processors > 0 else None)
     else:
         parts = {name: part | {"seconds": part["seconds"] * width * height / pixels} for name, part in report["parts"].items()}
     memory = resources.peak_memory() + _held(scene, larger, shortest, options, picture_path) * (width * height - pixels)

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 from bakery.errors import BakeryError
 from bakery.store import scratch
@@ -49,23 +50,33 @@ def write(folder: str, files: Mapping[str, bytes]) -> None:
         file.write_bytes(data)
 
 
-def handed(scene) -> dict:
-    """What a scene has besides what its file says: assets, share of the tolerance, mark, choice of the method."""
-    return {"assets": [str(path) for path in scene.assets], "share": scene.share, "mark": scene.mark, "choice": scene.choice}
-
-
-def scene_below(folder: str, path: str, settings: Mapping[str, str], besides: dict, frame: int | None = None):
-    """The `renderers.scene.Scene` that stands below a folder.
+class Sent(NamedTuple):
+    """What workers have to know of a scene, besides its files.
 
     path, settings : of the scene where it was read, and what was set by hand
-    besides : of `handed`
-    frame : number of a frame; None: the scene as it stands
+    assets, besides : their paths, and what else its file does not say: share of the tolerance, mark, choice of the method
+    versions : of libraries that decide the bytes, where the pictures go
     """
-    from renderers import scene
 
-    assets = tuple(Path(_below(folder, _absolute(asset))) for asset in besides["assets"])
-    shot = scene.load(_below(folder, _absolute(path)), settings, assets=False, frame=frame)
-    return dataclasses.replace(shot, **besides | {"assets": assets, "asset": assets[0]})
+    path: str
+    settings: dict[str, str]
+    assets: list[str]
+    besides: dict
+    versions: dict[str, str]
+
+    @classmethod
+    def of(cls, scene, settings: Mapping[str, str]) -> "Sent":
+        """Of a `renderers.scene.Scene`."""
+        besides = {"share": scene.share, "mark": scene.mark, "choice": scene.choice}
+        return cls(str(scene.path), dict(settings), list(map(str, scene.assets)), besides, versions())
+
+    def below(self, folder: str, frame: int | None = None):
+        """The scene that stands below a folder; frame : number of a frame, None: the scene as it stands."""
+        from renderers import scene
+
+        assets = tuple(Path(_below(folder, _absolute(asset))) for asset in self.assets)
+        shot = scene.load(_below(folder, _absolute(self.path)), self.settings, assets=False, frame=frame)
+        return dataclasses.replace(shot, **self.besides, assets=assets, asset=assets[0])
 
 
 @contextmanager

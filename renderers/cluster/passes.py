@@ -18,7 +18,6 @@ from renderers.pictures.engine import rendered_here
 from renderers.pictures.passes import Rendering
 from renderers.pictures.progressive import fingerprint
 from renderers.pictures.running import Render
-from renderers.pictures.versions import versions
 
 _AHEAD = 2  # passes a thread of the cluster that are asked for at once, at least: one that runs and the next one
 _LAST: dict = {}  # in a worker: key of a picture -> its `renderers.pictures.passes.Rendering`; of the last one only
@@ -28,20 +27,15 @@ class Picture(NamedTuple):
     """What workers have to know of a picture, besides its files.
 
     key : of the picture among those of all scenes, seeds and sizes
-    path, settings : of the scene where it was read, and what was set by hand
-    handed : of `renderers.cluster.files.handed`
+    scene : `renderers.cluster.files.Sent`
     quality, variant, seed : as `renderers.pictures.passes.render` takes them
-    versions : of libraries that decide the bytes, where the passes are added up
     """
 
     key: str
-    path: str
-    settings: dict[str, str]
-    handed: dict
+    scene: files.Sent
     quality: str | None
     variant: str
     seed: int
-    versions: dict[str, str]
 
 
 def workers(cluster):
@@ -69,8 +63,8 @@ class _Ahead:
         self._cluster, self._stop, self._means = cluster, rendering.stop, estimate.means
         key = fingerprint(estimate.identity, [part.samples for part in estimate.parts], rendering.method.name,
                           rendering.job.quality, rendering.variant)
-        self._picture = Picture(key, str(scene.path), dict(scene.overrides), files.handed(scene), rendering.job.quality,
-                                rendering.variant, rendering.seed, versions())
+        self._picture = Picture(key, files.Sent.of(scene, scene.overrides), rendering.job.quality, rendering.variant,
+                                rendering.seed)
         self._content = files.content(files.needed(scene))
         self.arriving: dict[str, Iterator] = {}  # name of a part -> its batch of passes, as they come
         self._there: dict[tuple[str, int], tuple] = {}  # passes before their turn
@@ -109,10 +103,10 @@ def rendered(content: Mapping[str, bytes], picture: Picture, part: str, number: 
 
     Raises BakeryError as `renderers.cluster.files.on_worker`.
     """
-    with files.on_worker(content, picture.versions) as folder:
+    with files.on_worker(content, picture.scene.versions) as folder:
         if picture.key not in _LAST:  # prepared once for all passes that follow each other
             _LAST.clear()
-            scene = files.scene_below(folder, picture.path, picture.settings, picture.handed)
+            scene = picture.scene.below(folder)
             # nothing is written there, but pictures have a place that can be written
             target = Path(tempfile.gettempdir(), "bakery-passes.png")
             _LAST[picture.key] = Rendering(Render(scene, target, quality=picture.quality, overwrite=True), picture.variant,

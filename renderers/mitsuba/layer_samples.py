@@ -37,16 +37,15 @@ class Surface(Values):
         """Flags of the components, and of each lobe (`MIRROR` to `TRANSMITTED`) its component, None where there is none."""
         kinds = mi.BSDFFlags
         sides = kinds.FrontSide | kinds.BackSide if self.free else +kinds.FrontSide
-        wanted = {MIRROR: (kinds.DeltaReflection, self.layer.mirrors), STRAIGHT: (kinds.DeltaTransmission, self.free),
-                  FACETS: (kinds.GlossyReflection, self.rough), REFLECTED: (kinds.GlossyReflection, True),
-                  TRANSMITTED: (kinds.GlossyTransmission, self.free)}
-        present = [lobe for lobe, (_, needed) in wanted.items() if needed]
-        if self.rough:  # one component: facets and medium have one value
-            present.remove(FACETS)
-        lobes = {lobe: present.index(lobe) if lobe in present else None for lobe in wanted}
+        self._kinds = {MIRROR: kinds.DeltaReflection, STRAIGHT: kinds.DeltaTransmission, FACETS: kinds.GlossyReflection,
+                       REFLECTED: kinds.GlossyReflection, TRANSMITTED: kinds.GlossyTransmission}
+        # of facets and medium there is one component, as they have one value
+        needed = {MIRROR: self.layer.mirrors, STRAIGHT: self.free, REFLECTED: True, TRANSMITTED: self.free}
+        present = [lobe for lobe, is_needed in needed.items() if is_needed]
+        lobes = {lobe: present.index(lobe) if lobe in present else None for lobe in self._kinds}
         if self.rough:
             lobes[FACETS] = lobes[REFLECTED]
-        return [wanted[lobe][0] | sides for lobe in present], lobes
+        return [self._kinds[lobe] | sides for lobe in present], lobes
 
     def _chances(self, ctx, channels, wi, active):
         """Of the lobes, in all at most 1, and the mirrored and unscattered light of each channel."""
@@ -140,10 +139,7 @@ class Surface(Values):
         sample = mi.BSDFSample3f() if not self._jit else dr.zeros(mi.BSDFSample3f)
         sample.wo, sample.pdf, sample.eta = wo, pick(active, drawn, 0.0), 1.0
         kind, component = mi.UInt32(0), mi.UInt32(0)
-        types = {MIRROR: mi.BSDFFlags.DeltaReflection, STRAIGHT: mi.BSDFFlags.DeltaTransmission,
-                 FACETS: mi.BSDFFlags.GlossyReflection, REFLECTED: mi.BSDFFlags.GlossyReflection,
-                 TRANSMITTED: mi.BSDFFlags.GlossyTransmission}
-        for number, flags in types.items():
+        for number, flags in self._kinds.items():
             kind = pick(lobe == number, mi.UInt32(int(flags)), kind)
             component = pick(lobe == number, mi.UInt32(self._lobes[number] or 0), component)
         sample.sampled_type, sample.sampled_component = kind, component

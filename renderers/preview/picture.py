@@ -10,7 +10,6 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -112,12 +111,14 @@ def preview(asset_path, output_path, *, quality="preview", panel=None, variant=N
                                 per_pass=max(1, min(4, spp // 2)), tolerance=tolerance, time_limit=time_limit / len(panels),
                                 seed=seed, measure=clean and clean.noise,
                                 progress=share(progress, i / len(panels), (i + 1) / len(panels)))
-        rendered.append(_rendered(shown_panel, picture, clean))
+        rendered.append((picture, *(clean(picture) if clean else (picture.rgb, picture.noise))))
     gap = max(1, width // 96)
-    bitmaps.write(pair, _beside([item.display for item in rendered], gap), _beside([item.linear for item in rendered], gap),
-                  {PREVIEW_OF: asset.content_hash})
+    display, linear = (_beside([np.concatenate(item) for item in zip(pictures, strips)], gap) for pictures, strips in (
+        ([images.tone_map(pixels, EXPOSURE, WHITE) for _, pixels, _ in rendered], [item.strip for item in panels]),
+        ([picture.rgb for picture, _, _ in rendered], [colour.decode(item.strip) for item in panels])))
+    bitmaps.write(pair, display, linear, {PREVIEW_OF: asset.content_hash})
     report = {"files": [str(path) for path in pair], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
-              "noise_of": "PNG" if denoise else "EXR", **_figures(rendered, width, gap)}
+              "noise_of": "PNG" if denoise else "EXR", **_figures(panels, rendered, width, gap)}
     return report | {key: value for shown_panel in panels for key, value in shown_panel.report().items()}
 
 
@@ -211,22 +212,6 @@ def _panels(asset, asset_path, shown, edge, words, size, chosen) -> list[Panel]:
     return panels + ([_block(mi, asset, asset_path, edge, words, size, chosen)] if edge else [])
 
 
-class Rendered(NamedTuple):
-    """A panel that is rendered.
-
-    shows : as of `Panel`
-    picture : `renderers.mitsuba.passes.Picture`
-    noise : of what is shown
-    display, linear : (H, W, 3), with the strip, as the PNG and the EXR have it
-    """
-
-    shows: str
-    picture: passes.Picture
-    noise: float
-    display: np.ndarray
-    linear: np.ndarray
-
-
 class _Filter:
     """Takes noise out of a picture that is being rendered; what was filtered last is kept, for the PNG.
 
@@ -249,25 +234,16 @@ class _Filter:
         return self(picture)[1]
 
 
-def _rendered(panel, picture, clean) -> Rendered:
-    """clean : `_Filter`, None: the PNG shows the picture as it is."""
-    pixels, noise = clean(picture) if clean else (picture.rgb, picture.noise)
-    return Rendered(panel.shows, picture, noise, np.concatenate([images.tone_map(pixels, EXPOSURE, WHITE), panel.strip]),
-                    np.concatenate([picture.rgb, colour.decode(panel.strip)]))
-
-
-def _figures(rendered, width, gap):
-    """What the report says of panels `width` pixels wide, `gap` apart."""
-    order = ("time", "samples", "noise")
-    pictures = [panel.picture for panel in rendered]
-    return {"samples": min(picture.samples for picture in pictures), "noise": max(picture.noise for picture in pictures),
-            "noise_shown": max(panel.noise for panel in rendered),
-            "stopped_by": min((picture.stopped_by for picture in pictures), key=order.index),
-            "width": width * len(rendered) + gap * (len(rendered) - 1), "rows": width * 5 // 8,
-            "tone_curve": images.TONE_CURVE, "exposure": EXPOSURE, "white": WHITE,
-            "panels": [{"shows": panel.shows, "left": i * (width + gap), "width": width, "samples": panel.picture.samples,
-                        "noise": panel.picture.noise, "noise_shown": panel.noise, "stopped_by": panel.picture.stopped_by}
-                       for i, panel in enumerate(rendered)]}
+def _figures(panels, rendered, width, gap):
+    """What the report says of panels `width` pixels wide, `gap` apart, with their pictures, what is shown of these, its noise."""
+    figures = [{"shows": panel.shows, "left": i * (width + gap), "width": width, "samples": picture.samples,
+                "noise": picture.noise, "noise_shown": noise, "stopped_by": picture.stopped_by}
+               for i, (panel, (picture, _, noise)) in enumerate(zip(panels, rendered, strict=True))]
+    worst = {"samples": min, "noise": max, "noise_shown": max,
+             "stopped_by": lambda ends: min(ends, key=("time", "samples", "noise").index)}
+    return {name: of([figure[name] for figure in figures]) for name, of in worst.items()} | {
+        "width": width * len(rendered) + gap * (len(rendered) - 1), "rows": width * 5 // 8, "tone_curve": images.TONE_CURVE,
+        "exposure": EXPOSURE, "white": WHITE, "panels": figures}
 
 
 def _beside(pictures, gap):

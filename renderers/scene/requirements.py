@@ -206,9 +206,7 @@ def of(paths: Sequence, recipe, medium: Callable, seconds: Callable, settings: M
     if len(each_scene) > 1:
         each_scene = [required._replace(needs=tuple(need.of(Path(path).name) for need in required.needs))
                       for path, required in zip(paths, each_scene, strict=True)]
-    return Required(merged([required.needs for required in each_scene], recipe.leaves),
-                    tuple(remark for required in each_scene for remark in required.remarks),
-                    read=tuple(dict.fromkeys(file for required in each_scene for file in required.read)))
+    return _together(each_scene, recipe.leaves)._replace(share=budget.HALF)
 
 
 def of_scene(scene, recipe, medium: Callable, seconds: Callable, worlds: dict | None = None) -> Required:
@@ -225,12 +223,14 @@ def of_scene(scene, recipe, medium: Callable, seconds: Callable, worlds: dict | 
 def of_scenes(listed: Sequence, recipe, medium: Callable, seconds: Callable, worlds: dict | None = None) -> Required:
     """The same of several that are read already, such as frames of one sequence; the share is the largest that any gives."""
     required = [of_scene(scene, recipe, medium, seconds, worlds) for scene in listed]
-    if len(required) == 1:
-        return required[0]
+    return required[0] if len(required) == 1 else _together(required, recipe.leaves)
+
+
+def _together(required: Sequence[Required], leaves: Mapping) -> Required:
+    """The union."""
     remarks, files = (tuple(dict.fromkeys(item for asked in required for item in getattr(asked, name)))
                       for name in ("remarks", "read"))
-    return Required(merged([asked.needs for asked in required], recipe.leaves), remarks, max(asked.share for asked in required),
-                    files)
+    return Required(merged([asked.needs for asked in required], leaves), remarks, max(asked.share for asked in required), files)
 
 
 def _shared_out(about, rules, seconds) -> Required:

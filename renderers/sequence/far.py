@@ -11,19 +11,14 @@ from renderers.cluster import files
 class Task(NamedTuple):
     """A frame that is to be rendered.
 
-    number, path, settings : of the frame, of its scene where that was read, and what was set by hand
+    number, scene : of the frame, and its scene, `renderers.cluster.files.Sent`
     options : as the renderer takes them
-    handed : of `renderers.cluster.files.handed`
-    versions : of libraries that decide the bytes, where the picture goes
     before : EXR of an unfinished render to go on with, or None
     """
 
     number: int
-    path: str
-    settings: dict[str, str]
+    scene: files.Sent
     options: dict
-    handed: dict
-    versions: dict[str, str]
     before: bytes | None
 
 
@@ -55,10 +50,10 @@ def rendered(common: Mapping[str, bytes], besides: Mapping[str, bytes], task: Ta
     """Renders a frame in a worker; raises BakeryError as `renderers.cluster.files.on_worker`, with the number of the frame."""
     from renderers.sequence.frame import FIGURES, drawn
 
-    with files.on_worker(common, task.versions, f"frame {task.number}: ") as folder, scratch.folder("frame") as output:
+    with files.on_worker(common, task.scene.versions, f"frame {task.number}: ") as folder, scratch.folder("frame") as output:
         files.write(folder, besides)
         began, picture = time.monotonic(), output / "frame.png"
-        shot = files.scene_below(folder, task.path, task.settings, task.handed, task.number)
+        shot = task.scene.below(folder, task.number)
         if task.before is not None:
             picture.with_suffix(".exr").write_bytes(task.before)
         report, resumed = drawn(shot, picture, task.options, task.before is not None)

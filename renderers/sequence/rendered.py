@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from bakery.store.put import put_all
 from renderers.cluster import files
 from renderers.cluster.passes import workers
-from renderers.pictures.versions import versions
 from renderers.sequence import far
 from renderers.sequence.frame import drawn, row_of
 from renderers.sequence.prepared import variant_of
@@ -33,8 +32,8 @@ def on_cluster(sequence, frames, resume, progress, cluster) -> Iterator[tuple[in
         return
     common, besides = far.bundles(frames)
     progress.stage(f"{len(frames)} frames", "on the cluster", 0.0, 0.0)
-    tasks = [far.Task(frame.number, str(frame.scene.path), sequence.settings, _options(frame), files.handed(frame.scene),
-                      versions(), frame.pair[1].read_bytes() if resume and frame.pair[1].is_file() else None) for frame in frames]
+    tasks = [far.Task(frame.number, files.Sent.of(frame.scene, sequence.settings), _options(frame),
+                      frame.pair[1].read_bytes() if resume and frame.pair[1].is_file() else None) for frame in frames]
     finished = 0
     for position, answer in cluster.arriving(far.rendered, [common] * len(frames), besides, tasks):
         frame, finished = frames[position], finished + 1

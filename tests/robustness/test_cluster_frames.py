@@ -90,7 +90,7 @@ def test_faults_of_a_worker(place, scheduler):
 
 
 def test_a_worker_with_another_mitsuba_is_refused():
-    asked = SimpleNamespace(versions=versions() | {"mitsuba": "2.0"}, number=7)
+    asked = SimpleNamespace(scene=SimpleNamespace(versions=versions() | {"mitsuba": "2.0"}), number=7)
     for rendered, arguments in (far.rendered, ({}, asked)), (passes.rendered, (asked, "walk", 0)):
         with pytest.raises(BakeryError, match="instead of 2.0; equal versions give equal pictures") as fault:
             rendered({}, *arguments)

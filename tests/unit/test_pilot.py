@@ -125,10 +125,6 @@ def test_a_choice_that_was_kept_foretells_by_the_clock_of_today(planned):
     scene, tried = planned(0.2, lambda *_: pytest.fail("a second pilot"))
     then, now = (pilot._ends(pilot._tried(scene, STOP, None, clock), STOP, {"noise": 1.0})["noise"][0] for clock in (None, 5.0))
     assert now == pytest.approx(10 * then)
-    clock = pilot._Clock()
-    assert clock.pace is None
-    clock._told = [(10.0, 2.0), (11.0, 3.0), (13.0, 3.5)]
-    assert clock.pace == pytest.approx(2.0)
 
 
 def test_where_the_pilot_of_a_choice_tells_little_a_longer_one_foretells(planned):
