@@ -7,8 +7,7 @@ from renderers import colour
 from renderers.pictures import denoise
 
 
-def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None,
-           overwrite=False) -> dict:
+def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None, overwrite=False) -> dict:
     """Renders a scene file to a PNG and an EXR file beside each other.
 
     Parameters

@@ -42,7 +42,7 @@ import mitsuba as mi
 import numpy as np
 
 from renderers.mitsuba import tables as asset_tables
-from renderers.mitsuba.rows import JitRows, ScalarRows, bands, between, pick
+from renderers.mitsuba.rows import Rows, bands, between, pick
 
 
 def define():
@@ -77,7 +77,7 @@ class PhaseFunction:
 
     def __init__(self, tables):
         self.tables = tables
-        self.rows = (JitRows if dr.is_jit_v(mi.Float) else ScalarRows)(tables, tables.cdf())
+        self.rows = Rows(tables)
 
     def channels(self, mei):
         """(lower row, upper row, weight of the upper) for every channel; one entry where all channels share a table."""
@@ -115,15 +115,15 @@ class PhaseFunction:
             row = mi.UInt32(0)
             for k, (lower, upper, weight) in enumerate(channels):
                 row = pick(chosen == k, pick(fraction < weight, mi.UInt32(upper), mi.UInt32(lower)), row)
-        i = self.rows.interval_cdf(row, sample2.x, active)
-        s0, width = self.rows.node(i, active)
+        i = self.rows.interval(self.rows.cdf, row, sample2.x, active)
+        (s0, s1), (below, _) = self.rows.pair(self.rows.s, 0, i, active), self.rows.pair(self.rows.cdf, row, i, active)
         f0, f1 = self.rows.pair(self.rows.value, row, i, active)
         # Stable root of the quadratic cdf: no difference of near-equal numbers for flat or steep intervals.
         start, slope = 4 * np.pi * f0, 4 * np.pi * (f1 - f0)
-        c = dr.maximum(sample2.x - self.rows.below(row, i, active), 0.0) / width
+        c = dr.maximum(sample2.x - below, 0.0) / (s1 - s0)
         root = dr.sqrt(dr.maximum(start * start + 2 * slope * c, 0.0))
         t = dr.minimum(2 * c / dr.maximum(start + root, 1e-30), 1.0)
-        s = dr.minimum(dr.fma(width, t, s0), 1.0)
+        s = dr.minimum(dr.fma(s1 - s0, t, s0), 1.0)
         sin_phi, cos_phi = dr.sincos(2 * np.pi * sample2.y)
         sin_theta = 2 * dr.sqrt(s * (1 - s))
         wo = mi.Frame3f(-mei.wi).to_world(mi.Vector3f(sin_theta * cos_phi, sin_theta * sin_phi, 1 - 2 * s))
@@ -134,9 +134,9 @@ class PhaseFunction:
     def eval_pdf(self, mei, wo, active=True):
         channels = self.channels(mei)
         s = dr.minimum(dr.squared_norm(wo + mei.wi) * 0.25, 1.0)
-        i = self.rows.interval(s, active)
-        s0, width = self.rows.node(i, active)
-        t = (s - s0) / width
+        i = self.rows.interval(self.rows.s, 0, s, active)
+        s0, s1 = self.rows.pair(self.rows.s, 0, i, active)
+        t = (s - s0) / (s1 - s0)
         values, pdf = self.evaluate(channels, i, t, active)
         return self.coloured(channels, values, 1.0, mei.wi, wo, i, t, active), pdf
 

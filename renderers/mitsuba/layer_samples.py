@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from renderers.mitsuba import layers
 from renderers.mitsuba.layer_values import LEAST, Values, azimuth_coordinate
-from renderers.mitsuba.rows import pick
+from renderers.mitsuba.rows import at, held, pick
 
 MIRROR, STRAIGHT, FACETS, REFLECTED, TRANSMITTED = range(5)
 
@@ -26,8 +26,8 @@ class Surface(Values):
     def __init__(self, layer, channel=-1, wavelength=None):
         super().__init__(layer, channel, wavelength)
         self._cells = cells = layers.cells_of(self.layer)
-        self._below_mu, self._below_phi, self._density = map(self._held, (cells.below_mu, cells.below_phi, cells.density))
-        self._mu2, self._phi, self._shares = map(self._held, (cells.mu**2, cells.phi, cells.shares))
+        self._below_mu, self._below_phi, self._density = map(held, (cells.below_mu, cells.below_phi, cells.density))
+        self._mu2, self._phi, self._shares = map(held, (cells.mu**2, cells.phi, cells.shares))
         self.flags, self._lobes = self._declared()
         self.all_flags = 0
         for flags in self.flags:
@@ -56,8 +56,8 @@ class Surface(Values):
         node = dr.minimum(mi.UInt32(x), last - 1)
         x = x - node
         reflected, transmitted, facets = (
-            dr.lerp(self._at(self._shares, node + part * (last + 1), active),
-                    self._at(self._shares, node + part * (last + 1) + 1, active), x) for part in range(3))
+            dr.lerp(at(self._shares, node + part * (last + 1), active),
+                    at(self._shares, node + part * (last + 1) + 1, active), x) for part in range(3))
         # what a mirror shows is brighter than what is around it where it is seen: 0.04 of the light gets 0.2 of the samples
         light = [dr.sqrt(sum(mirrored) / len(mirrored)), sum(straight) / len(straight), facets, reflected, transmitted]
         light = [share if self._is_asked(ctx, lobe) else mu * 0.0 for lobe, share in enumerate(light)]
@@ -81,7 +81,7 @@ class Surface(Values):
         cell = (row * layers.CELLS + cell) * layers.CELLS + turn
         side = pick(pair.reflects, mi.UInt32(0), mi.UInt32(layers.CELLS**3))
         chance = pick(pair.reflects, chances[REFLECTED], chances[TRANSMITTED])
-        return chance * self._at(self._density, cell + side) * pair.mu
+        return chance * at(self._density, cell + side) * pair.mu
 
     def _density_of(self, chances, wi, wo, pair):
         density = self._drawn_density(chances, pair)
@@ -150,11 +150,11 @@ class Surface(Values):
         count = layers.CELLS
         table = side * count + _cell(dr.clip(dr.abs(wi.z), LEAST, 1.0))
         first, share = self._halved(self._below_mu, table * (count + 1), sample2.x, active)
-        square = dr.lerp(self._at(self._mu2, first, active), self._at(self._mu2, first + 1, active), share)
+        square = dr.lerp(at(self._mu2, first, active), at(self._mu2, first + 1, active), share)
         mirrored = sample2.y < 0.5
         second, share = self._halved(self._below_phi, (table * count + first) * (count + 1),
                                      2 * sample2.y - pick(mirrored, 0.0, 1.0), active)
-        phi = dr.lerp(self._at(self._phi, second, active), self._at(self._phi, second + 1, active), share)
+        phi = dr.lerp(at(self._phi, second, active), at(self._phi, second + 1, active), share)
         sine_phi, cos_phi = dr.sincos(pick(mirrored, -phi, phi))
         sine, mu = dr.sqrt(dr.maximum(1 - square, 0.0)), dr.sqrt(dr.maximum(square, LEAST**2))
         across = dr.sqrt(wi.x * wi.x + wi.y * wi.y)
@@ -167,9 +167,9 @@ class Surface(Values):
         """Cell of a number in a cumulative table, and its share of it."""
         cell, half = mi.UInt32(0), layers.CELLS // 2
         while half:
-            cell = cell + pick(self._at(array, start + cell + half, active) <= u, mi.UInt32(half), mi.UInt32(0))
+            cell = cell + pick(at(array, start + cell + half, active) <= u, mi.UInt32(half), mi.UInt32(0))
             half //= 2
-        below, above = self._at(array, start + cell, active), self._at(array, start + cell + 1, active)
+        below, above = at(array, start + cell, active), at(array, start + cell + 1, active)
         return cell, dr.clip((u - below) / dr.maximum(above - below, 1e-12), 0.0, 1.0)
 
 

@@ -26,12 +26,6 @@ class Picture(Passes):
     _ratio = 1.0  # noise of what is made of the picture, over the picture's own
 
     @property
-    def count(self) -> int:
-        """Passes."""
-        mean, = self.means.values()
-        return mean.count
-
-    @property
     def halves(self):
         """Pair of (H, W, 3), means of the even and of the odd passes; from the second pass on."""
         mean, = self.means.values()

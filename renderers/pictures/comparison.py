@@ -230,16 +230,16 @@ def _with_lost_time(job, report, lost, quality, drawn):
     return _together(report, drawn(_stopping(job, longer).scene, True))
 
 
-def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=None, **options) -> Made:
+def measured(job: Job, noise: float, seconds: float, **options) -> Made:
     """The pictures of a method until a noise is reached, or passes took so long, with those of all earlier calls.
 
     job : of `jobs`, its scene baked; what it says of when to stop does not count
     noise : relative, of what the scene's `measure` says
     seconds : of the clock
-    quality, variant, options : as of `render`, without `resume` and `force`
+    options : as of `render`, without `resume`, `force`, `quality` and `variant`
     """
     kept = _kept(job)
-    if kept.get("made_of") != _made_of(job, quality, variant):
+    if kept.get("made_of") != _made_of(job, None, None):
         kept = {}
     resumable = bool(kept) and job.scene.rules.RESUMES
     spent = kept["seconds"] - kept["compiling"] if resumable else 0.0
@@ -250,12 +250,12 @@ def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=No
             return _taken(job, kept)
     stop = job.scene.values.stop.model_copy(update={"noise": noise, "time": max(seconds - spent, 0.0), "samples": None})
     # a method that chooses does so for the render that the scene asks for: so short a one would have no pilots
-    taken = choice.of_scene(job.scene, quality, variant, job.pair[1] if resumable else None)
+    taken = choice.of_scene(job.scene, picture=job.pair[1] if resumable else None)
     # whole passes: of small ones launches are most of the time.  Of paths through milk, 32 x 24, they foretold 6 times the time
     whole = dataclasses.replace(job, scene=dataclasses.replace(job.scene, whole=True, choice=taken))
-    rendered = render(_stopping(whole, stop), quality=quality, variant=variant, resume=resumable, asked=seconds, **options)
+    rendered = render(_stopping(whole, stop), resume=resumable, asked=seconds, **options)
     if not job.scene.rules.RESUMES and rendered.clock < seconds / 2:
-        return render(whole, quality=quality, variant=variant, force=True, **options)  # without what Mitsuba compiled
+        return render(whole, force=True, **options)  # without what Mitsuba compiled
     return dataclasses.replace(rendered, job=job)  # the same call again is to choose as this one did
 
 

@@ -90,11 +90,11 @@ class Pictures:
         if self._over:
             raise StopIteration
         estimate, noises = self._rendering.estimate, []
-        before, begin = _passes(estimate), estimate.spent
+        before, begin = estimate.count, estimate.spent
 
         def enough(noise):
             noises[:] = [noise]
-            return self._asked or _passes(estimate) > before and estimate.spent - begin >= self._every
+            return self._asked or estimate.count > before and estimate.spent - begin >= self._every
 
         if self._rendering.variant != mi.variant():  # between two pictures a program may have rendered something else
             mi.set_variant(self._rendering.variant)
@@ -121,10 +121,6 @@ class Pictures:
                 handle = display(picture, display_id=True)
             else:
                 handle.update(picture)
-
-
-def _passes(estimate) -> int:
-    return sum(mean.count for mean in estimate.means.values())
 
 
 # ---- for a page
@@ -218,7 +214,7 @@ class Watch:
         names = picture.names()
         names[1:1] = [DENOISED] * (self._filters and DENOISED not in names)
         self._picture = picture
-        self._tell(samples=picture.samples, passes=_passes(picture.passes), seconds=picture.seconds,
+        self._tell(samples=picture.samples, passes=picture.passes.count, seconds=picture.seconds,
                    seconds_left=_finite(picture.seconds_left),
                    layers=[{"name": name, "words": words_of(name)} for name in names], **news)
 
@@ -289,7 +285,7 @@ def _frame(picture, name, number) -> Frame:
     values = picture.linear(name)
     if name == PICTURE and picture.error is not None:
         values = np.concatenate([values, picture.error[..., :3]], axis=-1)
-    return Frame(number, _passes(picture.passes), picture.png(name, level=0), values.astype("<f4").tobytes(),
+    return Frame(number, picture.passes.count, picture.png(name, level=0), values.astype("<f4").tobytes(),
                  picture.largest_error if name == NOISE else 0.0)
 
 

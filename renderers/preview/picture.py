@@ -112,10 +112,9 @@ def preview(asset_path, output_path, *, quality="preview", panel=None, variant=N
                                 seed=seed, measure=clean and clean.noise,
                                 progress=share(progress, i / len(panels), (i + 1) / len(panels)))
         rendered.append((picture, *(clean(picture) if clean else (picture.rgb, picture.noise))))
-    gap = max(1, width // 96)
-    display, linear = (_beside([np.concatenate(item) for item in zip(pictures, strips)], gap) for pictures, strips in (
-        ([images.tone_map(pixels, EXPOSURE, WHITE) for _, pixels, _ in rendered], [item.strip for item in panels]),
-        ([picture.rgb for picture, _, _ in rendered], [colour.decode(item.strip) for item in panels])))
+    gap, strips = max(1, width // 96), [item.strip for item in panels]
+    display = _beside([images.tone_map(pixels, EXPOSURE, WHITE) for _, pixels, _ in rendered], strips, gap)
+    linear = _beside([picture.rgb for picture, _, _ in rendered], map(colour.decode, strips), gap)
     bitmaps.write(pair, display, linear, {PREVIEW_OF: asset.content_hash})
     report = {"files": [str(path) for path in pair], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
               "noise_of": "PNG" if denoise else "EXR", **_figures(panels, rendered, width, gap)}
@@ -246,13 +245,11 @@ def _figures(panels, rendered, width, gap):
         "exposure": EXPOSURE, "white": WHITE, "panels": figures}
 
 
-def _beside(pictures, gap):
-    """Pictures in a row, dark between them."""
-    dark = np.full((pictures[0].shape[0], gap, 3), 0.005)
-    row = [pictures[0]]
-    for picture in pictures[1:]:
-        row += [dark, picture]
-    return np.concatenate(row, axis=1)
+def _beside(pictures, strips, gap):
+    """Pictures with their strips in a row, dark between them."""
+    row = list(map(np.concatenate, zip(pictures, strips)))
+    dark = np.full((row[0].shape[0], gap, 3), 0.005)
+    return np.concatenate([part for item in row for part in (dark, item)][1:], axis=1)
 
 
 def _scene(mi, asset, asset_path, k, edge, width, height):

@@ -117,7 +117,12 @@ class About:
         self.worlds = {} if worlds is None else worlds
         self._whole = None  # of a part; not itself, which would keep its worlds from going with it
         self.split = budget.of(scene, budget.HALF)
-        made_of_it = _bodies(scene, recipe) if bodies is None else list(bodies)
+        if bodies is None:  # it is theirs, or an asset of its name
+            names, path = (recipe.name, Path(recipe.path).stem), Path(recipe.path).resolve()
+            bodies = [number for number, entry in enumerate(scene.materials)
+                      if entry.recipe and scene.file(entry.recipe).resolve() == path
+                      or entry.asset and Path(entry.asset).stem in names]
+        made_of_it = list(bodies)
         self.guessed = not made_of_it
         self.bodies = made_of_it or list(range(len(scene.materials)))
 
@@ -318,16 +323,6 @@ def _rules(scene) -> Callable:
     if find_spec(module) is None:
         return lambda about: [Need(stage, True, "the renderer reads it") for stage in scene.rules.NEEDS]
     return import_module(module).needs
-
-
-def _bodies(scene, recipe) -> list[int]:
-    """Positions of the materials that are made of a recipe: it is theirs, or an asset of its name."""
-    numbers = []
-    for number, entry in enumerate(scene.materials):
-        same = entry.recipe and scene.file(entry.recipe).resolve() == Path(recipe.path).resolve()
-        if same or entry.asset and Path(entry.asset).stem in (recipe.name, Path(recipe.path).stem):
-            numbers.append(number)
-    return numbers
 
 
 # ---- the union
