@@ -101,8 +101,7 @@ def preview(asset_path, output_path, *, quality="preview", panel=None, variant=N
     edge, words = block_edge(asset, "grains" in groups) if "medium" in groups else (0.0, "")
     shown = grains.grains_of(asset) if "grains" in groups else None
     chosen, reason = _variant(variant)
-    panels = _panels(asset, asset_path, shown, edge, words, (width, width * 5 // 8), chosen)
-    rendered = []
+    panels, rendered = _panels(asset, asset_path, shown, edge, words, (width, width * 5 // 8), chosen), []
     for i, shown_panel in enumerate(panels):
         clean = _Filter(shown_panel.features) if denoise else None
         clear_heap = shown_panel.shows == "medium" and shown and np.max(asset.medium.albedo) > 1 - HEAP_CLEAR
