@@ -12,6 +12,11 @@ class BakeryError(Exception):
 
     exit_status = 2
 
+    def ending(self, status: int):
+        """The same with an exit status of its own."""
+        self.exit_status = status
+        return self
+
 
 class UsageError(BakeryError):
     """The call itself is wrong: unknown option, missing file, impossible output path."""

@@ -48,7 +48,7 @@ class Engine:
     """Passes of a candidate on a small film, kind by kind."""
 
     def __init__(self, scene, opened, world, candidate):
-        self._world, asked = world, candidates.applied(scene, candidate)
+        self._world, asked = world, candidates.by_methods(scene, candidate.methods)
         with world.as_it_is():
             self._parts = asked.prepare(opened._replace(scene=asked), world, 7).parts
         self._luminance = {part.name: [] for part in self._parts}

@@ -101,7 +101,7 @@ def filtered(asset, tau):
         fog = kernels.fog_of(asset, 1, kernel)
         fog = replace(fog, sigma_t=fog.sigma_t * tau, sigma_s=fog.sigma_s * tau)
         pictures[name] = screen.fogged(image[..., None], distance, angle, distance, distance, fog, outside="black",
-                                       energy=energy, threads=2)[..., 0]
+                                       energy=energy)[..., 0]
     return pictures
 
 

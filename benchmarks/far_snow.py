@@ -133,7 +133,7 @@ class Run:
     """Passes of all parts of a method, which have as long each."""
 
     def __init__(self, opened, candidate):
-        scene = candidates.applied(opened.scene, candidate)
+        scene = candidates.by_methods(opened.scene, candidate.methods)
         method = scene.prepare(opened._replace(scene=scene), World.of(scene), 0)  # surfaces change shapes of their world
         self.parts, self.reasons = [Passes(part) for part in method.parts], method.reasons
 

@@ -82,12 +82,12 @@ def frame(fog, height, width):
     # of one wavelength for all channels
     grey = replace(fog, **{name: getattr(fog, name)[1:2] for name in ("sigma_t", "sigma_s", "g", "peak", "shape", "width")})
     for _ in range(ROUNDS):
-        alone, _ = timed(screen.fogged, *arguments, grey, threads=1)
-        fast, found = timed(screen.fogged, *arguments, fog, threads=1)
-        slow, expected = timed(direct, *arguments, fog, threads=1, pixels=some)
+        alone, _ = timed(screen.fogged, *arguments, grey)
+        fast, found = timed(screen.fogged, *arguments, fog)
+        slow, expected = timed(direct, *arguments, fog, pixels=some)
         times.append((fast, slow * height * width / PIXELS, alone))
         for name, rounds in quicker.items():
-            rounds.append(timed(screen.fogged, *arguments, fog, threads=1, points=name))
+            rounds.append(timed(screen.fogged, *arguments, fog, points=name))
     fast, slow, alone = np.min(times, axis=0)
     error = errors(found.reshape(-1, 3)[some], expected, through)
     print(f"{width} x {height}: filter {fast:.2f} s, every pair {slow:.0f} s (from {PIXELS} pixels): ratio {fast / slow:.5f}")
@@ -99,23 +99,16 @@ def frame(fog, height, width):
               "scattered light's mean")
     # gathering may stop where it is 1 % wrong, too
     for reach in (25, 50, 100, 200, 400):
-        near, cut = timed(direct, *arguments, fog, threads=1, pixels=some, reach=reach)
+        near, cut = timed(direct, *arguments, fog, pixels=some, reach=reach)
         off = errors(cut, expected, through)[0]
         if off < 0.01 or reach >= 400:
             print(f"  gathering within {reach} pixels: error {off:.2%}, {near * height * width / PIXELS:.0f} s: "
                   f"ratio {fast / (near * height * width / PIXELS):.4f}")
             break
     tracemalloc.start()
-    screen.fogged(*arguments, fog, threads=1)
+    screen.fogged(*arguments, fog)
     print(f"  memory {tracemalloc.get_traced_memory()[1] / 1e6:.0f} MB besides the picture's inputs")
     tracemalloc.stop()
-    seconds = {}
-    for threads in (1, 2):
-        start = time.perf_counter()
-        result = screen.fogged(*arguments, fog, threads=threads)
-        seconds[threads] = time.perf_counter() - start, result
-    print(f"  two threads: {seconds[1][0] / seconds[2][0]:.2f} times as fast (as others load the machine), same bits: "
-          f"{(seconds[1][1] == seconds[2][1]).all()}")
 
 
 def radii(fog, height, width):
@@ -125,9 +118,9 @@ def radii(fog, height, width):
     unit = half_way(fog, angle, column, lever, z)
     rows, wanted = [], (2, 5, 20, 50, 200)
     for _ in range(ROUNDS):
-        rows.append([timed(screen.fogged, image, z, angle * (unit / r), column, lever, fog, threads=1) for r in wanted])
+        rows.append([timed(screen.fogged, image, z, angle * (unit / r), column, lever, fog) for r in wanted])
     for k, r in enumerate(wanted):
-        expected = direct(image, z, angle * (unit / r), column, lever, fog, threads=1, pixels=some)
+        expected = direct(image, z, angle * (unit / r), column, lever, fog, pixels=some)
         through = (np.exp(-column[..., None] * fog.sigma_t) * image).reshape(-1, 3)[some]
         error = errors(rows[0][k][1].reshape(-1, 3)[some], expected, through)
         seconds = np.min([row[k][0] for row in rows])

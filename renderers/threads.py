@@ -27,8 +27,13 @@ def run(kernel, n, *arguments, block=_BLOCK):
         for job in jobs:
             kernel(*arguments, *job)
         return
-    for done in [_pool().submit(kernel, *arguments, *job) for job in jobs]:
-        done.result()
+    running = [_pool().submit(kernel, *arguments, *job) for job in jobs]
+    try:
+        for done in running:
+            done.result()
+    finally:
+        for job in running:
+            job.cancel()  # what has not begun when one fails, or all are interrupted
 
 
 def one_of_drjit() -> int:

@@ -85,19 +85,10 @@ def of_scene(scene, quality: str | None = None, variant: str | None = None, pict
     return chosen(Opened.of(scene), world, quality, picture)
 
 
-def applied(scene, choice: Choice):
-    """The scene as it was chosen."""
-    return candidates.by_methods(scene, choice.methods)
-
-
 def stop_of(scene, quality) -> Stop:
     """What ends the passes of a scene."""
     values = scene.values
     return Stop.of(budget.of(scene), values.measure, time=values.stop.time, samples=values.stop.samples, quality=quality)
-
-
-def _prepared(opened, world, seed):
-    return opened.scene.prepare(opened, world, seed)
 
 
 def chosen(opened, world, quality: str | None = None, picture: Path | None = None) -> Choice | None:
@@ -133,7 +124,7 @@ def chosen(opened, world, quality: str | None = None, picture: Path | None = Non
     if kept:
         return kept._replace(sentence=f"{kept.sentence} (of an earlier render)")
     possible, seen = _unseen(opened, offered, world)
-    choice = _Pilots(_prepared, opened, world, stop, possible, lacks | seen).choice()
+    choice = _Pilots(opened, world, stop, possible, lacks | seen).choice()
     choice = choice._replace(sentence=f"{_said(offered, choice.method)}, {choice.sentence}")
     remembered.put("choice", key, choice._asdict())
     return choice
@@ -151,13 +142,8 @@ def _unseen(opened, offered, world) -> tuple[list[Candidate], dict[str, str]]:
             figures = ", ".join(f"materials[{number}] {percent(deviations[number])}" for number in candidate.replaced)
             seen[candidate.name] = f"single particles and grains are seen, by which pixels deviate: {figures}"
         else:
-            stated = _with(candidate.stated, [deviations[number] for number in candidate.media])
-            unseen.append(candidate._replace(stated=stated))
+            unseen.append(candidate.off_by(*(deviations[number] for number in candidate.media)))
     return unseen, seen
-
-
-def _with(stated, deviations):
-    return lambda tolerance: math.hypot(stated(tolerance), *deviations)
 
 
 def _without_pilots(world, offered, stop) -> str:
@@ -228,9 +214,8 @@ def _choice_of(kept, offered) -> Choice | None:
 class _Pilots:
     """The pilots of a scene's candidates; lacks : of others by name why they are none."""
 
-    def __init__(self, prepare, opened, world, stop, offered: Sequence[Candidate], lacks=MappingProxyType({})):
-        self._lacks = lacks
-        self._prepare, self._opened, self._world, self._stop = prepare, opened, world, stop
+    def __init__(self, opened, world, stop, offered: Sequence[Candidate], lacks=MappingProxyType({})):
+        self._lacks, self._opened, self._world, self._stop = lacks, opened, world, stop
         self._offered = {candidate.name: candidate for candidate in offered}
         self._pixels = world.size[0] * world.size[1]
         self._noise = stop.noise or budget.of(opened.scene).noise  # of a scene that asks for none
@@ -258,22 +243,20 @@ class _Pilots:
             try:
                 self._try(name, min(_LONGEST, _EACH * whole))
                 spent += self._trials[name].seconds
-                whole = min(whole, self._at_most(name))
+                if self._offered[name].eligible and self._fits(name, self._exact())[0]:
+                    # now that this may be what is taken, others have less time for their pilots
+                    whole = min(whole, self._seconds_to_end(self._trials[name]))
             except (AssetError, UsageError) as fault:
                 self._why[name] = f"not possible: {getattr(fault, 'brief', '') or fault}"
         self._tell_more(_SHARE * whole - spent)
         self._try_again(_SHARE * whole - spent)
 
-    def _at_most(self, name) -> float:
-        """What the render takes at most, now that this may be what is taken: others have less time for their pilots then."""
-        taken = self._offered[name].eligible and self._fits(name, self._exact())[0]
-        return self._seconds_to_end(self._trials[name]) if taken else math.inf
-
     def _try(self, name, seconds, most=math.inf) -> bool:
         """Whether a pilot of a candidate took no longer than `most`."""
-        opened = self._opened._replace(scene=candidates.applied(self._opened.scene, self._offered[name]))
+        scene = candidates.by_methods(self._opened.scene, self._offered[name].methods)
+        opened = self._opened._replace(scene=scene)
         with self._world.as_it_is():
-            tried = trial.of(lambda world, seed: self._prepare(opened, world, seed), self._world, seconds, most=most)
+            tried = trial.of(lambda world, seed: scene.prepare(opened, world, seed), self._world, seconds, most=most)
         if tried is not None:
             self._trials[name] = tried
             self._spent += tried.processor

@@ -46,15 +46,12 @@ class Choice(NamedTuple):
     def of_entries(self, listed: Sequence[dict]) -> list[dict]:
         """What a report says of each entry where methods mix, with what the pilots showed: of media that stand for materials how
         far the picture is off by them together."""
-        return [self._of_entry(entry) for entry in listed]
-
-    def _of_entry(self, entry):
-        stands = candidates.medium_for(entry["kind"]) or entries.has_surface(entry["kind"], entry["method"])
-        shown = {"pilot": self.table} if stands else {}
-        if entry["bias"] is None:
-            why = f"{_figures(self.row)}{self.row['why']}"
-            shown |= {"bias": self.approximations, "reasons": [*entry["reasons"], why]}
-        return entry | shown
+        why, told = f"{_figures(self.row)}{self.row['why']}", []
+        for entry in listed:
+            stands = candidates.medium_for(entry["kind"]) or entries.has_surface(entry["kind"], entry["method"])
+            bias = {"bias": self.approximations, "reasons": [*entry["reasons"], why]} if entry["bias"] is None else {}
+            told.append(entry | ({"pilot": self.table} if stands else {}) | bias)
+        return told
 
     def text(self) -> dict[str, str]:
         """Attributes of the pictures: no seconds, so that the same scene gives the same bytes."""

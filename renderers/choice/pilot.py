@@ -1,7 +1,7 @@
 """What a render of a scene will take and give, by pilots: small pictures of a few passes, or a few passes of a filter's picture.
 
 What passes take and the noise that they leave are those by which `auto` chose, of the same pilot, or of a longer one where that
-tells little; of a renderer that is no material's, seconds of two sizes, and noise at as many samples a pixel.  What comes before
+tells little; of a renderer that is no material's, seconds by the pixels, and noise at as many samples a pixel.  What comes before
 the passes takes as long as in a small picture.  Memory is at most what that held a pixel, and what the process had.
 """
 
@@ -12,6 +12,7 @@ import math
 import time
 import tracemalloc
 from collections.abc import Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -25,9 +26,9 @@ from renderers.pictures import denoise, reached
 from renderers.pictures.engine import TRUSTED, in_time, shares
 from renderers.pictures.means import LEAST
 from renderers.pictures.pace import shared_out
-from renderers.scene import OF_MATERIALS
+from renderers.scene import OF_MATERIALS, candidates
 
-TINY, SMALL, LARGE = 16**2, 48**2, 96**2  # pixels: to compile, and of the pilots; smaller ones are not linear yet
+TINY, LARGE = 16**2, 96**2  # pixels: to compile, and of the pilots; smaller ones are not linear yet
 SECONDS = 2.0  # of the passes of each
 LONGER, _VAGUE = 6.0, 0.5  # s of a pilot, where the shorter one knows seconds to a noise no better than by that logarithm
 _PASSES = 16  # that extrapolated parts have: as many as tell the concentration of their noise (`renderers.pictures.pace`)
@@ -68,32 +69,6 @@ class Forecast(NamedTuple):
     choice: tuple[str, ...] = ()
 
 
-class _Clock:
-    """How quickly the clock goes while passes tell their progress: a machine is not as busy as when a kept choice was made."""
-
-    def __init__(self):
-        self._told = []
-
-    def __call__(self, _fraction, noise=None):
-        if noise is not None:
-            self._told.append((time.monotonic(), time.process_time()))
-
-    @property
-    def pace(self) -> float | None:
-        """Seconds of it to one of processors; None of too few passes."""
-        if not self._told:
-            return None
-        clock, processors = (last - first for first, last in zip(self._told[0], self._told[-1]))
-        return clock / processors if processors > 0 else None
-
-
-class _Pilot(NamedTuple):
-    """A picture that was rendered."""
-
-    report: dict
-    pixels: int
-
-
 def forecast(scene, *, quality=None, variant=None, seed=None) -> Forecast:
     """Renders pilots of a scene.
 
@@ -108,7 +83,7 @@ def forecast(scene, *, quality=None, variant=None, seed=None) -> Forecast:
     """
     taken = choice.of_scene(scene, quality, variant)
     if taken is not None:  # with what was chosen, so that pilots choose nothing again
-        scene = dataclasses.replace(choice.applied(scene, taken), choice=taken)
+        scene = dataclasses.replace(candidates.by_methods(scene, taken.methods), choice=taken)
     reasons = () if taken is None else tuple(taken.reasons)
     return _forecast_of(scene, quality, variant, seed)._replace(choice=reasons)
 
@@ -128,25 +103,28 @@ def _forecast_of(scene, quality, variant, seed) -> Forecast:
 
 def _by_passes(scene, stop, quality, options, picture_path):
     width, height = _size(scene, options["variant"])
-    tiny, middle, larger = (_smaller(width, height, pixels) for pixels in (TINY, SMALL, LARGE))
-    shortest = {"samples": 1}
+    tiny, larger = (trial.shrunk(width, height, pixels) for pixels in (TINY, LARGE))
+    shortest, pixels, told = {"samples": 1}, larger[0] * larger[1], []
+
+    def passed(_fraction, noise=None):
+        if noise is not None:
+            told.append((time.monotonic(), time.process_time()))
+
     _drawn(scene, tiny, shortest, options, picture_path)  # compiles
-    of_materials = scene.section in OF_MATERIALS
-    if not of_materials:
-        small = _drawn(scene, middle, {"time": SECONDS}, options, picture_path)
-    clock = _Clock()
-    large = _drawn(scene, larger, {"time": SECONDS}, options | {"progress": clock}, picture_path)
-    if of_materials:
-        tried = _tried(scene, stop, options["variant"], clock.pace)
-    each_pixel = _held(scene, larger, shortest, options, picture_path)
-    memory = resources.peak_memory() + each_pixel * max(width * height - large.pixels, 0)
-    report, parts = large.report, tried if of_materials else _scaled(small, large, width * height)
+    report = _drawn(scene, larger, {"time": SECONDS}, options | {"progress": passed}, picture_path)
+    if scene.section in OF_MATERIALS:
+        # how quickly the clock goes: a machine is not as busy as when a kept choice was made
+        clock, processors = (last - first for first, last in zip(told[0], told[-1])) if told else (0.0, 0.0)
+        parts = _tried(scene, stop, options["variant"], clock / processors if processors > 0 else None)
+    else:
+        parts = {name: part | {"seconds": part["seconds"] * width * height / pixels} for name, part in report["parts"].items()}
+    memory = resources.peak_memory() + _held(scene, larger, shortest, options, picture_path) * (width * height - pixels)
     ends = _ends(parts, stop, report)
     stopped_by, (passes, noise) = min(ends.items(), key=lambda end: end[1][0])
     noise *= _of_pixels(report) if stop.pixels else 1.0
     setup = report["seconds"]["total"] - report["seconds"].get("passes", 0.0)
-    return _forecast(scene, quality, stop, report, _Predicted((width, height), setup + passes, passes, noise, _spread(parts),
-                                                              stopped_by, memory))
+    return _forecast(scene, quality, stop, report, size=(width, height), seconds=setup + passes, passes=passes, noise=noise,
+                     spread=_spread(parts), stopped_by=stopped_by, memory=memory)
 
 
 def _size(scene, variant):
@@ -159,19 +137,13 @@ def _size(scene, variant):
     return width, height
 
 
-def _smaller(width, height, pixels):
-    """The size of a picture of the same shape with so many pixels, or of this one where it has fewer."""
-    shrink = min(1.0, math.sqrt(pixels / (width * height)))
-    return max(2, round(shrink * width)), max(2, round(shrink * height))
-
-
-def _drawn(scene, size, stop, options, picture_path) -> _Pilot:
-    """A pilot of a scene, which stops as `stop` says and not by its noise."""
+def _drawn(scene, size, stop, options, picture_path) -> dict:
+    """The report of a pilot of a scene, which stops as `stop` says and not by its noise."""
     values = scene.values
     stop = values.stop.model_copy(update={"noise": 0.0, "time": None, "samples": None} | stop)
     film = values.film.model_copy(update=dict(zip(("width", "height"), size)))
     small = denoise.without(dataclasses.replace(scene, values=values.model_copy(update={"stop": stop, "film": film})))
-    return _Pilot(scene.drawn_by.render(small, picture_path, **options), size[0] * size[1])
+    return scene.drawn_by.render(small, picture_path, **options)
 
 
 def _held(scene, size, stop, options, picture_path) -> float:
@@ -185,8 +157,8 @@ def _held(scene, size, stop, options, picture_path) -> float:
 
     tracemalloc.start()
     try:
-        pixels = _drawn(scene, size, stop, options | {"progress": passed}, picture_path).pixels
-        return (tracemalloc.get_traced_memory()[1] - start[0]) / pixels
+        _drawn(scene, size, stop, options | {"progress": passed}, picture_path)
+        return (tracemalloc.get_traced_memory()[1] - start[0]) / (size[0] * size[1])
     finally:
         tracemalloc.stop()
 
@@ -225,14 +197,6 @@ def _extrapolated(foretold, samples: Mapping[str, int]) -> dict[str, Mapping]:
                        "seconds": (kind["fixed"] + kind["pixels"] * ratio) * foretold["clock"],
                        "noise": math.sqrt(kind["pixel"] / ratio / _PASSES), "region": math.sqrt(kind["region"] / ratio / _PASSES)}
     return parts
-
-
-def _scaled(small, large, pixels) -> dict[str, Mapping]:
-    """What `renderers.pictures.progressive` reports of its parts, as if the larger pilot had so many pixels."""
-    scale = (pixels - large.pixels) / (large.pixels - small.pixels) if pixels > large.pixels > small.pixels else 0.0
-    first, second = (pilot.report["parts"] for pilot in (small, large))
-    return {name: part | {"seconds": part["seconds"] + scale * max(part["seconds"] - first[name]["seconds"], 0.0)}
-            for name, part in second.items()}
 
 
 def _spread(parts):
@@ -300,9 +264,10 @@ def _of_filter(scene, stop, quality, options, picture_path):
         resources.reset_peak()
         report = scene.drawn_by.render(short, picture_path, overwrite=True, **({} if of_files else options))
     picture, seconds, noise = report.get("picture", {}), report["seconds"]["total"], report["noise"]
+    predicted = partial(_forecast, scene, quality, stop, report, size=tuple(report["size"]), spread=0.0,
+                        memory=resources.peak_memory())
     if not noise or not picture.get("at_most"):
-        return _forecast(scene, quality, stop, report, _Predicted(tuple(report["size"]), seconds, 0.0, noise, 0.0, "",
-                                                                  resources.peak_memory()))
+        return predicted(seconds=seconds, passes=0.0, noise=noise, stopped_by="")
     a_sample = report["seconds"]["picture"] / report["samples"]
     ends = {"samples": max(1, round(picture["at_most"] / reached.coarser(quality) ** 2))}
     if reached.asked(values):
@@ -311,29 +276,16 @@ def _of_filter(scene, stop, quality, options, picture_path):
         ends["time"] = max(stop.time / a_sample, 2)
     stopped_by = min(ends, key=ends.get)
     passes = a_sample * ends[stopped_by]
-    return _forecast(scene, quality, stop, report, _Predicted(
-        tuple(report["size"]), seconds - a_sample * report["samples"] + passes, passes,
-        noise * math.sqrt(report["samples"] / ends[stopped_by]), 0.0, stopped_by, resources.peak_memory()))
+    return predicted(seconds=seconds - a_sample * report["samples"] + passes, passes=passes, stopped_by=stopped_by,
+                     noise=noise * math.sqrt(report["samples"] / ends[stopped_by]))
 
 
-class _Predicted(NamedTuple):
-    """The figures of a `Forecast`."""
-
-    size: tuple[int, int]
-    seconds: float
-    passes: float
-    noise: float | None
-    spread: float
-    stopped_by: str
-    memory: float
-
-
-def _forecast(scene, quality, stop, report, predicted: _Predicted) -> Forecast:
+def _forecast(scene, quality, stop, report, *, noise, stopped_by, **predicted) -> Forecast:
+    """The figures of a `Forecast` with what is said of them."""
     wanted = stop.noise if scene.rules.RESUMES or reached.asked(scene.values) else None
-    unreached = ()
-    if predicted.noise is not None:
-        unreached = reached.unreached(predicted.stopped_by, wanted, predicted.noise, stop.pixels)
+    unreached = () if noise is None else reached.unreached(stopped_by, wanted, noise, stop.pixels)
     missed, remarks = reached.verdict(scene.values, quality, unreached, report["bias"])
     measured = {"size": list(report["size"]), "samples": report["samples"], "noise": report["noise"],
                 "seconds": report["seconds"]["total"]}
-    return Forecast(**predicted._asdict(), wanted=wanted, method=report["method"], missed=missed, remarks=remarks, pilot=measured)
+    return Forecast(**predicted, noise=noise, stopped_by=stopped_by, wanted=wanted, method=report["method"], missed=missed,
+                    remarks=remarks, pilot=measured)

@@ -31,7 +31,7 @@ def of_code() -> str:
 
 def get(kind: str, key: str) -> Any:
     """What is kept; None where nothing is, or nothing that can be read."""
-    entry = _cache().get(kind, key)
+    entry = Cache().get(kind, key)
     try:
         return None if entry is None else json.loads(read_text(entry[0]["json"]))
     except (KeyError, TypeError, ValueError, AttributeError):
@@ -41,8 +41,4 @@ def get(kind: str, key: str) -> Any:
 def put(kind: str, key: str, content: Any) -> None:
     """Keeps it, unless the cache cannot be written, of which nobody needs to be told: it is measured again."""
     group = Group({"json": text(json.dumps(content), "what was measured")}, {"input_hash": key})
-    _cache().put(kind, key, group, Group())
-
-
-def _cache() -> Cache:
-    return Cache()
+    Cache().put(kind, key, group, Group())

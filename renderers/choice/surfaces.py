@@ -8,8 +8,6 @@ the camera on (`SceneMethod.far_share`), where that is much of what the camera s
 
 from __future__ import annotations
 
-import math
-
 from renderers.scene import budget, candidates, entries
 from renderers.scene.budget import percent
 from renderers.scene.candidates import Candidate
@@ -63,12 +61,8 @@ def _of_grains(opened, world, listed):
         if (error := max((method.deviation(*about) for method, about in stated), default=0.0)) > allowed:
             refused[candidate.name] = f"an error of {percent(error)} is expected of the surface, and {percent(allowed)} allowed"
         else:
-            kept.append(candidate._replace(stated=_besides(candidate.stated, error), expected=error) if stated else candidate)
+            kept.append(candidate.off_by(error)._replace(expected=error) if stated else candidate)
     return tuple(kept), refused
-
-
-def _besides(stated, error):
-    return lambda tolerance: math.hypot(stated(tolerance), error)
 
 
 def _changing(opened, world, able) -> dict[int, float]:

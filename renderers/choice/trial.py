@@ -86,30 +86,6 @@ class Cost(NamedTuple):
         return max(min(ends, default=LEAST), LEAST)
 
 
-class Foretold(NamedTuple):
-    """Passes of a kind in a picture, as a pilot foretells them.
-
-    Attributes
-    ----------
-    samples : of a pixel, in a pass
-    fixed, pixels : processor seconds of a pass, and of all of its pixels
-    pixel, region : variances by a pass over the squared mean of the picture, as those of `Cost`
-    spread : standard error of the logarithm of `pixel`
-    """
-
-    samples: int
-    fixed: float
-    pixels: float
-    pixel: float
-    region: float
-    spread: float
-
-    @property
-    def seconds(self) -> float:
-        """Of a pass."""
-        return self.fixed + self.pixels
-
-
 class Light(NamedTuple):
     """Means (rows, columns) of the luminance over regions, and their variances."""
 
@@ -151,9 +127,9 @@ class Trial(NamedTuple):
         roots = np.sqrt([cost.pixel * (cost.fixed + cost.by_pixel * self.pixels) for cost in self.costs])
         return float(np.linalg.norm(roots * [cost.spread for cost in self.costs])) / max(float(roots.sum()), 1e-300)
 
-    def foretold(self, pixels: int, missing: float = 0.0, noise: float | None = None,
-                 limit: float | None = None) -> tuple[Foretold, ...]:
-        """Of a picture of so many pixels, its passes of each kind as those of the pilot.
+    def _kinds(self, pixels: int, missing: float, noise: float | None, limit: float | None) -> list[dict]:
+        """Of a picture of so many pixels, its passes of each kind as those of the pilot: `samples` of a pixel; `fixed` and
+        `pixels`, processor seconds of a pass, and of all of its pixels; `pixel`, `region` and `spread` as those of `Cost`.
 
         missing : light, over that of the picture, that others have found and this has not: it counts as if the next pass brought
             it, in one pixel
@@ -161,20 +137,19 @@ class Trial(NamedTuple):
             they do not
         """
         ends, unseen = limit and limit / self.clock, missing**2 * self.passes / len(self.costs)
-        return tuple(Foretold(cost.samples, cost.fixed, cost.by_pixel * pixels,
-                              cost.of_pixel(pixels, self.pixels, cost.passes(pixels, noise, ends)) + unseen * self.pixels,
-                              cost.of_region(pixels, self.pixels) + unseen, cost.spread) for cost in self.costs)
+        return [{"samples": cost.samples, "fixed": cost.fixed, "pixels": cost.by_pixel * pixels,
+                 "pixel": cost.of_pixel(pixels, self.pixels, cost.passes(pixels, noise, ends)) + unseen * self.pixels,
+                 "region": cost.of_region(pixels, self.pixels) + unseen, "spread": cost.spread} for cost in self.costs]
 
     def rate(self, pixels: int, missing: float = 0.0, noise: float | None = None, limit: float | None = None) -> float:
         """Processor seconds of passes, times noise^2, of the same picture, its kinds of passes shared out best."""
-        kinds = self.foretold(pixels, missing, noise, limit)
-        return max(sum(math.sqrt(kind.pixel * kind.seconds) for kind in kinds),
-                   sum(math.sqrt(kind.region * kind.seconds) for kind in kinds)) ** 2
+        kinds = self._kinds(pixels, missing, noise, limit)
+        return max(sum(math.sqrt(kind[name] * (kind["fixed"] + kind["pixels"])) for kind in kinds)
+                   for name in ("pixel", "region")) ** 2
 
     def summary(self, pixels: int, stop: Stop, missing: float = 0.0) -> dict:
-        """What is foretold of a picture, for JSON: `clock`, seconds of it to one of processors; `missing`; `passes`, of dicts."""
-        kinds = self.foretold(pixels, missing, stop.noise, stop.time)
-        return {"clock": self.clock, "missing": missing, "passes": [kind._asdict() for kind in kinds]}
+        """What is foretold of a picture, for JSON: `clock`, seconds of it to one of processors; `missing`; `passes` by kind."""
+        return {"clock": self.clock, "missing": missing, "passes": self._kinds(pixels, missing, stop.noise, stop.time)}
 
     def of_samples(self, pixels: int, samples: int) -> float:
         """Processor seconds of passes with so many samples a pixel."""
@@ -200,12 +175,16 @@ class Bias(NamedTuple):
 NO_BIAS = Bias(0.0, 0.0, False, {})  # of a method without an error of its own
 
 
+def shrunk(first: int, second: int, pixels: int) -> tuple[int, int]:
+    """Sides of a picture of the same shape with so many pixels, or of this one where it has fewer."""
+    shrink = min(1.0, math.sqrt(pixels / (first * second)))
+    return max(2, round(shrink * first)), max(2, round(shrink * second))
+
+
 def smaller(world, pixels: int):
     """A world with the same view on a film of at most so many pixels."""
     height, width = world.size
-    shrink = min(1.0, math.sqrt(pixels / (width * height)))
-    size = max(2, round(shrink * height)), max(2, round(shrink * width))
-    reduced = copy.copy(world)
+    size, reduced = shrunk(height, width, pixels), copy.copy(world)
     reduced.camera, reduced.size = world.camera.refitted(height, width, *size), size
     reduced.whole, reduced.coarser = world, math.sqrt(height * width / (size[0] * size[1]))
     return reduced
@@ -328,9 +307,7 @@ class _Run:
         self.passes.run(stop)
         self.clock += time.monotonic() - begin
         if self.passes.signal:
-            fault = Interrupted("interrupted before there was a picture; nothing was written")
-            fault.exit_status = 128 + self.passes.signal
-            raise fault
+            raise Interrupted("interrupted before there was a picture; nothing was written").ending(128 + self.passes.signal)
         every = dict.fromkeys([*ORDERS, *(layer for passes in self._regions.values() for layer in passes[0])])
         self.light = {layer: self._light(layer) for layer in every}
 

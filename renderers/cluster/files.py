@@ -5,17 +5,19 @@ import dataclasses
 import hashlib
 import os
 import threading
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
+from bakery.errors import BakeryError
 from bakery.store import scratch
 from renderers.pictures.versions import versions
 
 _UNTIL_THE_END = ExitStack()  # folders of scenes
 atexit.register(_UNTIL_THE_END.close)
 _FOLDERS: dict[str, str] = {}  # hash of files -> folder that holds them
-ONE_AT_A_TIME = threading.Lock()  # Mitsuba's variant is that of the process
+_ONE_AT_A_TIME = threading.Lock()  # Mitsuba's variant is that of the process
 
 
 def needed(scene) -> list[str]:
@@ -48,30 +50,52 @@ def write(folder: str, files: Mapping[str, bytes]) -> None:
         file.write_bytes(data)
 
 
-def handed(scene) -> dict:
-    """What a scene has besides what its file says: assets, share of the tolerance, mark, choice of the method."""
-    return {"assets": [str(path) for path in scene.assets], "share": scene.share, "mark": scene.mark, "choice": scene.choice}
-
-
-def scene_below(folder: str, path: str, settings: Mapping[str, str], besides: dict, frame: int | None = None):
-    """The `renderers.scene.Scene` that stands below a folder.
+class Sent(NamedTuple):
+    """What workers have to know of a scene, besides its files.
 
     path, settings : of the scene where it was read, and what was set by hand
-    besides : of `handed`
-    frame : number of a frame; None: the scene as it stands
+    assets, besides : their paths, and what else its file does not say: share of the tolerance, mark, choice of the method
+    versions : of libraries that decide the bytes, where the pictures go
     """
-    from renderers import scene
 
-    assets = tuple(Path(_below(folder, _absolute(asset))) for asset in besides["assets"])
-    shot = scene.load(_below(folder, _absolute(path)), settings, assets=False, frame=frame)
-    return dataclasses.replace(shot, **besides | {"assets": assets, "asset": assets[0]})
+    path: str
+    settings: dict[str, str]
+    assets: list[str]
+    besides: dict
+    versions: dict[str, str]
+
+    @classmethod
+    def of(cls, scene, settings: Mapping[str, str]) -> "Sent":
+        """Of a `renderers.scene.Scene`."""
+        besides = {"share": scene.share, "mark": scene.mark, "choice": scene.choice}
+        return cls(str(scene.path), dict(settings), list(map(str, scene.assets)), besides, versions())
+
+    def below(self, folder: str, frame: int | None = None):
+        """The scene that stands below a folder; frame : number of a frame, None: the scene as it stands."""
+        from renderers import scene
+
+        assets = tuple(Path(_below(folder, _absolute(asset))) for asset in self.assets)
+        shot = scene.load(_below(folder, _absolute(self.path)), self.settings, assets=False, frame=frame)
+        return dataclasses.replace(shot, **self.besides, assets=assets, asset=assets[0])
 
 
-def unlike(wanted: Mapping[str, str]) -> str:
-    """Why this process would not give the pictures of one with these versions; "" where it would."""
-    differing = ", ".join(f"{name} {version or 'missing'} instead of {wanted[name] or 'none'}"
-                          for name, version in versions().items() if version != wanted[name])
-    return differing and f"a worker has {differing}; equal versions give equal pictures: install the same there"
+@contextmanager
+def on_worker(files: Mapping[str, bytes], wanted: Mapping[str, str], label: str = "") -> Iterator[str]:
+    """The folder of `unpacked`, for one piece of work at a time; its faults travel, and name files as the process that asks does.
+
+    wanted : versions of libraries there; label : what faults begin with
+
+    Raises BakeryError where this process has other versions, whose pictures would be others.
+    """
+    with _ONE_AT_A_TIME:
+        folder = unpacked(files)
+        try:
+            if differing := ", ".join(f"{name} {version or 'missing'} instead of {wanted[name] or 'none'}"
+                                      for name, version in versions().items() if version != wanted[name]):
+                raise BakeryError(f"a worker has {differing}; equal versions give equal pictures: install the same there")
+            yield folder
+        except BakeryError as error:
+            raise BakeryError(label + str(error).replace(folder, "")).ending(error.exit_status) from None
 
 
 def _absolute(path) -> str:

@@ -1,7 +1,5 @@
 """Fog in screen space: a picture without fog and its distances become the picture with fog."""
 
-import os
-
 import numpy as np
 
 from bakery.errors import UsageError
@@ -9,8 +7,7 @@ from renderers import colour
 from renderers.pictures import denoise
 
 
-def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None, threads=None,
-           overwrite=False) -> dict:
+def render(scene, output=None, *, overrides=None, quality=None, variant=None, seed=None, progress=None, overwrite=False) -> dict:
     """Renders a scene file to a PNG and an EXR file beside each other.
 
     Parameters
@@ -21,7 +18,6 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     quality : how close the filter's points are (`filter.POINTS`); also of the Mitsuba scene, if the picture comes from one
     variant, seed : of that scene, as in `renderers.mitsuba.render_scene`; with a variant `cuda_…` the filter runs on the card
     progress : function of (fraction 0 to 1, noise or None)
-    threads : as many as the process may use if None; the pictures do not depend on it
     overwrite : replace also files that are no such pictures; never one that the scene reads
 
     Returns
@@ -43,18 +39,21 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     `distance` (m): with
     `picture: {color: X.exr, layer: clear, depth: X.exr, channel: distance, measure: distance}` it gets other fog in seconds.
     """
+    from renderers.fog import kernels
     from renderers.fog.view import View
     from renderers.pictures.running import Render
 
     job = Render(scene, output, overrides=overrides, quality=quality, overwrite=overwrite, progress=progress)
     scene, asset = job.scene, job.asset
-    threads = threads or len(os.sched_getaffinity(0))
-    medium = _medium(scene, asset)
-    density = _density(scene, threads)
+    try:
+        medium = kernels.fog_of(asset, channels=3, kernel=scene.values.filter.kernel)
+    except UsageError as error:
+        raise scene.wrong("asset", error) from None
+    density = _density(scene)
     job.part_over("prepare")
 
     def view_of(camera, distance):
-        return View(scene, medium, density, camera, distance, threads, quality or "final", (variant or "").startswith("cuda"))
+        return View(scene, medium, density, camera, distance, quality or "final", (variant or "").startswith("cuda"))
 
     picture = _picture(scene, quality, variant, seed, job.progress(0.0, 0.5), view_of)
     job.part_over("picture")
@@ -143,16 +142,7 @@ def describe(report) -> list[str]:
         + (f", {100 * report['share_sun']:.3g} % from the sun" if report["share_sun"] else ""), *report.get("reasons", [])[1:]])
 
 
-def _medium(scene, asset):
-    from renderers.fog import kernels
-
-    try:
-        return kernels.fog_of(asset, channels=3, kernel=scene.values.filter.kernel)
-    except UsageError as error:
-        raise scene.wrong("asset", error) from None
-
-
-def _density(scene, threads):
+def _density(scene):
     from renderers.fog import density
     from renderers.scene import grids
 
@@ -161,15 +151,8 @@ def _density(scene, threads):
         return density.Uniform(section.scale)
     if section.type == "height":
         return density.Height(section.scale, section.base, section.falloff, tuple(section.up))
-    try:
-        values, lo, hi = grids.read(scene.file(section.file), section.dataset)
-    except UsageError as error:
-        raise scene.wrong("fog.density.file", error) from None
-    lo, hi = section.lo or lo, section.hi or hi
-    try:
-        return density.Grid(values, tuple(lo), tuple(hi), section.scale, threads)
-    except ValueError as error:
-        raise scene.wrong("fog.density", error) from None
+    values, lo, hi = grids.placed(scene, "fog.density", section, "file")
+    return density.Grid(values, tuple(lo), tuple(hi), section.scale)
 
 
 def _picture(scene, quality, variant, seed, progress, view_of=None):

@@ -6,17 +6,14 @@ far.
 """
 
 import math
-import os
 from abc import ABC, abstractmethod
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import hyp1f1
 
 from renderers.fog import _march
-
-_BLOCK = 4096  # rays
-_SERIES = 1.0  # below: power series of the exponential's moments; above: recurrence.  Both hold 1e-14 there
+from renderers.threads import run
 
 
 class Density(ABC):
@@ -131,7 +128,6 @@ class Grid(Density):
     lo: tuple[float, float, float]
     hi: tuple[float, float, float]
     scale: float = 1.0
-    threads: int | None = None  # as many as the process may use
 
     def __post_init__(self):
         if np.ndim(self.values) != 3 or not np.size(self.values):
@@ -161,12 +157,10 @@ class Grid(Density):
         step = direction * per_metre
         out = np.empty(direction.shape)
 
-        def block(first):
-            part = slice(first, first + _BLOCK)
-            _march.moments(self.values, start[part], step[part], distance[part], out[part])
+        def block(low, high):
+            _march.moments(self.values, *(rays[low:high] for rays in (start, step, distance, out)))
 
-        with ThreadPoolExecutor(self.threads or len(os.sched_getaffinity(0))) as pool:
-            list(pool.map(block, range(0, len(direction), _BLOCK)))
+        run(block, len(direction))
         return self.scale * out if self.scale else np.zeros_like(out)
 
     def reach(self, origin):
@@ -189,36 +183,14 @@ def _joined(near, far, length):
 
 def _falling(rate, length):
     """Integrals of e^{-rate t} (length - t)^n for t from 0 to `length`, (..., 3), n = 0, 1, 2; rate 0 or more."""
-    x = np.where(rate == 0, 0.0, rate * np.where(rate == 0, 0.0, length))
-    small, large = np.minimum(x, _SERIES), np.maximum(x, _SERIES)
-    series = [_series(-small, n) for n in range(3)]
-    f0 = -np.expm1(-large) / large
-    f1 = (1 - f0) / large
-    f2 = (1 - 2 * f1) / large
     endless = np.isinf(length) & (rate > 0)
-    length = np.where(endless, 0.0, length)
-    moments = [np.where(x < _SERIES, s, f) * length ** (n + 1) for n, (s, f) in enumerate(zip(series, (f0, f1, f2)))]
-    return np.stack([np.where(endless, end, moment)
-                     for end, moment in zip((1 / np.where(rate > 0, rate, 1.0), math.inf, math.inf), moments)], axis=-1)
+    x, ends = rate * np.where(endless | (rate == 0), 0.0, length), (1 / np.where(rate > 0, rate, 1.0), math.inf, math.inf)
+    # Kummer's function holds 1e-15 on both sides of x = 1
+    return np.stack([np.where(endless, end, length ** (n + 1) / (n + 1) * hyp1f1(1, n + 2, -x)) for n, end in enumerate(ends)],
+                    axis=-1)
 
 
 def _growing(rate, length):
     """Integrals of e^{-rate t} t^n for t from 0 to `length`, (..., 3), n = 0, 1, 2; 0 where `length` is inf or rate 0."""
     length = np.where(np.isfinite(length) & (rate > 0), length, 0.0)
-    x = rate * length
-    small, large = np.minimum(x, _SERIES), np.maximum(x, _SERIES)
-    series = [np.exp(-small) * _series(small, n) for n in range(3)]
-    g0 = -np.expm1(-large) / large
-    g1 = (g0 - np.exp(-large)) / large
-    g2 = (2 * g1 - np.exp(-large)) / large
-    moments = [np.where(x < _SERIES, s, g) * length ** (n + 1) for n, (s, g) in enumerate(zip(series, (g0, g1, g2)))]
-    return np.stack(moments, axis=-1)
-
-
-def _series(x, n):
-    """Sum over k of x^k n!/(n + 1 + k)!, which is the integral of e^{x u} (1 - u)^n for u from 0 to 1; |x| <= 1."""
-    total, term = np.zeros_like(x), np.full_like(x, 1 / (n + 1))
-    for k in range(18):
-        total = total + term
-        term = term * x / (n + 2 + k)
-    return total
+    return np.stack([length ** (n + 1) / (n + 1) * hyp1f1(n + 1, n + 2, -rate * length) for n in range(3)], axis=-1)

@@ -95,7 +95,7 @@ def scattered(density, origin, direction, distance, medium: Medium, lights, *, d
     out = np.zeros((len(origin), len(medium.sigma_t)))
     for start in range(0, len(origin) if sources else 0, _BLOCK):
         rays = slice(start, start + _BLOCK)
-        directed = [source.rays(direction[rays]) for source in sources]
+        directed = [of_rays(direction[rays]) for of_rays in sources]
         # half: steps that are given up as fine leave less for the others
         out[rays], error = march(density, origin[rays], direction[rays], distance[rays], medium.sigma_t, directed, tolerance / 2)
         if (error > tolerance * _least(out[rays])).any():
@@ -191,52 +191,39 @@ def _steps(density, origin, direction, sigma_t, sources, ray, t, before, pieces)
 
 
 def _source(light, density, medium, origin, direction, distance, diffuse):
+    """Of a light, for viewing rays (N, 3) a function of points and numbers of their rays that gives the source (M, C).
+
+    Columns are along `axis`, which leads away from the lit face; `mu` is the cosine between the two.
+    """
     irradiance = np.array(np.broadcast_to(np.asarray(light.irradiance, float), (len(medium.sigma_t),)))
     travel = np.asarray(light.direction, float) / np.linalg.norm(light.direction)
     up = getattr(density, "up", None)
     if up is None:
         if not hasattr(density, "lo"):
             raise UsageError("fog.light: a sun does not shine into fog without an end; a density of type height or grid would do")
-        return _Light(density, medium, travel, travel, 1.0, None, irradiance, diffuse)
-    axis = -np.asarray(up, float)
-    ends = np.concatenate([origin, origin + distance[:, None] * direction]) @ -axis
-    floor = min(float(density.base), float(ends.min(initial=np.inf)))
-    return _Light(density, medium, travel, axis, float(axis @ travel), floor, irradiance, diffuse)
+        axis, mu, floor = travel, 1.0, None
+    else:
+        axis = -np.asarray(up, float)
+        mu, ends = float(axis @ travel), np.concatenate([origin, origin + distance[:, None] * direction]) @ -axis
+        floor = min(float(density.base), float(ends.min(initial=np.inf)))
+    constant = _columns.Medium(medium.sigma_t, medium.albedo, medium.g, medium.peak), _columns.Parallel(mu, irradiance, diffuse)
 
-
-@dataclass(frozen=True)
-class _Light:
-    """A light over columns along `axis`, which leads away from the lit face; `mu` is the cosine between the two."""
-
-    density: object
-    medium: Medium
-    travel: np.ndarray
-    axis: np.ndarray
-    mu: float
-    floor: float | None
-    irradiance: np.ndarray
-    diffuse: bool
-
-    def rays(self, direction):
-        """The same for viewing rays (N, 3): points, numbers of rays -> source (M, C)."""
-        m = self.medium
-        theta = np.arctan2(np.linalg.norm(np.cross(self.travel, -direction), axis=-1), -direction @ self.travel)
-        single, turn = np.asarray(m.phase(theta), float).T * self.irradiance, np.cos(theta)
-        cosine = -direction @ self.axis
+    def of_rays(direction):
+        theta = np.arctan2(np.linalg.norm(np.cross(travel, -direction), axis=-1), -direction @ travel)
+        single, turn, cosine = np.asarray(medium.phase(theta), float).T * irradiance, np.cos(theta), -direction @ axis
 
         def source(points, ray):
-            out = np.zeros((len(points), len(m.sigma_t)))
-            if self.mu <= 0:  # below the horizon
+            out = np.zeros((len(points), len(medium.sigma_t)))
+            if mu <= 0:  # below the horizon
                 return out
-            far = np.full(len(points), np.inf)
-            axis = np.broadcast_to(self.axis, points.shape)
-            before = self.density.integrals(points, -axis, far)[:, 0]
-            to_floor = far if self.floor is None else np.maximum(points @ -self.axis - self.floor, 0)
-            behind = self.density.integrals(points, axis, to_floor)[:, 0] if self.diffuse else before
-            medium = _columns.Medium(m.sigma_t, m.albedo, m.g, m.peak)
-            sun = _columns.Parallel(self.mu, self.irradiance, self.diffuse)
-            _columns.source(np.ascontiguousarray(before), np.ascontiguousarray(behind), single[ray], turn[ray],
-                            cosine[ray], medium, sun, out)
+            far, along = np.full(len(points), np.inf), np.broadcast_to(axis, points.shape)
+            before = density.integrals(points, -along, far)[:, 0]
+            to_floor = far if floor is None else np.maximum(points @ -axis - floor, 0)
+            behind = density.integrals(points, along, to_floor)[:, 0] if diffuse else before
+            _columns.source(np.ascontiguousarray(before), np.ascontiguousarray(behind), single[ray], turn[ray], cosine[ray],
+                            *constant, out)
             return out
 
         return source
+
+    return of_rays

@@ -20,9 +20,6 @@ not know the kernel's size.
 """
 
 import math
-import os
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 
 import numpy as np
 
@@ -30,6 +27,7 @@ from bakery.errors import UsageError
 from renderers.fog import _blocks, _filter, kernels
 from renderers.fog._lanes import LANES
 from renderers.fog._prepared import INNER, Prepared
+from renderers.threads import run
 
 # A band is summed at points as close as the blocks of so many levels below
 POINTS = {"draft": 0, "preview": 1, "final": 2, "every pixel": math.inf}
@@ -39,12 +37,12 @@ ERRORS = {"draft": 0.0054, "preview": 0.0048, "final": 0.0046, "every pixel": 0.
 _ROWS, _TARGETS = 16, 4096  # rows, targets of a task
 
 
-def fogged(image, distance, angle, column, lever, medium, *, points="final", threads=None, progress=None, **options):
+def fogged(image, distance, angle, column, lever, medium, *, points="final", progress=None, **options):
     """A picture seen through fog, without light from elsewhere.
 
     Parameters
     ----------
-    image : (H, W, C) radiance of the surfaces as seen without fog
+    image : (H, W, C) radiance of the surfaces as seen without fog; up to LANES channels
     distance : (H, W) m, along the viewing ray
     angle : (H, W) rad, side of a pixel
     column : (H, W) m, integral of the relative density along the ray
@@ -52,7 +50,6 @@ def fogged(image, distance, angle, column, lever, medium, *, points="final", thr
         the distance
     medium : kernels.Fog of C channels, or of one for all
     points : name of POINTS, how close the points are
-    threads : None for all processors; the result does not depend on it
     progress : function of the share that is done, or None
     options : outside, "edge": the surroundings look like what the picture shows of them, "black": they are dark; energy, "lost":
         scattered light has the power that transport gives it, "kept": what went back past the camera is added; cut_off: lengths
@@ -74,37 +71,30 @@ def fogged(image, distance, angle, column, lever, medium, *, points="final", thr
     """
     if points not in POINTS:
         raise UsageError(f"filter: points {points!r}; {', '.join(POINTS)} would do")
-    image = np.asarray(image, float)
-    rays = distance, angle, column, lever
-    parts = [Prepared(part, rays, kind, **options) for part, kind in _by_lanes(image, medium)]
-    with _workers(threads) as pool:
-        return np.concatenate([_seen(p, pool, POINTS[points], progress) for p in parts], axis=2)
-
-
-def _seen(p, pool, finer, progress):
-    """The picture of some channels; p : `_prepared.Prepared`;  finer : of POINTS"""
+    image, kinds = np.asarray(image, float), len(medium.sigma_t)
+    if image.ndim != 3 or image.size == 0 or image.shape[2] > LANES or kinds not in (1, image.shape[2]):
+        raise UsageError(f"image: shape {image.shape}; (height, width, {kinds if kinds > 1 else f'1 to {LANES}'}) would do")
+    p = Prepared(image, (distance, angle, column, lever), medium, **options)
     if not p.power.any():  # nothing is scattered
         return p.finished(np.zeros((*p.z.shape, _filter.SUMS, LANES)))
-    pyramid = _pyramid(p, pool)
-    sums, targets = None, None
+    pyramid, sums, targets = _pyramid(p), None, None
     for number in range(len(pyramid), 0, -1):
-        level = _level(p, pool, pyramid[number - 1], number)
-        targets, sums = _refined(p, pool, pyramid, max(number - finer, 0), targets, sums)
-        _in_parts(pool, _filter.level_targets, len(targets.y), _TARGETS, targets, p.kernels, level, p.band, sums)
+        level = _level(p, pyramid[number - 1], number)
+        targets, sums = _refined(p, pyramid, max(number - POINTS[points], 0), targets, sums)
+        _in_parts(_filter.level_targets, len(targets.y), _TARGETS, targets, p.kernels, level, p.band, sums)
         if progress:
             progress(1 - number / (len(pyramid) + 1))
-    targets, sums = _refined(p, pool, pyramid, 0, targets, sums)
-    _in_parts(pool, _filter.nearest_rows, len(p.z), _ROWS, p.pixels, p.kernels, p.nearest(), sums)
+    targets, sums = _refined(p, pyramid, 0, targets, sums)
+    _in_parts(_filter.nearest_rows, len(p.z), _ROWS, p.pixels, p.kernels, p.nearest(), sums)
     return p.finished(sums.reshape(*p.z.shape, *sums.shape[1:]))
 
 
-def _in_parts(pool, function, count, size, *arguments):
+def _in_parts(function, count, size, *arguments):
     """function(low, high, *arguments) for ranges up to a count."""
-    for task in [pool.submit(function, low, min(low + size, count), *arguments) for low in range(0, count, size)]:
-        task.result()
+    run(lambda low, high: function(low, high, *arguments), count, block=size)
 
 
-def _pyramid(p, pool):
+def _pyramid(p):
     """Blocks of 2, 4, 8 ... pixels."""
     pyramid, side = [], 1
     while INNER * side < math.hypot(*p.z.shape):
@@ -113,23 +103,23 @@ def _pyramid(p, pool):
         start = _blocks.starts(mask)
         blocks = _blocks.Blocks(mask, start, np.empty((start[-1], _blocks.ENTRY)))
         if pyramid:
-            _in_parts(pool, _blocks.merge_rows, len(mask), _ROWS, pyramid[-1], blocks)
+            _in_parts(_blocks.merge_rows, len(mask), _ROWS, pyramid[-1], blocks)
         else:
-            _in_parts(pool, _blocks.first_rows, len(mask), _ROWS, p.pixels, p.mask, blocks)
+            _in_parts(_blocks.first_rows, len(mask), _ROWS, p.pixels, p.mask, blocks)
         pyramid.append(blocks)
     return pyramid
 
 
-def _level(p, pool, blocks, number):
+def _level(p, blocks, number):
     """Blocks of 2^number pixels as what they send."""
     side = 2.0**number
     shift = (math.log(INNER / 2) + math.log(side)) / kernels.STEP
     profiles = np.empty((len(blocks.entries) + 1, _filter.NODES, LANES), np.float32)
-    _in_parts(pool, _filter.profiles, len(blocks.entries), _TARGETS, p.kernels, blocks.entries, shift, side, profiles)
+    _in_parts(_filter.profiles, len(blocks.entries), _TARGETS, p.kernels, blocks.entries, shift, side, profiles)
     return _filter.Level(side, shift, blocks, profiles)
 
 
-def _refined(p, pool, pyramid, number, targets, sums):
+def _refined(p, pyramid, number, targets, sums):
     """Points 2^number pixels apart (0: the pixels), and sums there from those of points that are as close or half as close."""
     if targets is not None and len(targets.mask) == (len(pyramid[number - 1].mask) + 1 if number else len(p.mask)):
         return targets, sums
@@ -138,29 +128,10 @@ def _refined(p, pool, pyramid, number, targets, sums):
         mask = _blocks.corner_mask(blocks.mask)
         start = _blocks.starts(mask)
         finer = _blocks.Targets(mask, start, *(np.empty(start[-1]) for _ in range(5)))
-        _in_parts(pool, _blocks.corner_rows, len(mask), _ROWS, blocks, 2.0**number, finer)
+        _in_parts(_blocks.corner_rows, len(mask), _ROWS, blocks, 2.0**number, finer)
     else:
         finer = p.targets()
     total = np.zeros((len(finer.y), _filter.SUMS, LANES))
     if targets is not None:
-        _in_parts(pool, _filter.between_points, len(finer.mask), _ROWS, 0.0 if number else 0.5, finer, targets, sums, total)
+        _in_parts(_filter.between_points, len(finer.mask), _ROWS, 0.0 if number else 0.5, finer, targets, sums, total)
     return finer, total
-
-
-def _by_lanes(image, medium):
-    """Pictures of so many channels as are filtered at once, and their media."""
-    kinds = len(medium.sigma_t)
-    if image.ndim != 3 or kinds not in (1, image.shape[2]) or image.size == 0:
-        raise UsageError(f"image: shape {image.shape}; (height, width, {kinds if kinds > 1 else 'any'}) would do")
-    return [(image[..., first:first + LANES], medium.channels(first, first + LANES) if kinds > LANES else medium)
-            for first in range(0, image.shape[2], LANES)]
-
-
-@contextmanager
-def _workers(threads):
-    """Threads that leave what has not begun when they are interrupted."""
-    pool = ThreadPoolExecutor(threads or os.cpu_count() or 1)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)

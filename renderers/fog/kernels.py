@@ -110,12 +110,6 @@ class Fog:
             return np.clip((np.log(value) - math.log(nodes[0])) / STEP, 0, len(nodes) - 1.001)
 
     @lru_cache(maxsize=16)  # noqa: B019  # a few media, of a picture's whole life
-    def channels(self, first, last):
-        """The medium of some channels."""
-        several = ("sigma_t", "sigma_s", "g", "peak", "shape", "width", *(() if self.model_power is None else ("model_power",)))
-        return replace(self, **{name: getattr(self, name)[first:last] for name in several})
-
-    @lru_cache(maxsize=16)  # noqa: B019  # as above
     def cut(self, lengths):
         """The same with nothing beyond so many lengths (`width`), renormalised; the edge is one step of the table wide."""
         if lengths is None:

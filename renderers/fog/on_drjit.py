@@ -26,14 +26,9 @@ _BINS = 256
 
 
 def fogged(image, distance, angle, column, lever, medium, *, backend="cuda", **options):
-    """As `filter.fogged`, of whose options it takes outside, energy and cut_off; an image of up to LANES channels."""
-    card = _filter_of(medium, np.shape(image)[2], backend, **options)
+    """As `filter.fogged`, of whose options it takes outside, energy and cut_off."""
+    card = _filter_of(medium, np.shape(image)[2], backend=backend, **options)
     return card.fogged(image, distance, angle, column, lever).numpy().astype(float)
-
-
-@lru_cache(maxsize=4)
-def _filter_of(medium, channels, backend, **options):
-    return Filter(medium, channels, backend=backend, **options)
 
 
 class Filter:
@@ -159,6 +154,9 @@ class Filter:
             seen = dr.exp(-pixels.depth * float(self._sigma_t[c])) * pixels.col[c] + near[c] + unspent[c] * mean[c]
             dr.scatter(out, seen, index + c)
         return types.Tensor(out, (height, width, self._channels))
+
+
+_filter_of = lru_cache(maxsize=4)(Filter)
 
 
 def _types(backend):

@@ -178,14 +178,11 @@ class Until(NamedTuple):
     time: float | None = None
 
 
-_AS_ASKED = Until()
-
-
-def from_mitsuba(path, until=_AS_ASKED, *, unit=1.0, quality="final", variant=None, seed=0, view_of=None, progress=None):
+def from_mitsuba(path, until=None, *, unit=1.0, quality="final", variant=None, seed=0, view_of=None, progress=None):
     """A picture of a Mitsuba scene, by the scene's own integrator, and the distances along rays through its sensor.
 
     path : Mitsuba XML, without fog; its first sensor is a perspective camera
-    until : `Until`
+    until : `Until`; None: as many samples as the scene asks for
     unit : m, of the scene's lengths
     view_of : function of (camera, distance) that gives a `renderers.fog.view.View`
     quality, variant, seed, progress : as in `renderers.mitsuba.render_scene`
@@ -195,7 +192,7 @@ def from_mitsuba(path, until=_AS_ASKED, *, unit=1.0, quality="final", variant=No
     from renderers.mitsuba import passes, sensor
     from renderers.mitsuba.scene import load
 
-    coarser = reached.coarser(quality)
+    coarser, until = reached.coarser(quality), until or Until()
     scene, chosen, reason = load(path, variant=variant, integrator=True)
     first = scene.sensors()[0]
     width, height = (int(n) for n in first.film().crop_size())
@@ -207,15 +204,19 @@ def from_mitsuba(path, until=_AS_ASKED, *, unit=1.0, quality="final", variant=No
     noise = until.noise
     at_most = until.samples or (asked if noise is None else _MOST)
     samples = max(1, round(at_most / coarser**2))
+    measure = None
+    if noise and view_of:  # in fog
+        view = view_of(camera, distance)
+        measure = lambda picture: view.noise(picture.rgb, _error(picture))  # noqa: E731
     picture = passes.render([scene], None, samples=samples, per_pass=max(1, -(-min(samples, asked) // 8)), seed=seed,
-                            tolerance=0.0 if noise is None else noise * coarser, time_limit=until.time,
-                            measure=_noise_in(view_of(camera, distance)) if noise and view_of else None, progress=progress)
+                            tolerance=0.0 if noise is None else noise * coarser, time_limit=until.time, measure=measure,
+                            progress=progress)
     origin = {"from": "mitsuba", "scene": str(path), "variant": chosen, "reason": reason, "samples": picture.samples,
             "noise": picture.noise, "stopped_by": picture.stopped_by, "at_most": at_most}
 
     def cleared():
         return denoise.denoised({"picture": (picture.rgb, picture.variance)}, features=_features(scene, distance),
-                                widened={"picture": student([1.0], [picture.passes])})
+                                widened={"picture": student([1.0], [picture.count])})
 
     shared = "" if first.film().rfilter().is_box_filter() else _SHARED
     return Picture(picture.rgb, distance, camera, origin, _error(picture), cleared, shared)
@@ -231,11 +232,6 @@ def _features(scene, distance):
     with undisturbed():
         layers = np.array(mi.render(scene, integrator=integrator, spp=_FEATURES), dtype=float)
     return denoise.Features(np.clip(layers[..., -6:-3], 0, 1), layers[..., -3:], distance)
-
-
-def _noise_in(view):
-    """Function of a `renderers.mitsuba.passes.Picture` that gives the noise of it in fog."""
-    return lambda picture: view.noise(picture.rgb, _error(picture))
 
 
 def _error(picture):

@@ -25,30 +25,21 @@ def needs(about) -> list[Need]:
     """Requirements of the stages optics, medium and beam; see `renderers.scene.requirements`."""
     column = about.measured(_columns)
     depth = column * about.medium.sigma_t.max()
-    deepest, median = float(depth.max()), float(np.median(depth))
+    deepest, median, wanted = float(depth.max()), float(np.median(depth)), about.tables
     reason = f"optical depth {deepest:.3g} at the farthest of {len(depth):,} rays, {median:.2g} in the middle of them"
-    medium = Need("medium", True, reason)
-    lacking = "; ".join(filter(None, (_too_deep(deepest), _too_good(about))))
-    needed = [medium, Need("beam", True, reason, tuple(_beam(deepest)), lacking)]
-    return needed if about.recipe.particles is None else [_optics(about, median, reason), *needed]
-
-
-def _beam(deepest):
     value = float(np.clip(_DEEPER * deepest, 0.01, 1000))
-    why = "tables end there" if _too_deep(deepest) else f"the optical depth of {deepest:.3g} and a quarter more"
-    yield Knob("beam.depth", value, f"{value:.4g}", why)
-    yield Knob("beam.tolerance", _STATED, f"{100 * _STATED:g}%", "it changes no table: photons only measure their error",
-               larger=False)
-
-
-def _too_deep(deepest):
-    return "" if _DEEPER * deepest <= 1000 else f"kernels of a depth of {deepest:.3g} are wanted; tables end at 1000"
-
-
-def _too_good(about):
-    wanted = about.tables
-    return "" if wanted >= _KERNELS else f"kernels within {100 * wanted:.2g} % of transport are wanted, those of fog are " \
-        f"within {100 * _KERNELS:g} %, {as_much(_KERNELS / wanted)}"
+    why, lacking = f"the optical depth of {deepest:.3g} and a quarter more", []
+    if _DEEPER * deepest > 1000:
+        why = "tables end there"
+        lacking.append(f"kernels of a depth of {deepest:.3g} are wanted; tables end at 1000")
+    if wanted < _KERNELS:
+        lacking.append(f"kernels within {100 * wanted:.2g} % of transport are wanted, those of fog are within "
+                       f"{100 * _KERNELS:g} %, {as_much(_KERNELS / wanted)}")
+    knobs = (Knob("beam.depth", value, f"{value:.4g}", why),
+             Knob("beam.tolerance", _STATED, f"{100 * _STATED:g}%", "it changes no table: photons only measure their error",
+                  larger=False))
+    needed = [Need("medium", True, reason), Need("beam", True, reason, knobs, "; ".join(lacking))]
+    return needed if about.recipe.particles is None else [_optics(about, median, reason), *needed]
 
 
 def _optics(about, median, reason) -> Need:
@@ -74,7 +65,7 @@ def _columns(about):
     from renderers.fog.view import finite
 
     scene, values = about.scene, about.scene.values
-    density = fog._density(scene, 1)
+    density = fog._density(scene)
     if hasattr(values.picture, "mitsuba"):
         from renderers.mitsuba.world import World
 

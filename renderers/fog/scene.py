@@ -4,14 +4,13 @@
 from collections.abc import Iterator
 from typing import Annotated
 
-import numpy as np
 from pydantic import Discriminator, Field, Tag
 
 from bakery.errors import Problem
 from bakery.grammar.fields import Flag, Path, number, numbers, whole, word
 from bakery.grammar.section import Section, pick
 from bakery.grammar.text import Mapping, Sequence, owner
-from renderers.scene.common import LENGTH, Common, Direction, Length, Position, box_problems, direction_problems, node_at, triple
+from renderers.scene.common import LENGTH, Common, Direction, Length, Position, box_problems, direction_problems, node_at
 
 KERNELS = ("flux", "fluence", "forward", "single", "small_angle", "small_angle_absorbing", "erf", "path_integral", "elek")
 NEEDS = ("medium", "beam")  # stages of the asset
@@ -165,6 +164,7 @@ def problems(root: Mapping, values: dict) -> Iterator[Problem]:
     for i, light in enumerate(lights if isinstance(lights, Sequence) else ()):
         if isinstance(light, Mapping):
             yield from _light(light, values, f"fog.light[{i}]")
+            yield from direction_problems(root, values, f"fog.light[{i}].direction")
             if values.get(f"fog.light[{i}].type") == "ambient" and values.get("filter.outside") is not None:
                 yield node_at(root, "filter.outside").place.problem(
                     f"found {values['filter.outside']} beside ambient light", "expected none: ambient light is what lies outside")
@@ -194,6 +194,3 @@ def _light(light: Mapping, values: dict, key: str) -> Iterator[Problem]:
     count = len(node) if isinstance(node, Sequence) else len(values.get(f"{key}.{amount}") or ())
     if count == 2:
         yield owner(node).problem("found 2 entries", "expected one, or three: red, green and blue")
-    direction = triple(values, f"{key}.direction") if "direction" in light else None
-    if direction is not None and not np.any(direction):
-        yield owner(light["direction"]).problem("found a direction of length 0", "expected one such as [0, 0, -1]")

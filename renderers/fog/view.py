@@ -22,19 +22,18 @@ class View:
     energy, outside : as the scene says, or by default
     """
 
-    def __init__(self, scene, medium, density, camera, distance, threads, points="final", card=False):
+    def __init__(self, scene, medium, density, camera, distance, points="final", card=False):
         """
         scene : `renderers.scene.Scene`
         medium : kernels.Fog of 3 channels
         density : of `renderers.fog.density`
         camera : `renderers.camera.Camera`
         distance : (H, W) m, inf where there is no surface
-        threads : of the filter
         points : of `filter.POINTS`
         card : whether the filter runs on a graphics card, with points at every pixel
         """
         height, width = distance.shape
-        self._medium, self._threads, self._filter = medium, threads, scene.values.filter
+        self._medium, self._filter = medium, scene.values.filter
         self.points, self._card = "every pixel" if card else points, card
         self.rays, self.origin = camera.rays(height, width), camera.origin
         self.distance, self.sky = finite(scene, density, self.origin, distance)
@@ -72,7 +71,7 @@ class View:
             from renderers.fog import on_drjit
 
             return on_drjit.fogged(*arguments, **options)
-        return screen_filter.fogged(*arguments, **options, points=self.points, threads=self._threads, progress=progress)
+        return screen_filter.fogged(*arguments, **options, points=self.points, progress=progress)
 
     @cached_property
     def _glow(self):

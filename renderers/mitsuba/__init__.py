@@ -15,8 +15,7 @@ import mitsuba as _mi  # noqa: E402  after find: Dr.Jit looks for LLVM once, whe
 
 from renderers.mitsuba import bakedbsdf as _bakedbsdf  # noqa: E402
 from renderers.mitsuba import bakedphase as _bakedphase  # noqa: E402
-from renderers.mitsuba.report import describe  # noqa: E402
-from renderers.mitsuba.scene import noted, render_scene  # noqa: E402
+from renderers.mitsuba.scene import describe, noted, render_scene  # noqa: E402
 
 __all__ = ["describe", "register", "render_scene", "variants"]
 

@@ -42,7 +42,7 @@ import mitsuba as mi
 import numpy as np
 
 from renderers.mitsuba import tables as asset_tables
-from renderers.mitsuba.rows import JitRows, ScalarRows, between, pick
+from renderers.mitsuba.rows import Rows, bands, between, pick
 
 
 def define():
@@ -51,7 +51,8 @@ def define():
     class BakedPhase(mi.PhaseFunction):
         def __init__(self, props):
             self.filename = props["filename"]
-            self.tables = _for_variant(asset_tables.load(str(mi.file_resolver().resolve(self.filename))), props)
+            self.tables = asset_tables.load(str(mi.file_resolver().resolve(self.filename))).selected(
+                int(props.get("channel", -1)), float(props["wavelength"]) if "wavelength" in props else None, bands())
             self.function = PhaseFunction(self.tables)
             mi.PhaseFunction.__init__(self, props)  # last: Dr.Jit calls whatever has been registered, what is refused too
             self.m_flags = +mi.PhaseFunctionFlags.Anisotropic
@@ -68,19 +69,6 @@ def define():
     return BakedPhase
 
 
-def _for_variant(tables, props):
-    """The tables that the plugin's parameters ask for, in the variant that is set."""
-    channel = int(props.get("channel", -1))
-    wavelength = float(props["wavelength"]) if "wavelength" in props else None
-    if wavelength is not None:
-        return tables.at(wavelength)
-    if channel != -1:
-        return tables.channel(channel)
-    if mi.is_monochromatic:
-        return tables.mean()
-    return tables.rgb() if mi.is_rgb else tables.ascending()
-
-
 class PhaseFunction:
     """What the plugin computes, in the variant that is set.
 
@@ -89,7 +77,7 @@ class PhaseFunction:
 
     def __init__(self, tables):
         self.tables = tables
-        self.rows = (JitRows if dr.is_jit_v(mi.Float) else ScalarRows)(tables, tables.cdf())
+        self.rows = Rows(tables)
 
     def channels(self, mei):
         """(lower row, upper row, weight of the upper) for every channel; one entry where all channels share a table."""
@@ -127,15 +115,15 @@ class PhaseFunction:
             row = mi.UInt32(0)
             for k, (lower, upper, weight) in enumerate(channels):
                 row = pick(chosen == k, pick(fraction < weight, mi.UInt32(upper), mi.UInt32(lower)), row)
-        i = self.rows.interval_cdf(row, sample2.x, active)
-        s0, width = self.rows.node(i, active)
+        i = self.rows.interval(self.rows.cdf, row, sample2.x, active)
+        (s0, s1), (below, _) = self.rows.pair(self.rows.s, 0, i, active), self.rows.pair(self.rows.cdf, row, i, active)
         f0, f1 = self.rows.pair(self.rows.value, row, i, active)
         # Stable root of the quadratic cdf: no difference of near-equal numbers for flat or steep intervals.
         start, slope = 4 * np.pi * f0, 4 * np.pi * (f1 - f0)
-        c = dr.maximum(sample2.x - self.rows.below(row, i, active), 0.0) / width
+        c = dr.maximum(sample2.x - below, 0.0) / (s1 - s0)
         root = dr.sqrt(dr.maximum(start * start + 2 * slope * c, 0.0))
         t = dr.minimum(2 * c / dr.maximum(start + root, 1e-30), 1.0)
-        s = dr.minimum(dr.fma(width, t, s0), 1.0)
+        s = dr.minimum(dr.fma(s1 - s0, t, s0), 1.0)
         sin_phi, cos_phi = dr.sincos(2 * np.pi * sample2.y)
         sin_theta = 2 * dr.sqrt(s * (1 - s))
         wo = mi.Frame3f(-mei.wi).to_world(mi.Vector3f(sin_theta * cos_phi, sin_theta * sin_phi, 1 - 2 * s))
@@ -146,9 +134,9 @@ class PhaseFunction:
     def eval_pdf(self, mei, wo, active=True):
         channels = self.channels(mei)
         s = dr.minimum(dr.squared_norm(wo + mei.wi) * 0.25, 1.0)
-        i = self.rows.interval(s, active)
-        s0, width = self.rows.node(i, active)
-        t = (s - s0) / width
+        i = self.rows.interval(self.rows.s, 0, s, active)
+        s0, s1 = self.rows.pair(self.rows.s, 0, i, active)
+        t = (s - s0) / (s1 - s0)
         values, pdf = self.evaluate(channels, i, t, active)
         return self.coloured(channels, values, 1.0, mei.wi, wo, i, t, active), pdf
 

@@ -5,6 +5,7 @@ import mitsuba as mi
 import numpy as np
 
 from bakery.errors import UsageError
+from bakery.store.put import put_all
 from renderers.pictures import images
 
 
@@ -25,7 +26,7 @@ def write(pair, display, linear, text=None):
     linear : (H, W, 3) linear sRGB, or a dict of (H, W) by name of the channel
     text : dict of str by name, kept in both files, or None
 
-    Raises StoreError: the files cannot be written; what stood there before stands there still.
+    Raises StoreError, UsageError: the files cannot be written; what stood there before stands there still.
     """
     mi = library()
     if isinstance(linear, dict):
@@ -36,11 +37,14 @@ def write(pair, display, linear, text=None):
             pixels[..., i] = layer
     else:
         full = mi.Bitmap(linear.astype(np.float32))
-    bitmaps = mi.Bitmap(images.eight_bits(display)), full
-    for bitmap in bitmaps:
+    files, kinds = {}, mi.Bitmap.FileFormat
+    for path, bitmap, kind in zip(pair, (mi.Bitmap(images.eight_bits(display)), full), (kinds.PNG, kinds.OpenEXR)):
         for name, value in (text or {}).items():
             bitmap.metadata()[name] = value
-    images.write([(path, bitmap.write) for path, bitmap in zip(pair, bitmaps)])
+        stream = mi.MemoryStream()
+        bitmap.write(stream, kind)
+        files[path] = stream.raw_buffer()
+    put_all(files)
 
 
 def opened(path):

@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from renderers.mitsuba import layers
 from renderers.mitsuba.layer_values import LEAST, Values, azimuth_coordinate
-from renderers.mitsuba.rows import pick
+from renderers.mitsuba.rows import at, held, pick
 
 MIRROR, STRAIGHT, FACETS, REFLECTED, TRANSMITTED = range(5)
 
@@ -26,8 +26,8 @@ class Surface(Values):
     def __init__(self, layer, channel=-1, wavelength=None):
         super().__init__(layer, channel, wavelength)
         self._cells = cells = layers.cells_of(self.layer)
-        self._below_mu, self._below_phi, self._density = map(self._held, (cells.below_mu, cells.below_phi, cells.density))
-        self._mu2, self._phi, self._shares = map(self._held, (cells.mu**2, cells.phi, cells.shares))
+        self._below_mu, self._below_phi, self._density = map(held, (cells.below_mu, cells.below_phi, cells.density))
+        self._mu2, self._phi, self._shares = map(held, (cells.mu**2, cells.phi, cells.shares))
         self.flags, self._lobes = self._declared()
         self.all_flags = 0
         for flags in self.flags:
@@ -37,16 +37,15 @@ class Surface(Values):
         """Flags of the components, and of each lobe (`MIRROR` to `TRANSMITTED`) its component, None where there is none."""
         kinds = mi.BSDFFlags
         sides = kinds.FrontSide | kinds.BackSide if self.free else +kinds.FrontSide
-        wanted = {MIRROR: (kinds.DeltaReflection, self.layer.mirrors), STRAIGHT: (kinds.DeltaTransmission, self.free),
-                  FACETS: (kinds.GlossyReflection, self.rough), REFLECTED: (kinds.GlossyReflection, True),
-                  TRANSMITTED: (kinds.GlossyTransmission, self.free)}
-        present = [lobe for lobe, (_, needed) in wanted.items() if needed]
-        if self.rough:  # one component: facets and medium have one value
-            present.remove(FACETS)
-        lobes = {lobe: present.index(lobe) if lobe in present else None for lobe in wanted}
+        self._kinds = {MIRROR: kinds.DeltaReflection, STRAIGHT: kinds.DeltaTransmission, FACETS: kinds.GlossyReflection,
+                       REFLECTED: kinds.GlossyReflection, TRANSMITTED: kinds.GlossyTransmission}
+        # of facets and medium there is one component, as they have one value
+        needed = {MIRROR: self.layer.mirrors, STRAIGHT: self.free, REFLECTED: True, TRANSMITTED: self.free}
+        present = [lobe for lobe, is_needed in needed.items() if is_needed]
+        lobes = {lobe: present.index(lobe) if lobe in present else None for lobe in self._kinds}
         if self.rough:
             lobes[FACETS] = lobes[REFLECTED]
-        return [wanted[lobe][0] | sides for lobe in present], lobes
+        return [self._kinds[lobe] | sides for lobe in present], lobes
 
     def _chances(self, ctx, channels, wi, active):
         """Of the lobes, in all at most 1, and the mirrored and unscattered light of each channel."""
@@ -57,8 +56,8 @@ class Surface(Values):
         node = dr.minimum(mi.UInt32(x), last - 1)
         x = x - node
         reflected, transmitted, facets = (
-            dr.lerp(self._at(self._shares, node + part * (last + 1), active),
-                    self._at(self._shares, node + part * (last + 1) + 1, active), x) for part in range(3))
+            dr.lerp(at(self._shares, node + part * (last + 1), active),
+                    at(self._shares, node + part * (last + 1) + 1, active), x) for part in range(3))
         # what a mirror shows is brighter than what is around it where it is seen: 0.04 of the light gets 0.2 of the samples
         light = [dr.sqrt(sum(mirrored) / len(mirrored)), sum(straight) / len(straight), facets, reflected, transmitted]
         light = [share if self._is_asked(ctx, lobe) else mu * 0.0 for lobe, share in enumerate(light)]
@@ -82,17 +81,14 @@ class Surface(Values):
         cell = (row * layers.CELLS + cell) * layers.CELLS + turn
         side = pick(pair.reflects, mi.UInt32(0), mi.UInt32(layers.CELLS**3))
         chance = pick(pair.reflects, chances[REFLECTED], chances[TRANSMITTED])
-        return chance * self._at(self._density, cell + side) * pair.mu
-
-    def _facets_density(self, wi, wo):
-        normal = dr.normalize(wi + wo)
-        facets = mi.MicrofacetDistribution(mi.MicrofacetType.GGX, self.roughness)
-        return facets.pdf(wi, normal) / dr.maximum(4 * dr.dot(wo, normal), 1e-9)
+        return chance * at(self._density, cell + side) * pair.mu
 
     def _density_of(self, chances, wi, wo, pair):
         density = self._drawn_density(chances, pair)
         if self.rough:
-            density = density + chances[FACETS] * self._facets_density(wi, wo)
+            normal = dr.normalize(wi + wo)
+            facets = mi.MicrofacetDistribution(mi.MicrofacetType.GGX, self.roughness).pdf(wi, normal)
+            density = density + chances[FACETS] * (facets / dr.maximum(4 * dr.dot(wo, normal), 1e-9))
         return density
 
     def _seen(self, wi, active):
@@ -143,10 +139,7 @@ class Surface(Values):
         sample = mi.BSDFSample3f() if not self._jit else dr.zeros(mi.BSDFSample3f)
         sample.wo, sample.pdf, sample.eta = wo, pick(active, drawn, 0.0), 1.0
         kind, component = mi.UInt32(0), mi.UInt32(0)
-        types = {MIRROR: mi.BSDFFlags.DeltaReflection, STRAIGHT: mi.BSDFFlags.DeltaTransmission,
-                 FACETS: mi.BSDFFlags.GlossyReflection, REFLECTED: mi.BSDFFlags.GlossyReflection,
-                 TRANSMITTED: mi.BSDFFlags.GlossyTransmission}
-        for number, flags in types.items():
+        for number, flags in self._kinds.items():
             kind = pick(lobe == number, mi.UInt32(int(flags)), kind)
             component = pick(lobe == number, mi.UInt32(self._lobes[number] or 0), component)
         sample.sampled_type, sample.sampled_component = kind, component
@@ -157,11 +150,11 @@ class Surface(Values):
         count = layers.CELLS
         table = side * count + _cell(dr.clip(dr.abs(wi.z), LEAST, 1.0))
         first, share = self._halved(self._below_mu, table * (count + 1), sample2.x, active)
-        square = dr.lerp(self._at(self._mu2, first, active), self._at(self._mu2, first + 1, active), share)
+        square = dr.lerp(at(self._mu2, first, active), at(self._mu2, first + 1, active), share)
         mirrored = sample2.y < 0.5
         second, share = self._halved(self._below_phi, (table * count + first) * (count + 1),
                                      2 * sample2.y - pick(mirrored, 0.0, 1.0), active)
-        phi = dr.lerp(self._at(self._phi, second, active), self._at(self._phi, second + 1, active), share)
+        phi = dr.lerp(at(self._phi, second, active), at(self._phi, second + 1, active), share)
         sine_phi, cos_phi = dr.sincos(pick(mirrored, -phi, phi))
         sine, mu = dr.sqrt(dr.maximum(1 - square, 0.0)), dr.sqrt(dr.maximum(square, LEAST**2))
         across = dr.sqrt(wi.x * wi.x + wi.y * wi.y)
@@ -174,9 +167,9 @@ class Surface(Values):
         """Cell of a number in a cumulative table, and its share of it."""
         cell, half = mi.UInt32(0), layers.CELLS // 2
         while half:
-            cell = cell + pick(self._at(array, start + cell + half, active) <= u, mi.UInt32(half), mi.UInt32(0))
+            cell = cell + pick(at(array, start + cell + half, active) <= u, mi.UInt32(half), mi.UInt32(0))
             half //= 2
-        below, above = self._at(array, start + cell, active), self._at(array, start + cell + 1, active)
+        below, above = at(array, start + cell, active), at(array, start + cell + 1, active)
         return cell, dr.clip((u - below) / dr.maximum(above - below, 1e-12), 0.0, 1.0)
 
 

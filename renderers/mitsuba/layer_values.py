@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from renderers.mitsuba import layers
-from renderers.mitsuba.rows import between, pick
+from renderers.mitsuba.rows import at, bands, between, held, pick
 
 LEAST = 1e-6  # cosine; single precision has no smaller ones to add to
 
@@ -38,34 +38,25 @@ class Values:
     layer : `layers.Layer`;  channel, wavelength : of the plugin's parameters
     """
 
-    def __init__(self, layer, channel=-1, wavelength=None):
-        bands = "mono" if mi.is_monochromatic else "rgb" if mi.is_rgb else "spectral"
-        self.layer, self._channels = layers.selected(layer, channel, wavelength, bands)
+    def __init__(self, layer, channel, wavelength):
+        self.layer, self._channels = layers.selected(layer, channel, wavelength, bands())
         table = self.layer.table
         self.index, self.rough, self.roughness, self.free = table.index, self.layer.rough, table.roughness, table.free
         self._finite, self._based = bool(np.isfinite(table.depth).any()), bool(np.any(table.base > 0))
         self._jit = dr.is_jit_v(mi.Float)
         self._nodes, self._azimuths = table.reflected.shape[1], table.reflected.shape[3]
         self._size = table.reflected[0].size  # of a row
-        self._grid = self._held(np.concatenate([table.reflected.ravel(), table.transmitted.ravel()]))
+        self._grid = held(np.concatenate([table.reflected.ravel(), table.transmitted.ravel()]))
         self._behind = table.reflected.size  # where transmitted light begins
         steps = 1 << math.ceil(math.log2(len(table.s)))
         self._halves, self._angles = steps // 2, len(table.s)
-        self._s = self._held(np.concatenate([table.s, np.full(steps - len(table.s) + 1, 2.0)]))
-        self._phase = self._held(table.phase)
+        self._s = held(np.concatenate([table.s, np.full(steps - len(table.s) + 1, 2.0)]))
+        self._phase = held(table.phase)
         self._depth, self._once, self._peak, self._base = (
-            self._held(values) for values in (table.depth, table.once, table.peak, table.base))
+            held(values) for values in (table.depth, table.once, table.peak, table.base))
         self._index_below, self._told = table.index_below, table.mirrored.shape[1]  # how often unscattered light is told
         self._rooted, self._crowded = table.rooted, table.crowded
-        self._single = self._held(np.concatenate([table.mirrored, np.maximum(table.straight, 0.0)]))
-
-    def _held(self, values):
-        values = np.asarray(values, float).ravel()
-        return mi.Float(values.astype(np.float32)) if self._jit else values.tolist()
-
-    def _at(self, array, index, active=True):
-        """Entries of what is held; a number that is known is read here and now."""
-        return dr.gather(mi.Float, array, index, active) if self._jit else array[int(index)]
+        self._single = held(np.concatenate([table.mirrored, np.maximum(table.straight, 0.0)]))
 
     # ---- directions
 
@@ -135,7 +126,7 @@ class Values:
         def smooth(row):
             total = 0.0
             for corner, weight in corners:
-                below, above = (self._at(self._grid, corner + row * self._size + step, active) for step in (0, 1))
+                below, above = (at(self._grid, corner + row * self._size + step, active) for step in (0, 1))
                 total = total + weight * dr.fma(above - below, z, below)
             return total
 
@@ -148,9 +139,9 @@ class Values:
         values = {}
 
         def layer(row):
-            phase = self._at(self._phase, step + row * self._angles, active)
-            phase = dr.fma(self._at(self._phase, step + row * self._angles + 1, active) - phase, t, phase)
-            once = self._at(self._once, row + mi.UInt32(0), active) * phase
+            phase = at(self._phase, step + row * self._angles, active)
+            phase = dr.fma(at(self._phase, step + row * self._angles + 1, active) - phase, t, phase)
+            once = at(self._once, row + mi.UInt32(0), active) * phase
             return pick(through > 0, through * self._sent(row, pair, smooth(row), once, active), 0.0)
 
         return [self._summed(channel, values, layer) for channel in channels]
@@ -173,13 +164,13 @@ class Values:
         total = pair.inner + pair.inner0
         if not self._finite:
             return pick(pair.reflects, (smooth + once) / total, smooth) if self.free else (smooth + once) / total
-        depth = self._at(self._depth, row + mi.UInt32(0), active)
+        depth = at(self._depth, row + mi.UInt32(0), active)
         x, x0 = 1 / dr.maximum(pair.inner, LEAST), 1 / dr.maximum(pair.inner0, LEAST)
         stopped, stopped0 = _stopped(depth * x), _stopped(depth * x0)
         on_both = stopped + stopped0 - stopped * stopped0
         result = (smooth * stopped * stopped0 + once * on_both) / total
         if self._based:
-            result = result + self._at(self._base, row + mi.UInt32(0), active) * (1 - on_both)
+            result = result + at(self._base, row + mi.UInt32(0), active) * (1 - on_both)
         if not self.free:
             return result
         rate = depth * dr.abs(x - x0)
@@ -196,11 +187,11 @@ class Values:
         s = dr.clip(0.25 * (sides * sides + squares), 0.0, 1.0)
         step, half = mi.UInt32(0), self._halves
         while half:
-            step = step + pick(self._at(self._s, step + half, active) <= s, mi.UInt32(half), mi.UInt32(0))
+            step = step + pick(at(self._s, step + half, active) <= s, mi.UInt32(half), mi.UInt32(0))
             half //= 2
         step = dr.minimum(step, self._angles - 2)
-        below = self._at(self._s, step, active)
-        return step, dr.clip((s - below) / (self._at(self._s, step + 1, active) - below), 0.0, 1.0)
+        below = at(self._s, step, active)
+        return step, dr.clip((s - below) / (at(self._s, step + 1, active) - below), 0.0, 1.0)
 
     def _of_facets(self, pair):
         """R of light that facets reflect once (GGX, Smith's shadowing)."""
@@ -226,10 +217,10 @@ class Values:
 
         def of_row(row):
             x = 1 / dr.maximum(inner, LEAST)
-            passes = dr.exp(-self._at(self._depth, row + mi.UInt32(0), active) * x)
+            passes = dr.exp(-at(self._depth, row + mi.UInt32(0), active) * x)
             down = (1 - front) ** 2 * passes / dr.maximum(1 - (front * passes) ** 2, 1e-9)
             # light of the peak is counted as scattered
-            unscattered = dr.maximum(1 - self._at(self._peak, row + mi.UInt32(0), active) * x, 0.0)
+            unscattered = dr.maximum(1 - at(self._peak, row + mi.UInt32(0), active) * x, 0.0)
             return mi.Vector2f(pick(inner > 0, down * front * passes, 0.0), pick(inner > 0, down * unscattered, 0.0))
 
         sums = [self._summed(channel, values, of_row) for channel in channels]
@@ -244,7 +235,7 @@ class Values:
 
         def of_row(row):
             start = row * self._told + node
-            return dr.lerp(*(self._at(self._single, start + step, active) for step in (0, 1)), x)
+            return dr.lerp(*(at(self._single, start + step, active) for step in (0, 1)), x)
 
         rows = len(self.layer.table.mirrored)
         mirrored, straight = {}, {}

@@ -13,8 +13,7 @@ import numpy as np
 from bakery.errors import UsageError
 from bakery.kernels import surface_reflectance, surface_transmittance
 from bakery.system.compiled import njit
-from renderers import colour
-from renderers.mitsuba.tables import open_asset, state_of
+from renderers.mitsuba.tables import open_asset, state_of, weights
 
 CELLS = 32  # of each direction and of the azimuth; a power of two, as they are looked for by halving
 _EVEN = 0.1  # share of directions that are drawn by the cosine alone
@@ -116,7 +115,6 @@ def azimuth(x):
 
 def for_channels(layer: Layer, weights) -> tuple[Layer, list]:
     """A layer of the wavelengths in play, and of each channel its rows and their weights; weights : (N, L), rows add up to 1."""
-    weights = np.atleast_2d(np.asarray(weights, float))
     if np.isinf(layer.table.depth).all() or layer.rough:
         table = layer.table.combined(weights)
         return layer._replace(table=table, wavelength=weights @ layer.wavelength), [[(row, 1.0)] for row in range(len(weights))]
@@ -124,24 +122,11 @@ def for_channels(layer: Layer, weights) -> tuple[Layer, list]:
 
 
 def selected(layer: Layer, channel: int, wavelength: float | None, bands: str) -> tuple[Layer, list]:
-    """The same for the parameters of a plugin; bands : mono, rgb or spectral, where rows are in order of the wavelength.
-
-    Raises UsageError where there is no such channel or wavelength.
-    """
-    count = len(layer.wavelength)
-    if wavelength is not None:
-        if not wavelength > 0:
-            raise UsageError(f"bakedbsdf: wavelength {wavelength:g}: give micrometres, 0.55 for instance")
-        return for_channels(layer, colour.interpolate(layer.wavelength, wavelength))
-    if channel != -1:
-        if not 0 <= channel < count:
-            raise UsageError(f"bakedbsdf: channel {channel}: the asset has {count} wavelengths; give 0 to {count - 1}, or -1 for "
-                             "all")
-        return for_channels(layer, np.eye(count)[channel])
-    if bands == "mono":
-        return for_channels(layer, np.full(count, 1 / count))
-    if bands == "rgb":
-        return for_channels(layer, np.ones((1, 1)) if count == 1 else colour.band_matrix(layer.wavelength))
+    """The same for the parameters of a plugin, as `renderers.mitsuba.tables.weights` takes them; of `spectral` rows are in order
+    of the wavelength."""
+    weight = weights("bakedbsdf", layer.wavelength, channel, wavelength, bands)
+    if weight is not None:
+        return for_channels(layer, weight)
     order = np.argsort(layer.wavelength)
     names = ("depth", "once", "peak", "base", "phase", "reflected", "mirrored", "straight")
     table = layer.table._replace(**{name: getattr(layer.table, name)[order] for name in names})

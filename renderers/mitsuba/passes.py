@@ -2,7 +2,6 @@
 
 import signal
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import mitsuba as mi
 import numpy as np
@@ -12,34 +11,35 @@ from renderers import seeds
 from renderers.mitsuba.recording import undisturbed
 from renderers.pictures.engine import TRUSTED, Part, Passes, Stop
 
-
-@dataclass(frozen=True)
-class Picture:
-    """What was rendered.
-
-    rgb : (H, W, 3) linear sRGB
-    halves : pair of (H, W, 3), means of the even and of the odd passes
-    variance : (H, W, 4), of `rgb` and its luminance, from the scatter of the passes
-    samples : per pixel and wavelength
-    passes : that they took
-    noise : root mean square standard error of the luminance over its mean
-    stopped_by : `noise`, `samples` or `time`; None of what goes on
-    seconds : wall time
-    """
-
-    rgb: np.ndarray
-    halves: tuple[np.ndarray, np.ndarray]
-    variance: np.ndarray
-    samples: int
-    passes: int
-    noise: float
-    stopped_by: str | None
-    seconds: float
-
-
 # Paths of one pass: an interruption waits for its end, some seconds.
 PATHS = 1_800_000
 _PASSES = 1 << 16  # seeds of the passes of a picture follow each other; as many pictures fit into 32 bits
+
+
+class Picture(Passes):
+    """Passes of a single part, whose even ones are a layer of their own; samples are those of a pixel and wavelength.
+
+    measure : of `render`
+    """
+
+    measure = None
+    _ratio = 1.0  # noise of what is made of the picture, over the picture's own
+
+    @property
+    def halves(self):
+        """Pair of (H, W, 3), means of the even and of the odd passes; from the second pass on."""
+        mean, = self.means.values()
+        even = mean.layers["even"] * (mean.count / ((mean.count + 1) // 2))  # of all passes it is: the odd ones are black there
+        return even, (mean.layers[""] * mean.count - even * ((mean.count + 1) // 2)) / (mean.count // 2)
+
+    def _noise_to_reach(self, stop):
+        noise = super()._noise_to_reach(stop)
+        if self.measure is None or stop.noise is None or self.count < TRUSTED:
+            return noise
+        # What a filter leaves falls more slowly than noise itself, as it takes less from a picture that has less
+        if self.count & (self.count - 1) == 0 or self._ratio * self.noise <= stop.noise:
+            self._ratio = self.measure(self) / max(self.noise, 1e-30)
+        return self._ratio * self.noise
 
 
 def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None, seed=0, measure=None, progress=None) -> Picture:
@@ -66,49 +66,17 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
         rgb = _colour(images[0]) if matrix is None else np.stack([image[..., 0] for image in images], axis=-1) @ matrix.T
         return {"": rgb} | ({} if index % 2 else {"even": rgb})
 
-    passes = _Halves([Part("mitsuba", one_pass, per_pass)])
-    passes.measure = measure
-    passes.run(Stop(noise=tolerance or None, time=time_limit, samples=samples), progress)
-    if passes.signal:
-        signal.raise_signal(passes.signal)  # to whoever handles it otherwise: there is no picture of some of the passes
-    return passes.picture()
+    picture = Picture([Part("mitsuba", one_pass, per_pass)])
+    picture.measure = measure
+    picture.run(Stop(noise=tolerance or None, time=time_limit, samples=samples), progress)
+    if picture.signal:
+        signal.raise_signal(picture.signal)  # to whoever handles it otherwise: there is no picture of some of the passes
+    return picture
 
 
 def _seed_of(seed: int, index: int) -> int:
     """Of a pass; Mitsuba takes seeds of 32 bits."""
     return seed * _PASSES + index if seed < _PASSES else int(stream_key(seed, "render.mitsuba", index)) >> 32
-
-
-class _Halves(Passes):
-    """Passes whose even ones are a layer of their own, and which may stop by the noise of what is made of the picture.
-
-    measure : of `render`
-    """
-
-    measure = None
-    _ratio = 1.0  # noise of what is made of the picture, over the picture's own
-
-    @property
-    def halves(self):
-        """Means of the even and of the odd passes."""
-        mean, = self.means.values()
-        even = mean.layers["even"] * (mean.count / ((mean.count + 1) // 2))  # of all passes it is: the odd ones are black there
-        return even, (mean.layers[""] * mean.count - even * ((mean.count + 1) // 2)) / (mean.count // 2)
-
-    def picture(self) -> Picture:
-        """What there is after two passes or more."""
-        mean, = self.means.values()
-        return Picture(self.rgb, self.halves, self.variance, self.samples, mean.count, self.noise, self.stopped_by, self.spent)
-
-    def _noise_to_reach(self, stop):
-        noise = super()._noise_to_reach(stop)
-        mean, = self.means.values()
-        if self.measure is None or stop.noise is None or mean.count < TRUSTED:
-            return noise
-        # What a filter leaves falls more slowly than noise itself, as it takes less from a picture that has less
-        if mean.count & (mean.count - 1) == 0 or self._ratio * self.noise <= stop.noise:
-            self._ratio = self.measure(self.picture()) / max(self.noise, 1e-30)
-        return self._ratio * self.noise
 
 
 @contextmanager

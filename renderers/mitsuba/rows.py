@@ -1,4 +1,4 @@
-"""Rows of a table for plugins: in device memory for the variants of Dr.Jit, in plain Python floats for the scalar ones."""
+"""Tables of plugins: in device memory for the variants of Dr.Jit, in plain Python floats for scalar ones, a direction a call."""
 
 from bisect import bisect_right
 
@@ -12,6 +12,11 @@ def pick(condition, a, b):
     return dr.select(condition, a, b) if dr.is_jit_v(condition) else (a if condition else b)
 
 
+def bands() -> str:
+    """mono, rgb or spectral: what colours are in the variant that is set."""
+    return "mono" if mi.is_monochromatic else "rgb" if mi.is_rgb else "spectral"
+
+
 def between(knots, wavelength):
     """The row of a table below a wavelength, and the weight of the next one.  knots : um, of the rows;  wavelength : nm"""
     lower, weight = mi.UInt32(0), mi.Float(0.0)
@@ -23,56 +28,34 @@ def between(knots, wavelength):
     return lower, weight
 
 
-class JitRows:
-    """Rows of a table in device memory; `row` and `i` are UInt32 arrays."""
+def held(values):
+    """Numbers as a table holds them."""
+    values = np.asarray(values, float).ravel()
+    return mi.Float(values.astype(np.float32)) if dr.is_jit_v(mi.Float) else values.tolist()
 
-    def __init__(self, tables, cdf):
+
+def at(array, index, active=True):
+    """Entries of what is `held`; in a scalar variant, or of a number that is known, one is read here and now."""
+    return dr.gather(mi.Float, array, index, active) if dr.is_jit_v(mi.Float) else array[int(index)]
+
+
+class Rows:
+    """Tables of phase functions row behind row; `row` and `i` are UInt32 arrays, in scalar variants integers."""
+
+    def __init__(self, tables):
         self.count = tables.s.size
-        self.s, self.value, self.cdf = (mi.Float(array.ravel().astype(np.float32)) for array in (tables.s, tables.value, cdf))
-        self.elements = None if tables.elements is None else [mi.Float(e.ravel().astype(np.float32)) for e in tables.elements]
+        self.s, self.value, self.cdf = map(held, (tables.s, tables.value, tables.cdf()))
+        self.elements = None if tables.elements is None else list(map(held, tables.elements))
 
-    def _interval(self, array, start, x, active):
+    def interval(self, array, row, x, active):
+        """The one in which x lies, of a row that ascends."""
+        start = mi.UInt32(row) * self.count
+        if not dr.is_jit_v(mi.Float):
+            return bisect_right(array, x, start + 1, start + self.count - 1) - start - 1
         above = dr.binary_search(1, self.count - 1, lambda i: dr.gather(mi.Float, array, start + i, active) <= x)
         return mi.UInt32(above) - 1
 
-    def interval(self, s, active):
-        return self._interval(self.s, mi.UInt32(0), s, active)
-
-    def interval_cdf(self, row, u, active):
-        return self._interval(self.cdf, mi.UInt32(row) * self.count, u, active)
-
-    def node(self, i, active):
-        s0 = dr.gather(mi.Float, self.s, i, active)
-        return s0, dr.gather(mi.Float, self.s, i + 1, active) - s0
-
     def pair(self, array, row, i, active):
+        """Values at both ends of an interval."""
         start = mi.UInt32(row) * self.count + i
-        return dr.gather(mi.Float, array, start, active), dr.gather(mi.Float, array, start + 1, active)
-
-    def below(self, row, i, active):
-        return dr.gather(mi.Float, self.cdf, mi.UInt32(row) * self.count + i, active)
-
-
-class ScalarRows:
-    """The same for scalar variants, in plain Python floats: every call handles one direction."""
-
-    def __init__(self, tables, cdf):
-        self.count = tables.s.size
-        self.s = tables.s.tolist()
-        self.value, self.cdf = tables.value.tolist(), cdf.tolist()
-        self.elements = None if tables.elements is None else tables.elements.tolist()
-
-    def interval(self, s, active):
-        return bisect_right(self.s, s, 1, self.count - 1) - 1
-
-    def interval_cdf(self, row, u, active):
-        return bisect_right(self.cdf[row], u, 1, self.count - 1) - 1
-
-    def node(self, i, active):
-        return self.s[i], self.s[i + 1] - self.s[i]
-
-    def pair(self, array, row, i, active):
-        return array[row][i], array[row][i + 1]
-
-    def below(self, row, i, active):
-        return self.cdf[row][i]
+        return at(array, start, active), at(array, start + 1, active)

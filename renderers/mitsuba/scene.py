@@ -9,6 +9,8 @@ from renderers.mitsuba import bitmaps, lights, messages, normals, passes, varian
 from renderers.pictures import images, reached
 from renderers.scene import inputs
 
+STOPPED = {"noise": "the noise wanted was reached", "samples": "all samples were taken",
+           "time": "the time limit was reached, so the picture depends on the machine"}
 # What plugins could not do while a scene was loaded or rendered, newest last.
 faults: list[BakeryError] = []
 
@@ -109,3 +111,17 @@ def render_scene(scene_path, output, *, quality="final", colour="rgb", variant=N
     return {"files": [str(path) for path in pair], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
             "samples": picture.samples, "noise": picture.noise, "stopped_by": picture.stopped_by, "tone_curve": images.TONE_CURVE,
             "reasons": [lights.DARK] * lights.dark(scene)}
+
+
+def describe(report) -> list[str]:
+    """Lines for a report with `files`, `variant`, `reason`, `samples`, `seconds`, `noise` and `stopped_by`, such as that of
+    `render_scene`; `noise_shown`, if it is there, is that of the filtered PNG, and `noise_of` the file whose noise stops the
+    passes."""
+    noise = f"noise {100 * report['noise']:.2g} %"
+    if "noise_shown" in report:
+        noise += f", {100 * report['noise_shown']:.2g} % in the filtered PNG"
+    of = f" in the {report['noise_of']}" if report["stopped_by"] == "noise" and "noise_of" in report else ""
+    return [f"pictures: {', '.join(report['files'])}",
+            f"variant: {report['variant']} ({report['reason']})",
+            f"samples: {report['samples']} a pixel and wavelength in {report['seconds']:.1f} s; {noise}; "
+            f"{STOPPED[report['stopped_by']]}{of}", *report.get("reasons", [])]

@@ -81,8 +81,6 @@ def lying_on(shape, surface, unit) -> float:
 
     shape, surface : `Shape` with vertices and faces;  unit : m, length of 1 in the scene
     """
-    import mitsuba as mi
-
     corners = shape.vertices[shape.faces] / unit
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normals, axis=1)
@@ -96,8 +94,6 @@ def lying_on(shape, surface, unit) -> float:
 
 def mesh_scene(vertices, faces, unit):
     """A Mitsuba scene of nothing but a mesh of vertices (V, 3) m and faces (F, 3); unit : m, length of 1 in it."""
-    import mitsuba as mi
-
     mesh = mi.Mesh("mesh", len(vertices), len(faces))
     values = mi.traverse(mesh)
     values["vertex_positions"] = (np.asarray(vertices) / unit).astype(np.float32).ravel()

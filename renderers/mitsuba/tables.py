@@ -46,29 +46,12 @@ class Tables:
         return replace(self, wavelength=weight @ self.wavelength, sigma_s=weight @ self.sigma_s,
                        value=np.einsum("nl,la->na", weight, self.value), elements=elements)
 
-    def channel(self, index) -> Tables:
-        """One wavelength, by its position."""
-        if not 0 <= index < len(self):
-            raise UsageError(f"bakedphase: channel {index}: the asset has {len(self)} wavelengths; give 0 to "
-                             f"{len(self) - 1}, or -1 for all")
-        return self.combined(np.eye(len(self))[index])
-
-    def at(self, wavelength) -> Tables:
-        """One wavelength in um, linear between the asset's, clamped."""
-        if not wavelength > 0:
-            raise UsageError(f"bakedphase: wavelength {wavelength:g}: give micrometres, 0.55 for instance")
-        return self.combined(colour.interpolate(self.wavelength, wavelength))
-
-    def mean(self) -> Tables:
-        """One table: the mean over the wavelengths, weighted by sigma_s."""
-        return self.combined(self.sigma_s)
-
-    def rgb(self) -> Tables:
-        """Three tables, red, green and blue, weighted by sigma_s (one where the asset has one wavelength)."""
-        return self if len(self) == 1 else self.combined(colour.band_matrix(self.wavelength) * self.sigma_s)
-
-    def ascending(self) -> Tables:
-        """The same with wavelengths in ascending order."""
+    def selected(self, channel=-1, wavelength=None, bands="mono") -> Tables:
+        """Those that parameters of a plugin ask for, see `weights`, weighted by sigma_s where they are of several wavelengths; of
+        `spectral` all, in ascending order."""
+        weight = weights("bakedphase", self.wavelength, channel, wavelength, bands)
+        if weight is not None:
+            return self.combined(weight * self.sigma_s if channel == -1 and wavelength is None else weight)
         order = np.argsort(self.wavelength)
         return replace(self, wavelength=self.wavelength[order], sigma_s=self.sigma_s[order], value=self.value[order],
                        elements=None if self.elements is None else self.elements[:, order])
@@ -84,6 +67,31 @@ class Tables:
         f0, f1, s0, h = self.value[:, :-1], self.value[:, 1:], self.s[:-1], np.diff(self.s)
         mean_s = 4 * np.pi * np.sum(h * (s0 * (f0 + f1) / 2 + h * (f0 / 6 + f1 / 3)), axis=1)
         return 1 - 2 * mean_s
+
+
+def weights(plugin, knots, channel, wavelength, bands):
+    """(N, L) weights of an asset's L wavelengths in the N channels that a plugin is asked for; None: each ray has its own.
+
+    plugin : its name, for messages
+    knots : (L,) um, of the asset
+    channel, wavelength : parameters of the plugin: position of one wavelength, -1: all;  um of one, clamped, or None
+    bands : mono, rgb or spectral, of the variant
+
+    Raises UsageError where there is no such channel or wavelength.
+    """
+    count = len(knots)
+    if wavelength is not None:
+        if not wavelength > 0:
+            raise UsageError(f"{plugin}: wavelength {wavelength:g}: give micrometres, 0.55 for instance")
+        return colour.interpolate(knots, wavelength)
+    if channel != -1:
+        if not 0 <= channel < count:
+            raise UsageError(f"{plugin}: channel {channel}: the asset has {count} wavelengths; give 0 to {count - 1}, or -1 for "
+                             "all")
+        return np.eye(count)[[channel]]
+    if bands == "mono":
+        return np.full((1, count), 1 / count)
+    return None if bands == "spectral" else np.ones((1, 1)) if count == 1 else colour.band_matrix(knots)
 
 
 def tables_from(asset) -> Tables:

@@ -83,6 +83,7 @@ def choose(colour: str = "mono") -> Choice:
 def activate(colour: str = "mono", variant: str | None = None) -> tuple[str, str]:
     """Sets the best variant, or the one that the user names, with UsageError where it does not exist or would not work here;
     returns its name and the reason."""
+    import drjit as dr
     import mitsuba as mi
 
     choice = choose(colour)
@@ -91,20 +92,14 @@ def activate(colour: str = "mono", variant: str | None = None) -> tuple[str, str
         return mi.variant(), choice.reason
     if variant not in mi.variants():
         raise UsageError(f"variant {variant!r}: this Mitsuba has {', '.join(mi.variants())}")
-    if variant.startswith("llvm") and not any(name.startswith("llvm") for name in choose(colour).names):
-        raise UsageError(f"variant {variant!r}: {decide(False, _llvm_version(), colour).reason}")
+    if variant.startswith("llvm") and not any(name.startswith("llvm") for name in choice.names):
+        raise UsageError(f"variant {variant!r}: {decide(False, tuple(dr.detail.llvm_version()), colour).reason}")
     try:
         mi.set_variant(variant)
     except ImportError as error:
         raise UsageError(f"variant {variant!r} does not work on this machine: {error}; "
                          f"expected {', '.join(choice.names)}") from None
     return variant, "asked for"
-
-
-def _llvm_version() -> tuple[int, ...]:
-    import drjit as dr
-
-    return tuple(dr.detail.llvm_version())
 
 
 _CUDA_TEST = """

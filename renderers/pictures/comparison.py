@@ -15,8 +15,9 @@ from zlib import crc32
 import bakery
 from bakery.errors import Interrupted, UsageError
 from bakery.grammar import fields
+from bakery.store.put import put
 from renderers import choice, scene
-from renderers.pictures import denoise, images
+from renderers.pictures import denoise
 from renderers.pictures.pace import Pace, Paced
 from renderers.pictures.progressive import fingerprint, made_of
 from renderers.pictures.reached import coarser, limit
@@ -184,8 +185,7 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
         values = {key: spent[key] + end - start for key, start, end in zip(spent, begin, _clocks(compiled))} | {"pace": paced}
         kept = {"made_of": this, "stop": stop, "display": _display(job), "finished": finished,
                 "picture": fingerprint(job.pair[1]), **values, **extra}
-        text = json.dumps(kept, indent=1, allow_nan=False) + "\n"
-        images.write([(job.record, lambda target: Path(target).write_text(text, encoding="utf-8"))])
+        put(job.record, json.dumps(kept, indent=1, allow_nan=False) + "\n")
         return values
 
     def drawn(method, on):
@@ -199,7 +199,8 @@ def render(job: Job, *, quality=None, variant=None, resume=False, force=False, o
     except Interrupted as error:
         if _stamp(job.pair[1]) != before:
             keep(False, pace.interrupted())
-        raise _interrupted(job, error) from None
+        raise Interrupted(f"interrupted while rendering {job.name}; what is rendered is kept in {job.pair[0].parent}, and the "
+                          "same call goes on with it").ending(error.exit_status) from None
     if on:
         report["seconds"] = {"earlier": spent["seconds"]} | report["seconds"]
         report["seconds"]["total"] += spent["seconds"]
@@ -223,24 +224,16 @@ def _with_lost_time(job, report, lost, quality, drawn):
     return _together(report, drawn(_stopping(job, longer).scene, True))
 
 
-def _interrupted(job, error) -> Interrupted:
-    """What to say of an interruption, with its exit status."""
-    interruption = Interrupted(f"interrupted while rendering {job.name}; what is rendered is kept in {job.pair[0].parent}, and "
-                               "the same call goes on with it")
-    interruption.exit_status = error.exit_status
-    return interruption
-
-
-def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=None, **options) -> Made:
+def measured(job: Job, noise: float, seconds: float, **options) -> Made:
     """The pictures of a method until a noise is reached, or passes took so long, with those of all earlier calls.
 
     job : of `jobs`, its scene baked; what it says of when to stop does not count
     noise : relative, of what the scene's `measure` says
     seconds : of the clock
-    quality, variant, options : as of `render`, without `resume` and `force`
+    options : as of `render`, without `resume`, `force`, `quality` and `variant`
     """
     kept = _kept(job)
-    if kept.get("made_of") != _made_of(job, quality, variant):
+    if kept.get("made_of") != _made_of(job, None, None):
         kept = {}
     resumable = bool(kept) and job.scene.rules.RESUMES
     spent = kept["seconds"] - kept["compiling"] if resumable else 0.0
@@ -251,12 +244,12 @@ def measured(job: Job, noise: float, seconds: float, *, quality=None, variant=No
             return _taken(job, kept)
     stop = job.scene.values.stop.model_copy(update={"noise": noise, "time": max(seconds - spent, 0.0), "samples": None})
     # a method that chooses does so for the render that the scene asks for: so short a one would have no pilots
-    taken = choice.of_scene(job.scene, quality, variant, job.pair[1] if resumable else None)
+    taken = choice.of_scene(job.scene, picture=job.pair[1] if resumable else None)
     # whole passes: of small ones launches are most of the time.  Of paths through milk, 32 x 24, they foretold 6 times the time
     whole = dataclasses.replace(job, scene=dataclasses.replace(job.scene, whole=True, choice=taken))
-    rendered = render(_stopping(whole, stop), quality=quality, variant=variant, resume=resumable, asked=seconds, **options)
+    rendered = render(_stopping(whole, stop), resume=resumable, asked=seconds, **options)
     if not job.scene.rules.RESUMES and rendered.clock < seconds / 2:
-        return render(whole, quality=quality, variant=variant, force=True, **options)  # without what Mitsuba compiled
+        return render(whole, force=True, **options)  # without what Mitsuba compiled
     return dataclasses.replace(rendered, job=job)  # the same call again is to choose as this one did
 
 

@@ -7,6 +7,7 @@ are, and with more samples the picture goes to the one without a filter, and not
 
 import dataclasses
 import importlib.metadata
+from functools import cache
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -176,15 +177,11 @@ def _filtered(picture, features):
     return np.array(mitsuba_oidn.denoise(_single(picture), **guides, hdr=True, device=_processor()), float)
 
 
-_devices: list = []  # the processor's, once
-
-
+@cache
 def _processor():
     import mitsuba_oidn
 
-    if not _devices:
-        _devices.append(mitsuba_oidn.Device(mitsuba_oidn.DeviceType.CPU))
-    return _devices[0]
+    return mitsuba_oidn.Device(mitsuba_oidn.DeviceType.CPU)
 
 
 def _single(image):

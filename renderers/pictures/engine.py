@@ -206,6 +206,11 @@ class Passes:
         """A pixel, in the part that has fewest."""
         return min(self.means[part.name].samples for part in self.parts)
 
+    @property
+    def count(self) -> int:
+        """Passes, of all parts."""
+        return sum(mean.count for mean in self.means.values())
+
     def run(self, stop, progress=None, observer=None, draw=None):
         """Renders passes until `stop`, or until SIGINT or SIGTERM; the same signal again ends the process at once.
 

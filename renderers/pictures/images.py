@@ -1,4 +1,4 @@
-"""Pictures as arrays and files: tone curve, noise filter, and writing that leaves either the old files or the new ones.
+"""Pictures as arrays and files: tone curve, noise filter, and where they may be written.
 
 A picture is (H, W, 3) linear sRGB, float, 1 = white of the display before exposure.
 """
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bakery.errors import StoreError, UsageError
+from bakery.errors import UsageError
 from bakery.system.memory import free_memory
 from renderers import colour
 
@@ -154,34 +154,3 @@ def output_pair(output, inputs=(), overwrite=False):
         raise UsageError(f"{output}: cannot write in {output.parent}: {error.strerror}") from None
     check_outputs(by_suffix(pair), inputs, overwrite)
     return pair
-
-
-def write(files):
-    """Writes pictures so that an interruption leaves no half of one.
-
-    files : list of (path, function that writes to the path it is given)
-    """
-    finished = []
-    try:
-        for path, save in files:
-            # The ending stays: picture libraries choose the format by it.
-            handle, temporary = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
-            os.close(handle)
-            finished.append(Path(temporary))
-            save(temporary)
-            if os.path.getsize(temporary) == 0:
-                raise OSError("nothing was written")
-            os.chmod(temporary, 0o666 & ~_umask())
-        for temporary, (path, _) in zip(finished, files):
-            os.replace(temporary, path)
-    except (OSError, RuntimeError) as error:
-        raise StoreError(f"{files[len(finished) - 1][0]}: cannot be written: {error}") from None
-    finally:
-        for temporary in finished:
-            temporary.unlink(missing_ok=True)
-
-
-def _umask():
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

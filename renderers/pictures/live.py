@@ -16,6 +16,8 @@ from renderers.mitsuba import variants
 from renderers.pictures import denoise, passes, running
 from renderers.pictures.picture import DENOISED, NOISE, PICTURE, Picture, words_of
 
+import mitsuba as mi  # isort: skip  # after renderers.mitsuba, which finds LLVM, once
+
 SHARE = 0.04  # of the passes' processor time that frames of a page may take
 _ASKED = 5.0  # s for which a page is taken to look at the layer that it asked for last
 _A_PIXEL = 2e-6  # s that the filter of the first picture is expected to take
@@ -88,13 +90,14 @@ class Pictures:
         if self._over:
             raise StopIteration
         estimate, noises = self._rendering.estimate, []
-        before, begin = _passes(estimate), estimate.spent
+        before, begin = estimate.count, estimate.spent
 
         def enough(noise):
             noises[:] = [noise]
-            return self._asked or _passes(estimate) > before and estimate.spent - begin >= self._every
+            return self._asked or estimate.count > before and estimate.spent - begin >= self._every
 
-        _set_variant(self._rendering.variant)
+        if self._rendering.variant != mi.variant():  # between two pictures a program may have rendered something else
+            mi.set_variant(self._rendering.variant)
         self._over = True  # unless all goes well
         self._rendering.run(enough)
         if estimate.stopped_by == "request" and not self._asked:
@@ -118,18 +121,6 @@ class Pictures:
                 handle = display(picture, display_id=True)
             else:
                 handle.update(picture)
-
-
-def _passes(estimate) -> int:
-    return sum(mean.count for mean in estimate.means.values())
-
-
-def _set_variant(name: str) -> None:
-    """Mitsuba's: between two pictures a program may have rendered something else."""
-    import mitsuba as mi
-
-    if name != mi.variant():
-        mi.set_variant(name)
 
 
 # ---- for a page
@@ -223,7 +214,7 @@ class Watch:
         names = picture.names()
         names[1:1] = [DENOISED] * (self._filters and DENOISED not in names)
         self._picture = picture
-        self._tell(samples=picture.samples, passes=_passes(picture.passes), seconds=picture.seconds,
+        self._tell(samples=picture.samples, passes=picture.passes.count, seconds=picture.seconds,
                    seconds_left=_finite(picture.seconds_left),
                    layers=[{"name": name, "words": words_of(name)} for name in names], **news)
 
@@ -294,7 +285,7 @@ def _frame(picture, name, number) -> Frame:
     values = picture.linear(name)
     if name == PICTURE and picture.error is not None:
         values = np.concatenate([values, picture.error[..., :3]], axis=-1)
-    return Frame(number, _passes(picture.passes), picture.png(name, level=0), values.astype("<f4").tobytes(),
+    return Frame(number, picture.passes.count, picture.png(name, level=0), values.astype("<f4").tobytes(),
                  picture.largest_error if name == NOISE else 0.0)
 
 

@@ -22,7 +22,7 @@ from renderers.pictures.engine import in_time
 from renderers.pictures.means import student, tiled
 from renderers.pictures.progressive import Estimate, Part, Stop, fingerprint, made_of
 from renderers.pictures.running import Render
-from renderers.scene import budget
+from renderers.scene import budget, candidates
 from renderers.scene.budget import percent
 
 LENS = "the camera has a lens, which is left out: it is a pinhole, and all is in focus"
@@ -161,7 +161,7 @@ class Rendering:
         self._taken = taken = scene.choice or choice.chosen(opened, world, self.job.quality, earlier)
         if taken is not None:
             self.job.part_over("choice")
-            self.job.scene = dataclasses.replace(choice.applied(scene, taken), choice=taken)
+            self.job.scene = dataclasses.replace(candidates.by_methods(scene, taken.methods), choice=taken)
         begins("preparation")
         self.method = self.job.scene.prepare(self.job, world, self.seed)
         world.forget()

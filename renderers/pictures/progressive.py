@@ -113,9 +113,7 @@ class Estimate(Passes):
                 "concentration": float(np.linalg.norm(spots) / max(np.sum(spots), 1e-300))}
 
     def _interrupted(self, message):
-        error = Interrupted(f"interrupted {message}")
-        error.exit_status = 128 + self.signal
-        return error
+        return Interrupted(f"interrupted {message}").ending(128 + self.signal)
 
     def resume(self, path):
         """Goes on with the passes behind the picture in an EXR file, as if there had been no break but for rounding to 32 bits.

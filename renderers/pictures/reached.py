@@ -7,24 +7,12 @@ whose 5 % nobody asked for, and a draft, which is a look within a time.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from bakery.grammar.qualities import quality
 from renderers.scene.budget import percent
 
 _EARLY = {"time": "time", "samples": "samples", "request": "a request"}  # what may end passes before a noise, in words
 SHARED = 0.5  # of the noise of pixels: where the means of regions have more than that, pixels share most of it
-
-
-class Verdict(NamedTuple):
-    """What is said of a picture that did not get there.
-
-    missed : sentences, of what was asked for
-    remarks : sentences, of what was not
-    """
-
-    missed: tuple[str, ...]
-    remarks: tuple[str, ...]
 
 
 def coarser(name: str | None) -> float:
@@ -61,8 +49,8 @@ def unreached(stopped_by: str, wanted: float | None, noise: float | None, pixels
     return f"{_EARLY[stopped_by]} ended the passes: a noise {of}of {percent(wanted)} was wanted, {became}{shared}",
 
 
-def verdict(values, name: str | None, sentences: Sequence[str], bias: float | None) -> Verdict:
-    """Which of the sentences of `unreached`, and of a method's own error, tell of a miss.
+def verdict(values, name: str | None, sentences: Sequence[str], bias: float | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Sentences of `unreached`, and of a method's own error: those that tell of a miss of what was asked for, and the others.
 
     values : of the scene, `renderers.scene.common.Common`
     name : of the quality; final if None
@@ -72,4 +60,4 @@ def verdict(values, name: str | None, sentences: Sequence[str], bias: float | No
     sentences = tuple(sentences)
     if values.tolerance is not None and bias is not None and bias > values.tolerance:
         sentences += f"the method's own error, {percent(bias)}, is above the tolerance of {percent(values.tolerance)}",
-    return Verdict((), sentences) if name == "draft" or not asked(values) else Verdict(sentences, ())
+    return ((), sentences) if name == "draft" or not asked(values) else (sentences, ())

@@ -107,7 +107,9 @@ class Render:
             layers, text, shown = layers | denoised.channels, text | denoised.text, denoised.rgb
         display, words = images.shown(shown, **dict(self.scene.values.display))
         if self.scene.mark and more.get("stopped_by") != "interruption":
-            text = text | _of_frame(self.scene.mark, method, samples, noise, missed, denoised is not None)
+            # what it was made of, and of its report what no clock decides
+            text = text | {FRAME: json.dumps({"mark": self.scene.mark, "method": method, "samples": samples, "noise": noise,
+                                              "missed": list(missed), "denoised": denoised is not None})}
         bitmaps.write(self.pair, display, rgb_layers("", rgb) | layers, text)
         self.part_over("write")
         if self._progress:
@@ -122,12 +124,6 @@ class Render:
                               for entry in getattr(self.scene.values, "materials", ())],
                 "reasons": reasons, "missed": list(missed), "tone_curve": words,
                 "overrides": dict(self.scene.overrides), "seconds": self.seconds} | more
-
-
-def _of_frame(mark, method, samples, noise, missed, denoised) -> dict[str, str]:
-    """Attributes of the pictures of a finished frame: what it was made of, and of its report what no clock decides."""
-    return {FRAME: json.dumps({"mark": mark, "method": method, "samples": samples, "noise": noise, "missed": list(missed),
-                               "denoised": denoised})}
 
 
 def rgb_layers(prefix, image):

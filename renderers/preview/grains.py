@@ -116,23 +116,15 @@ def bsdf(surface: dict, k: int) -> dict:
 def resting(vertices):
     """(V, 3) vertices turned so that the grain lies stable: its centre as low as it gets; foot at z = 0, still unscaled."""
     from scipy.spatial import ConvexHull, QhullError
+    from scipy.spatial.transform import Rotation
 
     try:
         plane = ConvexHull(vertices).equations
     except QhullError:
         return vertices - [0, 0, vertices[:, 2].min()]
     down = plane[np.argmin(-plane[:, 3] - plane[:, :3] @ vertices.mean(axis=0)), :3]
-    turned = vertices @ _turning(down, np.array([0.0, 0.0, -1.0])).T
+    turned = vertices @ Rotation.align_vectors([0.0, 0.0, -1.0], down)[0].as_matrix().T
     return turned - [0, 0, turned[:, 2].min()]
-
-
-def _turning(start, end):
-    """Rotation matrix that takes one unit vector to another by the shortest way."""
-    axis, cosine = np.cross(start, end), float(start @ end)
-    if cosine < -1 + 1e-9:
-        return np.diag([1.0, -1.0, -1.0])
-    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.eye(3) + cross + cross @ cross / (1 + cosine)
 
 
 def _shape(grain: Grain, position, unit: float, radius: float, k: int, folder: Path) -> dict:

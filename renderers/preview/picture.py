@@ -10,7 +10,6 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +18,10 @@ from bakery.grammar import qualities
 from renderers import colour
 from renderers.mitsuba import bitmaps, passes, variants
 from renderers.mitsuba import tables as asset_tables
+from renderers.mitsuba.scene import describe as describe_render
 from renderers.pictures import images
 from renderers.preview import grains, lobe, studio
+from renderers.preview.lobe import length
 from renderers.progress import share
 
 REDUCED_PATHS, DIFFUSION_LENGTHS, MEAN_FREE_PATHS = 3.0, 4.0, 60.0
@@ -100,8 +101,7 @@ def preview(asset_path, output_path, *, quality="preview", panel=None, variant=N
     edge, words = block_edge(asset, "grains" in groups) if "medium" in groups else (0.0, "")
     shown = grains.grains_of(asset) if "grains" in groups else None
     chosen, reason = _variant(variant)
-    panels = _panels(asset, asset_path, shown, edge, words, (width, width * 5 // 8), chosen)
-    rendered = []
+    panels, rendered = _panels(asset, asset_path, shown, edge, words, (width, width * 5 // 8), chosen), []
     for i, shown_panel in enumerate(panels):
         clean = _Filter(shown_panel.features) if denoise else None
         clear_heap = shown_panel.shows == "medium" and shown and np.max(asset.medium.albedo) > 1 - HEAP_CLEAR
@@ -110,13 +110,31 @@ def preview(asset_path, output_path, *, quality="preview", panel=None, variant=N
                                 per_pass=max(1, min(4, spp // 2)), tolerance=tolerance, time_limit=time_limit / len(panels),
                                 seed=seed, measure=clean and clean.noise,
                                 progress=share(progress, i / len(panels), (i + 1) / len(panels)))
-        rendered.append(_rendered(shown_panel, picture, clean))
-    gap = max(1, width // 96)
-    bitmaps.write(pair, _beside([item.display for item in rendered], gap), _beside([item.linear for item in rendered], gap),
-                  {PREVIEW_OF: asset.content_hash})
+        rendered.append((picture, *(clean(picture) if clean else (picture.rgb, picture.noise))))
+    gap, strips = max(1, width // 96), [item.strip for item in panels]
+    display = _beside([images.tone_map(pixels, EXPOSURE, WHITE) for _, pixels, _ in rendered], strips, gap)
+    linear = _beside([picture.rgb for picture, _, _ in rendered], map(colour.decode, strips), gap)
+    bitmaps.write(pair, display, linear, {PREVIEW_OF: asset.content_hash})
     report = {"files": [str(path) for path in pair], "variant": chosen, "reason": reason, "seconds": time.monotonic() - begin,
-              "noise_of": "PNG" if denoise else "EXR", **_figures(rendered, width, gap)}
+              "noise_of": "PNG" if denoise else "EXR", **_figures(panels, rendered, width, gap)}
     return report | {key: value for shown_panel in panels for key, value in shown_panel.report().items()}
+
+
+def describe(report) -> list[str]:
+    """Lines for the report of `preview`."""
+    lines = describe_render(report)
+    if len(report["panels"]) > 1:
+        lines.append("panels: " + "; ".join(f"{panel['shows']}, {panel['samples']} samples, noise {100 * panel['noise']:.2g} %, "
+                                            f"{100 * panel['noise_shown']:.2g} % filtered" for panel in report["panels"]))
+    if "grains" in report:
+        left_out = f", {report['grains_left_out']} left out" if report["grains_left_out"] else ""
+        lines.append(f"grains: {', '.join(report['grains'])}{left_out}; bounding radius {length(report['grain_radius'])}")
+    if "block" in report:
+        lines.append(f"block: edge {report['block']}, surface index-matched")
+    if report.get("misdirected"):
+        lines.append(f"phase function: on a regular grid, which sends {100 * report['misdirected']:.2g} % of the light to "
+                     "another angle; llvm and cuda variants use the asset's own table")
+    return lines
 
 
 @dataclass(frozen=True)
@@ -142,9 +160,9 @@ def _grains(mi, asset, shown, size) -> Panel:
     exemplars, radius, count = shown
     unit = grains.scale(len(exemplars))
     sizes = asset.grains["radius"]
-    words = [f"R = {lobe.length(radius)}" + (f" on average, {lobe.length(sizes.min())} to {lobe.length(sizes.max())}"
+    words = [f"R = {length(radius)}" + (f" on average, {length(sizes.min())} to {length(sizes.max())}"
                                              if len(sizes) > 1 else ""),
-             f"checks {lobe.length(studio.CHECK * unit * radius)}"]
+             f"checks {length(studio.CHECK * unit * radius)}"]
     words += [f"{len(exemplars)} of {count} components"] if count > len(exemplars) else []
     um = asset.wavelength[lobe.middle(asset)]
     strip = lobe.grain_strip(asset, exemplars, size[0], (
@@ -168,11 +186,11 @@ def _block(mi, asset, asset_path, edge, words, size, chosen) -> Panel:
         return list(built)
 
     delta = lobe.forward_delta(asset)
-    captions = [f"block edge {lobe.length(edge)} = {words}", f"checks {lobe.length(studio.CHECK * edge)}   ·   {chosen}"]
+    captions = [f"block edge {length(edge)} = {words}", f"checks {length(studio.CHECK * edge)}   ·   {chosen}"]
     captions += [f"not drawn: a peak with {100 * delta:.2g} % of the light"] if delta else []
     strip = lobe.strip(asset, asset_tables.load(asset_path), size[0], captions)
     return Panel("medium", scenes, lambda: studio.features(*size, edge * np.asarray(asset.medium.sigma_t).max()), strip,
-                 lambda: {"block_edge": edge, "block": f"{lobe.length(edge)} ({words})", "misdirected": max(losses, default=0.0)})
+                 lambda: {"block_edge": edge, "block": f"{length(edge)} ({words})", "misdirected": max(losses, default=0.0)})
 
 
 def _variant(asked):
@@ -190,22 +208,6 @@ def _panels(asset, asset_path, shown, edge, words, size, chosen) -> list[Panel]:
 
     panels = [_grains(mi, asset, shown, size)] if shown else []
     return panels + ([_block(mi, asset, asset_path, edge, words, size, chosen)] if edge else [])
-
-
-class Rendered(NamedTuple):
-    """A panel that is rendered.
-
-    shows : as of `Panel`
-    picture : `renderers.mitsuba.passes.Picture`
-    noise : of what is shown
-    display, linear : (H, W, 3), with the strip, as the PNG and the EXR have it
-    """
-
-    shows: str
-    picture: passes.Picture
-    noise: float
-    display: np.ndarray
-    linear: np.ndarray
 
 
 class _Filter:
@@ -230,34 +232,23 @@ class _Filter:
         return self(picture)[1]
 
 
-def _rendered(panel, picture, clean) -> Rendered:
-    """clean : `_Filter`, None: the PNG shows the picture as it is."""
-    pixels, noise = clean(picture) if clean else (picture.rgb, picture.noise)
-    return Rendered(panel.shows, picture, noise, np.concatenate([images.tone_map(pixels, EXPOSURE, WHITE), panel.strip]),
-                    np.concatenate([picture.rgb, colour.decode(panel.strip)]))
+def _figures(panels, rendered, width, gap):
+    """What the report says of panels `width` pixels wide, `gap` apart, with their pictures, what is shown of these, its noise."""
+    figures = [{"shows": panel.shows, "left": i * (width + gap), "width": width, "samples": picture.samples,
+                "noise": picture.noise, "noise_shown": noise, "stopped_by": picture.stopped_by}
+               for i, (panel, (picture, _, noise)) in enumerate(zip(panels, rendered, strict=True))]
+    worst = {"samples": min, "noise": max, "noise_shown": max,
+             "stopped_by": lambda ends: min(ends, key=("time", "samples", "noise").index)}
+    return {name: of([figure[name] for figure in figures]) for name, of in worst.items()} | {
+        "width": width * len(rendered) + gap * (len(rendered) - 1), "rows": width * 5 // 8, "tone_curve": images.TONE_CURVE,
+        "exposure": EXPOSURE, "white": WHITE, "panels": figures}
 
 
-def _figures(rendered, width, gap):
-    """What the report says of panels `width` pixels wide, `gap` apart."""
-    order = ("time", "samples", "noise")
-    pictures = [panel.picture for panel in rendered]
-    return {"samples": min(picture.samples for picture in pictures), "noise": max(picture.noise for picture in pictures),
-            "noise_shown": max(panel.noise for panel in rendered),
-            "stopped_by": min((picture.stopped_by for picture in pictures), key=order.index),
-            "width": width * len(rendered) + gap * (len(rendered) - 1), "rows": width * 5 // 8,
-            "tone_curve": images.TONE_CURVE, "exposure": EXPOSURE, "white": WHITE,
-            "panels": [{"shows": panel.shows, "left": i * (width + gap), "width": width, "samples": panel.picture.samples,
-                        "noise": panel.picture.noise, "noise_shown": panel.noise, "stopped_by": panel.picture.stopped_by}
-                       for i, panel in enumerate(rendered)]}
-
-
-def _beside(pictures, gap):
-    """Pictures in a row, dark between them."""
-    dark = np.full((pictures[0].shape[0], gap, 3), 0.005)
-    row = [pictures[0]]
-    for picture in pictures[1:]:
-        row += [dark, picture]
-    return np.concatenate(row, axis=1)
+def _beside(pictures, strips, gap):
+    """Pictures with their strips in a row, dark between them."""
+    row = list(map(np.concatenate, zip(pictures, strips)))
+    dark = np.full((row[0].shape[0], gap, 3), 0.005)
+    return np.concatenate([part for item in row for part in (dark, item)][1:], axis=1)
 
 
 def _scene(mi, asset, asset_path, k, edge, width, height):

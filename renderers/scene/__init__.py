@@ -358,13 +358,9 @@ def _keys_of_files(section: str, count: int, at) -> list[str]:
         of_section = [f"materials[{i}].{key}" for i in range(count) for key in entries.FILES]
     else:
         of_section = ["asset", "recipe", *_rules(section).FILES]
-    return [*common.FILES, *(named for key in of_section for named in _by_name(key, at))]
-
-
-def _by_name(key: str, at) -> list[str]:
-    """A key, or with a `*` in it one for each name that stands there."""
-    before, star, after = key.partition(".*")
-    return [f"{before}.{name}{after}" for name in names_at(at(before))] if star else [key]
+    parts = [key.partition(".*") for key in of_section]  # with a `*` it is one for each name that stands there
+    return [*common.FILES, *(f"{before}{name}{after}" for before, star, after in parts
+                             for name in ([f".{name}" for name in names_at(at(before))] if star else [""]))]
 
 
 def _files(path: Path, root: Mapping, values: dict, keys: list[str], assets: bool) -> Iterator[Problem]:

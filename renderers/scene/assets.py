@@ -47,12 +47,9 @@ def together(scenes: Sequence[Scene], progress=None, measured: Sequence[Scene] |
 
             paths[key] = ensured(recipe, require=require, candidates=candidates, output=output,
                                  progress=progress, by=str(scene.path))
-    return [_with_assets(scene, paths, max(shares)) for scene in scenes]
-
-
-def _with_assets(scene: Scene, paths, share: float) -> Scene:
-    assets = tuple(paths[entry.asset, entry.recipe] for entry in scene.materials)
-    return dataclasses.replace(scene, asset=assets[0], assets=assets, share=share)
+    listed = [tuple(paths[entry.asset, entry.recipe] for entry in scene.materials) for scene in scenes]
+    return [dataclasses.replace(scene, asset=assets[0], assets=assets, share=max(shares))
+            for scene, assets in zip(scenes, listed)]
 
 
 def recipe_of(scene: Scene, material) -> tuple[Path | None, Path | None, list[Path]]:

@@ -46,6 +46,10 @@ class Candidate(NamedTuple):
     expected: float | None = None
     eligible: bool = True
 
+    def off_by(self, *errors: float) -> "Candidate":
+        """The same, with further errors in what is stated."""
+        return self._replace(stated=lambda tolerance: math.hypot(self.stated(tolerance), *errors))
+
 
 def of(scene) -> tuple[Candidate, ...]:
     """The candidates for a scene, in the order in which they are tried; () where there is nothing to choose or to measure.
@@ -55,11 +59,6 @@ def of(scene) -> tuple[Candidate, ...]:
     if scene.renderer in entries.PACKAGES.values():
         return _of_one_kind(scene)
     return _of_several(scene.values.materials) if scene.renderer == "renderers.mixed" else ()
-
-
-def applied(scene, candidate: Candidate):
-    """The scene as a candidate has it."""
-    return by_methods(scene, candidate.methods)
 
 
 def by_methods(scene, methods: Sequence[str]):
@@ -110,13 +109,8 @@ def with_surfaces(scene, numbers: Sequence[int], deviation: float, changing: Seq
     materials = scene.values.materials
     methods = [surface_of(entry.kind) if number in numbers else far_surface_of(entry.kind) if number in changing
                else beside(entry.kind)[0] if entry.method == "auto" else entry.method for number, entry in enumerate(materials)]
-    by_method: dict[str, list[str]] = {}
-    for number, method in enumerate(methods):
-        by_method.setdefault(method, []).append(f"materials[{number}]")
-    name = "; ".join(f"{', '.join(rows)} by {method}" for method, rows in by_method.items())
-    base = _combined(materials, methods, ())
-    return base._replace(name=methods[0] if len(by_method) == 1 else name, surfaces=(*numbers, *changing),
-                         stated=lambda tolerance: math.hypot(base.stated(tolerance), deviation))
+    name = methods[0] if len(set(methods)) == 1 else _named(methods, range(len(methods)))
+    return _combined(materials, methods, ()).off_by(deviation)._replace(name=name, surfaces=(*numbers, *changing))
 
 
 # ---- of several kinds
@@ -196,15 +190,16 @@ def _combined(materials, methods, replaced, eligible=True):
         every = [declared[number].lacks([assets[number]], world) for number in open_to_choice if declared[number].exact]
         return "; ".join(dict.fromkeys(filter(None, every)))
 
-    return Candidate(_named(materials, methods), tuple(methods), all(method.exact for method in declared),
+    # of entries for which a medium may stand
+    name = _named(methods, [number for number, entry in enumerate(materials) if medium_for(entry.kind)])
+    return Candidate(name, tuple(methods), all(method.exact for method in declared),
                      lambda tolerance: math.hypot(*(method.error(tolerance) for method in declared)),
                      max(method.pilot for method in declared), lacks, media=media, replaced=tuple(replaced), eligible=eligible)
 
 
-def _named(materials, methods):
-    """Of entries for which a medium may stand: what they are rendered by."""
+def _named(methods, numbers):
+    """What entries of these numbers are rendered by."""
     by_method: dict[str, list[str]] = {}
-    for number, (entry, method) in enumerate(zip(materials, methods, strict=True)):
-        if medium_for(entry.kind):
-            by_method.setdefault(method, []).append(f"materials[{number}]")
-    return "; ".join(f"{', '.join(numbers)} by {method}" for method, numbers in by_method.items())
+    for number in numbers:
+        by_method.setdefault(methods[number], []).append(f"materials[{number}]")
+    return "; ".join(f"{', '.join(rows)} by {method}" for method, rows in by_method.items())

@@ -298,25 +298,17 @@ def _held(entry: Mapping, folder: File) -> list[str] | None:
         path = next((path.with_suffix(suffix) for suffix in (".yaml", ".yml") if isfile(path.with_suffix(suffix))), path)
     if not isfile(path):
         return None
-    parts = _groups(path) if path.suffix.lower() not in (".yaml", ".yml") else _sections(path)
+    try:
+        if path.suffix.lower() in (".yaml", ".yml"):
+            root = text.parse(files.source_of(path, path.name)).root
+            parts = set(root) if isinstance(root, Mapping) else None
+        else:
+            with h5py.File(path) as asset:
+                parts = set(asset)
+    except (BakeryError, OSError, ValueError):
+        return None  # opening the asset, or reading the recipe, says what is wrong with it
     own = {"particles": "discrete", "grains": "grains"}  # of a medium and of bodies opening the asset says what lacks
     return None if parts is None else [kind for kind in KINDS if kind not in own or own[kind] in parts]
-
-
-def _groups(path: File) -> set[str] | None:
-    try:
-        with h5py.File(path) as asset:
-            return set(asset)
-    except (OSError, ValueError):
-        return None  # opening the asset says what is wrong with it
-
-
-def _sections(path: File) -> set[str] | None:
-    try:
-        root = text.parse(files.source_of(path, path.name)).root
-        return set(root) if isinstance(root, Mapping) else None
-    except (BakeryError, OSError):
-        return None  # reading the recipe says what is wrong with it
 
 
 # ---- what has to hold between keys

@@ -31,7 +31,8 @@ def converted(document: str, root: Mapping) -> str | None:
     lines = []
     for name, chunk in _chunks(document, root):
         if name == "bakery_scene":
-            lines.append(_with_format(chunk))
+            key, colon, value = chunk.partition(":")
+            lines.append(key + colon + value.replace("1", "2", 1))
         elif section is None or name not in (section, *_MATERIAL):
             lines.append(chunk)
         else:
@@ -95,11 +96,6 @@ def _chunks(document: str, root: Mapping) -> Iterator[tuple[str, str]]:
     for (begin, name), (end, _) in zip(begins, [*begins[1:], (len(document), "")]):
         chunk = document[begin:end]
         yield name, chunk if chunk.endswith("\n") else chunk + "\n"
-
-
-def _with_format(chunk: str) -> str:
-    key, colon, value = chunk.partition(":")
-    return key + colon + value.replace("1", "2", 1)
 
 
 def _comments(chunk: str) -> Iterator[str]:

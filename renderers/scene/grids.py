@@ -3,7 +3,6 @@
 import math
 import os
 import struct
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -40,8 +39,9 @@ def read(path, dataset=None):
     if reader is None:
         raise UsageError(f"{path}: found the ending {path.suffix or 'of no kind'}; expected {', '.join(readers)}")
     try:
-        with _named(path):
-            values, *box = reader(path, dataset)
+        values, *box = reader(path, dataset)
+    except Wrong as wrong:
+        raise UsageError(f"{path}: {wrong.found}; {wrong.expected}") from None
     except MemoryError:
         raise UsageError(f"{path}: does not fit into memory; use a coarser grid") from None
     except (OSError, ValueError, KeyError, RuntimeError, EOFError, TypeError) as error:
@@ -50,23 +50,26 @@ def read(path, dataset=None):
     return values, *(box or (None, None))
 
 
-def placed(scene, key, where):
+def placed(scene, key, where, name="grid"):
     """The densities of a scene's grid, `where` of `renderers.scene.common.Grid` at a dotted key, and its box.
+
+    name : of the key of the file
 
     Returns values (X, Y, Z), lo, hi (3,) m.  Raises UsageError with the key where it cannot be read, or has no box.
     """
-    if where.dataset and Path(where.grid).suffix.lower() not in (".h5", ".hdf5"):
+    path = scene.file(getattr(where, name))
+    if where.dataset and path.suffix.lower() not in (".h5", ".hdf5"):
         raise scene.wrong(f"{key}.dataset", "found a dataset of a file that has none; .h5 and .hdf5 files do")
     try:
-        values, lo, hi = read(scene.file(where.grid), where.dataset)
+        values, lo, hi = read(path, where.dataset)
     except UsageError as fault:
-        raise scene.wrong(f"{key}.grid", fault) from None
+        raise scene.wrong(f"{key}.{name}", fault) from None
     lo, hi = (np.array(requested if requested is not None else stored, float)
               for requested, stored in ((where.lo, lo), (where.hi, hi)))
     if lo.shape != (3,) or hi.shape != (3,):
-        raise scene.wrong(f"{key}.grid", "found no box in the file; expected lo and hi")
+        raise scene.wrong(f"{key}.{name}", "found no box in the file; expected lo and hi")
     if not np.all(lo < hi):
-        raise scene.wrong(f"{key}.grid", "found a box without volume; expected hi above lo in x, y and z")
+        raise scene.wrong(f"{key}.{name}", "found a box without volume; expected hi above lo in x, y and z")
     return values, lo, hi
 
 
@@ -77,15 +80,6 @@ def relative(scene, key, where, kind=None):
     if not most > 0:
         raise scene.wrong(f"{key}.grid", "found densities that are 0 everywhere; expected a cloud")
     return np.asarray(values, kind) / most, lo, hi
-
-
-@contextmanager
-def _named(path):
-    """What is wrong with a grid, with the file's name before it."""
-    try:
-        yield
-    except Wrong as wrong:
-        raise UsageError(f"{path}: {wrong.found}; {wrong.expected}") from None
 
 
 def _hdf5(path, dataset):

@@ -50,8 +50,11 @@ def _named(path, parameters: Mapping[str, object]) -> dict[Path, os.stat_result]
     waiting = [top]
     while waiting:
         file = waiting.pop()
-        status = _status(file)
-        if file in named or status is None:
+        try:
+            status = file.stat()
+        except (OSError, ValueError):
+            continue  # not there, or a text that is no path
+        if file in named:
             continue
         named[file] = status
         if file.suffix.lower() == ".xml" and stat.S_ISREG(status.st_mode) and status.st_size <= LONGEST:
@@ -94,10 +97,3 @@ def _values(file: Path, parameters: Mapping[str, object]) -> tuple[list[str], li
     for name in sorted(filter(None, defaults), key=len, reverse=True):  # $size before $si
         named = [(tag, text.replace(f"${name}", str(defaults[name]))) for tag, text in named]
     return [text for tag, text in named if tag != "path"], [text for tag, text in named if tag == "path"]
-
-
-def _status(path: Path) -> os.stat_result | None:
-    try:
-        return path.stat()
-    except (OSError, ValueError):
-        return None  # not there, or a text that is no path

@@ -117,7 +117,12 @@ class About:
         self.worlds = {} if worlds is None else worlds
         self._whole = None  # of a part; not itself, which would keep its worlds from going with it
         self.split = budget.of(scene, budget.HALF)
-        made_of_it = _bodies(scene, recipe) if bodies is None else list(bodies)
+        if bodies is None:  # it is theirs, or an asset of its name
+            names, path = (recipe.name, Path(recipe.path).stem), Path(recipe.path).resolve()
+            bodies = [number for number, entry in enumerate(scene.materials)
+                      if entry.recipe and scene.file(entry.recipe).resolve() == path
+                      or entry.asset and Path(entry.asset).stem in names]
+        made_of_it = list(bodies)
         self.guessed = not made_of_it
         self.bodies = made_of_it or list(range(len(scene.materials)))
 
@@ -206,9 +211,7 @@ def of(paths: Sequence, recipe, medium: Callable, seconds: Callable, settings: M
     if len(each_scene) > 1:
         each_scene = [required._replace(needs=tuple(need.of(Path(path).name) for need in required.needs))
                       for path, required in zip(paths, each_scene, strict=True)]
-    return Required(merged([required.needs for required in each_scene], recipe.leaves),
-                    tuple(remark for required in each_scene for remark in required.remarks),
-                    read=tuple(dict.fromkeys(file for required in each_scene for file in required.read)))
+    return _together(each_scene, recipe.leaves)._replace(share=budget.HALF)
 
 
 def of_scene(scene, recipe, medium: Callable, seconds: Callable, worlds: dict | None = None) -> Required:
@@ -225,12 +228,14 @@ def of_scene(scene, recipe, medium: Callable, seconds: Callable, worlds: dict | 
 def of_scenes(listed: Sequence, recipe, medium: Callable, seconds: Callable, worlds: dict | None = None) -> Required:
     """The same of several that are read already, such as frames of one sequence; the share is the largest that any gives."""
     required = [of_scene(scene, recipe, medium, seconds, worlds) for scene in listed]
-    if len(required) == 1:
-        return required[0]
+    return required[0] if len(required) == 1 else _together(required, recipe.leaves)
+
+
+def _together(required: Sequence[Required], leaves: Mapping) -> Required:
+    """The union."""
     remarks, files = (tuple(dict.fromkeys(item for asked in required for item in getattr(asked, name)))
                       for name in ("remarks", "read"))
-    return Required(merged([asked.needs for asked in required], recipe.leaves), remarks, max(asked.share for asked in required),
-                    files)
+    return Required(merged([asked.needs for asked in required], leaves), remarks, max(asked.share for asked in required), files)
 
 
 def _shared_out(about, rules, seconds) -> Required:
@@ -318,16 +323,6 @@ def _rules(scene) -> Callable:
     if find_spec(module) is None:
         return lambda about: [Need(stage, True, "the renderer reads it") for stage in scene.rules.NEEDS]
     return import_module(module).needs
-
-
-def _bodies(scene, recipe) -> list[int]:
-    """Positions of the materials that are made of a recipe: it is theirs, or an asset of its name."""
-    numbers = []
-    for number, entry in enumerate(scene.materials):
-        same = entry.recipe and scene.file(entry.recipe).resolve() == Path(recipe.path).resolve()
-        if same or entry.asset and Path(entry.asset).stem in (recipe.name, Path(recipe.path).stem):
-            numbers.append(number)
-    return numbers
 
 
 # ---- the union

@@ -8,6 +8,7 @@ import time
 from collections import Counter
 
 from bakery.errors import Interrupted, UsageError
+from bakery.run.progress import Progress
 from bakery.system.signals import Terminated
 
 
@@ -41,7 +42,7 @@ def render(path, output=None, numbers=None, *, overrides=None, options=None, ove
     """
     from renderers.sequence import film, prepared, sheet
 
-    begin, progress = time.monotonic(), progress or _Silent()
+    begin, progress = time.monotonic(), progress or Progress()
     sequence = prepared.of(path, output, numbers, overrides=overrides, options=options or {}, overwrite=overwrite,
                            progress=progress)
     first = sequence.frames[0].scene
@@ -109,9 +110,8 @@ def _rows(sequence, resume, progress, cluster):
 def _interrupted(stop, finished, count):
     """What to raise where a signal ended the frames."""
     how_far = f"{stop}; " if isinstance(stop, Interrupted) else "interrupted; "
-    error = Interrupted(f"{how_far}{finished} of {count} frames are finished, and the same call renders the others")
-    error.exit_status = stop.exit_status if isinstance(stop, Interrupted) else 143 if isinstance(stop, Terminated) else 130
-    return error
+    status = stop.exit_status if isinstance(stop, Interrupted) else 143 if isinstance(stop, Terminated) else 130
+    return Interrupted(f"{how_far}{finished} of {count} frames are finished, and the same call renders the others").ending(status)
 
 
 def _uneven(rows) -> list[str]:
@@ -121,12 +121,3 @@ def _uneven(rows) -> list[str]:
         return []
     return [f"frame {', '.join(map(str, without[:5]))}{' …' * (len(without) > 5)}: the noise is not taken out, as of the others: "
             "--denoise or --no-denoise would do the same with all"]
-
-
-class _Silent:
-    """Says nothing."""
-
-    def __getattr__(self, name):
-        from contextlib import nullcontext
-
-        return nullcontext if name == "during" else lambda *args, **named: None

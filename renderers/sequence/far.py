@@ -4,7 +4,6 @@ import time
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from bakery.errors import BakeryError
 from bakery.store import scratch
 from renderers.cluster import files
 
@@ -12,38 +11,30 @@ from renderers.cluster import files
 class Task(NamedTuple):
     """A frame that is to be rendered.
 
-    number, path, settings : of the frame, of its scene where that was read, and what was set by hand
+    number, scene : of the frame, and its scene, `renderers.cluster.files.Sent`
     options : as the renderer takes them
-    handed : of `renderers.cluster.files.handed`
-    versions : of libraries that decide the bytes, where the picture goes
     before : EXR of an unfinished render to go on with, or None
     """
 
     number: int
-    path: str
-    settings: dict[str, str]
+    scene: files.Sent
     options: dict
-    handed: dict
-    versions: dict[str, str]
     before: bytes | None
 
 
 class Answer(NamedTuple):
-    """A frame that was rendered, or why it was not.
+    """A frame that was rendered.
 
     pictures : bytes (PNG, EXR)
     figures : of the renderer's report
     resumed : whether `before` was gone on with
     seconds : that it took
-    fault, status : message and exit status where it could not be; "" and 0
     """
 
-    pictures: tuple[bytes, bytes] | None
+    pictures: tuple[bytes, bytes]
     figures: dict
-    resumed: bool = False
-    seconds: float = 0.0
-    fault: str = ""
-    status: int = 0
+    resumed: bool
+    seconds: float
 
 
 def bundles(frames) -> tuple[dict[str, bytes], list[dict[str, bytes]]]:
@@ -56,26 +47,15 @@ def bundles(frames) -> tuple[dict[str, bytes], list[dict[str, bytes]]]:
 
 
 def rendered(common: Mapping[str, bytes], besides: Mapping[str, bytes], task: Task) -> Answer:
-    """Renders a frame in a worker."""
-    if unlike := files.unlike(task.versions):
-        return Answer(None, {}, fault=unlike, status=2)
-    with files.ONE_AT_A_TIME, scratch.folder("frame") as output:
-        folder = files.unpacked(common)
-        files.write(folder, besides)
-        began = time.monotonic()
-        try:
-            report, resumed = _drawn(folder, task, output / "frame.png")
-        except BakeryError as error:
-            return Answer(None, {}, fault=str(error).replace(folder, ""), status=error.exit_status)
-        pictures = tuple((output / f"frame.{kind}").read_bytes() for kind in ("png", "exr"))
-        return Answer(pictures, report, resumed, time.monotonic() - began)
-
-
-def _drawn(folder, task, picture):
+    """Renders a frame in a worker; raises BakeryError as `renderers.cluster.files.on_worker`, with the number of the frame."""
     from renderers.sequence.frame import FIGURES, drawn
 
-    shot = files.scene_below(folder, task.path, task.settings, task.handed, task.number)
-    if task.before is not None:
-        picture.with_suffix(".exr").write_bytes(task.before)
-    report, resumed = drawn(shot, picture, task.options, task.before is not None)
-    return {name: report[name] for name in FIGURES}, resumed
+    with files.on_worker(common, task.scene.versions, f"frame {task.number}: ") as folder, scratch.folder("frame") as output:
+        files.write(folder, besides)
+        began, picture = time.monotonic(), output / "frame.png"
+        shot = task.scene.below(folder, task.number)
+        if task.before is not None:
+            picture.with_suffix(".exr").write_bytes(task.before)
+        report, resumed = drawn(shot, picture, task.options, task.before is not None)
+        pictures = picture.read_bytes(), picture.with_suffix(".exr").read_bytes()
+        return Answer(pictures, {name: report[name] for name in FIGURES}, resumed, time.monotonic() - began)

@@ -5,8 +5,9 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
-from bakery.errors import StoreError
-from renderers.pictures import images
+from bakery.errors import BakeryError
+from bakery.store import scratch
+from bakery.store.put import put
 
 # H.264 has half as many colours as pixels along each edge: to an odd edge a black row or column is added.  The matrix of BT.709
 # is told and used: left to themselves ffmpeg takes that of BT.601, and players the other
@@ -28,14 +29,17 @@ def write(path: Path, pictures: Sequence[Path], rate: float) -> tuple[str | None
         return None, [_ABSENT]
     call = [coder, "-hide_banner", "-loglevel", "error", "-nostdin", "-y", "-f", "image2pipe", "-c:v", "png", "-framerate",
             f"{rate:.15g}", "-i", "pipe:0", *_CODED, "-fflags", "+bitexact", "-flags:v", "+bitexact"]
-    try:
-        images.write([(path, lambda temporary: _coded([*call, temporary], pictures))])
-    except StoreError as error:
-        return None, [f"no film: {error}"]
+    with scratch.folder("frames") as folder:
+        coded = folder / path.name
+        try:
+            _code([*call, str(coded)], pictures)
+            put(path, coded.read_bytes())
+        except (BakeryError, OSError, RuntimeError) as error:
+            return None, [f"no film: {path}: cannot be written: {error}"]
     return str(path), []
 
 
-def _coded(call: Sequence[str], pictures: Sequence[Path]) -> None:
+def _code(call: Sequence[str], pictures: Sequence[Path]) -> None:
     """Hands pictures to ffmpeg one after the other: their numbers may have gaps.  Raises RuntimeError with what it says."""
     with subprocess.Popen(call, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
         try:

@@ -4,6 +4,7 @@ import dataclasses
 import hashlib
 from collections.abc import Iterable
 from collections.abc import Sequence as Several
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -84,11 +85,11 @@ def of(path, output, numbers: Several[int] | None, *, overrides, options, overwr
     first, *asked = assets.together([first, *asked], progress, [loaded[number] for number in measured])
     with progress.during("method"):
         taken = choice.of_scene(first, quality, variant)
-    marks, frames = _Marks(quality, variant_of(variant)), []
+    mark, frames = _marking(quality, variant_of(variant)), []
     for number, shot, pair in zip(numbers, asked, pairs):
         own_seed = seed if section.noise == NOISE[0] else first_seed + number
         shot = dataclasses.replace(shot, choice=taken if candidates.of(shot) or candidates.surfaces(shot) else None)
-        shot = dataclasses.replace(shot, mark=marks.of(shot, own_seed))
+        shot = dataclasses.replace(shot, mark=mark(shot, own_seed))
         frames.append(Frame(number, shot, pair, {"quality": quality, "variant": variant, "seed": own_seed}))
     remarks = [f"frames {', '.join(map(str, measured))} say what the assets of all frames have to hold"] \
         if section.count > MEASURED and any(assets.recipe_of(first, entry)[0] for entry in first.materials) else []
@@ -170,26 +171,16 @@ def variant_of(variant) -> str:
     return variant or variants.choose("rgb").names[0]
 
 
-class _Marks:
-    """What tells a frame from others: the hash of all that its pictures depend on."""
+def _marking(quality, variant: str):
+    """Function of a frame's scene and seed: what tells the frame from others, the hash of all that its pictures depend on."""
+    common = quality or "final", variant, versions()
+    of_file = cache(lambda path: hashlib.sha256(path.read_bytes()).hexdigest())
+    of_asset = cache(lambda path: bakery.open(path).content_hash)
 
-    def __init__(self, quality, variant: str):
-        self._common = quality or "final", variant, versions()
-        self._files: dict[Path, str] = {}
-        self._assets: dict[Path, str] = {}
-
-    def of(self, shot, seed) -> str:
+    def mark(shot, seed) -> str:
         told, *files = made_of(shot)
         shown = shot.values.model_dump(mode="json", include={"stop", "display", "denoise"}, warnings=False)
-        return fingerprint(told, shown, [self._file(file) for file in files], [self._asset(file) for file in shot.assets],
-                           shot.share, shot.choice and shot.choice.method, seed or 0, *self._common)
+        return fingerprint(told, shown, list(map(of_file, files)), list(map(of_asset, shot.assets)), shot.share,
+                           shot.choice and shot.choice.method, seed or 0, *common)
 
-    def _file(self, path: Path) -> str:
-        if path not in self._files:
-            self._files[path] = hashlib.sha256(path.read_bytes()).hexdigest()
-        return self._files[path]
-
-    def _asset(self, path: Path) -> str:
-        if path not in self._assets:
-            self._assets[path] = bakery.open(path).content_hash
-        return self._assets[path]
+    return mark

@@ -2,13 +2,10 @@
 
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
-from bakery.errors import BakeryError
+from bakery.store.put import put_all
 from renderers.cluster import files
 from renderers.cluster.passes import workers
-from renderers.pictures import images
-from renderers.pictures.versions import versions
 from renderers.sequence import far
 from renderers.sequence.frame import drawn, row_of
 from renderers.sequence.prepared import variant_of
@@ -35,17 +32,12 @@ def on_cluster(sequence, frames, resume, progress, cluster) -> Iterator[tuple[in
         return
     common, besides = far.bundles(frames)
     progress.stage(f"{len(frames)} frames", "on the cluster", 0.0, 0.0)
-    tasks = [far.Task(frame.number, str(frame.scene.path), sequence.settings, _options(frame), files.handed(frame.scene),
-                      versions(), frame.pair[1].read_bytes() if resume and frame.pair[1].is_file() else None) for frame in frames]
+    tasks = [far.Task(frame.number, files.Sent.of(frame.scene, sequence.settings), _options(frame),
+                      frame.pair[1].read_bytes() if resume and frame.pair[1].is_file() else None) for frame in frames]
     finished = 0
     for position, answer in cluster.arriving(far.rendered, [common] * len(frames), besides, tasks):
-        if answer.fault:
-            fault = BakeryError(f"frame {frames[position].number}: {answer.fault}")
-            fault.exit_status = answer.status
-            raise fault
         frame, finished = frames[position], finished + 1
-        images.write([(path, lambda temporary, data=data: Path(temporary).write_bytes(data))
-                      for path, data in zip(frame.pair, answer.pictures)])
+        put_all(dict(zip(frame.pair, answer.pictures)))
         progress.update(finished / len(frames), None, f"{finished} of {len(frames)}")
         yield frame.number, row_of(frame, answer.figures, "resumed" if answer.resumed else "rendered", answer.seconds)
 

@@ -1,13 +1,14 @@
 """A contact sheet: thumbnails of frames with their numbers, in rows."""
 
+import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from bakery.store.put import put
 from renderers import colour
-from renderers.pictures import images
 
 MOST = 400  # thumbnails; of more frames some are left out, evenly
 _SHEET, _WIDE = 2400, 320  # pixels, of the sheet and of a thumbnail, at most
@@ -18,16 +19,12 @@ _DARK, _LIGHT = "#202020", "#d0d0d0"
 
 
 def write(path: Path, pictures: Sequence[Path], numbers: Sequence[int]) -> str:
-    """Writes the sheet of PNG pictures of one size; its path.
-
-    Raises StoreError where it cannot be written; what stood there before stands there still.
-    """
+    """Writes the sheet of PNG pictures of one size; its path.  Raises as `bakery.store.put.put`."""
     positions = np.unique(np.linspace(0, len(pictures) - 1, min(MOST, len(pictures))).round().astype(int))
     first = _display(pictures[positions[0]])
     columns, size = _grid(len(positions), first.shape[:2])
     thumbnails = [_resized(_display(pictures[k]), size) for k in positions]
-    images.write([(path, lambda temporary: _draw(temporary, thumbnails, [numbers[k] for k in positions], columns))])
-    return str(path)
+    return str(put(path, _drawn(thumbnails, [numbers[k] for k in positions], columns)))
 
 
 def _grid(count: int, size: tuple[int, int]) -> tuple[int, tuple[int, int]]:
@@ -48,25 +45,13 @@ def _display(path: Path):
 
 def _resized(picture, size):
     """A picture of another size: means of linear light where it is smaller, the nearest pixels where it is larger."""
-    linear = colour.decode(picture)
-    for axis, pixels in enumerate(size):
-        linear = np.moveaxis(_along(np.moveaxis(linear, axis, 0), pixels), 0, axis)
-    return colour.encode(np.clip(linear, 0, 1))
+    from PIL import Image
+
+    channels = (Image.fromarray(channel) for channel in np.moveaxis(colour.decode(picture).astype(np.float32), -1, 0))
+    return colour.encode(np.stack([channel.resize(size[::-1], Image.Resampling.BOX) for channel in channels], axis=-1))
 
 
-def _along(rows, pixels: int):
-    """The first axis as so many: of shares of the rows that fall into each."""
-    edges = np.linspace(0, len(rows), pixels + 1)
-    if pixels >= len(rows):
-        return rows[np.minimum((0.5 * (edges[1:] + edges[:-1])).astype(int), len(rows) - 1)]
-    summed = np.concatenate([np.zeros((1, *rows.shape[1:])), np.cumsum(rows, axis=0)])
-    whole = np.minimum(edges.astype(int), len(rows) - 1)
-    part = (edges - whole).reshape(-1, *[1] * (rows.ndim - 1))
-    upto = summed[whole] + part * rows[whole]
-    return np.diff(upto, axis=0) * pixels / len(rows)
-
-
-def _draw(path: str, thumbnails, numbers: Sequence[int], columns: int) -> None:
+def _drawn(thumbnails, numbers: Sequence[int], columns: int) -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -80,4 +65,6 @@ def _draw(path: str, thumbnails, numbers: Sequence[int], columns: int) -> None:
         figure.figimage(picture, x, size[1] - top - height, origin="upper")
         figure.text((x + width / 2) / size[0], 1 - (top + height + _LABEL / 2) / size[1], str(number), color=_LIGHT,
                     fontsize=8, ha="center", va="center")
-    figure.savefig(path, format="png", dpi=_DPI, facecolor=_DARK, metadata={"Software": None})
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=_DPI, facecolor=_DARK, metadata={"Software": None})
+    return stream.getvalue()

@@ -2,13 +2,14 @@
 `renderers.fog._filter`."""
 
 import math
+import os
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
 
 from bakery.system.compiled import njit
 from renderers.fog import _columns, _filter
-from renderers.fog import filter as screen
 from renderers.fog._filter import FAR, MET, NEAR, REST, SHARE, _place
 from renderers.fog._lanes import LANES
 from renderers.fog._prepared import Prepared
@@ -16,12 +17,12 @@ from renderers.fog._prepared import Prepared
 _SOME = 64  # pixels of a task
 
 
-def direct(image, distance, angle, column, lever, medium, *, threads=None, pixels=None, reach=None, **options):
+def direct(image, distance, angle, column, lever, medium, *, pixels=None, reach=None, **options):
     """`filter.fogged` by its definition, every pair of pixels.
 
     Parameters
     ----------
-    image ... threads, options : as of `fogged`
+    image ... medium, options : as of `fogged`
     pixels : (N,) flat indices of pixels that are wanted, or None for all
     reach : pixels; what is farther away along a row or a column is left out
 
@@ -30,19 +31,16 @@ def direct(image, distance, angle, column, lever, medium, *, threads=None, pixel
     (H, W, C), or (N, C) of the wanted pixels
     """
     image = np.asarray(image, float)
-    results = []
-    for part, kind in screen._by_lanes(image, medium):
-        p = Prepared(part, (distance, angle, column, lever), kind, **options)
-        chosen = np.arange(p.z.size) if pixels is None else np.asarray(pixels, np.int64)
-        sums = np.zeros((len(chosen), _filter.SUMS, LANES))
-        farthest = max(p.z.shape) if reach is None else int(reach)
-        table = Table(p.kernels, _number(p._offsets))
-        with screen._workers(threads) as pool:
-            for task in [pool.submit(every_pair, chosen[k:k + _SOME], farthest, p.pixels, table, p.outside == "black",
-                                     sums[k:k + _SOME]) for k in range(0, len(chosen), _SOME)]:
-                task.result()
-        results.append(p.finished(sums, chosen))
-    result = np.concatenate(results, axis=1)
+    p = Prepared(image, (distance, angle, column, lever), medium, **options)
+    chosen = np.arange(p.z.size) if pixels is None else np.asarray(pixels, np.int64)
+    sums = np.zeros((len(chosen), _filter.SUMS, LANES))
+    farthest = max(p.z.shape) if reach is None else int(reach)
+    table = Table(p.kernels, _number(p._offsets))
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        for task in [pool.submit(every_pair, chosen[k:k + _SOME], farthest, p.pixels, table, p.outside == "black",
+                                 sums[k:k + _SOME]) for k in range(0, len(chosen), _SOME)]:
+            task.result()
+    result = p.finished(sums, chosen)
     return result.reshape(image.shape) if pixels is None else result
 
 

@@ -220,10 +220,10 @@ def test_which_tables(coloured, folder):
     assert load(coloured, wavelength=0.58).tables.g() == pytest.approx([0.8], abs=1e-3)
     assert load(coloured, wavelength=1.0).tables.g() == pytest.approx([0.9], abs=1e-3)
     weight = np.array([0.5, 1.0, 4.0])  # sigma_s
-    assert tables.load(coloured).mean().g()[0] == pytest.approx(weight @ [0.9, 0.7, 0.2] / weight.sum(), abs=1e-3)
+    assert tables.load(coloured).selected().g()[0] == pytest.approx(weight @ [0.9, 0.7, 0.2] / weight.sum(), abs=1e-3)
     eight = asset_file(folder / "eight.h5", henyey_greenstein(np.linspace(0.1, 0.8, 8), angles()),
                        wavelength=np.arange(0.405, 0.76, 0.05))
-    red, green, blue = tables.load(eight).rgb().g()
+    red, green, blue = tables.load(eight).selected(bands="rgb").g()
     assert 0.1 < blue < 0.35 < green < 0.45 < red < 0.7
     for wrong in ({"channel": 3}, {"wavelength": -1.0}):
         with pytest.raises(Exception, match="wavelengths; give|give micrometres"):

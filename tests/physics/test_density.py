@@ -113,13 +113,6 @@ def test_grid_without_end_and_at_points():
     assert grid.at([-0.75, -0.25, 0.25]) == pytest.approx(grid.values[0, 1, 2], rel=1e-12)
 
 
-def test_threads_change_nothing():
-    rng, origin, direction = rays(4, 9000, 1.0)
-    values = rng.random((6, 7, 8))
-    one, two = (Grid(values, (-1, -1, -1), (1, 1, 1), 1.0, n).integrals(origin, direction, np.full(9000, 5.0)) for n in (1, 3))
-    assert np.array_equal(one, two)
-
-
 def test_as_mitsuba_reads_it(tmp_path):
     """The same VOL file, trilinear and clamped: the same densities to float32, in the half cells at the faces too."""
     mi = library()

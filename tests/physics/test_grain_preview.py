@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 renderer = pytest.importorskip("renderers.mitsuba", exc_type=ImportError)
 
@@ -128,7 +129,7 @@ def test_clear_grains_vanish_in_equal_light(monkeypatch):
 def test_grains_lie_stable():
     """Turned anyhow, a slab comes to lie on its large face, whole and on the ground."""
     slab = np.array([[x, y, z] for x in (-1, 1) for y in (-0.8, 0.8) for z in (-0.2, 0.2)]) / 1.3
-    turn = grains._turning(np.array([0.0, 0.0, 1.0]), np.array([2.0, 1.0, -2.0]) / 3)
+    turn = Rotation.align_vectors([2.0, 1.0, -2.0], [0.0, 0.0, 1.0])[0].as_matrix()
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
     lying = grains.resting(slab @ turn.T)
     np.testing.assert_allclose(np.sort(lying[:, 2]), [0] * 4 + [0.4 / 1.3] * 4, atol=1e-9)

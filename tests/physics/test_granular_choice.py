@@ -72,15 +72,12 @@ def chosen(monkeypatch, world, one, samples):
     """What `auto` is by pilots of so many samples a pixel: no clock decides how many."""
     mesh, of = (VERTICES, FACES), choice.trial.of
     monkeypatch.setattr(choice.trial, "of", lambda prepare, world, seconds, most: of(prepare, world, None, samples))
-    monkeypatch.setattr(choice.candidates, "applied", lambda scene, candidate: candidate.name)
+    monkeypatch.setattr(choice.candidates, "by_methods", lambda scene, names: SimpleNamespace(
+        prepare=lambda opened, small, seed: methods.of(names[0], small, [one], [mesh], [material.grains_of(one, *mesh)], seed)))
     scene = SimpleNamespace(values=SimpleNamespace(materials=[SimpleNamespace(kind="grains")], tolerance=budget.DEFAULT))
-
-    def prepare(opened, small, seed):
-        return methods.of(opened.scene, small, [one], [mesh], [material.grains_of(one, *mesh)], seed)
-
     offered = [Candidate(name, (name,), declared()[name].exact, declared()[name].error, declared()[name].pilot)
                for name in ("ept", "ept+vpt+da")]
-    return choice._Pilots(prepare, choice.Opened(scene, [one], one), world, Stop(noise=1e-4), offered).choice()
+    return choice._Pilots(choice.Opened(scene, [one], one), world, Stop(noise=1e-4), offered).choice()
 
 
 @pytest.mark.slow

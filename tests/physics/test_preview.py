@@ -138,7 +138,7 @@ def test_measures_at_doubling_passes_and_before_it_stops():
         asked.append(picture.samples)
         return picture.noise / (10 if picture.samples == 4 else 6)
 
-    halves = passes._Halves([Part("noise", one_pass, 1)])
+    halves = passes.Picture([Part("noise", one_pass, 1)])
     halves.measure = measure
     halves.run(Stop(noise=0.03, samples=99))
     # 1 / sqrt(n): at 4 there are 5 %; a tenth would be 3 % after 12, a sixth is after 31

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-import renderers.mitsuba  # noqa: F401  before Dr.Jit: it finds LLVM
+from renderers.mitsuba import variants  # before Dr.Jit: it finds LLVM
 from renderers.transport import lamps, loop, passes, strata
 from renderers.transport.scene import Scene
 from tests.physics import test_transport as loops
@@ -128,6 +128,7 @@ def test_any_number_of_threads(tmp_path, of_milk):
 
 def test_samples_of_a_pixel_have_strata_of_their_own():
     """One in each of the pixel and in each of the choices, and all choices alike in each stratum of the pixel."""
+    variants.activate()
     pixels, samples = 4096, 16
     path = dr.arange(mi.UInt32, pixels * samples)
     place, choice = strata.Strata.of((3, 5), samples).drawn(path // samples, path % samples, mi.PCG32(pixels * samples), True)

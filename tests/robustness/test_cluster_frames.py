@@ -8,6 +8,7 @@ import pytest
 
 from bakery.errors import BakeryError
 from bakery.run import dask
+from bakery.run.progress import Progress
 from renderers import sequence
 from renderers.cluster import passes
 from renderers.pictures import passes as passes_of_picture
@@ -51,7 +52,7 @@ class Killing:
         os.kill(pid, signal.SIGKILL)
 
     def __getattr__(self, name):
-        return getattr(sequence._Silent(), name)
+        return getattr(Progress(), name)
 
 
 def test_frames_of_workers_have_the_bytes_of_one_machine(call, place, scheduler):
@@ -87,9 +88,11 @@ def test_faults_of_a_worker(place, scheduler):
 
 
 def test_a_worker_with_another_mitsuba_is_refused():
-    asked = SimpleNamespace(versions=versions() | {"mitsuba": "2.0"})
-    for answer in far.rendered({}, {}, asked), passes.rendered({}, asked, "walk", 0):
-        assert answer.status == 2 and "instead of 2.0; equal versions give equal pictures" in answer.fault
+    asked = SimpleNamespace(scene=SimpleNamespace(versions=versions() | {"mitsuba": "2.0"}), number=7)
+    for rendered, arguments in (far.rendered, ({}, asked)), (passes.rendered, (asked, "walk", 0)):
+        with pytest.raises(BakeryError, match="instead of 2.0; equal versions give equal pictures") as fault:
+            rendered({}, *arguments)
+        assert fault.value.exit_status == 2
 
 
 def test_passes_of_workers_have_the_bytes_of_one_machine(call, place, scheduler):

@@ -157,9 +157,8 @@ def taken(monkeypatch, *pairs, stop=STOP, tolerance=0.1):
 
     scene = SimpleNamespace(values=SimpleNamespace(materials=[], tolerance=tolerance))
     monkeypatch.setattr(choice.trial, "of", of)
-    monkeypatch.setattr(choice.candidates, "applied", lambda scene, candidate: candidate.name)
-    opened, offered = choice.Opened(scene, [], None), [one for one, _ in pairs]
-    return choice._Pilots(lambda opened, small, seed: opened.scene, opened, world(), stop, offered).choice()
+    monkeypatch.setattr(choice.candidates, "by_methods", lambda scene, names: SimpleNamespace(prepare=lambda *_: names[0]))
+    return choice._Pilots(choice.Opened(scene, [], None), world(), stop, [one for one, _ in pairs]).choice()
 
 
 def test_the_cheapest_that_fits_is_taken(monkeypatch):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bakery.errors import StoreError, UsageError
+from bakery.errors import UsageError
 from renderers import colour
 from renderers.pictures import images
 
@@ -136,23 +136,3 @@ def test_impossible_outputs_are_refused_first(tmp_path, name):
     with pytest.raises(UsageError, match="folder"):
         images.output_pair(tmp_path / "y.png")
     assert images.output_pair(tmp_path / "z.exr") == (tmp_path / "z.png", tmp_path / "z.exr")
-
-
-@pytest.mark.parametrize("fault", [RuntimeError("disk full"), KeyboardInterrupt()])
-def test_a_failed_write_changes_nothing(tmp_path, fault):
-    old, new = tmp_path / "a.png", tmp_path / "b.exr"
-    old.write_text("old")
-
-    def save(path):
-        with open(path, "w") as file:
-            file.write("new")
-
-    def fail(path):
-        save(path)
-        raise fault
-
-    with pytest.raises(StoreError if isinstance(fault, RuntimeError) else KeyboardInterrupt):
-        images.write([(old, save), (new, fail)])
-    assert old.read_text() == "old" and sorted(tmp_path.iterdir()) == [old]
-    images.write([(old, save), (new, save)])
-    assert old.read_text() == new.read_text() == "new" and sorted(tmp_path.iterdir()) == [old, new]

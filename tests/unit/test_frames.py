@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bakery.errors import RecipeError, UsageError
-from renderers import scene
+from renderers import colour, scene
 from renderers.pictures import progressive
 from renderers.scene import assets, frames, requirements
 from renderers.sequence import prepared, sheet
@@ -162,10 +162,11 @@ def test_faults_of_all_frames_at_once(load, tmp_path):
 
 def test_thumbnails_keep_the_light():
     """Means of linear light, whatever the sizes; larger ones repeat pixels."""
-    picture = np.random.default_rng(3).uniform(0.2, 0.9, (37, 53, 3))
-    small = sheet._along(sheet._along(picture, 10).swapaxes(0, 1), 7).swapaxes(0, 1)
-    assert small.shape == (10, 7, 3) and np.allclose(small.mean(axis=(0, 1)), picture.mean(axis=(0, 1)), rtol=1e-12)
-    assert np.array_equal(sheet._along(picture[:3], 9), np.repeat(picture[:3], 3, axis=0))
+    picture = np.random.default_rng(3).uniform(0.2, 0.9, (40, 63, 3))
+    small = colour.decode(sheet._resized(picture, (10, 7)))
+    assert small.shape == (10, 7, 3) and np.allclose(small.mean(axis=(0, 1)), colour.decode(picture).mean(axis=(0, 1)), rtol=1e-6)
+    assert sheet._resized(picture, (11, 8)).shape == (11, 8, 3)
+    assert np.allclose(sheet._resized(picture[:3], (9, 63)), np.repeat(picture[:3], 3, axis=0), rtol=1e-6)
     assert sheet._grid(48, (300, 400)) == (8, (220, 293)) and sheet._grid(2, (16, 16)) == (2, (48, 48))
 
 

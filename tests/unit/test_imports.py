@@ -41,10 +41,11 @@ ENGINE = {"bakery/physics/multiple/symbolic.py": {"drjit"},
           "bakery/physics/sizes/distributions.py": {"importlib"}, "bakery/physics/shapes/repair.py": {"pymeshlab"}}
 # what renderers see of bakery: assets, kernels for their own loops, the grammar of scenes, and what the machine offers
 SEEN = {"bakery", "bakery.open"}, ("bakery.errors", "bakery.grammar", "bakery.kernels", "bakery.store.outputs",
-                                   "bakery.store.ply", "bakery.store.scratch", "bakery.system")
+                                   "bakery.store.ply", "bakery.store.put", "bakery.store.scratch", "bakery.system")
 # where the recipe of a scene becomes its asset, and what is kept beside it
 BAKES = {"renderers/scene/assets.py": ("bakery.run.ensure",),
-         "renderers/choice/remembered.py": ("bakery.run.cache", "bakery.store.tree")}
+         "renderers/choice/remembered.py": ("bakery.run.cache", "bakery.store.tree"),
+         "renderers/sequence/__init__.py": ("bakery.run.progress",)}
 # rooms of renderers, from the ground up: each with what it may import of the others
 ROOMS = {"camera": set(), "colour": set(), "progress": set(), "seeds": set(), "threads": set(),
          "scene": {"mitsuba"},

@@ -18,15 +18,6 @@ def part(seconds, noise, passes=4, samples=2):
     return {"samples": samples, "passes": passes, "seconds": seconds, "noise": noise, "concentration": 0.01}
 
 
-def test_passes_are_linear_in_pixels():
-    """3 us a pixel and 1 ms: of a million pixels 3.001 s; a picture no larger than the pilot takes what that took."""
-    small, large = (SimpleNamespace(pixels=pixels, report={"parts": {"walk": part(1e-3 + 3e-6 * pixels, 0.5)}})
-                    for pixels in (2304, 9216))
-    assert pilot._scaled(small, large, 1_000_000)["walk"]["seconds"] == pytest.approx(3.001)
-    assert pilot._scaled(small, large, 9216) == large.report["parts"]
-    assert pilot._scaled(large, large, 1_000_000) == large.report["parts"]
-
-
 def test_passes_of_splats_take_as_long_for_any_picture():
     """Seconds of two sizes that are alike but for what a clock tells do not go with the pixels; 3 us a pixel do."""
     small, large, picture = 24**2, 64**2, 400 * 300
@@ -90,7 +81,7 @@ def test_regions_end_the_passes_where_they_have_more_noise():
 @pytest.mark.parametrize("size, pixels, smaller", [((640, 360), 2304, (64, 36)), ((8, 6), 2304, (8, 6)),
                                                    ((4000, 1), 256, (1012, 2))])
 def test_a_pilot_has_the_shape_of_the_picture(size, pixels, smaller):
-    assert pilot._smaller(*size, pixels) == smaller
+    assert trial.shrunk(*size, pixels) == smaller
 
 
 @pytest.fixture
@@ -134,10 +125,6 @@ def test_a_choice_that_was_kept_foretells_by_the_clock_of_today(planned):
     scene, tried = planned(0.2, lambda *_: pytest.fail("a second pilot"))
     then, now = (pilot._ends(pilot._tried(scene, STOP, None, clock), STOP, {"noise": 1.0})["noise"][0] for clock in (None, 5.0))
     assert now == pytest.approx(10 * then)
-    clock = pilot._Clock()
-    assert clock.pace is None
-    clock._told = [(10.0, 2.0), (11.0, 3.0), (13.0, 3.5)]
-    assert clock.pace == pytest.approx(2.0)
 
 
 def test_where_the_pilot_of_a_choice_tells_little_a_longer_one_foretells(planned):

@@ -235,7 +235,7 @@ def test_auto_is_a_surface_from_afar_and_as_bright_as_paths(tmp_path, monkeypatc
     field, world = opened(tmp_path)
     offered = [candidate for candidate in surfaces.beside(field, world, candidates.of(field.scene))[0]
                if candidate.name in ("paths", "surface")]
-    best = choice._Pilots(choice._prepared, field, world, choice.stop_of(field.scene, None), offered).choice()
+    best = choice._Pilots(field, world, choice.stop_of(field.scene, None), offered).choice()
     paths, surface = (row["seconds"] for row in best.table)
     assert best.method == "surface" and surface < paths, best.table
     assert best.approximations <= budget.ROOM * 0.05
