@@ -25,7 +25,7 @@ from bakery.grammar.fields import nearest
 from bakery.grammar.text import show
 from bakery.grammar.units import Wrong, naming, parse, quantity_of
 from bakery.stages import sections_for
-from bakery.stages.conform import FAMILY, faults, stages_of
+from bakery.stages.conform import FAMILY, violations
 from bakery.stages.declaration import Answer
 from bakery.stages.members import MissingStage, Values, with_units
 from bakery.store.hashes import HASH
@@ -92,11 +92,7 @@ class Interpolated(Asset):
         StoreError : the system refused
         """
         check_outputs([(path, ASSET)], [str(self.provenance.attributes["family"])], overwrite)
-
-        def broken(root: Group) -> list[str]:
-            return faults(root) or [rule for stage in stages_of(root) for rule in stage.check(root[stage.name])]
-
-        write(path, self.tree, check=broken)
+        write(path, self.tree, check=violations)
         return Path(path)
 
 

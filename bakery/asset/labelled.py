@@ -175,12 +175,9 @@ def _plain(value):
 
 def write_asset(root: Group, path: str | os.PathLike, overwrite: bool) -> None:
     """Write a tree as an asset, after all that its stages check."""
-    from bakery.stages.conform import faults, stages_of
+    from bakery.stages.conform import violations
     from bakery.store.outputs import ASSET, check_outputs
     from bakery.store.write import write
 
-    def broken(root: Group) -> list[str]:
-        return faults(root) or [rule for stage in stages_of(root) for rule in stage.check(root[stage.name])]
-
     check_outputs([(path, ASSET)], [], overwrite)
-    write(path, root, check=broken)
+    write(path, root, check=violations)

@@ -64,6 +64,16 @@ def faults(root: Group) -> list[str]:
     return list(dict.fromkeys([*declared(root), *_others(root), *_datasets(root)]))
 
 
+def violations(root: Group) -> list[str]:
+    """`faults`; where there are none, the rules of its stages' physics that a tree breaks."""
+    return faults(root) or [f"{stage.name}: {rule}" for stage in stages_of(root) for rule in stage.check(root[stage.name])]
+
+
+def broken(stage: Stage, group: Group) -> list[str]:
+    """Where a group departs from what its stage declares; where nowhere, the rules of the stage's physics that it breaks."""
+    return list(_outputs(stage.name, group, stage.outputs, {})) or list(stage.sound(group)) or list(stage.check(group))
+
+
 def stages_of(root: Group) -> list[Stage]:
     """The declaration of each stage that the asset holds; of two that fill one group, the one that needs most of it."""
     chosen: dict[str, Stage] = {}

@@ -282,7 +282,8 @@ class Stage:
     cost : recipe -> Cost
     inputs : (recipe, upstream groups by name) -> arguments of `compute`, plain values and arrays
     compute : (inputs, context) -> Result
-    check : group -> broken rules, in words (normalisation, energy, ranges); `verify` and the store run it
+    check : group as declared and sound -> rules of its physics that it breaks, in words (normalisation, energy); `verify` and the
+        store run it
     sound : group as declared -> broken rules that its readers count on (order, indices, room that a table takes), in words; quick
         and without heavy imports, for every `bakery.open` runs it
     view : root -> what `bakery.open` gives for the group; None: its members, as they are stored

@@ -65,7 +65,6 @@ OUTPUTS = (
     Output("COMPONENT/n", "(L,)", "1", "real part of the refractive index, relative to vacuum"),
     Output("COMPONENT/k", "(L,)", "1", "imaginary part of the refractive index"),
 )
-_REQUIRED = ("index", "fraction", "radius", "edge", "share", "extinction", "scattering", "spread", "phase", "n", "k")
 
 
 # ---- recipe
@@ -324,10 +323,6 @@ def _check_component(group: Group, theta) -> Iterable[str]:
     from bakery.physics.medium import phase
 
     v = {name: np.asarray(member.data) for name, member in group.members.items() if isinstance(member, Dataset)}
-    faults = list(rules.complete(v, _REQUIRED))
-    yield from faults
-    if faults:
-        return
     radius, edge = v["radius"], v["edge"]
     if not (np.diff(radius) > 0).all() or (radius < edge[:-1]).any() or (radius > edge[1:]).any():
         yield "radius does not ascend, or does not lie between the edges of its class"
