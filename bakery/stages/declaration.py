@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from bakery.draw.html import table
+from bakery.errors import UsageError
 from bakery.store.tree import Dataset, Group
 from bakery.system.terminal import clean
 from bakery.system.terminal import table as lines
@@ -168,6 +169,24 @@ class Query:
     # (what `bakery.open` gives, path, arguments) -> Answer; UsageError where an argument is missing or has no effect
     answer: Callable[[Any, str, Mapping[str, Any]], Any]
     bare: bool = False  # whether it is answered without arguments too, and where nothing is stored at the path
+
+
+def lists_of(path: str, arguments: Mapping[str, Any], accepted: Iterable[str], may: Iterable[str] = (),
+             needed: Iterable[str] = (), example: str = "") -> list[str]:
+    """Names of a query's arguments that are lists; UsageError where one has no effect, is needed, or may not be a list.
+
+    may : names of those that may be lists;  example : all that is needed, as one would write it
+    """
+    if useless := [name for name in arguments if name not in accepted]:
+        raise UsageError(f"{path}: {useless[0]} has no effect on it; {', '.join(accepted)} would")
+    if missing := [name for name in needed if name not in arguments]:
+        raise UsageError(f"{path}: {', '.join(missing)} missing; give {example}")
+    several = [name for name in arguments if np.ndim(arguments[name])]
+    if refused := [name for name in several if name not in may]:
+        raise UsageError(f"{path}: {refused[0]} is a list; give one")
+    if len(several) > 1:
+        raise UsageError(f"{path}: {' and '.join(several)} are lists; only one may be")
+    return several
 
 
 @dataclass(frozen=True)

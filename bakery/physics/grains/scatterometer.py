@@ -16,6 +16,7 @@ from bakery.physics.grains.figures import WithErrors, in_order
 from bakery.physics.grains.points import points, scrambled
 from bakery.physics.grains.surface import Surface
 from bakery.physics.grains.walk import ABSORBED, CONTRADICTED, CUT, MISSED, Walker
+from bakery.physics.tasks import in_turn
 from bakery.system.compiled import njit
 
 REPLICATES = 32
@@ -98,7 +99,7 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
     """
     mu, edges = _checked(surface, mu, tolerance, asked, edges)
     tracer = tracer or Walker(mesh, surface, mu)
-    map = map or _in_turn
+    map = map or in_turn
     key = rng.key(seed, "grains.walk", stream)
     sums = np.zeros((REPLICATES, len(mu) + 1, _BINS + len(edges) - 1))
     first, count = 0, _FIRST
@@ -237,10 +238,6 @@ def ratio(numerator, denominator):
     value = numerator.sum(0) / safe
     residual = numerator - value * denominator
     return value, np.sqrt(np.sum(residual**2, axis=0) * count / (count - 1)) / safe
-
-
-def _in_turn(function, tasks):
-    return [function(*task) for task in tasks]
 
 
 def _checked(surface, mu, tolerance, asked, edges):

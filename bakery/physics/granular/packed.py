@@ -133,7 +133,10 @@ def walk(tile, grains, weights=None, *, seed, tolerance, hits=None, depth=EVENTS
         remaining = most // REPLICATES - done * length  # hits of a replicate that may still be walked
         if walks.reached or endless or walks.given_up == 1:
             return walks
-        if short and length < _LENGTH_MAX and remaining >= 2 * _LONGER * length and not _straight(walks.g):
+        # not where light keeps its direction for longer than the longest walks can tell: M is 2 lambda^2/(1 - g) where it is
+        # large, and its window WINDOW_OVER M/<step^2>, with <step^2> of at most 2 lambda^2
+        if short and length < _LENGTH_MAX and remaining >= 2 * _LONGER * length \
+                and (1 - walks.g) * _windows(_LENGTH_MAX)[-3] >= WINDOW_OVER:
             length, done, sums, count = _LONGER * length, 0, None, 2
             continue
         if remaining < length or walks.achieved_error == math.inf:
@@ -165,14 +168,6 @@ def _window(M, steps, windows, radius):
         if n >= WINDOW_MIN and n >= WINDOW_OVER * M[j] / max(steps, 1e-300) and n * M[j] >= (WINDOW_REACH * radius) ** 2:
             return j
     return -1
-
-
-def _straight(g):
-    """Whether light of a mean cosine a hit keeps its direction for longer than the longest walks can tell.
-
-    M is 2 lambda^2/(1 - g) where it is large, and its window WINDOW_OVER M/<step^2>, with <step^2> of at most 2 lambda^2.
-    """
-    return (1 - g) * _windows(_LENGTH_MAX)[-3] < WINDOW_OVER
 
 
 def _figures(total, windows, radius, j=None):

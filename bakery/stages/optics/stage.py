@@ -51,14 +51,11 @@ OUTPUTS = (
 )
 
 
-def _components(recipe):
-    host, humidity = np.asarray(recipe.particles.host.n, float), recipe.particles.relative_humidity
-    return [spheres.component(part, host, humidity) for part in recipe.particles.components]
-
-
 def inputs(recipe, upstream) -> dict:
-    return {"components": _components(recipe), "wavelength": np.asarray(recipe.wavelength, float),
-            "host": np.asarray(recipe.particles.host.n, float), "polarized": bool(recipe.phase.polarized)} | _settings(recipe)
+    particles, host = recipe.particles, np.asarray(recipe.particles.host.n, float)
+    return {"components": [spheres.component(part, host, particles.relative_humidity) for part in particles.components],
+            "wavelength": np.asarray(recipe.wavelength, float), "host": host,
+            "polarized": bool(recipe.phase.polarized)} | _settings(recipe)
 
 
 def _settings(recipe) -> dict:

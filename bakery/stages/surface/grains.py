@@ -102,9 +102,11 @@ def compute(inputs: dict, context) -> Result:
 
 def _solutions(inputs: dict, context) -> list:
     """Half spaces or layers of the medium that stands for the grains, all with as many moments."""
+    from bakery.physics.surfaces.refine import converged
+
     slabs = surface.slabs(inputs)
     try:
-        solutions = context.map(surface.solved, [(slab, _SHAPE) for slab in slabs])
+        solutions = context.map(converged, [(slab, _SHAPE) for slab in slabs])
     except ArithmeticError as fault:
         raise StageError(f"surface: {fault}") from None
     return [solution for solution, _ in surface.alike(slabs, solutions, _SHAPE, context)]

@@ -87,13 +87,6 @@ def _depths(inputs: dict) -> np.ndarray:
     return np.maximum(depths, _THINNEST) if inputs["index"] != 1 and inputs["base"] is not None else depths
 
 
-def solved(slab, tolerance: float):
-    """A slab within a tolerance, and the error that says so; a task that any worker may run."""
-    from bakery.physics.surfaces.refine import converged
-
-    return converged(slab, tolerance)
-
-
 def by_moments(slab, count: int, tolerance: float):
     """A slab by a given number of moments, more than it needs; a task that any worker may run."""
     from bakery.physics.surfaces.refine import moments_of
@@ -102,22 +95,19 @@ def by_moments(slab, count: int, tolerance: float):
     return solve(slab, moments_of(slab, count + 1), count, tolerance)
 
 
-def compacted(solution, error: float, tolerance: float):
-    """A solution rounded to what its error leaves of the tolerance, and its error then; a task that any worker may run."""
-    from bakery.physics.surfaces.refine import compact
-
-    return compact(solution, error, tolerance)
-
-
 def alike(slabs: list, solutions: list, tolerance: float, context) -> list:
     """Solutions (solution, error) of slabs, all with the largest number of moments that any of them needs, rounded."""
+    from bakery.physics.surfaces.refine import compact
+
     counts = [len(solution.cut.moments) for solution, _ in solutions]
     fewer = [k for k, count in enumerate(counts) if count < max(counts)]
     finer = dict(zip(fewer, context.map(by_moments, [(slabs[k], max(counts), tolerance) for k in fewer]), strict=True))
-    return context.map(compacted, [(finer.get(k, solution), error, tolerance) for k, (solution, error) in enumerate(solutions)])
+    return context.map(compact, [(finer.get(k, solution), error, tolerance) for k, (solution, error) in enumerate(solutions)])
 
 
 def compute(inputs: dict, context) -> Result:
+    from bakery.physics.surfaces import refine
+
     on = inputs.get("under")
     below = None if on is None else bases.layers_of(on, inputs["wavelength"], inputs["layer"], context)
     cases, tolerance = slabs(inputs, below), context.tolerance
@@ -125,7 +115,7 @@ def compute(inputs: dict, context) -> Result:
     needed = []
     for start in range(0, len(cases), _TOGETHER):  # a few at a time, so that progress can be reported
         try:
-            needed += context.map(solved, [(case, tolerance) for case in cases[start:start + _TOGETHER]])
+            needed += context.map(refine.converged, [(case, tolerance) for case in cases[start:start + _TOGETHER]])
         except ArithmeticError as fault:
             raise StageError(f"surface: {fault}") from None
         context.report(0.6 * len(needed) / len(cases))
