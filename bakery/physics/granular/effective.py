@@ -67,12 +67,6 @@ def mixed(parts: Sequence[Means], weights=(1.0,), radii=None) -> Means:
     """
     weights = np.asarray(weights, float)
     radii = np.ones(len(parts)) if radii is None else np.asarray(radii, float)
-    if not parts or weights.shape != (len(parts),) or radii.shape != (len(parts),):
-        raise ValueError(f"{len(parts)} parts with {weights.size} weights and {radii.size} radii: as many of each are needed")
-    if not (np.all(weights >= 0) and 0 < np.sum(weights) < np.inf):
-        raise ValueError(f"weights {weights.tolist()}: numbers >= 0 with a positive sum are needed")
-    if not np.all((radii > 0) & np.isfinite(radii)):
-        raise ValueError(f"radii {radii.tolist()}: positive lengths are needed")
     meets = weights * (radii / radii.max()) ** 2
     meets = (meets / np.sum(meets))[:, None]
 
@@ -152,10 +146,6 @@ def void_chord(fraction, radii=(1.0,), shares=None):
     """
     radii = np.asarray(radii, float)
     shares = np.ones_like(radii) if shares is None else np.asarray(shares, float)
-    if not 0 < fraction < 1:
-        raise ValueError(f"fraction {fraction:g}: more than 0 and less than 1 is possible")
-    if shares.shape != radii.shape or not np.all((shares >= 0) & (radii > 0)) or not np.sum(shares) > 0:
-        raise ValueError(f"radii {radii.tolist()} with shares {shares.tolist()}: as many shares >= 0 as radii > 0 are needed")
     return float(4 / 3 * np.sum(shares * radii**3) / np.sum(shares * radii**2) * (1 - fraction) / fraction)
 
 
@@ -182,8 +172,6 @@ def flight(hit_probability, lambda_delta, missed_square, void_chord, second_mome
 
     Exponential b give z_2 = 2 <z>^2 + m <d^2>, not quite an exponential flight.
     """
-    if second_moment is not None and not np.all(np.asarray(second_moment) >= 0.5):
-        raise ValueError(f"second moment {second_moment}: <z^2>/(2 <z>^2) is at least 1/2")
     beta = np.asarray(hit_probability, float)
     with np.errstate(divide="ignore"):
         misses = np.where(beta > 0, (1 - beta) / np.where(beta > 0, beta, 1.0), np.inf)
@@ -258,8 +246,6 @@ def effective(means: Means, void_chord: float, second_moment: float | None = Non
     >>> round(float(effective(glass, void_chord(0.63)).sigma_t[0]), 6)
     0.453017
     """
-    if not (void_chord > 0 and math.isfinite(void_chord)):
-        raise ValueError(f"mean chord {void_chord:g} between spheres: a positive length is needed")
     inputs = {name: means.figure(name) for name in ("hit_probability", "lambda_delta", "missed_square", "albedo", "lambda_s",
                                                     "mean_square", "g")}
     if second_moment is not None:
