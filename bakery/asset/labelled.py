@@ -175,12 +175,9 @@ def _plain(value):
 
 def write_asset(root: Group, path: str | os.PathLike, overwrite: bool, inputs: Sequence[str] = ()) -> None:
     """Write a tree as an asset, after all that its stages check; inputs : files that it must not replace."""
-    from bakery.stages.conform import faults, stages_of
+    from bakery.stages.conform import violations
     from bakery.store.outputs import ASSET, check_outputs
     from bakery.store.write import write
 
-    def broken(root: Group) -> list[str]:
-        return faults(root) or [rule for stage in stages_of(root) for rule in stage.check(root[stage.name])]
-
     check_outputs([(path, ASSET)], inputs, overwrite)
-    write(path, root, check=broken)
+    write(path, root, check=violations)

@@ -23,6 +23,7 @@ from bakery.run.cache import Cache
 from bakery.run.dask import cluster
 from bakery.run.executors import Context, threads
 from bakery.run.progress import Progress
+from bakery.stages.conform import broken, violations
 from bakery.stages.declaration import Cost, Stage, remembering
 from bakery.store.outputs import named
 from bakery.store.tree import Dataset, Group
@@ -213,7 +214,7 @@ def execute(plan: Plan, *, cache: Cache | None = None, jobs: int | None = None, 
             steps.append(report)
     root = _assemble(plan, groups, provenances)
     with progress.during(f"writing {plan.output.name}"):
-        write(plan.output, root, check=lambda root: _broken(plan, root))
+        write(plan.output, root, check=violations)
     return Baked(plan.output, True, tuple(steps), files, _missed(root), plan.recipe.warnings, **asked)
 
 
@@ -262,10 +263,9 @@ def _compute(step: Step, plan: Plan, groups, pool, workers: int, progress: Progr
     group = Group(result.members, {
         "stage": stage.name, "stage_version": stage.version, "input_hash": step.input_hash, "tolerance": tolerance,
         "achieved_error": result.achieved_error, "error_measure": stage.error_measure})
-    broken = list(stage.check(group))
-    if broken:
+    if faults := broken(stage, group):
         # a bug of ours, reported as such: nothing that breaks physics is stored
-        raise StageError(f"{stage.name}: its values break the stage's own rules, so nothing is stored: " + "; ".join(broken))
+        raise StageError(f"{stage.name}: its values break the stage's own rules, so nothing is stored: " + "; ".join(faults))
     for note in result.notes:
         progress.say(f"{stage.name}: {note}")
     once = f" ({resources.duration(clock.seconds)} of it compiling kernels, once)" if clock.seconds > 0.1 * seconds else ""
@@ -303,14 +303,6 @@ def _assemble(plan: Plan, groups: Mapping[str, Group], provenances: Mapping[str,
     members |= groups
     members["provenance"] = Group(dict(provenances), origin(recipe, plan.output))
     return Group(members, {"name": recipe.name, "bakery_version": bakery.__version__})
-
-
-def _broken(plan: Plan, root: Group) -> list[str]:
-    """Broken rules of what was read back from disk; the store keeps nothing that breaks one."""
-    from bakery.stages.conform import faults
-
-    return faults(root) or [f"{stage.name}: {rule}" for stage in (step.stage for step in plan.steps)
-                            for rule in stage.check(root[stage.name])]
 
 
 def _readable(text: str) -> str:

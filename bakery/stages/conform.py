@@ -61,7 +61,18 @@ def declared(root: Group) -> list[str]:
 
 def faults(root: Group) -> list[str]:
     """Where a tree departs from `docs/asset-format.md`, physics apart."""
-    return list(dict.fromkeys([*declared(root), *_others(root), *_datasets(root)]))
+    of_datasets = (fault for path, member in root.walk() if isinstance(member, Dataset) for fault in _dataset(path, member, root))
+    return list(dict.fromkeys([*declared(root), *_others(root), *of_datasets]))
+
+
+def violations(root: Group) -> list[str]:
+    """`faults`; where there are none, the rules of its stages' physics that a tree breaks."""
+    return faults(root) or [f"{stage.name}: {rule}" for stage in stages_of(root) for rule in stage.check(root[stage.name])]
+
+
+def broken(stage: Stage, group: Group) -> list[str]:
+    """Where a group departs from what its stage declares; where nowhere, the rules of the stage's physics that it breaks."""
+    return list(_outputs(stage.name, group, stage.outputs, {})) or list(stage.sound(group)) or list(stage.check(group))
 
 
 def stages_of(root: Group) -> list[Stage]:
@@ -123,13 +134,6 @@ def _stage_attributes(name: str, group: Group) -> Iterable[str]:
     yield from _attributes(name, group.attributes, STAGE_ATTRIBUTES)
     if group.attributes.get("stage") != name:
         yield f"{name}: its attribute `stage` is {group.attributes.get('stage')!r}"
-
-
-def _datasets(root: Group) -> Iterable[str]:
-    """Rules of every dataset, declared or not."""
-    for path, member in root.walk():
-        if isinstance(member, Dataset):
-            yield from _dataset(path, member, root)
 
 
 def _dataset(path: str, dataset: Dataset, root: Group) -> Iterable[str]:

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from bakery.draw.html import table
+from bakery.errors import UsageError
 from bakery.store.tree import Dataset, Group
 from bakery.system.terminal import clean
 from bakery.system.terminal import table as lines
@@ -170,6 +171,24 @@ class Query:
     bare: bool = False  # whether it is answered without arguments too, and where nothing is stored at the path
 
 
+def lists_of(path: str, arguments: Mapping[str, Any], accepted: Iterable[str], may: Iterable[str] = (),
+             needed: Iterable[str] = (), example: str = "") -> list[str]:
+    """Names of a query's arguments that are lists; UsageError where one has no effect, is needed, or may not be a list.
+
+    may : names of those that may be lists;  example : all that is needed, as one would write it
+    """
+    if useless := [name for name in arguments if name not in accepted]:
+        raise UsageError(f"{path}: {useless[0]} has no effect on it; {', '.join(accepted)} would")
+    if missing := [name for name in needed if name not in arguments]:
+        raise UsageError(f"{path}: {', '.join(missing)} missing; give {example}")
+    several = [name for name in arguments if np.ndim(arguments[name])]
+    if refused := [name for name in several if name not in may]:
+        raise UsageError(f"{path}: {refused[0]} is a list; give one")
+    if len(several) > 1:
+        raise UsageError(f"{path}: {' and '.join(several)} are lists; only one may be")
+    return several
+
+
 @dataclass(frozen=True)
 class Knob:
     """A setting that trades time for accuracy.
@@ -282,7 +301,8 @@ class Stage:
     cost : recipe -> Cost
     inputs : (recipe, upstream groups by name) -> arguments of `compute`, plain values and arrays
     compute : (inputs, context) -> Result
-    check : group -> broken rules, in words (normalisation, energy, ranges); `verify` and the store run it
+    check : group as declared and sound -> rules of its physics that it breaks, in words (normalisation, energy); `verify` and the
+        store run it
     sound : group as declared -> broken rules that its readers count on (order, indices, room that a table takes), in words; quick
         and without heavy imports, for every `bakery.open` runs it
     view : root -> what `bakery.open` gives for the group; None: its members, as they are stored

@@ -106,13 +106,10 @@ class Members(Mapping):
         member = self._items[name]
         if name == "phase" and isinstance(member, np.ndarray) and self._theta is not None \
                 and member.shape[-1] == len(self._theta):
-            return Phase(self._theta, member, self.units[name], self._wavelength, self._error_of_phase())
+            error = stated_error(self._group, "phase")  # else what its stage has reached
+            error = self["phase"] * float(self.attributes.get("achieved_error", 0.0)) if error is None else error
+            return Phase(self._theta, member, self.units[name], self._wavelength, error)
         return member
-
-    def _error_of_phase(self) -> np.ndarray:
-        """What is stated of the phase function itself, else what its stage has reached, (..., A) 1/sr."""
-        stated = stated_error(self._group, "phase")
-        return self["phase"] * float(self.attributes.get("achieved_error", 0.0)) if stated is None else stated
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._items)

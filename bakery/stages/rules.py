@@ -1,18 +1,8 @@
 """Rules that the groups of several stages keep: `verify` and the store name the ones that are broken."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 
 import numpy as np
-
-
-def complete(values: Mapping[str, np.ndarray], required: Sequence[str]) -> Iterable[str]:
-    """Whether every required array is there and every array is finite."""
-    missing = [name for name in required if name not in values]
-    if missing:
-        yield f"{', '.join(missing)} missing"
-    infinite = [name for name, value in values.items() if not np.isfinite(value).all()]
-    if infinite:
-        yield f"{', '.join(infinite)} not finite"
 
 
 def angles(theta) -> Iterable[str]:
@@ -25,8 +15,6 @@ def phase_function(theta, f, others=(None, None, None)) -> Iterable[str]:
     """Broken rules of a phase function (L, A) and of s12, s33, s34 where they are given."""
     from bakery.physics.medium import phase
 
-    if (f < 0).any():
-        yield "phase below 0"
     off = np.abs(phase.phase_integral(theta, f) - 1).max()
     if not off <= 1e-12:
         yield f"phase integrates to 1 with an error of {off:.1g}, not 1e-12"

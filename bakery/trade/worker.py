@@ -15,6 +15,7 @@ from statistics import median
 from typing import NamedTuple
 
 from bakery.errors import BakeryError, StageError
+from bakery.stages.conform import broken
 from bakery.store.tree import Group
 from bakery.system.memory import give_back
 from bakery.trade.resolve import above, find, hash_of, hashes_above
@@ -132,9 +133,8 @@ class Bench:
         group = Group(result.members, {"stage": stage.name, "stage_version": stage.version, "input_hash": key,
                                        "tolerance": tolerance, "achieved_error": float(result.achieved_error),
                                        "error_measure": stage.error_measure})
-        broken = list(stage.check(group))
-        if broken:
-            raise StageError(f"{stage.name}: its values break the stage's own rules: " + "; ".join(broken))
+        if faults := broken(stage, group):
+            raise StageError(f"{stage.name}: its values break the stage's own rules: " + "; ".join(faults))
         return group, seconds
 
     def _resolve(self, setting, expected: str | None):

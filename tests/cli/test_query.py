@@ -183,7 +183,6 @@ def test_rays_at_some_wavelengths_everywhere_and_unrecorded(root):
     for name in ("switch", "ray_difference"):
         old = with_member(old, f"optics/droplets/{name}", None)
     assert remarks(old, "medium/g") == ("droplets: Mie below 34.9, 25.2 um, rays above",)
-    assert not remarks(with_member(root, "optics/droplets/method", None), "medium/g")
     assert not remarks(with_member(root, "optics", None), "medium/g")
 
 

@@ -16,6 +16,7 @@ from bakery.recipe import load
 from bakery.run import overrides
 from bakery.run.bake import planned
 from bakery.run.executors import Context, threads
+from bakery.stages import conform
 from bakery.stages.packing import stage, view
 from bakery.store.tree import Dataset, Group
 from tests.conftest import slow
@@ -183,7 +184,7 @@ def test_the_nearest_denser_tile_is_widened(two, wished, name):
 def broken(group: Group, path: str, change) -> list[str]:
     old = group[path]
     changed = with_member(group, path, Dataset(change(old.data.copy()), old.units, old.description))
-    return list(stage.check(changed))
+    return conform.broken(stage.STAGE, changed)
 
 
 def moved(to):
@@ -197,7 +198,7 @@ def moved(to):
 @pytest.mark.parametrize("path, change, words", [
     ("f20/centers", lambda c: np.vstack([c[1:2] + 1e-3, c[1:]]), "two spheres overlap, 2 centres lie where one has room"),
     ("f20/centers", lambda c: np.vstack([c[1:][np.argmin(c[1:, 2])] + [0, 0, 1.9], c[1:]]), "two spheres overlap by "),
-    ("f20/centers", lambda c: c - 50, "a centre outside"),
+    ("f20/centers", lambda c: c + 50, "a centre outside"),
     ("f20/radii", lambda r: 1.01 * r, "mean radius is 1.01"),
     ("f20/cell", lambda c: 1.001 * c, "fraction is not the volume"),
     ("f20/fraction", moved(lambda f: f * (1 + 1e-9)), "fraction is not the volume"),
@@ -205,18 +206,18 @@ def moved(to):
     ("f20/chord_length/density", lambda d: 1.001 * d, "integrates to 1.00"),
     ("f20/chord_length/mean", moved(lambda m: 1.5 * m), "more than six standard errors"),
     ("f20/chord_length/mean_exact", moved(lambda m: 1.001 * m), "mean_exact is not 4 V/S"),
-    ("f20/pair_correlation/g_error", moved(lambda m: -1.0), "g_error below 0"),
-    ("f20/bond_order", moved(lambda m: 1.5), "bond_order outside 0 .. 1"),
-    ("f20/rattlers", moved(lambda m: np.nan), "rattlers not finite"),
+    ("f20/pair_correlation/g_error", moved(lambda m: -1.0), "g_error: holds -1, below 0"),
+    ("f20/bond_order", moved(lambda m: 1.5), "bond_order: holds 1.5, above 1"),
+    ("f20/rattlers", moved(lambda m: np.nan), "rattlers: not finite"),
 ])
 def test_a_broken_rule_is_named(two, path, change, words):
     faults = broken(two.tree["packing"], path, change)
-    assert any(words in fault and fault.startswith("f20: ") for fault in faults), faults
+    assert any(words in fault and "f20" in fault for fault in faults), faults
 
 
 def test_sound_groups_and_empty_ones(two):
     assert list(stage.check(two.tree["packing"])) == []
-    assert list(stage.check(Group())) == ["holds no tile"]
+    assert conform.broken(stage.STAGE, Group()) == ["holds no tile"]
 
 
 # ---- what can happen on the way

@@ -14,6 +14,7 @@ from bakery.physics.grains import traces
 from bakery.physics.granular import sizes
 from bakery.recipe import load
 from bakery.run.executors import Context, threads
+from bakery.stages import conform
 from bakery.stages.effective import stage as effective
 from bakery.stages.grains import stage as grains
 from bakery.store.tree import Dataset, Group
@@ -278,33 +279,16 @@ def test_rules_find_what_is_wrong(tmp_path):
     def broken(name, change):
         part = dict(group["glass"].members)
         part[name] = Dataset(change(part[name].data.copy()), part[name].units, part[name].description)
-        return "; ".join(grains.check(Group({**group.members, "glass": Group(part)})))
+        return "; ".join(conform.broken(grains.STAGE, Group({**group.members, "glass": Group(part)})))
 
-    assert "hit_probability outside 0 .. 1" in broken("hit_probability", lambda x: x + 1)
+    assert "hit_probability: holds" in broken("hit_probability", lambda x: x + 1)
     assert "not 4/3" in broken("lambda_delta", lambda x: x + 0.2)
     assert "phase integrates" in broken("phase", lambda x: 1.1 * x)
-    assert "outside of the bounding sphere" in broken("vertices", lambda x: 2 * x)
-    assert "names the vertices" in broken("faces", lambda x: x + 100)
+    assert "outside of the bounding sphere" in broken("vertices", lambda x: 1.005 * x)
+    assert "faces: holds" in broken("faces", lambda x: x + 100)
     assert "counterclockwise" in broken("faces", lambda x: x[:, ::-1])
     assert "not closed" in broken("faces", lambda x: x[1:])
     assert "weights add up to 0.5" in broken("weight", lambda x: 0.5 * x)
-
-    def said(weights, faulty):
-        """Two components, of which one lacks its chord or its weight."""
-        parts = {}
-        for name, weight in zip("ab", weights, strict=True):
-            part = dict(group["glass"].members)
-            part["weight"] = Dataset(np.array([weight]), "1", "share")
-            part = {key: member for key, member in part.items() if key != faulty.get(name)}
-            parts[name] = Group(part)
-        others = {name: member for name, member in group.members.items() if isinstance(member, Dataset)}
-        return list(grains.check(Group(others | parts)))
-
-    # weights are judged whichever component has another fault, and not where one of them is missing
-    for name in "ab":
-        assert said((0.5, 0.5), {name: "chord"}) == [f"{name}: chord missing"]
-        assert said((0.5, 0.4), {name: "chord"}) == [f"{name}: chord missing", "weights add up to 0.9, not 1"]
-        assert said((0.5, 0.5), {name: "weight"}) == [f"{name}: weight missing"]
 
 
 def test_errors_against_converged_values(tmp_path):

@@ -144,7 +144,9 @@ def _measured(m, x, weight, features, lowest, allowed, rays) -> Choice:
     if math.isfinite(allowed) and saved < WORTH:
         where = f" with the spheres for which they are good enough (off by {error[0]:.2g} with all)" if first else ""
         return _never(f"rays would save less than {100 * WORTH:g} % of the time{where}")
-    difference = _largest_near(np.abs(hybrid[first] - exact))
+    index = np.arange(len(exact))
+    difference = grid.largest(np.abs(hybrid[first] - exact), np.maximum(index - _NEIGHBOURS, 0),
+                              np.minimum(index + _NEIGHBOURS + 1, len(index)))
     return Choice(float(switch), float(error[first]), saved, theta, difference,
                   f"rays from x = {switch:.4g}: off by {error[first]:.2g}, saves {100 * saved:.0f} % of the angular work")
 
@@ -166,8 +168,3 @@ def _angles(m, features):
     if len(theta) > _MOST_ANGLES:
         theta = theta[np.linspace(0, len(theta) - 1, _MOST_ANGLES).astype(int)]
     return theta
-
-
-def _largest_near(values):
-    index = np.arange(len(values))
-    return grid.largest(values, np.maximum(index - _NEIGHBOURS, 0), np.minimum(index + _NEIGHBOURS + 1, len(values)))

@@ -80,8 +80,10 @@ class Kernels:
         elif name == "small_angle" or not self.transport:
             kernel = small_angle.layered(self._planar, self.albedo, edges, density, r)
         else:
-            kernel = layers.forward(self.albedo, self.theta, self.phase, self.line, self._planar, self._stretched, edges, density,
-                                   r)[("forward", "flux").index(name)]
+            names = ("forward", "flux")
+            kernel = layers.forward(self.albedo, self.theta, self.phase, self.line, self._planar,
+                                    lambda *at: np.array([self.table(name).stretched(*at) for name in names]), edges, density,
+                                    r)[names.index(name)]
         return kernel.reshape(shape)
 
     def rings(self, depth, edges, name):
@@ -98,9 +100,6 @@ class Kernels:
     @cached_property
     def _planar(self):
         return planar.table(self.theta, self.phase)
-
-    def _stretched(self, tau, length, r):
-        return np.array([self.table(name).stretched(tau, length, r) for name in ("forward", "flux")])
 
     def _reachable(self, depth):
         last = self.table("small_angle").depth[-1]

@@ -29,8 +29,6 @@ class Means:
     g: np.ndarray
     forward_delta: np.ndarray
     phase: np.ndarray | None = None  # (L, A) 1/sr, of what is deflected, or None
-    # mean squared chord of rays that miss; None: 9/8 lambda_delta^2, exact for a round silhouette in the middle
-    missed_square: float | None = None
     # standard errors by name, of the same shapes; a figure that is not there is exact
     errors: dict[str, float | np.ndarray] = field(default_factory=dict, repr=False)
 
@@ -41,11 +39,8 @@ class Means:
                    errors={name: statistics.errors[name] for name in _NAMES if name in statistics.errors})
 
     def figure(self, name):
-        """Value and standard error; "missed_square" also where it is not given."""
+        """Value and standard error."""
         value, error = getattr(self, name), self.errors.get(name, 0.0)
-        if name == "missed_square" and value is None:
-            chord, off = self.figure("lambda_delta")
-            value, error = 1.125 * chord**2, 2.25 * chord * off
         return np.asarray(value, float), np.broadcast_to(np.asarray(error, float), np.shape(value))
 
 
@@ -57,7 +52,7 @@ def mixed(parts: Sequence[Means], weights=(1.0,), radii=None) -> Means:
     weights : (K,) shares of the number of grains, >= 0; their sum does not matter
     radii : (K,) bounding radii, any unit, which the lengths of the result have; all 1 by default
 
-    Returns Means whose `missed_square` is given.  0 stands for means over no light at all, and an even phase function.
+    Returns Means, 0 for means over no light at all, and an even phase function then.
 
     A ray meets part k in proportion to its number and cross section, w_k R_k^2.  Means are over the light that they belong to:
     the albedo over hits, lambda_s and g over light that leaves, the phase function over light that leaves changed.
@@ -67,12 +62,6 @@ def mixed(parts: Sequence[Means], weights=(1.0,), radii=None) -> Means:
     """
     weights = np.asarray(weights, float)
     radii = np.ones(len(parts)) if radii is None else np.asarray(radii, float)
-    if not parts or weights.shape != (len(parts),) or radii.shape != (len(parts),):
-        raise ValueError(f"{len(parts)} parts with {weights.size} weights and {radii.size} radii: as many of each are needed")
-    if not (np.all(weights >= 0) and 0 < np.sum(weights) < np.inf):
-        raise ValueError(f"weights {weights.tolist()}: numbers >= 0 with a positive sum are needed")
-    if not np.all((radii > 0) & np.isfinite(radii)):
-        raise ValueError(f"radii {radii.tolist()}: positive lengths are needed")
     meets = weights * (radii / radii.max()) ** 2
     meets = (meets / np.sum(meets))[:, None]
 
@@ -89,13 +78,12 @@ def mixed(parts: Sequence[Means], weights=(1.0,), radii=None) -> Means:
     light = _times(hits, alpha)
     changed = _times(light, (1 - forward[0], forward[1]))
     over = {"hit_probability": ((meets, 0.0), beta), "lambda_delta": (missed, figures("lambda_delta", 1)),
-            "missed_square": (missed, figures("missed_square", 2)), "albedo": (hits, alpha),
-            "lambda_s": (light, figures("lambda_s", 1)), "mean_square": (light, figures("mean_square", 2)),
-            "g": (light, figures("g")), "forward_delta": (light, forward)}
+            "albedo": (hits, alpha), "lambda_s": (light, figures("lambda_s", 1)),
+            "mean_square": (light, figures("mean_square", 2)), "g": (light, figures("g")), "forward_delta": (light, forward)}
     values, errors = {}, {}
     for name, (weight, x) in over.items():
         values[name], errors[name] = _average(weight, x)
-    for name in ("hit_probability", "lambda_delta", "missed_square"):
+    for name in ("hit_probability", "lambda_delta"):
         values[name], errors[name] = float(values[name][0]), float(errors[name][0])
     if all(part.phase is not None for part in parts):
         values["phase"], errors["phase"] = _average(tuple(x[..., None] for x in changed), figures("phase"))
@@ -152,48 +140,22 @@ def void_chord(fraction, radii=(1.0,), shares=None):
     """
     radii = np.asarray(radii, float)
     shares = np.ones_like(radii) if shares is None else np.asarray(shares, float)
-    if not 0 < fraction < 1:
-        raise ValueError(f"fraction {fraction:g}: more than 0 and less than 1 is possible")
-    if shares.shape != radii.shape or not np.all((shares >= 0) & (radii > 0)) or not np.sum(shares) > 0:
-        raise ValueError(f"radii {radii.tolist()} with shares {shares.tolist()}: as many shares >= 0 as radii > 0 are needed")
     return float(4 / 3 * np.sum(shares * radii**3) / np.sum(shares * radii**2) * (1 - fraction) / fraction)
 
 
-def flight(hit_probability, lambda_delta, missed_square, void_chord, second_moment=None):
-    """Mean and mean square of the path from leaving a sphere after a hit to entering the sphere of the next hit.
+def flight(hit_probability, lambda_delta, void_chord):
+    """Mean path from leaving a sphere after a hit to entering the sphere of the next hit, Eq. 3; infinite where nothing is hit.
 
-    Parameters
-    ----------
-    hit_probability, lambda_delta, missed_square : as in `Means`, in one unit of length with
+    hit_probability, lambda_delta : as in `Means`, in one unit of length with
     void_chord : mean chord between spheres
-    second_moment : <z^2>/(2 <z>^2) of these chords, at least 1/2 (as tiles store it); None: the flight is exponential
 
-    Returns
-    -------
-    mean : lambda_beta, Eq. 3; infinite where nothing is hit
-    square : z_2
-
-    Notes
-    -----
-    n misses precede a hit with probability beta (1 - beta)^n (Eq. 2): <n> = m = (1 - beta)/beta, <n (n - 1)> = 2 m^2.  The flight
-    is a chord b between spheres and n times a missed one d and another b; with c = b + d, all independent,
-
-        <z> = <b> + m <c>,    <z^2> = <b^2> + 2 m <b> <c> + m <c^2> + 2 m^2 <c>^2.
-
-    Exponential b give z_2 = 2 <z>^2 + m <d^2>, not quite an exponential flight.
+    n misses precede a hit with probability beta (1 - beta)^n (Eq. 2): <n> = (1 - beta)/beta.  The flight is a chord between
+    spheres and n times a missed one and another between spheres.
     """
-    if second_moment is not None and not np.all(np.asarray(second_moment) >= 0.5):
-        raise ValueError(f"second moment {second_moment}: <z^2>/(2 <z>^2) is at least 1/2")
     beta = np.asarray(hit_probability, float)
     with np.errstate(divide="ignore"):
         misses = np.where(beta > 0, (1 - beta) / np.where(beta > 0, beta, 1.0), np.inf)
-    free = void_chord + lambda_delta
-    mean = void_chord + misses * free
-    if second_moment is None:
-        return mean, 2 * mean**2
-    square = 2 * second_moment * void_chord**2
-    return mean, square + misses * (2 * void_chord * free + square + 2 * void_chord * lambda_delta + missed_square
-                                    + 2 * misses * free**2)
+    return void_chord + misses * (void_chord + lambda_delta)
 
 
 def step(mean, square, lambda_s, mean_square, g, albedo=1.0):
@@ -239,13 +201,11 @@ class Effective:
 _FIGURES = ("lambda_beta", "flight_square", "lambda_t", "sigma_t", "sigma_t_second_moment", "m_rte", "m_tele")
 
 
-def effective(means: Means, void_chord: float, second_moment: float | None = None, second_moment_error: float = 0.0) -> Effective:
-    """The medium that stands for packed grains.
+def effective(means: Means, void_chord: float) -> Effective:
+    """The medium that stands for packed grains, between which light has exponential flights, as in Eq. 4.
 
     means : of one grain, or of a mixture (`mixed`)
     void_chord : mean chord between bounding spheres, in the unit of the means; without error
-    second_moment : <z^2>/(2 <z>^2) of these chords in a tile; None: the flight from hit to hit is exponential, as in Eq. 4.  It
-        changes `flight_square`, `m_tele` and `sigma_t_second_moment`
 
     lambda_beta and lambda_t are exact means where nothing is absorbed, and positive for any grain up to a fraction of 0.8.  What
     sigma_t leaves out and how much that is: docs/effective-medium.md.  For light that survives, replace the albedo by 1.
@@ -258,13 +218,8 @@ def effective(means: Means, void_chord: float, second_moment: float | None = Non
     >>> round(float(effective(glass, void_chord(0.63)).sigma_t[0]), 6)
     0.453017
     """
-    if not (void_chord > 0 and math.isfinite(void_chord)):
-        raise ValueError(f"mean chord {void_chord:g} between spheres: a positive length is needed")
-    inputs = {name: means.figure(name) for name in ("hit_probability", "lambda_delta", "missed_square", "albedo", "lambda_s",
-                                                    "mean_square", "g")}
-    if second_moment is not None:
-        inputs["second_moment"] = np.asarray(second_moment, float), np.asarray(second_moment_error, float)
-    limits = {"hit_probability": (0, 1), "albedo": (0, 1), "g": (-1, 1), "second_moment": (0.5, math.inf)}
+    inputs = {name: means.figure(name) for name in ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g")}
+    limits = {"hit_probability": (0, 1), "albedo": (0, 1), "g": (-1, 1)}
     figures = {name: value for name, (value, _) in inputs.items()}
     values = _figures(void_chord, **figures)
     errors = [0.0 * value for value in map(np.nan_to_num, values)]
@@ -284,9 +239,10 @@ def _distance(a, b):
         return np.where(a == b, 0.0, np.abs(a - b))
 
 
-def _figures(void_chord, hit_probability, lambda_delta, missed_square, albedo, lambda_s, mean_square, g, second_moment=None):
+def _figures(void_chord, hit_probability, lambda_delta, albedo, lambda_s, mean_square, g):
     """The values of `_FIGURES`, in their order."""
-    mean, square = flight(hit_probability, lambda_delta, missed_square, void_chord, second_moment)
+    mean = flight(hit_probability, lambda_delta, void_chord)
+    square = 2 * mean**2
     lambda_t = mean + albedo * lambda_s
     reduced = np.maximum(1 - albedo * g, 0.0)  # a measured g may be 1 and a rounding more
     if np.isinf(mean):

@@ -29,33 +29,8 @@ def _pairs(c, count: int, first: int = 1):
     return [(c[i], c[i + 1]) for i in range(first, count, 2)]
 
 
-def _sellmeier(c, lam, count):
-    return np.sqrt(1 + c[0] + sum(b * lam**2 / (lam**2 - d**2) for b, d in _pairs(c, count)))
-
-
-def _sellmeier_2(c, lam, count):
-    return np.sqrt(1 + c[0] + sum(b * lam**2 / (lam**2 - d) for b, d in _pairs(c, count)))
-
-
-def _polynomial(c, lam, count):
-    return np.sqrt(_powers(c, lam, count) + np.zeros_like(lam))
-
-
 def _powers(c, lam, count, first: int = 1):
-    return (c[0] if first == 1 else 0.0) + sum(b * lam**d for b, d in _pairs(c, count, first))
-
-
-def _resonances(c, lam, count):
-    peaks = sum(c[i] * lam**c[i + 1] / (lam**2 - c[i + 2] ** c[i + 3]) for i in (1, 5))
-    return np.sqrt(c[0] + peaks + _powers(c, lam, count, 9))
-
-
-def _cauchy(c, lam, count):
-    return _powers(c, lam, count) + np.zeros_like(lam)
-
-
-def _gases(c, lam, count):
-    return 1 + c[0] + sum((b / (d - lam**-2) for b, d in _pairs(c, count)), np.zeros_like(lam))
+    return sum((b * lam**d for b, d in _pairs(c, count, first)), np.zeros_like(lam))
 
 
 def _herzberger(c, lam, count):
@@ -68,9 +43,15 @@ def _retro(c, lam, count):
     return np.sqrt((1 + 2 * share) / (1 - share))
 
 
-def _exotic(c, lam, count):
-    return np.sqrt(c[0] + c[1] / (lam**2 - c[2]) + c[3] * (lam - c[4]) / ((lam - c[4]) ** 2 + c[5]))
-
-
-_FORMULAS = {1: _sellmeier, 2: _sellmeier_2, 3: _polynomial, 4: _resonances, 5: _cauchy, 6: _gases, 7: _herzberger, 8: _retro,
-             9: _exotic}
+_FORMULAS = {
+    1: lambda c, lam, count: np.sqrt(1 + c[0] + sum(b * lam**2 / (lam**2 - d**2) for b, d in _pairs(c, count))),  # Sellmeier
+    2: lambda c, lam, count: np.sqrt(1 + c[0] + sum(b * lam**2 / (lam**2 - d) for b, d in _pairs(c, count))),
+    3: lambda c, lam, count: np.sqrt(c[0] + _powers(c, lam, count)),
+    4: lambda c, lam, count: np.sqrt(c[0] + sum(c[i] * lam**c[i + 1] / (lam**2 - c[i + 2] ** c[i + 3]) for i in (1, 5))
+                                     + _powers(c, lam, count, 9)),
+    5: lambda c, lam, count: c[0] + _powers(c, lam, count),  # Cauchy
+    6: lambda c, lam, count: 1 + c[0] + sum((b / (d - lam**-2) for b, d in _pairs(c, count)), np.zeros_like(lam)),  # gases
+    7: _herzberger,
+    8: _retro,
+    9: lambda c, lam, count: np.sqrt(c[0] + c[1] / (lam**2 - c[2]) + c[3] * (lam - c[4]) / ((lam - c[4]) ** 2 + c[5])),
+}

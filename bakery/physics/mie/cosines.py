@@ -49,10 +49,6 @@ def _times(value, real, imaginary):
     return _times_i(value).times_plus(imaginary, value * real)
 
 
-def _two(a, _):
-    return [a[0] + a[1], a[0] - a[1]]
-
-
 def _four(a, signs):
     even, odd, difference = a[0] + a[2], a[1] + a[3], a[0] - a[2]
     turned = _times_i(a[1] - a[3])
@@ -97,7 +93,7 @@ def _butterfly(radix, formula):
     return code
 
 
-_radix_2, _radix_4, _radix_5 = _butterfly(2, _two), _butterfly(4, _four), _butterfly(5, _five)
+_radix_2, _radix_4, _radix_5 = _butterfly(2, lambda a, _: [a[0] + a[1], a[0] - a[1]]), _butterfly(4, _four), _butterfly(5, _five)
 
 
 @njit(**STRICT)

@@ -209,7 +209,7 @@ class _Table:
         share = beyond / dr.maximum(m, table.extent) * (frame.INSIDE / (1 - frame.INSIDE))
         inner, p_inner = self._cell(self._outwards(self.Float((frame.INSIDE * table.extent) ** 2)), U - 4)
         value_there = self._blended((i, inner), (_catmull_rom(u), _catmull_rom(p_inner)), j, _catmull_rom(v), k * B + l,
-                                    _bilinear(s, t), dr.float32_array_t(self.Float)(share))
+                                    ((1 - s) * (1 - t), (1 - s) * t, s * (1 - t), s * t), dr.float32_array_t(self.Float)(share))
         shift = share * table.k0 * (1 - frame.INSIDE) * table.extent - table.k0 * beyond
         return table.power * singular * dr.exp(self.Float(value_there) + shift)
 
@@ -292,10 +292,6 @@ def _catmull_rom(t):
     first, last = -0.5 * t * (1 - t) * (1 - t), 0.5 * t * t * (t - 1)
     third = t * (0.5 + t * (2 - 1.5 * t))
     return first, 1 - first - third - last, third, last
-
-
-def _bilinear(s, t):
-    return (1 - s) * (1 - t), (1 - s) * t, s * (1 - t), s * t
 
 
 def drjit_tables(points, segments, Float):

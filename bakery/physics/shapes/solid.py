@@ -62,21 +62,13 @@ def faults(vertices, faces, closed=True) -> Iterator[str]:
     bad = np.flatnonzero((vertices**2).sum(axis=1) > (1 + OUTSIDE) ** 2)
     if bad.size:
         yield f"vertex {bad[0]} at {point(vertices[bad[0]])} lies outside of the bounding sphere{more(bad)}"
-    if closed and not _closed(faces, len(vertices)):
+    # a number for each edge of each face, as it runs and turned; 60 ms for 200,000 triangles
+    along, back = (np.sort(np.concatenate([faces[:, k].astype(np.int64) * len(vertices) + faces[:, (k + step) % 3]
+                                           for k in range(3)])) if closed else np.zeros(0) for step in (1, -1))
+    if (along[1:] == along[:-1]).any() or not np.array_equal(along, back):
         yield "not closed: an edge of a solid has two triangles, which run along it in opposite directions"
     elif not (enclosed := volume(vertices, faces)) > 0:
         yield f"encloses a volume of {enclosed:.3g}: faces run counterclockwise seen from outside"
-
-
-def _closed(faces, count) -> bool:
-    """Whether each edge of faces that name `count` vertices has two of them, 60 ms for 200,000 triangles."""
-    along, back = (_edges(faces, count, step) for step in (1, -1))
-    return not (along[1:] == along[:-1]).any() and np.array_equal(along, back)
-
-
-def _edges(faces, count, step):
-    """(3 F,) int64, ascending: a number for each edge of each face, from a vertex to the one `step` behind it."""
-    return np.sort(np.concatenate([faces[:, k].astype(np.int64) * count + faces[:, (k + step) % 3] for k in range(3)]))
 
 
 def point(p) -> str:

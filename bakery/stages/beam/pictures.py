@@ -43,8 +43,6 @@ class Shown:
 def pictures(root: Group) -> Iterator:
     """Maps and sections at the middle one of the wavelengths that scatter, errors at all of them."""
     group = root["beam"]
-    if not {"depth", "ratio", *SHOWN} <= group.members.keys():
-        return
     um = root["wavelength"].data
     wavelengths = [int(k) for k in np.argsort(um, kind="stable") if group["forward"].data[k].any()]
     if not wavelengths:
@@ -52,8 +50,7 @@ def pictures(root: Group) -> Iterator:
     shown = looked_up(group, um, wavelengths[len(wavelengths) // 2])
     yield maps(shown)
     yield sections(shown)
-    if {f"{name}_{end}" for name in MEASURES for end in ("rms", "noise")} <= group.members.keys():
-        yield errors(group, um, wavelengths)
+    yield errors(group, um, wavelengths)
 
 
 def looked_up(group: Group, um, k: int) -> Shown:

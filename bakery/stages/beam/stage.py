@@ -7,7 +7,6 @@ import numpy as np
 from bakery.errors import StageError
 from bakery.physics.beam import predicted
 from bakery.physics.beam.kinds import MEASURES, MODELS
-from bakery.stages import rules
 from bakery.stages.beam.section import BEAM, LARGEST
 from bakery.stages.beam.view import tables_of
 from bakery.stages.declaration import Cost, Knob, Output, Result, Stage, datasets, later
@@ -30,7 +29,6 @@ OUTPUTS = (
     *(Output(f"{name}_noise", "(L,)", "1", f"the photons' own noise, in the measure of {name}_rms") for name in MEASURES),
     Output("photons", "(L,)", "1", "that were counted for each", whole=True),
 )
-_REQUIRED = ("depth", "ratio", *MEASURES, "small_angle", "m0", "m2", "m4", "alpha", "beta", "gaussian_b", "fluence_rms")
 _TOGETHER = 4
 _KERNELS = tuple(f"beam.{name}" for name in ("transport", "single", "photons", "table")) + ("multiple.legendre",)
 _PHOTON, _MANY, _FEW = 2.4e-6, 0.75, 0.3  # seconds of one core: a photon; tables of many orders, of few
@@ -103,20 +101,6 @@ def sound(group: Group) -> Iterable[str]:
 def check(group: Group) -> Iterable[str]:
     """Broken rules of a `beam` group, in words."""
     v = {name: np.asarray(member.data, float) for name, member in group.members.items()}
-    faults = list(rules.complete(v, _REQUIRED))
-    yield from faults
-    if faults:
-        return
-    faults = list(sound(group))
-    yield from faults
-    if faults:
-        return
-    for name in v:
-        if name not in ("depth", "ratio") and (v[name] < 0).any():
-            yield f"{name} below 0"
-    for name in _SAID:
-        if v[name].shape[1:] != (len(v["depth"]), len(v["ratio"])):
-            yield f"{name} is not (L, D, U)"
     if not np.allclose(v["alpha"] * np.sqrt(2 * np.pi) * v["beta"], v["m0"], rtol=1e-9, atol=1e-300):
         yield "alpha and beta do not give m0"
     if not np.allclose(v["beta"] ** 2 * v["m0"], 1.5 * v["m2"], rtol=1e-9, atol=1e-300):

@@ -65,7 +65,6 @@ OUTPUTS = (
     Output("COMPONENT/n", "(L,)", "1", "real part of the refractive index, relative to vacuum"),
     Output("COMPONENT/k", "(L,)", "1", "imaginary part of the refractive index"),
 )
-_REQUIRED = ("index", "fraction", "radius", "edge", "share", "extinction", "scattering", "spread", "phase", "n", "k")
 
 
 # ---- recipe
@@ -103,23 +102,25 @@ def _mesh(data: bytes, kind: str, unit: float):
 def _settings(recipe) -> dict:
     """What the work is, without what comes from other stages."""
     from bakery.physics.discrete import classes
+    from bakery.physics.medium import mixing
 
     arguments, discrete = optics.inputs(recipe, {}), recipe.discrete
     region = _region(recipe)
     most = classes.per_component(len(arguments["components"]))
     by_component = [classes.classes(c.sizes, most, discrete.classes) for c in arguments["components"]]
-    volumes = [c.sizes.mean_volume for c in arguments["components"]]
     per_volume, fraction = amounts(recipe.particles, *dry(recipe.particles))
     density = per_volume if discrete.count is None else discrete.count / region.volume
     fault = too_many(density * region.volume, discrete.method)
     if fault:
         raise StageError(f"discrete: {fault[0]}; {fault[1]}")
+    # as stage `medium` counts it
+    filled = mixing.volume_fraction(fraction, [c.sizes.mean_volume for c in arguments["components"]], density)
+    absorption = mixing.bulk_absorption(recipe.particles.host.k, arguments["wavelength"])
     return {key: arguments[key] for key in ("components", "wavelength", "host", "rays")} | {
             "classes": by_component, "region": region, "method": discrete.method, "seed": discrete.seed, "count": discrete.count,
             "number_density": density, "fraction": fraction,
             "index": [_index(c, of, arguments["host"]) for c, of in zip(recipe.particles.components, arguments["components"])],
-            "host_absorption": _host_absorption(recipe.particles.host, fraction, density, volumes, arguments["wavelength"]),
-            "medium_density": per_volume}
+            "host_absorption": np.maximum(1 - filled, 0.0) * absorption, "medium_density": per_volume}
 
 
 def _index(part, of, host):
@@ -127,14 +128,6 @@ def _index(part, of, host):
     if part.growth is None:
         return np.asarray(part.material.n, float), np.asarray(part.material.k, float)
     return (of.m * host).real, (of.m * host).imag
-
-
-def _host_absorption(host, fraction, number, volumes, wavelength):
-    """(L,) 1/m, as stage `medium` counts it."""
-    from bakery.physics.medium import mixing
-
-    filled = mixing.volume_fraction(fraction, volumes, number)
-    return np.maximum(1 - filled, 0.0) * mixing.bulk_absorption(host.k, wavelength)
 
 
 def inputs(recipe, upstream) -> dict:
@@ -193,7 +186,10 @@ def compute(inputs: dict, context) -> Result:
     members |= _components(inputs, averaged)
     share = np.concatenate([f * bins.share for f, bins in zip(inputs["fraction"], inputs["classes"])])
     extinction = np.concatenate([of.extinction for of in averaged], axis=1)
-    notes = list(_notes(inputs))
+    notes, ratio = [], inputs["number_density"] / inputs["medium_density"]
+    if inputs["count"] and abs(ratio - 1) > 0.01:
+        notes.append(f"discrete.count brings {inputs['number_density']:.3g} particles a cubic metre, {ratio:.3g} times those of "
+                     "`particles`: the group `medium` belongs to the latter")
     if inputs["method"] == "stored":
         members |= _stored(inputs, share, extinction, context)
     else:
@@ -215,13 +211,6 @@ def _components(inputs, averaged) -> dict[str, Group]:
             "share": bins.share, "extinction": of.extinction, "scattering": of.scattering, "spread": of.spread,
             "phase": of.phase, "n": n, "k": k}, "COMPONENT/"))
     return out
-
-
-def _notes(inputs) -> Iterable[str]:
-    ratio = inputs["number_density"] / inputs["medium_density"]
-    if inputs["count"] and abs(ratio - 1) > 0.01:
-        yield (f"discrete.count brings {inputs['number_density']:.3g} particles a cubic metre, {ratio:.3g} times those of "
-               "`particles`: the group `medium` belongs to the latter")
 
 
 def _stored(inputs, share, extinction, context) -> dict[str, Dataset]:
@@ -324,10 +313,6 @@ def _check_component(group: Group, theta) -> Iterable[str]:
     from bakery.physics.medium import phase
 
     v = {name: np.asarray(member.data) for name, member in group.members.items() if isinstance(member, Dataset)}
-    faults = list(rules.complete(v, _REQUIRED))
-    yield from faults
-    if faults:
-        return
     radius, edge = v["radius"], v["edge"]
     if not (np.diff(radius) > 0).all() or (radius < edge[:-1]).any() or (radius > edge[1:]).any():
         yield "radius does not ascend, or does not lie between the edges of its class"

@@ -57,4 +57,3 @@ OUTPUTS = (
     *_with_errors("COMPONENT/by_radius/", ("phase",), "(S, L, A)", optional=True),
     *_with_errors("COMPONENT/lossless/", LOSSLESS, "(L,)"),
 )
-REQUIRED = ("vertices", "faces", "weight", "interior", *SCALARS, *FIGURES, "phase", "paths", "hits", "contradicted", "lost")

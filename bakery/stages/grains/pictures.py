@@ -11,6 +11,8 @@ from bakery.draw.picture import Picture
 from bakery.draw.style import FAINT, INK, QUIET, colours
 from bakery.draw.table import Table
 from bakery.physics.medium.phase import phase_integral
+from bakery.stages.grains.outputs import SCALARS
+from bakery.stages.grains.rules import OF_SURFACES
 from bakery.stages.grains.view import Exemplar, components_of, exemplar
 from bakery.stages.medium.pictures import around, band_of, by_angle, over_angles
 from bakery.store.tree import Dataset, Group
@@ -37,16 +39,11 @@ def pictures(root: Group) -> Iterator:
     """Every picture of a `grains` group: the grains, their statistics, phase functions, figures by size."""
     grains, um = root["grains"], root["wavelength"].data
     components = components_of(grains)
-    meshes = {name: exemplar(part) for name, part in components.items() if {"vertices", "faces"} <= part.members.keys()}
-    if meshes:
-        yield shapes(meshes, components, grains)
-    if any("hit_probability" in part.members for part in components.values()):
-        yield statistics(components, um)
-    scattered = {name: part for name, part in components.items() if "phase" in part.members}
-    if scattered and "theta" in grains.members:
-        yield scattering(scattered, grains["theta"], um)
-    sized = {name: part["by_radius"] for name, part in components.items() if isinstance(part.members.get("by_radius"), Group)}
-    if sized and "radius" in grains.members and all("albedo" in part.members for part in sized.values()):
+    yield shapes({name: exemplar(part) for name, part in components.items()}, components, grains)
+    yield statistics(components, um)
+    yield scattering(components, grains["theta"], um)
+    sized = {name: part["by_radius"] for name, part in components.items() if "by_radius" in part.members}
+    if sized:
         yield by_radius(sized, grains["radius"].data, um)
 
 
@@ -66,9 +63,9 @@ def shapes(meshes: Mapping[str, Exemplar], parts: Mapping[str, Group], grains: G
         for axes in panels:
             axes.set_axis_off()
         for axes, (name, grain) in zip(panels, meshes.items(), strict=False):
-            kind = grain.surface.get("type")
-            image = rendered(None if grain.ball else grain.vertices, grain.faces, np.array(_TINT.get(kind, _TINT["dielectric"])),
-                             pixels, _GLOSS.get(kind, 0.2) / (1 + 8 * _number(grain.surface.get("roughness"))))
+            kind = grain.surface["type"]
+            image = rendered(None if grain.ball else grain.vertices, grain.faces, np.array(_TINT[kind]), pixels,
+                             _GLOSS[kind] / (1 + 8 * grain.surface.get("roughness", 0.0)))
             axes.imshow(image, extent=(-1.02, 1.02, -1.02, 1.02), interpolation="antialiased", zorder=2)
             axes.add_patch(Circle((0, 0), 1, facecolor=(FAINT, 0.25), edgecolor=QUIET, linewidth=0.8,
                                   linestyle=(0, (4, 3)), zorder=1))
@@ -80,7 +77,7 @@ def shapes(meshes: Mapping[str, Exemplar], parts: Mapping[str, Group], grains: G
             axes.text(0, 1.15, f"{name}{_share(parts[name])}", ha="center", va="center", fontsize=10.5, fontweight="bold")
             axes.text(0, -1.28, "\n".join(_described(grain)), ha="center", va="top", fontsize=8.5, color=QUIET)
 
-    rows = [(name, SURFACES.get(g.surface.get("type"), ""), "exact" if g.ball else len(g.faces)) for name, g in meshes.items()]
+    rows = [(name, SURFACES[g.surface["type"]], "exact" if g.ball else len(g.faces)) for name, g in meshes.items()]
     names, surfaces, faces = zip(*rows, strict=True)
     return Picture("grains", "Grains", "The exemplar of each component in its bounding sphere (dashed), shaded to show its form; "
                    "`bake render` shows its material.", (max(3.3 * across, 4.4), 4.5 * down), draw,
@@ -93,8 +90,7 @@ def statistics(parts: Mapping[str, Group], um):
     ink = colours(um)
     rows = [(name, part, k) for name, part in parts.items() for k in range(len(um))]
     tops = {name: _range(name, parts) for name in names}
-    notes = [line for name, part in parts.items() for line in [_effort(name, part)] if line]
-
+    notes = [_effort(name, part) for name, part in parts.items()]
     at = np.array([-(i + 1.0 * list(parts).index(name)) for i, (name, _, _) in enumerate(rows)])
 
     def draw(figure):
@@ -111,7 +107,7 @@ def statistics(parts: Mapping[str, Group], um):
             _write(axes, x_left, 1.2, textwrap.fill(words, 16), (0, 24), fontsize=7.8, color=QUIET, va="top")
             for y, (_, part, k) in zip(at, rows, strict=True):
                 (value, error), common = _value(part, figure_name, k), _common(part, figure_name)
-                if value is None or (k and common):
+                if k and common:
                     continue
                 tint = INK if common else ink[k]
                 dots.append((x_left + (value - low) / (high - low), error / (high - low), y, tint))
@@ -160,9 +156,9 @@ def _write(axes, x: float, y: float, text: str, points: tuple[float, float], **s
 
 def scattering(parts: Mapping[str, Group], theta: Dataset, um) -> Picture:
     """The phase functions of all components, one a row: over the angle with their errors, and as lobes."""
-    views = {name: Group({"theta": theta} | {key: part[key] for key in ("phase", "phase_error") if key in part.members})
+    views = {name: Group({"theta": theta, "phase": part["phase"], "phase_error": part["phase_error"]})
              for name, part in parts.items()}
-    notes = [note for name, part in parts.items() for note in [_of_bins(name, part, theta)] if note]
+    notes = [_of_bins(name, part, theta) for name, part in parts.items()]
 
     def draw(figure):
         rows = figure.subplots(len(views), 2, width_ratios=(1.6, 1), squeeze=False)
@@ -185,23 +181,18 @@ def scattering(parts: Mapping[str, Group], theta: Dataset, um) -> Picture:
 
 def _of_bins(name: str, part: Group, theta: Dataset) -> str:
     """What stands below the phase function of a component: its noise, and the peak that is not drawn."""
-    parts = []
-    if "phase_error" in part.members:
-        spread = 50 * np.max(phase_integral(theta.data, part["phase_error"].data))
-        parts.append(f"standard errors of the bins together: {spread:.2g} % of the light")
-    delta = part.members.get("forward_delta")
-    if delta is not None and np.max(delta.data) > 0:
-        shares = dict.fromkeys(f"{100 * value:.3g} %" for value in delta.data)
-        parts.append(f"{', '.join(shares)} of the light is unscattered (delta) transmission: that peak at 0° is not drawn")
-    return f"{name}: {'; '.join(parts)}" if parts else ""
+    spread, delta = 50 * np.max(phase_integral(theta.data, part["phase_error"].data)), part["forward_delta"].data
+    noise = f"{name}: standard errors of the bins together: {spread:.2g} % of the light"
+    if not np.max(delta) > 0:
+        return noise
+    shares = dict.fromkeys(f"{100 * value:.3g} %" for value in delta)
+    return f"{noise}; {', '.join(shares)} of the light is unscattered (delta) transmission: that peak at 0° is not drawn"
 
 
 def by_radius(parts: Mapping[str, Group], radius, um):
     """Albedo, mean cosine and way against the size of the grain, one row a component."""
-    size = radius.size, um.size
     names = [name for name in ("albedo", "g", "lambda_s", "forward_delta")
-             if all(name in part.members and part[name].data.shape == size for part in parts.values())
-             and any(part[name].data.any() for part in parts.values())]
+             if any(part[name].data.any() for part in parts.values())]
     ink = colours(um)
     order = np.argsort(radius)
 
@@ -248,8 +239,7 @@ def table(grains: Group, um) -> tuple[list[str], list[list[str]]]:
     rows = []
     for component, part in parts.items():
         for k, x in enumerate(um):
-            cells = [_value(part, name, k) for name in names]
-            rows.append([component, f"{x:g}", *("" if value is None else concise(value, error) for value, error in cells)])
+            rows.append([component, f"{x:g}", *(concise(*_value(part, name, k)) for name in names)])
     return head, rows
 
 
@@ -267,66 +257,46 @@ def legend() -> str:
 
 
 def _shown(parts: Mapping[str, Group]) -> list[str]:
-    """The figures that the components hold; delta transmission and paths inside only where there are any."""
-    names = [name for name in FIGURES if any(name in part.members for part in parts.values())]
-    return [name for name in names if name not in ("forward_delta", "inner_path")
-            or any(name in part.members and part[name].data.any() for part in parts.values())]
+    """Delta transmission and paths inside only where there are any."""
+    return [name for name in FIGURES if name not in ("forward_delta", "inner_path")
+            or any(part[name].data.any() for part in parts.values())]
 
 
 def _described(grain: Exemplar) -> list[str]:
     """Two lines: what the grain's form is, what its surface is."""
-    kind = grain.surface.get("type")
-    form = "ball, exact" if grain.ball else f"{grain.shape.get('type', 'mesh')}, {len(grain.faces):,} triangles"
-    surface = SURFACES.get(kind, "")
-    index = grain.surface.get("index")
-    if kind == "dielectric" and isinstance(index, Sequence) and index:
-        surface += f", index {_span(index)}"
-    if kind == "diffuse" and isinstance(grain.surface.get("reflectance"), Sequence):
-        surface += f", reflectance {_span(grain.surface['reflectance'])}"
-    if kind == "conductor" and isinstance(grain.surface.get("n"), Sequence):
-        surface += f", n {_span(grain.surface['n'])}, k {_span(grain.surface.get('k', [0]))}"
-    rough = _number(grain.surface.get("roughness"))
-    return [form, surface + (f", roughness {rough:g}" if rough else "")]
+    surface, kind = grain.surface, grain.surface["type"]
+    form = "ball, exact" if grain.ball else f"{grain.shape['type']}, {len(grain.faces):,} triangles"
+    words = {"dielectric": "index {index}", "diffuse": "reflectance {reflectance}", "conductor": "n {n}, k {k}"}[kind]
+    ranges = {key: _span(surface[key]) for key in OF_SURFACES[kind]}
+    rough = float(surface.get("roughness", 0.0))
+    return [form, f"{SURFACES[kind]}, {words.format(**ranges)}" + (f", roughness {rough:g}" if rough else "")]
 
 
 def _span(values) -> str:
-    low, high = min(map(_number, values)), max(map(_number, values))
-    return f"{low:.4g}" if f"{low:.4g}" == f"{high:.4g}" else f"{low:.4g} to {high:.4g}"
-
-
-def _number(value) -> float:
-    return float(value) if isinstance(value, int | float) else 0.0
+    low, high = (f"{end(values):.4g}" for end in (min, max))
+    return low if low == high else f"{low} to {high}"
 
 
 def _radii(grains: Group) -> str:
     """The bounding radius in mm or um, or the range of several."""
-    member = grains.members.get("radius")
-    if not isinstance(member, Dataset) or not member.data.size:
-        return "bounding radius"
-    radius = np.sort(member.data.ravel())
+    radius = np.sort(grains["radius"].data)
     scale, unit = (1e3, "mm") if radius[-1] >= 1e-4 else (1e6, "µm")
     text = f"{scale * radius[0]:.3g}" + (f" to {scale * radius[-1]:.3g}" if radius[-1] > radius[0] * (1 + 1e-9) else "")
     return f"{text} {unit}"
 
 
 def _share(part: Group) -> str:
-    weight = part.members.get("weight")
-    return f", {100 * float(weight.data.ravel()[0]):.3g} % of the grains" if isinstance(weight, Dataset) and weight.data.size \
-        and weight.data.ravel()[0] < 1 else ""
+    weight = float(part["weight"].data[0])
+    return f", {100 * weight:.3g} % of the grains" if weight < 1 else ""
 
 
 def _effort(name: str, part: Group) -> str:
     """Paths, hits, interactions; shares whose inside and outside did not agree, and that were cut."""
-    def of(key):
-        member = part.members.get(key)
-        return member.data.ravel() if isinstance(member, Dataset) and member.data.size else np.zeros(1)
-
-    if not of("paths")[0]:
+    paths, hits, events, contradicted, lost = (part[key].data[0] for key in ("paths", "hits", "events", "contradicted", "lost"))
+    if not paths:
         return f"{name}: in closed form, no paths"
-    parts = [f"{whole(of('paths')[0])} paths", f"{whole(of('hits')[0])} hits",
-             f"{np.max(of('events')):.3g} surface interactions a hit", f"{_part(np.max(of('contradicted')))} inconsistent",
-             f"{_part(np.max(of('lost')))} cut off"]
-    return f"{name}: {', '.join(parts)}"
+    return (f"{name}: {whole(paths)} paths, {whole(hits)} hits, {events:.3g} surface interactions a hit, {_part(contradicted)} "
+            f"inconsistent, {_part(lost)} cut off")
 
 
 def whole(number) -> str:
@@ -337,26 +307,22 @@ def _part(share: float) -> str:
     return "none" if share == 0 else f"{share:.1e}"
 
 
-def _value(part: Group, name: str, k: int) -> tuple[float | None, float]:
-    """A figure at a wavelength and its standard error (0 where none is stored)."""
-    member, error = part.members.get(name), part.members.get(f"{name}_error")
-    if not isinstance(member, Dataset) or member.data.size == 0:
-        return None, 0.0
-    at = min(k, member.data.size - 1)
-    return float(member.data.ravel()[at]), float(error.data.ravel()[at]) if isinstance(error, Dataset) else 0.0
+def _value(part: Group, name: str, k: int) -> tuple[float, float]:
+    """A figure at a wavelength and its standard error."""
+    value, error = (part[name + end].data for end in ("", "_error"))
+    return float(value[min(k, value.size - 1)]), float(error[min(k, value.size - 1)])
 
 
 def _common(part: Group, name: str) -> bool:
     """Whether a figure belongs to all wavelengths."""
-    return name in part.members and part[name].data.size == 1 and name in ("hit_probability", "lambda_delta")
+    return part[name].data.size == 1 and name in SCALARS
 
 
 def _range(name: str, parts) -> tuple[float, float]:
     """What a column shows: its natural range, wider where a value lies outside."""
-    values = np.concatenate([part[name].data.ravel() for part in parts.values() if name in part.members])
-    values = values[np.isfinite(values)]
+    values = np.concatenate([part[name].data for part in parts.values()])
     low, high = FIGURES[name][2] or (0.0, 1.0)
-    found_low, found_high = (values.min(), values.max()) if values.size else (0.0, 1.0)
+    found_low, found_high = values.min(), values.max()
     if FIGURES[name][2] is None:
         high = 10.0 ** math.floor(math.log10(max(found_high, 1e-3)))
         high *= next(step for step in (1, 2, 5, 10) if step * high >= found_high)
@@ -369,7 +335,7 @@ def _columns(parts, names, um) -> tuple:
     columns = [("component", [name for name, _, _ in rows]), ("wavelength [um]", np.array([um[k] for _, _, k in rows]))]
     for name in names:
         cells = [_value(part, name, k) for _, part, k in rows]
-        units = next(part[name].units for part in parts.values() if name in part.members)
-        columns.append((f"{name} [{units}]", np.array([np.nan if value is None else value for value, _ in cells])))
+        units = next(part[name].units for part in parts.values())
+        columns.append((f"{name} [{units}]", np.array([value for value, _ in cells])))
         columns.append((f"standard error of {name} [{units}]", np.array([error for _, error in cells])))
     return tuple(columns)

@@ -59,7 +59,7 @@ def inputs(recipe, upstream) -> dict:
 
 
 def compute(inputs: dict, context) -> Result:
-    from bakery.physics.grains import traces
+    from bakery.physics.grains import bvh, traces
 
     theta, _ = traces.nodes()
     table = np.insert(theta, 1, PEAK)
@@ -79,7 +79,7 @@ def compute(inputs: dict, context) -> Result:
         name = component["name"]
         grain = _mesh_of(component, inputs["triangles"])
         notes += [f"{name}: {note}" for note in grain.notes]
-        tree = _tree(grain)
+        tree = None if grain.analytic == "sphere" else bvh.Mesh(grain.vertices, grain.faces)
         measured = []
         for i, trace in enumerate(traced):
             context.report(done / number, None, name)
@@ -110,14 +110,6 @@ def _mesh_of(component: dict, triangles: int):
         raise StageError(f"{grain}: {share:.2g} of the rays through its bounding sphere hit it, or fewer; at least {SHARE_HIT:g} "
                          "are needed: a thicker grain would do")
     return mesh
-
-
-def _tree(grain):
-    if grain.analytic == "sphere":
-        return None
-    from bakery.physics.grains.bvh import Mesh
-
-    return Mesh(grain.vertices, grain.faces)
 
 
 def _walks(measured):

@@ -52,8 +52,7 @@ class Grains(Members):
 
 def components_of(grains: Group) -> dict[str, Group]:
     """The components of a `grains` group by name."""
-    return {name: member for name, member in grains.members.items()
-            if isinstance(member, Group) and {"vertices", "faces", "hit_probability"} & member.members.keys()}
+    return {name: member for name, member in grains.members.items() if isinstance(member, Group)}
 
 
 def exemplar(component: Group) -> Exemplar:

@@ -17,7 +17,7 @@ from bakery.physics.moments import (
     series_error,
 )
 from bakery.stages.coordinates import stated_error
-from bakery.stages.declaration import Answer, Query, Remark
+from bakery.stages.declaration import Answer, Query, Remark, lists_of
 from bakery.stages.optics.elements import ELEMENTS
 from bakery.store.tree import Group
 
@@ -59,11 +59,7 @@ def error_of(medium: Group) -> np.ndarray:
 
 def answered(asset, path: str, arguments: Mapping) -> Answer:
     """What `bake query ASSET medium/moments` and `medium/alpha1` print."""
-    useless = [name for name in arguments if name not in _ARGUMENTS]
-    if useless:
-        raise UsageError(f"{path}: {useless[0]} has no effect on it; {', '.join(_ARGUMENTS)} would")
-    if several := [name for name in arguments if np.ndim(arguments[name])]:
-        raise UsageError(f"{path}: {several[0]} is a list; give one")
+    lists_of(path, arguments, _ARGUMENTS)
     if "medium" not in asset.tree.members:
         raise UsageError(f"{path}: the asset holds no medium; a recipe with particles, medium or grains would do")
     medium, name = asset.tree["medium"], path.rpartition("/")[2]

@@ -32,12 +32,11 @@ _SEEN = 0.02  # a relative error below this is thinner than a line on a scale of
 def pictures(root: Group) -> Iterator[Picture]:
     """Every picture that the group `medium` allows."""
     medium, um = root["medium"], root["wavelength"].data
-    if {"theta", "phase"} <= medium.members.keys():
-        yield phase_function(medium, um, methods.sentences_of(root, "medium/phase", ("L", "A")))
-        yield lobe(medium, um)
-        if {"s11", "s12"} <= medium.members.keys():
-            yield polarisation(medium, um)
-    if {"sigma_t", "albedo", "g"} <= medium.members.keys() and um.size > 1:
+    yield phase_function(medium, um, [remark.text for remark in methods.remarks(root, "medium/phase", ("L", "A"), {})])
+    yield lobe(medium, um)
+    if "s11" in medium.members:
+        yield polarisation(medium, um)
+    if um.size > 1:
         yield coefficients(medium, um)
 
 
@@ -191,22 +190,20 @@ def polarisation(medium: Group, um) -> Picture:
 def coefficients(medium: Group, um) -> Picture:
     """Extinction, scattering and absorption, albedo and mean cosine against wavelength."""
     order = np.argsort(um)
-    names = [name for name in ("sigma_t", "sigma_s", "sigma_a") if name in medium.members]
     titles = {"sigma_t": "extinction σt", "sigma_s": "scattering σs", "sigma_a": "absorption σa"}
     style = {"sigma_t": "-", "sigma_s": (0, (5, 2.5)), "sigma_a": "-"}
 
-    absorbed = medium.members.get("sigma_a")  # 1 - albedo has lost its digits where little is absorbed
-    lost = (absorbed.data / medium["sigma_t"].data if absorbed else 1 - medium["albedo"].data)[order]
+    lost = (medium["sigma_a"].data / medium["sigma_t"].data)[order]  # 1 - albedo has lost its digits where little is absorbed
     absorbs = bool((lost > 0).any())
 
     def draw(figure):
         first, *others = figure.subplots(1, 2 + absorbs, width_ratios=(1.25, *[1] * (1 + absorbs)))
-        for name, ink in zip(names, NEUTRAL, strict=False):
+        for name, ink in zip(titles, NEUTRAL, strict=False):
             values = medium[name].data[order]
             if (values > 0).any():
                 first.plot(um[order], positive(values), color=ink, linestyle=style[name], marker="o", markersize=4,
                            label=titles[name])
-        positive_axis(first, np.concatenate([medium[name].data for name in names]))
+        positive_axis(first, np.concatenate([medium[name].data for name in titles]))
         first.set_title("Coefficients (1/m)")
         first.legend(loc="best")
         if absorbs:
@@ -219,7 +216,7 @@ def coefficients(medium: Group, um) -> Picture:
         for axes in (first, *others):
             wavelength_axis(axes, um[order])
 
-    shown = [*names, "albedo", "g"]
+    shown = [*titles, "albedo", "g"]
     columns = [(f"{name} [{medium[name].units}]", medium[name].data[order]) for name in shown]
     said_of_zeros = "zeros are left out." if absorbs else "nothing is absorbed."
     return Picture("coefficients", "Coefficients", f"Of the medium, against the wavelength in vacuum; {said_of_zeros}",

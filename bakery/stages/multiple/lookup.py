@@ -6,7 +6,7 @@ import numpy as np
 
 from bakery.errors import UsageError
 from bakery.grammar.units import ANGLE, NUMBER_ONLY
-from bakery.stages.declaration import Answer, Query, Remark
+from bakery.stages.declaration import Answer, Query, Remark, lists_of
 
 UNITS = {"rho": "mfp", "z": "mfp", "theta": "rad", "phi": "rad", "length": "mfp"}
 _NEEDED = ("rho", "z", "theta")
@@ -22,16 +22,8 @@ def looked_up(asset, path: str, arguments: Mapping[str, float | tuple[float, ...
     """
     kind = path.rpartition("/")[2]
     keys = [name for name in UNITS if kind == "segment" or name != "length"]
-    useless = [name for name in arguments if name not in keys]
-    if useless:
-        raise UsageError(f"{path}: {useless[0]} has no effect on it; {', '.join(keys)} would")
-    missing = [name for name in _NEEDED if name not in arguments]
-    if missing:
-        raise UsageError(f"{path}: {', '.join(missing)} missing; give rho=1 z=2 theta=30deg, and phi=…" + (", length=…" * (
-            kind == "segment")) + ": rho, z and length in mean free paths")
-    several = [name for name in arguments if np.ndim(arguments[name])]
-    if len(several) > 1:
-        raise UsageError(f"{path}: {' and '.join(several)} are lists; only one may be")
+    example = f"rho=1 z=2 theta=30deg, and phi=…{', length=…' * (kind == 'segment')}: rho, z and length in mean free paths"
+    several = lists_of(path, arguments, keys, keys, _NEEDED, example)
     for name in ("rho", "length"):
         if np.any(np.asarray(arguments.get(name, 0.0), float) < 0):
             raise UsageError(f"{path}: {name} is below 0; give lengths of 0 or more")

@@ -10,7 +10,6 @@ from bakery import rng
 from bakery.errors import StageError
 from bakery.physics.multiple.backward import KEPT, WHOLE, refused
 from bakery.physics.multiple.kinds import KINDS
-from bakery.stages import rules
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets, later
 from bakery.stages.multiple.lookup import QUERIES
 from bakery.stages.multiple.section import MULTIPLE
@@ -56,7 +55,6 @@ OUTPUTS = (
     *(replace(o, path=f"{kind}/WAVELENGTH/{o.path}", optional=True) for kind in KINDS for o in _ARRAYS),
 )
 _OF_PHOTONS = ("offset_error", "photons", "resolution")
-_REQUIRED = ("wavelength", "extinction", "albedo", "peak", "peak_angle", "peak_effect", "phase", "k0", "extent", "length")
 _OF_MEDIUM = ("extinction", "albedo", "peak", "peak_angle", "peak_effect")
 
 
@@ -212,23 +210,12 @@ def sound(group: Group) -> Iterable[str]:
 def check(group: Group) -> Iterable[str]:
     """Broken rules of a `multiple` group, in words."""
     v = {name: np.asarray(member.data, float) for name, member in group.members.items() if isinstance(member, Dataset)}
-    faults = list(rules.complete(v, _REQUIRED))
-    yield from faults
-    if faults:
-        return
-    if (v["phase"] < 0).any() or v["peak_angle"].min() < 0 or v["peak_effect"].min() < 0:
-        yield "phase, peak_angle or peak_effect below 0"
-    for name in ("extinction", "albedo", "peak"):
-        if ((v[name] < 0) | (v[name] > 1 + 1e-12)).any():
-            yield f"{name} outside 0 .. 1"
     # in mean free paths of the medium with its peak at most 1, where nothing is scattered, and 0 only where nothing is absorbed
     if (v["k0"] * v["extinction"] > 1 + 1e-9).any() or ((v["k0"] <= 0) & (v["albedo"] < 1 - 1e-9)).any():
         yield "k0 is not the decay of diffuse light: 0 although light is absorbed, or faster than extinction"
     if (v["extent"] <= 0).any() or (v["length"] <= 0).any():
         yield "extent or length not above 0"
-    faults = list(sound(group))
-    yield from faults
-    for kind in [kind for kind in KINDS if kind in group.members and not faults]:
+    for kind in [kind for kind in KINDS if kind in group.members]:
         try:
             stored = tables_of(group, kind)
         except (KeyError, ValueError) as fault:

@@ -36,16 +36,13 @@ def components(root: Group) -> Iterator[tuple[str, Group]]:
     """The components of an asset whose sizes and methods are stored."""
     optics = root.members.get("optics")
     for name, member in (optics.members if isinstance(optics, Group) else {}).items():
-        if isinstance(member, Group) and {"radius", "method"} <= member.members.keys() and member["method"].choices:
+        if isinstance(member, Group):
             yield name, member
 
 
 def boundaries(name: str, component: Group, wavelength) -> list[Boundary]:
-    """One for each wavelength at which rays took part; () where the asset was made without."""
-    method, radius = component["method"], component["radius"].data
-    if RAYS not in method.choices or method.data.shape != (len(wavelength), len(radius)):
-        return []
-    limits = []
+    """One for each wavelength at which rays took part."""
+    method, radius, limits = component["method"], component["radius"].data, []
     for i, um in enumerate(wavelength):
         rays = method.data[i] == method.choices.index(RAYS)
         if not rays.any():
@@ -57,11 +54,8 @@ def boundaries(name: str, component: Group, wavelength) -> list[Boundary]:
 
 
 def _at(component: Group, name: str, i: int) -> float | None:
-    member = component.members.get(name)
-    if not isinstance(member, Dataset) or member.data.ndim != 1 or i >= member.data.size:
-        return None
-    value = float(member.data[i])
-    return value if np.isfinite(value) and (value > 0 or name != "switch") else None
+    value = float(component[name].data[i]) if name in component.members else 0.0
+    return value if value > 0 or name != "switch" and name in component.members else None
 
 
 def sentence(limits: Sequence[Boundary], partly: bool) -> str:
@@ -86,11 +80,6 @@ def remarks(root: Group, path: str, letters: Sequence[str], arguments: Mapping) 
     um = root["wavelength"].data
     return [Remark(sentence(limits, len(limits) < len(rows(um, wanted))), tuple(boundary.as_dict() for boundary in limits))
             for limits in concerned(root, path, letters, wanted)]
-
-
-def sentences_of(root: Group, path: str, letters: Sequence[str]) -> list[str]:
-    """The same of all wavelengths, in words alone."""
-    return [remark.text for remark in remarks(root, path, letters, {})]
 
 
 def _of_nodes(root: Group, path: str, radius, wanted) -> list[Remark]:

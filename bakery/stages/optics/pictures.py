@@ -14,8 +14,7 @@ from bakery.store.tree import Group
 def pictures(root: Group) -> Iterator[Picture]:
     """Cross sections of each component that has several radii."""
     for name, component in root["optics"].members.items():
-        if isinstance(component, Group) and {"radius", "weight", "extinction"} <= component.members.keys() \
-                and component["radius"].data.size > 2:
+        if isinstance(component, Group) and component["radius"].data.size > 2:
             yield cross_sections(name, component, root["wavelength"].data)
 
 
@@ -24,9 +23,9 @@ def cross_sections(name: str, component: Group, um) -> Picture:
     order = np.argsort(component["radius"].data, kind="stable")
     radius, weight = component["radius"].data[order], component["weight"].data[order]
     extinction = component["extinction"].data[:, order]
-    absorption = component["absorption"].data[:, order] if "absorption" in component.members else np.zeros_like(extinction)
+    absorption = component["absorption"].data[:, order]
     disk = np.pi * radius**2
-    curves = methods.boundaries(name, component, um) if "method" in component.members else []
+    curves = methods.boundaries(name, component, um)
 
     def draw(figure):
         top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(1.25, 1.25, 1))

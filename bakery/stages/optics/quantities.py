@@ -15,7 +15,7 @@ from bakery.physics.medium import quantities as figures
 from bakery.physics.medium import spectral
 from bakery.physics.medium.phase import phase_at
 from bakery.stages.coordinates import stated_error, wavelengths
-from bakery.stages.declaration import Query
+from bakery.stages.declaration import Query, lists_of
 from bakery.stages.medium.between import at_wavelengths, can
 from bakery.stages.optics.composition import MASS_DENSITY, components
 from bakery.stages.optics.quantity_table import PAIRS, SCALAR, Figure, QuantityTable
@@ -194,12 +194,7 @@ def _gaps(values, words: str) -> str:
 
 def answered(asset, path: str, arguments: Mapping) -> QuantityTable:
     """What `bake query ASSET optics` prints; UsageError of arguments that have no effect, or are lists where one is wanted."""
-    useless = [name for name in arguments if name not in ARGUMENTS]
-    if useless:
-        raise UsageError(f"{path}: {useless[0]} has no effect on it; {', '.join(ARGUMENTS)} would")
-    several = [name for name in arguments if name != "wavelength" and np.ndim(arguments[name])]
-    if several:
-        raise UsageError(f"{path}: {several[0]} is a list; give one")
+    lists_of(path, arguments, ARGUMENTS, may=("wavelength",))
     return table(asset.tree, **arguments)
 
 

@@ -130,11 +130,6 @@ def _packed(number, k, fraction, radii, cell, seed, schedule):
     return pack(fraction, radii, cell, seed=seed, schedule=schedule, report=report)
 
 
-def _stream(seed: int, block: int):
-    """The random stream of a task of chords; the same for each tile of a dictionary, which does not depend on the others."""
-    return rng.generator(seed, "packing.chords", block)
-
-
 def compute(inputs: dict, context) -> Result:
     schedule = _schedule(context.tolerance, inputs["growth"], inputs["equilibration"])
     fractions = inputs["fractions"]
@@ -175,7 +170,8 @@ def _measured(tile, seed: int, context) -> tuple[Group, float]:
     form = (tile.centers, tile.radii, tile.cell)
     count = len(tile.radii)
     touching, order = structure.contacts(*form), structure.bond_order(*form)
-    chords = structure.chord_lengths(*form, context.tolerance, partial(_stream, seed), context.map)
+    # of each tile of a dictionary the same random streams: it does not depend on the others
+    chords = structure.chord_lengths(*form, context.tolerance, partial(rng.generator, seed, "packing.chords"), context.map)
     values = {
         "centers": tile.centers, "radii": tile.radii, "cell": tile.cell, "fraction": [structure.fraction(tile.radii, tile.cell)],
         "fraction_wished": [tile.wished], "smallest_gap": [structure.smallest_gap(*form)],

@@ -7,12 +7,11 @@ import numpy as np
 
 from bakery.errors import StageError
 from bakery.physics.medium.similarity import without_delta
-from bakery.stages import rules
 from bakery.stages.declaration import ANY, Cost, Output, Result, Stage, datasets, later
 from bakery.stages.surface import base as bases
 from bakery.stages.surface import costs, spread, under
 from bakery.stages.surface.section import INFINITE, SURFACE
-from bakery.stages.surface.triangles import KINDS, integers, packed, whole
+from bakery.stages.surface.triangles import integers, packed, whole
 from bakery.stages.surface.view import QUERIES
 from bakery.store.tree import Dataset, Group
 
@@ -42,8 +41,6 @@ OUTPUTS = (
     *under.OUTPUTS,
     *spread.OUTPUTS,
 )
-REQUIRED = ("index", "roughness", "moments", "peak", "cosine", "flux", "reflected", "albedo", "passed", "spherical_albedo",
-             "change")
 _THINNEST = 1e-15  # optical depth
 _TOGETHER = 4
 _ROUNDING = 1e-6  # energy that may be lost or gained
@@ -90,13 +87,6 @@ def _depths(inputs: dict) -> np.ndarray:
     return np.maximum(depths, _THINNEST) if inputs["index"] != 1 and inputs["base"] is not None else depths
 
 
-def solved(slab, tolerance: float):
-    """A slab within a tolerance, and the error that says so; a task that any worker may run."""
-    from bakery.physics.surfaces.refine import converged
-
-    return converged(slab, tolerance)
-
-
 def by_moments(slab, count: int, tolerance: float):
     """A slab by a given number of moments, more than it needs; a task that any worker may run."""
     from bakery.physics.surfaces.refine import moments_of
@@ -105,22 +95,19 @@ def by_moments(slab, count: int, tolerance: float):
     return solve(slab, moments_of(slab, count + 1), count, tolerance)
 
 
-def compacted(solution, error: float, tolerance: float):
-    """A solution rounded to what its error leaves of the tolerance, and its error then; a task that any worker may run."""
-    from bakery.physics.surfaces.refine import compact
-
-    return compact(solution, error, tolerance)
-
-
 def alike(slabs: list, solutions: list, tolerance: float, context) -> list:
     """Solutions (solution, error) of slabs, all with the largest number of moments that any of them needs, rounded."""
+    from bakery.physics.surfaces.refine import compact
+
     counts = [len(solution.cut.moments) for solution, _ in solutions]
     fewer = [k for k, count in enumerate(counts) if count < max(counts)]
     finer = dict(zip(fewer, context.map(by_moments, [(slabs[k], max(counts), tolerance) for k in fewer]), strict=True))
-    return context.map(compacted, [(finer.get(k, solution), error, tolerance) for k, (solution, error) in enumerate(solutions)])
+    return context.map(compact, [(finer.get(k, solution), error, tolerance) for k, (solution, error) in enumerate(solutions)])
 
 
 def compute(inputs: dict, context) -> Result:
+    from bakery.physics.surfaces import refine
+
     on = inputs.get("under")
     below = None if on is None else bases.layers_of(on, inputs["wavelength"], inputs["layer"], context)
     cases, tolerance = slabs(inputs, below), context.tolerance
@@ -128,7 +115,7 @@ def compute(inputs: dict, context) -> Result:
     needed = []
     for start in range(0, len(cases), _TOGETHER):  # a few at a time, so that progress can be reported
         try:
-            needed += context.map(solved, [(case, tolerance) for case in cases[start:start + _TOGETHER]])
+            needed += context.map(refine.converged, [(case, tolerance) for case in cases[start:start + _TOGETHER]])
         except ArithmeticError as fault:
             raise StageError(f"surface: {fault}") from None
         context.report(0.6 * len(needed) / len(cases))
@@ -219,10 +206,7 @@ def _exponents(name: str, group: Group) -> Iterable[str]:
         yield f"{name} holds integers without {name}_exponent" if exponent is None else f"{name}_exponent without integers"
     if exponent is None or scaled is None:
         return
-    exponent = exponent.data
-    if exponent.shape != (*group[name].data.shape[:2], len(KINDS), group[name].data.shape[-1]):
-        yield f"{name}_exponent does not hold three values a pair of directions"
-    elif exponent.dtype.kind not in "iu" or (np.abs(exponent.astype(int)) > 127).any():
+    if (np.abs(exponent.data.astype(int)) > 127).any():
         yield f"{name}_exponent holds other values than integers of -127 to 127"
 
 
@@ -230,10 +214,6 @@ def check(group: Group) -> Iterable[str]:
     """Broken rules of a `surface` group, in words."""
     v = {name: np.asarray(member.data, float) for name, member in group.members.items()
          if isinstance(member, Dataset)}
-    faults = list(rules.complete(v, REQUIRED)) or list(sound(group))
-    yield from faults
-    if faults:
-        return
     if (v["albedo"] + v["passed"] > 1 + _ROUNDING).any():
         yield "more light leaves than enters"
     mean = v["albedo"] @ v["flux"] / v["flux"].sum()

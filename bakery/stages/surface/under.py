@@ -35,6 +35,7 @@ NAMES = tuple(output.path for output in OUTPUTS if output.path not in _APART)
 
 def stored(slabs: list, solutions: list, shape: tuple[int, int]) -> dict:
     """Arrays of what lies under layers, T thicknesses of each of L wavelengths."""
+    from bakery.physics.medium.phase import phase_at
     from bakery.physics.surfaces.slab import Reflector, layers
 
     firsts = range(0, len(slabs), shape[1])
@@ -47,7 +48,8 @@ def stored(slabs: list, solutions: list, shape: tuple[int, int]) -> dict:
                                        for stack in below]),
               "under_length": np.array([[part.length for part in stack] for stack in below]),
               "under_peak": np.array([[cut.share for cut in solutions[first].cuts[1:]] for first in firsts]),
-              "under_theta": theta, "under_phase": np.array([[_resampled(part, theta) for part in stack] for stack in below])}
+              "under_theta": theta, "under_phase": np.array([[phase_at(part.theta, part.phase, theta) for part in stack]
+                                                               for stack in below])}
     values = {name: value.reshape(len(below), 0, *value.shape[2:]) if not below[0] and name != "under_index" else value
               for name, value in values.items() if below[0]}
     if any(part.roughness > 0 for part in below[0]):
@@ -57,13 +59,6 @@ def stored(slabs: list, solutions: list, shape: tuple[int, int]) -> dict:
     elif bottoms[0] is not None:
         values["base"] = np.array([float(bottom) for bottom in bottoms])
     return values | {"mirrored": np.array([solution.mirrored for solution in solutions]).clip(0, 1).reshape(*shape, -1)}
-
-
-def _resampled(part, theta):
-    """A phase function at more angles: linear in the cosine, as it is."""
-    from bakery.physics.medium.phase import phase_at
-
-    return phase_at(part.theta, part.phase, theta)
 
 
 def rebuilt(group: Group, k: int):

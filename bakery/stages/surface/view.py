@@ -9,7 +9,7 @@ import numpy as np
 
 from bakery.errors import UsageError
 from bakery.grammar.units import ANGLE, LENGTH
-from bakery.stages.declaration import Answer, Query, Remark
+from bakery.stages.declaration import Answer, Query, Remark, lists_of
 from bakery.stages.members import Members, MissingStage
 from bakery.stages.surface import spread, under
 from bakery.stages.surface.triangles import numbers, unpacked
@@ -303,16 +303,8 @@ def looked_up(asset, path: str, arguments: Mapping[str, float | tuple[float, ...
     """
     name = path.rpartition("/")[2]
     accepted = {"albedo": ("theta_in",), "spread": ("radius",)}.get(name, ("theta_in", "theta_out", "phi"))
-    useless = [key for key in arguments if key not in accepted]
-    if useless:
-        raise UsageError(f"{path}: {useless[0]} has no effect on it; {', '.join(accepted)} would")
-    missing = [key for key in accepted[:2] if key not in arguments]
-    if missing:
-        example = " ".join(f"{key}={'1mm' if key == 'radius' else '30deg'}" for key in accepted)
-        raise UsageError(f"{path}: {', '.join(missing)} missing; give {example}")
-    several = [key for key in arguments if np.ndim(arguments[key])]
-    if len(several) > 1:
-        raise UsageError(f"{path}: {' and '.join(several)} are lists; only one may be")
+    example = " ".join(f"{key}={'1mm' if key == 'radius' else '30deg'}" for key in accepted)
+    several = lists_of(path, arguments, accepted, accepted, accepted[:2], example)
     at = {key: np.asarray(value, float) for key, value in arguments.items()}
     surface = asset.surface
     try:
