@@ -77,7 +77,7 @@ def legendre_moments(theta, phase, orders: int) -> np.ndarray:
     >>> bool(abs(legendre_moments(theta, (1 + np.cos(theta)) / (4 * np.pi), 3) - [1, 1 / 3, 0, 0]).max() < 1e-14)
     True
     """
-    theta, phase = np.asarray(theta, float), np.asarray(phase, float)
+    theta, phase = _checked(theta, phase, orders)
     moments = np.empty((*phase.shape[:-1], orders + 1))
     moments[..., 0] = tables.phase_integral(theta, phase)
     if orders > 0:
@@ -102,7 +102,9 @@ def legendre_series(theta, phase, tolerance: float, most: int = MOST) -> Series:
     The integral itself is formed, by Gauss's rule.  Parseval's sum of what is left would bound it without a series, some ten
     times too high for fog: what is cut lies in the peak, on a small part of the sphere.
     """
-    theta, phase = np.asarray(theta, float), np.asarray(phase, float)
+    if not tolerance > 0:
+        raise ValueError("a series needs a tolerance above 0")
+    theta, phase = _checked(theta, phase, most)
     rows = phase.reshape(-1, theta.size)
     orders = 0
     for first in range(0, len(rows), _TOGETHER):
@@ -113,7 +115,7 @@ def legendre_series(theta, phase, tolerance: float, most: int = MOST) -> Series:
 
 def series_error(theta, phase, orders: int) -> np.ndarray:
     """Integral over the sphere of |phase function - its series up to `orders`|, (...), to some percent of it."""
-    theta, phase = np.asarray(theta, float), np.asarray(phase, float)
+    theta, phase = _checked(theta, phase, orders)
     *_, (_, errors) = _errors(theta, phase, orders)
     return errors
 
@@ -169,7 +171,7 @@ def expansion_coefficients(theta, s11, s12, s33, s34, orders: int, s22=None, s44
     Source: Hovenier & van der Mee 1983, Astron. Astrophys. 128, 1; de Rooij & van der Stap 1984, Astron. Astrophys. 131, 237,
     eqs. 13-18; checked against the output that comes with Mishchenko's spher.f.
     """
-    theta, s11 = np.asarray(theta, float), np.asarray(s11, float)
+    theta, s11 = _checked(theta, s11, orders)
     s12, s33, s34 = (np.asarray(element, float) for element in (s12, s33, s34))
     s22 = s11 if s22 is None else np.asarray(s22, float)
     s44 = s33 if s44 is None else np.asarray(s44, float)
@@ -211,6 +213,16 @@ def wigner(theta, m: int, n: int, orders: int) -> Iterator[tuple[int, np.ndarray
             upper = l * math.sqrt(((l + 1) ** 2 - m**2) * ((l + 1) ** 2 - n**2))
             before, now = now, ((2 * l + 1) * (l * (l + 1) * mu - m * n) * now - lower * before) / upper
         l += 1
+
+
+def _checked(theta, phase, orders):
+    theta, phase = np.asarray(theta, float), np.asarray(phase, float)
+    if orders < 0:
+        raise ValueError(f"{orders} orders; they are counted from 0: 0 or more would do")
+    if theta.ndim != 1 or theta.size < 2 or phase.shape[-1:] != theta.shape or not (np.diff(theta) > 0).all():
+        raise ValueError(f"angles of shape {theta.shape} for a phase function of shape {phase.shape}; two or more that ascend, "
+                         "and as many along the last axis of the phase function, would do")
+    return theta, phase
 
 
 def _higher(theta, phase, orders) -> Iterator[tuple[int, np.ndarray]]:

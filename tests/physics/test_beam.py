@@ -412,6 +412,8 @@ def test_photons_in_layers_are_those_of_the_medium():
     assert (np.abs(dense.flux - 4 * plain.flux) < 10 * np.hypot(dense.flux_error, 4 * plain.flux_error)).all()
     # emptiness before the medium: what comes back into it is lost there all the same
     assert empty.flux == pytest.approx(plain.flux, rel=1e-9)
+    with pytest.raises(ValueError, match="begin at 0"):
+        oracle.count(0.9, theta, phase, DEPTH, EDGES, 32, layers=((1,), (1,)))
 
 
 def test_single_scattering_in_layers():

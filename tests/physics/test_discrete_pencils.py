@@ -340,6 +340,8 @@ def test_counts_in_hashed_cells_are_poisson(mean):
     rest = 4000 - expected[likely].sum()
     square = ((few - expected[likely]) ** 2 / expected[likely]).sum() + (others - rest) ** 2 / rest
     assert stats.chi2.sf(square, likely.sum()) > ODDS and stats.chi2.cdf(square, likely.sum()) > ODDS
+    with pytest.raises(ValueError, match="17 particles a cell"):
+        hashing.counts(17.0)
 
 
 def test_places_of_hashed_particles_are_chance():

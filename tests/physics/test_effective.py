@@ -9,6 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy import integrate, special
 
 from bakery.physics.grains import scatterometer, walk
 from bakery.physics.grains.balls import BallWalker
@@ -19,6 +20,7 @@ from bakery.physics.grains.surface import conductor, dielectric, diffuse
 from bakery.physics.granular.effective import Means, effective, flight, mixed, void_chord
 from bakery.physics.packing.theory import mean_chord
 from tests.conftest import slow
+from tests.oracles.diffusion import JENSEN, ROBUST, classical, exitance, fluence, improved, layer, uncollided
 
 
 @cache
@@ -267,3 +269,120 @@ def test_light_that_goes_straight_is_the_limit():
     nearly = effective(grain(1.0, 0.0, 1.0, 4 / 3, 2.0, 1 - 1e-9), void_chord(0.5))
     assert np.isinf(matched.m_rte[0]) and matched.sigma_t_second_moment[0] == pytest.approx(matched.sigma_t[0], rel=1e-14)
     assert nearly.m_rte[0] > 1e9 and nearly.sigma_t_second_moment[0] == pytest.approx(matched.sigma_t[0], rel=1e-6)
+
+
+@pytest.mark.parametrize("call, words", [
+    (lambda: void_chord(0.0), "fraction"), (lambda: void_chord(1.0), "fraction"),
+    (lambda: void_chord(0.5, [1.0], [-1.0]), "shares"),
+    (lambda: mixed([]), "parts"), (lambda: mixed([CUBE], [1, 2]), "weights"), (lambda: mixed([CUBE], [0]), "weights"),
+    (lambda: mixed([CUBE], [1], [-1]), "radii"), (lambda: effective(CUBE, 0.0), "chord"),
+    (lambda: effective(CUBE, 1.0, 0.4), "second")])
+def test_what_cannot_be_is_refused(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()
+
+
+# diffusion
+
+@pytest.mark.parametrize("sigma_s, sigma_a", [(1.0, 1e-4), (2.0, 1.0), (0.1, 3.0)])
+def test_improved_fluence_has_the_moments_of_transport(sigma_s, sigma_a):
+    medium = improved(sigma_s, sigma_a, 0.0)
+    end = 60 / medium.sigma_tr
+    scale = (1 / medium.sigma_t, 1 / medium.sigma_tr, 10 / medium.sigma_tr)
+
+    def moment(power):
+        return integrate.quad(lambda r: 4 * np.pi * r ** (2 + power) * (uncollided(medium, r) + fluence(medium, r)), 1e-300, end,
+                              points=scale, epsabs=0, epsrel=1e-11, limit=400)[0]
+
+    assert moment(0) == pytest.approx(1 / sigma_a, rel=1e-9)
+    assert moment(2) == pytest.approx(2 / (sigma_a**2 * (sigma_s + sigma_a)), rel=1e-9)
+    old = classical(sigma_s, sigma_a, 0.0)
+    assert integrate.quad(lambda r: 4 * np.pi * r * r * fluence(old, r), 0, end, epsrel=1e-10, limit=400)[0] == pytest.approx(
+        old.albedo / sigma_a, rel=1e-8)
+
+
+def test_parameters_are_the_published_ones():
+    sigma_s, sigma_a, g = np.array([2.0, 5.0]), np.array([0.3, 1e-3]), np.array([0.5, 0.9])
+    s = (1 - g) * sigma_s
+    t = s + sigma_a
+    old, new = classical(sigma_s, sigma_a, g), improved(sigma_s, sigma_a, g)
+    assert np.allclose(old.D, 1 / (3 * t), rtol=1e-15) and np.allclose(old.sigma_tr, np.sqrt(3 * sigma_a * t), rtol=1e-14)
+    assert np.allclose(new.D, 1 / (3 * t) + sigma_a / (3 * t**2), rtol=1e-14)
+    assert np.allclose(new.sigma_tr, np.sqrt(sigma_a / new.D), rtol=1e-14) and np.allclose(new.z_b, 2 * new.D, rtol=1e-15)
+    assert np.allclose(new.strength, s / t / new.D, rtol=1e-14) and np.allclose(old.strength, s / t / old.D, rtol=1e-14)
+
+
+def modes(medium, r, z, source, thickness, count=400):
+    """The same fluence in a slab as a sum over its modes."""
+    width = thickness + 2 * medium.z_b
+    k = np.arange(1, count + 1) * np.pi / width
+    return medium.strength / (np.pi * width) * np.sum(np.sin(k * (z + medium.z_b)) * np.sin(k * (source + medium.z_b))
+                                                      * special.k0(r * np.sqrt(medium.sigma_tr**2 + k**2)))
+
+
+@pytest.mark.parametrize("thickness", [1e-3, 1.0, 30.0])
+@pytest.mark.parametrize("sigma_a", [0.0, 0.01, 1.0])
+@pytest.mark.parametrize("make", [classical, improved])
+def test_mirror_sources_are_the_modes_of_the_slab(make, sigma_a, thickness):
+    medium = make(1.0, sigma_a, 0.0)
+    width = thickness + 2 * medium.z_b
+    for r, pairs in itertools.product((0.2 * width, width, 3 * width), (4, 64)):
+        found = layer(medium, r, 0.7 * thickness, 0.4 * thickness, thickness, pairs)[0]
+        bound = medium.strength / (8 * np.pi * width * pairs**2)
+        assert abs(found - modes(medium, r, 0.7 * thickness, 0.4 * thickness, thickness)) < bound
+    outside = [abs(layer(medium, 0.5 * width, thickness + medium.z_b, 0.4 * thickness, thickness, n)[0]) for n in (2, 8, 32)]
+    inside = layer(medium, 0.5 * width, 0.5 * thickness, 0.4 * thickness, thickness)[0]
+    assert all(more > 10 * less or less < 1e-9 * inside for more, less in itertools.pairwise(outside))
+    assert abs(layer(medium, 0.5 * width, -medium.z_b, 0.4 * thickness, thickness)[0]) < 5e-4 * inside
+
+
+def test_half_space():
+    """No fluence at -z_b; a very thick slab is one; slope against differences; the albedo of the classical dipole."""
+    for medium in (classical(1.0, 0.2, 0.3), improved(1.0, 0.2, 0.3), improved(1.0, 0.0, 0.3)):
+        assert abs(layer(medium, 2.0, -medium.z_b, 1.0)[0]) < 1e-15
+        here, slope = layer(medium, 2.0, 0.5, 1.0)
+        above, below = (layer(medium, 2.0, z, 1.0)[0] for z in (0.5 - 1e-5, 0.5 + 1e-5))
+        assert slope == pytest.approx((below - above) / 2e-5, rel=1e-7)
+        assert layer(medium, 2.0, 0.5, 1.0, 1e6)[0] == pytest.approx(here, rel=1e-5)
+        assert exitance(medium, 2.0, 1.0) == pytest.approx(0.25 * layer(medium, 2.0, 0.0, 1.0)[0]
+                                                           + 0.5 * medium.D * layer(medium, 2.0, 0.0, 1.0)[1], rel=1e-14)
+    for albedo in (0.2, 0.9, 0.9999):
+        medium = classical(albedo, 1 - albedo, 0.0)
+        total = integrate.quad(lambda r: 2 * np.pi * r * exitance(medium, r, 1 / medium.sigma_t, law=JENSEN), 0, np.inf,
+                               epsrel=1e-9, limit=500)[0]
+        root = np.sqrt(3 * (1 - albedo))
+        assert total == pytest.approx(albedo / 2 * (1 + np.exp(-4 / 3 * root)) * np.exp(-root), rel=1e-6)
+
+
+def test_slabs_conserve_light():
+    """Net fluxes through both faces and what is absorbed between add up to what has been scattered once."""
+    medium, thickness, source = classical(1.0, 0.05, 0.2), 3.0, 1.2
+    r = np.exp(np.linspace(-20, 5, 1001))  # trapezoids over ln r: exponentially good
+    ring = 2 * np.pi * r**2 * 0.025
+    out = sum(ring @ exitance(medium, r, source, thickness, face=face, law=JENSEN) for face in (0, 1))
+    x, w = np.polynomial.legendre.leggauss(24)
+    absorbed = 0.0
+    for low, high in ((0, source), (source, thickness)):
+        z = 0.5 * (low + high + (high - low) * x)
+        absorbed += 0.05 * 0.5 * (high - low) * w @ (layer(medium, r, z[:, None], source, thickness, 8)[0] @ ring)
+    assert out + absorbed == pytest.approx(medium.albedo, rel=1e-8)
+
+
+def test_diffusion_at_its_extremes():
+    with np.errstate(all="raise", under="ignore"):
+        media = (1, 0), (0, 1), (0, 0), (1e-9, 1), (1, 1e-15)
+        for make, (sigma_s, sigma_a), thickness in itertools.product((classical, improved), media, (1e-3, 1e6, np.inf)):
+            medium = make(sigma_s, sigma_a, 0.0)
+            near = min(thickness, 0.5)
+            for r in (0.0, 1.0, 1e4):
+                for value in (fluence(medium, r), uncollided(medium, r), *layer(medium, r, near, near, thickness),
+                              exitance(medium, r, near, thickness)):
+                    assert not np.any(np.isnan(value))
+            if sigma_s == 0:
+                assert fluence(medium, 1.0) == exitance(medium, 1.0, near, thickness) == 0
+            if sigma_a == 0 < sigma_s:
+                assert medium.sigma_tr == 0 and fluence(medium, 2.0) == pytest.approx(3 * sigma_s / (8 * np.pi), rel=1e-14)
+            assert np.isinf(medium.D) == (sigma_s == sigma_a == 0)
+    many = exitance(improved([1.0, 2.0, 0.0], [0.0, 0.1, 0.0], 0.2), np.ones((4, 1)), 0.5, [1.0, np.inf, 2.0])
+    assert many.shape == (4, 3)
+    assert many[0, 1] == pytest.approx(float(exitance(improved(2.0, 0.1, 0.2), 1.0, 0.5, law=ROBUST)), rel=1e-14)

@@ -115,3 +115,9 @@ def test_extremes():
     theta = np.array([0.0, math.pi])
     assert moments.legendre_series(theta, np.full(2, 1 / (4 * math.pi)), 1e-3).moments.tolist() == [1.0]
     assert moments.legendre_moments(theta, np.full((3, 2), 1 / (4 * math.pi)), 0).shape == (3, 1)
+    with pytest.raises(ValueError, match="tolerance above 0"):
+        moments.legendre_series(theta, np.ones(2), 0.0)
+    with pytest.raises(ValueError, match="counted from 0"):
+        moments.legendre_moments(theta, np.ones(2), -1)
+    with pytest.raises(ValueError, match="ascend"):
+        moments.legendre_moments(theta[::-1], np.ones(2), 2)

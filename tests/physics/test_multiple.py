@@ -316,6 +316,8 @@ def test_extremes():
     for p, most in ((HG(0.999, 40), 20), (HG(0.9, 140), 20), (HG(0.999, 10), solution.MOST)):
         with pytest.raises(ValueError, match="orders, or more moments, are needed"):
             solution.solve(0.9, p, most=most)
+    with pytest.raises(ValueError, match="between 0 and 1"):
+        fourier.propagator(1.2, [1.0])
 
 
 # ---- the segment ----

@@ -408,6 +408,13 @@ def test_on_the_axis_the_azimuth_means_nothing(ready):
         np.testing.assert_allclose(turned, turned[0], rtol=4e-3)
 
 
+def test_what_cannot_be_tabulated_is_refused(solved):
+    with pytest.raises(ValueError, match="extent is 0.1"):
+        build.table(solved, POINT, extent=0.1)
+    with pytest.raises(ValueError, match="segment is 50 mean"):
+        build.table(solved, SEGMENT, extent=10, length=50)
+
+
 # ---- queries
 
 

@@ -103,10 +103,13 @@ def test_isotropic_rayleigh_gaussian():
     assert np.isfinite(f).all() and f[0, 0] == pytest.approx(1 / (2 * math.pi * math.radians(0.01) ** 2), rel=1e-2)
 
 
-def test_a_users_table_is_kept():
+def test_a_users_table_is_kept_and_checked():
     given = (np.array([0.0, 0.5, 2.0, math.pi]), np.array([5.0, 2.0, 0.0, 1.0]))
     theta, f, error, relative = analytic.tabulated("table", 1e-2, 2, table=given)
     assert (theta == given[0]).all() and f.shape == (2, 4) and f[0] / f[0, 0] == pytest.approx(given[1] / 5) and relative == 0
+    for bad in ((given[0][1:], given[1][1:]), (given[0], -given[1]), (given[0], 0 * given[1])):
+        with pytest.raises(ValueError):
+            analytic.tabulated("table", 1e-2, 1, table=bad)
 
 
 @njit

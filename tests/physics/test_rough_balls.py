@@ -228,3 +228,5 @@ def test_closed_form_where_there_is_one():
     assert isinstance(rough, Statistics) and rough.reached and rough.albedo.shape == (2,)
     smaller = statistics(dielectric(1.5), radius=0.8, seed=1, tolerance=0.01)
     assert isinstance(smaller, Statistics) and smaller.hit_probability == pytest.approx(0.64, abs=0.02)
+    with pytest.raises(ValueError, match="radius"):
+        statistics(dielectric(1.5, 0.3), radius=1.5, seed=1)

@@ -544,7 +544,7 @@ def test_out_of_reach_is_said():
     (lambda: dielectric(7.0), "index 7"), (lambda: dielectric(1.5, 2.0), "roughness 2"),
     (lambda: diffuse([0.5, 1.2]), "reflectance"), (lambda: conductor(-1.0), "n, k >= 0"),
     (lambda: ball(dielectric(1.5), radius=0.5), "radius 0.5"), (lambda: ball(dielectric(1.5, 0.1)), "rough ball"),
-    (lambda: Mesh(CUBE.vertices * 1.1, CUBE.faces), "outside of the"),
+    (lambda: ball(diffuse(1.0), radius=2.0), "radius 2"), (lambda: Mesh(CUBE.vertices * 1.1, CUBE.faces), "outside of the"),
     (lambda: Mesh(CUBE.vertices, CUBE.faces[:, ::-1]), "counterclockwise"),
     (lambda: Mesh(CUBE.vertices, CUBE.faces + 1), "there are only 8"),
     (lambda: Mesh(CUBE.vertices, CUBE.faces[:3]), "at least 4"), (lambda: Mesh(CUBE.vertices * np.nan, CUBE.faces), "finite")])

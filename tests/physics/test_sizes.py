@@ -126,9 +126,11 @@ def test_histogram_of_volumes_gives_the_volumes_back():
     assert flat[0] == pytest.approx(flat[1], rel=1e-13)
 
 
-def test_a_histogram_of_nothing_is_refused():
+@pytest.mark.parametrize("file", [((1.0, 1.0), (1.0,), 0), ((1.0, 2.0), (0.0,), 0), ((0.0, 2.0), (1.0,), 0),
+                                  ((1.0, 2.0), (-1.0,), 0)])
+def test_histograms_that_are_none_are_refused(file):
     with pytest.raises(ValueError, match="histogram"):
-        population(size("histogram", file=((1.0, 2.0), (0.0,), 0)))
+        population(size("histogram", file=file))
 
 
 def test_mixture_shares_count_particles_and_the_cut_is_of_the_sum():
@@ -151,6 +153,8 @@ def test_sigma_one_is_a_single_size():
     (size("lognormal", radius=1.0, sigma=1.01, min=5.0), "between min"),
     (size("lognormal", radius=1.0, sigma=2.0, min=5.0, max=5.0), "single"),
     (size("single", radius=1.0, max=0.5), "between min"),
+    (size("gamma", radius=1.0, variance=0.5), "0.5"),
+    (size("lognormal", radius=1.0, sigma=0.9), "sigma"),
     (size("table", file=(np.array([1.0, 2.0]), np.array([0.0, 0.0]))), "zero"),
 ])
 def test_impossible_distributions_are_refused(s, words):

@@ -57,6 +57,8 @@ class Counting:
         self.depth, self.edges = np.asarray(depth, float), np.asarray(edges, float)
         self._albedo, self._table = float(albedo), phase_layout(np.asarray(theta, float), np.asarray(phase, float))
         begins, density = (np.array(column, float) for column in layers)
+        if begins[0] != 0 or not (np.diff(begins) > 0).all() or not (density >= 0).all() or len(begins) != len(density):
+            raise ValueError("layers begin at 0 and ascend, each with a density of 0 or more")
         begins = np.append(begins, math.inf)
         optical = np.concatenate([[0.0], np.cumsum(density[:-1] * np.diff(begins[:-1]))])
         which = np.searchsorted(begins, self.depth, side="right") - 1

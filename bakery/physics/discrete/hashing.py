@@ -24,6 +24,8 @@ def counts(mean):
 
     mean : expected number in a cell, 0 to `LARGEST_MEAN`
     """
+    if not 0 <= mean <= LARGEST_MEAN:
+        raise ValueError(f"a mean of {mean:g} particles a cell; 0 to {LARGEST_MEAN:g} is possible")
     term, total = math.exp(-mean), []
     for n in range(MOST):
         total.append(term + (total[-1] if total else 0.0))

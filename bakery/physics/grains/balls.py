@@ -99,6 +99,10 @@ class BallWalker:
     radius: float = 1.0  # R, of the ball, up to 1
     events_max: int = EVENTS_MAX  # meetings with the surface after which a path is cut
 
+    def __post_init__(self):
+        if not 0 < self.radius <= 1:
+            raise ValueError(f"radius {self.radius:g}: more than 0 and up to 1 (the bounding sphere) is possible")
+
     def trace(self, uniform, first, replicate, key) -> Paths:
         """As `walk.Walker.trace`."""
         paths = Paths.empty(len(uniform), len(self.mu))

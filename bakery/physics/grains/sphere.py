@@ -61,7 +61,11 @@ def ball(surface: Surface, mu=0.0, edges=None, radius=1.0, polarised=False) -> B
     """
     if surface.roughness > 0:
         raise ValueError("a rough ball has no closed form: walk through a mesh")
+    if not 0 < radius <= 1:
+        raise ValueError(f"radius {radius:g}: more than 0 and up to 1 (the bounding sphere) is possible")
     mu = np.atleast_1d(np.asarray(mu, float))
+    if mu.ndim != 1 or not np.all((mu >= 0) & np.isfinite(mu)):
+        raise ValueError(f"mu {mu.tolist()}: absorption coefficients >= 0 in 1/R are needed, one a channel")
     edges = np.linspace(0, np.pi, 181) if edges is None else np.ascontiguousarray(edges, float)
     if surface.kind == DIELECTRIC:
         if radius != 1:

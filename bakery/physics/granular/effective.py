@@ -62,6 +62,12 @@ def mixed(parts: Sequence[Means], weights=(1.0,), radii=None) -> Means:
     """
     weights = np.asarray(weights, float)
     radii = np.ones(len(parts)) if radii is None else np.asarray(radii, float)
+    if not parts or weights.shape != (len(parts),) or radii.shape != (len(parts),):
+        raise ValueError(f"{len(parts)} parts with {weights.size} weights and {radii.size} radii: as many of each are needed")
+    if not (np.all(weights >= 0) and 0 < np.sum(weights) < np.inf):
+        raise ValueError(f"weights {weights.tolist()}: numbers >= 0 with a positive sum are needed")
+    if not np.all((radii > 0) & np.isfinite(radii)):
+        raise ValueError(f"radii {radii.tolist()}: positive lengths are needed")
     meets = weights * (radii / radii.max()) ** 2
     meets = (meets / np.sum(meets))[:, None]
 
@@ -140,6 +146,10 @@ def void_chord(fraction, radii=(1.0,), shares=None):
     """
     radii = np.asarray(radii, float)
     shares = np.ones_like(radii) if shares is None else np.asarray(shares, float)
+    if not 0 < fraction < 1:
+        raise ValueError(f"fraction {fraction:g}: more than 0 and less than 1 is possible")
+    if shares.shape != radii.shape or not np.all((shares >= 0) & (radii > 0)) or not np.sum(shares) > 0:
+        raise ValueError(f"radii {radii.tolist()} with shares {shares.tolist()}: as many shares >= 0 as radii > 0 are needed")
     return float(4 / 3 * np.sum(shares * radii**3) / np.sum(shares * radii**2) * (1 - fraction) / fraction)
 
 
@@ -218,6 +228,8 @@ def effective(means: Means, void_chord: float) -> Effective:
     >>> round(float(effective(glass, void_chord(0.63)).sigma_t[0]), 6)
     0.453017
     """
+    if not (void_chord > 0 and math.isfinite(void_chord)):
+        raise ValueError(f"mean chord {void_chord:g} between spheres: a positive length is needed")
     inputs = {name: means.figure(name) for name in ("hit_probability", "lambda_delta", "albedo", "lambda_s", "mean_square", "g")}
     limits = {"hit_probability": (0, 1), "albedo": (0, 1), "g": (-1, 1)}
     figures = {name: value for name, (value, _) in inputs.items()}

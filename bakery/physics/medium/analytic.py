@@ -54,12 +54,14 @@ def tabulated(kind, tolerance, wavelengths, g=None, spread=None, table=None):
 
     Raises
     ------
-    TooManyAngles : a lobe too narrow for a table
+    ValueError : |g| = 1, a table that does not span 0 to pi or is zero
     """
     if kind == "table":
         return _of_table(table, wavelengths)
     if kind == "hg":
         g = np.asarray(g, float)
+        if not (np.abs(g) < 1).all():
+            raise ValueError("the Henyey-Greenstein function needs -1 < g < 1")
         rows = [lambda t, g=float(value): henyey_greenstein(t, g) for value in np.unique(g)]
         source_row = np.searchsorted(np.unique(g), g)
         finest = float(1 - np.abs(g).max())
@@ -105,5 +107,11 @@ def predicted_angles(kind, tolerance, g=None, spread=None, table=None) -> int:
 
 def _of_table(table, wavelengths):
     theta, value = (np.asarray(column, float) for column in table)
+    if len(theta) < 2 or theta[0] > 1e-9 or abs(theta[-1] - math.pi) > 1e-6 or not (np.diff(theta) > 0).all():
+        raise ValueError("a phase table needs ascending angles from 0 to 180 degrees")
+    if not (np.isfinite(value).all() and (value >= 0).all() and value.max() > 0):
+        raise ValueError("a phase table needs values >= 0 that are not all zero")
+    theta = theta.copy()
+    theta[0], theta[-1] = 0.0, math.pi
     values, _ = phase.normalised(theta, value / value.max())
     return theta, np.repeat(values[None], wavelengths, axis=0), np.zeros((wavelengths, len(theta))), 0.0

@@ -66,8 +66,13 @@ def table(solution, kind, *, extent, length=LENGTH, tolerance=TOLERANCE, most=CO
     seed : of the places where the basis and the error are taken
 
     Returns Table : its `error` says what was reached; empty (no corner) where nothing scatters
+    Raises ValueError : extent or length out of range
     """
     medium, length = solution.medium, float(length) if kind == SEGMENT else 0.0
+    if not 0.5 <= extent <= MOST_EXTENT:
+        raise ValueError(f"the table's extent is {extent:g} mean free paths; 0.5 to {MOST_EXTENT:g} will do")
+    if kind == SEGMENT and not 0.1 <= length <= 10:
+        raise ValueError(f"the tabulated segment is {length:g} mean free paths long; 0.1 to 10 will do")
     if medium.albedo == 0:
         return empty(kind, length, extent, medium.k0)
     extent = min(float(extent), extent_needed(medium, OUTSIDE), _SOLVED * float(np.exp(medium.log_r[-1])))

@@ -80,6 +80,16 @@ class _Solver:
         scattering_down[of] = _kernels.pivots(self.k, self.whole, M)[1][M:self.orders]
 
 
+def _checked(albedo, p):
+    """Albedo and moments, to the last bit with p_0 = 1: with albedo 1 nothing may be lost or gained."""
+    albedo, p = float(albedo), np.ascontiguousarray(p, float)
+    if not 0 <= albedo <= 1:
+        raise ValueError(f"the albedo is {albedo:g}; it lies between 0 and 1")
+    if not abs(p[0] - 1) < 1e-6:
+        raise ValueError(f"the phase function integrates to {p[0]:.7g}; it must integrate to 1")
+    return albedo, p / p[0]
+
+
 def propagator(albedo, p, *, first=3, last=None, uncounted=None, step=STEP, r_min=R_MIN, r_max=R_MAX) -> Propagator:
     """Solves for the events `first` .. `last` of light that enters its first collision at the origin.
 
@@ -96,8 +106,9 @@ def propagator(albedo, p, *, first=3, last=None, uncounted=None, step=STEP, r_mi
     0.02 <= r <= 100 and albedos up to 1 - 1e-9.  r ends where the light has fallen below 1e-11 of its largest (r ~ 25 / k0).
     Source: Case & Zweifel 1967 for the moments; Hamilton 2000 for the transform.
     """
-    albedo, p = float(albedo), np.ascontiguousarray(p, float)
-    p = p / p[0]  # to the last bit 1: with albedo 1 nothing may be lost or gained
+    albedo, p = _checked(albedo, p)
+    if first < 3 or last not in (None, first):
+        raise ValueError("events: 3 or more, one of them or all from it on")
     order = len(p) - 1
     k, log_r, hankel = _transform(2 * order, step, r_min, r_max)
     count = (order + 1) * (order + 2) * (order + 3) // 6

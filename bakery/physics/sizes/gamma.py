@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from bakery.physics.sizes.law import FRACTION, NARROW, Key, Law
+from bakery.physics.sizes.law import FRACTION, NARROW, Key, Law, positive
 from bakery.physics.sizes.single import Single
 
 
@@ -32,8 +32,10 @@ class Gamma(Law):
     @classmethod
     def of(cls, size):
         radius, variance, effective_radius, effective_variance = (getattr(size, name, None) for name in cls.keys)
-        radius = effective_radius if radius is None else radius
+        radius = positive(effective_radius if radius is None else radius)
         variance = effective_variance if variance is None else variance
+        if not 0 <= variance < 0.5:
+            raise ValueError(f"variance {variance:g}; a gamma distribution can be normalised for 0 to below 0.5")
         return cls(radius, variance) if math.sqrt(variance) > NARROW else Single(radius)
 
     @property

@@ -32,6 +32,8 @@ class Histogram(Law):
 
     def __post_init__(self):
         e, a = np.asarray(self.edge, float), np.asarray(self.amount, float)
+        if len(a) < 1 or len(e) != len(a) + 1 or not (np.diff(e) > 0).all() or not e[0] > 0 or not (a >= 0).all():
+            raise ValueError("a histogram needs ascending edges above 0, and an amount >= 0 in each bin")
         # dn/dlnr = c r^-power; relative to each bin's lower edge, where powers of small radii would overflow
         whole = np.array([power_integral(-self.power, 1.0, ratio) for ratio in e[1:] / e[:-1]])
         number = a / np.log(e[1:] / e[:-1]) * whole

@@ -30,6 +30,10 @@ class Junge(Law):
     min: float
     max: float
 
+    def __post_init__(self):
+        if not 0 < self.min < self.max < math.inf:
+            raise ValueError(f"min {self.min:g} um and max {self.max:g} um; a power law lies between two radii above 0")
+
     @property
     def bends(self):
         return self.min, self.max

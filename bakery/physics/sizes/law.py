@@ -21,6 +21,13 @@ class Key(NamedTuple):
     instead_of: str = ""  # the key in place of which it may stand; "" where it stands for itself
 
 
+def positive(radius: float) -> float:
+    """A radius (um) that is one; else ValueError."""
+    if not 0 < radius < math.inf:
+        raise ValueError(f"radius {radius:g} um; a radius is above 0")
+    return radius
+
+
 class Law:
     """A distribution of radii, one particle over its whole range; classes are frozen dataclasses, with fields as they like."""
 
@@ -35,10 +42,12 @@ class Law:
 
     @classmethod
     def of(cls, size: Any) -> Law:
-        """The law of a recipe's size, which has its keys, in their ranges, as attributes.
+        """The law of a recipe's size, which has its keys as attributes; ValueError where a value is out of range.
 
         Where it is so narrow that sizes cannot be distinguished, a law of one size.
         """
+        if "radius" in cls.keys:
+            positive(size.radius)
         return cls(**{name: getattr(size, name) for name, key in cls.keys.items() if not key.instead_of})
 
     @classmethod

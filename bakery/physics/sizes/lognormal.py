@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from bakery.physics.sizes.law import DEVIATION, FRACTION, NARROW, Key, Law
+from bakery.physics.sizes.law import DEVIATION, FRACTION, NARROW, Key, Law, positive
 from bakery.physics.sizes.single import Single
 
 
@@ -33,9 +33,11 @@ class Lognormal(Law):
         radius, sigma, effective_radius, effective_variance = (getattr(size, name, None) for name in cls.keys)
         if sigma is None:
             sigma = math.exp(math.sqrt(math.log1p(effective_variance)))
+        if not 1 <= sigma <= 100:
+            raise ValueError(f"sigma {sigma:g}; a geometric standard deviation lies between 1 and 100")
         if radius is None:
             radius = effective_radius * math.exp(-2.5 * math.log(sigma) ** 2)
-        return cls(radius, sigma) if math.log(sigma) > NARROW else Single(radius)
+        return cls(positive(radius), sigma) if math.log(sigma) > NARROW else Single(positive(radius))
 
     def density(self, r):
         """dn/dr, 1/um, at r (R,) um."""

@@ -34,6 +34,8 @@ class Table(Law):
 
     def __post_init__(self):
         r, v = np.asarray(self.radius, float), np.asarray(self.value, float)
+        if len(r) < 2 or len(r) != len(v) or not (np.diff(r) > 0).all() or r[0] < 0 or not (v >= 0).all():
+            raise ValueError("a size table needs two or more ascending radii >= 0 with densities >= 0")
         area = float(np.sum((v[1:] + v[:-1]) / 2 * np.diff(r)))
         if not 0 < area < math.inf:
             raise ValueError("a size table needs a density that is not zero everywhere")

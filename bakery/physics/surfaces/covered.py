@@ -51,6 +51,8 @@ class Covered:
     def reflection(self, mu, mu0, phi):
         """R at cosines in air above 0 and azimuths (0: forward).  Arguments broadcast."""
         mu, mu0, phi = np.broadcast_arrays(*(np.asarray(value, float) for value in (mu, mu0, phi)))
+        if not (((mu > 0) & (mu <= 1)).all() and ((mu0 > 0) & (mu0 <= 1)).all()):
+            raise ValueError("cosines of directions lie above 0 and do not exceed 1")
         (out, row), (into, column) = (np.unique(cosine, return_inverse=True) for cosine in (mu, mu0))
         out, into = (interpolation(self.nodes.at, np.sqrt(cosine)) for cosine in (out, into))
         result = rough.reflected(mu, mu0, phi, self.slab.index, self.slab.roughness)
@@ -70,7 +72,10 @@ class Covered:
 
 
 def covered(slab: Slab, moments, count: int, tolerance: float = 1e-6) -> Covered:
-    """The slab, with no air below, with a given number of Legendre moments; arguments are those of `solution.solve`."""
+    """The slab with a given number of Legendre moments; arguments are those of `solution.solve`.
+
+    Raises ValueError : air below
+    """
     parts, bottom = layers(slab)
     cuts = tuple(cut(row, part.albedo, count) for row, part in zip(moments if slab.under else [moments], parts, strict=True))
     leaving = max(_LEAST_NODES, count + _SPARE_NODES)

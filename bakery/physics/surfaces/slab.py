@@ -64,12 +64,16 @@ def reflector(reflection, nodes: int = 40, azimuths: int = 96, orders: int = 32)
 def layers(slab: Slab) -> tuple[list[Slab], Reflector | float | None]:
     """Media of a stack from the top, and what is under them: a reflector, the albedo of a matt base, None: nothing, or air.
 
-    Indices of several are 1 or more, and there are no facets over air, to which recipes are held.
+    Raises ValueError : an index below 1; facets over air
     """
     parts = [slab]
     while isinstance(parts[-1].under, Slab):
         parts.append(parts[-1].under)
     last = parts[-1]
+    if len(parts) > 1 and any(part.index < 1 for part in parts):
+        raise ValueError("media of a stack have an index of 1 or more")
+    if free(slab) and any(facets_on(parts, k) for k in range(len(parts))):
+        raise ValueError("a layer under a rough boundary has a base or is infinite")
     if last.depth == math.inf:
         return parts, None
     return parts, last.base if last.under is None else last.under

@@ -91,6 +91,10 @@ class Solution:
 
     def _value(self, orders, mu, mu0, phi, side: int):
         mu, mu0, phi = np.broadcast_arrays(*(np.asarray(value, float) for value in (mu, mu0, phi)))
+        for cosines in (mu, mu0):
+            outside = cosines[~((cosines > 0) & (cosines <= 1))]
+            if outside.size:
+                raise ValueError(f"cosine {outside.flat[0]:g} of a direction; above 0 and up to 1 would do")
         slab, n = self.slab, self.slab.index
         through = (1 - fresnel.reflected(mu, n)) * (1 - fresnel.reflected(mu0, n)) / n**2
         entering = through > 0

@@ -18,7 +18,7 @@ from bakery.physics.medium.phase import normalised, phase_at
 from bakery.physics.multiple.legendre import moments
 from bakery.physics.surfaces._spread import CLASSES, follow
 from bakery.physics.surfaces.cut import without_peak
-from bakery.physics.surfaces.slab import Slab, layers
+from bakery.physics.surfaces.slab import Reflector, Slab, layers
 
 BINS = 48  # of distance; the first begins at 0
 AUREOLE = 0.3  # rad; what scatters light by less counts as even in angle
@@ -70,11 +70,15 @@ def edges_of(transport, thickness):
 
 
 def spread(slab: Slab, seed: int, *stream: int, tolerance: float = TOLERANCE) -> Spread:
-    """Of a layer, and of all that lie under it, none of which is known only as light from air sees it.
+    """Of a layer, and of all that lie under it.
 
     seed, stream : of the random numbers, `surface.spread`
+
+    Raises ValueError : what lies under it is known as light from air sees it only
     """
     parts, bottom = layers(slab)
+    if isinstance(bottom, Reflector):
+        raise ValueError("how far light spreads among grains is not known")
     # numbers near 1; layers that take no room let light out where it went in
     unit = max((part.length for part in parts if part.length > 0), default=1.0)
     lengths = np.array([part.length for part in parts]) / unit

@@ -56,6 +56,8 @@ class Stacked:
     def reflection(self, mu, mu0, phi):
         """R at cosines in air above 0 and azimuths (0: forward); without mirrored light.  Arguments broadcast."""
         mu, mu0, phi = np.broadcast_arrays(*(np.asarray(value, float) for value in (mu, mu0, phi)))
+        if not (((mu > 0) & (mu <= 1)).all() and ((mu0 > 0) & (mu0 <= 1)).all()):
+            raise ValueError("cosines of directions lie above 0 and do not exceed 1")
         return self.boundaries(mu, mu0, -1) * self.inside(mu, mu0, phi)
 
     def factor(self, mu, mu0, side: int):
@@ -96,6 +98,8 @@ class Stacked:
         mu, mu0, phi = np.broadcast_arrays(*(np.asarray(value, float) for value in (mu, mu0, phi)))
         if not free(self.slab):
             return np.zeros(mu.shape)
+        if not (((mu > 0) & (mu <= 1)).all() and ((mu0 > 0) & (mu0 <= 1)).all()):
+            raise ValueError("cosines of directions lie above 0 and do not exceed 1")
         out, into = (fresnel.inside(self.nodes.air, index) for index in (layers(self.slab)[0][-1].index, self.nodes.index))
         result = self.boundaries(mu, mu0) * self._smooth(self.transmitted / (out[:, None] + into), mu, mu0, phi)
         for part, without, inner, inner0, weight in _once_through(self.slab, self.cuts, mu, mu0):

@@ -194,6 +194,11 @@ def test_what_is_out_of_reach_is_said():
     assert refined(Slab(*henyey_greenstein(0.95), 0.99, math.inf), 1e-5, most=32)[1] > 1e-5
 
 
+def test_directions_outside_the_hemisphere():
+    with pytest.raises(ValueError, match="above 0"):
+        solve(Slab(*SPHERE, 0.5, 1.0), np.eye(33)[0], 32).reflection(-0.1, 0.5, 0.0)
+
+
 def test_whole_milk_is_as_white_as_published():
     """Diffuse reflectance of light that enters (Jensen et al. 2001, table 1, index 1.3): theirs is diffusion's."""
     sigma_s, sigma_a = np.array([8.50, 10.70, 12.57]), np.array([0.0011, 0.0024, 0.0140])

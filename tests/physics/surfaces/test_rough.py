@@ -70,3 +70,8 @@ def test_shares_of_facets(index, roughness):
     # what is sent on is in proportion to what is missing
     again = [nodes.interpolation(directions.at, math.sqrt(mu)) @ (facets.again @ root / root) for mu in (0.4, 0.9)]
     assert again[1] / again[0] == pytest.approx(lost[1] / lost[0], rel=0.02)
+
+
+def test_free_layers_are_refused():
+    with pytest.raises(ValueError, match="base or is infinite"):
+        solve(Slab(*SPHERE, 0.5, 1.0, 1.3, None, 0.2), np.eye(33)[0], 32)

@@ -216,6 +216,15 @@ def test_the_table_is_the_stack():
     assert surface_table([solution])[1].largest < 4e-3
 
 
+@pytest.mark.parametrize(("slab", "says"), [
+    (stack((0.5, 0.9, 1.0, 0.8), (0.5, 0.9, math.inf, 1.0))[0], "1 or more"),
+    (stack((0.5, 0.9, 1.0, 1.3), (0.5, 0.9, 1.0, 1.5, 0.2))[0], "has a base"),
+    (replace(stack((0.5, 0.9, 1.0, 1.3), (0.5, 0.9, 1.0, 1.3))[0], roughness=0.2), "has a base")])
+def test_stacks_that_are_refused(slab, says):
+    with pytest.raises(ValueError, match=says):
+        solve(slab, [ONE_LOBE, ONE_LOBE], 16)
+
+
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_several_layers_are_pythonic_disorts():
     """Three media on a matt base, index matched: intensities at angles between nodes, 1e-4 at the oracle's 32 streams."""
