@@ -220,6 +220,26 @@ def test_a_sphere_says_that_it_is_one():
     assert shapes.build({"type": "ellipsoid"}, 320).analytic is None
 
 
+@pytest.mark.parametrize("shape, words", [
+    ({"type": "cylinder"}, "shapes are sphere, box"),
+    ({"type": "box", "axes": [1, 1, 1]}, "a box has no 'axes'; it takes size"),
+    ({"type": "box", "size": [1, 0, 1]}, "three numbers above 0"),
+    ({"type": "ellipsoid", "axes": [1, 1e-5, 1]}, "factor of 10,000"),
+    ({"type": "ellipsoid", "axes": [1, np.nan, 1]}, "three numbers"),
+    ({"type": "superellipsoid", "exponents": 9}, "0.1 to 4"),
+    ({"type": "rock", "roughness": 2}, "roughness is 0 to 0.3"),
+    ({"type": "rock", "corners": 3}, "from 8 to 300"),
+    ({"type": "rock", "sharpness": 1}, "4 or more"),
+    ({"type": "crystal", "habit": "quasi"}, "habits are cube"),
+    ({"type": "aggregate", "bodies": 0}, "from 1 to 64"),
+    ({"type": "aggregate", "bodies": 20, "smallest": 0.05, "length": 10, "arrangement": "star", "blend": 0}, "blend is 0.01"),
+    ({"type": "mesh", "kind": "ply"}, "content of a file"),
+])
+def test_wrong_shapes(shape, words):
+    with pytest.raises(ValueError, match=words):
+        shapes.build(shape, 500)
+
+
 def test_an_aggregate_that_is_none(monkeypatch):
     """Two balls that do not touch; and one too small for any grid."""
     apart = np.array([[0.0, 0, 0], [3, 0, 0]]), np.zeros((2, 3)), np.array([1.0, 1.0])
@@ -251,6 +271,11 @@ def test_the_work_of_an_aggregate_is_known_before(shape, wanted, monkeypatch):
     surface(grown.distance, *grown.box, wanted, grown.detail)
     assert grown.triangles(wanted) == (pytest.approx(sum(tries), rel=0.8), pytest.approx(tries[-1], rel=0.8))
     assert sum(tries) < 1.8 * grown.triangles(wanted)[0]
+
+
+def test_wrong_number_of_triangles():
+    with pytest.raises(ValueError, match="from 20 to 2,000,000"):
+        shapes.build({"type": "sphere"}, 3_000_000)
 
 
 # ---- straight lines
@@ -509,6 +534,8 @@ def test_a_recipe_asks_for_the_repair(rock, monkeypatch):
     assert len(grain.faces) == len(f) and closed(*parts(grain)) and "1,279 triangles became 642 and 1,280" in grain.notes[0]
     with pytest.raises(ValueError, match="pymeshlab did not mend it"):
         shapes.build({"type": "mesh", "data": mesh_text(*moebius()), "kind": "off", "repair": "pymeshlab"})
+    with pytest.raises(ValueError, match="repair is pymeshlab; found 'magic'"):
+        shapes.build({"type": "mesh", "data": data, "kind": "ply", "repair": "magic"})
     monkeypatch.setitem(sys.modules, "pymeshlab", None)
     with pytest.raises(UsageError, match=r"repair: pymeshlab: .* pip install \"\.\[repair\]\""):
         shapes.build({"type": "mesh", "data": data, "kind": "ply", "repair": "pymeshlab"})

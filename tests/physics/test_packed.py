@@ -243,7 +243,7 @@ def test_flights_are_those_of_a_search_over_all_images(which):
 def test_a_walk_between_mirrors_is_that_of_a_literal_twin():
     """Six hits between mirror balls from the same start: nothing is drawn, so sums agree to rounding, blown up by the balls."""
     centers, radii, cell = tile(0.45, 12)
-    scene = packed._Scene(*packed.checked_tile(centers, radii, cell, [Grain(MIRROR)], None), 7, 100)
+    scene = packed._checked((centers, radii, cell), [Grain(MIRROR)], None, 7, 0.1, 100)
     length = 6
     sums = kernel.walks(*scene.arrays, np.uint64(3), 11, 1, length, 0)
     periodic, _, key = scene.arrays
@@ -271,7 +271,7 @@ def test_a_walk_between_mirrors_is_that_of_a_literal_twin():
 def test_a_grain_is_met_as_its_hash_turns_it():
     """A mirror cube turned in the world against the kernel's ray turned into the cube's frame; which of two types it is, too."""
     seed, weights = 9, [1.0, 2.0]
-    scene = packed._Scene(*packed.checked_tile(*ONE, [Grain(GLASS), Grain(MIRROR, CUBE)], weights), seed, 100)
+    scene = packed._checked(ONE, [Grain(GLASS), Grain(MIRROR, CUBE)], weights, seed, 0.1, 100)
     room, draws, row = kernel.mesh_scratch(), kernel.Draws(np.zeros(5, np.uint64), np.empty(4)), np.zeros(kernel.SUMS)
     rng, seen = np.random.default_rng(1), [0, 0, 0]
     for copy in rng.integers(-(10**12), 10**12, (60, 3)):
@@ -342,6 +342,12 @@ def test_any_number_of_threads_gives_the_same_bytes():
     assert bytes_of[0] == bytes_of[1] == bytes_of[2] != bytes_of[3]
 
 
-def test_spheres_that_overlap_are_refused():
-    with pytest.raises(ValueError, match="overlap"):
-        walk(([[0, 0, 0], [1, 1, 1]], [1, 1], [4, 4, 4]), [Grain(GLASS)], seed=0, tolerance=0.1)
+@pytest.mark.parametrize("change, said", [
+    (dict(radii=[1.5]), "its own image"), (dict(centers=[[0, 0]]), "are needed"), (dict(cell=[4, 4, np.nan]), "finite"),
+    (dict(centers=[[0, 0, 0], [1, 1, 1]], radii=[1, 1]), "overlap"), (dict(grains=[]), "at least one"),
+    (dict(grains=[GLASS]), "a surface and a mesh"), (dict(grains=[Grain(GLASS, None, 1.5)]), "radius 1.5"),
+    (dict(weights=[1, 1]), "2 weights"), (dict(seed=-1), "seed"), (dict(tolerance=0), "tolerance"), (dict(depth=0), "depth")])
+def test_what_is_refused(change, said):
+    given = dict(zip(("centers", "radii", "cell"), ONE), grains=[Grain(GLASS)], weights=None, seed=0, tolerance=0.1) | change
+    with pytest.raises(ValueError, match=said):
+        walk((given.pop("centers"), given.pop("radii"), given.pop("cell")), given.pop("grains"), given.pop("weights"), **given)

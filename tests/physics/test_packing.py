@@ -293,6 +293,25 @@ def test_progress_and_interrupt():
         pack(0.6, np.ones(500), seed=1, report=stop)
 
 
+@pytest.mark.parametrize(("fraction", "radii", "cell", "words"), [
+    (0.74, np.ones(500), CUBE, "equal spheres at random reach 0.64; ask for several sizes"),
+    (0.68, lognormal(1.2, 500), CUBE, "spheres of these sizes at random reach 0.651"),
+    (0.0, np.ones(5), CUBE, "fraction 0"), (1.5, np.ones(5), CUBE, "possible"), (float("nan"), np.ones(5), CUBE, "possible"),
+    (0.6, np.ones(1), CUBE, "own image"),
+    (0.3, np.ones(50), (0.1, 1, 1), r"edge x is 1.911 .* diameter of 2 .* own image: take more spheres \(over 57\)"),
+    (0.3, [], CUBE, "one radius a sphere"), (0.3, [1.0, -1.0], CUBE, "positive"), (0.3, np.ones(5), (1, 0, 1), "proportions"),
+    (0.3, np.ones(5), (1, 1), "proportions")])
+def test_refused_before_any_work(fraction, radii, cell, words, monkeypatch):
+    monkeypatch.setattr(dynamics, "Spheres", None)
+    with pytest.raises(ValueError, match=words):
+        pack(fraction, radii, cell, seed=1)
+
+
+def test_unknown_schedule():
+    with pytest.raises(ValueError, match="draft, preview, final"):
+        pack(0.3, np.ones(5), seed=1, schedule="slow")
+
+
 def test_the_cost_model_knows_the_collisions():
     for fraction, name in ((0.3, "final"), (0.5, "draft"), (0.6, "preview"), (0.63, "preview"), (0.64, "final")):
         tile = pack(fraction, np.ones(200), seed=3, schedule=name)

@@ -547,7 +547,11 @@ def test_out_of_reach_is_said():
     (lambda: ball(diffuse(1.0), radius=2.0), "radius 2"), (lambda: Mesh(CUBE.vertices * 1.1, CUBE.faces), "outside of the"),
     (lambda: Mesh(CUBE.vertices, CUBE.faces[:, ::-1]), "counterclockwise"),
     (lambda: Mesh(CUBE.vertices, CUBE.faces + 1), "there are only 8"),
-    (lambda: Mesh(CUBE.vertices, CUBE.faces[:3]), "at least 4"), (lambda: Mesh(CUBE.vertices * np.nan, CUBE.faces), "finite")])
+    (lambda: Mesh(CUBE.vertices, CUBE.faces[:3]), "at least 4"), (lambda: Mesh(CUBE.vertices * np.nan, CUBE.faces), "finite"),
+    (lambda: measure(CUBE, MIRROR, -1.0, seed=1), "mu"), (lambda: measure(CUBE, MIRROR, seed=1, tolerance=0.0), "tolerance 0"),
+    (lambda: measure(CUBE, MIRROR, seed=1, asked=("x",)), "'x'"),
+    (lambda: measure(CUBE, MIRROR, seed=1, edges=[0, 1]), "0 to pi"),
+    (lambda: measure(CUBE, diffuse([1, 0.5]), [1.0, 2, 3], seed=1), "3 abs")])
 def test_what_cannot_be_measured_is_refused(call, word):
     with pytest.raises(ValueError, match=word):
         call()

@@ -84,6 +84,8 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
     report : called with the share of the work that is done and the error reached so far
     tracer : stands in for `walk.Walker(mesh, surface, mu)`: picklable, with its `trace`
 
+    Raises ValueError : before any work
+
     Rays enter at scrambled Sobol points in 32 independent replicates; errors come from the spread of the replicates (31 degrees
     of freedom).  At least 2^14 hits; then paths are added, a quarter to as many again, until the errors are met.
 
@@ -95,8 +97,7 @@ def measure(mesh: Mesh, surface: Surface, mu=0.0, *, seed, stream=0, tolerance=0
     >>> bool(abs(glass.hit_probability - 2 / np.pi) < 5 * glass.errors["hit_probability"])  # Cauchy: a quarter of the surface
     True
     """
-    mu, colours = np.atleast_1d(np.asarray(mu, float)), surface.channels.shape[1]
-    mu = np.ascontiguousarray(np.broadcast_to(mu, max(len(mu), colours)))
+    mu, edges = _checked(surface, mu, tolerance, asked, edges)
     tracer = tracer or Walker(mesh, surface, mu)
     map = map or in_turn
     key = rng.key(seed, "grains.walk", stream)
@@ -237,3 +238,21 @@ def ratio(numerator, denominator):
     value = numerator.sum(0) / safe
     residual = numerator - value * denominator
     return value, np.sqrt(np.sum(residual**2, axis=0) * count / (count - 1)) / safe
+
+
+def _checked(surface, mu, tolerance, asked, edges):
+    """mu (C,), C that of the surface's channels too, and edges; ValueError on what cannot be measured."""
+    mu, edges = np.atleast_1d(np.asarray(mu, float)), np.ascontiguousarray(edges, float)
+    if mu.ndim != 1 or not np.all((mu >= 0) & np.isfinite(mu)):
+        raise ValueError(f"mu {mu.tolist()}: absorption coefficients >= 0 in 1/R are needed, one a channel")
+    colours = surface.channels.shape[1]
+    if colours > 1 and len(mu) not in (1, colours):
+        raise ValueError(f"{len(mu)} absorption coefficients for a surface of {colours} channels")
+    if edges.ndim != 1 or len(edges) < 2 or edges[0] != 0 or abs(edges[-1] - np.pi) > 1e-12 or np.any(np.diff(edges) <= 0):
+        raise ValueError("edges: angles that ascend from 0 to pi are needed")
+    if not TOLERANCE_MIN <= tolerance <= 1:
+        raise ValueError(f"tolerance {tolerance:g}: 1e-6 to 1 are possible")
+    unknown = set(asked) - {*FIGURES, "lambda_o", "forward_delta", "inner_path", "phase"}
+    if unknown or not asked:
+        raise ValueError(f"asked {sorted(unknown)}: known are {', '.join(FIGURES)}, lambda_o, forward_delta, inner_path, phase")
+    return np.ascontiguousarray(np.broadcast_to(mu, max(len(mu), colours))), edges

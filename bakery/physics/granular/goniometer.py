@@ -20,9 +20,10 @@ from bakery.physics.grains.figures import in_order
 from bakery.physics.grains.surface import DIELECTRIC, DIFFUSE
 from bakery.physics.grains.walk import EVENTS_MAX
 from bakery.physics.granular import _goniometer as kernel
-from bakery.physics.granular.packed import checked_tile, laid_out
-from bakery.physics.packing.structure import fraction
-from bakery.physics.packing.theory import mean_chord
+from bakery.physics.granular._packed import Grains, Tile
+from bakery.physics.granular.exemplars import exemplars
+from bakery.physics.granular.packed import checked_tile
+from bakery.physics.packing.cells import counts, tile_grid
 
 CELLS = (48, 8, 8)  # along the coordinates of `surfaces.pairs`
 BINS = 16  # of the root of the cosine of incidence
@@ -30,6 +31,7 @@ REPLICATES = 16
 LATE, LATEST = 8, 8  # hits over 1 - g, at least 8, after which light is late; times that, after which a walk ends
 # of a layer L transport lengths thick, extrapolated faces included, further hits over (1 - g) L^2: the slowest mode falls by 1/e
 _SLOWEST, _EXTRAPOLATED = 0.304, 1.42
+_LIMIT = 1e5  # longest flight between two spheres, in mean ones
 _BLOCK = 1 << 12  # walks of a task that goes to the second order, an eighth of that of others
 
 
@@ -88,8 +90,11 @@ class Goniometer:
 
     def __post_init__(self):
         self.centers, self.radii, self.cell, self.grains, self.shares = checked_tile(
-            self.centers, self.radii, self.cell, self.grains, self.weights)
+            self.centers, self.radii, self.cell, self.grains, self.weights, self.seed)
         self.mu, self.channels = np.array(self.mu, float), np.array(self.channels, float)
+        if self.channels.shape != (len(self.grains), 2, self.mu.shape[1]) or len(self.mu) != len(self.grains):
+            raise ValueError(f"mu {self.mu.shape}, channels {self.channels.shape}: (T, C) and (T, 2, C) are needed for "
+                             f"{len(self.grains)} types of grain")
         self.decay = np.array(np.broadcast_to(np.asarray(self.decay, float), self.mu.shape[1]))
         self.sides = 2 if self.base is None and self.thickness < math.inf else 1
         forward = min(max(1 - self.g, 1e-2), 1)
@@ -102,13 +107,18 @@ class Goniometer:
     def __setstate__(self, state):
         self.__dict__.update(state, _arrays=None, _lock=threading.Lock())
 
+    @property
+    def _mean_flight(self) -> float:
+        """Between two spheres."""
+        fraction = 4 / 3 * math.pi * np.sum(self.radii**3) / np.prod(self.cell)
+        return 4 / 3 * np.sum(self.radii**3) / np.sum(self.radii**2) * (1 - fraction) / fraction
+
     def _slowest(self, forward: float) -> float:
         """Hits over 1 - g in which light in a layer falls by 1/e, at most; 0 of a half space, which has no such number."""
         if self.thickness == math.inf:
             return 0.0
         # under a base light finds one face alone
-        flight = mean_chord(fraction(self.radii, self.cell), self.radii)  # between two spheres
-        length = self.thickness / flight * forward * (3 - self.sides) + _EXTRAPOLATED
+        length = self.thickness / self._mean_flight * forward * (3 - self.sides) + _EXTRAPOLATED
         return _SLOWEST * length**2
 
     @property
@@ -129,8 +139,13 @@ class Goniometer:
         """Arguments of `_goniometer.counted` before those that tell walks apart."""
         with self._lock:
             if self._arrays is None:
+                m = counts(self.cell, len(self.radii))
+                grid = (self.cell, m, *tile_grid(self.centers, self.radii, self.cell, m))
+                area = np.cumsum(self.radii**2) / np.sum(self.radii**2)
                 key = rng.key(self.seed, "granular.goniometer", self.stream)
-                self._arrays = *laid_out(self), kernel.Matter(self.mu, self.channels), tuple(map(np.uint64, key))
+                self._arrays = (Tile(self.centers, self.radii, area, grid, _LIMIT * self._mean_flight),
+                                Grains(self.shares, *exemplars(self.grains), np.uint64(self.seed), self.depth),
+                                kernel.Matter(self.mu, self.channels), (np.uint64(key[0]), np.uint64(key[1])))
             return self._arrays
 
     def counted(self, number: int, first: int, through: bool, map: Callable) -> np.ndarray:

@@ -102,7 +102,7 @@ def walk(tile, grains, weights=None, *, seed, tolerance, hits=None, depth=EVENTS
     map : `map(function, tasks)` returns [function(*task) for task in tasks]
     report : called with the share of the work that is done and the error reached so far
 
-    Raises ValueError : spheres overlap
+    Raises ValueError : before any work
 
     Light is not absorbed: reflectances, conductors' losses and interiors are left out.  Where a rough surface would keep the
     light, the hit is drawn again from the same entry, so the figures are those of light that goes on.
@@ -115,7 +115,7 @@ def walk(tile, grains, weights=None, *, seed, tolerance, hits=None, depth=EVENTS
     >>> bool(walks.mean_square_displacement_error < 0.1 * walks.mean_square_displacement)  # the tolerance is that of the root
     True
     """
-    scene = _Scene(*checked_tile(*tile, grains, weights), seed, depth)
+    scene = _checked(tile, grains, weights, seed, tolerance, depth)
     map = map or in_turn
     most = HITS_MAX if hits is None else max(int(hits), 1)
     warm = _WARM if any(g.surface.roughness > 0 for g in scene.grains) else 0
@@ -287,8 +287,17 @@ class _Scene:
         """Arguments of `kernel.walks` before those that tell walks apart."""
         with self._lock:
             if self._arrays is None:
-                self._arrays = *laid_out(self), tuple(map(np.uint64, rng.key(self.seed, "granular.walk")))
+                self._arrays = self._tile_grains_key()
         return self._arrays
+
+    def _tile_grains_key(self):
+        m = counts(self.cell, len(self.radii))
+        grid = (self.cell, m, *tile_grid(self.centers, self.radii, self.cell, m))
+        area = np.cumsum(self.radii**2) / np.sum(self.radii**2)
+        key = rng.key(self.seed, "granular.walk")
+        return (kernel.Tile(self.centers, self.radii, area, grid, _LIMIT * self.exact),
+                kernel.Grains(self.shares, *exemplars(self.grains), np.uint64(self.seed), self.depth),
+                (np.uint64(key[0]), np.uint64(key[1])))
 
     def __getstate__(self):
         return self.centers, self.radii, self.cell, self.grains, self.shares, self.seed, self.depth
@@ -297,24 +306,41 @@ class _Scene:
         self.__init__(*state)
 
 
-def laid_out(scene) -> tuple[kernel.Tile, kernel.Grains]:
-    """What the loops take of a tile and its grains: centers, radii, cell, grains, shares, seed and depth of a scene."""
-    centers, radii, cell = scene.centers, scene.radii, scene.cell
-    m = counts(cell, len(radii))
-    grid, area = (cell, m, *tile_grid(centers, radii, cell, m)), np.cumsum(radii**2) / np.sum(radii**2)
-    return (kernel.Tile(centers, radii, area, grid, _LIMIT * float(mean_chord(fraction(radii, cell), radii))),
-            kernel.Grains(scene.shares, *exemplars(scene.grains), np.uint64(scene.seed), scene.depth))
+def _checked(tile, grains, weights, seed, tolerance, depth):
+    centers, radii, cell, grains, shares = checked_tile(*tile, grains, weights, seed)
+    if not 1e-4 <= tolerance <= 1:
+        raise ValueError(f"tolerance {tolerance:g}: 1e-4 to 1 are possible")
+    if depth < 1:
+        raise ValueError(f"depth {depth}: at least 1 is needed")
+    return _Scene(centers, radii, cell, grains, shares, int(seed), int(depth))
 
 
-def checked_tile(centers, radii, cell, grains, weights):
+def checked_tile(centers, radii, cell, grains, weights, seed):
     """A tile and its grains as the loops take them: centers, radii, cell, grains, cumulated shares.
 
-    Raises ValueError : spheres overlap
+    Raises ValueError : spheres overlap, grains or shares are missing, a seed is none
     """
     # copies can be written to: for arrays that cannot, as those of an asset, the loops would be compiled anew
     centers, radii, cell = (np.array(a, float, order="C") for a in (centers, radii, cell))
+    if radii.ndim != 1 or not radii.size or centers.shape != (radii.size, 3) or cell.shape != (3,):
+        raise ValueError(f"centers {centers.shape}, radii {radii.shape}, cell {cell.shape}: (N, 3), (N,) and (3,) are needed")
+    if not (np.all(np.isfinite(centers)) and np.all((radii > 0) & np.isfinite(radii)) and np.all((cell > 0) & np.isfinite(cell))):
+        raise ValueError("centers must be finite, radii and cell finite and above 0")
+    if 2 * radii.max() > cell.min() * (1 - _GAP):
+        raise ValueError(f"the cell's shortest edge is {cell.min():.6g}; a sphere of diameter {2 * radii.max():.6g} would meet "
+                         "its own image")
     centers = np.mod(centers, cell)
     if smallest_gap(centers, radii, cell) < _GAP:
         raise ValueError("spheres overlap: light would be in two grains at once")
     grains = tuple(grains)
-    return centers, radii, cell, grains, cumulated_shares(np.ones(len(grains)) if weights is None else weights)
+    if not grains or not all(hasattr(grain, "surface") and hasattr(grain, "mesh") for grain in grains):
+        raise ValueError("grains: at least one is needed, each with a surface and a mesh (None for a ball)")
+    for grain in grains:
+        if grain.mesh is None and not 0 < grain.radius <= 1:
+            raise ValueError(f"a ball of radius {grain.radius:g}: more than 0 and up to 1 (the bounding sphere) is possible")
+    shares = cumulated_shares(np.ones(len(grains)) if weights is None else weights)
+    if len(shares) != len(grains):
+        raise ValueError(f"{len(shares)} weights for {len(grains)} types of grain")
+    if not 0 <= int(seed) < 1 << 64:
+        raise ValueError(f"seed {seed}: 0 to 2^64 - 1 is possible")
+    return centers, radii, cell, grains, shares

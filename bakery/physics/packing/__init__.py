@@ -79,7 +79,7 @@ def pack(fraction, radii, cell=(1.0, 1.0, 1.0), *, seed, stream=0, schedule="fin
     Returns Packing : up to fraction 0.5 a fluid in equilibrium; above, the random packing that growth leads to.  Where the
         spheres jam short of the requested fraction (tried again with slower growth) or order themselves (tried again from another
         start), `reached` is False and the densest disordered attempt is returned
-    Recipes are held to fractions in range, and to cells in which no sphere meets its own image.
+    Raises ValueError : before any work: a fraction out of range, a cell so thin that a sphere would meet its own image
 
     The fraction is exact to rounding.  Source: Skoge, Donev, Stillinger & Torquato, Phys. Rev. E 74, 041127 (2006), section II.
 
@@ -89,9 +89,8 @@ def pack(fraction, radii, cell=(1.0, 1.0, 1.0), *, seed, stream=0, schedule="fin
     """
     from bakery.physics.packing.ceiling import limit
 
-    radii, cell, target = np.asarray(radii, float), np.asarray(cell, float), float(fraction)
-    radii = radii / radii.mean()
-    edges = cell * (4 / 3 * np.pi * np.sum(radii**3) / (fraction * np.prod(cell))) ** (1 / 3)
+    radii, edges = _checked(fraction, radii, cell, limit)
+    target = float(fraction)
     if radii.size == 1:
         return Packing(0.5 * edges[None], radii, edges, target, target, True, "reached", "", np.nan, np.nan,
                        float(0.5 * edges.min() - 1.0), 0.0, 0, 0, 1)
@@ -130,9 +129,40 @@ def predicted(fraction, count, spread=0.0, schedule="final") -> float:
     return 0.01 + 1e-6 * count * (_microseconds(fraction, count, spread) * collisions + 60.0)
 
 
+def _checked(fraction, radii, cell, limit):
+    """Radii with mean 1 and the cell's edges, or a ValueError that names what is wrong and what would do."""
+    radii, cell = np.asarray(radii, float), np.asarray(cell, float)
+    if radii.ndim != 1 or not 1 <= radii.size <= COUNT_MAX:
+        raise ValueError(f"radii of shape {radii.shape}: one radius a sphere is needed, 1 to {COUNT_MAX} of them")
+    if not (np.all(np.isfinite(radii)) and radii.min() > 0):
+        raise ValueError("radii must be positive and finite")
+    if cell.shape != (3,) or not (np.all(np.isfinite(cell)) and cell.min() > 0):
+        raise ValueError(f"cell {cell.tolist()}: three positive proportions are needed")
+    if not FRACTION_MIN <= fraction < 1:
+        raise ValueError(f"fraction {fraction:g}: {FRACTION_MIN:g} to {limit(radii):.3g} are possible")
+    top = limit(radii)
+    if fraction > top + 1e-12:
+        kind = "equal spheres" if np.ptp(radii) <= 1e-9 * radii.max() else "spheres of these sizes"
+        advice = "; ask for several sizes of spheres to fill more" if kind == "equal spheres" else ""
+        raise ValueError(f"fraction {fraction:g}: {kind} at random reach {top:.3g}{advice}")
+    radii = radii / radii.mean()
+    edges = cell * (4 / 3 * np.pi * np.sum(radii**3) / (fraction * np.prod(cell))) ** (1 / 3)
+    diameter = 2 * radii.max()
+    if edges.min() <= diameter * (1 + 1e-6):
+        need = (diameter / edges.min()) ** 3 * radii.size
+        raise ValueError(
+            f"the cell's edge {'xyz'[int(edges.argmin())]} is {edges.min():.4g} mean radii, but the largest sphere has a "
+            f"diameter of {diameter:.4g} and would meet its own image: take more spheres (over {int(need)}), a smaller fraction, "
+            "or a cell that is less thin")
+    return radii, edges
+
+
 def _schedule(schedule, fraction) -> Schedule:
     """The schedule itself, of a name too; a denser tile than it is made for takes the slowest."""
-    schedule = SCHEDULES[schedule] if isinstance(schedule, str) else schedule
+    if isinstance(schedule, str):
+        if schedule not in SCHEDULES:
+            raise ValueError(f"schedule {schedule!r}: known are {', '.join(SCHEDULES)}")
+        schedule = SCHEDULES[schedule]
     return schedule if fraction <= schedule.top else replace(schedule, growth=SCHEDULES["final"].growth)
 
 

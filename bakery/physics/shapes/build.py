@@ -4,13 +4,14 @@ Every shape is scaled so that its smallest bounding sphere is the unit sphere.  
 and how good the meshes are: docs/grain-shapes.md.
 """
 
+import inspect
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bakery.physics.shapes import radial
+from bakery.physics.shapes import limits, radial
 from bakery.physics.shapes.bounding import onto_unit_sphere
-from bakery.physics.shapes.limits import LEVELS
+from bakery.physics.shapes.limits import LEVELS, TRIANGLES
 from bakery.physics.shapes.noise import directions, stream
 
 _ROCK, _CRYSTAL = 11, 12  # streams of random numbers
@@ -48,16 +49,25 @@ def build(shape, triangles=LEVELS["middle"]) -> Mesh:
     shape : mapping with `type`, a name in `SHAPES`, and the keywords of that function
     triangles : wanted number, 20 to 2 million; a box has 12 whatever is wished, a file no more than it holds
 
-    Numbers are within the ranges of `limits`, to which recipes hold them.
-
-    Raises ValueError : what is wrong with the file, or a shape that no grid resolves or that falls apart
+    Raises ValueError : what is wrong with a number, or with the file
 
     >>> grain = build({"type": "box", "size": [1, 1, 1]})
     >>> len(grain.faces), round(grain.volume * 3**1.5 / 8, 12)
     (12, 1.0)
     """
     shape = dict(shape)
-    return SHAPES[shape.pop("type")](**shape, triangles=triangles)
+    kind = shape.pop("type", None)
+    if kind not in SHAPES:
+        raise ValueError(f"shapes are {', '.join(SHAPES)}; found {kind!r}")
+    if not TRIANGLES[0] <= triangles <= TRIANGLES[1]:
+        raise ValueError(f"{triangles:,} triangles; from {TRIANGLES[0]} to {TRIANGLES[1]:,} can be made")
+    keys = [name for name in inspect.signature(SHAPES[kind]).parameters if name != "triangles"]
+    unknown = sorted(set(shape) - set(keys))
+    if unknown:
+        raise ValueError(f"a {kind} has no {unknown[0]!r}; it takes {', '.join(keys) or 'nothing'}")
+    if "data" in keys and "data" not in shape:
+        raise ValueError("a mesh needs the content of a file")
+    return SHAPES[kind](**shape, triangles=triangles)
 
 
 def sphere(triangles=LEVELS["middle"]) -> Mesh:
@@ -68,7 +78,7 @@ def sphere(triangles=LEVELS["middle"]) -> Mesh:
 
 def box(size=(1.0, 1.0, 1.0), triangles=12) -> Mesh:
     """A cuboid with edges in these proportions, exact: 12 triangles."""
-    half = 0.5 * np.asarray(size, float)
+    half = 0.5 * _three("size", size)
     corner = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float) * half
     quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
     return _scaled(corner, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], np.int32))
@@ -77,7 +87,7 @@ def box(size=(1.0, 1.0, 1.0), triangles=12) -> Mesh:
 def ellipsoid(axes=(1.0, 0.8, 0.65), triangles=LEVELS["middle"]) -> Mesh:
     """An ellipsoid, inscribed: its volume is too small by 11/F of itself for F triangles."""
     vertices, faces = radial.icosphere(triangles)
-    return _scaled(vertices * np.asarray(axes, float), faces)
+    return _scaled(vertices * _three("axes", axes), faces)
 
 
 def superellipsoid(axes=(1.0, 1.0, 1.0), exponents=(0.5, 0.5), triangles=LEVELS["middle"]) -> Mesh:
@@ -88,8 +98,11 @@ def superellipsoid(axes=(1.0, 1.0, 1.0), exponents=(0.5, 0.5), triangles=LEVELS[
 
     Source: Barr, IEEE Computer Graphics and Applications 1 (1), 11 (1981).
     """
-    axes = np.asarray(axes, float)
-    e, f = np.broadcast_to(np.asarray(exponents, float), 2)
+    axes = _three("axes", axes)
+    exponents = np.atleast_1d(np.asarray(exponents, float))
+    if exponents.shape not in ((1,), (2,)):
+        raise ValueError("exponents are one or two numbers")
+    e, f = (_within("exponents", x, *limits.EXPONENTS) for x in np.broadcast_to(exponents, 2))
     signs = np.array([s for s in np.ndindex(3, 3, 3) if sum(k != 1 for k in s) in (1, 3)]) - 1  # towards corners or spikes
     direction, faces = radial.sampling(triangles, corners=signs)
     x, y, z = np.abs(direction).T
@@ -109,10 +122,10 @@ def rock(seed=0, axes=(1.0, 0.8, 0.65), corners=45, sharpness=24.0, roughness=0.
     sharpness : 4 to 1000 or inf: of the edges
     roughness : 0 to 0.3: height of the largest of five octaves of noise over the radius, about
     """
-    rng = stream(seed, _ROCK)
-    axes = np.asarray(axes, float)
+    rng = stream(_whole("seed", seed, *limits.SEED), _ROCK)
+    axes = _three("axes", axes)
     axes = axes / axes.max()
-    points = directions(rng, corners) * axes
+    points = directions(rng, _whole("corners", corners, *limits.CORNERS)) * axes
     points -= 0.5 * (points.max(axis=0) + points.min(axis=0))
     normal, distance = radial.hull_planes(points)
     for _ in range(20):  # until the origin is well inside
@@ -132,12 +145,15 @@ def crystal(seed=0, habit="cube", axes=(1.0, 1.0, 1.0), chips=2, depth=0.2, shar
     chips : 0 to 30 corners cut off;  depth : 0 to 0.6, largest share of the height that one takes
     sharpness, roughness : as of `rock`
     """
-    rng = stream(seed, _CRYSTAL)
-    axes = np.asarray(axes, float)
+    rng = stream(_whole("seed", seed, *limits.SEED), _CRYSTAL)
+    axes = _three("axes", axes)
+    if habit not in HABITS:
+        raise ValueError(f"habits are {', '.join(HABITS)}; found {habit!r}")
     axes = axes / axes.max()
     normal, distance = HABITS[habit]()
     long = np.sqrt(((normal / axes) ** 2).sum(axis=1))
-    normal, distance = radial.cut_corners(normal / axes / long[:, None], distance / long, rng, chips, depth)
+    normal, distance = radial.cut_corners(normal / axes / long[:, None], distance / long, rng,
+                                          _whole("chips", chips, *limits.CHIPS), _within("depth", depth, *limits.DEPTH))
     return _star(axes, normal, distance, sharpness, roughness, rng, 3.0, triangles)
 
 
@@ -157,7 +173,11 @@ def aggregate(seed=0, arrangement="cluster", bodies=6, smallest=0.6, length=0.0,
     from bakery.physics.shapes.implicit import surface
     from bakery.physics.shapes.quality import bodies as bodies_of
 
-    grown = rods.grown(seed, arrangement, bodies, smallest, length, overlap, blend)
+    if arrangement not in limits.ARRANGEMENTS:
+        raise ValueError(f"arrangements are cluster and star; found {arrangement!r}")
+    grown = rods.grown(_whole("seed", seed, *limits.SEED), arrangement, _whole("bodies", bodies, *limits.BODIES),
+                       _within("smallest", smallest, *limits.SMALLEST), _within("length", length, *limits.LENGTH),
+                       _within("overlap", overlap, *limits.OVERLAP), _within("blend", blend, *limits.BLEND))
     vertices, faces = surface(grown.distance, *grown.box, triangles, grown.detail)
     if (pieces := int((bodies_of(vertices, faces)[1] > 0).sum())) > 1:  # cavities are negative
         raise ValueError(f"falls into {pieces} pieces at {triangles:,} triangles: take more of them, or a deeper overlap")
@@ -176,6 +196,8 @@ def mesh(data: bytes, kind: str, triangles=LEVELS["middle"], repair=None) -> Mes
     from bakery.physics.shapes.mending import Unsound, mended
     from bakery.physics.shapes.repair import repaired
 
+    if repair not in (None, *limits.REPAIRS):
+        raise ValueError(f"repair is {' or '.join(limits.REPAIRS)}; found {repair!r}")
     triangulated, told = read(data, kind), ()
     if repair:
         *triangulated, told = repaired(*triangulated)
@@ -243,11 +265,13 @@ SHAPES = {"sphere": sphere, "box": box, "ellipsoid": ellipsoid, "superellipsoid"
 
 def _star(axes, normal, distance, sharpness, roughness, rng, frequency, triangles):
     """A body between planes, with rounded edges and noise."""
+    if not sharpness >= limits.SHARPNESS[0]:
+        raise ValueError(f"sharpness is {limits.SHARPNESS[0]:g} or more, found {sharpness}")
     corner = radial.corners_of(normal, distance)
     reach = radial.between_planes(radial.unit(corner), normal, distance, sharpness)
     direction, faces = radial.sampling(triangles, axes, corner[np.argsort(-reach, kind="stable")])
     points = direction * radial.between_planes(direction, normal, distance, sharpness)[:, None]
-    return _scaled(radial.roughened(points, roughness, rng, frequency), faces)
+    return _scaled(radial.roughened(points, _within("roughness", roughness, *limits.NOISE), rng, frequency), faces)
 
 
 def _scaled(vertices, faces) -> Mesh:
@@ -255,3 +279,24 @@ def _scaled(vertices, faces) -> Mesh:
     faces = np.array(faces, np.int32)
     vertices.flags.writeable = faces.flags.writeable = False
     return Mesh(vertices, faces)
+
+
+def _three(name, values):
+    values = np.asarray(values, float)
+    if values.shape != (3,) or not (np.isfinite(values).all() and (values > 0).all()):
+        raise ValueError(f"{name} are three numbers above 0, found {values.tolist()}")
+    if values.max() > limits.ASPECT * values.min():
+        raise ValueError(f"{name} may differ by a factor of {limits.ASPECT:,.0f} at most, found {values.tolist()}")
+    return values
+
+
+def _within(name, value, least, most):
+    if not least <= value <= most:
+        raise ValueError(f"{name} is {least:g} to {most:g}, found {value}")
+    return float(value)
+
+
+def _whole(name, value, least, most):
+    if value != int(value) or not least <= value <= most:
+        raise ValueError(f"{name} is a whole number from {least} to {most}, found {value}")
+    return int(value)
