@@ -21,16 +21,16 @@ from renderers.transport.solids import chord
 
 # over which light is taken to be a polynomial: transport mean free paths, and mean chords of the body.  Balls of half a mean free
 # path, g 0.8, in 32 pixels: three and more events too dark by 17 % by planes without the second.
-_REACH, _THIN = 0.8, 0.16
+_REACH, _THIN = 0.7, 0.14
 _MOST = 11  # pixels
 _TERMS = 6  # of the polynomial
 _SINGULAR = 1e-6  # of a moment, that is left when those of other terms have been taken away: beneath it they tell nothing apart
-_FACING = 0.8  # cosine between normals, at least, of places that share
+_FACING = 0.95  # cosine between normals, at least, of places that share
 _BLOCK, _STEP = 2, 3  # pixels a side, of those of which one gathers; from its place in one pass to that in the next
 _PANES = 6  # sides of glass through which bodies are seen
 # Lines of sight of a pixel from which on it shares over less, so that what is lost vanishes as the noise does: that goes with the
 # fourth power of the distance, noise with its inverse.  With one of four pixels gathering half is the least.
-_WIDE, _FALLS, _LEAST = 128, 1 / 8, 0.5
+_WIDE, _FALLS, _LEAST = 32, 1 / 4, 0.5
 _CLOSE = 0.25  # of the distance over which pixels share: still near enough where half of it is taken
 
 
