@@ -257,7 +257,7 @@ class _Passes:
         number += _LATER
         view = self._view(number)
         later = dipole.seen(self._setup, beams_in, self._counts.picks, number, self._seed).reshape(*self._size, 3)
-        every, wide = np.ones(self._size, bool), smooth.falling(number - _LATER + 1, False)
+        every, wide = np.ones(self._size, bool), smooth.falling(number - _LATER + 1, False, smooth.WIDE_OF_FEW)
         half, later = (smooth.smoothed(later, every, view, part * wide) for part in (0.5, 1.0))
         return {"": later, "orders": later, CLOSER: half - later}
 
@@ -280,7 +280,7 @@ class _Passes:
         sums.gathered /= share
         layers, later = self._images(sums), sums.gathered.reshape(*self._size, 3)
         if tabled:
-            wide = smooth.falling(share * (number - _LATER + 1), not gathers.all())
+            wide = smooth.falling(share * (number - _LATER + 1), not gathers.all(), smooth.WIDE_OF_FEW)
             half, later = (smooth.smoothed(later, gathers, view, part * wide) for part in (0.5, 1.0))
             layers |= {CLOSER: half - later}
         layers[""], layers["orders"] = layers[""] + later, layers["orders"] + later

@@ -28,9 +28,10 @@ _SINGULAR = 1e-6  # of a moment, that is left when those of other terms have bee
 _FACING = 0.95  # cosine between normals, at least, of places that share
 _BLOCK, _STEP = 2, 3  # pixels a side, of those of which one gathers; from its place in one pass to that in the next
 _PANES = 6  # sides of glass through which bodies are seen
-# Lines of sight of a pixel from which on it shares over less, so that what is lost vanishes as the noise does: that goes with the
-# fourth power of the distance, noise with its inverse.  With one of four pixels gathering half is the least.
-_WIDE, _FALLS, _LEAST = 32, 1 / 4, 0.5
+# Lines of sight of a pixel from which on it shares over less, so that what is lost vanishes as the noise does; those of methods
+# with few beams a line, whose variance is ten times as large.  With one of four pixels gathering half is the least.
+WIDE, WIDE_OF_FEW = 32, 320
+_FALLS, _LEAST = 1 / 4, 0.5
 _CLOSE = 0.25  # of the distance over which pixels share: still near enough where half of it is taken
 
 
@@ -118,12 +119,13 @@ def chosen(view, number) -> np.ndarray:
     return gathers
 
 
-def falling(lines, spares):
+def falling(lines, spares, wide):
     """Share of the distance over which pixels share in a pass.
 
     lines : of sight of a pixel, with those of the passes before;  spares : whether some pixels have none
+    wide : lines from which on it falls, `WIDE` or `WIDE_OF_FEW`
     """
-    share = min(1.0, (_WIDE / lines) ** _FALLS)
+    share = min(1.0, (wide / lines) ** _FALLS)
     return max(share, _LEAST) if spares else share
 
 
