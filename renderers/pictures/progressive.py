@@ -60,7 +60,8 @@ class Estimate(Passes):
         ----------
         job : `renderers.pictures.running.Render`
         layers : further channels (H, W) by name
-        reasons, text, more : as `Render.finish` takes them; a `noise` of None where the scatter of passes does not tell it
+        reasons, text, more : as `Render.finish` takes them; a `noise` of None where the scatter of passes does not tell it;
+            `unlit`, sentences of why it does not, which are a miss where a noise was asked for
 
         Returns
         -------
@@ -97,7 +98,7 @@ class Estimate(Passes):
                             parts={part.name: self._part(part, self.means[part.name]) for part in self.parts},
                             mean_error=None if error is None else error[:3].tolist(), stopped_by=self.stopped_by,
                             stopped=self.stopped_by == "request",
-                            reasons=reasons, unreached=self.unreached, **more)
+                            reasons=reasons, unreached=[*self.unreached, *more.pop("unlit", ())], **more)
         if self.signal:
             noise = "" if self.noise is None else f", noise {percent(self.noise)}"
             raise self._interrupted(f"after {self.samples} samples a pixel{noise}; the picture so far is in "

@@ -271,6 +271,9 @@ def test_a_picture_without_light_knows_no_noise(call, place):
     report, found = rendered(call, place, "a", "materials[0].method=paths")
     assert not picture(found).any() and report["noise"] is None and report["bias"] is None
     assert any("no pass found any" in said for said in report["reasons"]) and "bulb" in report["left_out"][0]
+    status, _, err = call("render", place / "s.yaml", "-o", place / "asked.png", "--set", "materials[0].method=paths",
+                          "--set", "stop.noise=5%")
+    assert status == 3 and "no pass found any" in err  # what was asked for is not known to be there
 
 
 INTEGRATOR = """<integrator type="bakery_translucent"><string name="body.ball" value="wax.h5"/>

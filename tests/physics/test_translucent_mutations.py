@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from renderers import threads
-from renderers.materials.bodies import _mutations, methods, mutations
+from renderers.materials.bodies import _mutations, methods, mutations, smooth
 from renderers.materials.bodies._mutations import NUMBERS, Edge, Sights
 from renderers.materials.bodies.bias import CLOSER
 from tests.odds import ODDS, sigmas
@@ -213,10 +213,10 @@ def test_pixels_share_over_less_in_later_passes(baked, tmp_path, few):
     bent = np.mean([np.sum((view.point / np.ptp(BALL[0])) ** 4, axis=-1) for view in views], axis=0) * seen
     image = np.zeros((3, 256, 3))
     image[0] = bent.reshape(-1, 1)
-    first = mutations._WIDE // made._samples - 1
+    first = smooth.WIDE // made._samples - 1
     lost, told = [], []
-    for number in (first, 16 * (first + 1) - 1, 100 * mutations._WIDE):
-        layers = made._layers(number, image, gathers, views)
+    for number in (first, 16 * (first + 1) - 1, 1 << 30):
+        layers = made._layers(number, image, gathers, views, None)
         lost.append(np.sqrt(np.mean((layers["orders"] - bent[..., None])[seen] ** 2)))
         told.append(4 / 3 * np.sqrt(np.mean(layers[CLOSER][seen] ** 2)))
     assert lost[0] > 1e-3 * bent.max() and lost[1] < 0.6 * lost[0] and lost[2] < 0.1 * lost[0]

@@ -13,7 +13,8 @@ _LIKELY = 1.64  # standard errors, which 19 of 20 stay below
 
 def of_picture(means, rgb, missing) -> float | None:
     """Error of sharing between pixels and of spreading beams and points, relative to the picture's mean: root mean square of what
-    half the distance changes, and a third more, as both go with the square of the distance.  Its own noise counts, but for what
+    half the distance changes, and a third more, as spreading goes with the square of the distance (sharing with its fourth power,
+    where light is smooth, and less steeply at edges).  Its own noise counts, but for what
     `of_turns` knows of it, so it is an upper bound.  To that comes light that is left out.  None where there is neither.
 
     means : of passes, of each part (`renderers.pictures.progressive.Mean`);  rgb : (H, W, 3), the picture

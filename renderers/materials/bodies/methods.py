@@ -67,7 +67,7 @@ def prepare(job, world, seed) -> Method:
         # how far off some methods are, or how much light is left out, nobody states; what else is known would pass for all of it
         measurable = declared.measured is not None and missing is not None and not faults
         bias = declared.measured(estimate.means.values(), estimate.rgb, missing) if measurable else None
-        unlit = {} if np.any(estimate.rgb) else dict.fromkeys(_NOISES) | {"reasons": [_UNLIT]}
+        unlit = {} if np.any(estimate.rgb) else dict.fromkeys(_NOISES) | {"unlit": [_UNLIT]}
         chained = _of_chains(kinds[-1].render.figures()) if declared.metropolis else {}
         return {"bias": bias, "left_out": sentences} | chained | unlit
 
@@ -257,8 +257,8 @@ class _Passes:
         number += _LATER
         view = self._view(number)
         later = dipole.seen(self._setup, beams_in, self._counts.picks, number, self._seed).reshape(*self._size, 3)
-        every = np.ones(self._size, bool)
-        half, later = smooth.smoothed(later, every, view, 0.5), smooth.smoothed(later, every, view)
+        every, wide = np.ones(self._size, bool), smooth.falling(number - _LATER + 1, False, smooth.WIDE_OF_FEW)
+        half, later = (smooth.smoothed(later, every, view, part * wide) for part in (0.5, 1.0))
         return {"": later, "orders": later, CLOSER: half - later}
 
     def gathered(self, number, share=1):
@@ -280,7 +280,8 @@ class _Passes:
         sums.gathered /= share
         layers, later = self._images(sums), sums.gathered.reshape(*self._size, 3)
         if tabled:
-            half, later = smooth.smoothed(later, gathers, view, 0.5), smooth.smoothed(later, gathers, view)
+            wide = smooth.falling(share * (number - _LATER + 1), not gathers.all(), smooth.WIDE_OF_FEW)
+            half, later = (smooth.smoothed(later, gathers, view, part * wide) for part in (0.5, 1.0))
             layers |= {CLOSER: half - later}
         layers[""], layers["orders"] = layers[""] + later, layers["orders"] + later
         return layers

@@ -36,10 +36,6 @@ from renderers.transport.paths import follow, joined
 
 _PATHS, _SAMPLES = 1 << 16, 64  # from the camera in a pass, about; of a pixel, at most
 _VIEWS = 8  # of a pixel, at most, by which neighbours share
-# Lines of a pixel from which on it shares over less: what sharing loses (rms 1.1 to 2.1 % of balls of wax and the bumpy ball in
-# 48 x 48 pixels, and 0.9 % of their mean) goes with the square of the distance, and is then as large as the noise
-_WIDE = 32
-_LEAST = 0.5  # of the distance, where one of four pixels gathers
 _FATES = 8  # of a path that enters a body and scatters: such lines bring a 28th of the light of glass, and were half of its noise
 _BEAMS = 4  # times the places and walks of other methods, which have lines of sight share few beams
 _OF_LINE = 8  # states that are looked up for a line of sight
@@ -95,10 +91,11 @@ class Mutations:
     def __call__(self, number):
         views, gathers = self._seen(number)
         image, self._states[number] = np.zeros((3, self._pixels, 3)), 0
-        for group in self._groups(number, gathers):
+        lines = self._lines(number, gathers)
+        for group in self._groups(number, lines):
             group.bring(self._guides[group.body], image)
             self._states[number] += group.count
-        return self._layers(number, image, gathers, views)
+        return self._layers(number, image, gathers, views, self._cover(lines))
 
     @property
     def count(self) -> int:
@@ -117,26 +114,40 @@ class Mutations:
         """Whether one of four pixels gathers for all."""
         return self._samples == 1 and not any(self._settings.second)
 
-    def _shared(self, number):
-        """Share of the distance over which pixels share in a pass: it falls so that what is lost vanishes as the noise does."""
-        share = min(1.0, (_WIDE / (self._samples * (number + 1))) ** 0.25)
-        return max(share, _LEAST) if self._spares else share
-
-    def _layers(self, number, image, gathers, views):
+    def _layers(self, number, image, gathers, views, cover):
         later, second, third = (values.reshape(*self._size, 3) for values in image)
-        whole = self._shared(number)
-        # which pixels share depends on where in each the camera looks: of one view that was half of the noise of a bumpy ball
-        half, later = (np.mean([smooth.smoothed(later, gathers, view, share) for view in views], axis=0)
-                       for share in (0.5 * whole, whole))
+        share = smooth.falling(self._samples * (number + 1), self._spares, smooth.WIDE)
+        half, later = (self._smoothed(later, gathers, views, part * share, cover) for part in (0.5, 1.0))
         none = np.zeros_like(later)
         return {"": later + second + third, "order0": none, "order1": none, "order2": second, "orders": later + third,
                 CLOSER: half - later}
+
+    def _smoothed(self, image, gathers, views, share, cover):
+        """Mean of the views of each pixel that see a body: which pixels share depends on where in each the camera looks, and of
+        one view that was half of the noise of a bumpy ball."""
+        shared = np.array([smooth.smoothed(image, gathers, view, share, cover) for view in views])
+        sees = np.array([view.body >= 0 for view in views])[..., None]
+        return np.where(sees.any(axis=0), (shared * sees).sum(axis=0) / np.maximum(sees.sum(axis=0), 1), image)
+
+    def _cover(self, lines):
+        """(H, W) how much of each pixel its lines of sight see that have not scattered, by the share of them that collides; None
+        where some pixels have none.
+
+        At outlines, and where bodies are thin, this changes from pixel to pixel, and light over it is smooth.
+        """
+        if self._spares:
+            return None
+        cover = np.zeros(self._pixels)
+        for body, its in lines.items():
+            collides = -np.expm1(-self._setup.bodies[body].medium.sigma_t * its.far[:, None])
+            cover += np.bincount(its.pixel, np.where(its.order > 0, 0.0, (its.throughput * collides).mean(axis=1)), self._pixels)
+        return cover.reshape(self._size)
 
     @cached_property
     def _guides(self):
         """`Guide` of each body, by states drawn alike."""
         guides = [guide_of(np.ones((1, 1)))] * len(self._setup.bodies)
-        for group in self._groups(_PILOT, self._seen(_PILOT)[1]):
+        for group in self._groups(_PILOT, self._lines(_PILOT, self._seen(_PILOT)[1])):
             guides[group.body] = group.pilot()
         return guides
 
@@ -145,13 +156,13 @@ class Mutations:
         """`Guess` of each body."""
         return [_guess_of(body, self._setup.colours.to_rgb) for body in self._setup.bodies]
 
-    def _groups(self, number, gathers):
-        """`_Group` of each body in which there are lines of sight and beams, in a pass."""
+    def _groups(self, number, lines):
+        """`_Group` of each body in which there are lines of sight, of `_lines`, and beams, in a pass."""
         asked = self._settings
         beams = light.beams(self._setup, self._entries(), _BEAMS * asked.places, _BEAMS * asked.walks, asked.boundary, False,
                             number, self._seed)
         key = stream_key(self._seed, "render.mutations", number)
-        for body, its in self._lines(number, gathers).items():
+        for body, its in lines.items():
             if its.count and len(beams[body].length):
                 among = _Among(self._edge(body), self._guesses[body], self._sights(body, its), _by_sign(beams[body]))
                 yield _Group(body, among, key)

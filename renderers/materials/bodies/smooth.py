@@ -1,9 +1,11 @@
 """Light of many events is smooth over a boundary: pixels that see the same stretch of it share what they have gathered.
 
-Each takes the value at its own place of a plane fitted to the pixels around (local linear regression), so what is lost is only
-how the light bends within a fraction of a transport mean free path; half the distance tells how much that is.
+Each takes the value at its own place of a polynomial of degree two fitted to the pixels around (local quadratic regression:
+Fan and Gijbels 1996), so what is lost is only how light bends otherwise within a transport mean free path; half the distance
+tells how much that is.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -17,14 +19,20 @@ from renderers.threads import run
 from renderers.transport.scattering import mean_cosines
 from renderers.transport.solids import chord
 
-# over which light is taken to be linear: transport mean free paths, and mean chords of the body.  Balls of half a mean free path,
-# g 0.8, in 32 pixels: three and more events too dark by 17 % without the second, by 0.6 % with it.
-_REACH, _THIN = 0.5, 0.1
-_MOST = 8  # pixels
-_FACING = 0.8  # cosine between normals, at least, of places that share
+# over which light is taken to be a polynomial: transport mean free paths, and mean chords of the body.  Balls of half a mean free
+# path, g 0.8, in 32 pixels: three and more events too dark by 17 % by planes without the second.
+_REACH, _THIN = 0.7, 0.14
+_MOST = 11  # pixels
+_TERMS = 6  # of the polynomial
+_SINGULAR = 1e-6  # of a moment, that is left when those of other terms have been taken away: beneath it they tell nothing apart
+_FACING = 0.95  # cosine between normals, at least, of places that share
 _BLOCK, _STEP = 2, 3  # pixels a side, of those of which one gathers; from its place in one pass to that in the next
 _PANES = 6  # sides of glass through which bodies are seen
-_CLOSE = 0.4  # of the distance over which pixels share: still near enough where half of it is taken
+# Lines of sight of a pixel from which on it shares over less, so that what is lost vanishes as the noise does; those of methods
+# with few beams a line, whose variance is ten times as large.  With one of four pixels gathering half is the least.
+WIDE, WIDE_OF_FEW = 32, 320
+_FALLS, _LEAST = 1 / 4, 0.5
+_CLOSE = 0.25  # of the distance over which pixels share: still near enough where half of it is taken
 
 
 class Seen(NamedTuple):
@@ -111,64 +119,99 @@ def chosen(view, number) -> np.ndarray:
     return gathers
 
 
+def falling(lines, spares, wide):
+    """Share of the distance over which pixels share in a pass.
+
+    lines : of sight of a pixel, with those of the passes before;  spares : whether some pixels have none
+    wide : lines from which on it falls, `WIDE` or `WIDE_OF_FEW`
+    """
+    share = min(1.0, (wide / lines) ** _FALLS)
+    return max(share, _LEAST) if spares else share
+
+
 def reduced(medium):
     """sigma_t' (L,) 1/m: of each wavelength the extinction, but for light that goes on as it came."""
     return medium.sigma_t * (1 - medium.albedo * mean_cosines(medium))
 
 
-def smoothed(image, gathers, view, share=1.0):
+def smoothed(image, gathers, view, share=1.0, cover=None):
     """An image (H, W, 3) where pixels that see a body share with those around; `share` of the distance.
 
     gathers : (H, W) bool, pixels that have a value: all, or those that are `chosen`
+    cover : (H, W) how much of each pixel is a body that light can come from: what is smooth is the image over that; None: alike
     """
     out = np.empty(image.shape)
-    run(_fit, len(image), np.ascontiguousarray(image, float), gathers, view, float(share), out, block=8)
+    cover = np.ones(gathers.shape) if cover is None else np.ascontiguousarray(cover / max(cover.max(), 1e-300), float)
+    run(_fit, len(image), np.ascontiguousarray(image, float), gathers, view, float(share), cover, out, block=8)
     return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fit(image, gathers, view, share, out, begin, end):
-    body, point, normal, reach = lent(view)
-    height, width = body.shape
-    across = share * share * (_MOST + 1.0) ** 2
-    most = min(int(share * (_MOST + 1.0)), _MOST)  # pixels, beyond which none counts
+def _fit(image, gathers, view, share, cover, out, begin, end):
+    body, (height, width), most = lent(view).body, gathers.shape, min(int(share * (_MOST + 1.0)), _MOST)
+    terms, moments, values = np.empty(_TERMS), np.empty((_TERMS, _TERMS)), np.empty((_TERMS, 3))
+    root, row = np.empty((_TERMS, _TERMS)), np.empty(_TERMS)
+    terms[0] = 1.0
     for y in range(begin, end):
         for x in range(width):
-            for c in range(3):
-                out[y, x, c] = image[y, x, c]
-            if body[y, x] < 0:
+            out[y, x] = image[y, x]
+            if body[y, x] < 0 or not cover[y, x] > 0.0:
                 continue
-            limit = share * reach[y, x]
-            m00 = m01 = m02 = m11 = m12 = m22 = 0.0
-            s0, s1, s2 = np.zeros(3), np.zeros(3), np.zeros(3)
+            moments[:], values[:] = 0.0, 0.0
             for j in range(max(y - most, 0), min(y + most + 1, height)):
                 for i in range(max(x - most, 0), min(x + most + 1, width)):
-                    u, v = i - x, j - y
-                    if not gathers[j, i] or body[j, i] != body[y, x] or u * u + v * v >= across:
+                    w = _weight(view, share, (x, y), (i, j)) if gathers[j, i] and body[j, i] == body[y, x] else 0.0
+                    if not w * cover[j, i] > 0.0:
                         continue
-                    facing, square = 0.0, 0.0
-                    for k in range(3):
-                        facing += normal[y, x, k] * normal[j, i, k]
-                        square += (point[y, x, k] - point[j, i, k]) ** 2
-                    # both a distance on the body and one in the picture end what is shared
-                    w = 1.0 - max(square / (limit * limit), (u * u + v * v) / across)
-                    if facing < _FACING or not w > 0.0:
-                        continue
-                    m00 += w
-                    m01 += w * u
-                    m02 += w * v
-                    m11 += w * u * u
-                    m12 += w * u * v
-                    m22 += w * v * v
-                    for c in range(3):
-                        value = w * image[j, i, c]
-                        s0[c] += value
-                        s1[c] += value * u
-                        s2[c] += value * v
-            # the first row of the inverse of the moments
-            a, b, c_ = m11 * m22 - m12 * m12, m02 * m12 - m01 * m22, m01 * m12 - m02 * m11
-            whole = m00 * a + m01 * b + m02 * c_
-            # no plane where its noise would be more than that of one pixel, as beyond few pixels to one side
-            flat = not (whole > 1e-6 * m00 * m11 * m22 and a <= whole)
-            for c in range(3):
-                out[y, x, c] = s0[c] / m00 if flat else (a * s0[c] + b * s1[c] + c_ * s2[c]) / whole
+                    u, v = float(i - x), float(j - y)
+                    terms[1], terms[2], terms[3], terms[4], terms[5] = u, v, u * u, u * v, v * v
+                    for a in range(_TERMS):
+                        for b in range(a + 1):
+                            moments[a, b] += w * cover[j, i] * terms[a] * terms[b]
+                        for c in range(3):
+                            values[a, c] += w * terms[a] * image[j, i, c]
+            # a plane or a mean where the noise would be more than that of one pixel, as beyond few pixels to one side
+            count = _TERMS if _inverted(moments, _TERMS, cover[y, x], root, row) else 3 \
+                if _inverted(moments, 3, cover[y, x], root, row) else 1
+            row[0] = row[0] if count > 1 else 1 / moments[0, 0]
+            for c in range(3 if moments[0, 0] > 0.0 else 0):
+                out[y, x, c] = cover[y, x] * (row[:count] * values[:count, c]).sum()
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _weight(view, share, at, other):
+    """What a pixel (x, y) counts for another, 0 to 1: both a distance on the body and one in the picture end what is shared."""
+    (x, y), (i, j), facing, square = at, other, 0.0, 0.0
+    limit, across = share * view.reach[y, x], share * (_MOST + 1.0)
+    for k in range(3):
+        facing += view.normal[y, x, k] * view.normal[j, i, k]
+        square += (view.point[y, x, k] - view.point[j, i, k]) ** 2
+    w = 1.0 - max(square / (limit * limit), ((i - x) ** 2 + (j - y) ** 2) / (across * across))
+    return w if facing > _FACING and w > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _inverted(moments, count, cover, root, row):
+    """Whether so many terms can be fitted, with no more noise than that of one pixel; makes row (count,) the first of the
+    inverse of the moments, by Cholesky's root."""
+    for a in range(count):
+        for b in range(a + 1):
+            rest = moments[a, b]
+            for k in range(b):
+                rest -= root[a, k] * root[b, k]
+            if a > b:
+                root[a, b] = rest / root[b, b]
+            elif not rest > _SINGULAR * moments[a, a]:
+                return False
+            else:
+                root[a, a] = math.sqrt(rest)
+    for a in range(count):
+        row[a] = 1.0 if a == 0 else 0.0
+        for k in range(a):
+            row[a] -= root[a, k] * row[k]
+        row[a] /= root[a, a]
+    for a in range(count - 1, -1, -1):
+        for k in range(a + 1, count):
+            row[a] -= root[k, a] * row[k]
+        row[a] /= root[a, a]
+    return cover * row[0] <= 1.0
