@@ -182,7 +182,7 @@ def test_the_time_of_pilots_counts(call, place, monkeypatch):
     """Of a method that chooses, for a render as the scene asks for it: 30 s of pilots, more than the other one needs."""
     stops = []
 
-    def of_scene(scene, *_):
+    def of_scene(scene, **_):
         stops.append((scene.values.stop.noise, scene.values.stop.time))
         chooses = scene.values.toy.method == "isotropic"
         return Choice("isotropic", ["isotropic"], [], None, "by pilots", spent=30.0) if chooses else None
