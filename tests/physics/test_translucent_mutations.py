@@ -213,7 +213,7 @@ def test_pixels_share_over_less_in_later_passes(baked, tmp_path, few):
     bent = np.mean([np.sum((view.point / np.ptp(BALL[0])) ** 4, axis=-1) for view in views], axis=0) * seen
     image = np.zeros((3, 256, 3))
     image[0] = bent.reshape(-1, 1)
-    first = smooth.WIDE // made._samples - 1
+    first = smooth.FULL // made._samples - 1
     lost, told = [], []
     for number in (first, 16 * (first + 1) - 1, 1 << 30):
         layers = made._layers(number, image, gathers, views, None)

@@ -257,8 +257,8 @@ class _Passes:
         number += _LATER
         view = self._view(number)
         later = dipole.seen(self._setup, beams_in, self._counts.picks, number, self._seed).reshape(*self._size, 3)
-        every, wide = np.ones(self._size, bool), smooth.falling(number - _LATER + 1, False, smooth.WIDE_OF_FEW)
-        half, later = (smooth.smoothed(later, every, view, part * wide) for part in (0.5, 1.0))
+        every, distance = np.ones(self._size, bool), smooth.falling(number - _LATER + 1, False, smooth.FULL_OF_FEW)
+        half, later = (smooth.smoothed(later, every, view, part * distance) for part in (0.5, 1.0))
         return {"": later, "orders": later, CLOSER: half - later}
 
     def gathered(self, number, share=1):
@@ -280,8 +280,8 @@ class _Passes:
         sums.gathered /= share
         layers, later = self._images(sums), sums.gathered.reshape(*self._size, 3)
         if tabled:
-            wide = smooth.falling(share * (number - _LATER + 1), not gathers.all(), smooth.WIDE_OF_FEW)
-            half, later = (smooth.smoothed(later, gathers, view, part * wide) for part in (0.5, 1.0))
+            distance = smooth.falling(share * (number - _LATER + 1), not gathers.all(), smooth.FULL_OF_FEW)
+            half, later = (smooth.smoothed(later, gathers, view, part * distance) for part in (0.5, 1.0))
             layers |= {CLOSER: half - later}
         layers[""], layers["orders"] = layers[""] + later, layers["orders"] + later
         return layers

@@ -116,7 +116,7 @@ class Mutations:
 
     def _layers(self, number, image, gathers, views, cover):
         later, second, third = (values.reshape(*self._size, 3) for values in image)
-        share = smooth.falling(self._samples * (number + 1), self._spares, smooth.WIDE)
+        share = smooth.falling(self._samples * (number + 1), self._spares, smooth.FULL)
         half, later = (self._smoothed(later, gathers, views, part * share, cover) for part in (0.5, 1.0))
         none = np.zeros_like(later)
         return {"": later + second + third, "order0": none, "order1": none, "order2": second, "orders": later + third,

@@ -30,7 +30,7 @@ _BLOCK, _STEP = 2, 3  # pixels a side, of those of which one gathers; from its p
 _PANES = 6  # sides of glass through which bodies are seen
 # Lines of sight of a pixel from which on it shares over less, so that what is lost vanishes as the noise does; those of methods
 # with few beams a line, whose variance is ten times as large.  With one of four pixels gathering half is the least.
-WIDE, WIDE_OF_FEW = 32, 320
+FULL, FULL_OF_FEW = 32, 320
 _FALLS, _LEAST = 1 / 4, 0.5
 _CLOSE = 0.25  # of the distance over which pixels share: still near enough where half of it is taken
 
@@ -119,13 +119,13 @@ def chosen(view, number) -> np.ndarray:
     return gathers
 
 
-def falling(lines, spares, wide):
+def falling(lines, spares, full):
     """Share of the distance over which pixels share in a pass.
 
     lines : of sight of a pixel, with those of the passes before;  spares : whether some pixels have none
-    wide : lines from which on it falls, `WIDE` or `WIDE_OF_FEW`
+    full : lines from which on it falls, `FULL` or `FULL_OF_FEW`
     """
-    share = min(1.0, (wide / lines) ** _FALLS)
+    share = min(1.0, (full / lines) ** _FALLS)
     return max(share, _LEAST) if spares else share
 
 
@@ -179,9 +179,9 @@ def _fit(image, gathers, view, share, cover, out, begin, end):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _weight(view, share, at, other):
+def _weight(view, share, pixel, neighbour):
     """What a pixel (x, y) counts for another, 0 to 1: both a distance on the body and one in the picture end what is shared."""
-    (x, y), (i, j), facing, square = at, other, 0.0, 0.0
+    (x, y), (i, j), facing, square = pixel, neighbour, 0.0, 0.0
     limit, across = share * view.reach[y, x], share * (_MOST + 1.0)
     for k in range(3):
         facing += view.normal[y, x, k] * view.normal[j, i, k]
@@ -196,15 +196,15 @@ def _inverted(moments, count, cover, root, row):
     inverse of the moments, by Cholesky's root."""
     for a in range(count):
         for b in range(a + 1):
-            rest = moments[a, b]
+            pivot = moments[a, b]
             for k in range(b):
-                rest -= root[a, k] * root[b, k]
+                pivot -= root[a, k] * root[b, k]
             if a > b:
-                root[a, b] = rest / root[b, b]
-            elif not rest > _SINGULAR * moments[a, a]:
+                root[a, b] = pivot / root[b, b]
+            elif not pivot > _SINGULAR * moments[a, a]:
                 return False
             else:
-                root[a, a] = math.sqrt(rest)
+                root[a, a] = math.sqrt(pivot)
     for a in range(count):
         row[a] = 1.0 if a == 0 else 0.0
         for k in range(a):
