@@ -113,6 +113,20 @@ def test_lobes_add_up_to_albedos(deep, thin):
         np.testing.assert_allclose(back, asset.surface.albedo(0.0), rtol=0.01, atol=1e-9)
 
 
+def test_albedos_of_thin_layers_and_of_low_index(bake):
+    """Between the solver's directions: a layer of 0.001 mean free paths sends back what its lobe adds up to, and light from all
+    sides the mean over cosines, also where an index below 1 reflects half of it totally."""
+    x, weight = np.polynomial.legendre.leggauss(60)
+    cosine, weight, phi = (0.5 * (1 + x))**3, 1.5 * weight * (0.5 * (1 + x))**2, math.pi * (np.arange(60) + 0.5) / 60
+    film = bake("film", "{thickness: 0.001 mm}").surface
+    lobe = film.reflectance(THETA[:, None, None], np.arccos(cosine)[:, None], phi)
+    np.testing.assert_allclose(film.albedo(THETA), 2 * lobe.mean(axis=-1) @ (weight * cosine), rtol=2e-3)
+    rare = bake("rare", "{thickness: 1 mm, boundary: {index: 0.7}}").surface
+    entering = math.sqrt(1 - 0.7**2) + cosine * (1 - math.sqrt(1 - 0.7**2))
+    mean = 0.51 + 2 * (1 - math.sqrt(1 - 0.7**2)) * (rare.albedo(np.arccos(entering)) @ (weight * entering))
+    np.testing.assert_allclose(rare["spherical_albedo"][:, 0], mean, atol=1e-3)
+
+
 def test_layers(thin, based):
     assert thin.surface.reflectance(0.3, THETA).shape == (2, 3, 5) and based.surface.reflectance(0.3, THETA).shape == (2, 5)
     assert (thin.surface.reflectance(0.3, THETA)[:, 0] == 0).all() and (thin.surface["passed"][:, 0] == 1).all()

@@ -35,6 +35,11 @@ class Nodes:
     def leaving(self) -> int:
         return len(self.air)
 
+    def mean(self, values) -> float:
+        """Of values (N,) at the directions that leave, over light from all sides; 1 where an index below 1 reflects all of it."""
+        flux, enters = self.flux[:self.leaving], min(self.index, 1.0)**2
+        return float(enters * (flux @ values) / flux.sum() + 1 - enters)
+
     def spans(self, mu):
         """Of cosines in air (Q,), as `shared.Directions.spans`: between the nodes that leave is a single polynomial."""
         yield np.arange(len(mu)), slice(self.leaving), self.at, coordinate(mu, self.index)

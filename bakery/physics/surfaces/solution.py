@@ -41,9 +41,8 @@ class Solution:
 
     @property
     def spherical_albedo(self) -> float:
-        """Of light from all sides; that which an index below 1 reflects totally is left out."""
-        flux = self.nodes.flux[:self.nodes.leaving]
-        return float(flux @ self.albedo / flux.sum())
+        """Of light from all sides."""
+        return self.nodes.mean(self.albedo)
 
     def reflection(self, mu, mu0, phi):
         """R at cosines in air above 0 and azimuths (0: forward); without mirrored light.  Arguments broadcast."""

@@ -50,8 +50,7 @@ class Stacked:
 
     @property
     def spherical_albedo(self) -> float:
-        flux = self.nodes.flux[:self.nodes.leaving]
-        return float(flux @ self.albedo / flux.sum())
+        return self.nodes.mean(self.albedo)
 
     def reflection(self, mu, mu0, phi):
         """R at cosines in air above 0 and azimuths (0: forward); without mirrored light.  Arguments broadcast."""

@@ -265,7 +265,7 @@ def cost(recipe) -> Cost:
 
 OF_GRAINS = Stage(
     name="surface",
-    version=14,
+    version=15,
     title="reflectance and transmittance of packed grains",
     reads=("wavelengths", "seed", "surface", "grains.radius", "grains.components[*].weight", "packing.fraction"),
     needs=("medium", "packing", "grains"),

@@ -196,7 +196,7 @@ def _nodes(group: Group):
 
 def albedo_at(group: Group, cosine) -> np.ndarray:
     """Plane albedo (L, T, K) at cosines (K,) in air: a polynomial between the directions; 1 where light is totally reflected."""
-    from bakery.physics.surfaces import fresnel
+    from bakery.physics.surfaces import fresnel, single
     from bakery.physics.surfaces.nodes import coordinate, interpolation
 
     directions = _nodes(group)
@@ -205,7 +205,12 @@ def albedo_at(group: Group, cosine) -> np.ndarray:
     mirrored, at = fresnel.reflected(directions.air, index), fresnel.reflected(cosine, index)
     # what enters is a share of what is not mirrored
     entered = (albedo - mirrored) / (1 - mirrored)
-    values = entered @ interpolation(directions.at, coordinate(cosine, index)).T
+    by, by_at = 1.0, 1.0
+    if "depth" in group.members and index == 1 and not {"base", "under_index"} & group.members.keys():
+        # a thin layer over air: the share that the layer meets rises steeply next to grazing, what it sends back of that does not
+        depth = np.asarray(group["depth"].data, float)[..., None]
+        by, by_at = single.interacts(directions.air, depth), single.interacts(cosine, depth)
+    values = (entered / by) @ interpolation(directions.at, coordinate(cosine, index)).T * by_at
     return np.clip(at + (1 - at) * values, 0, 1)
 
 
