@@ -35,10 +35,10 @@ def dark(scene) -> bool:
 
 
 def refuse(path, scene) -> None:
-    """Raises UsageError where lights of a scene of Mitsuba are of no size, below 0 or no numbers, with all of them.
+    """Raises UsageError where lights of a scene of Mitsuba are of no size, below 0, no numbers or scaled, with all of them.
 
     Mitsuba renders most of these black, without a word: its samples of a light without area or of negative radiance have no
-    density, and pixels that are no numbers are dropped.
+    density, and pixels that are no numbers are dropped.  A sun whose transform scales is brighter by the scale.
 
     path : of the scene, for the message
     """
@@ -59,9 +59,17 @@ def _faults(emitter):
             faults.append(f"{name} is {_shown(values, values < 0)}; expected 0 and above")
         elif key == "cutoff_angle" and not np.all(values > 0):
             faults.append(f"{name} is {_shown(values, values <= 0)}; expected an angle above 0")
+        elif key == "to_world" and mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite) and _scales(values):
+            faults.append("its to_world scales, which changes its light; expected a rotation: take the scale out")
     if shape is not None and not (area := float(np.max(np.array(shape.surface_area())))) > 0:
         faults.append(f"its shape has an area of {area:g}; expected a shape of some size")
     return faults
+
+
+def _scales(matrix) -> bool:
+    """Whether a transform (16,) does more than turn, mirror and move: directions to suns and skies are no unit vectors then."""
+    linear = matrix.reshape(4, 4)[:3, :3]
+    return bool(np.max(abs(linear.T @ linear - np.eye(3))) > 0.01)
 
 
 def _is_strength(key: str, values) -> bool:

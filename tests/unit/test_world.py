@@ -290,6 +290,7 @@ def test_views_that_are_refused(tmp_path, text, message):
 
 SHAPED = '<shape type="{}" id="lamp">{}<emitter type="area"><rgb name="radiance" value="{}"/></emitter></shape>'
 FLAT = '<transform name="to_world"><scale value="0"/></transform>'
+SCALED = '<transform name="to_world"><scale value="3"/><rotate x="1" angle="70"/></transform>'
 SKY = '<emitter type="envmap" id="sky"><string name="filename" value="{}.exr"/></emitter>'
 
 
@@ -310,10 +311,13 @@ SKY = '<emitter type="envmap" id="sky"><string name="filename" value="{}.exr"/><
     (SKY.format("below"), "light sky: data is -1 in 3 of 120 places; expected 0 and above"),
     (SKY.format("none"), "light sky: data is nan in 1 of 120 places; expected finite numbers"),
     (SKY.replace("</emitter>", '<float name="scale" value="-1"/></emitter>').format("even"), "light sky: scale is -1; expected"),
+    (SKY.replace("</emitter>", f"{SCALED}</emitter>").format("even"), "light sky: its to_world scales"),
+    (f'<emitter type="directional">{SCALED}</emitter>', "light DirectionalEmitter: its to_world scales"),
     (SKY.format("gone"), "Mitsuba cannot load this scene: .*gone.exr"),
 ])
 def test_lights_that_are_refused(tmp_path, light, said):
-    """Mitsuba renders them black, but for the last one; a light with nothing wrong beside them is not named."""
+    """Mitsuba renders them black, but for the last ones (by a scale of 3 a sun is 3 times as bright); a light with nothing wrong
+    beside them is not named."""
     import mitsuba as mi
 
     mi.set_variant("llvm_ad_rgb")
@@ -324,6 +328,16 @@ def test_lights_that_are_refused(tmp_path, light, said):
     with pytest.raises(UsageError, match=said) as refused:
         World(written(tmp_path, SENSOR, light, SHAPED.format("rectangle", "", "1").replace("lamp", "good")))
     assert "good" not in str(refused.value)
+
+
+def test_a_sky_that_is_turned_mirrored_and_rounded_is_no_fault(tmp_path):
+    import mitsuba as mi
+
+    mi.set_variant("llvm_ad_rgb")
+    mi.Bitmap(np.ones((4, 8, 3), np.float32)).write(str(tmp_path / "even.exr"))
+    turned = '<transform name="to_world"><scale x="-1"/>' \
+        '<matrix value="1 0 0 0  0 .707 -.707 0  0 .707 .707 2  0 0 0 1"/></transform></emitter>'
+    World(written(tmp_path, SENSOR, SKY.replace("</emitter>", turned).format("even")), unit=1e-3)
 
 
 def test_what_shines(tmp_path):
