@@ -253,6 +253,10 @@ def test_spread(deep, thin, based, bake):
     assert answer.axes[-1][:2] == ("radius", "um")
     with pytest.raises(UsageError, match="phi has no effect"):
         deep.query("surface/spread", phi="0 deg")
+    with pytest.raises(ValueError, match="radius -1"):
+        surface_of.spread_within([1, -1])
+    with pytest.raises(ValueError, match="phi nan"):
+        surface_of.reflectance(0.1, 0.2, math.nan)
 
 
 @pytest.mark.slow

@@ -67,7 +67,7 @@ class Surface(Members):
             raise MissingStage("orders are kept apart where the reflectance is counted among grains (surface.method: grains)")
         if below and "transmitted" not in self:
             raise MissingStage("no light leaves below this layer; below one of a thickness without a base it does")
-        at = np.broadcast_arrays(_cosine(theta_out), _cosine(theta_in), np.asarray(phi, float))
+        at = np.broadcast_arrays(_cosine(theta_out), _cosine(theta_in), _azimuth(phi))
         flat = [np.ascontiguousarray(part, float).ravel() for part in at]
         values = np.array([[solution.orders(*flat, 1 if below else -1) for solution in row] for row in self._rows()])
         return np.moveaxis(self._layers(values), -2, 0).reshape(3, *values.shape[:1 + (values.shape[1] > 1)], *at[0].shape)
@@ -80,7 +80,7 @@ class Surface(Members):
         Of media it is the largest change of the last refinement, to 89.9 degrees, whatever the pair.  Of light that is counted
         among grains it is the noise of the pair's cells and what interpolation between them leaves.
         """
-        mu, mu0, phi = np.broadcast_arrays(_cosine(theta_out), _cosine(theta_in), np.asarray(phi, float))
+        mu, mu0, phi = np.broadcast_arrays(_cosine(theta_out), _cosine(theta_in), _azimuth(phi))
         from bakery.physics.surfaces import pairs
 
         counted = counted_in(self._group)
@@ -105,8 +105,11 @@ class Surface(Members):
 
         Of what comes out; what a boundary mirrors is left out.
 
-        Raises MissingStage : the asset has no walks of light in the layer
+        Raises MissingStage : the asset has no walks of light in the layer;  ValueError : a distance below 0, or no number
         """
+        radius = np.asarray(radius, float)
+        if not (radius >= 0).all():
+            raise ValueError(f"radius {radius[~(radius >= 0)].flat[0]:g}; distances from 0 up, in um, would do")
         if "spread" not in self:
             raise MissingStage("light that is counted among grains has no spread, nor has an asset of a former version; "
                                "surface.method: medium has one of the medium that stands for grains")
@@ -169,7 +172,7 @@ class Surface(Members):
         return self._solutions
 
     def _looked_up(self, name: str, theta_in, theta_out, phi, layer: int | None = None) -> np.ndarray:
-        at = _cosine(theta_out), _cosine(theta_in), np.asarray(phi, float)
+        at = _cosine(theta_out), _cosine(theta_in), _azimuth(phi)
         if layer is not None:
             return np.stack([getattr(solution, name)(*at) for solution in self._of_layer(layer)])
         return self._layers(np.stack([np.stack([getattr(solution, name)(*at) for solution in row]) for row in self._rows()]))
@@ -184,6 +187,13 @@ def _cosine(theta) -> np.ndarray:
     if outside.size:
         raise ValueError(f"angle {outside.flat[0]:g} from the normal; radians from 0 to below pi/2 would do")
     return np.cos(theta)
+
+
+def _azimuth(phi) -> np.ndarray:
+    phi = np.asarray(phi, float)
+    if not np.isfinite(phi).all():
+        raise ValueError(f"phi {phi[~np.isfinite(phi)].flat[0]:g}; finite radians would do")
+    return phi
 
 
 def _nodes(group: Group):
