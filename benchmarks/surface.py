@@ -23,6 +23,7 @@ from bakery.physics.surfaces.refine import refined
 from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.solution import solve
 from bakery.physics.surfaces.spread import profile, spread
+from bakery.system import blas
 from benchmarks.sizes import sized
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -262,13 +263,14 @@ def of_plugin(asset, mu, mu0, phi):
 
 
 def main() -> None:
-    half_spaces()
-    energy()
-    cost()
-    peer()
-    look_ups()
-    spreads()
-    grains()
+    with blas.one_thread():  # as in bakes
+        half_spaces()
+        energy()
+        cost()
+        peer()
+        look_ups()
+        spreads()
+        grains()
 
 
 if __name__ == "__main__":
