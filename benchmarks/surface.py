@@ -195,8 +195,7 @@ def grains():
 
 
 def look_ups():
-    print("ns a look-up, processor time of one core, pairs of directions without order: grid; numba, a wavelength at a time; three")
-    print("together; Dr.Jit (LLVM), three together")
+    print("ns of processor, pairs of directions without order: grid; numba, a wavelength, three; Dr.Jit (LLVM), three")
     random = np.random.default_rng(1)
     mu, mu0 = random.uniform(0.01, 1, (2, LOOK_UPS))
     phi = random.uniform(0, math.pi, LOOK_UPS)
@@ -240,7 +239,7 @@ def together(table, mu, mu0, cos_phi):
 
 def of_plugin(asset, mu, mu0, phi):
     """A function that looks all pairs up as `bakedbsdf` does, on one core."""
-    import renderers.mitsuba  # isort: skip  finds LLVM for Dr.Jit
+    import renderers.mitsuba  # noqa: F401  # isort: skip  finds LLVM for Dr.Jit
     import drjit as dr
     import mitsuba as mi
 
