@@ -2,7 +2,7 @@
 
 Isotropic half spaces against Chandrasekhar's H functions; energy of lossless layers; moments, processor time and bytes that three
 half spaces take at 1 %, and the change that is stated against the true error; PythonicDISORT at equal error, where it is
-installed; how far light spreads; what half spaces of packed balls take.
+installed; look-ups of shipped surfaces in numba and in Dr.Jit; how far light spreads; what half spaces of packed balls take.
 """
 
 import importlib.util
@@ -13,14 +13,17 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+from numba import njit
 
 import bakery
+from bakery.kernels import surface_reflectance
 from bakery.physics.medium import analytic
 from bakery.physics.multiple.legendre import moments
 from bakery.physics.surfaces.refine import refined
 from bakery.physics.surfaces.slab import Slab
 from bakery.physics.surfaces.solution import solve
 from bakery.physics.surfaces.spread import profile, spread
+from bakery.system import blas
 from benchmarks.sizes import sized
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -32,6 +35,8 @@ LOBES = sized((0.0, 0.6, 0.75, 0.85, 0.9), (0.6,))
 SPREADS = sized(((0.9, 0.5, 1.0), (0.99, 0.5, 1.0), (0.999, 0.5, 1.0), (0.9999, 0.5, 1.0), (1.0, 0.5, 1.0), (0.99, 0.9, 1.0),
                  (8.5 / 8.5011, 0.7, 1.33), (12.57 / 12.584, 0.7, 1.33)), ((0.9, 0.5, 1.0),))
 GRAINS = sized({"matt 0.1": 0.1, "matt 0.8": 0.8, "matt 1": 1.0, "glass 1.5": 1.5}, {"matt 0.8": 0.8})
+SHIPPED = sized(("snow_field", "beach_sand", "white_paint", "milk_jug", "soil", "thin_snow"), ("soil",))
+LOOK_UPS = sized(1 << 20, 1 << 10)
 ERRORS = sized((0.02, 0.01), (0.1,))
 AZIMUTHS = np.linspace(0, math.pi, 5)
 FAR = 1e5  # optical depth of a half space of PythonicDISORT
@@ -189,13 +194,82 @@ def grains():
                       f"{time.process_time() - start:6.1f}")
 
 
+def look_ups():
+    print("ns of processor, pairs of directions without order: grid; numba, a wavelength, three; Dr.Jit (LLVM), three")
+    random = np.random.default_rng(1)
+    mu, mu0 = random.uniform(0.01, 1, (2, LOOK_UPS))
+    phi = random.uniform(0, math.pi, LOOK_UPS)
+    for name in SHIPPED:
+        with tempfile.TemporaryDirectory() as folder:
+            asset = bakery.open(bakery.bake(ROOT / "recipes" / f"{name}.yaml", output=Path(folder) / "surface.h5"))
+            table, _ = asset.surface.table()
+            at = table, mu, mu0, np.cos(phi)
+            seconds = shortest([lambda: alone(*at), lambda: together(*at), of_plugin(asset, mu, mu0, phi)], sized(7, 1))
+        print(f"  {name:<12} {table.reflected.shape[1]} x {table.reflected.shape[3]}  "
+              + "  ".join(f"{1e9 * each / LOOK_UPS:4.0f}" for each in seconds))
+
+
+def shortest(jobs, rounds: int):
+    """Processor seconds of each job, the shortest of its turns after one that compiles."""
+    seconds = np.full((rounds + 1, len(jobs)), math.inf)
+    for row in seconds:
+        for i, job in enumerate(jobs):
+            start = time.process_time()
+            job()
+            row[i] = time.process_time() - start
+    return seconds[1:].min(axis=0)
+
+
+@njit(nogil=True, error_model="numpy")
+def alone(table, mu, mu0, cos_phi):
+    total, waves = 0.0, len(table.once)
+    for q in range(len(mu)):
+        total += surface_reflectance(table, q % waves, mu[q], mu0[q], cos_phi[q])
+    return total
+
+
+@njit(nogil=True, error_model="numpy")
+def together(table, mu, mu0, cos_phi):
+    total = 0.0
+    for q in range(len(mu)):
+        for wave in range(len(table.once)):
+            total += surface_reflectance(table, wave, mu[q], mu0[q], cos_phi[q])
+    return total
+
+
+def of_plugin(asset, mu, mu0, phi):
+    """A function that looks all pairs up as `bakedbsdf` does, on one core."""
+    import renderers.mitsuba  # noqa: F401  # isort: skip  finds LLVM for Dr.Jit
+    import drjit as dr
+    import mitsuba as mi
+
+    mi.set_variant("llvm_ad_rgb")
+    dr.set_thread_count(1)
+    from renderers.mitsuba.layer_values import Values
+    from renderers.mitsuba.layers import layer_of
+
+    values = Values(layer_of(asset), -1, None)
+    sine, sine0 = np.sqrt(1 - mu * mu), np.sqrt(1 - mu0 * mu0)
+    wi = mi.Vector3f(np.stack([-sine0, 0 * sine0, mu0]).astype(np.float32))
+    wo = mi.Vector3f(np.stack([sine * np.cos(phi), sine * np.sin(phi), mu]).astype(np.float32))
+    dr.eval(wi, wo)
+
+    def job():
+        dr.eval(values.values(values.rows(None), values.pair(wi, wo), True))
+        dr.sync_thread()
+
+    return job
+
+
 def main() -> None:
-    half_spaces()
-    energy()
-    cost()
-    peer()
-    spreads()
-    grains()
+    with blas.one_thread():  # as in bakes
+        half_spaces()
+        energy()
+        cost()
+        peer()
+        look_ups()
+        spreads()
+        grains()
 
 
 if __name__ == "__main__":

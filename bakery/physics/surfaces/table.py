@@ -33,7 +33,7 @@ PROBES = 4000  # pairs of directions at which the error is measured, from normal
 _GRAZING = math.cos(math.radians(89.9))
 _LEAST = 1e-9  # cosine in air at which grids begin where theirs is 0
 _UNSCATTERED = 129  # cosines at which unscattered light of layers on each other is told: 2e-4 in between
-_BUCKETS = 512  # of scattering angles, in which their interval is looked for
+_BUCKETS = 2048  # of scattering angles, in which their interval is looked for
 
 
 class SurfaceTable(NamedTuple):
