@@ -26,7 +26,7 @@ import mitsuba as mi  # isort: skip
 SAMPLES = 8  # paths of a pixel
 _TURNS = 64  # surfaces and boundaries that a path goes through at most: what is caught in glass shows nothing
 _THROUGH = 1 - 2.0**-24  # of dielectrics, the lobe that is chosen last: light goes through, unless it is reflected totally
-_LEFT = 1e-3  # share of a path that has met nothing yet, below which it ends
+_LEAST = 1e-3  # share of a path that has met nothing yet, below which it ends
 
 
 @dataclass
@@ -35,7 +35,7 @@ class _Shown:
 
     albedo, normal : sums over what they met, by its chances
     facing : normal of the last surface, 0 where there was none
-    left : of each wavelength, chance that there was no scattering
+    unscattered : of each wavelength, chance that there was no scattering
     way, half : in units of the scene, and up to where that has become one half; inf until then
     turns : surfaces and boundaries
     """
@@ -43,7 +43,7 @@ class _Shown:
     albedo: mi.Color3f
     normal: mi.Vector3f
     facing: mi.Vector3f
-    left: list
+    unscattered: list
     way: mi.Float
     half: mi.Float
     turns: mi.UInt32
@@ -78,8 +78,8 @@ def _first_hits(scene, key, pixels, samples) -> _Shown:
     pixel = number // dr.opaque(mi.UInt32, samples)
     strata = Strata.of(key, samples)
     path = loop.begin(scene, strata.key, strata, pixel, strata.count, number)
-    left, none = [dr.full(mi.Float, 1, width) for _ in range(scene.waves)], dr.zeros(mi.Vector3f, width)
-    shown = _Shown(dr.zeros(mi.Color3f, width), none, mi.Vector3f(none), left, dr.zeros(mi.Float, width),
+    unscattered, none = [dr.full(mi.Float, 1, width) for _ in range(scene.waves)], dr.zeros(mi.Vector3f, width)
+    shown = _Shown(dr.zeros(mi.Color3f, width), none, mi.Vector3f(none), unscattered, dr.zeros(mi.Float, width),
                    dr.full(mi.Float, dr.inf, width), dr.zeros(mi.UInt32, width))
     return dr.while_loop((path, shown), lambda path, shown: path.alive, lambda path, shown: _turn(scene, path, shown),
                          label="features")[1]
@@ -108,9 +108,9 @@ def _turn(scene, path, shown):
     facing = dr.mulsign(mi.Vector3f(surface.sh_frame.n), -dr.dot(surface.sh_frame.n, ray.d))
 
     shown.facing = dr.select(event.meets, facing, shown.facing)
-    left = media.total(shown.left) / scene.waves
-    shown.albedo += dr.select(stops | event.misses, left * albedo, 0)
-    shown.normal += dr.select(stops, left * shown.facing, 0)
+    share = media.total(shown.unscattered) / scene.waves
+    shown.albedo += dr.select(stops | event.misses, share * albedo, 0)
+    shown.normal += dr.select(stops, share * shown.facing, 0)
     shown.way = dr.select(alive, dr.select(event.misses, dr.inf, shown.way + dr.norm(surface.p - ray.o)), shown.way)
     shown.turns += 1
     onward, _ = bsdf.sample(mi.BSDFContext(), surface, _THROUGH, mi.Point2f(0.5), through & ~event.crosses)
@@ -118,32 +118,32 @@ def _turn(scene, path, shown):
     path.origin = dr.select(event.crosses, scene.boundaries.across(surface, path.direction), beyond.o)
     path.direction = dr.select(event.crosses, path.direction, beyond.d)
     path.inside = scene.boundaries.beyond(surface, path.direction, path.inside, event.meets)
-    path.alive = alive & through & (dr.squared_norm(path.direction) > 0) & (left > _LEFT)
+    path.alive = alive & through & (dr.squared_norm(path.direction) > 0) & (share > _LEAST)
     return path, shown
 
 
 def _in_media(scene, path, shown, ray, far):
     """What paths show of media up to distances `far` on their rays."""
-    before = media.total(shown.left)
+    before = media.total(shown.unscattered)
 
-    def step(albedo, left, half, distance, active):
+    def step(albedo, unscattered, half, distance, active):
         around, end = scene.regions.around(ray, distance, active)
         end = dr.minimum(end, far)
         within, medium = scene.innermost(around | path.inside)
         _, column = flights.marched(scene, ray, distance, end, medium, mi.Float(dr.inf), active, within)
         sigma_t = [dr.select(active & within, sigma, 0) for sigma in scene.media.sigma_t(medium)]
-        kept = [share * dr.exp(-sigma * column) for share, sigma in zip(left, sigma_t)]
-        met = [share - after for share, after in zip(left, kept)]
-        albedo += scene.seen(media.product(met, scene.media.albedo(medium)), mi.Color3f(1), active)
-        share = media.total(left) / scene.waves
+        kept = [share * dr.exp(-sigma * column) for share, sigma in zip(unscattered, sigma_t)]
+        scattered = [share - after for share, after in zip(unscattered, kept)]
+        albedo += scene.seen(media.product(scattered, scene.media.albedo(medium)), mi.Color3f(1), active)
+        share = media.total(unscattered) / scene.waves
         falls = active & (share > 0.5) & (media.total(kept) <= 0.5 * scene.waves)
-        length = dr.log(2 * share) / media.mean(left, sigma_t) * (end - distance) / column
+        length = dr.log(2 * share) / media.mean(unscattered, sigma_t) * (end - distance) / column
         half = dr.select(falls, shown.way + distance + dr.minimum(length, end - distance), half)
         return albedo, kept, half, dr.select(active, end, distance), active & (end < far)
 
-    start = (mi.Color3f(shown.albedo), list(shown.left), mi.Float(shown.half), dr.zeros(mi.Float, dr.width(far)),
+    start = (mi.Color3f(shown.albedo), list(shown.unscattered), mi.Float(shown.half), dr.zeros(mi.Float, dr.width(far)),
              mi.Bool(path.alive))
-    shown.albedo, shown.left, shown.half, *_ = dr.while_loop(
-        start, lambda albedo, left, half, distance, active: active, step, label="media of features")
-    shown.normal += (before - media.total(shown.left)) / scene.waves * shown.facing
+    shown.albedo, shown.unscattered, shown.half, *_ = dr.while_loop(
+        start, lambda albedo, unscattered, half, distance, active: active, step, label="media of features")
+    shown.normal += (before - media.total(shown.unscattered)) / scene.waves * shown.facing
     return shown
