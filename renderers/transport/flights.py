@@ -11,7 +11,7 @@ from renderers.transport import media
 
 import mitsuba as mi  # isort: skip
 
-_FAR = 1e30  # length of the way to nothing
+FAR = 1e30  # length of the way to nothing
 
 
 @dataclass
@@ -48,11 +48,11 @@ def flight(scene, path, ray):
     meets = path.alive & hit.is_valid()
     stretch = None
     if scene.airlight:
-        stretch = scene.airlight.stretch(path, ray, takes, (0, dr.select(meets, hit.t, _FAR)))
+        stretch = scene.airlight.stretch(path, ray, takes, (0, dr.select(meets, hit.t, FAR)))
         meets &= hit.t <= distance
     scatters = path.alive & ~meets & (distance < dr.inf)
     # what neither scatters nor meets a surface is in no medium, unless there is one everywhere, or rounding has lost it in a body
-    nowhere = _FAR if scene.regions.always else dr.select(straight, mi.Float(_FAR), mi.Float(0))
+    nowhere = FAR if scene.regions.always else dr.select(straight, mi.Float(FAR), mi.Float(0))
     distance = dr.select(meets, hit.t, dr.select(scatters, distance, nowhere))
     if scene.airlight:
         stretch.chance = media.chance(path.throughput, sigma_t, distance, scatters)
@@ -66,7 +66,7 @@ def _through_regions(scene, path, ray):
     The surface is that of the whole ray: where a boundary lies in it, no rounding takes a path past it.
     """
     hit = scene.scene.ray_intersect_preliminary(ray, coherent=False, active=path.alive)
-    far = dr.select(hit.is_valid(), hit.t, _FAR)
+    far = dr.select(hit.is_valid(), hit.t, FAR)
 
     stretch = scene.airlight and scene.airlight.stretch(path, ray, path.alive, scene.regions.span(ray, far))
 
@@ -76,7 +76,7 @@ def _through_regions(scene, path, ray):
         within, medium_here = scene.innermost(inside | path.inside)
         sigma_t = [dr.select(within, sigma, 0) for sigma in scene.media.sigma_t(medium_here)]
         column = media.flight(throughput, sigma_t, random.next_float32(), random.next_float32())
-        stop, passed = _marched(scene, ray, distance, end, medium_here, column, flies, within)
+        stop, passed = marched(scene, ray, distance, end, medium_here, column, flies, within)
         ends_here = flies & (stop < end)
         flown = media.flown(throughput, sigma_t, passed, ends_here)
         if scene.airlight:
@@ -97,7 +97,7 @@ def _through_regions(scene, path, ray):
     return Flight(scatters, medium, meets, hit, distance, stretch)
 
 
-def _marched(scene, ray, start, end, medium, column, active, within):
+def marched(scene, ray, start, end, medium, column, active, within):
     """Where rays are that have passed a column of a medium, at most at `end`, and the columns that they have passed."""
     stop = dr.minimum(start + column, end)
     passed = dr.select(stop < end, column, end - start)
@@ -112,7 +112,7 @@ def to_light(interaction, light):
     """Rays from interactions to light samples.  Those of a light at infinity go on without an end: Mitsuba puts its points on a
     sphere around the surfaces, and media may reach further."""
     ray = interaction.spawn_ray_to(light.p)
-    ray.maxt = dr.select(mi.has_flag(light.emitter.flags(), mi.EmitterFlags.Infinite), _FAR, ray.maxt)
+    ray.maxt = dr.select(mi.has_flag(light.emitter.flags(), mi.EmitterFlags.Infinite), FAR, ray.maxt)
     return ray
 
 
@@ -169,7 +169,7 @@ def _deeper(scene, ray, inside, far, depth, active):
         around, end = scene.regions.around(ray, distance, active)
         end = dr.minimum(end, far)
         within, medium = scene.innermost(around | inside)
-        _, passed = _marched(scene, ray, distance, end, medium, mi.Float(dr.inf), active, within)
+        _, passed = marched(scene, ray, distance, end, medium, mi.Float(dr.inf), active, within)
         passed = dr.select(active & within, passed, 0)
         depth = [d + sigma * passed for d, sigma in zip(depth, scene.media.sigma_t(medium))]
         return depth, dr.select(active, end, distance), active & (end < far)
@@ -192,7 +192,7 @@ def onward(scene, ray, inside, active):
     """
     def step(ray, inside, depth, active):
         hit, meets, crosses = _ahead(scene, ray, active)
-        depth = _deeper(scene, ray, inside, dr.select(meets, hit.t, _FAR), depth, active)
+        depth = _deeper(scene, ray, inside, dr.select(meets, hit.t, FAR), depth, active)
         inside, depth = _across(scene, ray, hit, inside, depth, crosses)
         return ray, inside, depth, crosses
 

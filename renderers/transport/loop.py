@@ -159,7 +159,7 @@ def _add(sums, number, light, active=True):
 def advance(scene, path, records=None):
     """Paths after a flight to the next scattering or surface, and which."""
     ray = mi.Ray3f(path.origin, path.direction)
-    return path, _event(scene, path, ray, flights.flight(scene, path, ray), path.alive)
+    return path, event(scene, path, ray, flights.flight(scene, path, ray), path.alive)
 
 
 def wandered(scene, path, records=None):
@@ -187,10 +187,10 @@ def wandered(scene, path, records=None):
     path, end, *_ = dr.while_loop(start, lambda path, end, active, count: active, step, label="scatterings")
     hidden = end.scatters & ~scene.takes_samples(end.medium)
     end.scatters &= ~hidden
-    return path, _event(scene, path, mi.Ray3f(path.origin, path.direction), end, path.alive & ~hidden)
+    return path, event(scene, path, mi.Ray3f(path.origin, path.direction), end, path.alive & ~hidden)
 
 
-def _event(scene, path, ray, end, active):
+def event(scene, path, ray, end, active):
     """`Event` at the ends of flights, which counts as a scattering before light samples are drawn there."""
     path.order += dr.select(end.scatters, mi.UInt32(1), mi.UInt32(0))
     misses = active & ~end.meets & ~end.scatters

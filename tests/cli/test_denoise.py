@@ -62,8 +62,9 @@ def test_a_draft_keeps_its_picture_beside_the_one_without_noise(call, place):
     assert "denoising" in report["seconds"] and any("not the error of what is shown" in line for line in report["reasons"])
     assert b"bakery_denoised" in shown and b"Open Image Denoise" in shown
     middle = found["distance.Z"][10, 12]
-    assert middle == pytest.approx(np.hypot(19, 5) * 1e-3 - 5e-3, rel=0.05) and found["normal.Y"][10, 12] < -0.9
-    assert found["albedo.G"][10, 12] == pytest.approx(0.9, abs=1e-3)
+    # half of the light has scattered after ln 2 mean free paths; facets lie up to 0.1 mm inside of the ball
+    assert middle == pytest.approx(np.hypot(19, 5) * 1e-3 - 5e-3 + np.log(2) * 1e-3, rel=0.01)
+    assert found["normal.Y"][10, 12] < -0.9 and found["albedo.G"][10, 12] == pytest.approx(0.9, abs=1e-3)
     rough, smooth = (np.abs(np.diff(found[name][7:13, 9:15])).mean() for name in ("G", "denoised.G"))
     assert smooth < 0.6 * rough
     kept, without, plain = rendered(call, place, "--quality", "draft", "--resume", "--no-denoise")

@@ -203,6 +203,26 @@ def test_first_hits(tmp_path, boundary):
         to_rgb=np.eye(3), to_waves=np.eye(3)), 0).distance)
 
 
+def test_first_hits_in_haze_have_no_noise(tmp_path):
+    """A wall behind a slab of haze: both count by Beer's law, and the distance is where half of the light has been scattered."""
+    from renderers.mitsuba.world import World
+    from renderers.transport import features, regions
+    from renderers.transport.scattering import scatterer
+
+    (tmp_path / "s.xml").write_text(SCENE.format(boundary="null"))
+    world, depth = World(tmp_path / "s.xml", 0.1), np.array([1.0, 2.0, 3.0])  # of 0.2 m
+    medium = scatterer(5 * depth, np.array([0.9, 0.6, 0.3]), np.array([0, np.pi]), np.full((3, 2), 1 / (4 * np.pi)))
+    haze = regions.Medium(regions.Box(np.array([-9, -0.2, -9]), np.array([9, 0.0, 9])), medium)
+    found = features.first_hits(world, [haze], types.SimpleNamespace(to_rgb=np.eye(3), to_waves=np.eye(3)), 0)
+    wall, kept = (slice(4, 8), slice(11, 14)), np.exp(-depth)
+    # a ray 4 pixels beside the middle is 0.3 % longer, which changes what gets through by at most 0.1 %
+    expected = kept.mean() * np.array([0.8, 0.2, 0.1]) + (1 - kept) * [0.9, 0.6, 0.3]
+    assert np.allclose(found.albedo[wall], expected, atol=4e-3)
+    assert np.allclose(found.normal[wall], kept.mean() * np.array([0, -1, 0]), atol=2e-3)
+    # of three colours by their mean extinction, so that 6 % is what is lost
+    assert np.allclose(found.distance[wall], 0.2 + 0.2 * np.log(2) / 2, rtol=0.06)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [(16, 24), (64, 96)])
 @pytest.mark.parametrize("passes", [2, 8])
