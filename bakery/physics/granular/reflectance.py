@@ -10,13 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bakery.physics.granular._goniometer import HITS, STEEPEST, WALKS
-from bakery.physics.granular.goniometer import BINS, CELLS, REPLICATES, Goniometer, together
+from bakery.physics.granular._goniometer import HITS, WALKS
+from bakery.physics.granular.goniometer import BINS, CELLS, LEAST, REPLICATES, Goniometer, together
 from bakery.physics.surfaces.corrected import SHOWN, Factors, Fit, factors_of, kept_shares, lower_albedos, merged
 from bakery.physics.surfaces.solution import Solution
 from bakery.physics.tasks import in_turn
 
-LEAST = math.sqrt(STEEPEST)
 HITS_MAX = 1 << 32
 _FIRST = 1 << 11, 1 << 8  # walks of a replicate to begin with: to the second order, to their end
 _MOST_MORE = 16  # times as many walks in a round
@@ -110,7 +109,7 @@ def _reflectance(fits: Sequence[Fit], counts, c: int, lossless: bool):
     walks, through = counts[0].walks.sum(axis=0), counts[0].walks_through.sum(axis=0)
     deeper, straight = (part[:, c].sum(axis=0) for part in (counts[0].deeper, counts[0].straight))
     entered = np.stack([side.entered[:, :, c].sum(axis=0) for side in counts])
-    later = np.stack([side.later[:, c].sum(axis=0) for side in counts])
+    later = entered[:, 2]
     # of grains that keep all light what leaves in higher orders at either side is all that lower ones left
     whole = later.sum(axis=0) if lossless else deeper
     kept = np.divide(later, whole, out=np.full(later.shape, 1 / len(counts) if lossless else 0.0), where=whole > 0)
@@ -128,7 +127,7 @@ def _reflectance(fits: Sequence[Fit], counts, c: int, lossless: bool):
         relative.append(of_cells[2])
         misfit.append(of_cells[3])
     error, by_kind = _errors(*(np.concatenate(part, axis=1) for part in (light, relative, misfit)))
-    achieved, inside = math.sqrt(sum(by_kind)), float(counts[0].inside[:, c].mean())
+    achieved, inside = math.sqrt(sum(by_kind)), float(counts[0].inside[c])
     sides = [Reflectance(factors, lossless, albedo, scatter, noise.reshape(SHOWN), achieved, inside)
              for (factors, albedo, scatter), noise in zip(parts, np.split(error, len(parts)), strict=True)]
     if len(sides) == 1:
