@@ -237,11 +237,13 @@ class Fit:
     cells : (3,) cells of what was counted
     bins, least : bins of the root of the cosine of incidence, from `least` to 1
     side : -1: of light that comes back, 1: that leaves below
+    peak : (48,) what the first order's factors are before any count, by slice of the phase angle; 1 if None
     """
 
-    def __init__(self, solution: Solution, cells, bins: int, least: float, side: int = -1):
+    def __init__(self, solution: Solution, cells, bins: int, least: float, side: int = -1, peak=None):
         self.tables, self.bins, self.least, self.solution = TABLES, bins, least, solution
         self.side = side
+        self.peak = np.broadcast_to(np.ones(TABLES[0][0]) if peak is None else peak, TABLES[0][::-1]).T
         mu, mu0, phi, light = (part.ravel() for part in _entering(tuple(cells), least))
         self.points, self.light = math.prod(_POINTS), light
         self.inward = middles(bins, least) ** 2
@@ -254,7 +256,9 @@ class Fit:
     def _prepared(self, mu, mu0, phi):
         """Shapes, where the pairs lie among cells and bins."""
         of_cells = {fine: pairs.interpolation(mu, mu0, phi, fine) for fine in set(self.tables)}
-        shapes = shares(self.solution, mu, mu0, phi if self.side < 0 else math.pi - phi, self.side)
+        once, *others = shares(self.solution, mu, mu0, phi if self.side < 0 else math.pi - phi, self.side)
+        index, weight = of_cells[self.tables[0]]
+        shapes = once * np.einsum("kc,kc->k", self.peak.ravel()[index], weight), *others
         return shapes, of_cells, [self._between(cosine) for cosine in (mu, mu0)]
 
     def _between(self, mu):
@@ -410,7 +414,7 @@ def factors_of(fit: Fit, cells, entered, walks, kept, elsewhere=0.0, spread=(1.0
     tables, scales, light, variances, misfits = [], [], [], [], []
     for order, (part, n) in enumerate(zip(cells, numbers, strict=True)):
         table, scale, variance, misfit = fit.fitted(order, part / max(n.sum(), 1.0), albedos[order], n.sum() / spread[order])
-        tables.append(table.reshape(fit.tables[order]))
+        tables.append(table.reshape(fit.tables[order]) * (1.0 if order else fit.peak))
         scales.append(scale)
         light.append(fit.in_cells(order, table, scale))
         variances.append(variance)

@@ -19,7 +19,7 @@ from bakery.physics.granular._goniometer import _aimed, _refracted
 from bakery.physics.granular._packed import Draws
 from bakery.physics.granular.goniometer import BINS, CELLS, Goniometer, together
 from bakery.physics.granular.packed import Grain
-from bakery.physics.granular.reflectance import LEAST, measured
+from bakery.physics.granular.reflectance import LEAST, measured, straight_back
 from bakery.physics.medium import phase
 from bakery.physics.packing import pack
 from bakery.physics.surfaces import pairs
@@ -199,6 +199,34 @@ def test_light_that_forgot_where_it_entered():
     np.testing.assert_allclose(cells[0] - cells[1], 0.02 * 16e3 * exact, rtol=1e-6)
     assert cells.sum() == pytest.approx(entered.sum(), rel=3e-3)
     assert not forgotten(CELLS, LEAST, 0 * entered, walks).any()
+
+
+def test_what_clear_balls_send_straight_back_is_narrower_than_steps_of_phase_functions():
+    """Cells within 0.3125 degrees have what one ball sends there, over that around, to how both stand to the surface (5 %)."""
+    solution = medium("glass")[0]
+    peak = straight_back(goniometer("glass", 0.6), solution, 0)
+    within = math.pi * (2 / 48)**2
+    narrow = ball(SURFACES["glass"], 0.0, np.array([0, math.pi - within, math.pi])).phase[0, 1] * (1 - math.cos(within))
+    with_peak, without = (Fit(solution, CELLS, BINS, LEAST, peak=part).in_cells(0, np.ones(math.prod(CELLS)), np.ones(BINS))
+                          .reshape(CELLS[0], -1).sum(axis=1) for part in (peak, None))
+    around = slice(5, 9)
+    middle = math.pi * (np.arange(49)[around] + 0.5)**2 / 48**2
+    solid = np.cos(math.pi * (np.arange(48)[around] / 48)**2) - np.cos(math.pi * (np.arange(1, 49)[around] / 48)**2)
+    wide = phase.phase_at(solution.slab.theta, solution.slab.phase, math.pi - middle) * solid
+    assert with_peak[:2].sum() / without[around].sum() == pytest.approx(narrow / wide.sum(), rel=0.08)
+    assert without[:2].sum() < 0.5 * with_peak[:2].sum() and (peak[5:] == 1).all()
+    assert straight_back(goniometer("matt", 0.6), medium("matt")[0], 0) is None
+
+
+@pytest.mark.slow
+def test_clear_balls_straight_back_are_as_bright_as_walks_say():
+    """First order, within 0.3125 degrees, from a bake at 10 %: 0.5 of it was there. Some 200 walks tell what it is, to 10 %."""
+    walked = goniometer("glass", 0.6)
+    counts = walked.unpacked(walked.counted(100_000, 0, False, lambda function, tasks: [function(*task) for task in tasks]))
+    counted = counts.cells[:, 0, 0, 0].sum(axis=0).reshape(CELLS[0], -1)[:2].sum() / counts.walks.sum()
+    factors, fit = baked("glass", 0.6, 0.1)[1].each[0].factors, Fit(medium("glass")[0], CELLS, BINS, LEAST)
+    stored = fit.in_cells(0, factors.cells[0].ravel(), factors.scale[0]).reshape(CELLS[0], -1)[:2].sum()
+    assert 0.7 < stored / counted < 1.6
 
 
 @pytest.mark.slow
