@@ -7,7 +7,8 @@ import numpy as np
 
 from bakery.physics.grains.bvh import mesh_scratch, nearest_triangle, triangle_normal
 from bakery.physics.grains.sampling import AHEAD, FAINT, next_uniform, surface_frame
-from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, fresnel, fresnel_conductor
+from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, fresnel_conductor
+from bakery.physics.granular._clear import refracted
 from bakery.physics.granular._packed import FAR, Draws, Kind, begin_beyond, leave, turned
 from bakery.physics.granular.flights import flight_in_slab
 from bakery.physics.lent import lent
@@ -132,46 +133,11 @@ def _aimed(d, n, turned_to, draws):
     return (dx, dy, dz), z, lobe / ((1.0 - AIMED) * lobe + AIMED * aimed)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
-def _refracted(index, d, n, draws, limits):
-    """Light along d that meets a smooth dielectric ball at its outward normal n, until it has left: what became of it, direction
-    and normal there, share of all light left, path inside in radii.
-
-    All its meetings are at one angle: Fresnel's reflectance F is taken once.
-    limits : meetings after which it is cut;  whether what is reflected, which alone comes back from one grain, is wanted more
-        often than it happens: then it is taken by a chance in proportion to the root of F, and weighs as much less
-    """
-    (dx, dy, dz), (nx, ny, nz), (depth, wanted) = d, n, limits
-    cosine = max(-(dx * nx + dy * ny + dz * nz), 0.0)
-    reflectance, beyond = fresnel(cosine, index)
-    chance, stays, goes = reflectance, 1.0, 1.0
-    if wanted:
-        root, other = math.sqrt(reflectance), math.sqrt(1.0 - reflectance)
-        chance, stays, goes = root / (root + other), root * (root + other), other * (root + other)
-    if next_uniform(draws.stream, draws.pool) < chance:
-        t = 2.0 * cosine
-        return LEFT, (dx + t * nx, dy + t * ny, dz + t * nz), n, stays, 0.0
-    t, over, count, factor = cosine / index - beyond, 1.0 / index, 1, goes
-    dx, dy, dz = over * dx + t * nx, over * dy + t * ny, over * dz + t * nz
-    t = 2.0 * beyond
-    nx, ny, nz = nx + t * dx, ny + t * dy, nz + t * dz
-    while next_uniform(draws.stream, draws.pool) < chance:
-        if count == depth:
-            return CUT, (dx, dy, dz), n, 0.0, t * count
-        count, factor = count + 1, factor * stays
-        dx, dy, dz = dx - t * nx, dy - t * ny, dz - t * nz
-        nx, ny, nz = nx + t * dx, ny + t * dy, nz + t * dz
-    along = cosine - index * beyond
-    over = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
-    dx, dy, dz = index * dx + along * nx, index * dy + along * ny, index * dz + along * nz
-    return LEFT, (dx, dy, dz), (nx * over, ny * over, nz * over), factor * goes, t * count
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def _ball(grain, channels, ray, limits, draws, carried):
     """Follow `ray` (6,) through a ball: what became of it, share of all light left, path inside in radii of the sphere.
 
-    limits : meetings after which it is cut, whether nothing has turned it yet, whether clear balls turn it as `_refracted` says
+    limits : meetings after which it is cut, whether nothing has turned it yet, whether what clear balls reflect is wanted
     """
     (depth, fresh, wanted) = limits
     draws, radius = lent(draws), grain.radius
@@ -187,11 +153,10 @@ def _ball(grain, channels, ray, limits, draws, carried):
         t = along - math.sqrt(beside)
     nx, ny, nz = (ox + t * dx) / radius, (oy + t * dy) / radius, (oz + t * dz) / radius
     if grain.matter == DIELECTRIC and grain.roughness == 0.0:
-        state, (dx, dy, dz), (nx, ny, nz), factor, path = _refracted(grain.index, (dx, dy, dz), (nx, ny, nz), draws,
-                                                                     (depth, wanted))
+        (dx, dy, dz), (nx, ny, nz), factor, path = refracted(grain.index, (dx, dy, dz), (nx, ny, nz), draws, (depth, wanted))
         over = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
         leave(ray, radius * nx, radius * ny, radius * nz, dx * over, dy * over, dz * over)
-        return state, factor, radius * path
+        return LEFT if factor >= 0.0 else CUT, max(factor, 0.0), radius * path
     count, factor, path = 0, 1.0, 0.0
     while factor > 0.0:
         if count == depth:

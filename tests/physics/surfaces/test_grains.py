@@ -15,7 +15,8 @@ from bakery.physics.grains.sampling import next_uniform
 from bakery.physics.grains.sphere import ball
 from bakery.physics.grains.surface import conductor, dielectric, diffuse
 from bakery.physics.grains.traces import nodes
-from bakery.physics.granular._goniometer import _aimed, _refracted
+from bakery.physics.granular._clear import refracted
+from bakery.physics.granular._goniometer import _aimed
 from bakery.physics.granular._packed import Draws
 from bakery.physics.granular.goniometer import BINS, CELLS, Goniometer, together
 from bakery.physics.granular.packed import Grain
@@ -161,7 +162,7 @@ def _refractions(cosine, wanted, draws, out):
     """Cosines of the angles by which a ball of index 1.5 turns light, and weights (N, 2)."""
     d = (math.sqrt(1.0 - cosine * cosine), 0.0, -cosine)
     for row in out:
-        _, turned_to, _, row[1], _ = _refracted(1.5, d, (0.0, 0.0, 1.0), draws, (1000, wanted))
+        turned_to, _, row[1], _ = refracted(1.5, d, (0.0, 0.0, 1.0), draws, (1000, wanted))
         row[0] = d[0] * turned_to[0] + d[2] * turned_to[2]
 
 
