@@ -151,6 +151,8 @@ def test_wavelengths_share_walks_where_indices_do():
     index = np.array([1.52, 1.5201, 1.53, 1.52])
     parts = [{"type": "dielectric", "index": index + 0j}, {"type": "diffuse", "index": None}]
     assert grains.alike(parts, 4, 0.001) == [[0, 1, 3], [2]]
+    near = [{"type": "dielectric", "index": index - 0.5 + 0j}]  # what is reflected changes by much more
+    assert grains.alike(near, 4, 0.001) == [[0, 3], [1], [2]]
     assert grains.alike(parts[1:], 4, 0.001) == [[0, 1, 2, 3]]
     assert max(map(len, grains.alike(parts[1:], 40, 0.001))) == 16
 

@@ -8,6 +8,7 @@ import numpy as np
 from bakery.physics.grains.bvh import mesh_scratch, nearest_triangle, triangle_normal
 from bakery.physics.grains.sampling import AHEAD, FAINT, next_uniform, surface_frame
 from bakery.physics.grains.surface import CONDUCTOR, DIELECTRIC, DIFFUSE, fresnel_conductor
+from bakery.physics.granular._clear import refracted
 from bakery.physics.granular._packed import FAR, Draws, Kind, begin_beyond, leave, turned
 from bakery.physics.granular.flights import flight_in_slab
 from bakery.physics.lent import lent
@@ -16,8 +17,9 @@ from bakery.physics.surfaces.pairs import cell_of
 from bakery.system.compiled import njit
 
 MISSED, LEFT, DROPPED, CUT = range(4)
-FIRST, SECOND, HIGHER, LATE = range(4)  # orders that are kept apart; the last are the higher ones after many hits
-ORDERS = 4
+FIRST, SECOND, HIGHER = range(3)  # orders that are kept apart
+ORDERS = 3
+FOLLOWED = 8  # of walks whose light is late, one goes on, which tells how much of it leaves
 STEEPEST = 1e-4  # least cosine at which light enters: 89.994 degrees
 _STRAIGHT = 5e-13  # 1 - cosine up to which light counts as not deflected
 # of walks at their first matt surface, that are aimed almost straight back; root of the phase angle over pi up to which
@@ -54,13 +56,21 @@ class Rules(NamedTuple):
 
 
 class Counted(NamedTuple):
-    """Light by side, order, channel and cell; by side, order, channel and bin of entry; walks by bin of entry, by the weights of
-    aimed directions; light left inside at the end of walks and light that passed undeflected, by channel and bin of entry; `SUMS`
-    numbers."""
+    """What walks bring, by channel and first of all by side where light leaves.
+
+    cells, entered : by order and cell, and by order and bin of entry, of light that is not late
+    walks : by bin of entry, by the weights of aimed directions
+    deep : light that becomes late, by bin of entry;  followed : of it, that of walks that go on
+    late, inside : of that, what leaves, and what is left at the end of walks
+    straight : light that passed undeflected, by bin of entry;  sums : `SUMS` numbers
+    """
 
     cells: np.ndarray
     entered: np.ndarray
     walks: np.ndarray
+    deep: np.ndarray
+    followed: np.ndarray
+    late: np.ndarray
     inside: np.ndarray
     straight: np.ndarray
     sums: np.ndarray
@@ -124,8 +134,12 @@ def _aimed(d, n, turned_to, draws):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _ball(grain, channels, ray, depth, draws, carried, fresh):
-    """Follow `ray` (6,) through a ball: what became of it, share of all light left, path inside in radii of the sphere."""
+def _ball(grain, channels, ray, limits, draws, carried):
+    """Follow `ray` (6,) through a ball: what became of it, share of all light left, path inside in radii of the sphere.
+
+    limits : meetings after which it is cut, whether nothing has turned it yet, whether what clear balls reflect is wanted
+    """
+    (depth, fresh, wanted) = limits
     draws, radius = lent(draws), grain.radius
     ox, oy, oz, dx, dy, dz = ray[0], ray[1], ray[2], ray[3], ray[4], ray[5]
     along = -(ox * dx + oy * dy + oz * dz)
@@ -138,6 +152,11 @@ def _ball(grain, channels, ray, depth, draws, carried, fresh):
             return MISSED, 1.0, 0.0
         t = along - math.sqrt(beside)
     nx, ny, nz = (ox + t * dx) / radius, (oy + t * dy) / radius, (oz + t * dz) / radius
+    if grain.matter == DIELECTRIC and grain.roughness == 0.0:
+        (dx, dy, dz), (nx, ny, nz), factor, path = refracted(grain.index, (dx, dy, dz), (nx, ny, nz), draws, (depth, wanted))
+        over = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
+        leave(ray, radius * nx, radius * ny, radius * nz, dx * over, dy * over, dz * over)
+        return LEFT if factor >= 0.0 else CUT, max(factor, 0.0), radius * path
     count, factor, path = 0, 1.0, 0.0
     while factor > 0.0:
         if count == depth:
@@ -190,9 +209,10 @@ def _mesh(tree, grain, channels, ray, limits, draws, carried, scratch):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _meet(path, radius, grains, matter, depth, draws, scratch, fresh):
+def _meet(path, radius, grains, matter, limits, draws, scratch):
     """Follow the path's ray through the grain of its sphere: what became of it, share of all light left, and what of that is the
-    weight of an aimed direction."""
+    weight of an aimed direction.  limits : as of `_ball`."""
+    depth, fresh, _ = limits
     path, grains, matter = lent(path), lent(grains), lent(matter)
     table, offset, sphere, ray = grains.table, grains.offset, path.sphere, path.ray
     which, b, c, e = 0, 0.0, 0.0, 0.0
@@ -201,7 +221,7 @@ def _meet(path, radius, grains, matter, depth, draws, scratch, fresh):
         which = kind(a, grains.shares)
     grain = Kind(int(table[which, 0]), table[which, 1], table[which, 2], table[which, 3])
     if grain.radius > 0.0:
-        state, factor, inside = _ball(grain, matter.channels[which], ray, depth, draws, path.carried, fresh)
+        state, factor, inside = _ball(grain, matter.channels[which], ray, limits, draws, path.carried)
     else:
         turn = rotation_matrix(*rotation(b, c, e))
         low, high = offset[which, 0], offset[which + 1, 0]
@@ -234,7 +254,8 @@ def counted(tile, grains, matter, key, replicate, first, count, surface, rules):
     """
     channels, number = matter.mu.shape[1], rules.cells[0] * rules.cells[1] * rules.cells[2]
     out = Counted(np.zeros((rules.sides, ORDERS, channels, number)), np.zeros((rules.sides, ORDERS, channels, rules.bins)),
-                  np.zeros(rules.bins), np.zeros((channels, rules.bins)), np.zeros((channels, rules.bins)), np.zeros(SUMS))
+                  np.zeros(rules.bins), np.zeros((channels, rules.bins)), np.zeros(channels), np.zeros((rules.sides, channels)),
+                  np.zeros(channels), np.zeros((channels, rules.bins)), np.zeros(SUMS))
     draws = Draws(np.zeros(5, np.uint64), np.empty(4))
     draws.stream[0], draws.stream[1], draws.stream[3] = key[0], key[1], replicate
     path = Path(np.empty(4, np.int64), np.empty(4, np.int64), np.empty(3), np.empty(3), np.empty(3), np.empty(6),
@@ -242,16 +263,18 @@ def counted(tile, grains, matter, key, replicate, first, count, surface, rules):
     scratch, widest = mesh_scratch(), np.max(tile.radii)
     for walk in range(count):
         draws.stream[2], draws.stream[4] = np.uint64(first + walk), np.uint64(0)
-        _walk(tile, grains, matter, path, draws, scratch, (surface[0], surface[1], widest), rules, out)
-    return np.concatenate((out.cells.ravel(), out.entered.ravel(), out.walks, out.inside.ravel(), out.straight.ravel(),
-                           out.sums))
+        goes_on = (first + walk) % FOLLOWED == 0
+        _walk(tile, grains, matter, path, draws, scratch, (surface[0], surface[1], widest, goes_on), rules, out)
+    return np.concatenate((out.cells.ravel(), out.entered.ravel(), out.walks, out.deep.ravel(), out.followed, out.late.ravel(),
+                           out.inside, out.straight.ravel(), out.sums))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
     """One walk, from above the grains until it is out or at its end.
 
-    levels : the lowest and the highest at which the tile may be cut, and how far the largest sphere reaches beyond its centre
+    levels : the lowest and the highest at which the tile may be cut, how far the largest sphere reaches beyond its centre, and
+        whether the walk goes on when its light is late
     """
     tile, grains, matter, path, draws = lent(tile), lent(grains), lent(matter), lent(path), lent(draws)
     scratch, rules, out = lent(scratch), lent(rules), lent(out)
@@ -259,7 +282,7 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
     bin0, mu0, ex, ey, top = _begin(path, cell, levels, rules.bins, draws)
     base, bottom = path.left_behind[3], top - rules.thickness
     above, below = top + levels[2], bottom - levels[2]
-    order, hits, factor = 0, 0, 1.0
+    order, hits, factor, late = 0, 0, 1.0, False
     out.walks[bin0] += 1.0
     out.sums[WALKS] += 1.0
     while True:
@@ -273,7 +296,7 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
         if z < limit:
             radius = tile.radii[path.sphere[0]]
             _enter(path, z)
-            state, kept, weight = _meet(path, radius, grains, matter, rules.depth, draws, scratch, hits == 0)
+            state, kept, weight = _meet(path, radius, grains, matter, (rules.depth, hits == 0, rules.last > 0), draws, scratch)
             if state > LEFT:
                 out.sums[CONTRADICTED if state == DROPPED else CUTS] += 1.0
                 return
@@ -290,20 +313,28 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
             out.sums[GIVEN_UP] += 1.0
             return
         elif rises or rules.sides == 2:
-            _count_out(path, order, hits, factor, mu0, ex * path.d[0] + ey * path.d[1] - mu0 * path.d[2], bin0, rules, out)
+            _count_out(path, order, late, factor, mu0, ex * path.d[0] + ey * path.d[1] - mu0 * path.d[2], bin0, rules, out)
             return
         else:
             _reflect(path, limit, rules.base, draws)
             state, hits, order = LEFT, hits + 1, order + 1
         if hits >= rules.most:
+            if not late:  # hardly any grain deflects light
+                out.sums[GIVEN_UP] += 1.0
+                return
             depth = max(above - (path.left_behind[3] - base) * cell[2] - path.o[2], 0.0)
-            _count_inside(path, factor, depth, above - below, bin0, rules, out)
+            _count_inside(path, factor, depth, above - below, rules, out)
             return
         if state == LEFT:
             factor = _goes_on(path, factor, draws) if hits > 1 else factor
             # beyond the last order that is asked for nothing is counted
             if factor == 0.0 or rules.last and order > rules.last:
                 return
+            if hits > rules.late and order > HIGHER and not late:
+                late = True
+                _count_deep(path, factor, levels[3], bin0, out)
+                if not levels[3]:
+                    return
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -370,23 +401,31 @@ def _goes_on(path, factor, draws):
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _count_inside(path, factor, depth, deepest, bin0, rules, out):
+def _count_deep(path, factor, goes_on, bin0, out):
+    """Light that has become late."""
+    for c in range(len(path.carried)):
+        light = factor * path.carried[c] * math.exp(-path.optical[c])
+        out.deep[c, bin0] += light
+        if goes_on:
+            out.followed[c] += light
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _count_inside(path, factor, depth, deepest, rules, out):
     """Light at the end of its walk, at a depth below the upper face; the lower one is at the deepest."""
     if rules.sides == 2:
         depth = min(depth, max(deepest - depth, 0.0))
     for c in range(len(path.carried)):
-        out.inside[c, bin0] += factor * path.carried[c] * math.exp(-path.optical[c] - rules.decay[c] * depth)
+        out.inside[c] += factor * path.carried[c] * math.exp(-path.optical[c] - rules.decay[c] * depth)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _count_out(path, order, hits, factor, mu0, cosine, bin0, rules, out):
+def _count_out(path, order, late, factor, mu0, cosine, bin0, rules, out):
     """Light that left.  cosine : of the scattering angle;  undeflected light leaves below alone.
 
     Below, the pair is that of the light's origin and of the direction opposite to that in which it leaves.
     """
     at, side = min(order - 1, HIGHER), 0 if path.d[2] > 0.0 else 1
-    if at == HIGHER and hits > rules.late:
-        at = LATE
     if rules.last and order > rules.last:
         return
     cell = cell_of(max(abs(path.d[2]), 1e-12), mu0, cosine if side else -cosine, rules.cells)
@@ -394,6 +433,8 @@ def _count_out(path, order, hits, factor, mu0, cosine, bin0, rules, out):
         light = factor * path.carried[c] * math.exp(-path.optical[c])
         if at < 0:
             out.straight[c, bin0] += light
+        elif late:
+            out.late[side, c] += light
         else:
             out.cells[side, at, c, cell] += light
             out.entered[side, at, c, bin0] += light

@@ -24,11 +24,14 @@ from bakery.physics.granular._packed import Grains, Tile
 from bakery.physics.granular.exemplars import exemplars
 from bakery.physics.granular.packed import checked_tile
 from bakery.physics.packing.cells import counts, tile_grid
+from bakery.physics.surfaces.corrected import forgotten
 
 CELLS = (48, 8, 8)  # along the coordinates of `surfaces.pairs`
 BINS = 16  # of the root of the cosine of incidence
+LEAST = math.sqrt(kernel.STEEPEST)  # root of the cosine where they begin; they end at 1
 REPLICATES = 16
-LATE, LATEST = 8, 8  # hits over 1 - g, at least 8, after which light is late; times that, after which a walk ends
+# hits over 1 - g, at least 8, after which light is late, and of walks most end; times that, after which the others do
+LATE, LATEST = 8, 8
 # of a layer L transport lengths thick, extrapolated faces included, further hits over (1 - g) L^2: the slowest mode falls by 1/e
 _SLOWEST, _EXTRAPOLATED = 0.304, 1.42
 _LIMIT = 1e5  # longest flight between two spheres, in mean ones
@@ -41,17 +44,13 @@ class Counts:
 
     cells: np.ndarray  # (R, 3, C, K) share of the light of a walk, by order: first, second, higher; sums over walks
     entered: np.ndarray  # (R, 3, C, B) the same, by bin of entry
-    # walks, walks_through: (R, B) walks of all and of those that go beyond the second order, which alone count higher ones
+    # walks, walks_through: (R, B) walks to the second order, and those that go beyond it, which alone count higher ones
     walks: np.ndarray
     walks_through: np.ndarray
-    # deeper, later: (R, C, B) light of these that the first two orders did not bring out; and of it, what leaves at this side,
-    # with its share of that which was still inside
-    deeper: np.ndarray
-    later: np.ndarray
-    # (R, C) share of the higher orders that was counted twice over for light still inside at the end of its walk
-    inside: np.ndarray
-    straight: np.ndarray  # (R, C, B) light of all walks that left below undeflected
-    sums: np.ndarray  # (R, 5) hits, walks, given up, contradicted, cut
+    deeper: np.ndarray  # (R, C, B) light of the latter that the first two orders did not bring out
+    inside: np.ndarray  # (C,) share of the higher orders that counts as leaving like late light, as its walks had ended
+    straight: np.ndarray  # (R, C, B) light of walks to the second order that left below undeflected
+    sums: np.ndarray  # (R, 5) of all walks: hits, walks, given up, contradicted, cut
 
 
 @dataclass(eq=False)
@@ -164,7 +163,9 @@ class Goniometer:
     def _shapes(self):
         """Of the arrays of `_goniometer.Counted`."""
         channels, of_orders = len(self.decay), (self.sides, kernel.ORDERS, len(self.decay))
-        return ((*of_orders, math.prod(CELLS)), (*of_orders, BINS), (BINS,), (channels, BINS), (channels, BINS), (kernel.SUMS,))
+        of_bins = channels, BINS
+        return ((*of_orders, math.prod(CELLS)), (*of_orders, BINS), (BINS,), of_bins, (channels,), (self.sides, channels),
+                (channels,), of_bins, (kernel.SUMS,))
 
     def unpacked(self, sums):
         """`_goniometer.Counted` of sums (R, ...)."""
@@ -189,28 +190,27 @@ def run(goniometer: Goniometer, replicate: int, first: int, count: int, through:
 def together(goniometer: Goniometer, short, through) -> tuple[Counts, ...]:
     """What walks to the second order and walks to their end count, at each side.
 
-    Late light has forgotten where it came from: light that is still inside at the end of its walk leaves as it does, so late
-    light counts for that too.
+    Late light has forgotten where it came from.  How much of it leaves at a side is a number, which few walks tell, and by
+    reciprocity it leaves to directions as light from them becomes late (`corrected.forgotten`).
     """
     a, b = goniometer.unpacked(short), goniometer.unpacked(through)
-    late, inside = b.entered[:, :, kernel.LATE].sum(axis=-1), b.inside.sum(axis=-1)
-    total = late.sum(axis=1).sum(axis=0)
-    boost = 1 + np.divide(inside.sum(axis=0), total, out=np.zeros(len(total)), where=total > 0)
-    higher = sum(b.entered[:, side, kernel.HIGHER:].sum(axis=(1, 3)) for side in range(goniometer.sides))
-    held = np.divide(inside, higher + inside, out=np.zeros_like(inside), where=inside > 0)
-    deeper = b.walks[:, None] - b.straight
-    for side in range(goniometer.sides):
-        deeper = deeper - b.entered[:, side, kernel.FIRST] - b.entered[:, side, kernel.SECOND]
-
-    def by_order(name, side):
-        x, y = getattr(a, name)[:, side], getattr(b, name)[:, side]
-        higher = y[:, kernel.HIGHER] + boost[:, None] * y[:, kernel.LATE]
-        return np.stack([x[:, 0] + y[:, 0], x[:, 1] + y[:, 1], higher], axis=1)
+    mean = np.maximum(b.followed.mean(axis=0), 1e-300)
+    late, inside = b.late.mean(axis=0), b.inside.mean(axis=0)
+    divided = np.divide(late, late.sum(axis=0), out=np.full(late.shape, 1 / goniometer.sides), where=late.sum(axis=0) > 0)
+    # (R, S, C) of late light, what leaves at each side: the ratio of sums, and as each replicate moves it
+    leaves = (late + divided * inside) / mean
+    leaves = leaves + (b.late + divided * b.inside[:, None] - leaves * b.followed[:, None]) / mean
+    entered = np.stack([b.deep * leaves[:, side, :, None] for side in range(goniometer.sides)], axis=1)
+    higher = entered.sum(axis=(0, 1, 3)) + b.entered[:, :, kernel.HIGHER].sum(axis=(0, 1, 3))
+    held = b.deep.sum(axis=(0, 2)) * inside / mean / np.maximum(higher, 1e-300)
+    deeper = b.walks[:, None] - b.straight - b.entered[:, :, : kernel.HIGHER].sum(axis=(1, 2))
 
     def at(side):
-        share = np.divide(late[:, side].sum(axis=0), total, out=np.full(len(total), 1 / goniometer.sides), where=total > 0)
-        later = b.entered[:, side, kernel.HIGHER] + b.entered[:, side, kernel.LATE] + share[:, None] * b.inside
-        return Counts(by_order("cells", side), by_order("entered", side), a.walks + b.walks, b.walks, deeper, later, held,
-                      a.straight + b.straight, a.sums + b.sums)
+        cells, of_bins = a.cells[:, side].copy(), a.entered[:, side].copy()
+        of_bins[:, kernel.HIGHER] = b.entered[:, side, kernel.HIGHER] + entered[:, side]
+        for c in range(cells.shape[2]):
+            cells[:, kernel.HIGHER, c] = b.cells[:, side, kernel.HIGHER, c] + forgotten(
+                CELLS, LEAST, entered[:, side, c], b.walks)
+        return Counts(cells, of_bins, a.walks, b.walks, deeper, held, a.straight, a.sums + b.sums)
 
     return tuple(map(at, range(goniometer.sides)))

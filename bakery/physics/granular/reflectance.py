@@ -10,14 +10,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bakery.physics.granular._goniometer import HITS, STEEPEST, WALKS
-from bakery.physics.granular.goniometer import BINS, CELLS, REPLICATES, Goniometer, together
+from bakery.physics.grains.sphere import ball
+from bakery.physics.grains.surface import DIELECTRIC
+from bakery.physics.granular._goniometer import HITS, WALKS
+from bakery.physics.granular.goniometer import BINS, CELLS, LEAST, REPLICATES, Goniometer, together
+from bakery.physics.medium.phase import phase_at
 from bakery.physics.surfaces.corrected import SHOWN, Factors, Fit, factors_of, kept_shares, lower_albedos, merged
 from bakery.physics.surfaces.solution import Solution
 from bakery.physics.tasks import in_turn
 
-LEAST = math.sqrt(STEEPEST)
 HITS_MAX = 1 << 32
+_NARROW = 5  # slices of the phase angle, to 2 degrees, that are narrower than the steps of phase functions resolve
 _FIRST = 1 << 11, 1 << 8  # walks of a replicate to begin with: to the second order, to their end
 _MOST_MORE = 16  # times as many walks in a round
 _SPARE = 1.1  # of the variance
@@ -71,7 +74,8 @@ def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: f
     The same bytes for any number of workers: what is walked follows from counts alone.
     """
     map, most = map or in_turn, HITS_MAX if hits is None else hits
-    fits = [[Fit(solution, CELLS, BINS, LEAST, side) for side in (-1, 1)[:goniometer.sides]] for solution in solutions]
+    fits = [[Fit(solution, CELLS, BINS, LEAST, side, straight_back(goniometer, solution, c) if side < 0 else None)
+             for side in (-1, 1)[:goniometer.sides]] for c, solution in enumerate(solutions)]
     done, new, sums = [0, 0], list(_FIRST), [0.0, 0.0]
     while True:
         for kind in (0, 1):
@@ -94,6 +98,25 @@ def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: f
             return Measured(channels, int(total[HITS]), int(total[WALKS]), *shares, error <= tolerance)
 
 
+def straight_back(goniometer: Goniometer, solution: Solution, c: int):
+    """The light of a smooth clear ball over that of the medium's phase function by slice of the phase angle, 1 but straight back;
+    None where grains are others.
+
+    A ring of rays goes straight back from balls of an index of 1.41 to 2, and around it the light grows as 1 over the phase
+    angle: next to no walk goes there, and steps of the phase function of a degree hold 0.43 of it within 0.3 degrees.
+    """
+    grain = goniometer.grains[0]
+    if (len(goniometer.grains) > 1 or grain.mesh is not None or grain.surface.kind != DIELECTRIC or grain.surface.roughness > 0
+            or grain.surface.index == 1):
+        return None
+    at = np.arange(_NARROW + 1) / CELLS[0]
+    figures = ball(grain.surface, goniometer.mu[0, [c]] * goniometer.radii.mean(), np.append(0.0, math.pi * (1 - at[::-1]**2)))
+    light, slab = figures.phase[0, :0:-1], solution.slab
+    smooth = phase_at(slab.theta, slab.phase, math.pi * (1 - (0.5 * (at[1:] + at[:-1]))**2))
+    ratio = np.divide(light, smooth, out=np.ones(_NARROW), where=(light > 0) & (smooth > 0))
+    return np.append(ratio, np.ones(CELLS[0] - _NARROW))
+
+
 def _additions(variance, done, dear, tolerance: float, hits: float) -> list[int]:
     """Walks of a replicate that each kind should still make: least hits for the tolerance, no more than are left."""
     v, n, cost = np.array(variance), np.array(done, float), np.array(dear)
@@ -110,7 +133,7 @@ def _reflectance(fits: Sequence[Fit], counts, c: int, lossless: bool):
     walks, through = counts[0].walks.sum(axis=0), counts[0].walks_through.sum(axis=0)
     deeper, straight = (part[:, c].sum(axis=0) for part in (counts[0].deeper, counts[0].straight))
     entered = np.stack([side.entered[:, :, c].sum(axis=0) for side in counts])
-    later = np.stack([side.later[:, c].sum(axis=0) for side in counts])
+    later = entered[:, 2]
     # of grains that keep all light what leaves in higher orders at either side is all that lower ones left
     whole = later.sum(axis=0) if lossless else deeper
     kept = np.divide(later, whole, out=np.full(later.shape, 1 / len(counts) if lossless else 0.0), where=whole > 0)
@@ -128,7 +151,7 @@ def _reflectance(fits: Sequence[Fit], counts, c: int, lossless: bool):
         relative.append(of_cells[2])
         misfit.append(of_cells[3])
     error, by_kind = _errors(*(np.concatenate(part, axis=1) for part in (light, relative, misfit)))
-    achieved, inside = math.sqrt(sum(by_kind)), float(counts[0].inside[:, c].mean())
+    achieved, inside = math.sqrt(sum(by_kind)), float(counts[0].inside[c])
     sides = [Reflectance(factors, lossless, albedo, scatter, noise.reshape(SHOWN), achieved, inside)
              for (factors, albedo, scatter), noise in zip(parts, np.split(error, len(parts)), strict=True)]
     if len(sides) == 1:

@@ -145,6 +145,35 @@ def _entering(cells, least: float):
     return mu, mu0, phi, coarse * (fine.sum(axis=1) / np.maximum(coarse.sum(axis=1), 1e-300))[:, None]
 
 
+def forgotten(cells, least: float, entered, walks):
+    """Light (R, K) in cells of walks that have forgotten where they entered, of which R replicates know how much leaves.
+
+    By reciprocity R(mu, mu0) = L(mu) L(mu0) / int 2 mu L dmu, with L the share of the light that leaves so, a polynomial in the
+    root of the cosine.  It is that of all walks; replicates differ from it in first order, as the light of their bins moves it.
+
+    entered : (R, B) light that leaves so, by bin of entry;  walks : (R, B) of these
+    """
+    at, whole = middles(entered.shape[1], least), entered.sum(axis=0)
+    if not whole.any():
+        return np.zeros((len(entered), math.prod(cells)))
+    degree = min(DEGREE, len(at) - 1)
+    bins = np.concatenate([[whole / np.maximum(walks.sum(axis=0), 1.0)], entered / np.maximum(walks, 1.0)])
+    mean, *parts = np.linalg.lstsq(np.polynomial.legendre.legvander(2 * at - 1, degree), bins.T)[0].T
+    mu, mu0, _, light = _entering(tuple(cells), least)
+    there, back = (np.polynomial.legendre.legvander(2 * np.sqrt(cosine.ravel()) - 1, degree) for cosine in (mu, mu0))
+    x, weight = np.polynomial.legendre.leggauss(32)
+    root = 0.5 * (1 + x)
+    flux = 4 * (root**3 * 0.5 * weight) @ np.polynomial.legendre.legvander(x, degree)  # int 2 mu L dmu over coefficients
+    left, right, total = np.maximum(there @ mean, 0), np.maximum(back @ mean, 0), max(float(flux @ mean), 1e-300)
+
+    def summed(values):
+        return (light.reshape(-1, 1) * values).reshape(math.prod(cells), -1, values.shape[1]).sum(axis=1)
+
+    value = summed((left * right)[:, None]) / total
+    moves = summed(there * right[:, None] + back * left[:, None]) / total - value * flux / total
+    return walks.sum(axis=1)[:, None] * (value.T + (np.stack(parts) - mean) @ moves.T)
+
+
 def merged(cells, coarse):
     """Number of the coarse cell in which each cell lies."""
     index = np.meshgrid(*(np.arange(n) * m // n for n, m in zip(cells, coarse, strict=True)), indexing="ij")
@@ -208,11 +237,13 @@ class Fit:
     cells : (3,) cells of what was counted
     bins, least : bins of the root of the cosine of incidence, from `least` to 1
     side : -1: of light that comes back, 1: that leaves below
+    peak : (48,) what the first order's factors are before any count, by slice of the phase angle; 1 if None
     """
 
-    def __init__(self, solution: Solution, cells, bins: int, least: float, side: int = -1):
+    def __init__(self, solution: Solution, cells, bins: int, least: float, side: int = -1, peak=None):
         self.tables, self.bins, self.least, self.solution = TABLES, bins, least, solution
         self.side = side
+        self.peak = np.broadcast_to(np.ones(TABLES[0][0]) if peak is None else peak, TABLES[0][::-1]).T
         mu, mu0, phi, light = (part.ravel() for part in _entering(tuple(cells), least))
         self.points, self.light = math.prod(_POINTS), light
         self.inward = middles(bins, least) ** 2
@@ -225,7 +256,9 @@ class Fit:
     def _prepared(self, mu, mu0, phi):
         """Shapes, where the pairs lie among cells and bins."""
         of_cells = {fine: pairs.interpolation(mu, mu0, phi, fine) for fine in set(self.tables)}
-        shapes = shares(self.solution, mu, mu0, phi if self.side < 0 else math.pi - phi, self.side)
+        once, *others = shares(self.solution, mu, mu0, phi if self.side < 0 else math.pi - phi, self.side)
+        index, weight = of_cells[self.tables[0]]
+        shapes = once * np.einsum("kc,kc->k", self.peak.ravel()[index], weight), *others
         return shapes, of_cells, [self._between(cosine) for cosine in (mu, mu0)]
 
     def _between(self, mu):
@@ -381,7 +414,7 @@ def factors_of(fit: Fit, cells, entered, walks, kept, elsewhere=0.0, spread=(1.0
     tables, scales, light, variances, misfits = [], [], [], [], []
     for order, (part, n) in enumerate(zip(cells, numbers, strict=True)):
         table, scale, variance, misfit = fit.fitted(order, part / max(n.sum(), 1.0), albedos[order], n.sum() / spread[order])
-        tables.append(table.reshape(fit.tables[order]))
+        tables.append(table.reshape(fit.tables[order]) * (1.0 if order else fit.peak))
         scales.append(scale)
         light.append(fit.in_cells(order, table, scale))
         variances.append(variance)

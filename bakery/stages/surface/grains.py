@@ -47,11 +47,13 @@ OUTPUTS = (
 )
 _NEEDED = ("first", "second", "higher", "scale", "least", "order_albedo", "noise")
 _SHAPE = 0.05  # tolerance of the medium's layer, of which only shapes within cells are taken
-_APART = 0.25  # of the tolerance: indices that share walks; the light that comes back changes by less than indices do
+# of the tolerance: indices that share walks, over |index - 1|. They are walked by their mean, and the light of cells changes by a
+# third of that (balls of 1.3 and 1.5), so they are off by a third of the tolerance
+_APART = 2.0
 _TOGETHER = 16  # wavelengths that share walks at most
 # hits times the squared tolerance, and seconds of one core of a hit: light that grains let through comes back late
-_HITS, _HIT, _HITS_CLEAR, _HIT_CLEAR, _MESH = 1.5e3, 0.55e-6, 2.6e4, 0.2e-6, 2.5
-_FIT = 0.1  # seconds of a wavelength and thickness
+_HITS, _HIT, _HITS_CLEAR, _HIT_CLEAR, _MESH = 1.5e3, 0.55e-6, 2.4e3, 0.55e-6, 2.5
+_FIT = 0.5  # seconds of a wavelength and thickness
 
 
 def inputs(recipe, upstream) -> dict:
@@ -113,12 +115,13 @@ def _solutions(inputs: dict, context) -> list:
 
 
 def alike(components, wavelengths: int, apart: float) -> list[list[int]]:
-    """Wavelengths that share walks: those at which no index of a dielectric differs by more than `apart`."""
-    index = np.array([component["index"].real for component in components if component["type"] == "dielectric"])
+    """Wavelengths that share walks: those at which no index n of a dielectric differs by more than `apart` times |n - 1|."""
+    index = np.array([component["index"].real for component in components if component["type"] == "dielectric"]).reshape(
+        -1, wavelengths)
     groups: list[list[int]] = []
     for k in range(wavelengths):
         for group in groups:
-            if len(group) < _TOGETHER and (not len(index) or np.abs(index[:, k] - index[:, group[0]]).max() <= apart):
+            if len(group) < _TOGETHER and np.all(np.abs(index[:, k] - index[:, group[0]]) <= apart * np.abs(index[:, k] - 1)):
                 group.append(k)
                 break
         else:
@@ -265,7 +268,7 @@ def cost(recipe) -> Cost:
 
 OF_GRAINS = Stage(
     name="surface",
-    version=15,
+    version=16,
     title="reflectance and transmittance of packed grains",
     reads=("wavelengths", "seed", "surface", "grains.radius", "grains.components[*].weight", "packing.fraction"),
     needs=("medium", "packing", "grains"),
