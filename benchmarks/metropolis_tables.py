@@ -6,8 +6,8 @@ Scenes: a ball of published wax (Wang, Ge and Holzschuch 2018) of 8 mean free pa
 and shipped ones.  A row a method, which take turns, for so many processor seconds each: light of three and more events over that
 of the first, with its standard error; paths, mutations or candidates a second of two cores, of these passes alone; processor
 seconds to a noise of 1 % of a pixel, root mean square, over the picture's mean, in all light and in that of three and more
-events; and the noise in the latter over `metropolis` at equal time, without what pixels lose by sharing (layer `closer`), less in
-each pass.  --small: 16 pixels wide, a second.
+events; and the noise in the latter over `metropolis` at equal time, without what pixels lose by sharing (layers
+`closer_even`, `closer_odd`), less in each pass.  --small: 16 pixels wide, a second.
 
 --pilots: what pilots of so many seconds tell `auto` of a picture of so many pixels a side: processor seconds to a noise of 1 % in
 all light, and how the kinds of passes share them.

@@ -54,6 +54,7 @@ class Cost(NamedTuple):
         pixel, such as particles
     tail : of what `pixel` is the mean of; None: it is the same however many passes there are
     chains : whether `region` is of chains, of which there are as many as go with the pixels
+    noisier : as `engine.Part`, over what it is of the passes of the pilot
     """
 
     fixed: float
@@ -65,6 +66,7 @@ class Cost(NamedTuple):
     grows: float = 0.0
     tail: Tail | None = None
     chains: bool = False
+    noisier: Callable[[float], float] | None = None
 
     def seconds(self, pixels: int) -> float:
         """Of a pass of so many pixels."""
@@ -73,7 +75,7 @@ class Cost(NamedTuple):
     def of_pixel(self, pixels: int, of_pilot: int, passes: float) -> float:
         """`pixel` of a picture of so many passes and pixels, by a pilot of so many."""
         pixel = self.pixel if self.tail is None else max(self.pixel, self.tail.variance(pixels * passes))
-        return pixel * max(pixels / of_pilot, 1.0) ** self.grows
+        return pixel * max(pixels / of_pilot, 1.0) ** self.grows * (self.noisier(passes) if self.noisier else 1.0)
 
     def of_region(self, pixels: int, of_pilot: int) -> float:
         """`region` of a picture."""
@@ -238,7 +240,7 @@ def _cost(part, small, large, level, pixels) -> Cost:
     # without the largest squares: of rare bright paths more are seen among more samples, and none by chance among few
     grows = _growth(tail.dim / max(coarse.variance(), 1e-300), math.hypot(spread, of_coarse), large.pixels / small.pixels)
     return Cost(max(second - by_pixel * large.pixels, 0.0), by_pixel, part.samples, pixel, shared, spread, grows, tail,
-                part.steps > 1)
+                part.steps > 1, part.noisier and (lambda passes: part.noisier(passes) / part.noisier(mean.count)))
 
 
 def _by_pixel(first, second, fewer, pixels) -> float:

@@ -74,6 +74,7 @@ class Part(NamedTuple):
     steps : of a chain of samples that go one from the other; 1: each is by itself.  Of chains there are as many as go with the
         pixels, so that what pixels of a pass share goes down with them, as what they share of beams and the like does not
     fewest : samples that `fewer` takes; below 1 a pass has only some of its longest paths, by chance, and the fewer the less
+    noisier : function of a number of passes: variance of the last of them over that of the first; None: all are alike
     """
 
     name: str
@@ -82,6 +83,7 @@ class Part(NamedTuple):
     fewer: Callable[[int], "Part"] | None = None
     steps: int = 1
     fewest: float = 1
+    noisier: Callable[[float], float] | None = None
 
 
 def by_samples(name, render, samples) -> Part:

@@ -91,10 +91,10 @@ def render(scene, output=None, *, overrides=None, quality=None, variant=None, se
     EXR layers: order0 (light that no material scattered), order1, order2, orders (three events and more; a grain counts once
     however often light meets its surface), light.NAME (from each light), noise (standard error), depth.Z.  Of particles detail
     (m, depth up to which they are particles) and method (0: continuous, 1: particles, 2: both); of grains by several techniques
-    ept, vpt, da, what each has brought, and switch (grains that paths have met when they switch); of bodies by beams closer (what
-    it would change if pixels shared light over half the distance) and sharper (if beams of lights without extent were half as
-    wide; sharper_even, sharper_odd: those of methods by beams, of every other pass); of several materials material (the entry in
-    which most paths of the pixel first scattered; -1: none).
+    ept, vpt, da, what each has brought, and switch (grains that paths have met when they switch); of bodies by beams
+    closer_even and closer_odd (what it would change if pixels shared light over half the distance, of every other pass) and
+    sharper (if beams of lights without extent were half as wide; sharper_even, sharper_odd: those of methods by beams); of
+    several materials material (the entry in which most paths of the pixel first scattered; -1: none).
     """
     seed = seeds.checked(seed)  # before anything is baked
     rendering = Rendering(Render(scene, output, overrides=overrides, quality=quality, overwrite=overwrite, progress=progress),

@@ -78,7 +78,7 @@ def test_report_and_layers(call, place):
     orders = [picture(found, f"{name}.") for name in ("order0", "order1", "order2", "orders")]
     estimate = picture(found, "signed." if "signed.R" in found else "")
     assert np.allclose(sum(orders), estimate, rtol=1e-5, atol=1e-6) and all(one.any() for one in orders[1:])
-    assert np.isfinite(picture(found)).all() and (found["noise.Y"] >= 0).all() and "closer.R" in found
+    assert np.isfinite(picture(found)).all() and (found["noise.Y"] >= 0).all() and "closer_even.R" in found
 
 
 @pytest.mark.slow

@@ -110,8 +110,9 @@ def test_what_half_the_width_changes_is_told(baked, tmp_path, monkeypatch, name)
     assert np.abs(change).max() > 0 and np.allclose(wide[bias.TURNS[1]], change, atol=1e-9 * np.abs(wide[""]).max())
 
 
+@pytest.mark.parametrize("turns", [bias.TURNS, bias.CLOSER], ids=["beams", "sharing"])
 @pytest.mark.parametrize("blurred, noise", [(0.3, 0.0), (0.3, 0.5), (0.0, 0.5)])
-def test_bias_is_told_from_noise(blurred, noise):
+def test_bias_is_told_from_noise(blurred, noise, turns):
     """Beams that half the width would make `blurred` brighter on one half of the picture and darker on the other: an error of 4/3
     of it, and no less in 19 of 20 pictures; of its own noise, 0.13 after 16 passes, some half counts."""
     random, size = np.random.default_rng(3), (32, 48)
@@ -119,7 +120,7 @@ def test_bias_is_told_from_noise(blurred, noise):
     mean, rgb, stated = Mean(), np.ones((*size, 3)), []
     for number in range(16):
         brought = change + noise * random.normal(size=(*size, 1))
-        mean.add({"": rgb + brought, bias.TURNS[number % 2]: brought})
+        mean.add({"": rgb + brought, turns[number % 2]: brought})
         stated.append(bias.of_picture([mean], rgb, np.zeros(3)) if number in (0, 15) else None)
     first, *_, last = stated
     assert first == pytest.approx(4 / 3 * np.hypot(blurred, noise), rel=0.1)

@@ -18,6 +18,7 @@ from renderers import choice
 from renderers.camera import Camera
 from renderers.choice import trial
 from renderers.choice.trial import Cost, Light, Trial
+from renderers.materials.bodies import smooth
 from renderers.materials.grains import bundles
 from renderers.pictures import engine
 from renderers.pictures.engine import Part, Stop
@@ -118,6 +119,12 @@ def tried(seconds, noise=1.0, shift=0.0, error=1e-4, level=1.0):
     cost = Cost(0.0, seconds / trial.SMALL, 1, noise**2, 0.0, 0.0)
     light = Light(np.full(REGIONS, level + shift), np.full(REGIONS, error**2))
     return Trial(0.0, (cost,), dict.fromkeys(trial.ORDERS, light), trial.SMALL, 4, 1.0)
+
+
+def test_later_passes_that_share_over_less_are_foretold_noisier():
+    cost = Cost(0.0, 1e-3, 1, 1.0, 0.0, 0.0, noisier=lambda passes: smooth.noisier(passes, 1, smooth.FULL_OF_FEW))
+    few, many = (cost.of_pixel(trial.SMALL, trial.SMALL, passes) for passes in (smooth.FULL_OF_FEW, 256 * smooth.FULL_OF_FEW))
+    assert few == 1 and many == pytest.approx(2**smooth._NOISIER)  # over half the distance
 
 
 @pytest.mark.parametrize("launch, path, samples", [(0.03, 1e-5, 12), (0.03, 1e-3, 1), (0.03, 1e-7, 16)])

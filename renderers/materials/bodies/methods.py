@@ -176,16 +176,19 @@ def parts(setup, name, boundary, seed, places=ENTRIES, walks=WALKS, picks=PICKS)
         setup = setup._replace(bent=[[] for _ in setup.bodies])
     kinds = _Passes(setup, method, boundary, seed, _Counts(places, walks, picks))
     of_kind = {FEW: _by_shares(FEW, kinds.by_paths, _FEWEST_SEARCHED),
-               GATHERED: _by_shares(GATHERED, kinds.gathered, kinds.fewest),
-               DIFFUSED: Part(DIFFUSED, kinds.diffused), JOINED: Part(JOINED, kinds.joined),
-               MUTATED: Part(MUTATED, kinds.mutations)}
+               GATHERED: _by_shares(GATHERED, kinds.gathered, kinds.fewest, smooth.FULL_OF_FEW if method.tabled else math.inf),
+               DIFFUSED: Part(DIFFUSED, kinds.diffused, noisier=partial(smooth.noisier, lines=1, full=smooth.FULL_OF_FEW)),
+               JOINED: Part(JOINED, kinds.joined),
+               MUTATED: Part(MUTATED, kinds.mutations, noisier=kinds.mutations.noisier)}
     return tuple(_by_loop(setup, FEW, method, seed, kinds.most) if kind == FEW and looped else of_kind[kind]
                  for kind in method.parts) or (_by_shares(name, kinds.by_paths, _FEWEST_SEARCHED),)
 
 
-def _by_shares(name, passes, fewest, share=1) -> Part:
-    """A part of whose lines of sight a share, in short renders, gathers beams or has its light looked for."""
-    return Part(name, partial(passes, share=share), fewer=partial(_by_shares, name, passes, fewest), fewest=fewest)
+def _by_shares(name, passes, fewest, full=math.inf, share=1) -> Part:
+    """A part of whose lines of sight a share, in short renders, gathers beams or has its light looked for; full : as
+    `smooth.falling`"""
+    return Part(name, partial(passes, share=share), fewer=partial(_by_shares, name, passes, fewest, full), fewest=fewest,
+                noisier=partial(smooth.noisier, lines=share, full=full))
 
 
 def _by_loop(setup, name, method, seed, most=None) -> Part:
@@ -259,7 +262,7 @@ class _Passes:
         later = dipole.seen(self._setup, beams_in, self._counts.picks, number, self._seed).reshape(*self._size, 3)
         every, distance = np.ones(self._size, bool), smooth.falling(number - _LATER + 1, False, smooth.FULL_OF_FEW)
         half, later = (smooth.smoothed(later, every, view, part * distance) for part in (0.5, 1.0))
-        return {"": later, "orders": later, CLOSER: half - later}
+        return {"": later, "orders": later, CLOSER[number % 2]: half - later}
 
     def gathered(self, number, share=1):
         """Light of beams that the paths of a share of the pixels gather for all: by tables, or from virtual ray lights."""
@@ -282,7 +285,7 @@ class _Passes:
         if tabled:
             distance = smooth.falling(share * (number - _LATER + 1), not gathers.all(), smooth.FULL_OF_FEW)
             half, later = (smooth.smoothed(later, gathers, view, part * distance) for part in (0.5, 1.0))
-            layers |= {CLOSER: half - later}
+            layers |= {CLOSER[number % 2]: half - later}
         layers[""], layers["orders"] = layers[""] + later, layers["orders"] + later
         return layers
 

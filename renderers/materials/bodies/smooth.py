@@ -29,9 +29,11 @@ _FACING = 0.95  # cosine between normals, at least, of places that share
 _BLOCK, _STEP = 2, 3  # pixels a side, of those of which one gathers; from its place in one pass to that in the next
 _PANES = 6  # sides of glass through which bodies are seen
 # Lines of sight of a pixel from which on it shares over less, so that what is lost vanishes as the noise does; those of methods
-# with few beams a line, whose variance is ten times as large.  With one of four pixels gathering half is the least.
+# with few beams a line, whose variance is ten times as large.  With one of four pixels gathering half is the least.  What is lost
+# goes with the distance to the power 2.7 (wax, bumpy ball), and noise and loss together are least where it falls so.
 FULL, FULL_OF_FEW = 32, 320
-_FALLS, _LEAST = 1 / 4, 0.5
+_NOISIER = 1.2  # power of the inverse of the distance with which variance grows: neighbours share noise, too (wax, bumpy ball)
+_FALLS, _LEAST = 1 / 8, 0.5
 _CLOSE = 0.25  # of the distance over which pixels share: still near enough where half of it is taken
 
 
@@ -127,6 +129,12 @@ def falling(lines, spares, full):
     """
     share = min(1.0, (full / lines) ** _FALLS)
     return max(share, _LEAST) if spares else share
+
+
+def noisier(passes, lines, full, spares=False):
+    """Variance of the last of so many passes, of so many lines each, over that of one that shares over the whole distance;
+    parameters as those of `falling`."""
+    return falling(lines * passes, spares, full) ** -_NOISIER
 
 
 def reduced(medium):
