@@ -134,6 +134,7 @@ def test_a_recipe_of_ones_own_fills_a_mesh(source, said, entry, call, tmp_path):
     (("milk", "--mesh", "open.ply"), "open.ply: no closed mesh: not closed: face"),
     (("milk", "--mesh", "point.ply"), "whose vertices are all in one place"),
     (("milk", "--mesh", "nan.ply"), "no finite numbers"),
+    (("milk", "--mesh", "inf.ply"), "no finite numbers"),
     (("milk", "--mesh", "mine.txt"), "found a name that ends in .txt; expected a mesh in a file of PLY"),
     (("milk", "--mesh", "good.ply", "--unit", "km", "--height", "2 m"), "each sets the size of the mesh"),
     (("milk", "--mesh", "good.ply", "--unit", "yard"), '--unit: found "yard"; expected um, mm, cm, m, km, in, ft'),
@@ -160,6 +161,7 @@ def test_what_cannot_start_a_scene_is_told(args, said, call, tmp_path, monkeypat
     mesh(tmp_path / "huge.ply", 1e6 * CORNERS)
     mesh(tmp_path / "point.ply", 0 * CORNERS)
     mesh(tmp_path / "nan.ply", CORNERS * np.nan)
+    mesh(tmp_path / "inf.ply", [[np.inf, 0, 0], *CORNERS[1:]])
     for name in ("empty.obj", "mine.txt", "wax.scene.yaml"):
         (tmp_path / name).write_text("")
     (tmp_path / "tile.yaml").write_text((ROOT / "recipes" / "tile.yaml").read_text())

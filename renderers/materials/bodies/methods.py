@@ -68,11 +68,13 @@ def prepare(job, world, seed) -> Method:
         measurable = declared.measured is not None and missing is not None and not faults
         bias = declared.measured(estimate.means.values(), estimate.rgb, missing) if measurable else None
         lit = np.any(estimate.rgb)
-        if bias is None and measurable and declared.exact and lit and not sentences:
-            bias = 0.0  # no pixels shared, nothing was left out
+        remarks = []
+        if bias is None and measurable and lit and not sentences:  # no pixels shared, nothing was left out
+            bias = 0.0 if declared.exact else None
+            remarks = [] if declared.exact else [f"no pixels share here, by which the bias of {name} is measured"]
         unlit = {} if lit else dict.fromkeys(_NOISES) | {"unlit": [_UNLIT]}
         chained = _of_chains(kinds[-1].render.figures()) if declared.metropolis else {}
-        return {"bias": bias, "left_out": sentences} | chained | unlit
+        return {"bias": bias, "left_out": sentences} | chained | {"reasons": [*remarks, *chained.get("reasons", ())]} | unlit
 
     return Method(name, kinds, [*reasons, *sentences], after, features=lambda quality: features_of(setup, seed),
                   unmeasured=bool(faults))
