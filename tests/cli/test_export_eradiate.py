@@ -37,7 +37,8 @@ def test_eradiate_reads_it_and_agrees_with_the_baked_surface(call, tmp_path):
                        "1g/m^3")):
         status, _, err = call(*arguments)
         assert status == 0, err
-    out = subprocess.run([python, "-P", str(ROOT / "tests" / "eradiate_scene.py"), made / "cloud_eradiate.nc", made / "cloud.mie.cdf"],
+    files = made / "cloud_eradiate.nc", made / "cloud.mie.cdf"
+    out = subprocess.run([python, "-P", str(ROOT / "tests" / "eradiate_scene.py"), *files],
                          check=True, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": ""}).stdout
     found = json.loads(out.splitlines()[-1])
     cloud = bakery.open(asset)

@@ -70,6 +70,7 @@ def place(assets, tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_no_bias_is_without_a_reason(call, place):
     """Of a method without an error of its own it is 0; without pixels that share, it is unknown with tables, and that is said."""
     settings = "materials[0].asset=short.h5", "film.width=1", "stop={samples: 1}"
