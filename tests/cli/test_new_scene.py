@@ -175,10 +175,11 @@ def test_fog_is_as_thick_as_a_scene_is_deep(light, where, call, tmp_path, monkey
     """A wall 14 units of 2.54 cm away: half of its contrast is left, but fog is never thicker than for 10 m of visibility."""
     needs_mitsuba()
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "street.xml").write_text(STREET % light)
+    second = '<sensor type="perspective"/>' * (light == "point")
+    (tmp_path / "street.xml").write_text((STREET % light).replace("</scene>", f"{second}</scene>"))
     for unit, visibility in (("m", "8"), ("in", "10 m")):
         status, _, err = call("new", "fog", "--mitsuba", "street.xml", "--unit", unit, "-o", "mist.yaml", "--overwrite")
-        assert status == 0 and f"visibility {visibility}" in err
+        assert status == 0 and f"visibility {visibility}" in err and ("of its 2 sensors the first" in err) == bool(second)
     scene = (tmp_path / "mist.scene.yaml").read_text()
     assert f"where: {where}" in scene and "scene: {mitsuba: street.xml, unit: 25.4 mm}" in scene
     assert written(tmp_path) == ["mist.scene.yaml", "mist.yaml", "street.xml"]
