@@ -9,3 +9,6 @@ def live(scene, output=None, **options):
     from renderers.pictures.live import Pictures
 
     return Pictures(scene, output, **options)
+
+
+render = live  # what scripts call it, for which nothing is shown

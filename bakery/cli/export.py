@@ -76,7 +76,7 @@ def command(asset, target, output, coordinates, overwrite, as_json, **given):
     from bakery.draw.files import folder_filled
     from bakery.export.declaration import Job
     from bakery.store.outputs import by_suffix, check_outputs
-    from bakery.store.put import put
+    from bakery.store.put import put_all
     from renderers import colour
 
     exporter, settings = _asked(target, given)
@@ -87,7 +87,7 @@ def command(asset, target, output, coordinates, overwrite, as_json, **given):
         remark(f"warning: {warning}")
     with folder_filled(Path(output) if output else Path(job.asset.path).with_name(f"{job.stem}-{target}")) as folder:
         check_outputs(by_suffix((folder / name for name in written.files), exporter.kinds), [asset], overwrite)
-        paths = [str(put(folder / name, content)) for name, content in written.files.items()]
+        paths = [str(path) for path in put_all({folder / name: content for name, content in written.files.items()})]
     if as_json:
         print_json({"files": paths, "warnings": list(written.warnings), "lost": list(written.losses)})
         return

@@ -33,6 +33,8 @@ def filled(material: Start, mitsuba: Path, folder: Path, name: str, view, unit: 
     metres = UNITS[unit or "m"]
     why = "as asked (--unit)" if unit else "ASSUMED, Mitsuba's files have no unit (change it with --unit)"
     text, remarks = material.text(name), [f"{mitsuba.name}: one unit is 1 {unit or 'm'}, {why}"]
+    if view.sensors > 1:
+        remarks.append(f"of its {view.sensors} sensors the first is the camera")
     recipe = load(material.path)
     baked = draft.medium(recipe, {}, Cache())
     unchanged = CONTRAST / float(np.mean(baked.sigma_t))

@@ -55,9 +55,10 @@ def solid(path: Path, usual_height: float, unit: str | None = None, height: floa
     from bakery.physics.shapes.mending import mended
 
     vertices, faces, stated = _read(path)
+    if not np.isfinite(vertices).all():
+        raise UsageError(f"{path}: found coordinates that are no finite numbers; write the mesh anew without them")
     vertices = vertices @ _UP[up].T
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    _finite(path, low, high)
     longest = float((high - low).max())
     if not longest > 0:
         raise UsageError(f"{path}: found a mesh whose vertices are all in one place; give a mesh of a closed body")
@@ -107,11 +108,6 @@ def _stated(data: bytes) -> str | None:
             if word.startswith(beginning):
                 return unit
     return None
-
-
-def _finite(path, low, high):
-    if not (np.isfinite(low).all() and np.isfinite(high).all()):
-        raise UsageError(f"{path}: found coordinates that are no finite numbers; write the mesh anew without them")
 
 
 def _metres(path, edges, usual_height, unit, height, stated):

@@ -1,13 +1,13 @@
 """Small files that are written whole or not at all: pictures, pages, tables, scenes, depfiles."""
 
 import os
-import secrets
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import ExitStack
 from pathlib import Path
 
 from bakery.errors import StoreError
-from bakery.store.write import check_target
+from bakery.store.files import FILES
+from bakery.store.write import check_target, new_part, write_all
 
 
 def put(path: Path, data: bytes | str) -> Path:
@@ -25,27 +25,23 @@ def put(path: Path, data: bytes | str) -> Path:
 def put_all(files: Mapping[Path, bytes | str]) -> list[Path]:
     """Write several files, all of them or none: each is beside its place before the first takes it.
 
-    Raises as `put`.  What a power cut between two renames leaves are whole files.
+    Raises as `put`.  What a power cut between two renames leaves are whole files; what killed writers leave beside them goes
+    with the next file that is written in that folder.
     """
     for path in files:
         check_target(path)
     parts = {}
     try:
-        for path, data in files.items():
-            target = os.path.realpath(path)  # a symbolic link stays, the file that it names is replaced
-            part = os.path.join(os.path.dirname(target), f".{path.name[:40]}.{secrets.token_hex(6)}.tmp")
-            parts[part] = path, target
-            with open(part, "xb") as file:
+        with ExitStack() as stack:
+            for path, data in files.items():
+                target = os.path.realpath(path)  # a symbolic link stays, the file that it names is replaced
+                fd, part = stack.enter_context(new_part(target))
+                parts[part] = path, target
                 # names of files that are no UTF-8 keep their bytes, which is what Make reads in a depfile
-                file.write(data.encode(errors="surrogateescape") if isinstance(data, str) else data)
-                file.flush()
-                os.fsync(file.fileno())
-        for part, (path, target) in parts.items():  # noqa: B007 the message below names it
-            os.replace(part, target)
+                write_all(FILES, fd, data.encode(errors="surrogateescape") if isinstance(data, str) else bytes(data))
+                FILES.sync(fd)
+            for part, (path, target) in parts.items():  # noqa: B007 the message below names it
+                FILES.replace(part, target)
     except OSError as error:
         raise StoreError(f"{path}: not written: {error.strerror}") from error
-    finally:
-        for part in parts:
-            with suppress(OSError):
-                os.unlink(part)
     return list(files)

@@ -16,7 +16,7 @@ from bakery.store.image import image
 from bakery.store.read import parse
 from bakery.store.tree import Group, text
 
-__all__ = ["check_target", "free_space", "place", "sweep", "text", "write"]
+__all__ = ["check_target", "free_space", "new_part", "place", "sweep", "text", "write", "write_all"]
 
 _PART = re.compile(r"\..+\.[0-9a-f]{16}\.part", re.DOTALL)
 
@@ -44,8 +44,8 @@ def place(path: str | os.PathLike, data: bytes | BinaryIO, *, check: Callable[[G
     check_target(shown)
     target = os.path.realpath(shown)  # a symbolic link stays, the file that it names is replaced
     try:
-        with _part(target, files) as (fd, part):
-            _write_all(files, fd, data)
+        with new_part(target, files) as (fd, part):
+            write_all(files, fd, data)
             del data  # its tables are read back, which take as much again
             _check_written(shown, part, check, files)
             files.sync(fd)
@@ -86,7 +86,7 @@ def check_target(path: str | os.PathLike) -> None:
 
 
 @contextmanager
-def _part(target: str, files: Files) -> Iterator[tuple[int, str]]:
+def new_part(target: str, files: Files = FILES) -> Iterator[tuple[int, str]]:
     """A new, locked file beside the target, gone at the end unless it was renamed."""
     folder, name = os.path.split(target)
     sweep(folder, files)
@@ -152,7 +152,7 @@ def _check_written(shown: str, part: str, check: Callable[[Group], Iterable[str]
         raise StoreError(f"{shown}: not written: {'; '.join(broken)}")
 
 
-def _write_all(files: Files, fd: int, data: bytes | BinaryIO) -> None:
+def write_all(files: Files, fd: int, data: bytes | BinaryIO) -> None:
     file = opened(data)
     file.seek(0)
     while piece := memoryview(file.read(PIECE)):

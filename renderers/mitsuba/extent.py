@@ -16,12 +16,14 @@ class Extent(NamedTuple):
     depth : median distance of the surfaces that the camera sees
     low, high : (3,) corners of the box around surfaces and camera
     sky : whether a light at infinity shines
+    sensors : how many the file has, of which the first is the camera
     """
 
     depth: float
     low: np.ndarray
     high: np.ndarray
     sky: bool
+    sensors: int
 
 
 def seen(path) -> Extent:
@@ -36,4 +38,5 @@ def seen(path) -> Extent:
         raise UsageError(f"{path}: found no surface before the camera, so nothing says how large the scene is; "
                          "expected a scene with a surface in view")
     corners = np.concatenate([world.box, [world.camera.origin]])
-    return Extent(float(np.median(distance)), corners.min(axis=0), corners.max(axis=0), world.sky)
+    return Extent(float(np.median(distance)), corners.min(axis=0), corners.max(axis=0), world.sky,
+                  len(world.scene.sensors()))

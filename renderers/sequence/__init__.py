@@ -82,9 +82,9 @@ def describe(report) -> list[str]:
     statuses = ", ".join(f"{counts[status]} {words}" for status, words in
                          (("rendered", "rendered"), ("resumed", "gone on with"), ("kept", "left as they are")) if counts[status])
     noises = [row["noise"] for row in rows if row["noise"] is not None]
-    noise = f"; noise {percent(min(noises))} to {percent(max(noises))}" if noises else ""
+    noise = f"; noise {' to '.join(dict.fromkeys((percent(min(noises)), percent(max(noises)))))}" if noises else ""
     shown = [f"film: {report['film']}, {report['rate']:g} frames a second"] if report["film"] else []
-    return [f"{len(rows)} frames: {statuses}{noise}", *shown,
+    return [f"{len(rows)} frame{'s' * (len(rows) > 1)}: {statuses}{noise}", *shown,
             *([f"contact sheet: {report['sheet']}"] if report["sheet"] else []), *report["remarks"],
             f"time: {report['seconds']:.1f} s"]
 

@@ -413,3 +413,13 @@ def test_a_medium_that_only_absorbs(call, root, tmp_path):
     write(tmp_path / "black.h5", root)
     assert call("export", tmp_path / "black.h5", "--to", "mitsuba")[0] == 0
     assert 'name="albedo" value="0.0, 0.0, 0.0"' in (tmp_path / "black-mitsuba" / "black.xml").read_text()
+
+
+def test_formats_share_a_folder(call, fog, tmp_path):
+    """No format replaces another's files: `netcdf` and `eradiate` both wrote fog.nc."""
+    paths = []
+    for target in ("csv", "mitsuba", "pbrt", "disort", "netcdf", "eradiate"):
+        status, out, err = call("export", fog, "--to", target, "-o", tmp_path)
+        assert status == 0, err
+        paths += out.split()
+    assert len(set(paths)) == len(paths) > 6

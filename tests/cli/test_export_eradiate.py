@@ -37,7 +37,8 @@ def test_eradiate_reads_it_and_agrees_with_the_baked_surface(call, tmp_path):
                        "1g/m^3")):
         status, _, err = call(*arguments)
         assert status == 0, err
-    out = subprocess.run([python, "-P", str(ROOT / "tests" / "eradiate_scene.py"), made / "cloud.nc", made / "cloud.mie.cdf"],
+    files = made / "cloud_eradiate.nc", made / "cloud.mie.cdf"
+    out = subprocess.run([python, "-P", str(ROOT / "tests" / "eradiate_scene.py"), *files],
                          check=True, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": ""}).stdout
     found = json.loads(out.splitlines()[-1])
     cloud = bakery.open(asset)
@@ -64,7 +65,7 @@ def test_polarisation_in_eradiate_is_that_of_the_asset(call, tmp_path):
     for arguments in ((recipe, "-o", asset), ("export", asset, "--to", "eradiate", "-o", tmp_path / "drops")):
         status, _, err = call(*arguments)
         assert status == 0, err
-    out = subprocess.run([python, "-P", str(ROOT / "tests" / "eradiate_polarised.py"), tmp_path / "drops" / "drops.nc"],
+    out = subprocess.run([python, "-P", str(ROOT / "tests" / "eradiate_polarised.py"), tmp_path / "drops" / "drops_eradiate.nc"],
                          check=True, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": ""}).stdout
     stokes, medium = json.loads(out.splitlines()[-1]), bakery.open(asset).medium
     ratio = np.asarray(medium.s12)[0] / np.asarray(medium.phase)[0]

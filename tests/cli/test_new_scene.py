@@ -134,6 +134,7 @@ def test_a_recipe_of_ones_own_fills_a_mesh(source, said, entry, call, tmp_path):
     (("milk", "--mesh", "open.ply"), "open.ply: no closed mesh: not closed: face"),
     (("milk", "--mesh", "point.ply"), "whose vertices are all in one place"),
     (("milk", "--mesh", "nan.ply"), "no finite numbers"),
+    (("milk", "--mesh", "inf.ply"), "no finite numbers"),
     (("milk", "--mesh", "mine.txt"), "found a name that ends in .txt; expected a mesh in a file of PLY"),
     (("milk", "--mesh", "good.ply", "--unit", "km", "--height", "2 m"), "each sets the size of the mesh"),
     (("milk", "--mesh", "good.ply", "--unit", "yard"), '--unit: found "yard"; expected um, mm, cm, m, km, in, ft'),
@@ -160,6 +161,7 @@ def test_what_cannot_start_a_scene_is_told(args, said, call, tmp_path, monkeypat
     mesh(tmp_path / "huge.ply", 1e6 * CORNERS)
     mesh(tmp_path / "point.ply", 0 * CORNERS)
     mesh(tmp_path / "nan.ply", CORNERS * np.nan)
+    mesh(tmp_path / "inf.ply", [[np.inf, 0, 0], *CORNERS[1:]])
     for name in ("empty.obj", "mine.txt", "wax.scene.yaml"):
         (tmp_path / name).write_text("")
     (tmp_path / "tile.yaml").write_text((ROOT / "recipes" / "tile.yaml").read_text())
@@ -173,10 +175,11 @@ def test_fog_is_as_thick_as_a_scene_is_deep(light, where, call, tmp_path, monkey
     """A wall 14 units of 2.54 cm away: half of its contrast is left, but fog is never thicker than for 10 m of visibility."""
     needs_mitsuba()
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "street.xml").write_text(STREET % light)
+    second = '<sensor type="perspective"/>' * (light == "point")
+    (tmp_path / "street.xml").write_text((STREET % light).replace("</scene>", f"{second}</scene>"))
     for unit, visibility in (("m", "8"), ("in", "10 m")):
         status, _, err = call("new", "fog", "--mitsuba", "street.xml", "--unit", unit, "-o", "mist.yaml", "--overwrite")
-        assert status == 0 and f"visibility {visibility}" in err
+        assert status == 0 and f"visibility {visibility}" in err and ("of its 2 sensors the first" in err) == bool(second)
     scene = (tmp_path / "mist.scene.yaml").read_text()
     assert f"where: {where}" in scene and "scene: {mitsuba: street.xml, unit: 25.4 mm}" in scene
     assert written(tmp_path) == ["mist.scene.yaml", "mist.yaml", "street.xml"]

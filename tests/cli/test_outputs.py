@@ -201,13 +201,16 @@ def test_paths_alone_on_standard_output(call, place):
 
 @pytest.mark.parametrize("arguments", [("plot",), ("export", "--to", "csv")], ids=["plot", "export"])
 def test_a_full_disk_leaves_no_empty_folder(call, tmp_path, monkeypatch, undrawn, arguments):
-    """Of the folders made for pictures and tables none is left; one that stood there is."""
-    def full(_):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    asset = tmp_path / "fog.h5"
+    """Of the folders made for pictures and tables none is left, one that stood there is; nor are the tables that fit."""
+    asset, count = tmp_path / "fog.h5", [0]
     write(asset, small_asset())
-    monkeypatch.setattr("bakery.store.put.os.fsync", full)
+
+    def full(_):
+        count[0] += 1
+        if arguments[0] == "plot" or count[0] % 2 == 0:  # the second file of each export
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("bakery.store.files.os.fsync", full)
     for there in (tmp_path / "new" / "deep", tmp_path):
         status, _, message = call(*arguments, asset, "-o", there)
         assert status == 3 and "not written: No space left on device" in message

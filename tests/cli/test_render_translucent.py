@@ -70,6 +70,16 @@ def place(assets, tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
+def test_no_bias_is_without_a_reason(call, place):
+    """Of a method without an error of its own it is 0; without pixels that share, it is unknown with tables, and that is said."""
+    settings = "materials[0].asset=short.h5", "film.width=1", "stop={samples: 1}"
+    report, _ = rendered(call, place, "a", "materials[0].method=paths", *settings)
+    assert report["bias"] == 0 and not report["left_out"]
+    report, _ = rendered(call, place, "b", "materials[0].method=vrl+tables", *settings)
+    assert report["bias"] is None and any("by which the bias of vrl+tables is measured" in said for said in report["reasons"])
+
+
 def test_report_and_layers(call, place):
     report, found = rendered(call, place, "a", "materials[0].asset=short.h5", "materials[0].method=vrl+tables")
     assert report["renderer"] == "translucent" and report["method"] == "vrl+tables" and report["size"] == [20, 16]

@@ -18,6 +18,7 @@ from bakery.errors import AssetError, StoreError
 from bakery.store.files import FILES, Files
 from bakery.store.hashes import seal
 from bakery.store.image import image, packed
+from bakery.store.put import put
 from bakery.store.read import read
 from bakery.store.tree import Dataset, Group
 from bakery.store.write import place, write
@@ -193,6 +194,25 @@ def test_part_of_a_living_writer_is_left_alone_that_of_a_dead_one_not(tmp_path):
     (tmp_path / ".mine.part").write_text("not bakery's")
     write(tmp_path / "b.h5", small_asset())
     assert entries(tmp_path) == [".mine.part", "a.h5", "b.h5"]
+
+
+PICTURE = """
+import os, sys
+from bakery.store.put import put
+os.fsync = lambda fd: (print("ready", flush=True), sys.stdin.read())
+put(sys.argv[1], b"a picture")
+"""
+
+
+def test_what_a_killed_writer_of_small_files_leaves_goes_with_the_next(tmp_path):
+    """Pictures and tables: their hidden parts stayed for good."""
+    process = start(PICTURE, tmp_path / "a.png")
+    put(tmp_path / "b.png", b"of another writer")
+    assert len(entries(tmp_path)) == 2 and "b.png" in entries(tmp_path)
+    process.kill()
+    process.communicate()
+    put(tmp_path / "b.png", b"again")
+    assert entries(tmp_path) == ["b.png"]
 
 
 def test_part_that_a_sweep_takes_before_it_is_locked(tmp_path):

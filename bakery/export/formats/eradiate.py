@@ -16,7 +16,8 @@ def write(job: Job) -> Written:
              "Eradiate goes linearly between the wavelengths; its optical thickness is the layer's, of this file only the "
              "extinction's change with the wavelength counts.", *delta_taken_out(medium.medium.delta.max())]
     losses = [{"wavelength": um, "cut": cut} for um, cut in zip(series.wavelength.tolist(), series.cut.tolist(), strict=True)]
-    return Written({f"{job.stem}.nc": eradiate(medium, series.moments)}, losses, lines)
+    # not NAME.nc, as `--to netcdf` writes: both into one folder, the second would replace the first
+    return Written({f"{job.stem}_eradiate.nc": eradiate(medium, series.moments)}, losses, lines)
 
 
 EXPORTER = Exporter(
