@@ -101,7 +101,8 @@ def profile_of(job: Job, layer: Layer):
     for shares in job.colour.band_matrix(job.asset.wavelength):
         rows = np.flatnonzero(shares)
         ends = np.unique(np.append(0.0, radius[rows]))
-        within = sum(shares[row] * np.interp(ends, np.append(0.0, radius[row]), np.append(0.0, light[row].cumsum())) for row in rows)
+        within = sum(shares[row] * np.interp(ends, np.append(0.0, radius[row]), np.append(0.0, light[row].cumsum()))
+                     for row in rows)
         profiles.append(profile(ends, np.diff(within), float(shares @ beyond)))
     widths, misfits = np.transpose(profiles)
     return 1e-6 * widths, float(misfits.max())
