@@ -51,11 +51,12 @@ def _changing(scene, world, asset, number) -> Changing:
     if begins.near >= onset.reach(world, entry.where.shape)[1]:
         return Changing(None, (onset.in_words(number, begins),))
     bsdf = mi.load_dict({"type": "bakedbsdf", "filename": str(asset.path), "layer": entry.layer or 0})
-    error = layers.load(str(asset.path), entry.layer or 0).error
+    layer = layers.load(str(asset.path), entry.layer or 0)
     stated = declared(entry.kind)[entry.method].leaves_out
     return Changing(Far(bsdf, begins.near), (
         onset.in_words(number, begins), f"{key}: {stated}",
-        f"{key}: the reflectance of its surface is looked up within {100 * error:.2g} %, at angles to 89.9 degrees"))
+        f"{key}: the reflectance of its surface is looked up within {100 * layer.error:.2g} %, at angles to 89.9 degrees",
+        *_facets_in_words(key, layer)))
 
 
 def _onset(scene, world, asset, number):
@@ -83,7 +84,13 @@ def _put(scene, world, asset, number) -> tuple[str, ...]:
                f"{key}: its reflectance is looked up within {100 * layer.error:.2g} %, at angles to 89.9 degrees"]
     if not layer.table.free:
         reasons.append(f"{key}: from behind it is black")
-    return tuple(reasons)
+    return (*reasons, *_facets_in_words(key, layer))
+
+
+def _facets_in_words(key, layer) -> tuple[str, ...]:
+    """What paths through the same boundary lose; nothing of a smooth one."""
+    return (f"{key}: light that meets several facets of its rough boundary goes on; paths through Mitsuba's roughdielectric "
+            "lose it, and are darker (docs/translucent.md)",) if layer.rough else ()
 
 
 def _refuse_without(scene, asset, number) -> None:

@@ -17,6 +17,7 @@ import pytest
 import bakery
 from bakery.physics.surfaces import fresnel, measured, principled
 from bakery.physics.surfaces.nodes import nodes
+from bakery.physics.surfaces.spread import profile_within
 from tests import pbrt
 from tests.cli.test_export_blender import fake_bpy
 from tests.odds import sigmas
@@ -294,3 +295,33 @@ def test_materialx_and_blender_hold_one_fit(name, export, assets, monkeypatch):
     assert np.allclose(widths, 1e-6 * bakery.open(assets[name]).surface["profile"][:, 0], rtol=1e-5)
     # light reddens: the albedo falls from the first band to the last
     assert np.all(np.diff(inputs["base_color"].asTuple()) < 0)
+
+
+@pytest.mark.slow
+def test_a_band_of_wavelengths_gets_the_profile_nearest_to_its_light(call, tmp_path):
+    """Not the mean of theirs: two that spread tenfold differently have none that is as near as each had, and that is stated."""
+    recipe = tmp_path / "two.yaml"
+    recipe.write_text(RECIPE.format(surface="{}").replace("[0.61, 0.55, 0.465]", "[0.40, 0.42, 0.44, 0.46]").replace(
+        "[0.99, 0.9, 0.6]", "[0.2, 0.99, 0.2, 0.99]").replace("coat", "two"))
+    asset = bakery.bake(recipe, tmp_path / "two.h5")
+    status, out, err = call("export", asset.path, "--to", "blender", "-o", tmp_path / "out", "--json")
+    assert status == 0, err
+    lost = next(lost for lost in json.loads(out)["lost"] if "surface" in lost)
+    from renderers.colour import band_matrix
+
+    blue, radius = band_matrix(asset.wavelength)[2], np.geomspace(1e-5, 1, 300)
+    light = blue * asset.surface.spherical_albedo.reshape(-1)
+    within = light @ asset.surface.spread_within(1e6 * radius) / light.sum()
+    off = np.abs(profile_within(radius, lost["profile"][2]) - within).max()
+    assert off <= lost["profile_misfit"] + 2e-3 and off < 0.1
+    # no other width is nearer
+    assert off < 2e-3 + min(np.abs(profile_within(radius, lost["profile"][2] * factor) - within).max() for factor in (0.8, 1.25))
+
+
+@pytest.mark.slow
+def test_blender_takes_no_index_below_1(export):
+    """It clips them to 1, without which light from beyond the critical angle comes out: the fit is of that, and says so."""
+    folder, (lost,) = export("lighter", "blender")
+    script = (folder / "lighter_surface.py").read_text()
+    assert "takes no index below 1; light that the smooth boundary mirrors" in script and "'Specular IOR Level': 0.0" in script
+    assert max(lost["misdirected"]) > 0.5 and np.abs(lost["brightness_error"]).max() < 1e4

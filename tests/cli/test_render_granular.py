@@ -115,6 +115,7 @@ def test_grains_and_medium(call, place):
     depth = found["switch"]
     assert depth.max() >= 1 and np.all(depth[picture(found, "vpt.").sum(axis=-1) > 0] > 0)
     assert report["bias"] is None and any("how far ept+vpt is off is not measured" in said for said in report["reasons"])
+    assert any("of opaque grains it leaves more light out" in said for said in report["reasons"])
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 from bakery.errors import UsageError
 from bakery.export.declaration import Exporter, Job, Option, Written
 from bakery.export.formats.lobes import WITHIN, written
-from bakery.export.formats.surfaces import Addition, Layer, fit_of, profile_of, with_surfaces
+from bakery.export.formats.surfaces import MIRRORED, Addition, Layer, fit_of, profile_of, with_surfaces
 from bakery.store.outputs import FileKind, begins_as_text
 
 
@@ -41,7 +41,13 @@ def write(job: Job) -> Written:
 def _surface(job: Job, layer: Layer) -> Addition:
     from bakery.export.blender import surface_text
 
+    left_out = []
+    if layer.index < 1:
+        left_out = ["left out: the boundary, as Principled BSDF takes no index below 1"
+                    + (f"; {MIRRORED.format(*layer.mirrored())}" if layer.mirrors else "")]
+        layer = layer._replace(index=1.0, roughness=0.0)
     fit, loss, lines = fit_of(job, layer)
+    lines += left_out
     widths = None
     if (spread := profile_of(job, layer)) is not None:
         widths, misfit = spread

@@ -86,12 +86,26 @@ def table_of(job: Job, layer: Layer):
 
 
 def profile_of(job: Job, layer: Layer):
-    """Widths d (3,) m of Burley and Christensen's profile in red, green and blue, and its largest misfit; None: none is baked."""
+    """Widths d (3,) m of Burley and Christensen's profile in red, green and blue, and its largest misfit; None: none is baked.
+
+    Each is the nearest to the light of its band, which spreads by no single profile where its wavelengths spread differently.
+    """
+    from bakery.physics.surfaces.spread import profile
+
     surface = job.asset.surface
     if "profile" not in surface:
         return None
-    bands = job.colour.band_matrix(job.asset.wavelength)
-    return bands @ (1e-6 * surface["profile"][:, layer.number]), float(surface["profile_misfit"][:, layer.number].max())
+    light = np.asarray(surface["spread"][:, layer.number], float).mean(axis=1).sum(axis=1)
+    radius, beyond = surface["spread_radius"][:, layer.number], surface["beyond"][:, layer.number]
+    profiles = []
+    for shares in job.colour.band_matrix(job.asset.wavelength):
+        rows = np.flatnonzero(shares)
+        ends = np.unique(np.append(0.0, radius[rows]))
+        within = sum(shares[row] * np.interp(ends, np.append(0.0, radius[row]), np.append(0.0, light[row].cumsum()))
+                     for row in rows)
+        profiles.append(profile(ends, np.diff(within), float(shares @ beyond)))
+    widths, misfits = np.transpose(profiles)
+    return 1e-6 * widths, float(misfits.max())
 
 
 def fit_of(job: Job, layer: Layer):

@@ -92,7 +92,8 @@ def principled(reflectance, index: float, roughness: float, bands) -> Principled
     light = np.array([share(part) for part in wanted])
     seen = [np.einsum("j,bijk->bi", flux, part) / _AZIMUTHS for part in (off, wanted)]
     at = np.array([np.argmin(np.abs(cosines - math.cos(math.radians(angle)))) for angle in ANGLES])
-    relative = seen[0][:, at] / np.maximum(seen[1][:, at], 1e-30)
+    # where a critical angle leaves no light there is nothing to be relative to but what is seen elsewhere
+    relative = seen[0][:, at] / np.maximum(seen[1][:, at], 1e-3 * light[:, None] + 1e-30)
     return Principled(colours, float(facets), index, roughness, misdirected / np.maximum(light, 1e-30), relative,
                       float(max((-share(part) for part, colour in zip(off, colours, strict=True) if colour == 1), default=0.0)))
 

@@ -282,9 +282,14 @@ def reasons_of(asset, angle=0.0) -> list[str]:
     return sentences
 
 
+def opaque(asset) -> bool:
+    """Whether light does not go into some of its grains."""
+    return any(exemplar.surface["type"] != "dielectric" for exemplar in asset.grains.exemplars.values())
+
+
 def reasons_of_medium(asset) -> list[str]:
     """Sentences about what the medium that stands for its grains leaves out."""
     sentences = ["the medium that stands for the grains: no grain is to be seen"]
-    if any(exemplar.surface["type"] != "dielectric" for exemplar in asset.grains.exemplars.values()):
+    if opaque(asset):
         sentences.append("packed opaque grains reflect more than a medium, dark ones twice as much (docs/granular.md)")
     return sentences
