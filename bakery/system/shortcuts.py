@@ -13,6 +13,7 @@ Most of what compiling takes is numba's own Python, and much of that finds out a
   all of them: a fifth of the instructions that it writes, prints, and has LLVM read;
 - fields of an array that is indexed are taken out of it, where numba lays it down in memory and reads them there: another tenth;
 - how many bytes a type takes LLVM is asked once for each;
+- whether a function of numba's that writes code takes `loc` is asked of its code, and not of a signature made for it;
 - instructions that LLVM has read are taken apart: they refer to each other, and would stay until Python's collector finds them;
 - nobody is told each time that LLVM is at work: that is for timers whose values nobody reads.
 
@@ -22,9 +23,10 @@ Outside of it numba is as it was: other people's kernels are compiled as ever.
 import sys
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from types import FunctionType
 
 from llvmlite import binding as llvm
-from numba.core import codegen, cpu, ir, postproc, targetconfig, transforms, types
+from numba.core import base, codegen, cpu, ir, postproc, targetconfig, transforms, types
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime.context import NRTContext
 from numba.core.typing import templates
@@ -39,6 +41,7 @@ _after_pass = postproc.PostProcessor.run
 _refresh = cpu.CPUContext.refresh
 _make_array = arrayobj.make_array
 _ask_size = cpu.CPUContext.get_abi_sizeof
+_ask_loc = base._has_loc
 _add_module = codegen.CPUCodeLibrary.add_ir_module
 
 # kinds of arguments whose types say all that a signature depends on
@@ -56,7 +59,7 @@ def taken(overload: type):
     others = [(types.Function, "get_call_type", _known_call_type), (cpu.CPUContext, "refresh", _refreshed_once()),
               (ir.Inst, "_rec_list_vars", _variables), (postproc.PostProcessor, "run", _after_pass_lazily),
               (codegen.CPUCodeLibrary, "add_ir_module", _added), (cpu.CPUContext, "get_abi_sizeof", _size_of),
-              (NRTContext, "get_meminfos", _counted), (arrayobj, "make_array", _array_of),
+              (base, "_has_loc", _has_loc), (NRTContext, "get_meminfos", _counted), (arrayobj, "make_array", _array_of),
               (templates._OverloadFunctionTemplate, "_get_jit_decorator", _linked_by(overload)), (lock, "_cblist", [])]
     with ExitStack() as stack:
         for owner, name, other in others:
@@ -94,6 +97,17 @@ def _as(overload, dispatcher):
 
 _signatures: dict[tuple, tuple] = {}  # function, types and flags -> signature, and what numba finds the function's code by
 _is_plain: dict[type, bool] = {}
+_first_flags: dict = {}  # flags -> the first that were equal to them
+_last_flags = None, None  # those asked for last, and the first that were equal
+
+
+def _first_equal(flags):
+    """The first flags that were equal to these.  Each kernel has flags of its own, and all flags the same hash: as part of a key
+    they were compared six times a look-up."""
+    global _last_flags
+    if flags is not _last_flags[0]:
+        _last_flags = flags, _first_flags.setdefault(flags, flags)
+    return _last_flags[1]
 
 
 def _known_call_type(function, context, args, kws):
@@ -101,7 +115,8 @@ def _known_call_type(function, context, args, kws):
     if kws or not all(map(_plain, args)):
         return _call_type(function, context, args, kws)
     # types of numba are the same where their numbers are
-    key = function._code, tuple(kind._code for kind in args), targetconfig.ConfigStack.top_or_none(), id(context)
+    flags = _first_equal(targetconfig.ConfigStack.top_or_none())
+    key = function._code, tuple(kind._code for kind in args), id(flags), id(context)
     if key not in _signatures:
         signature = _call_type(function, context, args, kws)
         _signatures[key] = signature, function._impl_keys[signature.args]
@@ -152,6 +167,14 @@ def _size_of(context, kind):
     if form not in _sizes:
         _sizes[form] = _ask_size(context, kind)
     return _sizes[form]
+
+
+def _has_loc(function) -> bool:
+    """As `base._has_loc`."""
+    if type(function) is not FunctionType or not function.__dict__.keys().isdisjoint(("__wrapped__", "__signature__")):
+        return _ask_loc(function)
+    code = function.__code__
+    return "loc" in code.co_varnames[:code.co_argcount + code.co_kwonlyargcount]
 
 
 def _added(library, module):

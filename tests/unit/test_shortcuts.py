@@ -1,5 +1,6 @@
 """Shortcuts through numba's compiler: kernels are what they are without them, and numba is as it was when they are left."""
 
+import functools
 import subprocess
 import sys
 from typing import NamedTuple
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 from llvmlite import binding as llvm
 from numba import njit as njit_of_numba
-from numba.core import codegen, compiler, cpu, ir, postproc, types
+from numba.core import base, codegen, compiler, cpu, ir, postproc, types
 from numba.core.runtime import _nrt_python, rtsys
 from numba.core.runtime.context import NRTContext
 from numba.core.typing import templates
@@ -20,7 +21,8 @@ from bakery.system.compiled import Overload, njit
 CHANGED = (
     (types.Function, "get_call_type"), (cpu.CPUContext, "refresh"), (ir.Inst, "_rec_list_vars"), (postproc.PostProcessor, "run"),
     (templates._OverloadFunctionTemplate, "_get_jit_decorator"), (llvm.ffi.lib._lock, "_cblist"), (NRTContext, "get_meminfos"),
-    (arrayobj, "make_array"), (codegen.CPUCodeLibrary, "add_ir_module"), (cpu.CPUContext, "get_abi_sizeof"))
+    (arrayobj, "make_array"), (codegen.CPUCodeLibrary, "add_ir_module"), (cpu.CPUContext, "get_abi_sizeof"),
+    (base, "_has_loc"))
 
 
 def sums(count, values):
@@ -33,6 +35,24 @@ def sums(count, values):
 
 def numba_now():
     return [vars(owner).get(name) for owner, name in CHANGED]
+
+
+def test_whether_a_function_takes_loc_is_found_as_numba_finds_it():
+    def outer(first, *rest, loc=None):
+        loc_within = loc
+        return loc_within
+
+    @functools.wraps(outer)
+    def wrapped(*rest):
+        return outer(*rest)
+
+    def local(first):
+        loc = first
+        return loc
+
+    functions = [outer, wrapped, local, functools.partial(outer, 1), lambda loc, /: loc, lambda *rest: rest]
+    assert [shortcuts._has_loc(function) for function in functions] == [base._has_loc(function) for function in functions]
+    assert [shortcuts._has_loc(function) for function in functions] == [True, True, False, True, True, False]
 
 
 @pytest.mark.slow
