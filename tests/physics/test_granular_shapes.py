@@ -102,7 +102,7 @@ def test_which_grains_fit(tmp_path, surface, mesh, fits):
 @pytest.mark.parametrize("radius, fits", [(0.03, False), (0.4, True), (20.0, True)])
 def test_balls_are_met_where_they_are(tmp_path, radius, fits):
     """60 radii away, by the closed form in double precision.  Mitsuba's own distances are off by up to 0.0035 of a radius of 0.4
-    units, and by more of smaller ones: light samples ended behind the lamp's surface, and balls of 0.1 units were 5 % too dark."""
+    units, and by more of smaller ones: light samples ended behind the lamp's surface; balls of 0.1 units were 5 % too dark."""
     mesh = bumpy(4.0)
     eye = np.array([0.0, -60.0, 5.0]) * radius
     (tmp_path / "scene.xml").write_text(ROOM.replace('"20"', '"2000"'))
