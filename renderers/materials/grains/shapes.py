@@ -31,6 +31,9 @@ _BALLS, _CLEAR, _TRIANGLES = 1 << 18, 2048, 1 << 20
 _SEARCHED = 1 << 20  # grains in the box around a body, up to which they are counted
 # of coordinates in single precision, by which rays begin beside grains; share of the least radius that it may be at most
 _OFF, _OFF_RADIUS = 2e-6, 0.01
+# Mitsuba's `ellipsoids` lacks digits where balls are far away, and small in units of the scene.  Of those of this radius or more,
+# this many of it away from the camera and each other, 2 rays in 10,000 miss; of those of 0.1 units 1,000 radii away a third do
+_LEAST, _NEAR = 0.3, 1000
 _SAMPLES, _PATHS = 64, 1 << 19  # a pixel and pass, at most, where a pixel has several; of a pass: a second or two
 
 
@@ -142,6 +145,7 @@ class Scene(View):
     def reached(self, ray, number, active):
         """What rays in grains, by their numbers, or in none meet first."""
         hit = self.scene.ray_intersect_preliminary(ray, coherent=False, active=active)
+        hit.t = self._to_ball(ray, hit, active)
         if not self._clear:
             return hit
         end = self.way_out(number, ray.o, ray.d)
@@ -152,6 +156,15 @@ class Scene(View):
         hit.prim_index = dr.select(leaves, number - dr.gather(mi.UInt32, self._of_shape[0], shape, leaves), hit.prim_index)
         hit.shape = dr.select(leaves, dr.reinterpret_array(mi.ShapePtr, shape), hit.shape)
         return hit
+
+    def _to_ball(self, ray, hit, active):
+        """Distances to what is hit: `ellipsoids` says them with an error of 3 % of a radius where balls are far and small."""
+        number, _ = self._numbered(hit, active & hit.is_valid())
+        radius, *centre = (dr.gather(mi.Float, column, number) for column in self._balls)
+        to = mi.Point3f(centre) - ray.o
+        along = dr.dot(to, ray.d)
+        half = dr.safe_sqrt(dr.square(radius) - dr.squared_norm(to - along * ray.d))
+        return dr.select(radius > 0, dr.maximum(along - half, 0), hit.t)
 
     def beside(self, meeting, towards):
         """Where rays begin that go on from surfaces; towards : in the frame of the surface."""
@@ -168,9 +181,13 @@ class Scene(View):
 
     def met(self, surface, active):
         """Numbers, from 1, and types, from 1, of the grains that are met; 0 of other surfaces."""
-        shape = dr.reinterpret_array(mi.UInt32, surface.shape)
+        return self._numbered(surface, active)
+
+    def _numbered(self, hit, active):
+        """As `met`, of anything that has a shape and the index of a primitive."""
+        shape = dr.reinterpret_array(mi.UInt32, hit.shape)
         first, kind, parts = (dr.gather(mi.UInt32, column, shape, active) for column in self._of_shape)
-        return dr.select(kind > 0, first + surface.prim_index // dr.maximum(parts, 1), 0), kind
+        return dr.select(kind > 0, first + hit.prim_index // dr.maximum(parts, 1), 0), kind
 
     def absorbed(self, throughput, kind, distance):
         """Throughput after a distance in grains of a type, from 1; 0: in none."""
@@ -275,7 +292,7 @@ def fit(world, bodies) -> bool:
         table, grains = body.grains.exemplars.table, body.grains
         if np.any((table[:, 0] == DIELECTRIC) & (table[:, 1] == 1.0) & (table[:, 2] > 0.0)):  # Mitsuba has no such facets
             return False
-        if _OFF * _reach(grains) > _OFF_RADIUS * grains.aggregate.radii.min():
+        if _OFF * _reach(grains) > _OFF_RADIUS * grains.aggregate.radii.min() or not _near(world, grains):
             return False
         numbers = np.bincount(listed(grains).kind, minlength=len(table))
         balls += int(numbers[table[:, 3] > 0.0].sum())
@@ -289,6 +306,19 @@ def _reach(grains):
     """Largest coordinate of a body, in units."""
     aggregate = grains.aggregate
     return np.abs([aggregate.low, aggregate.low + aggregate.voxels.shape * aggregate.edge]).max() + aggregate.radii.max()
+
+
+def _near(world, grains):
+    """Whether Mitsuba's single precision hits the balls of a body where they are."""
+    balls = grains.exemplars.table[:, 3]
+    if not np.any(balls > 0.0):
+        return True
+    aggregate, scale = grains.aggregate, grains.unit / world.unit
+    low, high = scale * aggregate.low, scale * (aggregate.low + aggregate.voxels.shape * aggregate.edge)
+    radius = scale * aggregate.radii.min() * balls[balls > 0.0].min()
+    camera = np.asarray(world.camera.origin) / world.unit
+    away = max(np.linalg.norm(high - low), np.linalg.norm(np.maximum(abs(camera - low), abs(camera - high))))
+    return radius >= _LEAST and away <= _NEAR * radius * min(radius, 1.0)
 
 
 def _most(grains):
