@@ -52,7 +52,7 @@ def held(case: str) -> dict:
 
 
 # the recipes of the scenes of particles take seconds each; motes are of their kind
-LONG = {"glass_spheres", "snow_storm", "clouds", "blowing_snow", "grains", "photons", "drizzle"}
+LONG = {"glass_spheres", "snow_storm", "clouds", "cloud_top", "blowing_snow", "grains", "photons", "drizzle"}
 LONG |= {case for case in CASES if case.endswith("_particles")}
 
 
