@@ -27,7 +27,7 @@ help:
 	@echo "make figures-translucent  the same for tables of multiple scattering (docs/translucent-claims.md)"
 	@echo "make bench     compare with the peers of benchmarks/requirements.txt"
 	@echo "make soak      the long tests: kills, damage, fuzzing"
-	@echo "make pictures-check  pictures of all scenes and methods against the kept ones, 10 minutes of a core"
+	@echo "make pictures-check  pictures of all scenes against the kept ones, 10 minutes of a core"
 	@echo "make fuzz      changed assets given to every command for SECONDS=600"
 	@echo "make lint      style"
 	@echo "make clean     remove build/ and compiled kernels"
