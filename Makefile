@@ -27,7 +27,7 @@ help:
 	@echo "make figures-translucent  the same for tables of multiple scattering (docs/translucent-claims.md)"
 	@echo "make bench     compare with the peers of benchmarks/requirements.txt"
 	@echo "make soak      the long tests: kills, damage, fuzzing"
-	@echo "make pictures-check  pictures of all scenes and methods against the kept ones, 10 minutes of a core"
+	@echo "make pictures-check  pictures of all scenes against the kept ones, 10 minutes of a core"
 	@echo "make fuzz      changed assets given to every command for SECONDS=600"
 	@echo "make lint      style"
 	@echo "make clean     remove build/ and compiled kernels"
@@ -141,14 +141,10 @@ pictures: recipes
 # is there all the same, what it misses is told (status 3), and the next scene has its turn; a failure leaves no picture
 QUALITY ?= preview
 # what their recipes give is baked into the cache
-SCENES := night_street square_emitter
-PARTICLES := lamp_in_dust beads_in_box stairs_in_a_beam snow_at_night bubbles_in_light drive_in_drizzle
-MIXED := winter_evening beach
-SURFACES := painted_head field_of_snow
-GRAINS := heap_of_sand cube_of_beads snowman snowman_small sand_castle spices wet_beside_dry layers_of_sand
+SCENES := $(basename $(notdir $(wildcard assets/scenes/*.yaml)))
 scenes: $(VENV)/.ready
 	@mkdir -p build
-	for scene in $(SCENES) $(PARTICLES) $(GRAINS) $(MIXED) $(SURFACES); do \
+	for scene in $(SCENES); do \
 		rm -f build/$$scene.png; \
 		$(BIN)/bake render assets/scenes/$$scene.yaml -o build/$$scene.png --quality $(QUALITY) \
 			|| { test $$? -eq 3 && test -f build/$$scene.png; } || exit 1; done
@@ -190,7 +186,7 @@ site: $(VENV)/.ready-docs
 man: $(VENV)/.ready
 	$(BIN)/python docs/man.py build/man
 
-# compiled kernels too: numba does not see that a kernel of another file, which a kept one calls, has changed
+# compiled kernels too, which are kept by the contents of their sources: those of earlier sources stay until then
 clean:
 	rm -rf build
 	find bakery renderers tests -name '*.nb[ci]' -delete

@@ -171,6 +171,21 @@ def test_a_mitsuba_scene_and_its_picture_again(call, place):
         assert status == 2 and "comes from files" in err
 
 
+@pytest.mark.slow
+def test_fog_over_a_scene_of_materials(call, place):
+    """The render's EXR is picture and depth: the nearest point of the ball, 4 m wide, gives the least optical depth."""
+    (place / "cloud.yaml").write_text("bakery_scene: 2\nname: cloud\nscene: {mitsuba: street.xml}\nstop: {samples: 1}\n"
+                                      "materials:\n  - {where: {box: {lo: [-3, -3, -3] m, hi: [3, 3, 3] m}}, asset: bare.h5}\n")
+    status, _, err = call("render", place / "cloud.yaml")
+    assert status == 0, err
+    own = "{color: cloud.exr, depth: cloud.exr, channel: depth.Z, measure: z, far: 100 m}"
+    (place / "s.yaml").write_text(SCENE.replace("{color: clear.exr, depth: depth.npy, measure: distance}", own))
+    status, out, err = call("render", place / "s.yaml", "--json")
+    assert status == 0, err
+    near = 0.5 * (np.hypot(12, 1.7) - 2) / np.array([10, 9, 8])
+    assert json.loads(out)["optical_depth"]["smallest"] == pytest.approx(near, rel=0.01)
+
+
 def test_the_noise_of_a_picture_is_taken_out_before_its_fog(call, place):
     """Where pixels do not share samples; the noise of files is not known."""
     if denoise.fault():

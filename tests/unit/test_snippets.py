@@ -185,10 +185,22 @@ def test_rules_of_make(folder):
     text, = blocks("make")["README.md"]
     (folder / "Makefile").write_text(text)
     (folder / "fog.h5").unlink()
-    # not a part of the make that may run these tests
+    assert dry_run(folder, "fog.h5") == "bake fog.yaml -o fog.h5 --depfile fog.d\n"
+
+
+def test_make_scenes_renders_all_that_ship():
+    if shutil.which("make") is None:
+        pytest.skip("no make")
+    listed = re.search(r"for scene in (.*?);", dry_run(ROOT, "scenes"))[1].split()
+    assert sorted(listed) == sorted(path.stem for path in (ROOT / "assets" / "scenes").glob("*.yaml"))
+
+
+def dry_run(folder, target):
+    """What make would call, not as a part of the make that may run these tests."""
     alone = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")}
-    done = subprocess.run(["make", "-n", "fog.h5"], cwd=folder, text=True, capture_output=True, timeout=60, env=alone)
-    assert done.stdout == "bake fog.yaml -o fog.h5 --depfile fog.d\n", done.stderr
+    done = subprocess.run(["make", "-n", target], cwd=folder, text=True, capture_output=True, timeout=60, env=alone)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 def test_a_table_of_ones_own():
