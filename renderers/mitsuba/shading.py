@@ -102,9 +102,10 @@ def beside(surface, direction, reaches):
     return mi.Point3f(surface.p + mi.Vector3f(surface.n) * dr.mulsign(off, dr.dot(surface.n, direction)))
 
 
-def met(power, scene, kinds, tables, origin, direction, drawn, random, by_ray, delta):
+def met(modes, scene, kinds, tables, origin, direction, drawn, random, by_ray, delta):
     """What `World.shade` gives, as Dr.Jit's arrays, in units of the scene; tables : positions of emitters in `World.light_names`,
-    and `reaches`;  kinds : of a recording, `renderers.mitsuba.recording.pointers`."""
+    and `reaches`;  kinds : of a recording, `renderers.mitsuba.recording.pointers`;  modes : its `power` and `hidden`."""
+    power, hidden = modes
     positions, reaches = tables
     context = mi.BSDFContext(mi.TransportMode.Importance if power else mi.TransportMode.Radiance)
     si = scene.ray_intersect(mi.Ray3f(origin, direction), ray_flags=mi.RayFlags.All, coherent=False)
@@ -118,7 +119,7 @@ def met(power, scene, kinds, tables, origin, direction, drawn, random, by_ray, d
 
     bsdf = si.bsdf()
     sampled = valid & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-    light, radiance = scene.sample_emitter_direction(si, mi.Point2f(*random[:2]), True, sampled)
+    light, radiance = scene.sample_emitter_direction(si, mi.Point2f(*random[:2]), hidden, sampled)
     towards = si.to_local(light.d)
     value, by_bsdf, next_way, weight = bsdf.eval_pdf_sample(context, si, towards, random[LOBE], mi.Point2f(*random[LOBE + 1:]),
                                                             valid)

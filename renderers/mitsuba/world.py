@@ -66,7 +66,7 @@ class World:
     clip : m ahead of the camera, the sensor's clipping planes, which are not kept
 
     Shadow rays end at any surface, also at one without a boundary (`null`) or of glass, as in Mitsuba's `path`: lights without
-    extent do not shine through those.
+    extent do not shine through those, but where callers look what is in between (`hidden`).
     """
 
     coarser, whole, corners, lens, clip = 1.0, None, None, False, (0.0, math.inf)
@@ -355,26 +355,27 @@ class World:
         return self._light(*shading.arrays(len(point), sample.d, sample.dist, shading.finite(radiance), sample.pdf, sample.delta,
                                     mi.Int32(number)))
 
-    def shade(self, origin, direction, random, density, delta, drawn=None, *, power=False) -> Shading:
+    def shade(self, origin, direction, random, density, delta, drawn=None, *, power=False, hidden=True) -> Shading:
         """What rays meet: emission, a light sample and a next direction.
 
         origin, direction : (n, 3) m, (n, 3) unit
         drawn : (n, 3) m, where the direction was drawn; at the origin if None
         power : the rays carry power from lights, not radiance to the eye, which differ where light is refracted
+        hidden : as in `lights`
         random : (n, 5) or more columns, of which five are used
         density : (n,) 1/sr, of the direction
         delta : (n,) bool, the direction has no density, as camera rays and reflections have none: emission counts in full
         """
         if not len(origin):
             one_ray = np.zeros((1, 3)), np.eye(1, 3), np.zeros((1, 5)), np.ones(1), np.ones(1)
-            return shading.empty(self.shade(*one_ray, power=power))
+            return shading.empty(self.shade(*one_ray, power=power, hidden=hidden))
         # the origins twice, where they are: a kernel that reads them once is another
         places, drawn = self._inside(origin), self._inside(origin if drawn is None else drawn)
         u, by_ray = shading.uniform(random, 0, LOBE + 3), [shading.rows(values) for values in (density, delta)]
         directions = mi.Vector3f(*shading.columns(direction))
         with undisturbed():
-            met = self._meets(power, self.scene, pointers(self.scene), (self.light_positions, self.reaches), places, directions,
-                              drawn, u, *by_ray)
+            met = self._meets((power, hidden), self.scene, pointers(self.scene), (self.light_positions, self.reaches), places,
+                              directions, drawn, u, *by_ray)
         hit, point, emitted, source, by_light, *sample, start, chosen, weight, by_next, smooth = shading.arrays(len(origin), *met)
         return Shading(hit, self._metres(point), emitted, source, by_light, self._light(*sample), self._metres(start), chosen,
                        weight, by_next, ~smooth)

@@ -46,25 +46,27 @@ class Sums:
         wavefront.accumulate(added, paths.order, light, paths.pixel, self.by_order, self.by_light)
 
 
-def met(world, paths):
+def met(world, paths, hidden=True):
     """What paths meet at surfaces, a `renderers.mitsuba.world.Shading`."""
     numbers = np.empty((paths.count, 6))
     wavefront.draw(paths.states, numbers)
     drawn = () if paths.drawn is None else (paths.drawn,)  # else where they begin
-    return world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single, *drawn)
+    options = {} if hidden else {"hidden": False}
+    return world.shade(paths.origin, paths.direction, numbers, paths.density, paths.single, *drawn, **options)
 
 
-def at_surfaces(world, colours, paths, sums, let_through, *, brought=None, wider=None):
+def at_surfaces(world, colours, paths, sums, let_through, *, brought=None, wider=None, hidden=True):
     """Paths that go on from surfaces of the scene, after light that they meet, and that of light samples, has been added.
 
     let_through : function of paths (m,), points (m, 3) m, and samples of lights from there -> share (m, L) that gets through
     brought : function of paths and of what they met -> their throughput and order, as they count for the light there
     wider : `regularised.Wider`; None: small lamps are seen as they are
+    hidden : surfaces hide lights; else `let_through` has what they leave
     """
     if paths.count == 0:
         return paths
     widened = wider.begin(paths) if wider else ()
-    shading = met(world, paths)
+    shading = met(world, paths, hidden)
     throughput, order = brought(paths, shading) if brought else (paths.throughput, paths.order)
     add_light(colours, throughput, order, shading.emitted, shading.source, paths, sums)
     if len(widened):

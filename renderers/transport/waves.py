@@ -15,6 +15,7 @@ from renderers.transport import regularised, steps, wavefront
 from renderers.transport.paths import ELSEWHERE, EVENT, REACHED, UNKNOWN, Colours, Paths, follow, joined, of_camera
 from renderers.transport.places import NOWHERE, Places
 
+_BESIDE = 9e-5  # of the largest coordinate: as far as Mitsuba's own rays begin beside surfaces, where these are looked for
 _ALMOST = 1 - 1e-4  # of the way to a surface that may be the blind boundary itself, or the light's
 # Bounces after which surfaces end paths, and those after which grains do so that are looked for anew at each.
 # Glass keeps light without loss, as a ball does into which light has come out of a body that reaches into it.  In heaps of clear
@@ -183,8 +184,6 @@ def _across(scene, paths, ahead):
     length, blind = ahead.stop + scene.places.off, ahead.cause == BLIND
     paths.origin[:] += length[:, None] * paths.direction
     paths.far[:] = np.where(blind, np.nan, paths.far - length)
-    # light samples at surfaces end at any boundary, those at events do not
-    paths.single[:] |= blind & paths.shaded
     paths.off_grains()
     return paths
 
@@ -304,14 +303,17 @@ def at_surfaces(scene, paths, sums) -> Paths:
     """Paths that go on from surfaces of the scene, after their light has been added."""
     def let_through(paths, point, sample):
         towards = sample.direction.astype(float)
-        return transmittance(scene, paths, point + scene.places.off * towards, towards, sample.distance)[0]
+        beside = _BESIDE * (scene.world.unit + abs(point).max(axis=1)) if scene.crossed else 0.0
+        off = np.maximum(scene.places.off, beside)
+        distance = np.maximum(sample.distance - off, 0.0)
+        return transmittance(scene, paths, point + np.reshape(off, (-1, 1)) * towards, towards, distance, traced=scene.crossed)[0]
 
     def behind(paths, point, length):
         """Nothing hides what paths have come past."""
         return transmittance(scene, paths, point, paths.direction, np.minimum(length, FAR))[0]
 
     paths = steps.at_surfaces(scene.world, scene.colours, paths, sums, let_through,
-                              wider=regularised.Wider(scene.chord, behind))
+                              wider=regularised.Wider(scene.chord, behind), hidden=not scene.crossed)
     paths.shaded[:] = True
     paths.away_from_surfaces()
     return steps.thinned(steps.survivors(paths), _FAR)

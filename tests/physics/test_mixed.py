@@ -209,6 +209,20 @@ def test_fog_takes_as_much_of_a_disc_as_of_its_lamp(tmp_path):
     assert abs(np.log(dimmed.mean() / clear.mean()) + 0.82) < sigmas(12) * error + 0.05
 
 
+def test_lamps_without_extent_shine_through_bodies_that_refract_nothing(tmp_path):
+    """A bulb within a body and behind another, both next to empty, beside particles: 0 and shadows where light samples from the
+    floor ended at such boundaries."""
+    blind = shape(tmp_path, "around", moved(BALL, 0.5, (2, -3, 12)), BOUNDARIES[1.0]) \
+        + shape(tmp_path, "between", moved(BALL, 0.8, (1, -1, 0)), BOUNDARIES[1.0])
+    means = []
+    for shapes in ("", blind):
+        (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0">{sensor(size=8) + FLOOR + POINT + shapes}</scene>')
+        world = World(tmp_path / "scene.xml")
+        empty = [body(world, name, [0.0] * 3, 0.0, (1e6,) * 3) for name in ("around", "between") if shapes]
+        means.append(averages(world, [particles((-1, -1, 20), (1, 1, 22), 0.1), *empty], range(16)))
+    compared(means[1], means[0], 0.005)
+
+
 def test_the_material_of_a_pixel_that_few_paths_scatter_in():
     """As the loop of continuous media has it: thin fog counts where nothing else scatters."""
     shares = np.array([[[0.0, 0.0], [0.1, 0.0], [0.1, 0.2], [0.6, 0.4]]])
