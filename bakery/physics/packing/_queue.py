@@ -128,7 +128,7 @@ def _call_ahead(st):
     for step in range(4):
         entry = st.bucket[ahead + step * AHEAD]
         while entry >= 0:
-            sphere = int(st.link[entry, OWNER])  # of one type with partners, so that what follows is compiled once
+            sphere = np.int64(st.link[entry, OWNER])  # of one type with partners, so that what follows is compiled once
             if step == 3:
                 _call_record(st, sphere)
             elif st.sphere[sphere, DUE] == st.entry[entry, 0]:
@@ -167,7 +167,7 @@ def _open_next(st, deep):
     while entry >= 0:
         after = st.link[entry, NEXT]
         if st.sphere[st.link[entry, OWNER], DUE] == st.entry[entry, 0]:
-            _sort_in(st, int(entry))  # as `push` does: for another type it would be compiled again
+            _sort_in(st, np.int64(entry))  # as `push` does: for another type it would be compiled again
         entry = after
 
 
