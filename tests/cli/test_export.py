@@ -371,8 +371,8 @@ def test_the_published_fit_is_for_water_in_air():
     from bakery.export.formats.hg import water_in_air
 
     found = {path.stem: water_in_air(path.read_text()) for path in (ROOT / "recipes").glob("*.yaml")}
-    assert sorted(name for name, water in found.items() if water) == ["cloud_top", "clouds", "drizzle", "drizzle_particles", "fog", "fog_glow",
-                                                                           "street_fog", "thick_fog"]
+    assert sorted(name for name, water in found.items() if water) == [
+        "cloud_top", "clouds", "drizzle", "drizzle_particles", "fog", "fog_glow", "street_fog", "thick_fog"]
     assert len(found) > 5
     assert not any(map(water_in_air, ("", "a: [", "particles: 3", "particles: {components: 3}", "particles: {components: [3]}")))
 
