@@ -21,7 +21,8 @@ FOLDER, PAGE = ROOT / "recipes" / "catalogue", ROOT / "docs" / "catalogue.md"
 UNITS = {"1": 1.0, "um^2": 1.0, "1/sr": 1.0, "1/m": 1.0, "1/mm": 1e3, "1/km": 1e-3}  # of the sources, in those of assets
 LEAST = 1e-7  # a deviation below is one of rounding
 KINDS = {"clouds and aerosols": ("Hess", "Garcia"), "ice and dust": ("Flanner", "Whicker"), "sea water": ("Petzold",),
-         "solids and foods": ("Jensen",), "liquids": ("Narasimhan",)}  # table of the page -> first authors
+         "snow": ("Wiscombe", "Warren"), "solids and foods": ("Jensen",),
+         "liquids": ("Narasimhan",)}  # table of the page -> first authors
 
 
 class Checked(NamedTuple):
@@ -59,8 +60,10 @@ def checked(asset, checks) -> list[Checked]:
 
 
 def _figure(asset, check) -> np.ndarray:
+    if check["figure"] == "plane_albedo":
+        return asset.surface.albedo(np.radians(check["angles"][0]))
     derived = DERIVED.get(check["figure"])
-    return derived(asset.medium, check) if derived else np.asarray(asset.query(check["figure"]))
+    return derived(asset.medium, check) if derived else np.ravel(asset.query(check["figure"]))
 
 
 def diffuse_reflectance(albedo, index: float):

@@ -4,10 +4,10 @@
 
 Scenes: a ball of published wax (Wang, Ge and Holzschuch 2018) of 8 mean free paths in radius under a panel, matched or of glass,
 and shipped ones.  A row a method, which take turns, for so many processor seconds each: light of three and more events over that
-of the first, with its standard error; paths, mutations or candidates a second of two cores, of these passes alone; processor
-seconds to a noise of 1 % of a pixel, root mean square, over the picture's mean, in all light and in that of three and more
-events; and the noise in the latter over `metropolis` at equal time, without what pixels lose by sharing (layers
-`closer_even`, `closer_odd`), less in each pass.  --small: 16 pixels wide, a second.
+of the first, with its standard error; paths, mutations or candidates a second of two cores, of these passes alone; noise in light
+of three and more events after 1000 of them a pixel; processor seconds to a noise of 1 % of a pixel, root mean square, over the
+picture's mean, in all light and in that of three and more events; and the noise in the latter over `metropolis` at equal time,
+without what pixels lose by sharing (layers `closer_even`, `closer_odd`), less in each pass.  --small: 16 pixels wide, a second.
 
 --pilots: what pilots of so many seconds tell `auto` of a picture of so many pixels a side: processor seconds to a noise of 1 % in
 all light, and how the kinds of passes share them.
@@ -19,6 +19,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from benchmarks.figures_translucent import stand
+from benchmarks.figures_translucent.mutations import MUTATIONS
 from benchmarks.sizes import sized
 from benchmarks.transport import WAX
 from renderers.choice import trial
@@ -64,9 +65,11 @@ def rows(scene, size, seconds):
     for method, run in runs.items():
         ratio = (1.0, first.error / first.total) if method == METHODS[0] else stand.ratio(later[method], first)
         speed = a_second(run)
+        drawn = speed and speed * run.parts[-1].seconds / CORES / size**2  # a pixel
+        noise = f"{100 * later[method].noise * np.sqrt(drawn / MUTATIONS):.2g}" if speed else ""
         times = [stand.of_seconds(light.seconds) for light in (run.found(), later[method])]
-        print(f"| {scene} | `{method}` | {stand.over(*ratio)} | {f'{speed:.2g}' if speed else ''} | {times[0]} | {times[1]} | "
-              f"{np.sqrt(later[method].seconds / first.seconds):.2g} |", flush=True)
+        print(f"| {scene} | `{method}` | {stand.over(*ratio)} | {f'{speed:.2g}' if speed else ''} | {noise} | {times[0]} | "
+              f"{times[1]} | {np.sqrt(later[method].seconds / first.seconds):.2g} |", flush=True)
 
 
 def pilots(scene, size, seconds):
@@ -93,8 +96,8 @@ def main():
         for scene in args.scenes:
             pilots(scene, args.size, args.seconds)
         return
-    print("| scene | method | three and more events over `metropolis` | a second of two cores | noise 1 % after, s | of three "
-          "and more events | error over `metropolis`, equal time |\n|" + "---|" * 7, flush=True)
+    print("| scene | method | three and more events over `metropolis` | a second of two cores | noise after 1000 a pixel, % | "
+          "noise 1 % after, s | of three and more events | error over `metropolis`, equal time |\n|" + "---|" * 8, flush=True)
     for scene in args.scenes:
         rows(scene, args.size, args.seconds)
 

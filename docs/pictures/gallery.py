@@ -25,6 +25,7 @@ WIDTH = 640  # pixels
 # renderer of a scene, section of a recipe -> heading
 SCENES = {"fog": "Scenes: fog", "discrete": "Scenes: separate particles", "granular": "Scenes: grains that fill a mesh",
           "translucent": "Scenes: translucent bodies", "mixed": "Scenes: several materials, and surfaces"}
+BALLS = {"mixed": "Surfaces: a ball on a plate of each; their recipes below show their lobes"}  # scenes of this folder
 RECIPES = {"particles": "Recipes: suspended particles", "medium": "Recipes: media by their coefficients",
            "grains": "Recipes: packed grains", "packing": "Recipes: packings of spheres"}
 LEAD = ("Everything that ships with bakery. Recipes are shown as blocks of their medium under two lights, packed grains with "
@@ -125,6 +126,7 @@ def main(output: str) -> None:
     target = Path(output)
     check_outputs([(target, PAGE)])
     sections = shipped("assets/scenes", SCENES, target.parent, "bake render {place} -o build/{name}.png")
+    sections |= shipped("docs/pictures", BALLS, target.parent, "bake render {place} -o build/{name}.png")
     sections |= shipped("recipes", RECIPES, target.parent, "bake {place} -o build/{name}.h5 && bake render build/{name}.h5",
                         _materials(target.parent))
     put(target, page("Recipes and scenes of bakery", LEAD, sections))

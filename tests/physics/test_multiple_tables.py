@@ -29,6 +29,7 @@ from bakery.physics.multiple import (
 from bakery.physics.multiple.kinds import POINT, SEGMENT
 from bakery.stages.multiple.pictures import Shown
 from tests.conftest import slow
+from tests.odds import ODDS
 from tests.oracles import photons
 
 ALBEDO, G = 0.9, 0.7
@@ -504,7 +505,7 @@ def test_photons_see_the_same(ready, length):
     cells = photons.cell_averages(look, rho, z, directions)
     score = ((tally.value - cells) / np.hypot(tally.error, 2e-3 * cells)).ravel()
     # errors from 32 blocks: a chi square with somewhat heavier tails; neighbours share photons, so the count is halved
-    assert (score**2).mean() < chi2.isf(1e-7, score.size // 2) / (score.size // 2)
+    assert (score**2).mean() < chi2.isf(ODDS, score.size // 2) / (score.size // 2)
     x, gauss = np.polynomial.legendre.leggauss(4)
     step = -np.diff(np.exp(-(z - z[0])))  # of exp(-t) over a cell, from the lower end and by symmetry from the upper
     for ring in range(2):

@@ -11,6 +11,7 @@ from scipy import integrate, stats
 from bakery.physics.medium import analytic, grid, mixing, phase, similarity
 from bakery.physics.medium.kernels import phase_layout, phase_sample, phase_value
 from bakery.system.compiled import njit
+from tests.odds import ODDS
 
 
 def random_table(seed, count=50):
@@ -142,7 +143,7 @@ def test_samples_follow_the_table(make):
         below = cdf[i] + 2 * math.pi * up * (f[i] + phase.phase_at(theta, f, angle)) / 2
         return np.bincount(np.minimum((below * 100).astype(int), 99), minlength=100)
 
-    assert stats.chisquare(counts(angle)).pvalue > 1e-7
+    assert stats.chisquare(counts(angle)).pvalue > ODDS
     # the power of the test: samples of a table whose nodes are off by 3 % are told apart
     wrong, _ = phase.normalised(theta, f * (1 + 0.03 * np.random.default_rng(12).choice([-1.0, 1.0], len(theta))))
     assert stats.chisquare(counts(sampled(theta, wrong, xi)[0])).pvalue < 1e-7

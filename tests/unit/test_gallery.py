@@ -12,7 +12,7 @@ def test_every_recipe_and_scene_is_on_the_page(tmp_path, monkeypatch):
     monkeypatch.setitem(program["main"].__globals__, "reduced", lambda place, width: b"\xff\xd8" + place.stem.encode())
     program["main"](tmp_path / "gallery.html")
     text = (tmp_path / "gallery.html").read_text(encoding="utf-8")
-    for folder in ("recipes", "assets/scenes"):
+    for folder in ("recipes", "assets/scenes", "docs/pictures"):
         for path in (ROOT / folder).glob("*.yaml"):
             assert f"<code>{folder}/{path.name}</code></figcaption>" in text
     assert text.count("<figure>") == text.count('<img alt=') > 60 and "No picture yet" not in text
