@@ -21,8 +21,8 @@ def refracted(index, d, n, draws, limits):
     reflectance, beyond = fresnel(cosine, index)
     chance, stays, goes = reflectance, 1.0, 1.0
     if wanted:
-        root, other = math.sqrt(reflectance), math.sqrt(1.0 - reflectance)
-        chance, stays, goes = root / (root + other), root * (root + other), other * (root + other)
+        root, complement = math.sqrt(reflectance), math.sqrt(1.0 - reflectance)
+        chance, stays, goes = root / (root + complement), root * (root + complement), complement * (root + complement)
     if next_uniform(draws.stream, draws.pool) < chance:
         t = 2.0 * cosine
         return (dx + t * nx, dy + t * ny, dz + t * nz), n, stays, 0.0

@@ -287,11 +287,7 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
     out.sums[WALKS] += 1.0
     while True:
         shift = (path.left_behind[3] - base) * cell[2]  # the frame's origin, seen from that of the first copy
-        limit, rises = tile.limit, path.d[2] > 0.0
-        if rises:
-            limit = max((above - shift - path.o[2]) / path.d[2], 0.0)
-        elif path.d[2] < 0.0 and below > -np.inf:
-            limit = max((below - shift - path.o[2]) / path.d[2], 0.0)
+        limit, rises = _limit(path, tile.limit, above - shift, below - shift), path.d[2] > 0.0
         z = flight_in_slab(path.o, path.d, path.left_behind, tile.grid, limit, path.sphere, path.to, (base, top, bottom))
         if z < limit:
             radius = tile.radii[path.sphere[0]]
@@ -305,9 +301,7 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
                 out.sums[HITS] += 1.0
                 out.walks[bin0] += weight - 1.0  # as much light as is followed: no more of it leaves than came in
                 factor *= kept
-                bent = 1.0 - (path.d[0] * path.ray[3] + path.d[1] * path.ray[4] + path.d[2] * path.ray[5])
-                if bent > _STRAIGHT:
-                    order += 1
+                order += _is_deflected(path)
             begin_beyond(path, tile.centers, radius)
         elif not rises and (path.d[2] == 0.0 or below == -np.inf):
             out.sums[GIVEN_UP] += 1.0
@@ -335,6 +329,22 @@ def _walk(tile, grains, matter, path, draws, scratch, levels, rules, out):
                 _count_deep(path, factor, levels[3], bin0, out)
                 if not levels[3]:
                     return
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _limit(path, longest, above, below):
+    """How far a walk flies until it is out of the grains, above or below them; at most `longest` where it goes along them."""
+    if path.d[2] > 0.0:
+        return max((above - path.o[2]) / path.d[2], 0.0)
+    if path.d[2] < 0.0 and below > -np.inf:
+        return max((below - path.o[2]) / path.d[2], 0.0)
+    return longest
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _is_deflected(path):
+    """Whether a grain has sent light on in another direction than the one it came in."""
+    return 1.0 - (path.d[0] * path.ray[3] + path.d[1] * path.ray[4] + path.d[2] * path.ray[5]) > _STRAIGHT
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)

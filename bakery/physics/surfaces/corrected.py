@@ -160,17 +160,17 @@ def forgotten(cells, least: float, entered, walks):
     bins = np.concatenate([[whole / np.maximum(walks.sum(axis=0), 1.0)], entered / np.maximum(walks, 1.0)])
     mean, *parts = np.linalg.lstsq(np.polynomial.legendre.legvander(2 * at - 1, degree), bins.T)[0].T
     mu, mu0, _, light = _entering(tuple(cells), least)
-    there, back = (np.polynomial.legendre.legvander(2 * np.sqrt(cosine.ravel()) - 1, degree) for cosine in (mu, mu0))
+    outgoing, incident = (np.polynomial.legendre.legvander(2 * np.sqrt(cosine.ravel()) - 1, degree) for cosine in (mu, mu0))
     x, weight = np.polynomial.legendre.leggauss(32)
     root = 0.5 * (1 + x)
     flux = 4 * (root**3 * 0.5 * weight) @ np.polynomial.legendre.legvander(x, degree)  # int 2 mu L dmu over coefficients
-    left, right, total = np.maximum(there @ mean, 0), np.maximum(back @ mean, 0), max(float(flux @ mean), 1e-300)
+    reflected, received, total = np.maximum(outgoing @ mean, 0), np.maximum(incident @ mean, 0), max(float(flux @ mean), 1e-300)
 
     def summed(values):
         return (light.reshape(-1, 1) * values).reshape(math.prod(cells), -1, values.shape[1]).sum(axis=1)
 
-    value = summed((left * right)[:, None]) / total
-    moves = summed(there * right[:, None] + back * left[:, None]) / total - value * flux / total
+    value = summed((reflected * received)[:, None]) / total
+    moves = summed(outgoing * received[:, None] + incident * reflected[:, None]) / total - value * flux / total
     return walks.sum(axis=1)[:, None] * (value.T + (np.stack(parts) - mean) @ moves.T)
 
 

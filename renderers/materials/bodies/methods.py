@@ -67,12 +67,12 @@ def prepare(job, world, seed) -> Method:
         # how far off some methods are, or how much light is left out, nobody states; what else is known would pass for all of it
         measurable = declared.measured is not None and missing is not None and not faults
         bias = declared.measured(estimate.means.values(), estimate.rgb, missing) if measurable else None
-        lit = np.any(estimate.rgb)
+        any_light = np.any(estimate.rgb)
         remarks = []
-        if bias is None and measurable and lit and not sentences:  # no pixels shared, nothing was left out
+        if bias is None and measurable and any_light and not sentences:  # no pixels shared, nothing was left out
             bias = 0.0 if declared.exact else None
             remarks = [] if declared.exact else [f"no pixels share here, by which the bias of {name} is measured"]
-        unlit = {} if lit else dict.fromkeys(_NOISES) | {"unlit": [_UNLIT]}
+        unlit = {} if any_light else dict.fromkeys(_NOISES) | {"unlit": [_UNLIT]}
         chained = _of_chains(kinds[-1].render.figures()) if declared.metropolis else {}
         return {"bias": bias, "left_out": sentences} | chained | {"reasons": [*remarks, *chained.get("reasons", ())]} | unlit
 
