@@ -11,4 +11,4 @@ def live(scene, output=None, **options):
     return Pictures(scene, output, **options)
 
 
-render = live  # what scripts call it, for which nothing is shown
+render = live  # the plain name, for scripts that show no picture while it renders
