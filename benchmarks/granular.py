@@ -103,7 +103,7 @@ def of_recipe(path):
 
 
 def of_asset(path):
-    from bakery.stages.grains.view import components_of, exemplar
+    from bakery.stages.grains.view import exemplar
     from bakery.stages.members import Members
     from bakery.store.read import read
 
@@ -111,7 +111,7 @@ def of_asset(path):
     if not {"grains", "packing", "medium"} <= set(root.members):
         sys.exit(f"{path} has no grains with a packing and a medium")
     parts = []
-    for part in components_of(root["grains"]).values():
+    for part in root["grains"].groups.values():
         grain = exemplar(part)
         surface = grain.surface
         index = surface["index"][len(surface["index"]) // 2] if "index" in surface else None

@@ -72,7 +72,7 @@ class Asset:
         shared = theta.data if isinstance(theta, Dataset) else None
         views = {stage.name: stage.view for stage in all_stages() if stage.view}
         self._groups = {name: views[name](root) if name in views else Members(member, name, shared, self.wavelength)
-                        for name, member in root.members.items() if isinstance(member, Group)}
+                        for name, member in root.groups.items()}
         for group in self._groups.values():
             group.within(root, labelled.dataset)
         self.stages = MappingProxyType({name: group.attributes for name, group in self._groups.items()

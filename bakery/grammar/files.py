@@ -28,11 +28,11 @@ class DataFile:
     sha256: str
 
 
-def asset_root() -> Path:
-    """The folder `assets`: inside an installed package, else beside it in the source tree."""
+def asset_root(name: str = "assets") -> Path:
+    """The folder `assets`, or `recipes`: inside an installed package, else beside it in the source tree."""
     package = Path(__file__).resolve().parent.parent
-    inside = package / "_assets"
-    return inside if inside.is_dir() else package.parent / "assets"
+    inside = package / f"_{name}"
+    return inside if inside.is_dir() else package.parent / name
 
 
 class Kept(type(Path())):

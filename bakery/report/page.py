@@ -5,7 +5,6 @@ from html import escape
 
 from bakery.asset.axes import axes
 from bakery.asset.summary import describe
-from bakery.draw.table import Table
 from bakery.report.figures import drawing, pictures, title_of
 from bakery.report.html import document, image, paragraph, section, table
 from bakery.stages.conform import stages_of
@@ -29,7 +28,8 @@ def page(root: Group, description: str = "", picture: bytes = b"", source: str =
     parts.append(_rendered(picture, name, source) if any(stage.rendered for stage in stages) else "")
     for stage in reversed(stages):  # what renderers take first, then what it came from
         for told in stage.tables(root, partial(axes, root)):
-            parts += section(told.title, _told(told))
+            rows = table(told.header, told.rows, numbers=range(told.words, len(told.header)))
+            parts += section(told.title, [rows, paragraph(told.note) if told.note else ""])
     figures = [drawing(picture, title_of(root)) for picture in pictures(root)]
     parts += section("Pictures", figures)
     parts += section("Stages", [_stages(summary), *(paragraph(f"{key} {text}.") for key, text in summary["explained"].items())])
@@ -39,10 +39,6 @@ def page(root: Group, description: str = "", picture: bytes = b"", source: str =
         parts += section("Recipe", [f"<pre>{escape(read_text(recipe))}</pre>\n"])
     parts += section("Provenance", [table((), [(key, str(value)) for key, value in summary["provenance"].items()])])
     return document(name, parts)
-
-
-def _told(told: Table) -> list[str]:
-    return [table(told.header, told.rows, numbers=range(told.words, len(told.header))), paragraph(told.note) if told.note else ""]
 
 
 def _missed(stage: dict) -> str:

@@ -56,7 +56,7 @@ class Members(Mapping):
 
     def __init__(self, group: Group, path: str, theta: np.ndarray | None = None, wavelength: np.ndarray | None = None):
         self._group, self._path, self._wavelength = group, path, wavelength
-        datasets = {name: member for name, member in group.members.items() if isinstance(member, Dataset)}
+        datasets = group.datasets
         self.attributes = MappingProxyType(group.attributes)
         self.units = MappingProxyType({name: member.units for name, member in datasets.items()})
         self.description = MappingProxyType({name: member.description for name, member in datasets.items()})

@@ -49,7 +49,7 @@ class Kernel(CPUDispatcher):
         # two threads may call it first: the second finds what the first has compiled.  What is added twice numba calls
         # ambiguous, and asks for it again by every call: 1 ms where a record of arrays is an argument
         with global_compiler_lock:
-            arguments, called, self._called = _arguments(sig), self._called, False
+            arguments, called, self._called = tuple(getattr(sig, "args", sig)), self._called, False
             result = self.overloads.get(arguments)
             # of what is there numba's says so itself, and what is there for linking is what a call from another kernel takes
             if not self._can_compile or result is not None and (called or not linked.only(result)):
@@ -161,10 +161,6 @@ def _kernel(dispatcher):
 def _number(kind):
     """The type of an argument, of an integer that the caller knows just that: numba would compile a kernel for each of them."""
     return types.unliteral(kind) if isinstance(kind, (types.IntegerLiteral, types.BooleanLiteral)) else kind
-
-
-def _arguments(sig):
-    return tuple(getattr(sig, "args", sig))
 
 
 @contextmanager

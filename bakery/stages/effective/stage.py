@@ -18,7 +18,7 @@ from bakery.stages.grains.stage import inputs as inputs_of_grains
 from bakery.stages.measures import integrated_difference
 from bakery.stages.medium import stage as medium
 from bakery.stages.members import Members
-from bakery.store.tree import Dataset, Group
+from bakery.store.tree import Group
 
 _LOADING = 0.2
 # hits times the squared tolerance; seconds of one core of a hit on a mesh, on a ball, of a sphere that is entered
@@ -221,7 +221,7 @@ def _walk_members(walks, R, wavelength):
 def check(group: Group) -> Iterable[str]:
     """Broken rules of a `medium` group from grains, in words."""
     yield from medium.check(group)
-    v = {name: member.data for name, member in group.members.items() if isinstance(member, Dataset)}
+    v = {name: member.data for name, member in group.datasets.items()}
     if not np.allclose(v["sigma_t_mean_flight"] * (v["lambda_beta"] + v["albedo"] * v["lambda_s"]), 1, rtol=1e-9):
         yield "sigma_t_mean_flight is not 1/(lambda_beta + albedo lambda_s)"
     if not any(np.array_equal(v["sigma_t"], v.get("sigma_t_" + name)) for name in CHOICES):

@@ -13,7 +13,7 @@ from bakery.draw.table import Table
 from bakery.physics.medium.phase import phase_integral
 from bakery.stages.grains.outputs import SCALARS
 from bakery.stages.grains.rules import OF_SURFACES
-from bakery.stages.grains.view import Exemplar, components_of, exemplar
+from bakery.stages.grains.view import Exemplar, exemplar
 from bakery.stages.medium.pictures import around, band_of, by_angle, over_angles
 from bakery.store.tree import Dataset, Group
 
@@ -38,7 +38,7 @@ _EXACT = 1e-9  # an error below this has no digits to show
 def pictures(root: Group) -> Iterator:
     """Every picture of a `grains` group: the grains, their statistics, phase functions, figures by size."""
     grains, um = root["grains"], root["wavelength"].data
-    components = components_of(grains)
+    components = grains.groups
     yield shapes({name: exemplar(part) for name, part in components.items()}, components, grains)
     yield statistics(components, um)
     yield scattering(components, grains["theta"], um)
@@ -233,7 +233,7 @@ def concise(value: float, error: float) -> str:
 
 def table(grains: Group, um) -> tuple[list[str], list[list[str]]]:
     """Heading (symbols) and rows of all figures of each component at each wavelength, for pages."""
-    parts = components_of(grains)
+    parts = grains.groups
     names = _shown(parts)
     head = ["component", "wavelength (um)", *(FIGURES[name][0] for name in names)]
     rows = []
