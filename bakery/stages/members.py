@@ -30,6 +30,12 @@ _FEW, _NAMED = 3, 5  # so many values are shown themselves, so many members are 
 _drawing = later("bakery.stages.medium.pictures:phase_function")
 
 
+def medium_theta(root: Group) -> np.ndarray | None:
+    """The angles (A,) of an asset's medium, over which phase functions stand that have none of their own."""
+    medium = root.groups.get("medium")
+    return medium["theta"].data if medium is not None and "theta" in medium.datasets else None
+
+
 class MissingStage(AssetError, AttributeError):
     """The asset is sound but was baked without the stage that is asked for.
 

@@ -106,7 +106,8 @@ def statistics(parts: Mapping[str, Group], um):
             _write(axes, x_left, 1.2, symbol, (0, 26), fontsize=10, fontweight="bold", va="bottom")
             _write(axes, x_left, 1.2, textwrap.fill(words, 16), (0, 24), fontsize=7.8, color=QUIET, va="top")
             for y, (_, part, k) in zip(at, rows, strict=True):
-                (value, error), common = _value(part, figure_name, k), _common(part, figure_name)
+                value, error = _value(part, figure_name, k)
+                common = part[figure_name].data.size == 1 and figure_name in SCALARS  # to all wavelengths
                 if k and common:
                     continue
                 tint = INK if common else ink[k]
@@ -311,11 +312,6 @@ def _value(part: Group, name: str, k: int) -> tuple[float, float]:
     """A figure at a wavelength and its standard error."""
     value, error = (part[name + end].data for end in ("", "_error"))
     return float(value[min(k, value.size - 1)]), float(error[min(k, value.size - 1)])
-
-
-def _common(part: Group, name: str) -> bool:
-    """Whether a figure belongs to all wavelengths."""
-    return part[name].data.size == 1 and name in SCALARS
 
 
 def _range(name: str, parts) -> tuple[float, float]:

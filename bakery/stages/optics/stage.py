@@ -52,19 +52,15 @@ OUTPUTS = (
 
 
 def inputs(recipe, upstream) -> dict:
-    particles, host = recipe.particles, np.asarray(recipe.particles.host.n, float)
-    return {"components": [spheres.component(part, host, particles.relative_humidity) for part in particles.components],
-            "wavelength": np.asarray(recipe.wavelength, float), "host": host,
-            "polarized": bool(recipe.phase.polarized)} | _settings(recipe)
-
-
-def _settings(recipe) -> dict:
     from bakery.physics.averages import Rays
 
     phase = recipe.phase
-    return {"rays": Rays(phase.method, phase.orders, phase.rainbow, phase.axis, None if phase.edge == "none" else phase.edge,
-                         phase.switch),
-            "radii": phase.radii, "angles": phase.angles, "integrated": recipe.measure == "integrated"}
+    rays = Rays(phase.method, phase.orders, phase.rainbow, phase.axis, None if phase.edge == "none" else phase.edge, phase.switch)
+    particles, host = recipe.particles, np.asarray(recipe.particles.host.n, float)
+    return {"components": [spheres.component(part, host, particles.relative_humidity) for part in particles.components],
+            "wavelength": np.asarray(recipe.wavelength, float), "host": host,
+            "polarized": bool(phase.polarized), "rays": rays, "radii": phase.radii, "angles": phase.angles,
+            "integrated": recipe.measure == "integrated"}
 
 
 def share(components: int) -> float:
