@@ -23,7 +23,8 @@ def page(root: Group, description: str = "", picture: bytes = b"", source: str =
     lead = f"Bakery asset, format {summary['format_version']}, baked by bakery {summary['bakery_version']}"
     parts = [f"<h1>{escape(name)}</h1>\n", paragraph(description, "what") if description else ""]
     parts += [paragraph(lead, "lead"), *(paragraph(f"Broken: {rule}.", "missed") for rule in summary["broken"]),
-              *(_missed(stage) for stage in summary["stages"] if stage["missed"])]
+              *(f'<p class="missed"><strong>Tolerance missed.</strong> {escape(stage["group"])}: {escape(stage["missed"])} '
+                f'({escape(str(stage["error_measure"]))}).</p>\n' for stage in summary["stages"] if stage["missed"])]
     stages = stages_of(root)
     parts.append(_rendered(picture, name, source) if any(stage.rendered for stage in stages) else "")
     for stage in reversed(stages):  # what renderers take first, then what it came from
@@ -39,11 +40,6 @@ def page(root: Group, description: str = "", picture: bytes = b"", source: str =
         parts += section("Recipe", [f"<pre>{escape(read_text(recipe))}</pre>\n"])
     parts += section("Provenance", [table((), [(key, str(value)) for key, value in summary["provenance"].items()])])
     return document(name, parts)
-
-
-def _missed(stage: dict) -> str:
-    return (f'<p class="missed"><strong>Tolerance missed.</strong> {escape(stage["group"])}: {escape(stage["missed"])} '
-            f'({escape(str(stage["error_measure"]))}).</p>\n')
 
 
 def _rendered(picture: bytes, name: str, source: str) -> str:

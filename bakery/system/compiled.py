@@ -208,10 +208,6 @@ class _BySources:
         return sources.stamp(Path(self._py_file))
 
 
-def _register():
-    """Puts ours before numba's own, of which each tries another folder: the user's, the source's, one in the home folder."""
-    caching.CacheImpl._locator_classes[:0] = [type(f"BySources{theirs.__name__}", (_BySources, theirs), {})
-                                              for theirs in caching.CacheImpl._locator_classes[:3]]
-
-
-_register()
+# before numba's own, of which each tries another folder: the user's, the source's, one in the home folder
+caching.CacheImpl._locator_classes[:0] = [type(f"BySources{theirs.__name__}", (_BySources, theirs), {})
+                                          for theirs in caching.CacheImpl._locator_classes[:3]]
