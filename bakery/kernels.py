@@ -10,7 +10,7 @@ are called, with what the layouts below make of an asset once, before the loop. 
 | light of them along a line of sight | the same | `point_source_seen`, `segment_source_seen` |
 | the same on arrays of Dr.Jit | `drjit_tables` | |
 | which grain stands where in repeated tiles, and how it is turned | `cumulated_shares` | `instance`, `rotation_matrix` |
-| spheres of a repeated tile | `nearest_denser`, `tile_grid` | `flight_to_sphere` |
+| spheres of a repeated tile | `tile_of`, `tile_grid` | `flight_to_sphere` |
 | its spheres with centres in a mesh | `Aggregate`, `aggregate` | `aggregate_scratch`, `first_sphere`, `enclosing_sphere` |
 | of which a part is left out | `Field`, `field`, `uniform_field`; `mean_share` | `share_at` |
 | grains whose mixture varies | `field` | `instance_of` |
@@ -99,7 +99,7 @@ from bakery.physics.multiple.sums import add_look_up, no_look_ups, point_source,
 from bakery.physics.multiple.symbolic import drjit_tables
 from bakery.physics.packing.cells import tile_grid
 from bakery.physics.packing.instances import cumulated_shares, hashed, instance, rotation_matrix
-from bakery.physics.packing.tiles import nearest_denser
+from bakery.physics.packing.tiles import tile_of
 from bakery.physics.shapes.mending import closed_mesh, solid
 from bakery.physics.surfaces.look_up import surface_reflectance, surface_transmittance
 from bakery.rng import stream_key

@@ -30,6 +30,7 @@ from bakery.physics.granular.effective import Means, effective, mixed, void_chor
 from bakery.physics.granular.packed import Grain, walk  # noqa: E402
 from bakery.physics.packing import pack  # noqa: E402
 from bakery.physics.packing.structure import fraction as filled  # noqa: E402
+from bakery.physics.packing.tiles import tile_of  # noqa: E402
 from bakery.physics.shapes import build as shapes  # noqa: E402
 from benchmarks.sizes import sized  # noqa: E402
 from tests.grain_examples import EXAMPLES  # noqa: E402
@@ -102,23 +103,22 @@ def of_recipe(path):
 
 
 def of_asset(path):
-    from bakery.stages.grains.view import components_of, exemplar
-    from bakery.stages.packing.view import nearest_denser
+    from bakery.stages.grains.view import exemplar
+    from bakery.stages.members import Members
     from bakery.store.read import read
 
     root = read(path)
-    if not {"grains", "packing"} <= set(root.members):
-        sys.exit(f"{path} has no grains with a packing")
+    if not {"grains", "packing", "medium"} <= set(root.members):
+        sys.exit(f"{path} has no grains with a packing and a medium")
     parts = []
-    for part in components_of(root["grains"]).values():
+    for part in root["grains"].groups.values():
         grain = exemplar(part)
         surface = grain.surface
         index = surface["index"][len(surface["index"]) // 2] if "index" in surface else None
         mesh = None if grain.ball else Mesh(grain.vertices, grain.faces)
         parts.append((float(part["weight"].data[0]), coat(surface["type"], index, surface.get("roughness", 0.0)), mesh))
-    asked = float(root["medium/fraction"].data[0]) if "medium" in root.members else 0.0
-    centers, radii, cell = nearest_denser(root["packing"], asked)
-    return Case(Path(path).stem, centers, radii, cell, *grains_of(parts))
+    tile = tile_of(*(Members(root[name], name) for name in ("packing", "medium")))
+    return Case(Path(path).stem, *tile[:3], *grains_of(parts))
 
 
 def grains_of(parts):

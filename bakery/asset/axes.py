@@ -25,8 +25,9 @@ def axes(root: Group, path: str) -> tuple[str, ...]:
     letters = declared_letters(root, path)
     if len(letters) != member.data.ndim:
         letters = ("-",) * member.data.ndim
-    lengths = zip(letters, member.data.shape, strict=True)
-    return tuple(letter if _fits(root, path, letter, length) else "-" for letter, length in lengths)
+    axes = [(letter, coordinate(root, path, letter)) for letter in letters]
+    return tuple(letter if axis is not None and axis[1].data.shape == (length,) else "-"
+                 for (letter, axis), length in zip(axes, member.data.shape, strict=True))
 
 
 def of_points(root: Group, path: str) -> list[tuple[str, str, np.ndarray]]:
@@ -42,11 +43,6 @@ def of_points(root: Group, path: str) -> list[tuple[str, str, np.ndarray]]:
 def declared_letters(root: Group, path: str) -> tuple[str, ...]:
     """The letters that a dataset's stage declares for its axes, with a coordinate or without; () where none speaks of it."""
     return _declared(root, path) or _declared(root, path.removesuffix(ERROR))
-
-
-def _fits(root: Group, path: str, letter: str, length: int) -> bool:
-    axis = coordinate(root, path, letter)
-    return axis is not None and axis[1].data.shape == (length,)
 
 
 def _declared(root: Group, path: str) -> tuple[str, ...]:

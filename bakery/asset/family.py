@@ -121,7 +121,10 @@ class Family:
         self.method, self.tolerance = family.attributes["method"], family.attributes["tolerance"]
         self.achieved_error = family.attributes.get("achieved_error")
         self._swept = {axis.first.name: axis.first for axis in axes_of(family)}
-        self.axes = MappingProxyType({name: _axis(family[f"axes/{name}"], key) for name, key in self._swept.items()})
+        groups = family["axes"].members
+        self.axes = MappingProxyType({name: FamilyAxis(
+            key.key, with_units(groups[name]["value"].data, groups[name]["value"].units), key.logarithmic, error_of(groups[name]))
+            for name, key in self._swept.items()})
         folder = Path(path).parent
         self.members = tuple(FamilyMember(MappingProxyType(dict(zip(self._swept, index, strict=True))), folder / member.file,
                                           member.content_hash, member.reason) for index, _, member in listed(root))
@@ -201,10 +204,6 @@ def _span(values: Values) -> str:
     """The values of an axis in words."""
     unit = f" {values.units}".removesuffix(" 1")
     return f"{len(values)} values, {values[0]:.6g} to {values[-1]:.6g}{unit}" if len(values) > 1 else f"{values[0]:.6g}{unit}"
-
-
-def _axis(group: Group, key: Swept) -> FamilyAxis:
-    return FamilyAxis(key.key, with_units(group["value"].data, group["value"].units), key.logarithmic, error_of(group))
 
 
 def _number(axis: Swept, value: float | str) -> float:

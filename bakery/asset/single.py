@@ -13,14 +13,14 @@ from bakery.draw.html import first_picture, table
 from bakery.draw.picture import Picture
 from bakery.errors import AssetError
 from bakery.family.tree import departures, is_family
-from bakery.stages import all_stages, conform, sections_for
+from bakery.stages import all_stages, conform, sections_in_words
 from bakery.stages.conform import stages_of
 from bakery.stages.declaration import Answer
-from bakery.stages.members import Members, MissingStage, headline, in_words, with_units
+from bakery.stages.members import Members, MissingStage, headline, in_words, medium_theta, with_units
 from bakery.stages.members import summary as error_of  # `summary` is a module of this package
 from bakery.store.hashes import HASH, STAGE
 from bakery.store.read import read
-from bakery.store.tree import Attribute, Dataset, Group, read_text
+from bakery.store.tree import Attribute, Group, read_text
 
 if TYPE_CHECKING:
     import xarray
@@ -67,12 +67,10 @@ class Asset:
         self.content_hash = str(root.attributes.get(HASH, ""))
         wavelength, self.recipe = root["wavelength"], read_text(root["recipe"])
         self.wavelength = with_units(wavelength.data, wavelength.units)
-        medium = root.members.get("medium")
-        theta = medium.members.get("theta") if isinstance(medium, Group) else None
-        shared = theta.data if isinstance(theta, Dataset) else None
+        shared = medium_theta(root)
         views = {stage.name: stage.view for stage in all_stages() if stage.view}
         self._groups = {name: views[name](root) if name in views else Members(member, name, shared, self.wavelength)
-                        for name, member in root.members.items() if isinstance(member, Group)}
+                        for name, member in root.groups.items()}
         for group in self._groups.values():
             group.within(root, labelled.dataset)
         self.stages = MappingProxyType({name: group.attributes for name, group in self._groups.items()
@@ -83,8 +81,7 @@ class Asset:
         groups = self.__dict__.get("_groups", {})
         if name in groups:
             return groups[name]
-        if sections := sections_for(name):
-            wanted = " or ".join(dict.fromkeys(" and ".join(f"`{section}`" for section in group) for group in sections))
+        if wanted := sections_in_words(name):
             missing = MissingStage(f"{self.path}: holds no stage {name!r} (it holds {', '.join(self.stages) or 'none'}); give "
                                    f"its recipe a section {wanted} and bake it again: `bake RECIPE -o {self.path}`, or "
                                    f"`bake RECIPE --scene SCENE -o {self.path}` of a scene that needs the stage")

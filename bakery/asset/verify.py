@@ -87,6 +87,8 @@ def _child() -> None:
 
 def _broken(path: str) -> list[str]:
     """Everything that is wrong with a file whose container is sound."""
+    from bakery.family.members import broken
+    from bakery.family.tree import is_family
     from bakery.store.hashes import broken_hashes
     from bakery.store.read import check_format, decode, read_bytes
 
@@ -101,15 +103,7 @@ def _broken(path: str) -> list[str]:
         faults.append(_plain(path, error))
     faults += _checksums(data, root) + broken_hashes(root)
     faults += contract(root)
-    return faults or physics(root) + _members(path, root)
-
-
-def _members(path: str, root) -> list[str]:
-    """What is wrong with the members' files of a family."""
-    from bakery.family.members import broken
-    from bakery.family.tree import is_family
-
-    return broken(Path(path), root) if is_family(root) else []
+    return faults or physics(root) + (broken(Path(path), root) if is_family(root) else [])
 
 
 def _hit(path: str) -> list[str]:

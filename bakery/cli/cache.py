@@ -28,10 +28,13 @@ def command():
 def info(as_json):
     """Show where the cache is and what it holds, shared entries included."""
     from bakery.run.cache import Cache
+    from bakery.run.entries import SCENES
 
     cache = Cache()
     held = cache.held()
-    counted = _counted((_kind(path), size) for path, size, _ in held.entries) | {"others": len(held.others)}
+    # of an entry its stage, or `scenes` of a whole asset that a scene asked for
+    counted = _counted((SCENES if path.parent.name == SCENES else path.name.rpartition("-")[0], size)
+                       for path, size, _ in held.entries) | {"others": len(held.others)}
     shared = {} if cache.shared is None else {"shared": {"address": cache.shared.address, **_answered(cache.shared)}}
     if as_json:
         print_json({"folder": str(cache.where), **counted, **shared})
@@ -48,13 +51,6 @@ def _answered(shared) -> dict:
         return _counted((name.rpartition("-")[0], size) for name, size in shared.entries())
     except StoreError as error:
         return {"problem": str(error).removeprefix(f"{shared.address}: ")}
-
-
-def _kind(path) -> str:
-    """Of an entry: its stage, or `scenes` of a whole asset that a scene asked for."""
-    from bakery.run.entries import SCENES
-
-    return SCENES if path.parent.name == SCENES else path.name.rpartition("-")[0]
 
 
 def _counted(entries) -> dict:

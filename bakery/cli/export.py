@@ -7,7 +7,7 @@ import click
 from bakery.cli import offers
 from bakery.cli.options import Listing, at_option, json_option, one_asset, overwrite_option, print_json, print_paths
 from bakery.errors import AssetError, UsageError
-from bakery.stages import sections_for
+from bakery.stages import sections_in_words
 from bakery.system.terminal import remark
 
 
@@ -103,10 +103,8 @@ def _check(asset, exporter):
     if not exporter.takes or any(stage in asset.stages for stage in exporter.takes):
         return
     stages = " or ".join(f"`{stage}`" for stage in exporter.takes)
-    alternatives = (sections for stage in exporter.takes for sections in sections_for(stage))
-    wanted = dict.fromkeys(" and ".join(f"`{section}`" for section in sections) for sections in alternatives)
     raise AssetError(f"{asset.name}: holds no stage {stages}, which {exporter.name} takes; bake it from a recipe with "
-                     + " or ".join(wanted))
+                     + sections_in_words(*exporter.takes))
 
 
 def _asked(target, given):

@@ -39,19 +39,11 @@ def command(asset, path, arguments, coordinates, as_json):
         raise UsageError("the same argument twice; give each once")
     answer = ask(asked, path, values)
     if isinstance(answer, Answer):
-        _show(asked.tree, answer, as_json)
+        (_print_json if as_json else _print)(answer, _stage_of(asked.tree, answer))
     elif isinstance(answer, QuantityTable):
         _show_table(answer, as_json)
     else:
         _print_plain(path.strip("/"), answer, as_json)
-
-
-def _show(root, answer, as_json: bool) -> None:
-    stage = _stage_of(root, answer)
-    if as_json:
-        _print_json(answer, stage)
-    else:
-        _print(answer, stage)
 
 
 def _show_table(quantities, as_json: bool) -> None:

@@ -19,11 +19,8 @@ def beyond(um, bands: Mapping[str, tuple[float, float]]) -> list[str]:
                        (last, [name for name, (low, _) in bands.items() if low > last])):
         if names:
             edges = [edge for name in names for edge in bands[name]]
+            listed = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
             lie, have = ("lies", "has") if len(names) == 1 else ("lie", "have")
-            remarks.append(f"{_listed(names)} ({min(edges):g} to {max(edges):g} um) {lie} beyond the asset's wavelengths, "
+            remarks.append(f"{listed} ({min(edges):g} to {max(edges):g} um) {lie} beyond the asset's wavelengths, "
                         f"{first:g} to {last:g} um, and {have} the values at {end:g} um")
     return remarks
-
-
-def _listed(names: list[str]) -> str:
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

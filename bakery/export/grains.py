@@ -4,7 +4,7 @@ Coordinates are in radii of the bounding sphere, which is the unit sphere, with 
 """
 
 from bakery.errors import AssetError
-from bakery.stages.grains.view import Exemplar, components_of, exemplar
+from bakery.stages.grains.view import Exemplar, exemplar
 from bakery.store import ply
 from bakery.store.tree import Dataset, Group
 
@@ -12,7 +12,7 @@ from bakery.store.tree import Dataset, Group
 def meshes_of(root: Group) -> dict[str, Exemplar]:
     """Name of component -> its grain; empty where the asset has none."""
     grains = root.members.get("grains")
-    return {name: exemplar(part) for name, part in components_of(grains).items()} if isinstance(grains, Group) else {}
+    return {name: exemplar(part) for name, part in grains.groups.items()} if isinstance(grains, Group) else {}
 
 
 def ply_meshes(root: Group) -> dict[str, bytes]:

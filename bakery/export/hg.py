@@ -69,8 +69,7 @@ def droplet_diameter(root: Group) -> float | None:
     Of the usual means this is the one that the published parametrisation fits best: docs/lobes.md.
     """
     optics = root.members.get("optics")
-    members = optics.members.values() if isinstance(optics, Group) else ()
-    components = [member for member in members if isinstance(member, Group)]
+    components = list(optics.groups.values()) if isinstance(optics, Group) else []
     if len(components) != 1 or not {"radius", "weight"} <= components[0].members.keys():
         return None
     return float(2 * np.exp(np.sum(components[0]["weight"].data * np.log(components[0]["radius"].data))))

@@ -83,7 +83,9 @@ def asset_at(root: Group, path: str, index: Place) -> Group:
     told |= {"missed": text("\n".join(unknown), "targets that were missed")} if unknown else {}
     provenance = Group({"medium": Group(told)},
                        {"interpolated_at": index.words, "family": path, "family_content_hash": content})
-    members = {"recipe": text(_recipe(read_text(root["recipe"]), axes, index), "the recipe that would bake this"),
+    source = Source("recipe", read_text(root["recipe"]))
+    recipe = apply(source, parse(source), settings(axes, index.values))[0]
+    members = {"recipe": text(recipe, "the recipe that would bake this"),
                "wavelength": root["wavelength"], "medium": medium, "provenance": provenance}
     return seal(Group(members, {"name": root.attributes["name"], "bakery_version": bakery.__version__}))
 
@@ -112,9 +114,3 @@ def _unknown(family: Group, axes: Sequence[Axis], index: Sequence[slice]) -> lis
             low, high = (in_words([axis], [end]) for end in ends)
             unknown.append(f"the error of the interpolation between {low} and {high} is not known: a point there failed")
     return unknown
-
-
-def _recipe(whole: str, axes: Sequence[Axis], index: Place) -> str:
-    """The family's recipe with the values of one place."""
-    source = Source("recipe", whole)
-    return apply(source, parse(source), settings(axes, index.values))[0]

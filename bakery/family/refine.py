@@ -89,7 +89,8 @@ def refined(axes: Sequence[Axis], medium: Callable[[tuple[float, ...]], Optics |
                 why = _why_not(float(error[i]), before)
                 if why:
                     ends = " and ".join(in_words(axes[axis:axis + 1], [end]) for end in values[axis][i:i + 2])
-                    result.limits.append(f"between {ends} its error is {_words(error[i])}: {why}")
+                    size = "not known" if error[i] == UNKNOWN else f"{error[i] / ROOM:.2g}"
+                    result.limits.append(f"between {ends} its error is {size}: {why}")
                 else:
                     cuts.append((axis, int(i), [*before, float(error[i])]))
         if cuts and _count(values, cuts) > MOST:
@@ -150,10 +151,6 @@ def _why_not(error: float, before: Sequence[float]) -> str:
     if len(before) >= 2 and error > STUCK * before[-2]:
         return "more points do not help, so it is the members' own; a smaller tolerance of the recipe would"
     return f"{HALVINGS} halvings were made; give more points there" if len(before) >= HALVINGS else ""
-
-
-def _words(error: float) -> str:
-    return "not known" if error == UNKNOWN else f"{error / ROOM:.2g}"
 
 
 def _count(values, cuts) -> int:

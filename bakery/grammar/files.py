@@ -28,29 +28,33 @@ class DataFile:
     sha256: str
 
 
-def asset_root() -> Path:
-    """The folder `assets`: inside an installed package, else beside it in the source tree."""
+def asset_root(name: str = "assets") -> Path:
+    """The folder `assets`, or `recipes`: inside an installed package, else beside it in the source tree."""
     package = Path(__file__).resolve().parent.parent
-    inside = package / "_assets"
-    return inside if inside.is_dir() else package.parent / "assets"
+    inside = package / f"_{name}"
+    return inside if inside.is_dir() else package.parent / name
 
 
-class Written(type(Path())):
-    """A recipe that is no file: what stands for its path, with its text.  Files that it names lie in the current folder."""
+class Kept(type(Path())):
+    """The path of a recipe together with its bytes, so that whoever loads it again, with other values, reads no file."""
 
     @classmethod
-    def of(cls, text: str) -> Written:
-        """The recipe of a text."""
-        recipe = cls("<recipe>")
-        recipe.text = text
+    def of(cls, path: str | os.PathLike, data: bytes) -> Kept:
+        """The recipe of a path, or of what stands for one, with its bytes."""
+        recipe = cls(path)
+        recipe.data = data
         return recipe
+
+
+class Written(Kept):
+    """A recipe that is no file: what stands for its path, with its text.  Files that it names lie in the current folder."""
 
 
 def read_recipe(path: str | os.PathLike) -> bytes:
     """The bytes of a recipe, at most one more than a recipe may have; UsageError where there is no such regular file."""
     label = label_of(path)
-    if isinstance(path, Written):
-        return path.text.encode("utf-8", "surrogateescape")[:MAX_BYTES + 1]
+    if (data := getattr(path, "data", None)) is not None:
+        return data
     if "\0" in os.fspath(path):
         raise UsageError(f"{label}: not a valid file name; give the path of a recipe")
     try:

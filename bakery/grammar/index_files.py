@@ -15,10 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.errors import Problem, RecipeError
-from bakery.grammar.tables import MAX_PROBLEMS, MAX_ROWS, BadTable, Checked
+from bakery.grammar.tables import MAX_PROBLEMS, MAX_ROWS, BadTable, Checked, finite_number
 from bakery.grammar.text import MAX_BYTES, Mapping, Scalar, Sequence, Source, decode, parse, show
 
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _TABLES = {"tabulated nk": ("n", "k"), "tabulated n": ("n",), "tabulated k": ("k",)}
 _ARIA = re.compile(rb"^[ \t]*#[ \t]*FORMAT[ \t]*=", re.MULTILINE)
 _YAML = re.compile(rb"^DATA[ \t]*:", re.MULTILINE)
@@ -123,7 +122,7 @@ class _Reader(Checked):
     def _numbers(self, block: Mapping, name: str, line: int) -> list[float]:
         """The numbers behind a key, with blanks between them."""
         words = self._text(block, name).split()
-        values = [_number(word) for word in words]
+        values = [finite_number(word) for word in words]
         if not words or None in values:
             wrong = f"found {show(words[values.index(None)])} in {name}" if words else f"found no {name}"
             self.stop(line, wrong, "expected numbers with blanks between them")
@@ -181,7 +180,7 @@ class _Reader(Checked):
             if len(words) != len(columns):
                 self.report(number, f"found {len(words)} number{'s' * (len(words) != 1)}", f"expected {len(columns)}")
                 continue
-            values = [_number(word) if word.lower() != "nan" else np.nan for word in words]
+            values = [finite_number(word) if word.lower() != "nan" else np.nan for word in words]
             if None in values:
                 self.report(number, f"found {show(words[values.index(None)])}", "expected numbers")
                 continue
@@ -215,14 +214,6 @@ class _Reader(Checked):
             self.stop(int(at[first:first + 2].max()), f"found {name} {low[i]:g} and {high[i]:g} at {wavelength[first]:g} um",
                       "expected one value a wavelength")
         return Tabulated(wavelength[starts], (low + high) / 2)
-
-
-def _number(text: str) -> float | None:
-    """A finite number, or None."""
-    if len(text) > 400 or not _NUMBER.fullmatch(text):
-        return None
-    value = float(text)
-    return value if np.isfinite(value) else None
 
 
 def _in_air(root: Mapping) -> bool | None:

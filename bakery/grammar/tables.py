@@ -127,7 +127,7 @@ class Reader(Checked):
         if not fits:
             self.stop(number, f"found {len(cells)} column{'s' * (len(cells) != 1)}",
                       f"expected {self._names()}, separated by commas", 1)
-        named = not any(_number(cell) is not None for cell in cells)
+        named = not any(finite_number(cell) is not None for cell in cells)
         factors = []
         for cell, column in zip(cells, self.columns):
             units = [*column.units] or [""]
@@ -165,7 +165,7 @@ class Reader(Checked):
             return None
         values, offset = [], 0
         for cell, column in zip(line.split(","), self.columns):
-            value = _number(cell.strip())
+            value = finite_number(cell.strip())
             at = offset + len(cell) - len(cell.lstrip()) + 1
             if value is None:
                 self.report(number, f"found {show(cell.strip())} under {column.name}", "expected a finite number", at)
@@ -187,7 +187,8 @@ class Reader(Checked):
         return columns
 
 
-def _number(text: str) -> float | None:
+def finite_number(text: str) -> float | None:
+    """A finite number, or None."""
     if len(text) > 400 or not re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", text, re.ASCII):
         return None
     value = float(text)

@@ -55,7 +55,8 @@ def lost(held: Mapping[str, Held], steps: Iterable, recipe_parts: Mapping[str, M
         if name not in held:
             return True
         parts = held[name].parts
-        changed = name in wanted and any(not _graded(key, knobs) for key in _differing(parts, wanted[name]))
+        changed = name in wanted and any(
+            _knob(key, knobs) is None and key not in _WORDS and not _is_tolerance(key) for key in _differing(parts, wanted[name]))
         return changed or any(stale(key.removeprefix(_UPSTREAM)) for key in parts if key.startswith(_UPSTREAM))
 
     for name, stage in held.items():
@@ -82,10 +83,6 @@ def _as_good(key: str, held: Mapping, wanted: Mapping, recipe_parts: Mapping, kn
     # the recipe's own value, which may be a list, or left to the stage: it does where the knob does not ask for more
     return knob is not None and held.get(key) == recipe_parts.get(key) \
         and not knob.demand(knob.value) > knob.demand(recipe_parts.get(knob.key))
-
-
-def _graded(key: str, knobs) -> bool:
-    return _knob(key, knobs) is not None or key in _WORDS or _is_tolerance(key)
 
 
 def _demand(key: str, value, knobs) -> float:

@@ -51,14 +51,8 @@ def starts() -> dict[str, Start]:
 
 
 def _of(folder: str) -> Iterator[Start]:
-    for path in sorted((_root() / folder).glob("*.yaml")):
+    for path in sorted((asset_root("recipes") / folder).glob("*.yaml")):
         if path.stem == "published":  # the figures of the sources
             continue
         about = next(line for line in path.read_text(encoding="utf-8").splitlines() if not _SCHEMA.match(line + "\n"))
         yield Start(path.stem, folder, re.split(r"(?<=\.)\s", about.removeprefix("# "))[0], path)
-
-
-def _root() -> Path:
-    """The folder `recipes`: inside an installed package, else beside it in the source tree."""
-    inside = Path(__file__).resolve().parents[1] / "_recipes"
-    return inside if inside.is_dir() else Path(__file__).resolve().parents[2] / "recipes"

@@ -5,7 +5,7 @@ import os
 from collections.abc import Mapping
 
 from bakery.errors import UsageError
-from bakery.grammar.files import Written
+from bakery.grammar.files import MAX_BYTES, Written
 
 
 def as_path(recipe: str | os.PathLike | Mapping) -> str | os.PathLike:
@@ -13,15 +13,18 @@ def as_path(recipe: str | os.PathLike | Mapping) -> str | os.PathLike:
     if isinstance(recipe, Mapping):
         try:
             # JSON is YAML; a key a line, so that messages name lines
-            text = json.dumps(dict(recipe), indent=1, ensure_ascii=False, allow_nan=False, default=_plain)
+            return _kept(json.dumps(dict(recipe), indent=1, ensure_ascii=False, allow_nan=False, default=_plain))
         except (TypeError, ValueError) as error:
             raise UsageError(f"recipe: expected a dict of texts, numbers, lists and dicts ({error})") from None
-        return Written.of(text)
     if isinstance(recipe, str) and "\n" in recipe:
-        return Written.of(recipe)
+        return _kept(recipe)
     if not isinstance(recipe, (str, os.PathLike)):
         raise UsageError(f"recipe: found {type(recipe).__name__}; expected a path, the text of a recipe or a dict")
     return recipe
+
+
+def _kept(text: str) -> Written:
+    return Written.of("<recipe>", text.encode("utf-8", "surrogateescape")[:MAX_BYTES + 1])
 
 
 def _plain(value):

@@ -5,7 +5,6 @@ from html import escape
 
 from bakery.asset.axes import axes
 from bakery.asset.summary import describe
-from bakery.draw.table import Table
 from bakery.report.figures import drawing, pictures, title_of
 from bakery.report.html import document, image, paragraph, section, table
 from bakery.stages.conform import stages_of
@@ -24,12 +23,14 @@ def page(root: Group, description: str = "", picture: bytes = b"", source: str =
     lead = f"Bakery asset, format {summary['format_version']}, baked by bakery {summary['bakery_version']}"
     parts = [f"<h1>{escape(name)}</h1>\n", paragraph(description, "what") if description else ""]
     parts += [paragraph(lead, "lead"), *(paragraph(f"Broken: {rule}.", "missed") for rule in summary["broken"]),
-              *(_missed(stage) for stage in summary["stages"] if stage["missed"])]
+              *(f'<p class="missed"><strong>Tolerance missed.</strong> {escape(stage["group"])}: {escape(stage["missed"])} '
+                f'({escape(str(stage["error_measure"]))}).</p>\n' for stage in summary["stages"] if stage["missed"])]
     stages = stages_of(root)
     parts.append(_rendered(picture, name, source) if any(stage.rendered for stage in stages) else "")
     for stage in reversed(stages):  # what renderers take first, then what it came from
         for told in stage.tables(root, partial(axes, root)):
-            parts += section(told.title, _told(told))
+            rows = table(told.header, told.rows, numbers=range(told.words, len(told.header)))
+            parts += section(told.title, [rows, paragraph(told.note) if told.note else ""])
     figures = [drawing(picture, title_of(root)) for picture in pictures(root)]
     parts += section("Pictures", figures)
     parts += section("Stages", [_stages(summary), *(paragraph(f"{key} {text}.") for key, text in summary["explained"].items())])
@@ -39,15 +40,6 @@ def page(root: Group, description: str = "", picture: bytes = b"", source: str =
         parts += section("Recipe", [f"<pre>{escape(read_text(recipe))}</pre>\n"])
     parts += section("Provenance", [table((), [(key, str(value)) for key, value in summary["provenance"].items()])])
     return document(name, parts)
-
-
-def _told(told: Table) -> list[str]:
-    return [table(told.header, told.rows, numbers=range(told.words, len(told.header))), paragraph(told.note) if told.note else ""]
-
-
-def _missed(stage: dict) -> str:
-    return (f'<p class="missed"><strong>Tolerance missed.</strong> {escape(stage["group"])}: {escape(stage["missed"])} '
-            f'({escape(str(stage["error_measure"]))}).</p>\n')
 
 
 def _rendered(picture: bytes, name: str, source: str) -> str:

@@ -42,12 +42,8 @@ def expected(modules: Iterable[str]) -> float:
 
 def missing(modules: Iterable[str]) -> list[str]:
     """Those of some modules of whose kernels this machine has none compiled."""
-    return [module for module in modules if not _compiled(module)]
-
-
-def _compiled(module: str) -> bool:
-    """Whether kernels of a module, as it and what it imports stand, were compiled on this machine."""
-    return sources.kept(Path(bakery.__file__).parent / "physics" / (module.replace(".", "/") + ".py"), "*")
+    physics = Path(bakery.__file__).parent / "physics"
+    return [module for module in modules if not sources.kept(physics / (module.replace(".", "/") + ".py"), "*")]
 
 
 class Clock:

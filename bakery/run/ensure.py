@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bakery.errors import RecipeError, UsageError
+from bakery.grammar.files import Kept, read_recipe
 from bakery.plan import Plan, chosen
 from bakery.plan import wanted as stages_wanted
 from bakery.plan.asked import Asked
@@ -41,7 +42,7 @@ def asked(recipe: str | os.PathLike, settings: Mapping[str, str], require: Calla
 
     Raises RecipeError, UsageError, StageError, StoreError : see `bakery.errors`
     """
-    cache = cache or Cache()
+    cache, recipe = cache or Cache(), Kept.of(recipe, read_recipe(recipe))
     read = partial(_read_once, {}, recipe, by)
     values = read(settings)
     by_default = [stage.name for stage in chosen(values)]

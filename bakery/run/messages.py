@@ -44,7 +44,9 @@ class Map:
 
     def __init__(self, cluster, function: Callable, tasks: list[tuple]):
         self._cluster, self._function = cluster, function
-        self._shared, self._tasks = _divided(tasks)
+        # arguments that are one object in all tasks, by place, and the others of each task
+        self._shared = {k: first for k, first in enumerate(tasks[0]) if all(task[k] is first for task in tasks)}
+        self._tasks = [tuple(value for k, value in enumerate(task) if k not in self._shared) for task in tasks]
         self._common = pickle.dumps((function, self._shared), protocol=5)
         self._key = hashlib.sha256(self._common).hexdigest()
         self._waiting, self._under, self._ended = deque(range(len(tasks))), {}, SimpleQueue()
@@ -117,12 +119,6 @@ def together(pace: float | None, remaining: int, threads: int) -> int:
     work = pace * remaining
     seconds = min(max(AIM, SPARE * threads), max(work / (AHEAD * threads), math.sqrt(work * COST)))
     return max(1, int(seconds / max(pace, 1e-6)))
-
-
-def _divided(tasks: list[tuple]) -> tuple[dict, list[tuple]]:
-    """Arguments that are one object in all tasks, by place, and the others of each task."""
-    common = {k: first for k, first in enumerate(tasks[0]) if all(task[k] is first for task in tasks)}
-    return common, [tuple(value for k, value in enumerate(task) if k not in common) for task in tasks]
 
 
 def run(common, tasks: bytes) -> tuple[list, float]:

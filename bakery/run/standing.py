@@ -31,7 +31,7 @@ def asset_at(path: Path) -> Group | None:
 def held(root: Group) -> dict[str, Held]:
     """The stages of an asset; without parts where other hands made it."""
     return {name: Held(_parts(root, name), group.attributes["input_hash"], float(group.attributes.get("achieved_error", 0.0)))
-            for name, group in root.members.items() if isinstance(group, Group) and "input_hash" in group.attributes}
+            for name, group in root.groups.items() if "input_hash" in group.attributes}
 
 
 def _parts(root: Group, name: str) -> Mapping:

@@ -27,6 +27,12 @@ def all_stages() -> tuple[Stage, ...]:
     return tuple(getattr(import_module(module), name) for module, _, name in places)
 
 
+def sections_in_words(*names: str) -> str:
+    """What `sections_for` gives of some groups: `grains` and `packing` or `particles`, in back quotes."""
+    alternatives = (" and ".join(f"`{section}`" for section in sections) for name in names for sections in sections_for(name))
+    return " or ".join(dict.fromkeys(alternatives))
+
+
 def sections_for(name: str) -> tuple[tuple[str, ...], ...]:
     """Recipe sections that make a bake write a group, one tuple for each way of writing it; () for a name that is no stage's.
 

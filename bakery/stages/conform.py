@@ -216,7 +216,7 @@ def _places(group: Group, parts: list[str], above: str = "", scope: str = "") ->
     """
     head, *inner = parts
     wild = head.isupper()
-    for name in [name for name, member in group.members.items() if isinstance(member, Group)] if wild else [head]:
+    for name in group.groups if wild else [head]:
         member, path = group.members.get(name), above + name
         if not inner:
             yield path, scope, member

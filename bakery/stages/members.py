@@ -30,6 +30,12 @@ _FEW, _NAMED = 3, 5  # so many values are shown themselves, so many members are 
 _drawing = later("bakery.stages.medium.pictures:phase_function")
 
 
+def medium_theta(root: Group) -> np.ndarray | None:
+    """The angles (A,) of an asset's medium, over which phase functions stand that have none of their own."""
+    medium = root.groups.get("medium")
+    return medium["theta"].data if medium is not None and "theta" in medium.datasets else None
+
+
 class MissingStage(AssetError, AttributeError):
     """The asset is sound but was baked without the stage that is asked for.
 
@@ -56,7 +62,7 @@ class Members(Mapping):
 
     def __init__(self, group: Group, path: str, theta: np.ndarray | None = None, wavelength: np.ndarray | None = None):
         self._group, self._path, self._wavelength = group, path, wavelength
-        datasets = {name: member for name, member in group.members.items() if isinstance(member, Dataset)}
+        datasets = group.datasets
         self.attributes = MappingProxyType(group.attributes)
         self.units = MappingProxyType({name: member.units for name, member in datasets.items()})
         self.description = MappingProxyType({name: member.description for name, member in datasets.items()})

@@ -97,7 +97,7 @@ def _mean_free_path(recipe) -> float:
 
 def _grains(body, mesh, recipe):
     """How far above the floor the mesh of grains stands, which stick out of it by a radius, m, and a remark."""
-    radius, fraction = 1e-6 * float(recipe.grains.radius), float(np.max(recipe.packing.fraction))
+    radius, fraction = 1e-6 * float(recipe.grains.radius), float(recipe.packing.fraction[0])
     count = body.volume * fraction / (4 / 3 * math.pi * radius**3)
     if count < 1 or body.extent.min() < 2 * radius:
         raise UsageError(f"{mesh}: found a mesh {length(float(body.extent.min()))} across at its narrowest, and grains are "

@@ -87,7 +87,9 @@ class _Walk:
         if self.objects + count > self.limits.objects:
             raise _TooMuch(f"{self.limits.objects} objects")
         members = {}
-        for name in _link_names(group):
+        for name in group:
+            if isinstance(name, bytes):  # bytes that are no text: a name that NAME refuses
+                name = name.decode("utf-8", "replace")
             child = path + (name if NAME.fullmatch(name) else ascii(name))
             try:
                 if not NAME.fullmatch(name):
@@ -191,11 +193,6 @@ _LIBRARY = (OSError, KeyError, RuntimeError, ValueError, TypeError)
 def _first_line(error: Exception) -> str:
     text = str(error).strip("'\"")
     return text.splitlines()[0] if text else type(error).__name__
-
-
-def _link_names(group) -> list[str]:
-    """Names in the order in which they were written; undecodable bytes come back as names that NAME refuses."""
-    return [name if isinstance(name, str) else name.decode("utf-8", "replace") for name in group]
 
 
 def _plain_type(stored, label: str = "") -> np.dtype:

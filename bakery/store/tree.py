@@ -33,6 +33,16 @@ class Group:
     members: dict[str, Dataset | Group] = field(default_factory=dict)
     attributes: dict[str, Attribute] = field(default_factory=dict)
 
+    @property
+    def groups(self) -> dict[str, Group]:
+        """The members that are groups, by name."""
+        return {name: member for name, member in self.members.items() if isinstance(member, Group)}
+
+    @property
+    def datasets(self) -> dict[str, Dataset]:
+        """The members that are datasets, by name."""
+        return {name: member for name, member in self.members.items() if isinstance(member, Dataset)}
+
     def walk(self, prefix: str = "") -> Iterator[tuple[str, Dataset | Group]]:
         """Every member below this group with its path, parents first."""
         for name, member in self.members.items():

@@ -49,7 +49,7 @@ class Kernel(CPUDispatcher):
         # two threads may call it first: the second finds what the first has compiled.  What is added twice numba calls
         # ambiguous, and asks for it again by every call: 1 ms where a record of arrays is an argument
         with global_compiler_lock:
-            arguments, called, self._called = _arguments(sig), self._called, False
+            arguments, called, self._called = tuple(getattr(sig, "args", sig)), self._called, False
             result = self.overloads.get(arguments)
             # of what is there numba's says so itself, and what is there for linking is what a call from another kernel takes
             if not self._can_compile or result is not None and (called or not linked.only(result)):
@@ -163,10 +163,6 @@ def _number(kind):
     return types.unliteral(kind) if isinstance(kind, (types.IntegerLiteral, types.BooleanLiteral)) else kind
 
 
-def _arguments(sig):
-    return tuple(getattr(sig, "args", sig))
-
-
 @contextmanager
 def _no_collector():
     """No collection of garbage inside of the `with`, a sixth of the time that compiling takes, nor right after it, 5 % more."""
@@ -212,10 +208,6 @@ class _BySources:
         return sources.stamp(Path(self._py_file))
 
 
-def _register():
-    """Puts ours before numba's own, of which each tries another folder: the user's, the source's, one in the home folder."""
-    caching.CacheImpl._locator_classes[:0] = [type(f"BySources{theirs.__name__}", (_BySources, theirs), {})
-                                              for theirs in caching.CacheImpl._locator_classes[:3]]
-
-
-_register()
+# before numba's own, of which each tries another folder: the user's, the source's, one in the home folder
+caching.CacheImpl._locator_classes[:0] = [type(f"BySources{theirs.__name__}", (_BySources, theirs), {})
+                                          for theirs in caching.CacheImpl._locator_classes[:3]]

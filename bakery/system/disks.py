@@ -18,7 +18,8 @@ def is_network(path: str | os.PathLike, mounts: Path = _MOUNTS) -> bool:
     except OSError:
         return False
     # of two that are mounted at one place the later one is seen
-    folders = {_unescaped(mount): kind for _, mount, kind, *_ in map(str.split, lines)}
+    folders = {re.sub(r"\\([0-7]{3})", lambda match: chr(int(match[1], 8)), mount): kind
+               for _, mount, kind, *_ in map(str.split, lines)}
     # as written first: that touches no disk, and one that hangs is mostly named without links
     return any(_kind(mount, folders) in NETWORK for mount in (os.path.abspath(path), os.path.realpath(path)))
 
@@ -26,7 +27,3 @@ def is_network(path: str | os.PathLike, mounts: Path = _MOUNTS) -> bool:
 def _kind(path: str, folders: dict[str, str]) -> str | None:
     above = next((str(folder) for folder in (Path(path), *Path(path).parents) if str(folder) in folders), None)
     return folders.get(above)
-
-
-def _unescaped(text: str) -> str:
-    return re.sub(r"\\([0-7]{3})", lambda match: chr(int(match[1], 8)), text)

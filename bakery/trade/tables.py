@@ -78,7 +78,7 @@ def _error(error: float, floor: float) -> str:
 
 
 def _recommendation(stage: Mapping, tolerances: Sequence[float], at: int | None, recipe: str) -> str:
-    target = f"{next(iter(stage['errors']))} of {' or '.join(map(_percent, sorted(tolerances)))}: "
+    target = f"{next(iter(stage['errors']))} of {' or '.join(f'{100 * share:.4g} %' for share in sorted(tolerances))}: "
     if at is None:
         return target + "no setting that was run reaches it"
     run, start = stage["runs"][at], stage["runs"][stage["start"]]
@@ -86,10 +86,6 @@ def _recommendation(stage: Mapping, tolerances: Sequence[float], at: int | None,
     error = _error(run["errors"][stage["errors"][0]], stage["reference"]["floor"][stage["errors"][0]])
     against = f", {start['seconds'] / run['seconds']:.2g} times as fast as it stands" if run is not start else ""
     return f"{target}{command}  ({duration(run['seconds'])}, error {error}{against})"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.4g} %"
 
 
 def _standing(stage: Mapping, preset: Mapping) -> str:

@@ -51,7 +51,7 @@ def endless(found):
 
 def unit(found):
     """Mean radius of an asset's grains, m."""
-    return float(np.sum(np.asarray(found.grains.radius) * np.asarray(found.grains.radius_share)))
+    return material._unit(found, material._tile(found))
 
 
 def ball(middle, radius):

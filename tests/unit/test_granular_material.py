@@ -6,6 +6,10 @@ import numpy as np
 import pytest
 
 from bakery import kernels
+from bakery.physics.granular import sizes
+from bakery.physics.granular.effective import void_chord
+from bakery.physics.packing.law import Law
+from bakery.physics.packing.radii import lognormal
 from renderers import scene
 from renderers.materials.grains import material
 from tests.conftest import ROOT
@@ -29,11 +33,24 @@ def packed(fraction):
 def test_the_tile_of_a_dictionary(wished, chosen, wider):
     """The least dense one that is dense enough, widened; the densest where none is."""
     asset = SimpleNamespace(packing=group(f50=packed(0.5), f60=packed(0.6), f10=packed(0.1)),
-                            medium=SimpleNamespace(fraction=np.array([wished])))
-    centers, radii, cell = material._tile(asset)
+                            medium=group(fraction=np.array([wished])))
+    centers, radii, cell, fraction = material._tile(asset)
+    assert fraction == chosen
     assert np.allclose(cell, 4 * wider ** (1 / 3)) and np.allclose(centers, wider ** (1 / 3)) and np.all(radii == 1)
+    asset.medium["tile_fraction"] = np.array([0.6])  # a choice that was stored holds
+    assert material._tile(asset).fraction == 0.6
     asset.packing = packed(chosen)
-    assert np.allclose(material._tile(asset)[2], cell)
+    assert np.allclose(material._tile(asset).cell, cell)
+
+
+def test_the_unit_is_the_mean_radius():
+    """Of spheres of a law, though radii that stand for it in `grains` have a mean of 1.16."""
+    law = Law("lognormal", sigma=2.0)
+    radii, shares = sizes.classes(law)
+    tile = packed(0.5) | {"radii": lognormal(law.sigma, 500)}
+    asset = SimpleNamespace(packing=tile, grains=group(radius=3e-4 * radii, radius_share=shares),
+                            medium=group(fraction=np.array([0.4]), void_chord=np.array([void_chord(0.4, 3e-4 * tile["radii"])])))
+    assert material._unit(asset, material._tile(asset)) == pytest.approx(3e-4, rel=1e-12)
 
 
 def test_voxels_with_surfaces():

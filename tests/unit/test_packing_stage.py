@@ -12,6 +12,7 @@ import pytest
 import bakery
 from bakery.asset.verify import _broken
 from bakery.errors import AssetError, RecipeError, StageError
+from bakery.physics.packing.tiles import tile_of
 from bakery.recipe import load
 from bakery.run import overrides
 from bakery.run.bake import planned
@@ -172,7 +173,7 @@ def test_a_dictionary_has_a_group_a_tile(two):
 def test_the_nearest_denser_tile_is_widened(two, wished, name):
     from bakery.physics.packing import structure
 
-    centers, radii, cell = view.nearest_denser(two.tree["packing"], wished)
+    centers, radii, cell, _ = tile_of(two.packing, {"fraction": [wished]})
     assert structure.fraction(radii, cell) == pytest.approx(min(wished, 0.4), rel=1e-12 if wished <= 0.4 else 1e-3)
     assert (radii == two.packing[name].radii).all() and (centers < cell).all()
     assert structure.smallest_gap(centers, radii, cell) >= -1e-9

@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bakery.grammar import files
 from bakery.physics.multiple import legendre, peaks
 from bakery.plan.asked import Asked
 from bakery.plan.suffice import Held, lacking, lost
-from bakery.run.ensure import told
+from bakery.run.ensure import asked, told
 from bakery.stages.packing.stage import _schedule
 from renderers.materials.bodies import requirements as translucent
 from renderers.materials.bodies import thin
@@ -17,6 +18,7 @@ from renderers.materials.grains import requirements as granular
 from renderers.materials.particles import requirements as discrete
 from renderers.scene import budget, requirements
 from renderers.scene.requirements import Knob, Need, Required, merged
+from tests.conftest import ROOT
 
 
 def depth(value):
@@ -170,6 +172,20 @@ def test_caps_of_peaks_are_no_wider_than_the_rule_says(g):
             continue
         clip, cap = peaks.clipped(theta, phase, orders), translucent._cap(about, orders)
         assert clip.angle <= cap * 1.0001 and clip.peak <= translucent._peak(medium, cap)[0], orders
+
+
+def test_the_recipe_is_read_once(monkeypatch):
+    """However often a scene asks what a bake with its knobs takes, and for the medium."""
+    original, paths = files._read, []
+    monkeypatch.setattr(files, "_read", lambda path, *limit: paths.append(str(path)) or original(path, *limit))
+
+    def require(recipe, medium, seconds):
+        required = [Required((Need("medium", True, "", (Knob("tolerance", value, f"{value}%", ""),)),)) for value in (5, 10)]
+        assert all(seconds(each) > 0 for each in required) and medium().g[0] > 0
+        return required[1]
+
+    wanted = asked(ROOT / "recipes" / "wax.yaml", {}, require)
+    assert wanted.recipe.tolerance == 0.1 and sum(path.endswith("wax.yaml") for path in paths) == 1
 
 
 @pytest.mark.parametrize(("tau", "most"), [(0.2, 3.0), (1.0, 1.4), (5.0, 1.4)])

@@ -69,7 +69,7 @@ def _particles(job: Job, medium) -> tuple[float, float, float]:
 def _only_component(root: Group) -> Group | None:
     """The particles of an asset that has one kind of them."""
     optics = root.members.get("optics")
-    groups = [member for member in optics.members.values() if isinstance(member, Group)] if isinstance(optics, Group) else []
+    groups = list(optics.groups.values()) if isinstance(optics, Group) else []
     needed = ("radius", "weight", "mean_scattering", "mean_volume")
     fits = len(groups) == 1 and all(isinstance(groups[0].members.get(name), Dataset) for name in needed)
     return groups[0] if fits and (groups[0]["mean_scattering"].data > 0).all() else None

@@ -83,7 +83,10 @@ def in_cells(region, position):
     cells = _lattice(region, len(position))
     counted = _counts(position, region.edge, cells).ravel()
     if region.density is not None:
-        return counted, _grid_shares(region.density, cells).ravel()
+        # the integral of a trilinear density over each cell over that of the box
+        along = [_hats(n, length) for n, length in zip(cells, region.density.shape)]
+        shares = np.einsum("ai,bj,ck,ijk->abc", *along, region.density.astype(float), optimize=True)
+        return counted, (shares / region.density.mean(dtype=float)).ravel()
     if region.vertices is None:
         return counted, np.full(counted.size, 1 / counted.size)
     full = _inside(region, cells).ravel()
@@ -106,12 +109,6 @@ def _counts(position, edge, cells):
         at = np.minimum((position[start:start + _CHUNK] * scale).astype(np.int64), np.array(cells) - 1)
         out += np.bincount(np.ravel_multi_index(at.T, cells), minlength=len(out))
     return out.reshape(cells)
-
-
-def _grid_shares(density, cells):
-    """Integral of a trilinear density over each cell (X, Y, Z) over that of the box."""
-    along = [_hats(n, length) for n, length in zip(cells, density.shape)]
-    return np.einsum("ai,bj,ck,ijk->abc", *along, density.astype(float), optimize=True) / density.mean(dtype=float)
 
 
 def _hats(cells, values):

@@ -73,12 +73,6 @@ def _log_interpolate(table, wavelength: float) -> float:
     raise ValueError(f"wavelength {wavelength} um is outside the table; {table[0][0]:g} to {table[-1][0]:g} um would do")
 
 
-def _grid(low: int, high: int) -> list[float]:
-    """Wavelengths from `low` to `high` nm: steps of 5 nm, and of 25 nm above 1.2 um, where dispersion is weak."""
-    fine = range(low, min(high, 1200) + 1, 5)
-    return [nm / 1000 for nm in fine] + [nm / 1000 for nm in range(1225, high + 1, 25)]
-
-
 _CLEAR = "k is set to 0: absorption in the range is far below what a small particle shows"
 _FACTS = "facts, evaluated from the published formula"
 
@@ -109,7 +103,8 @@ TABLES = {
 def table(name: str) -> str:
     """The text of one table."""
     header, (low, high), n, k = TABLES[name]
-    grid = _grid(low, high)
+    # steps of 5 nm, and of 25 nm above 1.2 um, where dispersion is weak
+    grid = [nm / 1000 for nm in (*range(low, min(high, 1200) + 1, 5), *range(1225, high + 1, 25))]
     lines = [f"# name: {name}", *(f"# {line}" for line in header), "# relative_to: vacuum",
              f"# range: {grid[0]:g} to {grid[-1]:g} um", "# made by: python -m bakery.physics.materials.tables",
              "wavelength_um,n,k"]

@@ -50,7 +50,7 @@ def improved(basis, logs, weight, rounds=ROUNDS):
     across = np.ascontiguousarray(weight.T)
     for _ in range(rounds if len(basis) > 1 else 0):
         a = coefficients(logs, weight, basis)
-        b = solve(np.ascontiguousarray((logs - a[:, :1]).T), across, _with_one(np.ascontiguousarray(a.T)))
+        b = solve(np.ascontiguousarray((logs - a[:, :1]).T), across, with_one(np.ascontiguousarray(a.T)))
         basis = np.ascontiguousarray(b.T)
         for k in range(1, len(basis)):
             _orthogonal(basis, overall, k)
@@ -72,7 +72,7 @@ def solve(values, weight, regressors):
 
 def coefficients(logs, weight, basis):
     """a_0 .. a_K of lobes, (N, K + 1), in a basis (K + 1, D)."""
-    return solve(logs - basis[0], weight, _with_one(basis))
+    return solve(logs - basis[0], weight, with_one(basis))
 
 
 def combine(a, functions):
@@ -82,10 +82,11 @@ def combine(a, functions):
 
 def distance(logs, a, weight, basis):
     """Norm (N,) of logs (N, D) less their representation by a (N, K + 1): the relative error of lobes, for small ones."""
-    return np.sqrt((weight * (logs - combine(a, _with_one(basis))) ** 2).sum(axis=1))
+    return np.sqrt((weight * (logs - combine(a, with_one(basis))) ** 2).sum(axis=1))
 
 
-def _with_one(basis):
+def with_one(basis):
+    """The basis with 1 in place of its mean."""
     regressors = basis.copy()
     regressors[0] = 1.0
     return regressors

@@ -123,7 +123,10 @@ def _points(medium, sums, fit) -> _Points:
     first, last = tally.means(medium, Theta), tally.means(medium, fit.polar)
     halves = np.array([tally.lobes(medium, tally.at_even(half), first, last, fit.azimuth) for half in sums.halves])
     blocks = np.array([tally.integrals(medium, tally.at_even(block), first) for block in sums.blocks])
-    integral = _positive(blocks.mean(axis=0))
+    integral = blocks.mean(axis=0)
+    # where photons are too few to tell, at least a tenth of what neighbours have
+    padded = np.concatenate([integral[:1], integral, integral[-1:]])
+    integral = np.maximum(integral, 0.1 * np.maximum(np.maximum(padded[:-2], padded[2:]), 1e-12 * integral.max()))
     deviations = blocks / blocks.mean(axis=0).clip(0.1 * integral) - 1
     offset_error = np.minimum(blocks.std(axis=0, ddof=1) / math.sqrt(tally.BLOCKS) / integral, 1.0).ravel()
     integral, distance = integral.ravel(), np.repeat(r, len(Theta))
@@ -162,9 +165,3 @@ def _measured(medium, sums, fit, packed, variants):
     ahead, bias = upper(bias[:, 0]), bias.mean(axis=1)
     return replace(packed, error=upper(bias), error_with_solver=upper(bias + noise, noise),
                    worst=float(np.sqrt(np.maximum(bias + noise, noise).max()))), ahead
-
-
-def _positive(integral):
-    """Integrals (R, J): where photons are too few to tell, at least a tenth of what their neighbours have."""
-    padded = np.concatenate([integral[:1], integral, integral[-1:]])
-    return np.maximum(integral, 0.1 * np.maximum(np.maximum(padded[:-2], padded[2:]), 1e-12 * integral.max()))

@@ -89,13 +89,13 @@ class Fit:
         for count in build.COUNTS:
             basis = quantised(bases.improved(first[:count + 1], logs, weight * of_row[:, None]))
             a, apart_weights = _in_basis(logs, apart, weight, basis)
-            residual = logs - basis[0] - bases.combine(a, _with_one(basis))
-            apart_residual = apart - bases.combine(apart_weights, _with_one(basis))
+            residual = logs - basis[0] - bases.combine(a, bases.with_one(basis))
+            apart_residual = apart - bases.combine(apart_weights, bases.with_one(basis))
             # of the product of both halves' residuals the noise has mean 0
             missed = max(float(((residual + apart_residual) * (residual - apart_residual) * weight).sum(axis=1).mean()), 0.0)
             if missed < (self.tolerance * margin) ** 2:
                 return basis
-            noisy = float((bases.combine(apart_weights, _with_one(basis)) ** 2 * weight).sum(axis=1).mean())
+            noisy = float((bases.combine(apart_weights, bases.with_one(basis)) ** 2 * weight).sum(axis=1).mean())
             best = min(best, (missed + noisy, basis), key=lambda candidate: candidate[0])
         return best[1]
 
@@ -143,10 +143,4 @@ def _tree():
 
 
 def _in_basis(logs, apart, weight, basis):
-    return bases.coefficients(logs, weight, basis), bases.solve(apart, weight, _with_one(basis))
-
-
-def _with_one(basis):
-    regressors = basis.copy()
-    regressors[0] = 1.0
-    return regressors
+    return bases.coefficients(logs, weight, basis), bases.solve(apart, weight, bases.with_one(basis))

@@ -128,7 +128,9 @@ def predicted(fraction, count, spread=0.0, schedule="final") -> float:
     stretch = 1.0 + 0.15 * spread  # of the densest fraction, roughly: `limit` needs the radii themselves
     plan = _schedule(schedule, fraction / stretch)
     collisions = _collisions(fraction / stretch, plan, count)
-    return 0.01 + 1e-6 * count * (_microseconds(fraction, count, spread) * collisions + 60.0)
+    bubbles = max(0.47 * fraction**-0.65 - 0.6, 0.0)  # bubbles left a collision: 0.13 at 0.5, 2.1 at 0.1, 43 at 0.001
+    microseconds = (0.36 + 0.25 * spread + 1.7 * bubbles) * (1.0 + 0.4 * max(np.log10(count / 1e4), 0.0))  # a collision
+    return 0.01 + 1e-6 * count * (microseconds * collisions + 60.0)
 
 
 def _checked(fraction, radii, cell, limit):
@@ -245,9 +247,3 @@ def _collisions(fraction, plan, count) -> float:
             total += 1.1 * np.mean(0.564 * (pressure - 1) / (f * rate)) * (high - low)
             low = high
     return total
-
-
-def _microseconds(fraction, count, spread) -> float:
-    """Time of a collision with all that goes with it."""
-    bubbles = max(0.47 * fraction**-0.65 - 0.6, 0.0)  # bubbles left a collision: 0.13 at 0.5, 2.1 at 0.1, 43 at 0.001
-    return (0.36 + 0.25 * spread + 1.7 * bubbles) * (1.0 + 0.4 * max(np.log10(count / 1e4), 0.0))

@@ -130,12 +130,6 @@ class Spheres:
                 return
             self.room *= 1.5
 
-    def _advance(self):
-        """Set the clock to zero and the thermal speed to 1; the temperature that was reached."""
-        temperature = self.settle() / self._freedoms
-        self.sphere[:, 3:6] /= np.sqrt(temperature)
-        return temperature
-
     def _window(self, end, rate, collisions):
         """Run until the scale `end` or so many collisions; whether the end was reached."""
         clock, tally = self.clock, self.tally
@@ -165,7 +159,8 @@ class Spheres:
             elif why != _events.PAUSED and (why == _events.STOPPED or self.collisions >= goal):
                 break
         elapsed += clock[_events.TIME]
-        temperature = self._advance()
+        temperature = self.settle() / self._freedoms  # the thermal speed is 1 from here on
+        self.sphere[:, 3:6] /= np.sqrt(temperature)
         mean = (temperature - 1.0) / np.log(temperature) if abs(temperature - 1.0) > 1e-6 else 1.0
         if elapsed > 0:
             self.pressure = 1.0 + clock[_events.VIRIAL] / (3.0 * self.count * mean * elapsed)

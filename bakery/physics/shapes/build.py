@@ -243,22 +243,15 @@ def sucrose_planes():
     return radial.unit(normal), np.array([height for _, height in rows])[first]
 
 
-def _cube():
-    return np.concatenate([np.eye(3), -np.eye(3)]), np.ones(6)
-
-
-def _octahedron():
-    normal = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / np.sqrt(3)
-    return normal, np.ones(8)
-
-
 def _prism():
     turn = np.arange(6) * np.pi / 3
     side = np.stack([np.cos(turn), np.sin(turn), np.zeros(6)], axis=1)
     return np.concatenate([side, [[0, 0, 1.0], [0, 0, -1.0]]]), np.ones(8)
 
 
-HABITS = {"cube": _cube, "octahedron": _octahedron, "prism": _prism, "sucrose": sucrose_planes}
+_CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / np.sqrt(3)
+HABITS = {"cube": lambda: (np.concatenate([np.eye(3), -np.eye(3)]), np.ones(6)), "octahedron": lambda: (_CORNERS, np.ones(8)),
+          "prism": _prism, "sucrose": sucrose_planes}
 SHAPES = {"sphere": sphere, "box": box, "ellipsoid": ellipsoid, "superellipsoid": superellipsoid, "rock": rock,
           "crystal": crystal, "aggregate": aggregate, "mesh": mesh}
 

@@ -70,17 +70,13 @@ def _first(slab: Slab, wanted, tolerance: float) -> int:
 def _error_after(change: float, wanted, count: int, few: bool) -> float:
     """Error after a change from two thirds of `count` moments; few: there are fewer nodes than moments."""
     # of two moments the larger one: of lobes to both sides every other is small, of those backward every other is below 0
-    shares = [[np.abs(row[k:k + 2]).max() for k in (_before(count), count)]
+    fewer = next(fewer for fewer in range(2 * count // 3, count) if 3 * fewer // 2 == count)
+    shares = [[np.abs(row[k:k + 2]).max() for k in (fewer, count)]
               for row in (wanted if isinstance(wanted, list) else [wanted])]
     share = max(float(now / (before - now)) if before > now else float(now > 0) for before, now in shares)
     if few:
         return min(2 * change, change * min(max(share, _LEAST), 1.0) + _FEW)
     return change * min(max(_MARGIN * share, _LEAST), 1.0)
-
-
-def _before(count: int) -> int:
-    """The number of moments of which `count` is half as many again."""
-    return next(fewer for fewer in range(2 * count // 3, count) if 3 * fewer // 2 == count)
 
 
 def compact(solution: Solution | Covered | Stacked, error: float, tolerance: float):

@@ -167,11 +167,6 @@ def _visible(cosine, roughness):
     return 2 / (1 + np.sqrt(1 + roughness**2 * tangent))
 
 
-def _density(cosine, roughness):
-    """Of normals of facets, 1/sr (D)."""
-    return roughness**2 / (math.pi * ((roughness**2 - 1) * cosine**2 + 1) ** 2)
-
-
 def reflected(mu, mu0, phi, index: float, roughness: float):
     """R of light that facets reflect once, from a side of the boundary whose other side has a relative index."""
     # the cosine of twice the angle between a direction and the normal of the facet
@@ -179,4 +174,5 @@ def reflected(mu, mu0, phi, index: float, roughness: float):
     onto = np.sqrt(np.maximum(0.5 * (1 + doubled), 1e-30))
     upright = np.minimum(0.5 * (mu + mu0) / onto, 1.0)
     shares = _visible(mu, roughness) * _visible(mu0, roughness) * fresnel.reflected(onto, index)
-    return math.pi * shares * _density(upright, roughness) / (4 * mu * mu0)
+    density = roughness**2 / (math.pi * ((roughness**2 - 1) * upright**2 + 1) ** 2)  # of normals of facets, 1/sr (D)
+    return math.pi * shares * density / (4 * mu * mu0)

@@ -168,7 +168,9 @@ def stacked(slab: Slab, moments: Sequence, count: int, tolerance: float = 1e-6) 
     leaving = max(_LEAST_NODES, count + SPARE) if free(slab) or rough_within(slab) else enough(count, _LEAST_NODES)
     nets = grids(parts, bottom, leaving)
     nodes, facets = [net.directions() for net in nets], boundaries(parts, nets, count)
-    missed = _missed(nodes, parts, cuts, leaving < count + SPARE)
+    # of each layer, what its nodes miss of a forward peak; 0 where they are not too few
+    missed = [(leaving < count + SPARE) * unresolved(without.moments, net.mu(part.index), net.flux(part.index))
+              for net, part, without in zip(nodes, parts, cuts, strict=True)]
     top = nodes[0].top(slab.index)
     exact = _Exact(nodes[0], top, parts, cuts, facets)
     orders, largest, small = [], [], 0
@@ -203,12 +205,6 @@ def _shares(top: Nodes, mirrored, upward, downward):
         air = flux * top.index  # of the flux in air, but for the same factor
         passed = direct + (air @ scattered) / air
     return top.reflected[keep] + through * ((through * flux) @ upward) / flux + again, again, passed
-
-
-def _missed(nodes: Sequence[Directions], parts, cuts, few: bool) -> list:
-    """Of each layer, what its nodes miss of a forward peak (`orders.unresolved`); 0 where they are not too few."""
-    return [few * unresolved(without.moments, net.mu(part.index), net.flux(part.index))
-            for net, part, without in zip(nodes, parts, cuts, strict=True)]
 
 
 class _Exact:

@@ -11,8 +11,7 @@ from bakery.store.tree import Group
 
 def view(root: Group) -> Beam:
     """The group as `bakery.open` gives it."""
-    medium = root.members.get("medium")
-    return Beam(root["beam"], medium if isinstance(medium, Group) else None)
+    return Beam(root["beam"], root.groups.get("medium"))
 
 
 class Beam(Members):

@@ -270,7 +270,7 @@ def sound(group: Group) -> Iterable[str]:
     """Whether angles ascend, there are places or a key, and each particle has a component."""
     yield from rules.angles(group["theta"].data)
     present = [name in group.members for name in ("position", "radius", "component")]
-    count = len(_classes(group))
+    count = len(group.groups)
     if not count:
         yield "holds no component"
     if METHODS[int(group["method"].data[0])] == "stored":
@@ -278,19 +278,15 @@ def sound(group: Group) -> Iterable[str]:
             yield "stored, but position, radius or component is missing"
         elif group["component"].data.size and group["component"].data.max() >= count:
             yield f"component up to {group['component'].data.max()}, but there are {count}"
-    if sorted(int(member["index"].data[0]) for member in _classes(group).values()) != list(range(count)):
+    if sorted(int(member["index"].data[0]) for member in group.groups.values()) != list(range(count)):
         yield "COMPONENT/index does not count the components"
-
-
-def _classes(group: Group) -> dict[str, Group]:
-    return {name: member for name, member in group.members.items() if isinstance(member, Group)}
 
 
 def check(group: Group) -> Iterable[str]:
     """Broken rules of a `discrete` group, in words."""
-    for name, part in _classes(group).items():
+    for name, part in group.groups.items():
         yield from (f"{name}: {fault}" for fault in _check_component(part, group["theta"].data))
-    total = sum(float(part["fraction"].data[0]) for part in _classes(group).values())
+    total = sum(float(part["fraction"].data[0]) for part in group.groups.values())
     if abs(total - 1) > 1e-5:
         yield f"fractions add up to {total:.7g}"
     box, volume = group["box"].data, float(group["volume"].data[0])
@@ -312,7 +308,7 @@ def check(group: Group) -> Iterable[str]:
 def _check_component(group: Group, theta) -> Iterable[str]:
     from bakery.physics.medium import phase
 
-    v = {name: np.asarray(member.data) for name, member in group.members.items() if isinstance(member, Dataset)}
+    v = {name: np.asarray(member.data) for name, member in group.datasets.items()}
     radius, edge = v["radius"], v["edge"]
     if not (np.diff(radius) > 0).all() or (radius < edge[:-1]).any() or (radius > edge[1:]).any():
         yield "radius does not ascend, or does not lie between the edges of its class"

@@ -38,7 +38,7 @@ class Classes:
 
 def classes_of(group: Group) -> Classes:
     """The classes of a `discrete` group."""
-    parts = {name: member for name, member in group.members.items() if isinstance(member, Group)}
+    parts = group.groups
     names = sorted(parts, key=lambda name: int(parts[name]["index"].data[0]))
     ordered = [parts[name] for name in names]
 

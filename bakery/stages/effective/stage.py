@@ -7,6 +7,7 @@ import numpy as np
 
 from bakery.errors import StageError
 from bakery.physics.granular.kinds import CHOICES
+from bakery.physics.packing.tiles import tile_of
 from bakery.physics.shapes.limits import share_hit
 from bakery.stages.coordinates import BIAS
 from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, datasets, later
@@ -16,8 +17,8 @@ from bakery.stages.grains.section import shape_keys
 from bakery.stages.grains.stage import inputs as inputs_of_grains
 from bakery.stages.measures import integrated_difference
 from bakery.stages.medium import stage as medium
-from bakery.stages.packing.view import nearest_denser
-from bakery.store.tree import Dataset, Group
+from bakery.stages.members import Members
+from bakery.store.tree import Group
 
 _LOADING = 0.2
 # hits times the squared tolerance; seconds of one core of a hit on a mesh, on a ball, of a sphere that is entered
@@ -40,6 +41,8 @@ OUTPUTS = (
     Output("sigma_t_bias", "(L,)", "1/m", "difference from the sigma_t that matches the random walk", optional=True),
     Output("albedo_error", "(L,)", "1", "standard error of albedo"),
     Output("fraction", "(1,)", "1", "share of the volume in bounding spheres", within=(0, 1)),
+    Output("tile_fraction", "(1,)", "1", "the `fraction` of the tile of `packing` in which the grains stand, widened to that of "
+           "the medium; absent in assets of version 6 of this stage and before", optional=True, within=(0, 1)),
     Output("hit_probability", "(1,)", "1", "share of the spheres on light's path whose grain it hits", within=(0, 1)),
     Output("hit_probability_error", "(1,)", "1", "standard error of hit_probability"),
     Output("void_chord", "(1,)", "m", "mean free path between bounding spheres (Eq. 1)"),
@@ -69,8 +72,8 @@ OUTPUTS = (
 
 
 def inputs(recipe, upstream) -> dict:
-    group, packing = upstream["grains"], upstream["packing"]
-    fraction = float(recipe.packing.fraction[0])
+    group, fraction = upstream["grains"], float(recipe.packing.fraction[0])
+    *tile, tile_fraction = tile_of(Members(upstream["packing"], "packing"), {"fraction": [fraction]})
     names = [grain.name for grain in recipe.grains.components]
     arguments = inputs_of_grains(recipe, {})
     sizes = len(group["radius"].data)
@@ -92,7 +95,7 @@ def inputs(recipe, upstream) -> dict:
         "lossless": [{figure: rows(name, figure, True) for figure in figures} for name in names],
         "radius": np.asarray(group["radius"].data, float), "share": np.asarray(group["radius_share"].data, float),
         "theta": np.asarray(group["theta"].data, float), "fraction": fraction, "mean_radius": arguments["radius"],
-        "tile": nearest_denser(packing, fraction), "components": arguments["components"], "depth": arguments["depth"],
+        "tile": tile, "tile_fraction": tile_fraction, "components": arguments["components"], "depth": arguments["depth"],
         "meshes": [(group[f"{name}/vertices"].data, group[f"{name}/faces"].data) for name in names],
         "wavelength": np.asarray(recipe.wavelength, float),
         "choice": None if recipe.effective_medium.sigma_t == "auto" else recipe.effective_medium.sigma_t,
@@ -138,7 +141,7 @@ def compute(inputs: dict, context) -> Result:
     # spread over the table in proportion to what is not in the peak
     error = means.errors["phase"] * (1 - means.forward_delta[:, None])
     members = medium.members_of(sigma_s, sigma_a, theta, f[:, None], sigma_t, albedo)
-    single = {"fraction": inputs["fraction"], "hit_probability": means.hit_probability,
+    single = {"fraction": inputs["fraction"], "tile_fraction": inputs["tile_fraction"], "hit_probability": means.hit_probability,
               "hit_probability_error": means.errors["hit_probability"], "void_chord": chord,
               "lambda_beta": coefficients.lambda_beta, "lambda_beta_error": coefficients.errors["lambda_beta"]}
     values = {name: np.array([float(value)]) for name, value in single.items()}
@@ -218,7 +221,7 @@ def _walk_members(walks, R, wavelength):
 def check(group: Group) -> Iterable[str]:
     """Broken rules of a `medium` group from grains, in words."""
     yield from medium.check(group)
-    v = {name: member.data for name, member in group.members.items() if isinstance(member, Dataset)}
+    v = {name: member.data for name, member in group.datasets.items()}
     if not np.allclose(v["sigma_t_mean_flight"] * (v["lambda_beta"] + v["albedo"] * v["lambda_s"]), 1, rtol=1e-9):
         yield "sigma_t_mean_flight is not 1/(lambda_beta + albedo lambda_s)"
     if not any(np.array_equal(v["sigma_t"], v.get("sigma_t_" + name)) for name in CHOICES):
@@ -261,7 +264,7 @@ def measures(group: Group, reference: Group) -> Mapping[str, float]:
 
 OF_GRAINS = Stage(
     name="medium",
-    version=6,
+    version=7,
     title="the continuous medium that stands for the packed grains",
     reads=("wavelengths", "tolerance", "seed", "grains.radius", "grains.components[*].weight", "packing.fraction",
            "effective_medium"),

@@ -1,7 +1,6 @@
 """Figures of grains as CSV, one file a component."""
 
 from bakery.draw.files import csv_text
-from bakery.stages.grains.view import components_of
 from bakery.store.tree import Dataset, Group
 
 
@@ -9,13 +8,13 @@ def csv_figures(root: Group) -> tuple[dict[str, str], set[str]]:
     """File name -> text of the single figures of grains and their medium, and of figures by size; the paths written in them."""
     files, written = {}, set()
     grains, medium = root["grains"], root.members.get("medium")
-    groups = {f"grains/{name}": part for name, part in components_of(grains).items()}
+    groups = {f"grains/{name}": part for name, part in grains.groups.items()}
     if isinstance(medium, Group):
         groups["medium"] = medium
-        groups |= {f"medium/{name}": part for name, part in medium.members.items() if isinstance(part, Group)}
+        groups |= {f"medium/{name}": part for name, part in medium.groups.items()}
     for path, group in groups.items():
-        single = {key: member for key, member in group.members.items() if isinstance(member, Dataset)
-                  and member.data.shape == (1,) and member.data.dtype.kind in "fiu"}
+        single = {key: member for key, member in group.datasets.items()
+                  if member.data.shape == (1,) and member.data.dtype.kind in "fiu"}
         rows = [(key, float(member.data[0]), float(single[f"{key}_error"].data[0]) if f"{key}_error" in single else "",
                  member.units, member.description) for key, member in single.items() if key.removesuffix("_error") not in single
                 or not key.endswith("_error")]
@@ -35,8 +34,7 @@ def _by_radius(root: Group, grains: Group, part: Group) -> tuple[list, list[str]
     sized, radius, um = part.members.get("by_radius"), grains.members.get("radius"), root["wavelength"].data
     if not isinstance(sized, Group) or not isinstance(radius, Dataset):
         return [], []
-    names = [name for name, member in sized.members.items() if isinstance(member, Dataset)
-             and member.data.shape == (radius.data.size, um.size)]
+    names = [name for name, member in sized.datasets.items() if member.data.shape == (radius.data.size, um.size)]
     columns = [(f"radius [{radius.units}]", radius.data)]
     columns += [(f"{name} at {x:g} um [{sized[name].units}]", sized[name].data[:, k]) for name in names for k, x in enumerate(um)]
     return columns if names else [], names

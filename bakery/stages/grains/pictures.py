@@ -13,7 +13,7 @@ from bakery.draw.table import Table
 from bakery.physics.medium.phase import phase_integral
 from bakery.stages.grains.outputs import SCALARS
 from bakery.stages.grains.rules import OF_SURFACES
-from bakery.stages.grains.view import Exemplar, components_of, exemplar
+from bakery.stages.grains.view import Exemplar, exemplar
 from bakery.stages.medium.pictures import around, band_of, by_angle, over_angles
 from bakery.store.tree import Dataset, Group
 
@@ -38,7 +38,7 @@ _EXACT = 1e-9  # an error below this has no digits to show
 def pictures(root: Group) -> Iterator:
     """Every picture of a `grains` group: the grains, their statistics, phase functions, figures by size."""
     grains, um = root["grains"], root["wavelength"].data
-    components = components_of(grains)
+    components = grains.groups
     yield shapes({name: exemplar(part) for name, part in components.items()}, components, grains)
     yield statistics(components, um)
     yield scattering(components, grains["theta"], um)
@@ -106,7 +106,8 @@ def statistics(parts: Mapping[str, Group], um):
             _write(axes, x_left, 1.2, symbol, (0, 26), fontsize=10, fontweight="bold", va="bottom")
             _write(axes, x_left, 1.2, textwrap.fill(words, 16), (0, 24), fontsize=7.8, color=QUIET, va="top")
             for y, (_, part, k) in zip(at, rows, strict=True):
-                (value, error), common = _value(part, figure_name, k), _common(part, figure_name)
+                value, error = _value(part, figure_name, k)
+                common = part[figure_name].data.size == 1 and figure_name in SCALARS  # to all wavelengths
                 if k and common:
                     continue
                 tint = INK if common else ink[k]
@@ -233,7 +234,7 @@ def concise(value: float, error: float) -> str:
 
 def table(grains: Group, um) -> tuple[list[str], list[list[str]]]:
     """Heading (symbols) and rows of all figures of each component at each wavelength, for pages."""
-    parts = components_of(grains)
+    parts = grains.groups
     names = _shown(parts)
     head = ["component", "wavelength (um)", *(FIGURES[name][0] for name in names)]
     rows = []
@@ -311,11 +312,6 @@ def _value(part: Group, name: str, k: int) -> tuple[float, float]:
     """A figure at a wavelength and its standard error."""
     value, error = (part[name + end].data for end in ("", "_error"))
     return float(value[min(k, value.size - 1)]), float(error[min(k, value.size - 1)])
-
-
-def _common(part: Group, name: str) -> bool:
-    """Whether a figure belongs to all wavelengths."""
-    return part[name].data.size == 1 and name in SCALARS
 
 
 def _range(name: str, parts) -> tuple[float, float]:

@@ -18,10 +18,9 @@ OF_SURFACES = {"dielectric": ("index",), "diffuse": ("reflectance",), "conductor
 def sound(group: Group) -> Iterable[str]:
     """Whether angles ascend, and every grain is a solid in the unit sphere with a shape and a surface that can be read."""
     yield from rules.angles(group["theta"].data)
-    parts = {name: member for name, member in group.members.items() if isinstance(member, Group)}
-    if not parts:
+    if not group.groups:
         yield "holds no grain"
-    for name, part in parts.items():
+    for name, part in group.groups.items():
         faults = (*solid.faults(part["vertices"].data, part["faces"].data), *_texts(part, len(part["interior"].data)))
         yield from (f"{name}: {fault}" for fault in faults)
 
@@ -60,10 +59,10 @@ def _is_number(value) -> bool:
 
 def check(group: Group) -> Iterable[str]:
     """Broken rules of a `grains` group, in words."""
-    v = {name: np.asarray(member.data, float) for name, member in group.members.items() if isinstance(member, Dataset)}
+    v = {name: np.asarray(member.data, float) for name, member in group.datasets.items()}
     if not (v["radius"] > 0).all() or not (v["radius_share"] > 0).all() or abs(v["radius_share"].sum() - 1) > 1e-9:
         yield "radius is not above 0, or radius_share does not add up to 1"
-    parts = {name: member for name, member in group.members.items() if isinstance(member, Group)}
+    parts = group.groups
     for name, part in parts.items():
         yield from (f"{name}: {fault}" for fault in _check_component(part, v["theta"]))
     total = math.fsum(float(part["weight"].data[0]) for part in parts.values())

@@ -47,12 +47,7 @@ class Grains(Members):
 
     @cached_property
     def exemplars(self) -> dict[str, Exemplar]:
-        return {name: exemplar(part) for name, part in components_of(self._group).items()}
-
-
-def components_of(grains: Group) -> dict[str, Group]:
-    """The components of a `grains` group by name."""
-    return {name: member for name, member in grains.members.items() if isinstance(member, Group)}
+        return {name: exemplar(part) for name, part in self._group.groups.items()}
 
 
 def exemplar(component: Group) -> Exemplar:

@@ -14,7 +14,7 @@ from bakery.stages.medium.section import MEDIUM, coefficients, phase_keys
 from bakery.stages.optics import stage as optics
 from bakery.stages.optics.amounts import AMOUNTS, amounts
 from bakery.stages.optics.spheres import dry
-from bakery.store.tree import Dataset, Group
+from bakery.store.tree import Group
 
 _ANALYTIC = 0.1  # share of the tolerance for phase functions that are formulas: angles cost nothing there
 
@@ -125,7 +125,7 @@ def check(group: Group) -> Iterable[str]:
     """Broken rules of a `medium` group, in words."""
     from bakery.physics.medium import phase, similarity
 
-    v = {name: np.asarray(member.data, float) for name, member in group.members.items() if isinstance(member, Dataset)}
+    v = {name: np.asarray(member.data, float) for name, member in group.datasets.items()}
 
     def near(a, b):
         return np.allclose(a, b, rtol=1e-12, atol=0)

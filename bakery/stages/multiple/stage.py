@@ -14,7 +14,7 @@ from bakery.stages.declaration import ANY, Cost, Knob, Output, Result, Stage, da
 from bakery.stages.multiple.lookup import QUERIES
 from bakery.stages.multiple.section import MULTIPLE
 from bakery.stages.multiple.view import tables_of
-from bakery.store.tree import Dataset, Group, text
+from bakery.store.tree import Group, text
 
 _TEXTS = (("coordinates", "map from the position to the unit square that the quadtree divides"),
           ("frame", "frame of the directions at a position, and coordinates in it"),
@@ -209,7 +209,7 @@ def sound(group: Group) -> Iterable[str]:
 
 def check(group: Group) -> Iterable[str]:
     """Broken rules of a `multiple` group, in words."""
-    v = {name: np.asarray(member.data, float) for name, member in group.members.items() if isinstance(member, Dataset)}
+    v = {name: np.asarray(member.data, float) for name, member in group.datasets.items()}
     # in mean free paths of the medium with its peak at most 1, where nothing is scattered, and 0 only where nothing is absorbed
     if (v["k0"] * v["extinction"] > 1 + 1e-9).any() or ((v["k0"] <= 0) & (v["albedo"] < 1 - 1e-9)).any():
         yield "k0 is not the decay of diffuse light: 0 although light is absorbed, or faster than extinction"
@@ -227,7 +227,8 @@ def check(group: Group) -> Iterable[str]:
 
 
 def cost(recipe) -> Cost:
-    orders = _orders(recipe)
+    needed = -_SMALL / math.log(max(_width(recipe), 1e-9))  # Legendre orders: of Henyey and Greenstein's phase function g^l
+    orders = min(needed, recipe.multiple_scattering.orders or (needed if needed <= WHOLE else KEPT))
     number = len(recipe.wavelength) * len(recipe.multiple_scattering.sources)
     if counted := _counted(recipe):
         share = min((recipe.multiple_scattering.photons or _PHOTONS) / _PHOTONS, 1.0)
@@ -248,12 +249,6 @@ def _counted(recipe) -> int:
     if options.method == "solver" or phase is None or phase.type != "hg":
         return 0
     return int(np.sum(refused(np.broadcast_to(phase.g, len(recipe.wavelength)), options.orders)))
-
-
-def _orders(recipe) -> float:
-    """About how many Legendre orders are solved: p_l of Henyey and Greenstein's phase function is g^l."""
-    needed = -_SMALL / math.log(max(_width(recipe), 1e-9))
-    return min(needed, recipe.multiple_scattering.orders or (needed if needed <= WHOLE else KEPT))
 
 
 def _width(recipe) -> float:

@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from bakery.physics.multiple.kinds import KINDS
-from bakery.stages.members import Members, MissingStage
-from bakery.store.tree import Dataset, Group
+from bakery.stages.members import Members, MissingStage, medium_theta
+from bakery.store.tree import Group
 
 
 def view(root: Group) -> Multiple:
     """The group as `bakery.open` gives it; its phase functions stand over the angles of the medium."""
-    medium = root.members.get("medium")
-    theta = medium.members.get("theta") if isinstance(medium, Group) else None
-    return Multiple(root["multiple"], theta.data if isinstance(theta, Dataset) else None, root["wavelength"].data)
+    return Multiple(root["multiple"], medium_theta(root), root["wavelength"].data)
 
 
 class Multiple(Members):

@@ -23,7 +23,7 @@ def components(root: Group, optics: Group) -> tuple[list[dict], str]:
     Each has name, fraction (1), volume (um^3, mean), density (kg/m^3, None where the recipe states none), radius (R,) um,
     share (R,) of all particles, extinction (L,) um^2.
     """
-    groups = {name: member for name, member in optics.members.items() if isinstance(member, Group) and "radius" in member.members}
+    groups = {name: member for name, member in optics.groups.items() if "radius" in member.members}
     written = _written(root)
     volumes = {name: _volume(group) for name, group in groups.items()}
     fractions = _fractions(volumes, written)

@@ -62,20 +62,15 @@ def check_layers(checker: "Checker", section: Mapping, parts, host: Index | None
         checker.report(section["relative_humidity"], "found relative_humidity, and no component that grows",
                        "expected growth: {kappa: …} or {file: …} in a component")
     for part in parts:
-        factor, shift = 1.0, 0.0
+        factor, shift = 1.0, 0.0  # of the radii, and what comes on top of them (um)
         for coating in mappings(part.get("coating")):
             _coating(checker, part, coating)
-            factor, shift = _around(checker, coating)
+            thickness, ratio, share = (checker.value(coating, name) for name in _SIZES)
+            factor, shift = ratio or (1.0 if share is None else (1 - share) ** (-1 / 3)), thickness or 0.0
         for growth in mappings(part.get("growth")):
             factor *= _growth(checker, part, growth, checker.value(section, "relative_humidity"))
         if (factor, shift) != (1.0, 0.0):
             _too_large(checker, part, factor, shift, host)
-
-
-def _around(checker: "Checker", coating: Mapping) -> tuple[float, float]:
-    """Factor of the radii, and what comes on top of them (um)."""
-    thickness, ratio, share = (checker.value(coating, name) for name in _SIZES)
-    return ratio or (1.0 if share is None else (1 - share) ** (-1 / 3)), thickness or 0.0
 
 
 def _too_large(checker: "Checker", part: Mapping, factor: float, shift: float, host: Index | None) -> None:

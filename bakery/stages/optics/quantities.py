@@ -51,7 +51,9 @@ def table(root: Group, length=None, density=None, wavelength=None) -> QuantityTa
     um = stored if wavelength is None else np.atleast_1d(wavelengths(wavelength, stored))
     if wavelength is not None:
         medium = at_wavelengths(medium, stored, um)
-    rows = [*_of_medium(medium), *_backwards(medium, PATH in root.members), *_exponents(medium, um),
+    rows = [*(Figure(name, medium[member].units, words, medium[member].data, _error(medium, member))
+              for name, member, words in _MEDIUM),
+            *_backwards(medium, PATH in root.members), *_exponents(medium, um),
             *_of_paths(medium, length), *_of_particles(root, spectral.places(stored, um), density)]
     return QuantityTable(PATH, um, tuple(rows))
 
@@ -88,11 +90,6 @@ def _error(medium: Group, name: str) -> np.ndarray:
     if name == "albedo" and "sigma_a_bias" in medium.members:
         return figures.albedo_error(value, medium["sigma_t"].data, reached, medium["sigma_a_bias"].data)
     return reached * value
-
-
-def _of_medium(medium: Group) -> Iterator[Figure]:
-    for name, member, words in _MEDIUM:
-        yield Figure(name, medium[member].units, words, medium[member].data, _error(medium, member))
 
 
 def _backwards(medium: Group, spheres: bool) -> Iterator[Figure]:

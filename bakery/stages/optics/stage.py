@@ -52,19 +52,15 @@ OUTPUTS = (
 
 
 def inputs(recipe, upstream) -> dict:
-    particles, host = recipe.particles, np.asarray(recipe.particles.host.n, float)
-    return {"components": [spheres.component(part, host, particles.relative_humidity) for part in particles.components],
-            "wavelength": np.asarray(recipe.wavelength, float), "host": host,
-            "polarized": bool(recipe.phase.polarized)} | _settings(recipe)
-
-
-def _settings(recipe) -> dict:
     from bakery.physics.averages import Rays
 
     phase = recipe.phase
-    return {"rays": Rays(phase.method, phase.orders, phase.rainbow, phase.axis, None if phase.edge == "none" else phase.edge,
-                         phase.switch),
-            "radii": phase.radii, "angles": phase.angles, "integrated": recipe.measure == "integrated"}
+    rays = Rays(phase.method, phase.orders, phase.rainbow, phase.axis, None if phase.edge == "none" else phase.edge, phase.switch)
+    particles, host = recipe.particles, np.asarray(recipe.particles.host.n, float)
+    return {"components": [spheres.component(part, host, particles.relative_humidity) for part in particles.components],
+            "wavelength": np.asarray(recipe.wavelength, float), "host": host,
+            "polarized": bool(phase.polarized), "rays": rays, "radii": phase.radii, "angles": phase.angles,
+            "integrated": recipe.measure == "integrated"}
 
 
 def share(components: int) -> float:
@@ -158,11 +154,6 @@ def _remarks(channels, choices) -> tuple[str, ...]:
                  for (component, why), at in lines.items())
 
 
-def _share(x: float) -> float:
-    """Share of the work that is done, from that of the work that was expected: more may be needed, and does not stop the bar."""
-    return x if x < 0.8 else 1 - 0.04 / (x - 0.6)
-
-
 def compute(inputs: dict, context) -> Result:
     from bakery.physics.averages import averages, expected
 
@@ -171,7 +162,8 @@ def compute(inputs: dict, context) -> Result:
     whole = expectation[0].seconds
 
     def report(seconds, error):
-        context.report(_share(seconds / max(whole, 1e-9)), error)
+        done = seconds / max(whole, 1e-9)  # of the work that was expected: more may be needed, and does not stop the bar
+        context.report(done if done < 0.8 else 1 - 0.04 / (done - 0.6), error)
 
     theta, by_component = averages(*asked, map=context.map, report=report, expectation=expectation)
     members: dict[str, Dataset | Group] = dict(datasets(OUTPUTS, {"theta": theta}))
@@ -254,7 +246,7 @@ def check(group: Group) -> Iterable[str]:
 
 
 def _check_component(group: Group, theta) -> Iterable[str]:
-    values = {name: np.asarray(member.data) for name, member in group.members.items() if isinstance(member, Dataset)}
+    values = {name: np.asarray(member.data) for name, member in group.datasets.items()}
     weight = values["weight"]
     if abs(weight.sum() - 1) > 1e-12:
         yield "weight does not add up to 1"

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from bakery.stages.members import Members
+from bakery.stages.members import Members, medium_theta
 from bakery.stages.optics.quantities import table
 from bakery.stages.optics.quantity_table import QuantityTable
-from bakery.store.tree import Dataset, Group
+from bakery.store.tree import Group
 
 
 def view(root: Group) -> Optics:
     """The group as `bakery.open` gives it; its phase functions stand over the angles of the medium where it has none."""
-    medium = root.members.get("medium")
-    theta = medium.members.get("theta") if isinstance(medium, Group) else None
-    optics = Optics(root["optics"], "optics", theta.data if isinstance(theta, Dataset) else None, root["wavelength"].data)
+    optics = Optics(root["optics"], "optics", medium_theta(root), root["wavelength"].data)
     optics._root = root
     return optics
 

@@ -142,9 +142,6 @@ def radii_law(radii) -> Law:
     return Law("lognormal", sigma=radii.sigma)
 
 
-def _completed(packing: Packing, recipe) -> Packing:
-    return packing.model_copy(update={"seed": recipe.seed}) if packing.seed is None else packing
-
-
 PACKING = RecipeSection("packing", Packing, "Periodic tiles of packed spheres; alone or with grains.", check,
-                        completed=_completed, alone=True)
+                        completed=lambda model, recipe: model if model.seed is not None else model.model_copy(
+                            update={"seed": recipe.seed}), alone=True)

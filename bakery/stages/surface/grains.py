@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from bakery.errors import StageError
+from bakery.physics.packing.tiles import tile_of
 from bakery.stages.declaration import Cost, Output, Result, Stage, datasets, later
 from bakery.stages.grains.stage import inputs as inputs_of_grains
-from bakery.stages.packing.view import nearest_denser
+from bakery.stages.members import Members
 from bakery.stages.surface import stage as surface
 from bakery.stages.surface.section import INFINITE, SURFACE, among_grains
 from bakery.stages.surface.view import QUERIES, counted_in
@@ -64,7 +65,7 @@ def inputs(recipe, upstream) -> dict:
     names = [grain.name for grain in recipe.grains.components]
     return values | {
         "counted": True, "components": arguments["components"], "radius": arguments["radius"], "depth": arguments["depth"],
-        "tile": nearest_denser(upstream["packing"], float(recipe.packing.fraction[0])),
+        "tile": tile_of(Members(upstream["packing"], "packing"), Members(medium, "medium"))[:3],
         "weights": [float(group[f"{name}/weight"].data[0]) for name in names],
         "meshes": [(group[f"{name}/vertices"].data, group[f"{name}/faces"].data) for name in names],
         "g": np.asarray(medium["g"].data, float), "decay": np.asarray(medium["sigma_tr_improved"].data, float)}
@@ -270,7 +271,7 @@ OF_GRAINS = Stage(
     name="surface",
     version=16,
     title="reflectance and transmittance of packed grains",
-    reads=("wavelengths", "seed", "surface", "grains.radius", "grains.components[*].weight", "packing.fraction"),
+    reads=("wavelengths", "seed", "surface", "grains.radius", "grains.components[*].weight"),
     needs=("medium", "packing", "grains"),
     applies=lambda recipe: recipe.surface is not None and recipe.grains is not None,
     sections=(SURFACE,),

@@ -160,19 +160,15 @@ def stored(inputs: dict, solutions: list, shape: tuple[int, int]) -> dict:
     for name in names:
         pack = packed if name == "reflected" or first.slab.under is None else whole
         orders = [pack(getattr(solution, name), most) for solution in solutions]
-        values |= _compressed(name, np.stack(orders).reshape(*shape, *orders[0].shape))
+        orders = np.stack(orders).reshape(*shape, *orders[0].shape)
+        exact = integers(orders)  # and exponents, where they are rounded
+        values |= {name: orders.astype(np.float32)} if exact is None else {name: exact[0], f"{name}_exponent": exact[1]}
     if inputs["thickness"] is not None:
         values["thickness"] = inputs["thickness"]
         values["depth"] = _depths(inputs)
     if inputs["base"] is not None:
         values["base"] = inputs["base"]
     return values
-
-
-def _compressed(name: str, orders) -> dict:
-    """Arrays of Fourier orders: as integers and exponents where they are rounded."""
-    exact = integers(orders)
-    return {name: orders.astype(np.float32)} if exact is None else {name: exact[0], f"{name}_exponent": exact[1]}
 
 
 # ---- rules and plan

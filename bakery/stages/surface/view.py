@@ -24,8 +24,7 @@ _TOLD = {"reflected": Remark("pi times the BRDF: 1 for a white Lambertian surfac
 
 def view(root: Group) -> Surface:
     """The group as `bakery.open` gives it."""
-    medium = root.members.get("medium")
-    return Surface(root["surface"], medium if isinstance(medium, Group) else None)
+    return Surface(root["surface"], root.groups.get("medium"))
 
 
 # of the light at a single pair, that interpolation between cells of counted light leaves (docs/measurements/surface.md)

@@ -48,7 +48,8 @@ def radius_of(grains) -> float:
 
 def largest_of(asset) -> float:
     """Radius of the largest sphere of an asset's tile, m."""
-    return _unit(asset) * float(np.max(_tile(asset)[1]))
+    tile = _tile(asset)
+    return _unit(asset, tile) * float(np.max(tile.radii))
 
 
 def pixels_wide(world, triangles, radius) -> float:
@@ -95,9 +96,17 @@ def meetings(asset, vertices, faces) -> float:
     return float(np.max(1 / (1 / (sigma_t * solids.chord(vertices, faces)) + np.sqrt(0.75 * (1 - albedo) * (1 - g)))))
 
 
-def _unit(asset) -> float:
-    """Mean radius of an asset's grains, m."""
-    return float(np.sum(np.asarray(asset.grains.radius) * np.asarray(asset.grains.radius_share)))
+def _tile(asset):
+    """Of the asset's spheres, `bakery.physics.packing.tiles.Tile`."""
+    return kernels.tile_of(asset.packing, asset.medium)
+
+
+def _unit(asset, tile) -> float:
+    """Mean radius of an asset's grains, m, which lengths of its tile are in: by the mean chord between the spheres.
+
+    Radii in `grains` stand for a law by its cross section: their mean is 1.01 (log-normal, sigma 1.3) to 1.16 (2) of the law's.
+    """
+    return _void(asset) / (4 / 3 * float(np.sum(tile.radii**3) / np.sum(tile.radii**2)))
 
 
 def medium_of(asset, grains):
@@ -170,8 +179,8 @@ def _void(asset):
 
 def fraction_of(asset) -> float:
     """Share of the volume in the spheres of the tile that a body is filled with."""
-    _, radii, cell = _tile(asset)
-    return float(4 / 3 * np.pi * np.sum(radii**3) / np.prod(cell))
+    tile = _tile(asset)
+    return float(4 / 3 * np.pi * np.sum(tile.radii**3) / np.prod(tile.cell))
 
 
 def without_peak(sigma_t, albedo, theta, phase):
@@ -194,11 +203,12 @@ def seldom(aggregate, sigma_t):
 def grains_of(asset, vertices, faces, local=UNIFORM) -> Grains:
     """The asset's grains in a mesh, vertices (V, 3) m; local : of `local.local_of`, what varies in it."""
     group, middle = asset.grains, len(asset.wavelength) // 2
-    unit = _unit(asset)
+    tile = _tile(asset)
+    unit = _unit(asset, tile)
     types = [_Grain(exemplar, middle) for exemplar in group.exemplars.values()]
     parts = [group[name] for name in group.exemplars]
     share, mixture = (field and field._replace(low=field.low / unit, edge=field.edge / unit) for field in local)
-    aggregate = kernels.aggregate(*_tile(asset), vertices / unit, faces, share, SEED)
+    aggregate = kernels.aggregate(*tile[:3], vertices / unit, faces, share, SEED)
     sigma_t = unit * float(np.min(asset.medium.sigma_t)) * (float(share.values.max()) if share else 1.0)
     return Grains(aggregate, unit, np.uint64(SEED),
                   kernels.cumulated_shares([float(part.weight[0]) for part in parts]), kernels.exemplars(types),
@@ -232,14 +242,6 @@ def _channels(surface, waves):
         return np.zeros((2, waves))
     matter = kernels.diffuse(surface["reflectance"]) if surface["type"] == "diffuse" else kernels.conductor(_complex(surface))
     return np.array(np.broadcast_to(matter.channels, (2, waves)))
-
-
-def _tile(asset):
-    """Centres, radii and cell: the least dense tile that is as dense as the medium, widened until it is just that."""
-    packing, wished = asset.packing, float(asset.medium.fraction[0])
-    tiles = [packing] if "centers" in packing else [tile for tile in packing.values() if "centers" in tile]
-    index, wider = kernels.nearest_denser([float(tile.fraction[0]) for tile in tiles], wished)
-    return np.asarray(tiles[index].centers) * wider, np.asarray(tiles[index].radii), np.asarray(tiles[index].cell) * wider
 
 
 def occupied_by(world, aggregate, unit, others=()):
