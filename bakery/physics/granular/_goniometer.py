@@ -19,7 +19,7 @@ from bakery.system.compiled import njit
 MISSED, LEFT, DROPPED, CUT = range(4)
 FIRST, SECOND, HIGHER = range(3)  # orders that are kept apart
 ORDERS = 3
-FOLLOWED = 8  # of walks whose light is late, one goes on, which tells how much of it leaves
+FOLLOWED = 16  # of walks whose light is late, one goes on, which tells how much of it leaves
 STEEPEST = 1e-4  # least cosine at which light enters: 89.994 degrees
 _STRAIGHT = 5e-13  # 1 - cosine up to which light counts as not deflected
 # of walks at their first matt surface, that are aimed almost straight back; root of the phase angle over pi up to which
@@ -401,13 +401,12 @@ def _goes_on(path, factor, draws):
     """
     strongest = 0.0
     for c in range(len(path.carried)):
-        strongest = max(strongest, path.carried[c] * math.exp(-path.optical[c]))
-    strongest *= factor
-    if strongest >= FAINT:
-        return factor
-    if strongest == 0.0 or next_uniform(draws.stream, draws.pool) * FAINT >= strongest:
-        return 0.0
-    return factor * FAINT / strongest
+        if factor * path.carried[c] * (1.0 - path.optical[c]) >= FAINT:  # 1 - x: no more than exp(-x)
+            return factor
+        strongest = max(strongest, factor * path.carried[c] * math.exp(-path.optical[c]))
+    if strongest >= FAINT or strongest > 0.0 and next_uniform(draws.stream, draws.pool) * FAINT < strongest:
+        return factor * max(FAINT / strongest, 1.0)
+    return 0.0
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)

@@ -51,22 +51,21 @@ def flight_in_slab(o, d, remaining, grid, limit, cells, to, slab):
     best = limit
     while True:
         bin_index, lifted = (a * m[1] + b) * m[2] + c, (k - base) * cell[2]
-        for s in range(start[bin_index], start[bin_index + 1]):
-            if top < np.inf and image[s, 2] > top - lifted or bottom > -np.inf and image[s, 2] <= bottom - lifted:
-                continue
+        lowest, highest = bottom - lifted, top - lifted
+        for s in range(np.uint64(start[bin_index]), np.uint64(start[bin_index + 1])):
             x, y, z = image[s, 0] - ox, image[s, 1] - oy, image[s, 2] - oz
             along = x * dx + y * dy + z * dz
-            if along > 0:
-                # from the distance of the line to the centre: far away, |oc|^2 - along^2 would lose its digits
-                p, q, r = x - along * dx, y - along * dy, z - along * dz
-                inside = image[s, 3] - (p * p + q * q + r * r)
-                if inside > 0:
-                    t = max(along - math.sqrt(inside), 0.0)
-                    if t < best and not (owner[s, 0] == skip and owner[s, 1] + i == far_i and owner[s, 2] + j == far_j
-                                         and owner[s, 3] + k == far_k):
-                        best = t
-                        to[0], to[1], to[2] = x, y, z
-                        cells[0], cells[1], cells[2], cells[3] = owner[s, 0], owner[s, 1] + i, owner[s, 2] + j, owner[s, 3] + k
+            # from the distance of the line to the centre: far away, |oc|^2 - along^2 would lose its digits
+            p, q, r = x - along * dx, y - along * dy, z - along * dz
+            inside = image[s, 3] - (p * p + q * q + r * r)
+            # ahead, met, and between the planes: one question, as processors guess each of four wrong as often as not
+            if min(min(along, inside), min(highest - image[s, 2], image[s, 2] - lowest)) > 0.0:
+                t = max(along - math.sqrt(inside), 0.0)
+                if t < best and not (owner[s, 0] == skip and owner[s, 1] + i == far_i and owner[s, 2] + j == far_j
+                                     and owner[s, 3] + k == far_k):
+                    best = t
+                    to[0], to[1], to[2] = x, y, z
+                    cells[0], cells[1], cells[2], cells[3] = owner[s, 0], owner[s, 1] + i, owner[s, 2] + j, owner[s, 3] + k
         # the tile repeats: beyond its faces the ray goes on inside, seen from an origin one tile further back
         if wall_x <= wall_y and wall_x <= wall_z:
             if best <= wall_x:

@@ -30,12 +30,13 @@ CELLS = (48, 8, 8)  # along the coordinates of `surfaces.pairs`
 BINS = 16  # of the root of the cosine of incidence
 LEAST = math.sqrt(kernel.STEEPEST)  # root of the cosine where they begin; they end at 1
 REPLICATES = 16
-# hits over 1 - g, at least 8, after which light is late, and of walks most end; times that, after which the others do
-LATE, LATEST = 8, 8
+# hits over 1 - g, and at least, after which light is late, and of walks most end; times that, after which the others do.  By half
+# as many what leaves in higher orders is half as wrong again (clear balls)
+LATE, LEAST_LATE, LATEST = 4, 8, 16
 # of a layer L transport lengths thick, extrapolated faces included, further hits over (1 - g) L^2: the slowest mode falls by 1/e
 _SLOWEST, _EXTRAPOLATED = 0.304, 1.42
 _LIMIT = 1e5  # longest flight between two spheres, in mean ones
-_BLOCK = 1 << 12  # walks of a task that goes to the second order, an eighth of that of others
+_BLOCK = 1 << 13  # walks of a task that goes to the second order, four times that of others
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ class Goniometer:
         self.decay = np.array(np.broadcast_to(np.asarray(self.decay, float), self.mu.shape[1]))
         self.sides = 2 if self.base is None and self.thickness < math.inf else 1
         forward = min(max(1 - self.g, 1e-2), 1)
-        self.late = math.ceil((LATE + self._slowest(forward)) / forward)
+        self.late = max(LEAST_LATE, math.ceil((LATE + self._slowest(forward)) / forward))
         self._arrays, self._lock = None, threading.Lock()
 
     def __getstate__(self):
@@ -149,7 +150,7 @@ class Goniometer:
 
     def counted(self, number: int, first: int, through: bool, map: Callable) -> np.ndarray:
         """Sums (R, ...) of walks first ... first + number - 1 of each replicate; `through`: to their end, else to order two."""
-        block = _BLOCK // 8 if through else _BLOCK
+        block = _BLOCK // 4 if through else _BLOCK
         tasks = [(self, replicate, start, min(block, first + number - start), through)
                  for replicate in range(REPLICATES) for start in range(first, first + number, block)]
         return in_order(np.stack(list(map(run, tasks))).reshape(REPLICATES, -1, self.length))

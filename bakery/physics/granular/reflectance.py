@@ -23,7 +23,7 @@ HITS_MAX = 1 << 32
 _NARROW = 5  # slices of the phase angle, to 2 degrees, that are narrower than the steps of phase functions resolve
 _FIRST = 1 << 11, 1 << 8  # walks of a replicate to begin with: to the second order, to their end
 _MOST_MORE = 16  # times as many walks in a round
-_SPARE = 1.1  # of the variance
+_SPARE = 1.01  # of the variance
 
 
 @dataclass(frozen=True)
@@ -76,26 +76,35 @@ def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: f
     map, most = map or in_turn, HITS_MAX if hits is None else hits
     fits = [[Fit(solution, CELLS, BINS, LEAST, side, straight_back(goniometer, solution, c) if side < 0 else None)
              for side in (-1, 1)[:goniometer.sides]] for c, solution in enumerate(solutions)]
-    done, new, sums = [0, 0], list(_FIRST), [0.0, 0.0]
+    done, new, sums, worst = [0, 0], list(_FIRST), [0.0, 0.0], 0
     while True:
         for kind in (0, 1):
             if new[kind]:
                 sums[kind] = sums[kind] + goniometer.counted(new[kind], done[kind], kind == 1, map)
                 done[kind] += new[kind]
         counts = together(goniometer, *sums)
-        channels, variances = zip(*(_reflectance(fit, counts, c, bool(goniometer.lossless[c])) for c, fit in enumerate(fits)),
-                              strict=True)
-        worst = int(np.argmax([channel.achieved_error for channel in channels]))
-        error, total = channels[worst].achieved_error, counts[0].sums.sum(axis=0)
-        if report is not None:
-            report(min(1.0, tolerance / max(error, 1e-300)), error)
+
+        def fitted(c, counts=counts):
+            return _reflectance(fits[c], counts, c, bool(goniometer.lossless[c]))
+
         # hits of a walk of either kind
         dear = [float(max(goniometer.unpacked(part).sums[:, HITS].sum() / (REPLICATES * number), 1.0))
                 for part, number in zip(sums, done, strict=True)]
-        new = _additions(variances[worst], done, dear, tolerance, most - total[HITS])
-        if error <= tolerance or not any(new):
+        total = counts[0].sums.sum(axis=0)
+        channel, variance = fitted(worst)
+        new = _additions(variance, done, dear, tolerance, most - total[HITS])
+        ended = channel.achieved_error <= tolerance or not any(new)
+        if ended:  # the others, which share its walks, are known about as well
+            channels, variances = zip(*((channel, variance) if c == worst else fitted(c) for c in range(len(fits))), strict=True)
+            worst = int(np.argmax([each.achieved_error for each in channels]))
+            channel = channels[worst]
+            new = _additions(variances[worst], done, dear, tolerance, most - total[HITS])
+            ended = channel.achieved_error <= tolerance or not any(new)
+        if report is not None:
+            report(min(1.0, tolerance / max(channel.achieved_error, 1e-300)), channel.achieved_error)
+        if ended:
             shares = (total[2:] / max(total[WALKS], 1.0)).tolist()
-            return Measured(channels, int(total[HITS]), int(total[WALKS]), *shares, error <= tolerance)
+            return Measured(channels, int(total[HITS]), int(total[WALKS]), *shares, channel.achieved_error <= tolerance)
 
 
 def straight_back(goniometer: Goniometer, solution: Solution, c: int):

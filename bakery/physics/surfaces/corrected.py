@@ -38,7 +38,7 @@ _BENT = 0.01  # times the squared degree of a term, by which it is held more; fr
 _ROUNDS = 8  # of fits in turn to cells and to albedos
 _LEAST_LIGHT = 1e-12  # of all: what a cell's misfit counts by at least
 # variances of counts, beyond which a cell's own say that the cells around do not speak for it, and that the fit is off
-_CONFLICT, _RESOLVED = 9.0, 4.0
+_CONFLICT, _RESOLVED = 9.0, 1.0
 _FEW = 8.0  # walks' worth of light by which a cell is held to the medium: what noise moves where next to none goes
 _POINTS = (1, 4, 3)  # of quadrature along the coordinates of a cell
 _RIM = 64  # points along the second coordinate, which tell how much light enters in a cell
@@ -324,7 +324,7 @@ class Fit:
         """Squared relative error (K,) of the light of a fit that its variance leaves out.
 
         Where light ends within a cell, as that of shining balls does, the straight lines between middles do not follow: what they
-        are off by beyond two standard errors of counts.  And no cell is known better than by the counts of few around it.
+        are off by beyond one standard error of counts.  And no cell is known better than by the counts of few around it.
         """
         to, around = merged(self.cells, SHOWN), merged(SHOWN, AROUND)
         wanted, modelled, worth = np.bincount(to, cells), np.bincount(to, light), _worth(light, walks, to)

@@ -53,7 +53,7 @@ _SHAPE = 0.05  # tolerance of the medium's layer, of which only shapes within ce
 _APART = 2.0
 _TOGETHER = 16  # wavelengths that share walks at most
 # hits times the squared tolerance, and seconds of one core of a hit: light that grains let through comes back late
-_HITS, _HIT, _HITS_CLEAR, _HIT_CLEAR, _MESH = 1.5e3, 0.55e-6, 2.4e3, 0.55e-6, 2.5
+_HITS, _HIT, _HITS_CLEAR, _HIT_CLEAR, _MESH = 1.5e3, 0.55e-6, 1.3e3, 0.6e-6, 2.5
 _FIT = 0.5  # seconds of a wavelength and thickness
 
 
@@ -269,7 +269,7 @@ def cost(recipe) -> Cost:
 
 OF_GRAINS = Stage(
     name="surface",
-    version=16,
+    version=17,
     title="reflectance and transmittance of packed grains",
     reads=("wavelengths", "seed", "surface", "grains.radius", "grains.components[*].weight"),
     needs=("medium", "packing", "grains"),
