@@ -380,3 +380,29 @@ def test_a_sphere_around_a_box_is_not_in_it(tmp_path):
         assert (len(world.lights_in([box])) == 1) == passes
     assert len(world.lights_in([box, np.array([middle - 1, middle + 1])])) == 1
     assert world.lights_in([np.array([middle + 20, middle + 21])]) == []
+
+
+BULB = '<emitter type="point" id="bulb"><point name="position" x="0" y="0" z="0"/></emitter>'
+CUBES = "".join(f'<shape type="cube" id="{name}"><transform name="to_world"><scale value="{size}"/></transform><bsdf type="null"/>'
+                '</shape>' for name, size in (("veil", 0.5), ("body", 0.7)))
+
+
+def test_shapes_that_are_nothing_hide_no_lamp(tmp_path):
+    """A bulb in two cubes without a boundary: those that no material fills are taken out, and all where nobody says which."""
+    path, outside = written(tmp_path, SENSOR, CUBES, BULB, LAMP), np.full((64, 3), 0.6)
+    numbers = np.random.default_rng(1).random((64, 2))
+    worlds = [World(path, filled=filled) for filled in ({"body"}, {None}, None)]
+    assert [[shape.name for shape in world.shapes()] for world in worlds] == [["body", "lamp"], ["lamp"], ["veil", "body", "lamp"]]
+    assert all(set(world.light_names) == {"bulb", "lamp"} and world.size == (6, 9) for world in worlds)
+    bright = [world.lights(outside, numbers) for world in worlds[1:]]
+    assert [bool(np.any(sample.radiance[sample.delta] > 0)) for sample in bright] == [True, False]
+
+
+def test_what_light_samples_do_not_get_through_is_named(tmp_path):
+    """By their ids, also in groups of instances, which keep what is nothing; not where all lamps have an extent."""
+    shapes = CUBES + """<shape type="rectangle" id="leaf"><bsdf type="mask"><float name="opacity" value="0.5"/><bsdf type="diffuse"/>
+        </bsdf></shape><shape type="shapegroup" id="group"><shape type="sphere" id="pane"><bsdf type="dielectric"/></shape></shape>
+        <shape type="instance"><ref id="group"/></shape>"""
+    mirrors, straight = World(written(tmp_path, SENSOR, shapes, BULB), filled={"body"}).left_out({"body"})
+    assert "glass (pane) is left out" in mirrors and "null (veil, leaf) is left out" in straight
+    assert World(written(tmp_path, SENSOR, shapes, LAMP)).left_out() == []
