@@ -397,6 +397,9 @@ class World:
         lights do was 12 of the 15 ms of a call with few rays."""
         if not (self.scene.shapes() and self.scene.emitters()):
             return shading.met  # a recording sees the surfaces and lights of all scenes that there are only if this one has some
+        if any(emitter.get_shape() is not None and mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying)
+               for emitter in self.scene.emitters()):
+            return shading.met  # a sample of a lamp with a texture asks its shape, and a recording takes no nested calls
         # as many rays as an array of the scene is long are recorded anew
         return dr.freeze(shading.met, limit=64, warn_after=1 << 30)
 
