@@ -60,7 +60,8 @@ def without_nothing(scene, filled):
         return scene
     things = [*scene.sensors(), *kept, *(light for light in scene.emitters() if light.get_shape() is None)]
     names = [thing.id() for thing in things]
-    smaller = mi.load_dict({"type": "scene"} | {f"kept_{number}": thing for number, thing in enumerate(things)}, optimize=False)
+    parts = {f"kept_{number}": thing for number, thing in enumerate(things)}
+    smaller = mi.load_dict({"type": "scene"} | parts, parallel=False, optimize=False)
     for thing, name in zip(things, names, strict=True):  # which loading has changed
         thing.set_id(name)
     return smaller
