@@ -19,6 +19,7 @@ class Shape(NamedTuple):
         (`null`); None of other surfaces
     smooth : whether that is no rough dielectric
     specular : whether it is a mirror or a smooth pane: it sends light on in single directions alone
+    passed : whether light goes straight through it, or through parts of it: it is `null`, a mask or a thin pane
     normals : (V, 3) unit, from which light takes those of the mesh; None where these are its triangles'
     flipped : whether normals are turned against the order of the faces
     sphere : whether it is a sphere, of which there is nothing within
@@ -34,12 +35,46 @@ class Shape(NamedTuple):
     specular: bool = False
     flipped: bool = False
     sphere: bool = False
+    passed: bool = False
 
 
 def of_scene(scene, unit) -> list[Shape]:
     """All surfaces of a `mitsuba.Scene`; unit : m, length of 1 in it."""
+    return _of(scene.shapes(), unit)
+
+
+def grouped(scene, unit) -> list[Shape]:
+    """Surfaces in the groups of instances, as they stand there; the BSDF of an instance says nothing."""
+    nodes = mi.traverse(scene).hierarchy.items()
+    return _of([node for node, (parent, _) in nodes if isinstance(node, mi.Shape) and node.class_name() != "Instance"
+                and isinstance(parent, mi.Shape)], unit)
+
+
+def without_nothing(scene, filled):
+    """A `mitsuba.Scene` without shapes that have no boundary (`null`) and no light, and that no material of names `filled` fills:
+    they are nothing, and light samples would end at them.  The same scene where there are none, or instances, whose groups no
+    other scene can take over."""
+    shapes = scene.shapes()
+    kept = [shape for shape in shapes if shape.is_emitter() or shape.id() in filled or not is_null(shape.bsdf())]
+    if len(kept) == len(shapes) or any(shape.class_name() == "Instance" for shape in shapes):
+        return scene
+    things = [*scene.sensors(), *kept, *(light for light in scene.emitters() if light.get_shape() is None)]
+    names = [thing.id() for thing in things]
+    parts = {f"kept_{number}": thing for number, thing in enumerate(things)}
+    smaller = mi.load_dict({"type": "scene"} | parts, parallel=False, optimize=False)
+    for thing, name in zip(things, names, strict=True):  # which loading has changed
+        thing.set_id(name)
+    return smaller
+
+
+def is_null(bsdf) -> bool:
+    """Whether a BSDF is no boundary at all; thin panes and masks have parameters."""
+    return mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null) and not len(mi.traverse(bsdf).keys())
+
+
+def _of(listed, unit):
     shapes = []
-    for shape in scene.shapes():
+    for shape in listed:
         vertices = faces = normals = None
         if shape.is_mesh():
             vertices = unit * np.array(shape.vertex_positions_buffer(), float).reshape(-1, 3)
@@ -50,7 +85,7 @@ def of_scene(scene, unit) -> list[Shape]:
         box = unit * np.array([box.min, box.max], float).reshape(2, 3)
         smooth = not mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.GlossyTransmission)
         shapes.append(Shape(shape.id(), vertices, faces, box, _index(shape.bsdf()), smooth, normals, _specular(shape.bsdf()),
-                           shape.has_flipped_normals(), is_sphere(shape)))
+                           shape.has_flipped_normals(), is_sphere(shape), mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.Null)))
     return shapes
 
 
@@ -124,7 +159,7 @@ def _index(bsdf):
     """Of refraction, as `Shape.index` says."""
     flags, values = bsdf.flags(), mi.traverse(bsdf)
     if mi.has_flag(flags, mi.BSDFFlags.Null):
-        return None if len(values.keys()) else 1.0  # thin panes and masks have parameters
+        return 1.0 if is_null(bsdf) else None
     through = any(mi.has_flag(flags, flag) for flag in (mi.BSDFFlags.DeltaTransmission, mi.BSDFFlags.GlossyTransmission))
     return float(np.array(values["eta"]).ravel()[0]) if through and "eta" in values else None
 

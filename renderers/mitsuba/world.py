@@ -71,7 +71,7 @@ class World:
 
     coarser, whole, corners, lens, clip = 1.0, None, None, False, (0.0, math.inf)
 
-    def __init__(self, path=None, unit=1.0, *, view=None, size=None, variant=None, parameters=None, sensor=None):
+    def __init__(self, path=None, unit=1.0, *, view=None, size=None, variant=None, parameters=None, sensor=None, filled=None):
         """
         path : Mitsuba XML, or the scene (`mitsuba.Scene`) that was loaded of one; None is a world without surfaces and lights
         unit : m, length of 1 in the scene
@@ -79,6 +79,7 @@ class World:
         size : (height, width), pixels, which takes the place of the file's; the picture's width and its pixels' shape stay
         variant, parameters : as in `renderers.mitsuba.scene.load`; of a path
         sensor : of Mitsuba, in place of the scene's first one
+        filled : names of shapes that materials fill; others without a boundary (`null`) are taken out; None: all are kept
 
         Raises UsageError: the scene cannot be loaded, a light is of no size, below 0 or no number, its sensor is no perspective
         camera, or no variant of Mitsuba runs that works on arrays of colours.
@@ -94,6 +95,9 @@ class World:
         if not self.variant.endswith("_ad_rgb"):
             raise UsageError(f"variant {self.variant}: surfaces and lights need one that works on arrays of colours, such as "
                              f"llvm_ad_rgb ({self.reason})")
+        self._media = [shape.id() for shape in self.scene.shapes() if shape.interior_medium() or shape.exterior_medium()]
+        if filled is not None:
+            self.scene = shapes.without_nothing(self.scene, filled)
         self.unit, self._measured = float(unit), {}
         self.camera, self.size = self._view(path, sensor, view, size)
         self._name_lights()
@@ -107,8 +111,9 @@ class World:
         size = (film.height, film.width) if film.height else None
         if surfaces is None:
             return cls(view=scene.values.camera, size=size or SIZE, variant=variant)
+        filled = {getattr(getattr(entry, "where", None), "shape", None) for entry in scene.materials}
         return cls(scene.file(surfaces.mitsuba), surfaces.unit, view=scene.values.camera, size=size, variant=variant,
-                   parameters=surfaces.parameters)
+                   parameters=surfaces.parameters, filled=filled)
 
     @contextmanager
     def as_it_is(self):
@@ -139,18 +144,19 @@ class World:
 
     def media(self) -> list[str]:
         """Sentences on media of the Mitsuba file, none of which is kept."""
-        names = [shape.id() for shape in self.scene.shapes() if shape.interior_medium() or shape.exterior_medium()]
-        examples = ", ".join(names[:3]) + (", …" if len(names) > 3 else "")
-        return [f"media of the Mitsuba file, at {examples}, are left out: materials say what is in the scene"] if names else []
+        return [f"media of the Mitsuba file, at {_some(self._media)}, are left out: materials say what is in the scene"] \
+            if self._media else []
 
     def left_out(self, besides=frozenset()) -> list[str]:
-        """Sentences on light of lamps without extent that comes by way of mirrors and smooth glass, but for shapes of some names:
-        no ray meets such lamps, and light samples end at glass."""
-        turning = [shape.name for shape in self.shapes() if shape.specular and shape.name not in besides] \
-            if self.without_extent else []
-        examples = ", ".join(turning[:3]) + (", …" if len(turning) > 3 else "")
-        return [f"light of lamps without extent by way of mirrors and smooth glass ({examples}) is left out, and how much is not "
-                "measured; a small sphere that shines in its place is found"] if turning else []
+        """Sentences on light of lamps without extent that comes by way of mirrors, smooth glass and what light goes straight
+        through, but for shapes of some names: no ray meets such lamps, and light samples end there."""
+        if not self.without_extent:
+            return []
+        standing = [shape for shape in (*self.shapes(), *shapes.grouped(self.scene, self.unit)) if shape.name not in besides]
+        kinds = {"mirrors and smooth glass": [shape.name for shape in standing if shape.specular],
+                 "masks and boundaries that are null": [shape.name for shape in standing if shape.passed and not shape.specular]}
+        return [f"light of lamps without extent by way of {kind} ({_some(names)}) is left out, and how much is not measured; "
+                "a small sphere that shines in its place is found" for kind, names in kinds.items() if names]
 
     def extents(self, within=None):
         """Where surfaces are, m: triangles (T, 3, 3) of the meshes, and boxes (B, 2, 3) around the other shapes.
@@ -391,6 +397,9 @@ class World:
         lights do was 12 of the 15 ms of a call with few rays."""
         if not (self.scene.shapes() and self.scene.emitters()):
             return shading.met  # a recording sees the surfaces and lights of all scenes that there are only if this one has some
+        if any(emitter.get_shape() is not None and mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying)
+               for emitter in self.scene.emitters()):
+            return shading.met  # a sample of a lamp with a texture asks its shape, and a recording takes no nested calls
         # as many rays as an array of the scene is long are recorded anew
         return dr.freeze(shading.met, limit=64, warn_after=1 << 30)
 
@@ -410,3 +419,8 @@ class World:
 
     def _ray(self, origin, direction):
         return mi.Ray3f(self._inside(origin), mi.Vector3f(*shading.columns(direction)))
+
+
+def _some(names):
+    """The first of many names."""
+    return ", ".join(names[:3]) + (", …" if len(names) > 3 else "")

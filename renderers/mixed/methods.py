@@ -39,7 +39,8 @@ def prepare(job, world, seed) -> Method:
     explicit = [number for number, content in enumerate(materials) if isinstance(content, contents.Particles | contents.Grains)]
     bodies = [content for content in materials if isinstance(content, contents.Body)]
     looped = not explicit and len(materials) <= MOST_IN_A_LOOP
-    left_out = world.left_out() + (rounded(bodies) if looped else [])
+    matched = {body.name for body in bodies if body.matched}  # light samples go through these
+    left_out = world.left_out(matched) + (rounded(bodies) if looped else [])
     reasons += (faults := left_out + flaws(world, bodies))
     entries = [chosen(entry.kind, entry.method) for entry in scene.values.materials]
     stated = [declared(entry.kind)[name] for entry, name in zip(scene.values.materials, entries, strict=True)]

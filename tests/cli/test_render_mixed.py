@@ -15,6 +15,7 @@ from renderers import choice
 from renderers.mitsuba.world import World
 from renderers.pictures import denoise
 from renderers.pictures.passes import LENS
+from renderers.scene import load
 from tests.conftest import slow
 from tests.exr import layers
 
@@ -112,6 +113,9 @@ value="0.01"/></transform><bsdf type="null"/><medium name="interior" type="homog
         reasons = rendered(call, "sky.png", "--overwrite", scene=some(folder, "mist", xml=xml))[0]["reasons"]
         assert any(line.startswith(sky) for line in reasons) == (xml == "sky.xml")
         assert (media in reasons) == (xml == "smoke.xml")
+    # the shape that is nothing without its medium would hide lamps; that of an entry stays
+    scene = load(folder / some(folder, "mist", "jelly", xml="smoke.xml"))
+    assert [shape.name for shape in World.of(scene).shapes()] == ["floor", "jelly", "panel"]
 
 
 def test_what_a_plugin_of_mitsuba_refuses_while_it_renders_is_one_line(call, folder):

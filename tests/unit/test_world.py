@@ -42,6 +42,8 @@ LIGHTS = {
         </transform><rgb name="intensity" value="9 9 9"/><float name="cutoff_angle" value="30"/></emitter>
         <emitter type="directional" id="sun"><vector name="direction" x="-0.1" y="0.9" z="-0.5"/>
         <rgb name="irradiance" value="1 2 3"/></emitter>""",
+    "picture": LAMP.replace('<rgb name="radiance" value="4 5 6"/>', """<texture type="bitmap" name="radiance">
+        <string name="filename" value="lamp.exr"/><boolean name="raw" value="true"/></texture>"""),
     "sky": """<emitter type="envmap" id="sky"><string name="filename" value="sky.exr"/></emitter>""",
     "many": LAMP + """
         <emitter type="point"><point name="position" x="0" y="-0.5" z="0.5"/><rgb name="intensity" value="0.3"/></emitter>
@@ -87,6 +89,7 @@ def test_pictures_are_those_of_mitsuba(tmp_path, lights):
     mi.set_variant("llvm_ad_rgb")
     sky = np.random.default_rng(5).random((4, 8, 3)) ** 4
     mi.Bitmap(sky.astype(np.float32)).write(str(tmp_path / "sky.exr"))
+    mi.Bitmap(9 * np.sqrt(sky).astype(np.float32)).write(str(tmp_path / "lamp.exr"))
     path = written(tmp_path, SENSOR, BOX, LIGHTS[lights])
     world = World(path, unit=0.01)
     generator = np.random.default_rng(1)
@@ -380,3 +383,44 @@ def test_a_sphere_around_a_box_is_not_in_it(tmp_path):
         assert (len(world.lights_in([box])) == 1) == passes
     assert len(world.lights_in([box, np.array([middle - 1, middle + 1])])) == 1
     assert world.lights_in([np.array([middle + 20, middle + 21])]) == []
+
+
+BULB = '<emitter type="point" id="bulb"><point name="position" x="0" y="0" z="0"/></emitter>'
+CUBES = "".join(f'<shape type="cube" id="{name}"><transform name="to_world"><scale value="{size}"/></transform>'
+                '<bsdf type="null"/></shape>' for name, size in (("veil", 0.5), ("body", 0.7)))
+
+
+def test_shapes_that_are_nothing_hide_no_lamp(tmp_path):
+    """A bulb in two cubes without a boundary: those that no material fills are taken out, and all where nobody says which."""
+    path, outside = written(tmp_path, SENSOR, CUBES, BULB, LAMP), np.full((64, 3), 0.6)
+    numbers = np.random.default_rng(1).random((64, 2))
+    worlds = [World(path, filled=filled) for filled in ({"body"}, {None}, None)]
+    names = [[shape.name for shape in world.shapes()] for world in worlds]
+    assert names == [["body", "lamp"], ["lamp"], ["veil", "body", "lamp"]]
+    assert all(set(world.light_names) == {"bulb", "lamp"} and world.size == (6, 9) for world in worlds)
+    bright = [world.lights(outside, numbers) for world in worlds[1:]]
+    assert [bool(np.any(sample.radiance[sample.delta] > 0)) for sample in bright] == [True, False]
+
+
+def test_what_light_samples_do_not_get_through_is_named(tmp_path):
+    """By their ids, also in groups of instances, which keep what is nothing; not where all lamps have an extent."""
+    shapes = CUBES + """<shape type="rectangle" id="leaf"><bsdf type="mask"><float name="opacity" value="0.5"/>
+        <bsdf type="diffuse"/></bsdf></shape><shape type="instance"><ref id="group"/></shape>
+        <shape type="shapegroup" id="group"><shape type="sphere" id="pane"><bsdf type="dielectric"/></shape></shape>"""
+    mirrors, straight = World(written(tmp_path, SENSOR, shapes, BULB), filled={"body"}).left_out({"body"})
+    assert "glass (pane) is left out" in mirrors and "null (veil, leaf) is left out" in straight
+    assert World(written(tmp_path, SENSOR, shapes, LAMP)).left_out() == []
+
+
+def test_a_lamp_that_shows_a_picture(tmp_path):
+    """Rays that meet its left and right half, and a matt ball that it lights: a recording took no samples of such lamps."""
+    import mitsuba as mi
+
+    picture = np.repeat(np.array([[[1, 2, 3], [7, 5, 4]]], np.float32), 8, axis=1)
+    mi.Bitmap(picture).write(str(tmp_path / "lamp.exr"))
+    ball = '<shape type="sphere"><float name="radius" value="0.3"/></shape>'
+    world = World(written(tmp_path, SENSOR, ball, LIGHTS["picture"]))
+    origin, direction = np.array([[-0.2, 0, 0.5], [0.2, 0, 0.5], [0, 0, 0.5]]), np.array([[0, 0, 1], [0, 0, 1], [0, 0, -1.0]])
+    shading = world.shade(origin, direction, np.full((3, 5), 0.5), np.zeros(3), np.ones(3, bool))
+    assert np.allclose(shading.emitted, [picture[0, 4], picture[0, 12], np.zeros(3)], rtol=0.01)
+    assert np.all(shading.light.radiance[2] > 0)
