@@ -13,7 +13,6 @@ from renderers.pictures.engine import TRUSTED, Part, Passes, Stop
 
 # Paths of one pass: an interruption waits for its end, some seconds.
 PATHS = 1_800_000
-_PASSES = 1 << 16  # seeds of the passes of a picture follow each other; as many pictures fit into 32 bits
 
 
 class Picture(Passes):
@@ -76,7 +75,7 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
 
 def _seed_of(seed: int, index: int) -> int:
     """Of a pass; Mitsuba takes seeds of 32 bits."""
-    return seed * _PASSES + index if seed < _PASSES else int(stream_key(seed, "render.mitsuba", index)) >> 32
+    return int(stream_key(seed, "render.mitsuba", index)) >> 32
 
 
 @contextmanager
