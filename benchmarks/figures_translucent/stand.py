@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 import bakery
+from bakery.kernels import stream_key
 from bakery.physics.shapes.radial import icosphere
 from bakery.store import ply
 from benchmarks.sizes import SMALL, sized
@@ -192,7 +193,7 @@ class Run:
 def blocks(how):
     """(H, W) number of each pixel's block, -1 where it sees no body."""
     height, width = how.world.size
-    seen = smooth.seen(how, transport.begin(how, np.arange(height * width), 0, 0)).body >= 0
+    seen = smooth.seen(how, transport.begin(how, np.arange(height * width), stream_key(0, "render.translucent", 0))).body >= 0
     y, x = np.indices(seen.shape)
     _, number = np.unique((y * BLOCKS // height * BLOCKS + x * BLOCKS // width)[seen], return_inverse=True)
     found = np.full(seen.shape, -1)

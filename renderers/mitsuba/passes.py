@@ -13,7 +13,6 @@ from renderers.pictures.engine import TRUSTED, Part, Passes, Stop
 
 # Paths of one pass: an interruption waits for its end, some seconds.
 PATHS = 1_800_000
-_PASSES = 1 << 16  # seeds of the passes of a picture follow each other; as many pictures fit into 32 bits
 
 
 class Picture(Passes):
@@ -61,8 +60,9 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
     per_pass = max(1, min(per_pass, PATHS // (pixels * len(scenes))))
 
     def one_pass(index):
+        seed_of_pass = int(stream_key(seed, "render.mitsuba", index)) >> 32  # Mitsuba takes 32 bits
         with _undisturbed():
-            images = [np.array(mi.render(scene, spp=per_pass, seed=_seed_of(seed, index)), dtype=float) for scene in scenes]
+            images = [np.array(mi.render(scene, spp=per_pass, seed=seed_of_pass), dtype=float) for scene in scenes]
         rgb = _colour(images[0]) if matrix is None else np.stack([image[..., 0] for image in images], axis=-1) @ matrix.T
         return {"": rgb} | ({} if index % 2 else {"even": rgb})
 
@@ -72,11 +72,6 @@ def render(scenes, matrix, *, samples, per_pass, tolerance=0.0, time_limit=None,
     if picture.signal:
         signal.raise_signal(picture.signal)  # to whoever handles it otherwise: there is no picture of some of the passes
     return picture
-
-
-def _seed_of(seed: int, index: int) -> int:
-    """Of a pass; Mitsuba takes seeds of 32 bits."""
-    return seed * _PASSES + index if seed < _PASSES else int(stream_key(seed, "render.mitsuba", index)) >> 32
 
 
 @contextmanager

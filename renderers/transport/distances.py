@@ -3,6 +3,7 @@
 import drjit as dr
 import numpy as np
 
+from bakery.kernels import stream_key
 from renderers.mitsuba.shading import single
 
 import mitsuba as mi  # isort: skip
@@ -46,10 +47,11 @@ class Distances:
         """
         self._cells = Cells(manifold.box, _VOXELS)
         self._voxels = dr.opaque(mi.UInt32, len(self._cells))
-        self._values = single(np.concatenate([self._shortest(scene, manifold, each) for each in towards]))
+        self._values = single(np.concatenate([self._shortest(scene, manifold, each, stream_key(0, "render.distances", number))
+                                             for number, each in enumerate(towards)]))
 
-    def _shortest(self, scene, manifold, towards):
-        random = mi.PCG32(len(self._cells) * _RAYS)
+    def _shortest(self, scene, manifold, towards, key):
+        random = mi.PCG32(len(self._cells) * _RAYS, initstate=int(key))
         point = self._cells.point(dr.arange(mi.UInt32, len(self._cells) * _RAYS) // _RAYS, random)
         u = mi.Point2f(random.next_float32(), random.next_float32())
         direction = towards(point, u)

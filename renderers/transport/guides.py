@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
+from bakery.kernels import stream_key
 from renderers.mitsuba.shading import arrays, single
 from renderers.transport import media
 from renderers.transport.distances import Cells, Distances
@@ -25,7 +26,6 @@ _VOXELS, BINS, WAYS = 512, (8, 16), 8
 # light is taken to fall off over no less than this share of a voxel: what is deep in thick bodies has to have directions, too
 _SHARE = 0.5
 _BRIGHT = 0.75  # voxels with more light than this share of all look for it each time that the boundary is near
-_SEED = 0x9E3779B9
 
 
 @dataclass
@@ -122,7 +122,7 @@ class Guides:
     def _measured(self, scene, manifold, voxels, follow):
         """Light (voxels, bins) that comes to points of voxels in bodies."""
         index = dr.arange(mi.UInt32, voxels * self._count * self._ways)
-        random = mi.PCG32(voxels * self._count * self._ways, initstate=_SEED)
+        random = mi.PCG32(voxels * self._count * self._ways, initstate=int(stream_key(0, "render.guides")))
         row = index // self._ways
         cell, number = row // self._count, row % self._count
         point = self._cells.point(cell, random)

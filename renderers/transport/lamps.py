@@ -18,6 +18,7 @@ from functools import partial
 import drjit as dr
 import numpy as np
 
+from bakery.kernels import stream_key
 from renderers.mitsuba.shading import arrays, single
 from renderers.transport import flights, media
 from renderers.transport.distances import Distances
@@ -174,7 +175,7 @@ class Lamps:
 
     def success(self):
         """Share of walks that end, from places near boundaries, by how likely lamps are looked for from there."""
-        manifold, random = self._manifold, mi.PCG32(_TRIED)
+        manifold, random = self._manifold, mi.PCG32(_TRIED, initstate=int(stream_key(0, "render.lamps_tried")))
         low, high = (mi.Point3f(*map(float, corner)) for corner in manifold.box)
         x = low + (high - low) * mi.Vector3f(*(random.next_float32() for _ in range(3)))
         u, v = (mi.Point2f(random.next_float32(), random.next_float32()) for _ in range(2))

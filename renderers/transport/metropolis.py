@@ -29,7 +29,7 @@ _PATHS, _FEWEST, _SAMPLES = 1 << 20, 1 << 18, 16  # of a pass: at most, at least
 _STEPS, _LARGE = 12, 4  # of a chain; of so many the last one is large
 _TURNS, _OF_TURN = 8, 12  # turns of a path whose numbers stand in a table, and how many each takes at most
 _EFFECTIVE = 0.25  # independent paths that a step of a chain is worth, as the weights count it
-_PILOTS, _FIRST_PILOT = 16, 1 << 31  # passes of candidates until one finds light, at most; numbered from there
+_PILOTS = 16  # passes of candidates until one finds light, at most
 
 
 class Group(NamedTuple):
@@ -114,7 +114,7 @@ class Metropolis:
     def __call__(self, number):
         pixels = self.size[0] * self.size[1]
         by_order = np.zeros((ORDERS, pixels, 3))
-        light, pixel, words, streams = self._candidates(number)
+        light, pixel, words, streams = self._candidates(stream_key(self._seed, "render.metropolis", number))
         candidates = States(light, self._luminance(light), pixel, None, words)
         _metropolis.bring(candidates.light, candidates.pixel, self._of_drawn(candidates.luminance), by_order)
         normalisation = float(candidates.luminance.mean())
@@ -127,10 +127,10 @@ class Metropolis:
         """Of the passes so far."""
         return Figures.of(self._normalisations, self._accepted)
 
-    def _candidates(self, number):
+    def _candidates(self, key):
         """Light, pixels and words of a pass's candidates, and random streams (chains + 1,) of what follows."""
         states = np.empty(self.group.chains + 1 + self.group.candidates, np.uint64)
-        wavefront.begin_streams(stream_key(self._seed, "render.metropolis", number), 0, states)
+        wavefront.begin_streams(key, 0, states)
         pixel, words = self._places(states[self.group.chains + 1:], 0.0)
         return *self._light(primary.Source(self.size, pixel, words)), words, states[:self.group.chains + 1]
 
@@ -200,7 +200,8 @@ class Metropolis:
     @cached_property
     def _typical(self):
         """Mean luminance of the picture by the first candidates that find light; 0 where none do."""
-        means = (float(self._luminance(self._candidates(_FIRST_PILOT + number)[0]).mean()) for number in range(_PILOTS))
+        keys = (stream_key(self._seed, "render.metropolis_pilots", number) for number in range(_PILOTS))
+        means = (float(self._luminance(self._candidates(key)[0]).mean()) for key in keys)
         return next((mean for mean in means if mean > 0), 0.0)
 
     def _of_drawn(self, luminance):

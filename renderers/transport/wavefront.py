@@ -6,10 +6,10 @@ is any tuple with to_rgb (3, L), linear sRGB from radiances, and to_waves (L, 3)
 
 import numpy as np
 
-from bakery.kernels import hashed
+from bakery.kernels import hashed, stream_key
 from bakery.system.compiled import njit
 
-_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_GOLDEN, _BRANCH = np.uint64(0x9E3779B97F4A7C15), stream_key(0, "render.branch")
 ORDERS = 4  # of scattering that are told apart: 0, 1, 2, 3 and more
 
 
@@ -36,9 +36,18 @@ def draw(states, out):
             out[i, j] = uniform(states, i)
 
 
-def skip(states, count):
-    """Takes so many numbers of each stream, and does nothing with them."""
-    states += np.full(1, count, np.uint64) * _GOLDEN
+def branch(states, copies=None):
+    """Gives paths that part from others random streams of their own, in the place of theirs (n,).
+
+    copies : (n,) int64, which ones of those that part from a path before it has drawn another number; None: the only ones
+    """
+    _branch(_BRANCH, np.zeros(len(states), np.int64) if copies is None else copies, states)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _branch(key, copies, states):
+    for i in range(len(states)):
+        states[i] = hashed(hashed(states[i] ^ key) ^ (np.uint64(copies[i]) * _GOLDEN))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -150,8 +150,8 @@ def test_lines_of_sight_lie_evenly_in_their_pixels(baked, tmp_path, monkeypatch)
     (part,) = methods.parts(how, "metropolis+tables", "negative", 0)[1:]
     asked = []
     begin = mutations.transport.begin
-    monkeypatch.setattr(mutations.transport, "begin", lambda *of: (asked.append(of[1::4]), begin(*of))[1])
-    lines = part.render._lines(3, np.ones((4, 4), bool))
+    monkeypatch.setattr(mutations.transport, "begin", lambda *of: (asked.append(of[1::3]), begin(*of))[1])
+    lines = part.render._lines(3, 0, np.ones((4, 4), bool))
     pixel, places = (np.concatenate(values) for values in zip(*asked, strict=True))
     assert lines and np.array_equal(np.bincount(pixel), np.full(16, mutations._SAMPLES))
     assert not np.array_equal(places[0], places[mutations._SAMPLES])
@@ -168,7 +168,7 @@ def test_several_scatter_for_each_that_goes_straight_on(baked, tmp_path, monkeyp
     for fates in (1, 8):
         monkeypatch.setattr(mutations, "_FATES", fates)
         lines = methods.parts(how, "metropolis+tables", "negative", fates)[1].render._lines
-        sights = [lines(number, np.ones((8, 8), bool))[0] for number in range(16)]
+        sights = [lines(number, fates, np.ones((8, 8), bool))[0] for number in range(16)]
         scattered = [its.of(its.order > 0) for its in sights]
         count[fates] = sum(its.count for its in scattered)
         weight[fates] = [its.throughput.sum() / fates for its in scattered]
@@ -208,7 +208,7 @@ def test_pixels_share_over_less_in_later_passes(baked, tmp_path, few):
     """What sharing changes of light that bends falls with the lines of a pixel so far, and `closer` tells it."""
     how = transport(tmp_path, [baked()], {"ball": BALL}, PANEL, size=16)
     made = methods.parts(how, "metropolis+tables", "negative", 0)[1].render
-    views, gathers = made._seen(0)
+    views, gathers = made._seen(0, 0)
     seen = np.all([view.body >= 0 for view in views], axis=0)
     bent = np.mean([np.sum((view.point / np.ptp(BALL[0])) ** 4, axis=-1) for view in views], axis=0) * seen
     image = np.zeros((3, 256, 3))

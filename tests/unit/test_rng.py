@@ -1,6 +1,7 @@
 """Random streams: names and words are unique, numbers of one stream are no other's, nothing else draws numbers."""
 
 import ast
+import functools
 import itertools
 
 import numpy as np
@@ -75,22 +76,47 @@ def test_keys_of_64_bits_hold_both_words():
     assert int(rng.stream_key(3, "render.walk", 5)) == high * 2**32 + low
 
 
+@functools.cache
+def in_renderers():
+    words = "hashed", "begin_streams", "stream_key", "PCG32", "seed"
+    texts = {path: path.read_text() for path in sorted((ROOT / "renderers").rglob("*.py"))}
+    return [(path, ast.parse(text)) for path, text in texts.items() if any(word in text for word in words)]
+
+
 def test_renderers_begin_their_streams_by_name():
     """Hashes are numbers of a stream's own; where one begins, its key is made of a name of the list, written there or by whoever
     gives the `key`."""
     begun = []
-    for text, path in ((path.read_text(), path) for path in sorted((ROOT / "renderers").rglob("*.py"))):
-        if not any(name in text for name in ("hashed", "begin_streams", "stream_key")):
-            continue
-        for function in (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)):
-            if "hashed" in calls(function):
-                # which blocks a pass takes is no chance: each is taken in turn
-                known = "begin_streams", "uniform", "_blocks_in_view"
-                assert function.name in known, f"{path}: {function.name} draws numbers from a hash"
-            for node in ast.walk(function):
-                if isinstance(node, ast.Call) and calls(node)[0] == "begin_streams":
-                    given = "key" in (argument.arg for argument in function.args.args) and ast.unparse(node.args[0]) == "key"
-                    assert given or calls(node)[1] == "stream_key", f"{path}: {function.name} begins a stream without a name"
-                if isinstance(node, ast.Call) and calls(node)[0] == "stream_key":
-                    begun.append(node.args[1].value)
+    for path, tree in in_renderers():
+        for function in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and "hashed" in calls(node)):
+            # which blocks a pass takes is no chance: each is taken in turn
+            known = "begin_streams", "_branch", "uniform", "_blocks_in_view"
+            assert function.name in known, f"{path}: {function.name} draws numbers from a hash"
+        for node in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+            name, unnamed = calls(node)[0], f"{path}:{node.lineno} begins a stream without a name"
+            if name == "stream_key":
+                begun.append(node.args[1].value)
+            elif name == "begin_streams":
+                assert ast.unparse(node.args[0]) == "key" or calls(node)[1:2] == ["stream_key"], unnamed
+            elif name == "PCG32":  # of nothing but how many, the same ones each time
+                assert len(node.args) + len(node.keywords) > 1, unnamed
     assert {name for name in rng.STREAMS if name.startswith("render.")} == set(begun) and len(begun) == len(set(begun))
+
+
+def offsets(tree):
+    """Where other random numbers come of sums or products of seeds, or of numbers of passes beside seeds."""
+    for node in ast.walk(tree):
+        terms = [node.left, node.right] if isinstance(node, ast.BinOp) else [*node.args] if isinstance(node, ast.Call) else []
+        seeded = not {"seed", "self._seed"}.isdisjoint(map(ast.unparse, terms))
+        if isinstance(node, ast.Call):
+            seeded = (seeded or calls(node)[0] == "stream_key") and any(
+                isinstance(term, ast.BinOp) and "number" in ast.unparse(term) for term in terms)
+        if seeded or isinstance(node, ast.AugAssign) and ast.unparse(node.target) == "number":
+            yield ast.unparse(node)
+
+
+def test_renderers_add_nothing_to_seeds_and_passes():
+    for noticed in ("begin(2**31 + number, self._seed)", "begin(3 * seed + 1)", "number += 5", "stream_key(0, 'a', 7 * number)"):
+        assert list(offsets(ast.parse(noticed)))
+    for path, tree in in_renderers():
+        assert not list(offsets(tree)), f"{path}: {list(offsets(tree))}; a name and an index of `bakery.rng.STREAMS` would do"

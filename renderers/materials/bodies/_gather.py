@@ -19,7 +19,6 @@ LATER, SECOND, OTHER = range(3)  # what `gather` finds
 _BINS, _EVEN = 8, 0.2  # parts of an angle that are drawn by what light they bring, and the share that is drawn evenly
 _NEAR = 4.0  # mfp, from the middle of a beam, within which all of it is looked up, not a point that is drawn on it
 _DARK = 1e-290
-DRAWS = 6  # random numbers for each beam
 
 
 class Beams(NamedTuple):

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bakery.kernels import stream_key
 from renderers.materials.bodies import _beams, _points, light, surfaces
 from renderers.materials.bodies._beams import CHANGED, Lit, Spread
 from renderers.materials.bodies._cells import Cells, cells_of
@@ -25,7 +26,6 @@ from renderers.threads import run
 
 _WIDTH, _FREE = 0.01, 0.2  # half the width over which beams are spread: of a body's size; mfp, of those that begin at events
 _CELLS = 48  # along the longest edge of the box around a body
-_NUMBERS = 1 << 30  # passes whose places light comes in at are numbered from here
 
 
 def half_widths(setup):
@@ -58,7 +58,7 @@ def entering(setup, number, entries, places, pass_number, seed) -> tuple[Lit, Pa
         none = np.zeros((0, 3))
         return of(none, none, none, np.zeros(0), np.zeros((0, waves)), np.zeros(0), 0), \
             Paths.begun(none, none, np.zeros((0, waves)), np.zeros(0, np.uint64), np.arange(0))
-    states, numbers = light.drawn(number, places, _NUMBERS + pass_number, seed)
+    states, numbers = light.drawn(stream_key(seed, "render.beams", pass_number, number), places)
     triangle, point, normal, sample, cosine = light.sampled(setup, body, entries, numbers)
     power = sample.radiance * cosine[:, None] @ setup.colours.to_waves.T / (places * entries.density[triangle])[:, None]
     bright = np.flatnonzero((power > 0).any(axis=1))

@@ -21,8 +21,6 @@ from renderers.transport.paths import joined
 
 _FIRST = 8192  # places that tell where light comes into a body, where only what is left out is looked for
 _RAYS = 4096  # of light in a pass: places on each boundary, and rays of each light inside of a body
-_NUMBERS = 1 << 29  # passes whose places light comes in at are numbered from here
-_APART = 1 << 28  # random streams of lights are so far apart
 
 
 def gathering(setup, entries, number, seed, every, events, changed, share=1.0) -> beams.Joins:
@@ -86,7 +84,7 @@ def _arriving(setup, entries, number, seed):
 def _to_boundary(setup, number, entries, pass_number, seed):
     """Paths on which light meets the boundary of body `number` straight from lights outside, and their power (n,) W."""
     body = setup.bodies[number]
-    states, numbers = light.drawn(number, _RAYS, _NUMBERS + pass_number, seed)
+    states, numbers = light.drawn(stream_key(seed, "render.chains_entries", pass_number, number), _RAYS)
     triangle, point, normal = light.on_boundary(body, entries, numbers)
     power, towards = np.zeros((_RAYS, len(setup.colours.to_waves))), normal.copy()
     chosen = (numbers[:, 3] * len(setup.points)).astype(int)
@@ -105,8 +103,7 @@ def _to_boundary(setup, number, entries, pass_number, seed):
 
 def _from_inside(setup, source, pass_number, seed):
     """Paths on which a light that stands in a body sends light to its first surface, and their power (n,) W."""
-    key = stream_key(seed, "render.chains", pass_number)
-    paths, power = light.sent(setup, source.number, _RAYS, key, source.number * _APART)
+    paths, power = light.sent(setup, source.number, _RAYS, stream_key(seed, "render.chains", pass_number, source.number))
     paths.throughput[:] = power
     arrived = [paths.of(slice(0))]
     while paths.count:
@@ -158,7 +155,7 @@ class _Collected:
         paths.throughput[:] *= power[:, None]
         direct.append(beams.direct(setup, number, paths, surfaces.facing(setup, paths), np.full(paths.count, np.inf)))
         if self._events:
-            wavefront.skip(paths.states, 1 << 42)
+            wavefront.branch(paths.states, np.full(paths.count, number))
             events.append(beams.of_events(setup, number, paths))
 
     def concatenated(self):

@@ -40,18 +40,18 @@ def dipole_of(body) -> _dipole.Dipole:
                           body.index**2 / (np.pi * (1 - outside)) * same)
 
 
-def seen(setup, beams, picks, number, seed) -> np.ndarray:
+def seen(setup, beams, picks, key) -> np.ndarray:
     """Light (pixels, 3), linear sRGB, that dipoles send to the eye in a pass.
 
     setup : `setup.Transport`
     beams : of each body, `_gather.Beams` that begin where light comes in;  picks : of them, drawn for a line of sight
-    number, seed : of the pass
+    key : uint64, of the pass: its random numbers
     """
     dipoles = [dipole_of(body) for body in setup.bodies]
     normals = [surfaces.facing(setup, its) for its in beams]
     pixels = setup.world.size[0] * setup.world.size[1]
     sums = Sums(pixels, by_paths=False)
-    paths = transport.begin(setup, np.arange(pixels), number, seed)
+    paths = transport.begin(setup, np.arange(pixels), key)
     while paths.count:
         body = surfaces.located(setup.geometry, paths)
         parts = [surfaces.at_surfaces(setup, paths.of(body == _geometry.OUTSIDE), sums)]

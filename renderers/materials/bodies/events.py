@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bakery.kernels import stream_key
 from renderers.materials.bodies import _events, _geometry, _light, _walk, beams, light, shells, surfaces
 from renderers.materials.bodies._events import EVENTS, Record
 from renderers.materials.bodies._points import Disc, Points
@@ -23,7 +24,7 @@ from renderers.transport.paths import joined
 
 APART = 4  # of so many walks, beams begin at the events of one
 _EVENTS, _WALKS = 1 << 20, (8192, 32768)  # of a pass: of light that walks, and least and most walks
-_FEW, _PILOT = 512, 0xFFFFFFF0  # walks that tell how many events each has, and the number of their pass
+_FEW = 512  # walks that tell how many events each has
 _NEAR = 4.0  # mean free paths from all surfaces, beyond which some events stand for all; lines of sight begin at surfaces
 
 
@@ -40,7 +41,7 @@ def discs(half_width):
 
 def walks_of(setup, entries, seed) -> int:
     """Walks of light in a pass: as many as have `_EVENTS` events, as a few of them say, within bounds."""
-    count = of_walks(setup, entries, _FEW, _FEW, _PILOT, seed).count
+    count = of_walks(setup, entries, _FEW, _FEW, 0, stream_key(seed, "render.walks_pilot")).count
     return int(np.clip(_EVENTS * _FEW / max(count, 1), *_WALKS))
 
 

@@ -50,7 +50,7 @@ class Gather(NamedTuple):
             run(_gather.gather, groups, transport.geometry, body.medium, wave, beams, clusters, sight, block=16)
         # the numbers with which beams were drawn serve nothing else
         states = paths.states[rows]
-        wavefront.skip(states, _gather.DRAWS * self.picks)
+        wavefront.branch(states)
         paths.states[rows] = states
         later, second, beyond = (values * lines.throughput @ transport.colours.to_rgb.T for values in sight.brought)
         sums.add_gathered(lines, later)

@@ -24,9 +24,8 @@ from renderers.transport import steps, wavefront
 from renderers.transport.paths import joined
 from renderers.transport.scattering import turn
 
-_PILOT, _ROUNDS = 0xFFFFFFF0, 3  # numbers of the passes that find where light comes in
+_ROUNDS = 3  # that find where light comes in
 _GROUPS, _EVEN = 512, 0.25  # of triangles that have one density; share of the places that are spread evenly
-_APART = 1 << 28  # random streams of bodies are so far apart
 LOOK = 1e-5  # of the size of all bodies, from where a ray goes to the boundary which it shall enter
 
 
@@ -51,7 +50,8 @@ def entries_of(setup, number, places, seed) -> Entries:
     groups[order] = np.minimum(np.cumsum(area[order]) / area.sum() * _GROUPS, _GROUPS - 1).astype(np.int64)
     whole = np.maximum(np.bincount(groups, area, _GROUPS), 1e-300)
     for number_of_round in range(_ROUNDS):
-        triangle, _, power = _entered(setup, number, entries, places, _PILOT + number_of_round, seed)
+        triangle, _, power = _entered(setup, number, entries, places,
+                                      stream_key(seed, "render.entries_pilot", number_of_round, number))
         # of W/m^2, over the area
         square = np.bincount(groups[triangle], power.max(axis=1) ** 2 * places * entries.density[triangle], _GROUPS) / whole
         light = np.sqrt(square)[groups] * area
@@ -88,7 +88,7 @@ def started(setup, entries, places, walks, number, seed):
     """
     parts, powers = [], []
     for body, its in enumerate(entries):
-        _, paths, power = _entered(setup, body, its, places, number, seed)
+        _, paths, power = _entered(setup, body, its, places, stream_key(seed, "render.entries", number, body))
         inside = surfaces.located(setup.geometry, paths) == body
         parts.append(paths.of(inside))
         powers.append(power[inside])
@@ -126,10 +126,10 @@ class _Made:
 # ---- light that comes in
 
 
-def _entered(setup, number, entries, places, pass_number, seed):
+def _entered(setup, number, entries, places, key):
     """Triangles (n,) of the boundary where light comes in, paths just inside, and their power (n, L), W."""
     body, waves = setup.bodies[number], len(setup.colours.to_waves)
-    states, numbers = drawn(number, places, pass_number, seed)
+    states, numbers = drawn(key, places)
     triangle, point, normal, sample, cosine = sampled(setup, body, entries, numbers)
     outside = point + LOOK * setup.geometry.scale * normal
     from_lamps = sample.radiance * (sample.share(cosine / np.pi) * cosine)[:, None] @ setup.colours.to_waves.T
@@ -152,10 +152,10 @@ def _entered(setup, number, entries, places, pass_number, seed):
     return triangle[at][goes], paths, power
 
 
-def drawn(number, places, pass_number, seed):
-    """Random streams (places,) of places on the boundary of body `number` in a pass, and their first numbers (places, 10)."""
+def drawn(key, places):
+    """Random streams (places,) of places on a boundary, and their first numbers (places, 10)."""
     states, numbers = np.empty(places, np.uint64), np.empty((places, 10))
-    wavefront.begin_streams(stream_key(seed, "render.entries", pass_number), number * _APART, states)
+    wavefront.begin_streams(key, 0, states)
     wavefront.draw(states, numbers)
     return states, numbers
 
@@ -219,22 +219,19 @@ def _emitted(setup, rays, number, seed) -> list[tuple[Paths, np.ndarray]]:
 
     rays : of each lamp;  number, seed : of the pass
     """
-    beams, key = [], stream_key(seed, "render.lamps", number)
+    beams = []
     boxes = [np.array([body.vertices.min(axis=0), body.vertices.max(axis=0)]) for body in setup.bodies]
     for lamp in setup.world.lights_in(boxes):
-        paths, power = sent(setup, lamp, rays, key, lamp * rays)
+        paths, power = sent(setup, lamp, rays, stream_key(seed, "render.lamps", number, lamp))
         inside = surfaces.located(setup.geometry, paths) != _geometry.OUTSIDE
         beams.append((paths.of(inside), power[inside]))
     return beams
 
 
-def sent(setup, lamp, rays, key, first) -> tuple[Paths, np.ndarray]:
-    """Paths on which a lamp (position in `World.light_names`) sends light, and their power (n, L), W.
-
-    key, first : of the random streams of so many rays
-    """
+def sent(setup, lamp, rays, key) -> tuple[Paths, np.ndarray]:
+    """Paths on which a lamp (position in `World.light_names`) sends light, and their power (n, L), W; key : of their streams"""
     states, numbers = np.empty(rays, np.uint64), np.empty((rays, 5))
-    wavefront.begin_streams(key, first, states)
+    wavefront.begin_streams(key, 0, states)
     wavefront.draw(states, numbers)
     origin, direction, power = setup.world.light_rays(lamp, numbers)
     ones = np.ones((rays, len(setup.colours.to_waves)))

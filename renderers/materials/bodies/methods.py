@@ -34,8 +34,6 @@ _FEWEST = 1 / 8
 _FEWEST_SEARCHED = 1 / 4  # and of those, and of the events, that light of lights without extent is looked for from there
 # pixels that look beams up in tables in any case: they take 0.1 to 0.3 s, less than the beams; all of a picture of 64 x 48
 _LOOKING_UP = 4096
-_LATER = 1 << 31  # passes of lines of sight that gather beams are numbered from here
-_BESIDE = 3 << 30  # and of those that meet beams
 _MOST = 31  # bodies of which one loop keeps in which a path is
 _BEYOND = 1e-3  # share of the light beyond the tables that is worth a word
 _NOISES = ("noise", "noise_mean", "noise_region")  # of a report
@@ -250,7 +248,7 @@ class _Passes:
                                   share) if setup.chained else None
         if method.joined:
             setup = setup._replace(rivals=self._rivals)
-        sums = transport.from_eye(setup, self.most, gather, number, self._seed)
+        sums = transport.from_eye(setup, self.most, gather, kernels.stream_key(self._seed, "render.translucent", number))
         if method.diffused:
             # what scatters again where a boundary turns it back
             sums.by_order[2:] = 0.0
@@ -261,11 +259,10 @@ class _Passes:
 
     def diffused(self, number):
         """Light of beams by diffusion."""
-        beams_in = self._beams(number)
-        number += _LATER
-        view = self._view(number)
-        later = dipole.seen(self._setup, beams_in, self._counts.picks, number, self._seed).reshape(*self._size, 3)
-        every, distance = np.ones(self._size, bool), smooth.falling(number - _LATER + 1, False, smooth.FULL_OF_FEW)
+        beams_in, key = self._beams(number), self._key(number)
+        view = self._view(key)
+        later = dipole.seen(self._setup, beams_in, self._counts.picks, key).reshape(*self._size, 3)
+        every, distance = np.ones(self._size, bool), smooth.falling(number + 1, False, smooth.FULL_OF_FEW)
         half, later = (smooth.smoothed(later, every, view, part * distance) for part in (0.5, 1.0))
         return {"": later, "orders": later, CLOSER[number % 2]: half - later}
 
@@ -274,8 +271,8 @@ class _Passes:
         setup, tabled, picks = self._setup, self._method.tabled, self._counts.picks
         beams_in = self._beams(number, negative=self._negative, by_events=not tabled)
         beyond = [_beyond(body, self._mirrored) for body in setup.bodies]
-        number += _LATER
-        view = self._view(number) if tabled else None
+        key = self._key(number)
+        view = self._view(key) if tabled else None
         gathers = self._gathers(view, number) if tabled else np.ones(self._size, bool)
         if tabled:
             gather = Gather(beams_in, True, self._second, _ALONE, self._shared_picks, view.body.ravel(), beyond)
@@ -283,12 +280,12 @@ class _Passes:
             nobody = np.full(self._size[0] * self._size[1], -1)
             gather = Gather(beams_in, False, self._second, picks, [picks] * len(setup.bodies), nobody, beyond)
         chosen = gathers & self._gathering_pixels(number, share)
-        sums = transport.from_eye(setup, self.most, gather, number, self._seed, by_paths=False, chosen=chosen)
+        sums = transport.from_eye(setup, self.most, gather, key, by_paths=False, chosen=chosen)
         sums.by_order /= share
         sums.gathered /= share
         layers, later = self._images(sums), sums.gathered.reshape(*self._size, 3)
         if tabled:
-            distance = smooth.falling(share * (number - _LATER + 1), not gathers.all(), smooth.FULL_OF_FEW)
+            distance = smooth.falling(share * (number + 1), not gathers.all(), smooth.FULL_OF_FEW)
             half, later = (smooth.smoothed(later, gathers, view, part * distance) for part in (0.5, 1.0))
             layers |= {CLOSER[number % 2]: half - later}
         layers[""], layers["orders"] = layers[""] + later, layers["orders"] + later
@@ -317,7 +314,8 @@ class _Passes:
             discs, against = events.discs(width[1])
             others = walked.beams, beams.spread(width[1], against=against)
             gather = beams.joins(setup, [first, others], [(walked.points, discs)], changed=changed)
-        layers = self._images(transport.from_eye(setup, self.most, gather, number + _BESIDE, self._seed, by_paths=False))
+        key = kernels.stream_key(self._seed, "render.joined", number)
+        layers = self._images(transport.from_eye(setup, self.most, gather, key, by_paths=False))
         return layers | {TURNS[number % 2]: changed.by_order.sum(axis=0).reshape(*self._size, 3)}
 
     def _images(self, sums):
@@ -328,10 +326,13 @@ class _Passes:
         return light.beams(self._setup, self._entries, self._counts.places, self._counts.walks, negative, by_events, number,
                            self._seed)
 
-    def _view(self, number):
+    def _key(self, number):
+        """Of the lines of sight that gather beams in a pass."""
+        return kernels.stream_key(self._seed, "render.gathered", number)
+
+    def _view(self, key):
         """What the camera sees of bodies in a pass."""
-        paths = transport.begin(self._setup, np.arange(self._size[0] * self._size[1]), number, self._seed)
-        return smooth.seen(self._setup, paths)
+        return smooth.seen(self._setup, transport.begin(self._setup, np.arange(self._size[0] * self._size[1]), key))
 
     def _gathers(self, view, number):
         """Pixels that gather; all where what they find is not shared."""
@@ -362,7 +363,7 @@ class _Passes:
     @cached_property
     def _shared_picks(self):
         """Beams of a line of sight that shares what it gathers, in each body."""
-        view = self._view(_LATER)
+        view = self._view(self._key(0))
         shares = smooth.sharing(view, self._gathers(view, 0), len(self._setup.bodies))
         return [min(max(math.ceil(self._counts.picks / share), _LEAST), _ALONE) for share in shares]
 

@@ -50,9 +50,6 @@ _LATTICE = 1.1347241384015194 ** -np.arange(0.0, NUMBERS)
 _IN_PIXEL = 1.3247179572447460 ** -np.arange(1.0, 3.0)  # the same in two
 _TOGETHER = 1 << 18  # candidates that are kept at once
 _ALL = 1 << 15  # paths of the camera that go on together, and several that scatter of each
-_APART = 1 << 28  # random streams of bodies are so far apart
-_PILOT = (1 << 30) - 1  # pass that finds which states are bright
-_LATER = 1 << 31  # passes of lines of sight are numbered from here, so many of each pass
 
 
 class Settings(NamedTuple):
@@ -91,10 +88,10 @@ class Mutations:
         self._states = {}
 
     def __call__(self, number):
-        views, gathers = self._seen(number)
+        views, gathers = self._seen(number, self._seed)
         image, self._states[number] = np.zeros((3, self._pixels, 3)), 0
-        lines = self._lines(number, gathers)
-        for group in self._groups(number, lines):
+        lines = self._lines(number, self._seed, gathers)
+        for group in self._groups(number, self._seed, lines):
             group.bring(self._guides[group.body], image)
             self._states[number] += group.count
         return self._layers(number, image, gathers, views, self._cover(lines))
@@ -108,11 +105,10 @@ class Mutations:
         """Variance of the last of so many passes over that of one that shares over the whole distance."""
         return smooth.noisier(passes, self._samples, smooth.FULL, self._spares)
 
-    def _seen(self, number):
+    def _seen(self, number, seed):
         """What the camera sees of bodies in a pass, as often as it samples a pixel, and pixels (H, W) that gather light."""
-        views = [smooth.seen(self._setup, transport.begin(self._setup, np.arange(self._pixels), _LATER + number, self._seed,
-                                                          view * self._pixels))
-                 for view in range(min(self._samples, _VIEWS))]
+        keys = [stream_key(seed, "render.views", number, view) for view in range(min(self._samples, _VIEWS))]
+        views = [smooth.seen(self._setup, transport.begin(self._setup, np.arange(self._pixels), key)) for key in keys]
         return views, smooth.chosen(views[0], number) if self._spares else np.ones(self._size, bool)
 
     @property
@@ -153,7 +149,8 @@ class Mutations:
     def _guides(self):
         """`Guide` of each body, by states drawn alike."""
         guides = [guide_of(np.ones((1, 1)))] * len(self._setup.bodies)
-        for group in self._groups(_PILOT, self._lines(_PILOT, self._seen(_PILOT)[1])):
+        seed = stream_key(self._seed, "render.mutations_pilot")
+        for group in self._groups(0, seed, self._lines(0, seed, self._seen(0, seed)[1])):
             guides[group.body] = group.pilot()
         return guides
 
@@ -162,29 +159,29 @@ class Mutations:
         """`Guess` of each body."""
         return [_guess_of(body, self._setup.colours.to_rgb) for body in self._setup.bodies]
 
-    def _groups(self, number, lines):
+    def _groups(self, number, seed, lines):
         """`_Group` of each body in which there are lines of sight, of `_lines`, and beams, in a pass."""
         asked = self._settings
         beams = light.beams(self._setup, self._entries(), _BEAMS * asked.places, _BEAMS * asked.walks, asked.boundary, False,
-                            number, self._seed)
-        key = stream_key(self._seed, "render.mutations", number)
+                            number, seed)
         for body, its in lines.items():
             if its.count and len(beams[body].length):
                 among = _Among(self._edge(body), self._guesses[body], self._sights(body, its), _by_sign(beams[body]))
-                yield _Group(body, among, key)
+                yield _Group(body, among, stream_key(seed, "render.mutations", number, body))
 
-    def _lines(self, number, gathers):
+    def _lines(self, number, seed, gathers):
         """`Paths` of each body that are lines of sight in it, in a pass."""
         setup, asked, collected = self._setup, self._settings, _Collected()
         pixels, sums = np.flatnonzero(gathers), Sums(self._pixels, by_paths=False)
         streams, shift = np.empty(len(pixels), np.uint64), np.empty((len(pixels), 2))
-        wavefront.begin_streams(stream_key(self._seed, "render.sights", number), 0, streams)
+        wavefront.begin_streams(stream_key(seed, "render.sights", number), 0, streams)
         wavefront.draw(streams, shift)
+        key = stream_key(seed, "render.lines", number)
 
         def camera(first, last):
             which, sample = np.divmod(np.arange(first, last), self._samples)
             places = (shift[which] + sample[:, None] * _IN_PIXEL) % 1.0
-            paths = transport.begin(setup, pixels[which], _LATER + number, self._seed, first, places)
+            paths = transport.begin(setup, pixels[which], key, first, places)
             paths.throughput[:] *= _FATES  # so that roulette leaves as many of each
             return paths
 
@@ -273,7 +270,7 @@ class _Group:
         self.body, self._among, self._stream = body, among._replace(guess=guess), np.empty(1, np.uint64)
         self._looked = _OF_LINE * len(among.sights.far)
         self.count = _CANDIDATES * self._looked
-        wavefront.begin_streams(key, body * _APART, self._stream)
+        wavefront.begin_streams(key, 0, self._stream)
 
     def pilot(self):
         """A `Guide` by what states drawn alike are guessed to bring, root mean square."""

@@ -81,7 +81,7 @@ def shaded(transport, paths, sums, power=False):
         part = paths.of(sampled)
         part.throughput[:] *= shading.density[sampled][:, None]
         parts.append(_turned(transport, part, selected(shading, sampled), add))
-    wavefront.skip(parts[-1].states, 1 << 40)
+    wavefront.branch(parts[-1].states)
     return joined(parts)
 
 

@@ -6,7 +6,6 @@ often as its method lets it, and goes on to the next surface.
 
 import numpy as np
 
-from bakery.kernels import stream_key
 from renderers.materials.bodies import _beams, _geometry, _walk, refraction
 from renderers.materials.bodies.paths import Paths, thinned
 from renderers.materials.bodies.setup import Sums
@@ -19,12 +18,12 @@ from renderers.transport.scattering import next_event, of_one_component, turn
 _ALL = 1 << 17  # paths that go on together; more take more memory, and fewer more calls
 
 
-def from_eye(transport, most, gather, number, seed, by_paths=True, chosen=None) -> Sums:
+def from_eye(transport, most, gather, key, by_paths=True, chosen=None) -> Sums:
     """One path from the eye for each pixel.
 
     most : of each body, events between two surfaces that a path may have
     gather : `Gather`, or what is called like it, or None
-    number, seed : of the pass: its random numbers
+    key : uint64, of the pass: its random numbers
     by_paths : as in `Sums`
     chosen : (H, W) bool, which ones have a path; None: all
     """
@@ -33,20 +32,20 @@ def from_eye(transport, most, gather, number, seed, by_paths=True, chosen=None) 
 
     def camera(first, last):
         pixel = np.arange(first, last)
-        paths = begin(transport, pixel, number, seed)
+        paths = begin(transport, pixel, key)
         return paths if chosen is None else paths.of(chosen.ravel()[pixel])
 
     follow(pixels, _ALL, camera, lambda paths: onward(transport, paths, most, sums, gather))
     return sums
 
 
-def begin(transport, pixel, number, seed, first=None, places=None) -> Paths:
+def begin(transport, pixel, key, first=None, places=None) -> Paths:
     """The camera's paths through pixels (n,) of a pass, from path `first` on; if that is None a path a pixel, ascending without
     gaps.
 
+    key : uint64, of `bakery.kernels.stream_key`
     places : (n, 2) in their pixels, row and column, 0 to 1; any if None
     """
-    key = stream_key(seed, "render.translucent", number)
     if first is None:
         first = int(pixel[0]) if len(pixel) else 0
     world, width = transport.world, transport.world.size[1]
@@ -106,8 +105,8 @@ def _both_ways(transport, paths, number, sums, fates):
     body, straight = transport.bodies[number], paths.of(slice(None))
     fate = paths.of(np.tile(np.arange(paths.count), fates))
     run(_walk.straight, paths.count, body.medium, straight)
-    for copy, states in enumerate(np.split(fate.states, fates)):
-        wavefront.skip(states, (1 << 41) + (copy << 44))
+    wavefront.branch(straight.states)  # too, as nothing is drawn until it parts in the next body
+    wavefront.branch(fate.states, np.repeat(np.arange(1, fates + 1), paths.count))
     start = fate.origin.copy()
     fate.throughput[:] /= fates
     run(_walk.inside, fate.count, body.medium, fate)
@@ -171,7 +170,7 @@ def _add_refracted_light(transport, number, bent, paths, sums):
     """Adds what a light without extent sends through the boundary of body `number` to events in it."""
     if transport.searched < 1:
         paths = thinned(paths, np.ones(paths.count, bool), transport.searched)[1]
-        wavefront.skip(paths.states, 1 << 43)
+        wavefront.branch(paths.states)
     ways = refraction.joined(transport, number, bent, paths)
     with_light = np.flatnonzero(ways.share > 0)
     if not len(with_light):

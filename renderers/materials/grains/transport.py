@@ -122,7 +122,7 @@ def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=No
     def begin(first, last):
         nonlocal taken
         taken = 0
-        new = _begin(transport, camera, corners, order[first:last], number, seed, first)
+        new = _begin(transport, camera, corners, order[first:last], stream_key(seed, "render.grains", which, number), first)
         if transport.switch is not None:
             return _until_switched(world, transport, new, size, sums)
         if transport.share < 1:
@@ -144,8 +144,7 @@ def one_pass(world, transport, camera, size, number, seed, which=ALL, corners=No
     return sums
 
 
-def _begin(transport, camera, corners, pixel, number, seed, first):
-    key = stream_key(seed, "render.grains", number)
+def _begin(transport, camera, corners, pixel, key, first):
     states, origin, direction = of_camera(camera.rays_at, key, first, corners[pixel % len(corners)])
     return starting(origin, direction, len(transport.colours.to_waves), states, pixel, transport.technique)
 

@@ -81,7 +81,8 @@ def _probed(world, medium, camera, height, width, seed) -> _Probes:
     middle = (edges[:, 1:] + edges[:, :-1]) / 2
     solid = float(np.linalg.norm(np.cross(camera.right, camera.down))) \
         * (direction @ _axis(camera)) ** 3
-    mean, variance = _along(world, medium, origin, direction, middle, np.diff(edges, axis=1), behind, solid, states)
+    mean, variance = _along(world, medium, origin, direction, middle, np.diff(edges, axis=1), behind, solid,
+                            stream_key(seed, "render.depths"))
     return _Probes(stride, rows, columns, begin, end, edges, mean, np.where((begin < end)[:, None], variance, 0.0))
 
 
@@ -111,15 +112,15 @@ def edges_of(begin, end, depths):
     return near[:, None] * (end / near)[:, None] ** np.linspace(0, 1, depths + 1)
 
 
-def _along(world, medium, origin, direction, middle, thick, behind, solid, states):
+def _along(world, medium, origin, direction, middle, thick, behind, solid, key):
     """Mean luminance (n,) and its variance from each depth (n, _DEPTHS)."""
     n, depths = middle.shape
     region, share = medium.discs.region, colour.LUMINANCE @ medium.to_rgb
     point = (origin[:, None] + middle[..., None] * direction[:, None]).reshape(-1, 3)
     rho = np.asarray(region_densities(region, point)).reshape(n, -1)
-    numbers = np.empty((len(point), 3))
-    streams = np.repeat(states, depths) + np.tile(np.arange(depths, dtype=np.uint64), n)
-    wavefront.draw(streams, numbers)
+    states, numbers = np.empty(len(point), np.uint64), np.empty((len(point), 3))
+    wavefront.begin_streams(key, 0, states)
+    wavefront.draw(states, numbers)
     sample = world.lights(point, numbers)
     light = np.maximum(sample.radiance.astype(float) @ medium.to_waves.T, 0.0)
     out = column(region, point, sample.direction.astype(float), sample.distance)

@@ -221,13 +221,13 @@ def _add(world, discs, view, chunk, discrete, streams, by_order, by_light):
     seed, number, serial = streams
     numbers, states, pencils_of = np.empty((n, 4)), np.empty(n, np.uint64), np.empty(n, np.int64)
     wavefront.draw(chunk.identity ^ stream_key(seed, "render.aims"), numbers)  # the same in all passes
-    wavefront.begin_streams(stream_key(seed, "render.splat", number), serial * CHUNK, states)
+    wavefront.begin_streams(stream_key(seed, "render.splat", number, serial), 0, states)
     run(_pencils, n, medium.discs.largest, view.origin, view.area, view.axis, chunk.place, chunk.kind, pencils_of)
     who = np.repeat(np.arange(n), pencils_of)
     points, kind, numbers, m = chunk.place[who], chunk.kind[who], numbers[who], len(who)
-    # a stream for each pencil: those of one particle go apart at their first number
     part = np.arange(m) - np.repeat(np.cumsum(pencils_of) - pencils_of, pencils_of)
-    states = states[who] + part.astype(np.uint64) * np.uint64(0xD1B54A32D192ED03)
+    states = states[who]
+    wavefront.branch(states, part)
     # pencils of one particle and of all passes spread over its disc evenly
     aims = (numbers[:, :2] + (number // plan.shares * pencils_of[who] + part)[:, None] * _EVENLY) % 1.0
     pencils = Pencils(np.empty((m, 3)), np.empty(m), np.empty((m, len(medium.sigma_t))), np.empty(m, np.int64), states)

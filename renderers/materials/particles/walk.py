@@ -124,13 +124,13 @@ def _let_through(medium, paths, point, sample, left_out, share):
 
 def _split(paths, copies):
     """Paths copies (n,), equal ones in a row: they share their weight, and their random streams part."""
-    shares, part = np.bincount(copies)[copies], np.zeros(len(copies), np.uint64)
+    shares, part = np.bincount(copies)[copies], np.zeros(len(copies), np.int64)
     for step in range(1, _SPLIT):
         part[step:][copies[step:] == copies[:-step]] = step
     split = paths.of(copies)
     split.throughput[:] /= shares[:, None]
     split.ways[:] = 1
-    split.states[:] += part * np.uint64(0xD1B54A32D192ED03)
+    wavefront.branch(split.states, part)
     return split
 
 
