@@ -256,7 +256,7 @@ def test_a_pilot_that_leaves_no_time_for_others_ends_with_its_smaller_picture(mo
 
 @pytest.mark.parametrize("first", [tried(1.0)._replace(seconds=5.0), lambda seconds: None])
 def test_one_that_ends_long_paths_is_tried_where_the_first_follows_them_for_too_long(monkeypatch, first):
-    """Snow on a plate: `ept` took all of the time of pilots, `ept+vpt+da` a fifth of that, and a tenth to the same noise."""
+    """Within deep snow: `ept` took all of the time of pilots, `ept+vpt+da` a fifth of that, and a tenth to the same noise."""
     brief = method("ept+vpt+da", stated=0.01, pilot=1.0, ends_early=True)
     grains, medium = method("ept", exact=True), (method("ept+vpt", stated=0.01, pilot=1.0), tried(0.01))
     best = taken(monkeypatch, (grains, first), (brief, tried(0.1)), medium, stop=Stop(noise=0.01, time=60.0))
