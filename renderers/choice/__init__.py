@@ -1,12 +1,13 @@
 """What `auto` is for a scene: the cheapest of its candidates (`renderers.scene.candidates`), by pilots of each.
 
 The first candidate is the one that is taken where no pilots are worth their time. The others are tried while pilots together
-take less than 8 % of the render, but for compiling. Cheapest is that whose seconds are at most fewest, by standard errors of
-what its pilot tells: one of which little is known is not preferred to one that is well known, nor, unless its pilot is cheaper
-too, to an earlier one of which as little is known. A candidate with an error of its own has to fit the share of the tolerance
-that such errors have (`renderers.scene.budget.ROOM`): by its pilot, against one without an error, or, where so few passes
-cannot tell, by what it declares. A choice is kept in the cache of bakes by all that it was made of, so that the same scene is
-rendered alike as long as that is there: clocks decide, and another machine may choose otherwise.
+take less than 8 % of the render, but for compiling; one that ends long paths has half of that where the first one has used all.
+Cheapest is that whose seconds are at most fewest, by standard errors of what its pilot tells: one of which little is known is not
+preferred to one that is well known, nor, unless its pilot is cheaper too, to an earlier one of which as little is known. A
+candidate with an error of its own has to fit the share of the tolerance that such errors have (`renderers.scene.budget.ROOM`):
+by its pilot, against one without an error, or, where so few passes cannot tell, by what it declares. A choice is kept in the
+cache of bakes by all that it was made of, so that the same scene is rendered alike as long as that is there: clocks decide, and
+another machine may choose otherwise.
 """
 
 from __future__ import annotations
@@ -229,27 +230,36 @@ class _Pilots:
     def _run(self):
         first, *others = self._offered
         limit = math.inf if self._stop.time is None else self._stop.time
-        if not self._try(first, min(_LONGEST, _EACH * limit), _SHARE * limit / 2):
-            # there would be no time for one of another
-            self._why = dict.fromkeys(others, f"not tried: pilots take more than {_SHARE * limit:.2g} s")
-            return
-        whole, spent = min(limit, self._seconds_to_end(self._trials[first])), self._trials[first].seconds
+        late = f"not tried: pilots take more than {_SHARE * limit:.2g} s"
+        if self._try(first, min(_LONGEST, _EACH * limit), _SHARE * limit / 2):
+            whole, spent = min(limit, self._seconds_to_end(self._trials[first])), self._trials[first].seconds
+        else:
+            whole, spent = limit, _SHARE * limit
         for name in others:
-            # two passes of each size take about as long as those of the first, where those took longer than they should
-            needed, seconds_left = max(self._offered[name].pilot, self._trials[first].seconds), _SHARE * whole - spent
+            seconds_left, needed = _SHARE * whole - spent, self._offered[name].pilot
+            if early := self._offered[name].ends_early:  # most so where the first one takes long
+                seconds_left = max(seconds_left, _SHARE * whole / 2)
+            else:  # two passes of each size take about as long as those of the first, where those took longer than they should
+                needed = max(needed, self._trials[first].seconds if first in self._trials else math.inf)
             if seconds_left < needed:
-                self._why[name] = f"not tried: a pilot takes {needed:.2g} s, and the picture {whole:.2g} s"
+                about = f"not tried: a pilot takes {needed:.2g} s, and the picture {whole:.2g} s"
+                self._why[name] = about if first in self._trials else late
                 continue
             try:
-                self._try(name, min(_LONGEST, _EACH * whole))
+                if not self._try(name, min(_LONGEST, _EACH * whole), seconds_left if early else math.inf):
+                    self._why[name] = late
+                    continue
                 spent += self._trials[name].seconds
                 if self._offered[name].eligible and self._fits(name, self._exact())[0]:
                     # now that this may be what is taken, others have less time for their pilots
                     whole = min(whole, self._seconds_to_end(self._trials[name]))
             except (AssetError, UsageError) as fault:
                 self._why[name] = f"not possible: {getattr(fault, 'brief', '') or fault}"
-        self._tell_more(_SHARE * whole - spent)
-        self._try_again(_SHARE * whole - spent)
+        if first in self._trials:
+            self._tell_more(_SHARE * whole - spent)
+            self._try_again(_SHARE * whole - spent)
+        elif self._trials:
+            self._why[first] = late
 
     def _try(self, name, seconds, most=math.inf) -> bool:
         """Whether a pilot of a candidate took no longer than `most`."""

@@ -31,6 +31,7 @@ class Candidate(NamedTuple):
     surfaces : numbers of the bodies that are surfaces, or are far from the camera, because `auto` may have them so
     expected : the error that is expected of those; None: what is stated
     eligible : whether it may be taken; another one only measures how far those are off
+    ends_early : whether it ends long paths that the first one follows, so that its pilot may take much less time
     """
 
     name: str
@@ -45,6 +46,7 @@ class Candidate(NamedTuple):
     surfaces: tuple[int, ...] = ()
     expected: float | None = None
     eligible: bool = True
+    ends_early: bool = False
 
     def off_by(self, *errors: float) -> "Candidate":
         """The same, with further errors in what is stated."""
@@ -76,7 +78,7 @@ def _of_one_kind(scene):
     declared = entries.declared(scene.values.materials[0].kind)
     count = len(scene.values.materials)
     return tuple(Candidate(name, (name,) * count, declared[name].exact, declared[name].error, declared[name].pilot,
-                           declared[name].lacks, declared[name].slow,
+                           declared[name].lacks, declared[name].slow, ends_early=declared[name].ends_early,
                            surfaces=tuple(range(count)) if declared[name].surface_far else ())
                  for name in declared[scene.values.method].candidates)
 

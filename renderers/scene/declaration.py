@@ -38,6 +38,7 @@ class SceneMethod:
         do not
     unfit : (scene, number, asset, world) -> why an entry, by its number, cannot be rendered so, or would be another material; ""
     pilot : seconds that a pilot of it takes at least, with what it loads
+    ends_early : whether it ends long paths that others follow, so that its passes may take much less time than theirs
     continuous : whether a medium stands for the material, of which nothing is told apart
     deviation : (scene, number, asset, world) -> by how much pixels deviate from such a medium because of what could be told apart
         of an entry, by its number: root mean square over the picture's mean; of a surface, over the entry's light, because
@@ -66,6 +67,7 @@ class SceneMethod:
     slow: Callable[[Any, Sequence[Any], Any], str] = lambda scene, assets, world: ""
     unfit: Callable[..., str] = lambda scene, number, asset, world: ""
     pilot: float = 1.0
+    ends_early: bool = False
     continuous: bool = False
     deviation: Callable[..., float] = lambda scene, number, asset, world: 0.0
     beside: bool = False

@@ -12,6 +12,7 @@ from scipy import integrate, ndimage, special, stats
 from scipy.spatial import ConvexHull, cKDTree
 
 from bakery.physics.averages import Aim, Component, averages
+from bakery.physics.averages.spheres import Rays
 from bakery.physics.discrete import classes, graininess, realise, statistics
 from bakery.physics.discrete.realise import Region
 from bakery.physics.medium.phase import phase_at
@@ -283,6 +284,14 @@ def test_classes_from_few_sizes_and_angles_are_as_good_as_they_say(m, radius, to
     assert len(theta) < 0.75 * len(classes.optics([component], [middle], [0.55], [1.0], 0.2)[0])
     extinction = np.sum((fine.scattering + fine.absorption) * fine.weight)
     assert coarse.extinction[0, 0] == pytest.approx(extinction, rel=coarse.error.max())
+
+
+def test_the_forward_peak_of_the_largest_class_is_resolved_and_nothing_else_for_it():
+    """Flakes of 20 um to 2 mm: cells were no narrower than ripples of the smallest, and 10,394 angles were put elsewhere."""
+    population = Population((Part(Lognormal(320.0, 1.8), 1.0, 20.0, 2000.0),))
+    every, component = classes.classes(population, exactly=14), Component("flakes", np.array([1.5 + 1e-5j]), population)
+    theta, (found,) = classes.optics([component], [every], [0.45], [1.0], 0.21, rays=Rays("auto"))
+    assert len(theta) < 1000 and found.error.max() <= 0.21
 
 
 # ---- graininess

@@ -254,6 +254,18 @@ def test_a_pilot_that_leaves_no_time_for_others_ends_with_its_smaller_picture(mo
     assert [row["why"] for row in best.table] == ["taken without a pilot", "not tried: pilots take more than 4.8 s"]
 
 
+@pytest.mark.parametrize("first", [tried(1.0)._replace(seconds=5.0), lambda seconds: None])
+def test_one_that_ends_long_paths_is_tried_where_the_first_follows_them_for_too_long(monkeypatch, first):
+    """Within deep snow: `ept` took all of the time of pilots, `ept+vpt+da` a fifth of that, and a tenth to the same noise."""
+    brief = method("ept+vpt+da", stated=0.01, pilot=1.0, ends_early=True)
+    grains, medium = method("ept", exact=True), (method("ept+vpt", stated=0.01, pilot=1.0), tried(0.01))
+    best = taken(monkeypatch, (grains, first), (brief, tried(0.1)), medium, stop=Stop(noise=0.01, time=60.0))
+    assert best.method == "ept+vpt+da" and all("not tried" in row["why"] for row in best.table if row["method"] == "ept+vpt")
+    assert "taken without a pilot" not in [row["why"] for row in best.table]
+    best = taken(monkeypatch, (grains, first), (brief, lambda seconds: None), stop=Stop(noise=0.01, time=60.0))
+    assert best.method == "ept" and best.table[1]["why"] == "not tried: pilots take more than 4.8 s"
+
+
 def test_what_few_passes_cannot_tell_goes_by_what_is_declared(monkeypatch):
     exact = method("paths", exact=True), tried(1.0, error=1.0)
     best = taken(monkeypatch, exact, (method("tables", stated=0.01), tried(0.1, error=1.0)))

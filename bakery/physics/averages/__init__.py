@@ -136,7 +136,7 @@ class _Tables:
 
         try:
             return grid.refine(theta, evaluate, margin, _ripples(self.channels), earlier,
-                               finest=_finest(self.channels, self.choices), most=0.0 if aim.radii else target,
+                               finest=_finest(self.channels, self.choices, aim.peaks), most=0.0 if aim.radii else target,
                                integrated=aim.integrated)
         except grid.TooManyAngles:
             raise StageError(_too_many(self.channels, aim.tolerance)) from None
@@ -157,10 +157,11 @@ def _ripples(channels):
                      for parts in features for x, width in parts[:1]])
 
 
-def _finest(channels, choices):
+def _finest(channels, choices, peaks):
     """rad, of the narrowest cell: rays jump here and there by less than their error; nothing that a sphere scatters is narrower
-    than its ripples."""
-    return max([_RIPPLE / (c.k * c.nodes.span()[1]) for c, choice in zip(channels, choices) if choice.taken], default=0.0)
+    than its ripples.  peaks : as in `spheres.Aim`."""
+    ripples = [_RIPPLE / (c.k * c.nodes.span()[1]) for c, choice in zip(channels, choices) if choice.taken]
+    return (min if peaks else max)(ripples, default=0.0)
 
 
 def _average(component, cross, spectrum, choices):

@@ -61,7 +61,7 @@ def trace_seconds(angles: int, rays: Rays) -> float:
 
 def predict(channels: Sequence[Channel], choices, aim: Aim) -> Prediction:
     """Predicted work of `averages` for its channels and choices; fitted to 30 varied runs (docs/averages.md)."""
-    tolerance, polarized, integrated, _, angles, rays, _ = aim
+    tolerance, polarized, integrated, _, angles, rays, *_ = aim
     count = angles or predicted_angles([f for c in channels for f in features_of(c)], tolerance)
     per_angle = MUELLER if polarized else INTENSITY
     computed = (2 if angles else 2.3) * count  # an angle between neighbours is computed for each that is kept

@@ -117,6 +117,8 @@ class Aim(NamedTuple):
     # begin with half as many sizes, and with steps between angles four times as wide; errors are measured and refined all the
     # same
     sparse: bool = False
+    # cells of rays are as narrow as the peak of the component of the largest spheres needs; else as that of the smallest does
+    peaks: bool = False
 
 
 def channels_of(components: Sequence[Component], wavelength, host, tolerance: float, radii: int | None = None,

@@ -157,7 +157,7 @@ def optics(components: Sequence[Component], by_component: Sequence[Classes], wav
 
 
 def _aim(tolerance, rays):
-    return Aim(tolerance, integrated=True, rays=rays, sparse=tolerance > _LOOSE)
+    return Aim(tolerance, integrated=True, rays=rays, sparse=tolerance > _LOOSE, peaks=True)
 
 
 def predicted(components, by_component, wavelength, host, tolerance, *, rays: Rays = SERIES,

@@ -342,7 +342,7 @@ def _check_places(group: Group) -> Iterable[str]:
 
 STAGE = Stage(
     name="discrete",
-    version=3,
+    version=4,
     title="separate particles, and what each does to light",
     reads=("wavelengths", "seed", "discrete", "phase", "particles"),
     needs=("optics", "medium"),

@@ -72,7 +72,7 @@ def _asked(inputs, tolerance: float):
     """Components, wavelengths, host and aim, as `averages` takes them."""
     from bakery.physics.averages import Aim
 
-    goal = {name: inputs[name] for name in Aim._fields if name not in ("tolerance", "sparse")}
+    goal = {name: inputs[name] for name in Aim._fields if name not in ("tolerance", "sparse", "peaks")}
     return inputs["components"], inputs["wavelength"], inputs["host"], Aim(share(len(inputs["components"])) * tolerance, **goal)
 
 
