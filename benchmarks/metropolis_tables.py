@@ -1,7 +1,7 @@
 """Metropolis with tables: candidates a second, and noise in light of three and more events beside other methods.
 
     python -m benchmarks.metropolis_tables [--small] [--scenes wax wax_glass bumpy_ball] [--methods metropolis metropolis+tables]
-                                           [--size 48] [--seconds 30 120] [--light three] [--pilots]
+                                           [--size 48] [--seconds 30 120] [--light three] [--picture FILE] [--pilots]
 
 Scenes: a ball of published wax (Wang, Ge and Holzschuch 2018) of 8 mean free paths in radius under a panel, matched or of glass,
 shipped ones, and `caustic` (`stand.caustic`).  A row a method and time, methods in turns, of light of three and more events, of
@@ -19,6 +19,7 @@ import argparse
 from types import SimpleNamespace
 
 import numpy as np
+from matplotlib import image
 
 from benchmarks.figures_translucent import stand
 from benchmarks.figures_translucent.mutations import MUTATIONS
@@ -60,16 +61,19 @@ def a_second(parts):
 
 
 def rows(scene, size, names, seconds, layer):
-    """Measures a scene and prints its rows; all methods but the last stop after the first of the seconds."""
+    """Measures a scene and prints its rows; all methods but the last stop after the first of the seconds.  Pictures (H, W, 3) of
+    the methods after these, from 0 to 1."""
     transported = setup(scene, size)
     kinds = LATER_KINDS if layer == stand.LATER else {}
     runs = {method: stand.Run(transported, method, kinds=kinds.get(method.split(",")[0])) for method in names}
-    first = None
+    first, pictures = None, []
     for until in seconds:
         stand.together(runs, dict.fromkeys(runs, until), ROUNDS)
         for method, run in runs.items():
             light, spent = run.found(layer), sum(part.seconds for part in run.parts)
             first = first or light
+            if until == seconds[0]:
+                pictures.append(stand.shown(light.image, 1.5 * np.quantile(first.image, 0.99)))
             ratio = (1.0, first.error / first.total) if light is first else stand.ratio(light, first)
             speed, loss = a_second(run.parts), np.sqrt(sum(part.loss() ** 2 for part in run.parts)) / light.total
             drawn = speed and speed * spent / CORES / size**2  # a pixel
@@ -79,6 +83,7 @@ def rows(scene, size, names, seconds, layer):
             print(f"| {scene} | `{method}` | {spent:.0f} | {stand.over(*ratio)} | {speed} | {noise} | "
                   f"{stand.of_seconds(light.seconds)} | {100 * light.noise:.2f} | {100 * loss:.2f} | {whole:.3f} |", flush=True)
         runs = {names[-1]: runs[names[-1]]}
+    return pictures
 
 
 def pilots(scene, size, seconds):
@@ -99,6 +104,7 @@ def main():
     parser.add_argument("--methods", nargs="+", default=METHODS)
     parser.add_argument("--seconds", type=float, nargs="+", default=sized([6.0], [1.0]))
     parser.add_argument("--light", choices=stand.LAYERS, default=stand.LATER, help="all, or that of so many events and more")
+    parser.add_argument("--picture", help="file: a row a scene, a column a method, after the first of the seconds")
     parser.add_argument("--pilots", action="store_true")
     args = parser.parse_args()
     print(variants.activate("rgb"))
@@ -109,8 +115,9 @@ def main():
         return
     print("| scene | method | s | light over the first | a second of two cores | noise after 1000 a pixel, % | "
           "noise 1 % after, s | noise, % | loss, % | error over the first, equal time |\n|" + "---|" * 10, flush=True)
-    for scene in args.scenes:
-        rows(scene, args.size, args.methods, args.seconds, args.light)
+    pictures = [np.hstack(rows(scene, args.size, args.methods, args.seconds, args.light)) for scene in args.scenes]
+    if args.picture:
+        image.imsave(args.picture, np.vstack(pictures))
 
 
 if __name__ == "__main__":

@@ -120,7 +120,7 @@ def caustic(asset, size):
     shapes = "".join(f'<shape type="ply" id="{name}"><string name="filename" value="{name}.ply"/>'
                      f'<boolean name="face_normals" value="{"false" if name == "glass" else "true"}"/>{bsdf}</shape>'
                      for name, bsdf in bsdfs.items())
-    lamp = ('<shape type="sphere"><point name="center" x="0" y="0" z="2"/><float name="radius" value="0.1"/>'
+    lamp = ('<shape type="sphere"><point name="center" x="0" y="0" z="2"/><float name="radius" value="0.3"/>'
             '<emitter type="area"><rgb name="radiance" value="400 400 400"/></emitter></shape>')
     (folder() / "caustic.xml").write_text(f'<scene version="3.0.0">{CAUSTIC_SENSOR}{shapes}{lamp}</scene>')
     return _transport(World(folder() / "caustic.xml", 1e-3, size=(size, size)), ["fog"], [asset])
@@ -182,11 +182,11 @@ class Passes:
                 self.closer[name] += (layers[name] @ LUMINANCE)[self.seen]
 
     def loss(self):
-        """Luminance of a pixel that sharing loses, root mean square: a third more than what half the distance changes, by the
-        product of even and odd passes, in which noise cancels."""
+        """Luminance of a pixel that sharing loses, root mean square, by what half the distance changes (loss goes with its power
+        2.7: `smooth`): of the product of even and odd passes, in which noise cancels."""
         odd = self.count // 2
         product = float(np.mean(self.closer[CLOSER[0]] * self.closer[CLOSER[1]])) / (odd * (self.count - odd))
-        return 4 / 3 * max(product, 0.0) ** 0.5
+        return max(product, 0.0) ** 0.5 / (1 - 0.5**2.7)
 
     def variance(self, name):
         """Of a pixel in a pass, mean of all."""
