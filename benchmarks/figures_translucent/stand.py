@@ -22,6 +22,7 @@ from benchmarks.sizes import SMALL, sized
 from renderers import scene as scenes
 from renderers.colour import LUMINANCE
 from renderers.materials.bodies import methods, shells, smooth, transport
+from renderers.materials.bodies.bias import CLOSER
 from renderers.materials.bodies.scene import METHODS
 from renderers.mitsuba.world import World
 from renderers.pictures.running import Render
@@ -42,6 +43,7 @@ multiple_scattering: {{sources: [point, segment], tolerance: TOLERANCE}}
 """.replace("TOLERANCE", sized("1%", "20%"))
 SENSOR = """<sensor type="perspective"><float name="fov" value="34"/><transform name="to_world"><lookat origin="0, -3.8, 1"
 target="0, 0, 0" up="0, 0, 1"/></transform><film type="hdrfilm"><rfilter type="box"/></film></sensor>"""
+CAUSTIC_SENSOR = SENSOR.replace("0, -3.8, 1", "0, -7, -1.5").replace("0, 0, 0", "0, 0, -1.8")
 PANEL = """<shape type="rectangle"><transform name="to_world"><rotate x="1" angle="180"/><translate x="0.6" y="-0.6" z="2.6"/>
 </transform><emitter type="area"><rgb name="radiance" value="4 4 4"/></emitter></shape>"""
 SKY = '<emitter type="constant"><rgb name="radiance" value="1 1 1"/></emitter>'
@@ -99,6 +101,32 @@ def ball(asset, index, size, around=PANEL + SKY):
     return _transport(World(folder() / "ball.xml", 1e-3, size=(size, size)), ["ball"], [asset])
 
 
+def caustic(asset, size):
+    """Light of a small lamp that a glass ball focuses into a box of fog beneath: 4 mm wide, two mean free paths of an asset of
+    `medium` deep.  A black plate around the ball lets no other light in."""
+    around = np.linspace(0.0, 2 * np.pi, 129)[:-1]
+    ring = np.concatenate([np.c_[r * np.cos(around), r * np.sin(around), 0 * around] for r in (0.5, 20.0)])
+    inner = np.arange(128)
+    after = (inner + 1) % 128
+    corners = np.array([[x, y, z] for z in (-2.8, -0.8) for y in (-2.0, 2.0) for x in (-2.0, 2.0)])
+    sides = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    vertices, faces = icosphere(5120)
+    meshes = {"fog": (corners, np.array([[(a, b, c), (a, c, d)] for a, b, c, d in sides]).reshape(-1, 3)),
+              "glass": (0.5 * vertices, faces),
+              "plate": (ring, np.concatenate([np.c_[inner, inner + 128, after], np.c_[after, inner + 128, after + 128]]))}
+    bsdfs = {"fog": '<bsdf type="null"/>', "glass": '<bsdf type="dielectric"><float name="int_ior" value="1.5"/></bsdf>',
+             "plate": '<bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></bsdf>'}
+    for name, mesh in meshes.items():
+        (folder() / f"{name}.ply").write_bytes(ply.mesh(*mesh))
+    shapes = "".join(f'<shape type="ply" id="{name}"><string name="filename" value="{name}.ply"/>'
+                     f'<boolean name="face_normals" value="{"false" if name == "glass" else "true"}"/>{bsdf}</shape>'
+                     for name, bsdf in bsdfs.items())
+    lamp = ('<shape type="sphere"><point name="center" x="0" y="0" z="2"/><float name="radius" value="0.3"/>'
+            '<emitter type="area"><rgb name="radiance" value="400 400 400"/></emitter></shape>')
+    (folder() / "caustic.xml").write_text(f'<scene version="3.0.0">{CAUSTIC_SENSOR}{shapes}{lamp}</scene>')
+    return _transport(World(folder() / "caustic.xml", 1e-3, size=(size, size)), ["fog"], [asset])
+
+
 def _transport(world, bodies, assets):
     return methods.transport_of(world, bodies, assets, [None] * len(bodies), lambda number, key, message: ValueError(message))
 
@@ -136,6 +164,7 @@ class Passes:
         self.render, self.samples, self.block, self.seen = part.render, part.samples, block[block >= 0], block >= 0
         self.pixels = np.bincount(self.block)
         self.count, self.seconds, self.images, self.squares, self.blocks = 0, 0.0, {}, {}, {name: [] for name in LAYERS}
+        self.closer = dict.fromkeys(CLOSER, 0.0)
         if not SMALL:
             self.render(10**6)  # compiles, and finds where light comes in
 
@@ -150,6 +179,15 @@ class Passes:
                 light = (image @ LUMINANCE)[self.seen]
                 self.images[name], self.squares[name] = self.images.get(name, 0) + image, self.squares.get(name, 0) + light**2
                 means.append(np.bincount(self.block, light) / np.maximum(self.pixels, 1))
+            for name in self.closer.keys() & layers.keys():
+                self.closer[name] += (layers[name] @ LUMINANCE)[self.seen]
+
+    def loss(self):
+        """Luminance of a pixel that sharing loses, root mean square, by what half the distance changes (loss goes with its power
+        2.7: `smooth`): of the product of even and odd passes, in which noise cancels."""
+        odd = self.count // 2
+        product = float(np.mean(self.closer[CLOSER[0]] * self.closer[CLOSER[1]])) / (odd * (self.count - odd))
+        return max(product, 0.0) ** 0.5 / (1 - 0.5**2.7)
 
     def variance(self, name):
         """Of a pixel in a pass, mean of all."""

@@ -135,9 +135,10 @@ def test_places_are_drawn_by_their_share(gel):
     n, places = 4000, _mutations.PLACES
     settled, odds = np.tile(candidate, (n, 1)), np.empty(n)
     _mutations.settle(*states._among, (np.arange(n) + 0.5) / n, settled, odds, 0, n)
-    on_beam, on_line = (settled[:, 2:4] * places).astype(int).T
-    assert np.abs(settled[:, 2:4] * places % 1 - candidate[2:4]).max() < 1e-12
-    assert np.array_equal(np.delete(settled, [2, 3], axis=1), np.tile(np.delete(candidate, [2, 3]), (n, 1)))
+    on_beam, on_line = part = (settled[:, 2:4] * places).astype(int).T
+    assert np.abs(settled[:, 2:] * places % 1 - candidate[2:]).max() < 1e-12
+    assert np.array_equal((settled[:, 4:] * places).astype(int).T, part)  # those of second events have the same
+    assert np.array_equal(settled[:, :2], np.tile(candidate[:2], (n, 1)))
     count = np.bincount(on_beam * places + on_line, minlength=places**2)
     likely = np.bincount(on_beam * places + on_line, odds, places**2) / np.maximum(count, 1) / places**2
     assert np.all(count > 0) and abs(likely.sum() - 1) < 1e-12 and np.abs(count / n - likely).max() < 2 / n

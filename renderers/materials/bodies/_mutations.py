@@ -25,6 +25,7 @@ FINEST = 0.3  # mfp, below which distances are told apart evenly, beyond by thei
 IN_BIN = 8  # places of a bin whose mean it is
 _LINE, _BEAM, _ON_BEAM, _ON_LINE, _CLOSE, _SEEN = range(NUMBERS)
 _AHEAD, _COLLIDES, _TAKES, _WEIGHTS = 3, 6, 7, 8  # columns of `ends_of`
+_BEFORE = 0.75  # of the places on a beam that comes towards the camera, before it passes where the line begins
 _FARTHEST = 6.0  # longest mfp between the beginnings of beam and line, beyond which no second event is guessed
 
 
@@ -133,7 +134,8 @@ def _brought(edge, sights, beams, scale, u, light, scratch):
     i, b = _number(u[_LINE], len(sights.far)), _number(u[_BEAM], len(beams.length))
     of_second = OTHER if beams.before[b] > 0 or sights.order[i] > 0 else SECOND
     negative = _takes(beams, b)
-    joined = _joined(edge, sights, beams, i, b, u, scratch) if negative or edge.second else _Joined(0.0, 0.0, 0.0, 0.0, 0.0)
+    joined = _joined(edge, sights, beams, (i, b), (u[_CLOSE], u[_SEEN]), scratch) if negative or edge.second \
+        else _Joined(0.0, 0.0, 0.0, 0.0, 0.0)
     seen = joined.share > 0.0 and not _hidden(edge, beams, b, joined, scratch)
     lengths = _lengths(edge, sights, beams, i, b, u)
     for w in range(len(medium.sigma_t)):
@@ -223,13 +225,15 @@ def _placed(sigma, away, ray, view):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _joined(edge, sights, beams, i, b, u, scratch):
-    """A place on beam b and one on line of sight i, `_Joined`, which u draws: on the beam in proportion to the inverse distance
-    from the line, on the line evenly in the angle that it subtends there, or, of a beam that comes towards the camera, as the
-    inverse root of the angle from the line's beginning.
+def _joined(edge, sights, beams, numbers, places, scratch):
+    """A place on beam b and one on line of sight i, numbers (i, b), `_Joined`, which two uniform numbers draw: on the beam in
+    proportion to the inverse distance from the line, on the line evenly in the angle that it subtends there, or, of a beam that
+    comes towards the camera, as the inverse root of the angle from the line's beginning.  Three in four places on such a beam lie
+    before it passes that beginning, from where light scatters forward twice.
 
     So the inverse square of the distance between them goes, which the tables do not have.
     """
+    (i, b), (on_beam, seen) = numbers, places
     ray, away, origin, direction = scratch.ray, scratch.away, sights.origin, sights.direction
     cosine, ahead, across = 0.0, 0.0, 0.0
     for k in range(3):
@@ -243,10 +247,14 @@ def _joined(edge, sights, beams, i, b, u, scratch):
         square += (ray[k] - nearest * beams.direction[b, k] + (nearest * cosine - across) * direction[i, k]) ** 2
     longest = DEEP / np.min(edge.medium.sigma_t)
     close, end = max(math.sqrt(square) / sine, _CLOSEST * longest), min(beams.length[b], longest)
-    low, high = math.asinh(-nearest / close), math.asinh((end - nearest) / close)
-    stretched = low + u[_CLOSE] * (high - low)
+    low, high, odds = math.asinh(-nearest / close), math.asinh((end - nearest) / close), 1.0
+    if cosine < 0.0 and 0.0 < ahead < end:
+        passing, before_it = math.asinh((ahead - nearest) / close), on_beam < _BEFORE
+        on_beam = on_beam / _BEFORE if before_it else (on_beam - _BEFORE) / (1 - _BEFORE)
+        low, high, odds = (low, passing, _BEFORE) if before_it else (passing, high, 1 - _BEFORE)
+    stretched = low + on_beam * (high - low)
     s = min(max(nearest + close * math.sinh(stretched), 0.0), end)
-    stretch = (high - low) * close * math.cosh(stretched)
+    stretch = (high - low) * close * math.cosh(stretched) / odds
     along, square = 0.0, 0.0
     for k in range(3):
         scratch.point[0, k] = beams.origin[b, k] + s * beams.direction[b, k]
@@ -257,7 +265,7 @@ def _joined(edge, sights, beams, i, b, u, scratch):
     if not h > 0.0:
         return _Joined(0.0, 0.0, 0.0, 0.0, 0.0)
     low, high = math.atan2(-along, h), math.atan2(sights.far[i] - along, h)
-    seen, before, after = u[_SEEN], 0.0, 0.0
+    before, after = 0.0, 0.0
     if cosine < 0.0:
         # light that goes on to the camera's side scatters forward twice, which is bright where few angles are
         stretch, seen = stretch * 2 * seen, seen * seen
@@ -311,22 +319,23 @@ def _guessed(edge, guess, sights, beams, u, scratch):
         along += apart * ends[b, _AHEAD + k]
         against -= apart * lines[i, _AHEAD + k]
         forward -= ends[b, _AHEAD + k] * lines[i, _AHEAD + k]
-    sigma, twice, power = np.min(edge.medium.sigma_t), 0.0, scratch.waves[0]
+    sigma, power, weight = np.min(edge.medium.sigma_t), scratch.waves[0], scratch.waves[1]
     # close to a line of sight second events are brighter than all later ones
-    joined = _joined(edge, sights, beams, i, b, u, scratch) if (edge.second or ends[b, _TAKES] > 0) and square < _FARTHEST**2 \
-        else _Joined(0.0, 0.0, 0.0, 0.0, 0.0)
+    near = (edge.second or ends[b, _TAKES] > 0) and square < _FARTHEST**2
     # the same places as `_lengths` has, but for rounding
     collides, lasting = ends[b, _COLLIDES], lines[i, _COLLIDES]
     for w in range(len(power)):
-        power[w] = guess.share[w] * lines[i, _WEIGHTS + w] * ends[b, _WEIGHTS + w]
-        if power[w] > 0.0 and joined.share > 0.0:
-            twice += power[w] * _twice(edge.medium, w, joined)
-        power[w] *= edge.medium.sigma_t[w] ** 4 / sigma**2 * collides * lasting
+        weight[w] = guess.share[w] * lines[i, _WEIGHTS + w] * ends[b, _WEIGHTS + w]
+        power[w] = weight[w] * edge.medium.sigma_t[w] ** 4 / sigma**2 * collides * lasting
     for m in range(PLACES):
         s = -math.log(1 - (m + u[_ON_BEAM]) / PLACES * collides)
         for n in range(PLACES):
             t = -math.log(1 - (n + u[_ON_LINE]) / PLACES * lasting)
-            z, y, value = along - t * forward - s, against - t - s * forward, twice
+            z, y, value = along - t * forward - s, against - t - s * forward, 0.0
+            if near:
+                joined = _joined(edge, sights, beams, (i, b), ((m + u[_CLOSE]) / PLACES, (n + u[_SEEN]) / PLACES), scratch)
+                for w in range(len(power) if joined.share > 0.0 else 0):
+                    value += weight[w] * _twice(edge.medium, w, joined)
             inverse = 1 / math.sqrt(max(square + t * t + s * s + 2 * (s * t * forward - t * against - s * along), _CLOSEST))
             ahead, back = min(max(z * inverse, -1.0), 1.0), min(max(y * inverse, -1.0), 1.0)
             both = math.sqrt(max((1 - ahead * ahead) * (1 - back * back), _CLOSEST))
@@ -392,8 +401,9 @@ def settle(edge, guess, sights, beams, numbers, states, odds, begin, end):
         while ahead >= 0.0 and pair < PLACES**2 - 1:
             pair += 1
             ahead -= guessed[pair]
-        states[c, _ON_BEAM] = (pair // PLACES + states[c, _ON_BEAM]) / PLACES
-        states[c, _ON_LINE] = (pair % PLACES + states[c, _ON_LINE]) / PLACES
+        for on_beam, on_line in ((_ON_BEAM, _ON_LINE), (_CLOSE, _SEEN)):
+            states[c, on_beam] = (pair // PLACES + states[c, on_beam]) / PLACES
+            states[c, on_line] = (pair % PLACES + states[c, on_line]) / PLACES
         odds[c] = guessed[pair] / mean
 
 
