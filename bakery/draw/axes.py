@@ -13,9 +13,15 @@ def labels(um) -> list[str]:
     return [f"{x:g} µm" for x in um]
 
 
-def legend_beside(figure, axes) -> None:
-    """One line a wavelength, beside the axes: inside, eight of them would cover the curves."""
-    figure.legend(*axes.get_legend_handles_labels(), title=_WAVELENGTH, title_fontsize=9, loc="outside right upper")
+def legend_beside(figure, axes, most: int | None = None) -> None:
+    """One line a wavelength, beside the axes: inside, eight of them would cover the curves.
+
+    most : lines, evenly from the first to the last; None: all
+    """
+    handles, names = axes.get_legend_handles_labels()
+    shown = np.unique(np.linspace(0, len(names) - 1, min(most or len(names), len(names))).round().astype(int))
+    figure.legend([handles[row] for row in shown], [names[row] for row in shown], title=_WAVELENGTH, title_fontsize=9,
+                  loc="outside right upper")
 
 
 def rows_of_errors(figure, axes, names: Sequence[str], unit: str) -> None:

@@ -132,7 +132,7 @@ NAME = "{plain}"
 INPUTS = {inputs}
 SPREAD = False  # whether light comes out elsewhere than it went in
 RADIUS = {radius}  # m, of "Subsurface Radius"
-
+{look_up}
 if bpy.app.version < (5, 0, 0):
     raise RuntimeError(f"{{NAME}}: this script is for Blender 5.0 and later, this is {{bpy.app.version_string}}")
 material = bpy.data.materials.get(NAME) or bpy.data.materials.new(NAME)
@@ -147,18 +147,55 @@ if SPREAD and RADIUS:
     surface.inputs["Subsurface Weight"].default_value, surface.inputs["Subsurface Scale"].default_value = 1.0, 1.0
     surface.inputs["Subsurface Radius"].default_value = [x / metres for x in RADIUS]
 output = tree.nodes.new("ShaderNodeOutputMaterial")
-output.location = 300, 0
+output.location = 600, 0
 tree.links.new(surface.outputs[0], output.inputs["Surface"])
-if not material.asset_data:
+{curves}if not material.asset_data:
     material.asset_mark()
 material.asset_data.description = "Baked surface"
 material.asset_data.tags.new("bakery", skip_if_exists=True)
 '''
 
 
-def surface_text(name: str, fit, remarks, widths=None) -> str:
+_LOOK_UP = '''LOOK_UP = True  # whether colours change with the angle of view, where light does not spread
+# of the base and of a glossy lobe, by 1 - cosine
+FACING = {facing}
+BASE = [
+{base}]
+LOBE = [
+{lobe}]
+LOBE_ROUGHNESS = {roughness:.9g}  # as Blender has it, the root of alpha
+'''
+_CURVES = '''if LOOK_UP and not SPREAD:
+    view = tree.nodes.new("ShaderNodeLayerWeight")
+    view.location = -600, 0
+    view.inputs["Blend"].default_value = 0.5
+    glossy = tree.nodes.new("ShaderNodeBsdfAnisotropic")  # "Glossy BSDF"
+    glossy.location = 0, 300
+    glossy.distribution = "GGX"
+    glossy.inputs["Roughness"].default_value = LOBE_ROUGHNESS
+    surface.inputs["Diffuse Roughness"].default_value = 0.0
+    for y, colours, socket in ((0, BASE, surface.inputs["Base Color"]), (300, LOBE, glossy.inputs["Color"])):
+        ramp = tree.nodes.new("ShaderNodeValToRGB")
+        ramp.location = -300, y
+        stops = ramp.color_ramp.elements  # 0 and 1 are there
+        for x in FACING[1:-1]:
+            stops.new(x)
+        for stop, colour in zip(stops, colours):
+            stop.color = (*colour, 1.0)
+        tree.links.new(view.outputs["Facing"], ramp.inputs[0])
+        tree.links.new(ramp.outputs["Color"], socket)
+    both = tree.nodes.new("ShaderNodeAddShader")
+    both.location = 300, 0
+    tree.links.new(surface.outputs[0], both.inputs[0])
+    tree.links.new(glossy.outputs[0], both.inputs[1])
+    tree.links.new(both.outputs[0], output.inputs["Surface"])
+'''
+
+
+def surface_text(name: str, fit, remarks, widths=None, curves=None) -> str:
     """A script for Blender 5 that makes a material of a baked surface.
 
+    curves : `bakery.physics.surfaces.by_view.ByView` of the same; None: one colour at all angles
     widths : (3,) m, d of Burley and Christensen's profile; None: light does not spread
     """
     # Cycles takes d = radius / (4 pi (1.9 - A + 3.5 (A - 0.8)^2)), A the base colour (kernel/closure/bssrdf.h)
@@ -168,4 +205,10 @@ def surface_text(name: str, fit, remarks, widths=None) -> str:
               "Metallic": 0.0, "IOR": fit.index if fit.index != 1 else 1.5, "Roughness": math.sqrt(fit.roughness),
               "Specular IOR Level": 0.5 if fit.index != 1 else 0.0}
     remarks = "\n".join(f"# {line}" for line in remarks)
-    return _OPAQUE.format(plain=identifier(name), inputs=repr(inputs), radius=radius, remarks=remarks)
+    look_up = ""
+    if curves is not None:
+        base, lobe = ("".join(f"    {_colour(colour)},\n" for colour in rows.T[::-1]) for rows in (curves.base, curves.lobe))
+        look_up = _LOOK_UP.format(facing=_colour(1 - curves.cosine[::-1]), base=base, lobe=lobe,
+                                  roughness=math.sqrt(curves.alpha))
+    return _OPAQUE.format(plain=identifier(name), inputs=repr(inputs), radius=radius, remarks=remarks, look_up=look_up,
+                          curves=_CURVES if look_up else "")

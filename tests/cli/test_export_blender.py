@@ -63,11 +63,35 @@ def test_the_script_holds_the_medium(call, fog, root, tmp_path):
         assert lost["misdirected"] < 3e-3 and abs(lost["reduced"]) < 1e-5 and lost["unscattered"] == 0
 
 
+class Outputs(dict):
+    """By name or number."""
+
+    def __init__(self, kind):
+        super().__init__({0: f"{kind} {id(self)} out"})
+
+    def __missing__(self, name):
+        return f"{self[0]} {name}"
+
+
+class Stops(list):
+    """Of a colour ramp, which has two at first and sorts those that are added."""
+
+    def __init__(self):
+        super().__init__(SimpleNamespace(position=x, color=None) for x in (0.0, 1.0))
+
+    def new(self, position):
+        assert 0 <= position <= 1 and len(self) < 32
+        self.append(SimpleNamespace(position=position, color=None))
+        self.sort(key=lambda stop: stop.position)
+
+
 class FakeNode(SimpleNamespace):
     """A node with sockets by name, which are made when they are asked for."""
 
     def __init__(self, kind):
-        super().__init__(kind=kind, inputs=defaultdict(SimpleNamespace), outputs=[f"{kind} out"])
+        super().__init__(kind=kind, inputs=defaultdict(SimpleNamespace), outputs=Outputs(kind))
+        if kind == "ShaderNodeValToRGB":
+            self.color_ramp = SimpleNamespace(elements=Stops())
 
 
 def fake_bpy(bounces, version=(5, 0, 0)):

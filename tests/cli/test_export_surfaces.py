@@ -15,7 +15,9 @@ import numpy as np
 import pytest
 
 import bakery
+from bakery.export.blender import surface_text
 from bakery.physics.surfaces import fresnel, measured, principled
+from bakery.physics.surfaces.by_view import by_view
 from bakery.physics.surfaces.nodes import nodes
 from bakery.physics.surfaces.spread import profile_within
 from tests import pbrt
@@ -295,6 +297,59 @@ def test_materialx_and_blender_hold_one_fit(name, export, assets, monkeypatch):
     assert np.allclose(widths, 1e-6 * bakery.open(assets[name]).surface["profile"][:, 0], rtol=1e-5)
     # light reddens: the albedo falls from the first band to the last
     assert np.all(np.diff(inputs["base_color"].asTuple()) < 0)
+
+
+def test_blender_gets_curves_over_the_angle_of_view(tmp_path, monkeypatch):
+    """By the nodes that the script makes, Cycles' formulas and other directions: as far off as is stated."""
+    def grazing(theta_in, theta_out, phi):  # light that one event sends back, here and there more of it forward
+        return np.array([[0.7], [0.3], [0.1]]) * (1 + 0.5 * np.cos(phi) * np.sin(theta_in) * np.sin(theta_out)) \
+            / (np.cos(theta_in) + np.cos(theta_out))
+
+    layer = principled.Sampled(grazing, 1.0, 0.0, np.eye(3))
+    fit, stated = principled.fitted(layer), by_view(layer)
+    assert stated.better_than(fit) and np.all(stated.misdirected < 0.6 * fit.misdirected)
+    assert np.abs(stated.brightness_error).max() < 0.01 < 0.2 < np.abs(fit.brightness_error).max()
+    (tmp_path / "grazing.py").write_text(surface_text("grazing", fit, [], None, stated))
+    bpy, blender = fake_bpy(0)
+    monkeypatch.setitem(sys.modules, "bpy", bpy)
+    runpy.run_path(str(tmp_path / "grazing.py"))
+    by_kind = {node.kind: node for node in blender.nodes}
+    view, base, glossy, both, output = (by_kind[f"ShaderNode{name}"] for name in (
+        "LayerWeight", "BsdfPrincipled", "BsdfAnisotropic", "AddShader", "OutputMaterial"))
+    ramps = [node for node in blender.nodes if node.kind == "ShaderNodeValToRGB"]
+    assert view.inputs["Blend"].default_value == 0.5 and glossy.distribution == "GGX"
+    assert all((view.outputs["Facing"], ramp.inputs[0]) in blender.links for ramp in ramps)
+    ends = {id(end): start for start, end in blender.links}  # of several links of a socket the last one stays
+    assert ends[id(output.inputs["Surface"])] == both.outputs[0]
+    assert [ends[id(both.inputs[k])] for k in (0, 1)] == [base.outputs[0], glossy.outputs[0]]
+    assert [ends[id(socket)] for socket in (base.inputs["Base Color"], glossy.inputs["Color"])] \
+        == [ramp.outputs["Color"] for ramp in ramps]
+    assert base.inputs["Diffuse Roughness"].default_value == base.inputs["Specular IOR Level"].default_value == 0
+    into, out, phi = even(20000, 4)
+    m0, m = np.cos(into), np.cos(out)
+    colours = [np.stack([np.interp(1 - m, [stop.position for stop in ramp.color_ramp.elements], channel)
+                         for channel in np.transpose([stop.color[:3] for stop in ramp.color_ramp.elements])]) for ramp in ramps]
+    assert all(colour.min() >= 0 and colour.max() <= 1 for colour in colours)
+    # kernel/closure/bsdf_microfacet.h: D / (4 cos cos (1 + lambda + lambda)), roughness the root of alpha
+    alpha2 = glossy.inputs["Roughness"].default_value ** 4
+    ahead = np.stack([np.sin(into) + np.sin(out) * np.cos(math.pi - phi), np.sin(out) * np.sin(phi), m0 + m])
+    half = ahead[2] / np.linalg.norm(ahead, axis=0)
+    masked = 1 + sum(0.5 * (np.sqrt(1 + alpha2 * (1 / x**2 - 1)) - 1) for x in (m, m0))
+    lobe = alpha2 / (1 + (alpha2 - 1) * half**2) ** 2 / (4 * m * m0 * masked)
+    true = grazing(into, out, phi)
+    off = np.abs(colours[0] + colours[1] * lobe - true)
+    assert np.allclose(0.5 * off.mean(axis=1) / true.mean(axis=1), stated.misdirected, rtol=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "better"), [("sheet", True), ("gloss", False)])
+def test_curves_are_written_where_they_are_better(name, better, export):
+    folder, (*_, lost) = export(name, "blender")
+    assert ("by_view" in lost) == better == ("LOOK_UP = True" in (folder / f"{name}_surface{'_1' * better}.py").read_text())
+    if better:
+        assert np.all(np.array(lost["by_view"]["misdirected"]) < 0.9 * np.array(lost["misdirected"]))
+    else:  # the base is not darkened by what the boundary mirrors of light that comes in: said
+        assert np.abs(lost["albedo_error"]).max() > 0.2 > 0.1 > np.abs(lost["brightness_error"]).max()
 
 
 @pytest.mark.slow

@@ -153,12 +153,18 @@ def test_pictures_and_files(thin):
     from bakery.stages.surface.pictures import pictures
 
     shown = {picture.name: dict(picture.columns) for picture in pictures(thin.tree)}
-    assert set(shown) == {"surface_lobes", "surface_transmitted", "surface_albedo", "surface_spread"}
-    column = shown["surface_albedo"]["albedo [1] at 0.65 um"]
-    assert column[30] == pytest.approx(thin.surface.albedo(np.radians(30.0))[1, 0])
+    assert set(shown) == {f"surface_{part}{layer}" for part in ("lobes", "transmitted", "albedo", "spread")
+                          for layer in ("", "_1", "_2")} - {"surface_spread"}  # the first is no layer
+    for layer, ending in enumerate(("", "_1", "_2")):
+        column = shown[f"surface_albedo{ending}"]["albedo [1] at 0.65 um"]
+        assert column[30] == pytest.approx(thin.surface.albedo(np.radians(30.0))[1, layer])
+        lobes, at = shown[f"surface_lobes{ending}"], 179 + 149  # from 30 to 60 degrees
+        assert (lobes["from [deg]"][at], lobes["to [deg]"][at]) == (30, 60)
+        values = thin.surface.reflectance(np.radians(30), np.radians(60), layer=layer)
+        assert lobes["reflectance [1] at 0.65 um"][at] == pytest.approx(values[1])
     files, told = csv_tables(thin.tree)
     assert set(files) == {"surface_reflected.csv", "surface_transmitted.csv", "surface_albedo.csv"}
-    assert "surface/reflected" in told
+    assert {"surface/reflected", "surface/reflected_exponent"} <= told  # exponents without what they count are no numbers
     assert files["surface_albedo.csv"].splitlines()[0].count("um thick") == 6
 
 

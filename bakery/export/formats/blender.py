@@ -3,7 +3,17 @@
 from bakery.errors import UsageError
 from bakery.export.declaration import Exporter, Job, Option, Written
 from bakery.export.formats.lobes import WITHIN, written
-from bakery.export.formats.surfaces import MIRRORED, Addition, Layer, fit_of, profile_of, with_surfaces
+from bakery.export.formats.surfaces import (
+    MIRRORED,
+    Addition,
+    Layer,
+    errors_of,
+    errors_told,
+    fit_of,
+    profile_of,
+    sampled,
+    with_surfaces,
+)
 from bakery.store.outputs import FileKind, begins_as_text
 
 
@@ -40,14 +50,22 @@ def write(job: Job) -> Written:
 
 def _surface(job: Job, layer: Layer) -> Addition:
     from bakery.export.blender import surface_text
+    from bakery.physics.surfaces.by_view import by_view
 
     left_out = []
     if layer.index < 1:
         left_out = ["left out: the boundary, as Principled BSDF takes no index below 1"
                     + (f"; {MIRRORED.format(*layer.mirrored())}" if layer.mirrors else "")]
         layer = layer._replace(index=1.0, roughness=0.0)
-    fit, loss, lines = fit_of(job, layer)
+    samples = sampled(job, layer)
+    fit, loss, lines = fit_of(samples, layer)
     lines += left_out
+    curves = by_view(samples)
+    if curves.better_than(fit):
+        loss["by_view"] = errors_of(curves)
+        lines.append(f"LOOK_UP = True takes colours of the base and of a glossy lobe by the angle of view: {errors_told(curves)}")
+    else:
+        curves = None
     widths = None
     if (spread := profile_of(job, layer)) is not None:
         widths, misfit = spread
@@ -55,13 +73,13 @@ def _surface(job: Job, layer: Layer) -> Addition:
         lines.append("SPREAD = True lets light spread by Burley and Christensen's profile, d " +
                      ", ".join(f"{1e3 * width:.3g}" for width in widths) + f" mm: off by up to {100 * misfit:.2g} % of the light "
                      "within a distance")
-    return Addition({f"{layer.name}.py": surface_text(layer.name, fit, lines, widths)}, loss, lines)
+    return Addition({f"{layer.name}.py": surface_text(layer.name, fit, lines, widths, curves)}, loss, lines)
 
 
 EXPORTER = Exporter(
     "blender", "a script that makes a material for Cycles, HG + Draine (.py), and one of a baked surface", "Cycles in Blender 5",
     ("medium",),
-    "coefficients in RGB, two lobes (HG + Draine) for all wavelengths; of a baked surface a fit",
+    "coefficients in RGB, two lobes (HG + Draine) for all wavelengths; of a baked surface a fit or curves over the angle of view",
     "the phase function's shape beyond the lobes; its change with wavelength; spectra; a surface's lobes", write,
     (WITHIN, INDEX, ROUGHNESS),
     kinds={".py": FileKind("Blender script", begins_as_text(r"\A# A baked (medium|surface) for Cycles "))})

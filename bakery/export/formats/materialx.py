@@ -2,7 +2,7 @@
 
 from bakery.export.declaration import Exporter, Job, Written
 from bakery.export.formats.lobes import WITHIN, written
-from bakery.export.formats.surfaces import Addition, Layer, fit_of, with_surfaces
+from bakery.export.formats.surfaces import Addition, Layer, fit_of, sampled, with_surfaces
 from bakery.store.outputs import FileKind, begins_as_text
 
 
@@ -19,7 +19,7 @@ def write(job: Job) -> Written:
 def _surface(job: Job, layer: Layer) -> Addition:
     from bakery.export.openpbr import baked_surface, materialx_surface
 
-    fit, loss, lines = fit_of(job, layer)
+    fit, loss, lines = fit_of(sampled(job, layer), layer)
     return Addition({f"{layer.name}.mtlx": materialx_surface(layer.name, baked_surface(fit), lines)}, loss, lines)
 
 

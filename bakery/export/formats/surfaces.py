@@ -108,21 +108,42 @@ def profile_of(job: Job, layer: Layer):
     return 1e-6 * widths, float(misfits.max())
 
 
-def fit_of(job: Job, layer: Layer):
-    """`bakery.physics.surfaces.principled.Principled` of a layer, its loss for machines and in words."""
-    from bakery.physics.surfaces.principled import ANGLES, principled
+def sampled(job: Job, layer: Layer):
+    """`bakery.physics.surfaces.principled.Sampled` of a layer."""
+    from bakery.physics.surfaces.principled import Sampled
 
-    fit = principled(reflectance(job, layer), layer.index, layer.roughness, job.colour.band_matrix(job.asset.wavelength))
-    worst = np.abs(fit.brightness_error).argmax(axis=0)
-    told = ", ".join(f"{100 * fit.brightness_error[band, k]:+.2g} % at {angle:g} deg"
-                     for k, (angle, band) in enumerate(zip(ANGLES, worst, strict=True)))
+    return Sampled(reflectance(job, layer), layer.index, layer.roughness, job.colour.band_matrix(job.asset.wavelength))
+
+
+def fit_of(samples, layer: Layer):
+    """`bakery.physics.surfaces.principled.Principled` of a layer that is sampled, its loss for machines and in words."""
+    from bakery.physics.surfaces.principled import fitted
+
+    fit = fitted(samples)
     lines = [f"rough diffuse base of roughness {fit.diffuse_roughness:.2g}"
              + ("" if layer.index == 1 else f" under a boundary of index {layer.index:g}, alpha {layer.roughness:g}")
-             + f": {100 * fit.misdirected.max():.2g} % of the light that comes out of the layer goes to another direction; "
-             f"seen in light from all sides it is off by {told}"]
+             + f": {errors_told(fit)}"]
     if fit.clipped > 1e-6:
         lines.append(f"a base of colour 1 lacks {100 * fit.clipped:.2g} % of the light from all sides")
     if layer.free:
         lines.append("light that passes the layer is left out: it is opaque here")
-    return fit, {"misdirected": fit.misdirected.tolist(), "brightness_error": fit.brightness_error.tolist(),
-                 "clipped": fit.clipped, "diffuse_roughness": fit.diffuse_roughness}, lines
+    return fit, {**errors_of(fit), "clipped": fit.clipped, "diffuse_roughness": fit.diffuse_roughness}, lines
+
+
+def errors_of(fit) -> dict:
+    """Of a `Principled` or a `ByView`, for machines."""
+    return {name: getattr(fit, name).tolist() for name in ("misdirected", "brightness_error", "albedo_error")}
+
+
+def errors_told(fit) -> str:
+    """The same for people, of the worst colour."""
+    from bakery.physics.surfaces.principled import ANGLES
+
+    def at_angles(errors):
+        worst = np.abs(errors).argmax(axis=0)
+        return ", ".join(f"{100 * errors[band, k]:+.2g} % at {angle:g} deg"
+                         for k, (angle, band) in enumerate(zip(ANGLES, worst, strict=True)))
+
+    return (f"{100 * fit.misdirected.max():.2g} % of the light that comes out of the layer goes to another direction; brightness "
+            f"in light from all sides is off by {at_angles(fit.brightness_error)}, what is reflected of light from one angle by "
+            f"{at_angles(fit.albedo_error)}")

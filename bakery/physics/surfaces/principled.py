@@ -29,6 +29,7 @@ class Principled(NamedTuple):
     roughness: float
     misdirected: np.ndarray  # (3,) share of the light from all sides that goes to another direction; mirrored light is left out
     brightness_error: np.ndarray  # (3, A) of the same light, in light from all sides, as it is seen from `ANGLES`; relative
+    albedo_error: np.ndarray  # (3, A) of the same in light from `ANGLES`, to all sides
     clipped: float  # largest share of the light from all sides that a base of colour 1 lacks
 
 
@@ -53,49 +54,86 @@ def _once(mu, roughness: float):
     return (1 + roughness / math.pi * G) / (1 + _ONE * roughness)
 
 
+class Sampled:
+    """What comes out of a layer, in red, green and blue, at pairs of directions of light from all sides.
+
+    Facets of a rough boundary are the same in every fit: only what comes out below them is sampled.
+    """
+
+    def __init__(self, reflectance, index: float, roughness: float, bands):
+        """Arguments as of `principled`."""
+        directions = nodes(_DIRECTIONS)
+        self.mu, self.flux = directions.mu, directions.flux
+        self._reflectance, self._bands, self.index, self.roughness = reflectance, bands, index, roughness
+        self._facets = roughness > 0 and index != 1
+        self._mirrored = rough.facets(directions, directions, index, roughness, 1).mirrored if self._facets else None
+        self.values, self.passed = self.seen_from(self.mu)
+
+    def at(self, cosines):
+        """Cosines of exitance, as given, and incidence, and azimuths, (K, N, A) each; N are `mu`."""
+        return np.meshgrid(cosines, self.mu, math.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS, indexing="ij")
+
+    def seen_from(self, cosines):
+        """At cosines of exitance (K,), pi times the BRDF (3, K, N, A), and the share of light that passes the boundary (K,)."""
+        mu, mu0, phi = at = [part.ravel() for part in self.at(cosines)]
+        out = self._reflectance(np.arccos(mu0), np.arccos(mu), phi)
+        if self._facets:
+            out = out - rough.reflected(*at, self.index, self.roughness)
+            mirrored = np.interp(cosines, self.mu, self._mirrored)
+        else:
+            mirrored = fresnel.reflected(cosines, self.index)
+        return (self._bands @ out).reshape(3, len(cosines), _DIRECTIONS, _AZIMUTHS), 1 - mirrored
+
+    def bright(self, values):
+        """Of pairs (..., K, N, A), what is seen in light from all sides (..., K)."""
+        return values.mean(axis=-1) @ self.flux
+
+    def share(self, values):
+        """Of pairs (..., N, N, A), the share of the light from all sides (...)."""
+        return self.bright(values) @ self.flux
+
+    def misdirected(self, off):
+        """Of differences (3, N, N, A), the share (3,) of the light that goes to another direction."""
+        return 0.5 * self.share(np.abs(off)) / np.maximum(self.share(self.values), 1e-30)
+
+    def errors_from(self, off):
+        """Of the same, relative errors (3, A) of what is seen from `ANGLES` in light from all sides, and of the albedo in light
+        from them.  They differ where what a boundary mirrors is taken from the base by the direction of view alone.
+        """
+        at = np.array([np.argmin(np.abs(self.mu - math.cos(math.radians(angle)))) for angle in ANGLES])
+        # where a critical angle leaves no light there is nothing to be relative to but what is seen elsewhere
+        least = 1e-3 * self.share(self.values)[:, None] + 1e-30
+        return tuple(self.bright(error)[:, at] / np.maximum(self.bright(values)[:, at], least) for error, values in
+                     ((off, self.values), (off.swapaxes(1, 2), self.values.swapaxes(1, 2))))
+
+
 def principled(reflectance, index: float, roughness: float, bands) -> Principled:
     """The fit of a layer.
 
     reflectance : function of theta_in, theta_out, phi (Q,) to (L, Q), pi times the BRDF, as `asset.surface.reflectance`
     index, roughness : of its boundary
     bands : (3, L) 1, red, green and blue as means over the wavelengths; rows add up to 1
-
-    Facets of a rough boundary are the same in both: only what comes out of the layer is compared.
     """
-    directions = nodes(_DIRECTIONS)
-    cosines = directions.mu
-    phi = math.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
-    mu, mu0, phi = (part.ravel() for part in np.meshgrid(cosines, cosines, phi, indexing="ij"))
-    out = reflectance(np.arccos(mu0), np.arccos(mu), phi)
-    if roughness > 0 and index != 1:
-        out = out - rough.reflected(mu, mu0, phi, index, roughness)
-        mirrored = rough.facets(directions, directions, index, roughness, 1).mirrored
-    else:
-        mirrored = fresnel.reflected(cosines, index)
-    shape = 3, _DIRECTIONS, _DIRECTIONS, _AZIMUTHS
-    wanted, flux = (bands @ out).reshape(shape), directions.flux
-    layered = (1 - mirrored)[:, None, None]
+    return fitted(Sampled(reflectance, index, roughness, bands))
+
+
+def fitted(layer: Sampled) -> Principled:
+    """The fit of a layer that is sampled already."""
+    at, passed = layer.at(layer.mu), layer.passed[:, None, None]
 
     def base(colour, facets):
-        return layered * diffuse(mu, mu0, phi, colour, facets).reshape(shape[1:])
+        return passed * diffuse(*at, colour, facets)
 
-    def share(values):
-        return float(flux @ values.mean(axis=2) @ flux)
+    def best(facets):
+        colours = np.array([_colour(lambda colour: layer.share(base(colour, facets)), light)
+                            for light in layer.share(layer.values)])
+        return colours, np.stack([base(colour, facets) for colour in colours]) - layer.values
 
-    def fitted(facets):
-        colours = np.array([_colour(lambda colour: share(base(colour, facets)), share(part)) for part in wanted])
-        off = np.stack([base(colour, facets) for colour in colours]) - wanted
-        return colours, off, np.array([0.5 * share(np.abs(part)) for part in off])
-
-    facets = min(_ROUGHNESSES, key=lambda value: fitted(value)[2].sum())
-    colours, off, misdirected = fitted(facets)
-    light = np.array([share(part) for part in wanted])
-    seen = [np.einsum("j,bijk->bi", flux, part) / _AZIMUTHS for part in (off, wanted)]
-    at = np.array([np.argmin(np.abs(cosines - math.cos(math.radians(angle)))) for angle in ANGLES])
-    # where a critical angle leaves no light there is nothing to be relative to but what is seen elsewhere
-    relative = seen[0][:, at] / np.maximum(seen[1][:, at], 1e-3 * light[:, None] + 1e-30)
-    return Principled(colours, float(facets), index, roughness, misdirected / np.maximum(light, 1e-30), relative,
-                      float(max((-share(part) for part, colour in zip(off, colours, strict=True) if colour == 1), default=0.0)))
+    facets = min(_ROUGHNESSES, key=lambda value: layer.share(np.abs(best(value)[1])).sum())
+    colours, off = best(facets)
+    lacking = -layer.share(off)[colours == 1]
+    return Principled(colours, float(facets), layer.index, layer.roughness, layer.misdirected(off), *layer.errors_from(off),
+                      float(lacking.max(initial=0.0)))
 
 
 def _colour(share, wanted: float) -> float:

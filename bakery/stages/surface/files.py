@@ -16,7 +16,7 @@ AZIMUTHS = np.arange(0.0, 181.0, 15.0)
 def csv_tables(root: Group) -> tuple[dict[str, str], set[str]]:
     """File name -> text for the group `surface`: one row a pair of directions, one column a wavelength and thickness.
 
-    What is stored for the look-up is told by these values.
+    What is stored for the look-up, orders with their exponents, is told by these values.
     """
     surface, um = view(root), root["wavelength"].data
     thickness = surface.get("thickness")
@@ -34,4 +34,5 @@ def csv_tables(root: Group) -> tuple[dict[str, str], set[str]]:
     values = surface.albedo(np.radians(theta)).reshape(len(heads), -1)
     albedos = [(f"albedo [1] at {head}", row) for head, row in zip(heads, values, strict=True)]
     files["surface_albedo.csv"] = csv_text([("theta_in [deg]", theta), *albedos])
-    return files, {f"surface/{name}" for name in ("reflected", "transmitted", "albedo") if name in surface}
+    told = ("reflected", "reflected_exponent", "transmitted", "transmitted_exponent", "albedo")
+    return files, {f"surface/{name}" for name in told if name in surface}

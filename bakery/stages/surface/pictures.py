@@ -12,35 +12,44 @@ from bakery.store.tree import Group
 
 INCIDENCES = (0.0, 30.0, 60.0, 80.0)  # degrees
 _STEEPEST = 89.0  # degrees that are drawn
+_NAMED = 8  # wavelengths in a legend
 
 
-def pictures(root: Group) -> Iterator:
-    """Of the first thickness: lobes, and albedos at all wavelengths; lobes below it where light passes."""
+def pictures(root: Group) -> Iterator[Picture]:
+    """Of each thickness: lobes, albedos and spread at all wavelengths; lobes below it where light passes."""
     surface, um = view(root), np.asarray(root["wavelength"].data, float)
-    yield lobes(surface, um, "reflectance", "surface_lobes", "Reflectance")
+    yield from lobes(surface, um, "reflectance", "surface_lobes", "Reflectance")
     if "transmitted" in surface:
-        yield lobes(surface, um, "transmittance", "surface_transmitted", "Transmittance")
-    yield albedos(surface, um)
+        yield from lobes(surface, um, "transmittance", "surface_transmitted", "Transmittance")
+    yield from albedos(surface, um)
     if "spread" in surface:
-        yield spreads(surface, um)
+        yield from spreads(surface, um)
 
 
-def _first(surface: Surface, values):
-    """Of several thicknesses the first one."""
-    return values[:, 0] if len(surface["spherical_albedo"][0]) > 1 else values
+def _layers(surface: Surface, values) -> Iterator:
+    """Of each thickness the ending of file names, words for titles, and its part (L, ...) of values (L, T, ...)."""
+    widths = surface.get("thickness")
+    for layer in range(surface.layers):
+        thick = "" if widths is None else f", {_in_words(widths[layer])} thick"
+        yield f"_{layer}" if layer else "", thick, values[:, layer] if surface.layers > 1 else values
 
 
-def _legend(figure, axes, um):
-    if len(um) <= 8:
-        legend_beside(figure, axes)
+def _in_words(um: float) -> str:
+    factor, unit = (1, "µm") if um < 1e3 else (1e3, "mm") if um < 1e6 else (1e6, "m")
+    return f"{um / factor:g} {unit}"
 
 
-def lobes(surface: Surface, um, name: str, file: str, title: str):
+def lobes(surface: Surface, um, name: str, file: str, title: str) -> Iterator[Picture]:
     """pi times the BRDF in the plane of incidence, a panel an incidence, a curve a wavelength."""
     signed = np.linspace(-_STEEPEST, _STEEPEST, 179)
-    values = [_first(surface, getattr(surface, name)(np.radians(angle), np.radians(np.abs(signed)),
-                                                     np.where(signed < 0, np.pi, 0.0))) for angle in INCIDENCES]
-    ink = colours(um)
+    every = np.stack([getattr(surface, name)(np.radians(angle), np.radians(np.abs(signed)), np.where(signed < 0, np.pi, 0.0))
+                      for angle in INCIDENCES], axis=-2)
+    for ending, thick, values in _layers(surface, every):
+        yield _lobes(um, signed, np.moveaxis(values, -2, 0), file + ending, title, thick)
+
+
+def _lobes(um, signed, values, file: str, title: str, thick: str) -> Picture:
+    ink, unit = colours(um), "π × BRDF" if title == "Reflectance" else "π × BTDF"
 
     def draw(figure):
         panels = figure.subplots(1, len(INCIDENCES), sharex=True, sharey=True)
@@ -51,11 +60,11 @@ def lobes(surface: Surface, um, name: str, file: str, title: str):
             axes.set_title(f"from {angle:g}°")
             axes.set_xticks([-60, 0, 60])
         top, flat = (max(float(lobe.max()) for lobe in part) for part in (values[:-1], values[-1:]))
-        panels[0].set(ylim=(0, 1.1 * top if top > 0 else 1.0), ylabel=title)
+        panels[0].set(ylim=(0, 1.1 * top if top > 0 else 1.0), ylabel=f"{title} ({unit})")
         if flat > 1.1 * top > 0:
             panels[-1].annotate(f"to {flat:.2g}", (0.7, 0.93), xycoords="axes fraction", ha="right", fontsize=8.5)
-        figure.supxlabel("angle of exitance (°); above 0: forward", fontsize=9.5)
-        _legend(figure, panels[0], um)
+        figure.supxlabel("angle of exitance (°); above 0: forward" + thick.replace(",", "; layer"), fontsize=9.5)
+        legend_beside(figure, panels[0], _NAMED)
 
     columns = [("from [deg]", np.repeat(INCIDENCES, len(signed))), ("to [deg]", np.tile(signed, len(INCIDENCES)))]
     columns += [(f"{title.lower()} [1] at {x:g} um", np.concatenate([lobe[k] for lobe in values])) for k, x in enumerate(um)]
@@ -63,13 +72,17 @@ def lobes(surface: Surface, um, name: str, file: str, title: str):
     caption += "Dashed: back to where the light comes from.  Light that a smooth boundary mirrors is left out.  "
     caption += f"The scale is that of the other panels: what goes beyond it from {INCIDENCES[-1]:g}° is cut, its largest value "
     caption += "written."
-    return Picture(file, f"Surface: {title.lower()}", caption, (9.6, 3.2), draw, tuple(columns))
+    return Picture(file, f"Surface: {title.lower()}{thick}", caption, (9.6, 3.2), draw, tuple(columns))
 
 
-def albedos(surface: Surface, um):
+def albedos(surface: Surface, um) -> Iterator[Picture]:
     """Plane albedo over the angle of incidence."""
     theta = np.append(np.linspace(0, 89, 90), 89.9)
-    values = _first(surface, surface.albedo(np.radians(theta)))
+    for ending, thick, values in _layers(surface, surface.albedo(np.radians(theta))):
+        yield _albedos(um, theta, values, ending, thick)
+
+
+def _albedos(um, theta, values, ending: str, thick: str) -> Picture:
     ink = colours(um)
 
     def draw(figure):
@@ -77,23 +90,33 @@ def albedos(surface: Surface, um):
         for colour, row, x in zip(ink, values, um, strict=True):
             axes.plot(theta, row, color=colour, label=f"{x:g} µm")
         axes.set(xlim=(0, 90), ylim=(0, 1.02), xlabel="angle of incidence (°)", ylabel="albedo")
-        axes.set_title("Albedo")
-        _legend(figure, axes, um)
+        axes.set_title(f"Albedo{thick}")
+        legend_beside(figure, axes, _NAMED)
 
     columns = (("theta_in [deg]", theta), *((f"albedo [1] at {x:g} um", row) for x, row in zip(um, values, strict=True)))
     caption = "Share of the light from an angle that comes back, mirrored light included."
-    return Picture("surface_albedo", "Surface: albedo", caption, (6.0, 3.6), draw, columns)
+    return Picture(f"surface_albedo{ending}", f"Surface: albedo{thick}", caption, (6.0, 3.6), draw, columns)
 
 
-def spreads(surface: Surface, um):
+def spreads(surface: Surface, um) -> Iterator[Picture]:
     """Share of the light that comes out within a distance, and the nearest profile of Burley and Christensen."""
     from bakery.physics.surfaces.spread import profile_within
 
-    edges = surface["spread_radius"][:, 0]
-    radius = np.geomspace(max(edges[:, 0].min(), 1e-9), max(edges[:, -1].max(), 1e-8), 241)
-    values = _first(surface, surface.spread_within(radius))
-    width = np.maximum(surface["profile"][:, 0], 1e-30)
-    fits = np.stack([profile_within(radius, d) if d > 1e-30 else 0 * radius for d in width])
+    edges, profile = surface["spread_radius"], np.maximum(surface["profile"], 1e-30)
+    # distances of each thickness, in a row: (T, R)
+    radii = np.geomspace(np.maximum(edges[..., 0].min(axis=0), 1e-9), np.maximum(edges[..., -1].max(axis=0), 1e-8), 241, axis=-1)
+    for layer, (ending, thick, values) in enumerate(_layers(surface, surface.spread_within(radii))):
+        if not edges[:, layer].any():  # no layer
+            continue
+        radius, values = radii[layer], values[:, layer]
+        fits = np.stack([profile_within(radius, d) if d > 1e-30 else 0 * radius for d in profile[:, layer]])
+        # the table goes on where nothing more comes out
+        growing = radius[(values < 0.999 * values[:, -1:]).any(axis=0)]
+        seen = radius <= 2 * (growing[-1] if growing.size else radius[-1])
+        yield _spreads(um, radius[seen], values[:, seen], fits[:, seen], ending, thick)
+
+
+def _spreads(um, radius, values, fits, ending: str, thick: str) -> Picture:
     ink = colours(um)
 
     def draw(figure):
@@ -101,11 +124,11 @@ def spreads(surface: Surface, um):
         for colour, row, fit, x in zip(ink, values, fits, um, strict=True):
             axes.plot(radius, row, color=colour, label=f"{x:g} µm")
             axes.plot(radius, fit, color=colour, linewidth=0.8, linestyle=(0, (2, 2)))
-        axes.set(xscale="log", ylim=(0, 1.02), xlabel="distance (µm)", ylabel="share of the light", title="Spread")
-        _legend(figure, axes, um)
+        axes.set(xscale="log", ylim=(0, 1.02), xlabel="distance (µm)", ylabel="share of the light", title=f"Spread{thick}")
+        legend_beside(figure, axes, _NAMED)
 
     columns = [("distance [um]", radius), *((f"share [1] at {x:g} um", row) for x, row in zip(um, values, strict=True)),
                *((f"profile [1] at {x:g} um", row) for x, row in zip(um, fits, strict=True))]
     caption = "Light that comes out within a distance of where it went in, of what comes out.  Dashed: the nearest profile of "
     caption += "Burley and Christensen."
-    return Picture("surface_spread", "Surface: spread", caption, (6.0, 3.6), draw, tuple(columns))
+    return Picture(f"surface_spread{ending}", f"Surface: spread{thick}", caption, (6.0, 3.6), draw, tuple(columns))
