@@ -55,6 +55,8 @@ def without_nothing(scene, filled):
     they are nothing, and light samples would end at them.  The same scene where there are none, or instances, whose groups no
     other scene can take over."""
     shapes = scene.shapes()
+    if not filled <= {None, *(shape.id() for shape in shapes)}:
+        return scene  # an entry names none of them: the message about that lists all
     kept = [shape for shape in shapes if shape.is_emitter() or shape.id() in filled or not is_null(shape.bsdf())]
     if len(kept) == len(shapes) or any(shape.class_name() == "Instance" for shape in shapes):
         return scene

@@ -208,8 +208,8 @@ def test_a_table_of_ones_own():
     assert tables.read(text.encode(), "own.csv", "", tables.INDEX).shape == (3, 2)
 
 
-ROOM = """<scene version="3.0.0"><integrator type="volpath"><integer name="max_depth" value="-1"/></integrator>
-<emitter type="constant"/><shape type="cube"><bsdf type="null"/>MEDIUM</shape>
+ROOM = """<scene version="3.0.0"><integrator type="volpath"><integer name="max_depth" value="-1"/>
+<integer name="rr_depth" value="1000000"/></integrator><emitter type="constant"/><shape type="cube"><bsdf type="null"/>MEDIUM</shape>
 <sensor type="perspective"><transform name="to_world"><lookat origin="0, -5, 0" target="0, 0, 0" up="0, 0, 1"/></transform>
 <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/></film>
 <sampler type="independent"><integer name="sample_count" value="16"/></sampler></sensor></scene>"""
@@ -231,8 +231,9 @@ def test_a_medium_in_ones_own_scene(folder, call, scale):
 
     red = layers(folder / "scene.exr")["R"]
     error = red.std() / red.size**0.5
-    # roulette alone makes noise: 0.001, and 0.045 in milk; six standard errors of the seed that is the default, odds of 2e-9
-    assert abs(red.mean() - 1) < 6 * error and error < 0.1
+    # without roulette: by it the mean of most renders of milk is 0.8, since few paths hold the rest.  Six standard errors, 0.01 in
+    # milk: odds of 2e-9
+    assert abs(red.mean() - 1) < 6 * error and error < 0.03
 
 
 @pytest.mark.slow
