@@ -209,7 +209,8 @@ def test_a_table_of_ones_own():
 
 
 ROOM = """<scene version="3.0.0"><integrator type="volpath"><integer name="max_depth" value="-1"/>
-<integer name="rr_depth" value="1000000"/></integrator><emitter type="constant"/><shape type="cube"><bsdf type="null"/>MEDIUM</shape>
+<integer name="rr_depth" value="1000000"/></integrator>
+<emitter type="constant"/><shape type="cube"><bsdf type="null"/>MEDIUM</shape>
 <sensor type="perspective"><transform name="to_world"><lookat origin="0, -5, 0" target="0, 0, 0" up="0, 0, 1"/></transform>
 <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/></film>
 <sampler type="independent"><integer name="sample_count" value="16"/></sampler></sensor></scene>"""
@@ -231,8 +232,8 @@ def test_a_medium_in_ones_own_scene(folder, call, scale):
 
     red = layers(folder / "scene.exr")["R"]
     error = red.std() / red.size**0.5
-    # without roulette: by it the mean of most renders of milk is 0.8, since few paths hold the rest.  Six standard errors, 0.01 in
-    # milk: odds of 2e-9
+    # without roulette, by which most renders of milk have a mean of 0.8: few paths hold the rest.  Six standard errors, which are
+    # 0.01 in milk: odds of 2e-9
     assert abs(red.mean() - 1) < 6 * error and error < 0.03
 
 
