@@ -36,7 +36,7 @@ def command(recipes, output, asked, sweeps, jobs, force, overwrite, as_json, ver
     from bakery.run.bake import planned
     from bakery.run.cache import Cache
     from bakery.run.family_pilot import foretold
-    from bakery.run.progress import choose, warned
+    from bakery.run.progress import choose
     from bakery.scenes import is_scene
 
     values = settings_of(asked.quality, asked.tolerance, asked.seed, asked.settings, sweeps)
@@ -47,10 +47,8 @@ def command(recipes, output, asked, sweeps, jobs, force, overwrite, as_json, ver
             if is_scene(recipe):
                 plan_scene.refused(recipe, {"--stage": asked.stage, "--scene": asked.scenes, "--sweep": sweeps, "--jobs": jobs,
                                             "--force": force})
-                values_of_scene = settings_of(None, asked.tolerance, None, asked.settings)
-                with warned(progress):
-                    plans.append(plan_scene.planned(recipe, output, values_of_scene, asked.quality, seed_of(asked.seed),
-                                                    overwrite, progress))
+                plans.append(plan_scene.planned(recipe, output, settings_of(None, asked.tolerance, None, asked.settings),
+                                                asked.quality, seed_of(asked.seed), overwrite, progress))
                 continue
             wanted = for_scenes(recipe, values, asked.scenes, asked.stage, cache, progress)
             plan = planned(recipe, output, asked=wanted, force=force, cache=cache, jobs=jobs, overwrite=overwrite,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import threading
 import time
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -52,15 +51,6 @@ class Progress:
 
     def close(self) -> None:
         """The bake has ended, well or not."""
-
-
-@contextmanager
-def warned(progress: Progress) -> Iterator[None]:
-    """What Python warns of inside of the `with` is a remark, each text once."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("default", UserWarning)
-        warnings.showwarning = lambda message, *_: progress.say(f"warning: {message}")
-        yield
 
 
 class State:

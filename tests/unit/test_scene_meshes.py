@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from bakery.run.progress import Progress, warned
 from bakery.store import ply
+from bakery.system.terminal import warned
 from renderers import scene
 from renderers.pictures import passes
 from renderers.scene import meshes
@@ -87,11 +87,7 @@ def test_a_unit_that_does_not_fit_is_doubted(mound, where, unit, more, origin, s
 
 def test_warnings_are_remarks_once():
     lines = []
-
-    class Told(Progress):
-        say = staticmethod(lines.append)
-
-    with warned(Told()):
+    with warned(lines.append):
         for _ in range(2):
             warnings.warn("a mesh of 120 m", stacklevel=1)
     assert lines == ["warning: a mesh of 120 m"]
