@@ -121,7 +121,7 @@ def _peak(node):
     return angle
 
 
-class Boundary(Section):
+class BodyBoundary(Section):
     """Between a body and what is around it."""
 
     index: number(above=0, most=10) | None = Field(
@@ -160,7 +160,7 @@ class _Entry(Section):
     mixture: Annotated[dict[str, Grid], Field(min_length=1)] | None = Field(
         None, description="Component of the asset -> its local share of the number of grains; default: the asset's."
     )
-    boundary: Boundary | None = Field(None, description="Boundary of a body; default: that of the shape's BSDF.")
+    boundary: BodyBoundary | None = Field(None, description="Boundary of a body; default: that of the shape's BSDF.")
     layer: fields.whole(0, 1000) | None = Field(
         None, description="For method surface: index of the asset's thickness, from 0; default 0."
     )
