@@ -269,6 +269,8 @@ def _known(entry: Mapping, folder: File, method: str | None, default: str) -> Kn
     volume, claimed = _place(entry.get("where")) or "", _text(entry, "as")
     misspelt = "where" in entry and not volume  # what it should say is told; the kind goes by the asset
     able = [kind for kind, places in PLACES.items() if misspelt or volume in places]
+    if "where" not in entry and not claimed and (parts := _parts(entry, folder)) and not parts & {"discrete", "particles"}:
+        able = ["grains" if "grains" in parts else "medium"]  # these have no place of their own, and one is missing
     held = None if len(able) == 1 and not claimed else _held(entry, folder)
     contradiction = ""
     if claimed in KINDS:
@@ -288,7 +290,14 @@ def _text(node: Mapping, key: str) -> str:
 
 
 def _held(entry: Mapping, folder: File) -> list[str] | None:
-    """Kinds that an asset or a recipe holds, by its groups or sections; None where that cannot be read."""
+    """Kinds that an asset or a recipe holds; None where that cannot be read."""
+    own = {"particles": "discrete", "grains": "grains"}  # of a medium and of bodies opening the asset says what lacks
+    parts = _parts(entry, folder)
+    return None if parts is None else [kind for kind in KINDS if kind not in own or own[kind] in parts]
+
+
+def _parts(entry: Mapping, folder: File) -> set[str] | None:
+    """Groups of an asset or sections of a recipe; None where they cannot be read."""
     key = "asset" if "asset" in entry else "recipe"
     name = _text(entry, key)
     path = folder / name
@@ -301,14 +310,11 @@ def _held(entry: Mapping, folder: File) -> list[str] | None:
     try:
         if path.suffix.lower() in (".yaml", ".yml"):
             root = text.parse(files.source_of(path, path.name)).root
-            parts = set(root) if isinstance(root, Mapping) else None
-        else:
-            with h5py.File(path) as asset:
-                parts = set(asset)
+            return set(root) if isinstance(root, Mapping) else None
+        with h5py.File(path) as asset:
+            return set(asset)
     except (BakeryError, OSError, ValueError):
         return None  # opening the asset, or reading the recipe, says what is wrong with it
-    own = {"particles": "discrete", "grains": "grains"}  # of a medium and of bodies opening the asset says what lacks
-    return None if parts is None else [kind for kind in KINDS if kind not in own or own[kind] in parts]
 
 
 # ---- what has to hold between keys

@@ -46,7 +46,7 @@ def fault(load, *entries, **options):
 @pytest.mark.parametrize("entry, kind, section", [
     (f"{BOX}, asset: drops.h5", "particles", "discrete"),
     (f"{BOX}, recipe: rain.yaml", "particles", "discrete"),
-    ("asset: milk.h5", "particles", "discrete"),  # only particles have a place of their own
+    ("asset: drops.h5", "particles", "discrete"),  # only particles have a place of their own
     (f"{MESH}, asset: sand.h5", "grains", "granular"),
     (f"{MESH}, recipe: salt.yaml", "grains", "granular"),
     (f"{MESH}, asset: drops.h5", "particles", "discrete"),
@@ -113,6 +113,8 @@ def test_one_method_for_all(load):
      "materials[0].fraction: found fraction, which a body does not have"),
     (f"{BOX}, asset: sand.h5, as: grains", "materials[0].where: found box for grains; expected {mesh: …}"),
     (f"{MESH}, asset: sand.h5, as: particles", "materials[0].as: found particles, but its asset holds grains, a m"),
+    ("asset: milk.h5", "materials[0].where: missing; expected where: everywhere, {box: {lo: …, hi: …}}, {mesh: …}"),
+    ("recipe: salt.yaml, method: ept", "materials[0].where: missing; expected where: {mesh: …}"),
     ("asset: sand.h5, as: grains", "materials[0].where: missing; expected where: {mesh: …}"),
     (f"{MESH}, asset: sand.h5, as: surface", 'expected particles, grains, medium or body: what fills a shape'),
     (f"{MESH}, asset: sand.h5, method: surface", "the methods of grains: what fills a shape of the scene may be one"),
