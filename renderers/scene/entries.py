@@ -269,7 +269,9 @@ def _known(entry: Mapping, folder: File, method: str | None, default: str) -> Kn
     volume, claimed = _place(entry.get("where")) or "", _text(entry, "as")
     misspelt = "where" in entry and not volume  # what it should say is told; the kind goes by the asset
     able = [kind for kind, places in PLACES.items() if misspelt or volume in places]
-    if "where" not in entry and not claimed and (parts := _parts(entry, folder)) and not parts & {"discrete", "particles"}:
+    chosen = method or _text(entry, "method") or default
+    meant = claimed or chosen != "auto" and chosen in methods("particles")
+    if "where" not in entry and not meant and (parts := _parts(entry, folder)) and not parts & {"discrete", "particles"}:
         able = ["grains" if "grains" in parts else "medium"]  # these have no place of their own, and one is missing
     held = None if len(able) == 1 and not claimed else _held(entry, folder)
     contradiction = ""
@@ -281,7 +283,7 @@ def _known(entry: Mapping, folder: File, method: str | None, default: str) -> Kn
         fitting = [kind for kind in able if held is None or kind in held] or able
         kind = "body" if "body" in fitting else next(iter(fitting), "medium")  # a body rather than the medium in a shape
     kinds = tuple(fitting) if held is None else (kind,)
-    return Known(kind, method or _text(entry, "method") or default, kinds, contradiction)
+    return Known(kind, chosen, kinds, contradiction)
 
 
 def _text(node: Mapping, key: str) -> str:
