@@ -36,7 +36,7 @@ def world_of(scene, variant=None):
 
     world = World.of(scene, variant)
     for sentence in doubts(scene, world):
-        warnings.warn(sentence, stacklevel=2)
+        warnings.warn(sentence, stacklevel=1)  # of here, whoever asks: each once
     return world
 
 
@@ -74,7 +74,7 @@ def _doubt(scene, number, size, extent, amid) -> str:
     other = [unit for unit in (surfaces.unit, *(10.0**power for power in LENGTH.powers.values())) if unit != where.unit]
     if surfaces.unit == where.unit:  # else most likely both files are in the same unit
         other.sort(key=lambda unit: abs(math.log(extent / (3 * size * unit / where.unit))))
-    return (f"{message}; surfaces and camera are {length(extent)} apart. With unit: {length(other[0])} beside mesh: it is "
+    return (f"{message}; surfaces and camera span {length(extent)}. With unit: {length(other[0])} beside mesh: it is "
             f"{length(size * other[0] / where.unit)} across")
 
 

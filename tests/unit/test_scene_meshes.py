@@ -68,9 +68,9 @@ FAR, NEAR = (0.3, 0.0, 0.0), (0.05, 0.0, 0.0)  # beside the cube of 12 cm, and i
 
 @pytest.mark.parametrize("where, unit, more, origin, said", [
     ("mesh: mound.ply", "1 mm", "", FAR, "the camera is in the grains of materials[0]: mound.ply is 120 m across, as one unit "
-     "of it is 1 m, as no unit: says otherwise; surfaces and camera are 50 cm apart. With unit: 1 mm beside mesh: it is 12 cm"),
+     "of it is 1 m, as no unit: says otherwise; surfaces and camera span 50 cm. With unit: 1 mm beside mesh: it is 12 cm"),
     ("mesh: mound.ply", "1 mm", ", as: medium", FAR, "mesh: mound.ply is 120 m across"),
-    ("mesh: mound.ply, unit: 1 m", "1 m", ", as: medium", FAR, "is 1 m; surfaces and camera are 50 cm apart. With unit: 1 mm"),
+    ("mesh: mound.ply, unit: 1 m", "1 m", ", as: medium", FAR, "is 1 m; surfaces and camera span 50 cm. With unit: 1 mm"),
     ("mesh: mound.ply, unit: 1 mm", "1 mm", "", NEAR, "the camera is in the grains of materials[0]: mound.ply is 12 cm across"),
     ("mesh: mound.ply, unit: 1 um", "1 mm", "", FAR, "mound.ply is 120 um across, as one unit of it is 1 um; surfaces"),
     ("mesh: mound.ply, unit: 1 mm", "1 mm", "", FAR, None),
