@@ -13,7 +13,7 @@ import click
 from bakery import __version__
 from bakery.errors import BakeryError, Interrupted, RecipeError, StoreError
 from bakery.system import memory, signals, streams
-from bakery.system.terminal import remark
+from bakery.system.terminal import remark, warned
 
 # name -> help line; the module bakery.cli.NAME holds the click command `command`
 COMMANDS = {
@@ -67,7 +67,8 @@ class Commands(click.Group):
 
     def invoke(self, ctx):
         try:
-            return super().invoke(ctx)
+            with warned():
+                return super().invoke(ctx)
         except KeyboardInterrupt:
             remark("")  # after the terminal's ^C; click's own way fails where standard error is full
             raise Interrupted("interrupted; no file is incomplete, and finished stages of a bake are in the cache") from None

@@ -3,7 +3,7 @@
 import math
 
 from bakery.errors import UsageError
-from bakery.system.terminal import say
+from bakery.system.terminal import say, warned
 
 
 def refused(scene, options) -> None:
@@ -25,7 +25,8 @@ def planned(path, output, settings, quality, seed, overwrite, progress):
 
     loaded = scene.load(path, settings)
     pair = images.output_pair(named(output, loaded.picture), loaded.inputs, overwrite)
-    return plan(loaded, quality=quality, seed=seed, progress=progress), pair
+    with warned(progress.say):
+        return plan(loaded, quality=quality, seed=seed, progress=progress), pair
 
 
 def as_dict(plan, pair) -> dict:

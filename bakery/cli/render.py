@@ -84,6 +84,7 @@ def command(source, output, asked, coordinates, overwrite, as_json, quiet):
 
     from bakery.run import compiling, dask
     from bakery.run.progress import choose
+    from bakery.system.terminal import warned
 
     suffix, live, denoise = Path(source).suffix.lower(), asked.live or asked.port is not None, asked.denoise
     _check(source, suffix, {"--resume": asked.resume, "--live": live, "--cluster": asked.cluster is not None,
@@ -104,6 +105,7 @@ def command(source, output, asked, coordinates, overwrite, as_json, quiet):
         return rendered(source, asked.frames, asked.cluster, options, as_json, quiet)
     folders, progress = ExitStack(), choose(quiet)
     try:
+        folders.enter_context(warned(progress.say))
         if suffix in SCENES:
             options |= ({"resume": True} if asked.resume else {}) | ({} if asked.cluster is None else {"elsewhere": None})
             job = _of_scene(source, output, values, options, progress, live)

@@ -11,6 +11,7 @@ def rendered(source, frames, address, options, as_json, quiet) -> int:
     """Renders frames with `options` of `renderers.sequence.render`, prints, and gives the exit status."""
     from bakery.run import compiling, dask
     from bakery.run.progress import choose
+    from bakery.system.terminal import warned
     from renderers import sequence
     from renderers.scene.frames import numbers
 
@@ -20,7 +21,7 @@ def rendered(source, frames, address, options, as_json, quiet) -> int:
     progress = choose(quiet)
     try:
         workers = nullcontext() if address is None else dask.cluster(address, progress.say)
-        with workers as cluster, compiling.watched(("renderers",), progress.compiling):
+        with workers as cluster, warned(progress.say), compiling.watched(("renderers",), progress.compiling):
             report = sequence.render(source, numbers=asked, progress=progress, cluster=cluster, **options)
     finally:
         progress.close()

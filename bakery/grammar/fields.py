@@ -96,6 +96,11 @@ class Range:
             and (self.most is None or value <= self.most)
         )
 
+    def in_degrees(self) -> Range:
+        """The same of angles in rad, which people write in degrees."""
+        limits = self.above, self.least, self.below, self.most
+        return Range(*(limit if limit is None else math.degrees(limit) for limit in limits))
+
     def schema(self) -> dict:
         limits = {"exclusiveMinimum": self.above, "minimum": self.least, "exclusiveMaximum": self.below, "maximum": self.most}
         return {name: value for name, value in limits.items() if value is not None}
@@ -114,6 +119,7 @@ def in_bounds(text: str, quantity: Quantity, bounds: Range, quoted: bool = False
         raise Wrong(f"found the quoted number {show(text)}, which is text", f"expected {text.strip()} without quotes")
     if not bounds.holds(value):
         unit = "" if quantity.base == "1" else f" {quantity.base}"
+        bounds, unit = (bounds.in_degrees(), " deg") if quantity.degrees else (bounds, unit)
         expected = one_of([*(words or ()), f"{quantity.one} {bounds}{unit}"])
         hint_text = hint(value) if hint else _percent(text, [value], quantity, bounds)
         raise Wrong(f"found {show(text)}", f"expected {expected}{hint_text}")

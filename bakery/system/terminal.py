@@ -5,6 +5,7 @@ import re
 import shutil
 import sys
 import textwrap
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
@@ -119,3 +120,12 @@ def _flowing(cells: Sequence[str], columns: int) -> list[str]:
         elif cell.strip():
             lines.append(_BELOW + cell.strip())
     return [line.rstrip() for line in lines]
+
+
+@contextmanager
+def warned(say=remark):
+    """What Python warns of inside of the `with` is said in a line, each text once; say : function of the line."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("default", UserWarning)
+        warnings.showwarning = lambda message, *_: say(f"warning: {message}")
+        yield

@@ -28,7 +28,7 @@ from renderers.mitsuba import bitmaps
 from renderers.pictures import reached
 from renderers.pictures.engine import Stop
 from renderers.pictures.progressive import fingerprint, made_of
-from renderers.scene import budget, candidates, entries
+from renderers.scene import budget, candidates, entries, meshes
 from renderers.scene.budget import percent
 from renderers.scene.candidates import Candidate
 
@@ -78,9 +78,7 @@ def of_scene(scene, quality: str | None = None, variant: str | None = None, pict
     """
     if not (candidates.of(scene) or candidates.surfaces(scene)):
         return None
-    from renderers.mitsuba.world import World
-
-    world = World.of(scene, variant)
+    world = meshes.world_of(scene, variant)
     if world.camera is None:
         raise scene.no_camera()
     return chosen(Opened.of(scene), world, quality, picture)

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bakery.errors import Interrupted
 from bakery.store import scratch
 from bakery.system import resources
 from renderers import choice
@@ -143,7 +144,10 @@ def _drawn(scene, size, stop, options, picture_path) -> dict:
     stop = values.stop.model_copy(update={"noise": 0.0, "time": None, "samples": None} | stop)
     film = values.film.model_copy(update=dict(zip(("width", "height"), size)))
     small = denoise.without(dataclasses.replace(scene, values=values.model_copy(update={"stop": stop, "film": film})))
-    return scene.drawn_by.render(small, picture_path, **options)
+    try:
+        return scene.drawn_by.render(small, picture_path, **options)
+    except Interrupted as fault:  # what it names is gone with the pilot
+        raise Interrupted("interrupted during a pilot; no picture was written").ending(fault.exit_status) from None
 
 
 def _held(scene, size, stop, options, picture_path) -> float:

@@ -11,7 +11,8 @@ from renderers.materials.particles.medium import in_bands
 from renderers.transport.paths import Colours
 from renderers.transport.scattering import Scatterer, scatterer
 
-BANDS = "the assets have different wavelengths: all are rendered as means over red, green and blue"
+BANDS = ("the assets have different wavelengths: all are rendered as means over red, green and blue, with an unknown bias; "
+         "with the same wavelengths in all recipes, such as rgb, each is kept")
 
 
 class Spectra(NamedTuple):

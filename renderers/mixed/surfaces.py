@@ -97,6 +97,9 @@ def _refuse_without(scene, asset, number) -> None:
     if "surface" not in asset.stages:
         raise scene.wrong(f"materials[{number}].method", f"found surface, and {asset.path} has no stage surface; use a section "
                           "surface: {thickness: infinite} in its recipe, or another method")
+    layer, count = scene.values.materials[number].layer or 0, asset.surface.layers
+    if layer >= count:
+        raise scene.wrong(f"materials[{number}].layer", f"found no layer {layer}; {asset.path} has {count}: 0 to {count - 1}")
 
 
 def _spread_in_words(scene, world, asset, layer, shape, size) -> str:

@@ -16,13 +16,12 @@ import numpy as np
 from renderers import choice, seeds
 from renderers.mitsuba import variants
 from renderers.mitsuba.lights import DARK
-from renderers.mitsuba.world import World
 from renderers.pictures import denoise, images, reached, running
 from renderers.pictures.engine import in_time
 from renderers.pictures.means import student, tiled
 from renderers.pictures.progressive import Estimate, Part, Stop, fingerprint, made_of
 from renderers.pictures.running import Render
-from renderers.scene import budget, candidates
+from renderers.scene import budget, candidates, entries, meshes
 from renderers.scene.budget import percent
 
 LENS = "the camera has a lens, which is left out: it is a pinhole, and all is in focus"
@@ -150,7 +149,7 @@ class Rendering:
         gc.collect()
 
     def _prepare(self, scene, variant, resume, begins):
-        self._world = world = World.of(scene, variant)
+        self._world = world = meshes.world_of(scene, variant)
         if world.camera is None:
             raise scene.no_camera()
         images.refuse_too_large(scene.path, *world.size)
@@ -183,7 +182,8 @@ class Rendering:
         measured = method.approximations if taken is None or taken.approximations is None else taken.approximations
         split = budget.of(self.job.scene, approximations=measured)
         stop = Stop.of(split, values.measure, time=values.stop.time, samples=values.stop.samples, quality=self.job.quality)
-        reasons = [*(taken.reasons if taken else []), *method.reasons, *split.lacking, *self._world.media()]
+        reasons = [*(taken.reasons if taken else []), *method.reasons, *split.lacking, *self._world.media(),
+                   *meshes.doubts(self.job.scene, self._world), *_hidden_grains(self.job.scene, self.job.assets)]
         return stop, reasons + [LENS] * self._world.lens
 
     @property
@@ -222,6 +222,14 @@ class Rendering:
         return self.estimate.finish(self.job, method=self.method.name, denoised=self.denoised,
                                     reasons=[*self.reasons, *after.pop("reasons", ()), *_clipped(depth, *self._world.clip),
                                              *remarks], **after)
+
+
+def _hidden_grains(scene, assets) -> list[str]:
+    """Sentences on entries whose assets hold grains, and which are media or bodies by their places."""
+    return [f"materials[{number}] is {entries.KINDS[entry.kind]} of the medium that stands for the grains of its asset: no grain "
+            "is to be seen; where: {mesh: FILE} fills a mesh with grains"
+            for number, (entry, asset) in enumerate(zip(scene.materials, assets, strict=True))
+            if entry.kind in ("body", "medium") and "grains" in asset.stages and not entries.is_surface(entry.kind, entry.method)]
 
 
 def _clipped(depth, near, far) -> list[str]:

@@ -121,7 +121,7 @@ def _peak(node):
     return angle
 
 
-class Boundary(Section):
+class BodyBoundary(Section):
     """Between a body and what is around it."""
 
     index: number(above=0, most=10) | None = Field(
@@ -160,7 +160,7 @@ class _Entry(Section):
     mixture: Annotated[dict[str, Grid], Field(min_length=1)] | None = Field(
         None, description="Component of the asset -> its local share of the number of grains; default: the asset's."
     )
-    boundary: Boundary | None = Field(None, description="Boundary of a body; default: that of the shape's BSDF.")
+    boundary: BodyBoundary | None = Field(None, description="Boundary of a body; default: that of the shape's BSDF.")
     layer: fields.whole(0, 1000) | None = Field(
         None, description="For method surface: index of the asset's thickness, from 0; default 0."
     )
@@ -269,6 +269,10 @@ def _known(entry: Mapping, folder: File, method: str | None, default: str) -> Kn
     volume, claimed = _place(entry.get("where")) or "", _text(entry, "as")
     misspelt = "where" in entry and not volume  # what it should say is told; the kind goes by the asset
     able = [kind for kind, places in PLACES.items() if misspelt or volume in places]
+    chosen = method or _text(entry, "method") or default
+    meant = claimed or chosen != "auto" and chosen in methods("particles")
+    if "where" not in entry and not meant and (parts := _parts(entry, folder)) and not parts & {"discrete", "particles"}:
+        able = ["grains" if "grains" in parts else "medium"]  # these have no place of their own, and one is missing
     held = None if len(able) == 1 and not claimed else _held(entry, folder)
     contradiction = ""
     if claimed in KINDS:
@@ -279,7 +283,7 @@ def _known(entry: Mapping, folder: File, method: str | None, default: str) -> Kn
         fitting = [kind for kind in able if held is None or kind in held] or able
         kind = "body" if "body" in fitting else next(iter(fitting), "medium")  # a body rather than the medium in a shape
     kinds = tuple(fitting) if held is None else (kind,)
-    return Known(kind, method or _text(entry, "method") or default, kinds, contradiction)
+    return Known(kind, chosen, kinds, contradiction)
 
 
 def _text(node: Mapping, key: str) -> str:
@@ -288,7 +292,14 @@ def _text(node: Mapping, key: str) -> str:
 
 
 def _held(entry: Mapping, folder: File) -> list[str] | None:
-    """Kinds that an asset or a recipe holds, by its groups or sections; None where that cannot be read."""
+    """Kinds that an asset or a recipe holds; None where that cannot be read."""
+    own = {"particles": "discrete", "grains": "grains"}  # of a medium and of bodies opening the asset says what lacks
+    parts = _parts(entry, folder)
+    return None if parts is None else [kind for kind in KINDS if kind not in own or own[kind] in parts]
+
+
+def _parts(entry: Mapping, folder: File) -> set[str] | None:
+    """Groups of an asset or sections of a recipe; None where they cannot be read."""
     key = "asset" if "asset" in entry else "recipe"
     name = _text(entry, key)
     path = folder / name
@@ -301,14 +312,11 @@ def _held(entry: Mapping, folder: File) -> list[str] | None:
     try:
         if path.suffix.lower() in (".yaml", ".yml"):
             root = text.parse(files.source_of(path, path.name)).root
-            parts = set(root) if isinstance(root, Mapping) else None
-        else:
-            with h5py.File(path) as asset:
-                parts = set(asset)
+            return set(root) if isinstance(root, Mapping) else None
+        with h5py.File(path) as asset:
+            return set(asset)
     except (BakeryError, OSError, ValueError):
         return None  # opening the asset, or reading the recipe, says what is wrong with it
-    own = {"particles": "discrete", "grains": "grains"}  # of a medium and of bodies opening the asset says what lacks
-    return None if parts is None else [kind for kind in KINDS if kind not in own or own[kind] in parts]
 
 
 # ---- what has to hold between keys

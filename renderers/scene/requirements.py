@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from bakery.errors import BakeryError, RecipeError
 from renderers import scene as scenes
-from renderers.scene import budget
+from renderers.scene import budget, meshes
 from renderers.scene.inputs import sources_of
 
 # Seconds of one core, in units of costs of stages, up to which classes of spheres go by series: to measure rays and to take them
@@ -174,9 +174,7 @@ class About:
         """Surfaces, lights and camera, `renderers.mitsuba.world.World`."""
         whole = (self._whole or self).scene
         if id(whole) not in self.worlds:
-            from renderers.mitsuba.world import World
-
-            self.worlds[id(whole)] = World.of(whole)
+            self.worlds[id(whole)] = meshes.world_of(whole)
         return self.worlds[id(whole)]
 
     @property

@@ -149,7 +149,7 @@ def test_an_interruption_keeps_what_is_finished(call, place, monkeypatch):
 
 
 def test_an_interruption_between_passes(call, place, monkeypatch):
-    from renderers.pictures import passes
+    from renderers.mitsuba.world import World
 
     made = []
 
@@ -159,8 +159,8 @@ def test_an_interruption_between_passes(call, place, monkeypatch):
             raise KeyboardInterrupt
         return world(scene, variant)
 
-    world = passes.World.of
-    monkeypatch.setattr(passes.World, "of", interrupted)
+    world = World.of
+    monkeypatch.setattr(World, "of", interrupted)
     status, _, err = call("render", place / "s.yaml", "--frames", "1-3")
     assert status == 130 and "interrupted; 1 of 3 frames are finished, and the same call renders the others" in err
     assert content(place).keys() == {"drift.0001.png", "drift.0001.exr"}

@@ -71,6 +71,14 @@ def place(asset, tmp_path):
     return tmp_path
 
 
+def test_a_camera_among_grains_is_told_before_and_after(call, place):
+    settings = "--set", "camera.origin=[0, -5, 0] mm", "--set", "film={width: 4, height: 4}", "--set", "materials[0].method=vpt"
+    status, _, told = call("render", place / "s.yaml", "-o", place / "a.png", *settings)
+    before, _, after = told.partition("pictures: ")
+    sentence = "s.yaml:8: materials[0].where.mesh: the camera is in the grains of materials[0]: heap.ply is 1.2 cm across"
+    assert status == 0 and "warning: " in before and before.count(sentence) == after.count(sentence) == 1
+
+
 def test_report_and_layers(call, place):
     report, found = rendered(call, place, "a")
     assert report["renderer"] == "granular" and report["method"] == "ept" and report["size"] == [40, 32]

@@ -88,7 +88,7 @@ def test_a_lossless_surface_under_facets_vanishes_too_and_says_that_paths_would_
 
 
 @pytest.mark.parametrize(("settings", "asset", "message"), [
-    ({"materials[0].layer": "2"}, WHITE, "found no layer 2; it has 2: 0 to 1"),
+    ({"materials[0].layer": "2"}, WHITE, "materials[0].layer: found no layer 2; "),
     ({"materials[0].where.shape": "bowl"}, WHITE, "found 0 shapes of the id bowl; it has ball, other"),
     ({}, WHITE[:WHITE.index("surface")], "no stage surface; use a section surface: {thickness: infinite} in its recipe"),
 ])

@@ -4,6 +4,8 @@ import h5py
 import pytest
 
 from bakery.errors import RecipeError
+from bakery.grammar.section import Section
+from bakery.recipe import schema
 from renderers import scene
 from renderers.pictures import comparison
 
@@ -44,7 +46,7 @@ def fault(load, *entries, **options):
 @pytest.mark.parametrize("entry, kind, section", [
     (f"{BOX}, asset: drops.h5", "particles", "discrete"),
     (f"{BOX}, recipe: rain.yaml", "particles", "discrete"),
-    ("asset: milk.h5", "particles", "discrete"),  # only particles have a place of their own
+    ("asset: drops.h5", "particles", "discrete"),  # only particles have a place of their own
     (f"{MESH}, asset: sand.h5", "grains", "granular"),
     (f"{MESH}, recipe: salt.yaml", "grains", "granular"),
     (f"{MESH}, asset: drops.h5", "particles", "discrete"),
@@ -111,6 +113,8 @@ def test_one_method_for_all(load):
      "materials[0].fraction: found fraction, which a body does not have"),
     (f"{BOX}, asset: sand.h5, as: grains", "materials[0].where: found box for grains; expected {mesh: …}"),
     (f"{MESH}, asset: sand.h5, as: particles", "materials[0].as: found particles, but its asset holds grains, a m"),
+    ("asset: milk.h5", "materials[0].where: missing; expected where: everywhere, {box: {lo: …, hi: …}}, {mesh: …}"),
+    ("recipe: salt.yaml, method: ept", "materials[0].where: missing; expected where: {mesh: …}"),
     ("asset: sand.h5, as: grains", "materials[0].where: missing; expected where: {mesh: …}"),
     (f"{MESH}, asset: sand.h5, as: surface", 'expected particles, grains, medium or body: what fills a shape'),
     (f"{MESH}, asset: sand.h5, method: surface", "the methods of grains: what fills a shape of the scene may be one"),
@@ -119,6 +123,8 @@ def test_one_method_for_all(load):
     ("where: {sphere: 1}, asset: milk.h5", "materials[0].where: found keys with values; expected everywhere, {box:"),
     (MESH, "materials[0].asset: missing; expected asset: a baked asset, or recipe"),
     (f"{MESH}, asset: sand.h5, recipe: salt.yaml", "materials[0].recipe: found a recipe beside an asset"),
+    ("where: {shape: a}, asset: milk.h5, boundary: 1.4", "found \"1.4\"; expected keys with values: index, tables"),
+    (f"{MESH}, asset: sand.h5, widen: 40 deg", 'found "40 deg"; expected an angle at least 0 and at most 30 deg'),
     (f"{MESH}, asset: gone.h5", 'materials[0].asset: found "gone.h5", and there is no such file'),
 ])
 def test_what_does_not_fit_is_told_with_its_key(load, entry, said):
@@ -152,3 +158,16 @@ def test_methods_to_compare_set_all_entries(load, tmp_path):
     for key in ("method", "materials[1].method"):
         with pytest.raises(Exception, match="the methods are those of --methods"):
             comparison.jobs(path, ["ept"], tmp_path / "out", {key: "ept"})
+
+
+def test_sections_that_are_called_alike_have_the_same_keys():
+    """pydantic's errors name classes: one of recipes and one of scenes would tell each other's keys."""
+    schema.recipe_file()
+    sections, more = set(), {Section}
+    while more:
+        more = {below for section in more for below in section.__subclasses__()} - sections
+        sections |= more
+    inner = {section for section in sections if section.__name__ not in ("Common", "SceneFile")}  # of whole files
+    assert len(inner) > 40
+    for section in inner:
+        assert Section.named[section.__name__].model_fields.keys() == section.model_fields.keys(), section

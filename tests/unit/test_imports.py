@@ -48,7 +48,7 @@ BAKES = {"renderers/scene/assets.py": ("bakery.run.ensure",),
          "renderers/sequence/__init__.py": ("bakery.run.progress",)}
 # rooms of renderers, from the ground up: each with what it may import of the others
 ROOMS = {"camera": set(), "colour": set(), "progress": set(), "seeds": set(), "threads": set(),
-         "scene": {"mitsuba"},
+         "scene": {"mitsuba", "transport.solids"},
          "mitsuba": {"camera", "colour", "pictures.engine", "pictures.images", "pictures.reached", "scene.inputs", "seeds",
                      "threads"},
          "pictures": {"choice", "colour", "mitsuba", "progress", "scene", "seeds", "threads"},

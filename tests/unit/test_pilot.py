@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from renderers import choice
+from bakery.errors import Interrupted
+from renderers import choice, scene
 from renderers.choice import pilot, trial
 from renderers.choice.trial import Cost, Trial
 from renderers.pictures.engine import Part, Stop
@@ -189,3 +190,17 @@ def test_the_quickest_pass_tells_what_passes_take(monkeypatch):
     monkeypatch.setattr(trial.variants, "clock", lambda _variant: lambda: clock[0])
     (cost,) = trial.of(prepare, world(), None, 2).costs
     assert cost.by_pixel == pytest.approx(0.04 / trial.SMALL) and cost.fixed == pytest.approx(0.08)
+
+
+def test_an_interrupted_pilot_names_no_picture_that_is_gone(tmp_path, monkeypatch):
+    """Nor `--resume`: its files lie in a folder that ends with it."""
+    (tmp_path / "milk.h5").touch()
+    (tmp_path / "s.yaml").write_text("bakery_scene: 2\nname: s\nmaterials:\n  - {where: everywhere, asset: milk.h5}\n")
+
+    def interrupted(*about, **options):
+        raise Interrupted("the picture so far is in pilot.png, and --resume goes on with it").ending(143)
+
+    monkeypatch.setattr("renderers.pictures.passes.render", interrupted)
+    with pytest.raises(Interrupted, match="^interrupted during a pilot; no picture was written$") as fault:
+        pilot._drawn(scene.load(tmp_path / "s.yaml"), (16, 16), {"samples": 1}, {}, tmp_path / "pilot.png")
+    assert fault.value.exit_status == 143

@@ -169,7 +169,9 @@ def test_particles(refuse, old, new, says):
         ("g: 0.7", "g: 1", ['6: medium.phase.g: found "1"; expected a number above -1 and below 1']),
         ("g: 0.7", "g: [0.5, 0.6, -1]", ['6: medium.phase.g[2]: found "-1"; expected a number above -1 and below 1']),
         ("{type: hg, g: 0.7}", "{type: gaussian, spread: 200 deg}",
-         ['6: medium.phase.spread: found "200 deg"; expected an angle at least 1e-06 and at most 3.14159 rad']),
+         ['6: medium.phase.spread: found "200 deg"; expected an angle at least 5.72958e-05 and at most 180 deg']),
+        ("g: 0.7}\n", "g: 0.7}\nsurface: {boundary: 1.3}\n",
+         ['7: surface.boundary: found "1.3"; expected none, or {index: 1.33}']),
         ("{type: hg, g: 0.7}", "{type: table}",
          ["6: medium.phase.file: missing; expected file: CSV file with the columns theta_deg (or theta_rad), 0 to 180 degrees, "
           "and value (any scale)"]),

@@ -46,7 +46,7 @@ class Surface(Section):
         INFINITE, description="Thickness such as 2 mm, a list of them, or infinite."
     )
     boundary: Annotated[
-        Annotated[word("none"), Tag("word")] | Annotated[Boundary, Tag("section")],
+        Annotated[word("none", otherwise="or {index: 1.33}"), Tag("word")] | Annotated[Boundary, Tag("section")],
         Discriminator(lambda node: "section" if isinstance(node, Mapping) else "word"),
     ] = Field("none", description="Boundary on top, and also below if there is no base; none: the index of air.")
     base: Base | None = Field(None, description="What the layer lies on; default: air.")
