@@ -348,7 +348,8 @@ class World:
                 sample = self.from_light(number, middle)
                 towards = sample.direction[0].astype(float)
                 towards /= np.linalg.norm(towards)  # what rounding to single precision leaves kept Newton's method from its end
-                ideal.append(IdealLight(number, towards if distant else middle[0] + sample.distance[0] * towards, distant))
+                shift = sample.distance[0] * towards if sample.distance[0] > 0 else 0.0  # there, it has no direction
+                ideal.append(IdealLight(number, towards if distant else middle[0] + shift, distant))
         return ideal
 
     def from_light(self, number, point) -> LightSample:

@@ -402,6 +402,14 @@ def test_shapes_that_are_nothing_hide_no_lamp(tmp_path):
     assert [bool(np.any(sample.radiance[sample.delta] > 0)) for sample in bright] == [True, False]
 
 
+@pytest.mark.parametrize("surfaces", ["", '<shape type="sphere"/>'], ids=["alone", "within"])
+def test_a_bulb_in_the_middle_of_all_surfaces(tmp_path, surfaces):
+    """From there it has no direction: its place was nan, and paths in fog everywhere around it never ended."""
+    bulb = '<emitter type="point"><rgb name="intensity" value="1"/></emitter>'
+    (light,) = World(written(tmp_path, SENSOR, surfaces, bulb)).ideal_lights()
+    assert np.array_equal(light.place, np.zeros(3)) and not light.distant
+
+
 def test_what_light_samples_do_not_get_through_is_named(tmp_path):
     """By their ids, also in groups of instances, which keep what is nothing; not where all lamps have an extent."""
     shapes = CUBES + """<shape type="rectangle" id="leaf"><bsdf type="mask"><float name="opacity" value="0.5"/>
