@@ -144,7 +144,7 @@ class World:
 
     def media(self) -> list[str]:
         """Sentences on media of the Mitsuba file, none of which is kept."""
-        return [f"media of the Mitsuba file, at {_some(self._media)}, are left out: materials say what is in the scene"] \
+        return [f"media of the Mitsuba file, at {_examples(self._media)}, are left out: materials say what is in the scene"] \
             if self._media else []
 
     def left_out(self, besides=frozenset()) -> list[str]:
@@ -155,7 +155,7 @@ class World:
         standing = [shape for shape in (*self.shapes(), *shapes.grouped(self.scene, self.unit)) if shape.name not in besides]
         kinds = {"mirrors and smooth glass": [shape.name for shape in standing if shape.specular],
                  "masks and boundaries that are null": [shape.name for shape in standing if shape.passed and not shape.specular]}
-        return [f"light of lamps without extent by way of {kind} ({_some(names)}) is left out, and how much is not measured; "
+        return [f"light of lamps without extent by way of {kind} ({_examples(names)}) is left out, and how much is not measured; "
                 "a small sphere that shines in its place is found" for kind, names in kinds.items() if names]
 
     def extents(self, within=None):
@@ -422,6 +422,6 @@ class World:
         return mi.Ray3f(self._inside(origin), mi.Vector3f(*shading.columns(direction)))
 
 
-def _some(names):
+def _examples(names):
     """The first of many names."""
     return ", ".join(names[:3]) + (", …" if len(names) > 3 else "")

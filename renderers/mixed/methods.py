@@ -78,9 +78,8 @@ def prepare(job, world, seed) -> Method:
         particles = [number for number in explicit if isinstance(materials[number], contents.Particles)]
         return seen._replace(detail=np.minimum(seen.detail + shares[0][..., particles].sum(axis=-1), 1.0))
 
-    seen = features if len(materials) <= MOST_IN_A_LOOP else None
-    return Method(name, (part,), reasons, after, features=seen, apart=("paths",) if explicit else (), entry=_entry(materials),
-                  unmeasured=unmeasured)
+    return Method(name, (part,), reasons, after, features=features if len(materials) <= MOST_IN_A_LOOP else None,
+                  apart=("paths",) if explicit else (), entry=_entry(materials), unmeasured=unmeasured)
 
 
 def _entry(materials):

@@ -71,11 +71,11 @@ def _doubt(scene, number, size, extent, amid) -> str:
               f"of it is {length(where.unit)}{counted}"
     if not extent:
         return f"{message}; unit: beside mesh: changes that"
-    other = [unit for unit in (surfaces.unit, *(10.0**power for power in LENGTH.powers.values())) if unit != where.unit]
+    units = [unit for unit in (surfaces.unit, *(10.0**power for power in LENGTH.powers.values())) if unit != where.unit]
     if surfaces.unit == where.unit:  # else most likely both files are in the same unit
-        other.sort(key=lambda unit: abs(math.log(extent / (3 * size * unit / where.unit))))
-    return (f"{message}; surfaces and camera span {length(extent)}. With unit: {length(other[0])} beside mesh: it is "
-            f"{length(size * other[0] / where.unit)} across")
+        units.sort(key=lambda unit: abs(math.log(extent / (3 * size * unit / where.unit))))
+    return (f"{message}; surfaces and camera span {length(extent)}. With unit: {length(units[0])} beside mesh: it is "
+            f"{length(size * units[0] / where.unit)} across")
 
 
 def length(metres: float) -> str:

@@ -96,7 +96,7 @@ def measured(goniometer: Goniometer, solutions: Sequence[Solution], tolerance: f
         ended = channel.achieved_error <= tolerance or not any(new)
         if ended:  # the others, which share its walks, are known about as well
             channels, variances = zip(*((channel, variance) if c == worst else fitted(c) for c in range(len(fits))), strict=True)
-            worst = int(np.argmax([each.achieved_error for each in channels]))
+            worst = int(np.argmax([channel.achieved_error for channel in channels]))
             channel = channels[worst]
             new = _additions(variances[worst], done, dear, tolerance, most - total[HITS])
             ended = channel.achieved_error <= tolerance or not any(new)

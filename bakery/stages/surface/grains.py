@@ -226,8 +226,8 @@ def _smoothed(counted, air, medium):
     shares, root = counted.albedo.sum(axis=0), np.sqrt(air)
     at = middles(len(shares), LEAST)
     within = np.minimum(root, at[-1])
-    there = np.interp(within, root, medium)
-    trend = np.divide(medium, there, out=np.ones(len(air)), where=(there > 0) & (root > within))
+    fitted = np.interp(within, root, medium)
+    trend = np.divide(medium, fitted, out=np.ones(len(air)), where=(fitted > 0) & (root > within))
     return np.polynomial.Polynomial.fit(at, shares, DEGREE)(within) * trend
 
 
