@@ -18,7 +18,7 @@ def define(name, inside):
 
     name : of the plugin
     inside : class, made of Mitsuba's properties, with `parts(world, seed)`, kinds of passes
-        (`renderers.pictures.progressive.Part`), and `unit`, m
+        (`renderers.pictures.progressive.Part`), `unit`, m, and `filled`, names of shapes of the scene that have something in them
     """
 
     class Integrator(mi.SamplingIntegrator):  # the simplest class of integrators that Python may extend
@@ -78,7 +78,7 @@ def _picture(inside, scene, sensor, seed, samples):
     from renderers.pictures.means import LEAST, Mean
 
     picture = 0.0
-    for part in inside.parts(World(scene, inside.unit, sensor=sensor), seed):
+    for part in inside.parts(World(scene, inside.unit, sensor=sensor, filled=inside.filled), seed):
         mean = Mean()
         for number in range(max(LEAST, -(-samples // part.samples))):  # as scenes have, for their noise
             mean.add(part.render(number))

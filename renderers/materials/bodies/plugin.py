@@ -51,6 +51,7 @@ class Inside:
                 for stage in NEEDS:
                     getattr(asset, stage)
                 self.assets[key.removeprefix(_BODY)] = asset
+        self.filled = set(self.assets)
         if not self.assets:
             raise UsageError(f'{NAME}: no body; <string name="{_BODY}ID" value="wax.h5"/> would do, with the id of a shape')
 

@@ -52,6 +52,7 @@ class Inside:
         self.asset = bakery.open(str(mi.file_resolver().resolve(asset)))
         for stage in NEEDS:
             getattr(self.asset, stage)
+        self.filled = set()  # the mesh is none of the scene's shapes
         self.mesh = self._mesh([shape for _, shape in props.objects() if isinstance(shape, mi.Shape)])
 
     def __str__(self):
