@@ -33,7 +33,7 @@ def test_shares_of_paths():
 def _scattered(count):
     """Beams, and lines of sight, in a ball."""
     states, numbers = np.empty(count, np.uint64), np.empty((count, 8))
-    wavefront.begin_streams(stream_key(0, "render.entries", 0), 0, states)
+    wavefront.begin_streams(stream_key(0, "render.entries", 0, 0), 0, states)
     wavefront.draw(states, numbers)
     along = 2 * numbers[:, 3:6] - 1
     return 2 * numbers[:, :3] - 1, along / np.linalg.norm(along, axis=1)[:, None], numbers[:, 6], numbers[:, 7]
