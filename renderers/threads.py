@@ -1,6 +1,7 @@
 """Kernels over ranges of paths or particles, on all processors; and of Dr.Jit's threads as many as work is worth."""
 
 import os
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -9,6 +10,7 @@ from functools import cache
 _BLOCK = 4096
 _FEW = 4096  # rays that one thread of Dr.Jit's follows as soon as more would
 _WORK = 1 << 17  # numbers a thread, some microseconds' work
+_AWAKE, _TRIES = 0.01, 5  # s, within which all threads have had their work; how often that is tried
 
 
 @cache
@@ -36,20 +38,28 @@ def run(kernel, n, *arguments, block=_BLOCK):
             job.cancel()  # what has not begun when one fails, or all are interrupted
 
 
-def one_of_drjit() -> int:
-    """Ends all threads of Dr.Jit's but the one that calls; the number that it had.
+def one_of_drjit() -> None:
+    """Ends all threads of Dr.Jit's but the one that calls, where that is safe.
 
     A thread that falls asleep in the very moment when it is told to end is not woken, and the call waits for it for ever
-    (nanothread as in Dr.Jit 1.5).  They do so after 20 ms without work, so all of them are given some right before.
+    (nanothread as in Dr.Jit 1.5).  They do so after 20 ms without work, so all of them are given some right before.  Where that
+    takes long, on a busy machine, the first may be about to sleep when the last is done: then they stay.
     """
     import drjit as dr
 
-    if (threads := dr.thread_count()) > 1:
-        if dr.has_backend(dr.JitBackend.LLVM):
-            dr.eval(dr.arange(dr.llvm.UInt32, threads * _WORK))
-            dr.sync_thread()
+    if (threads := dr.thread_count()) > 1 and (not dr.has_backend(dr.JitBackend.LLVM) or _awake(dr, threads)):
         dr.set_thread_count(1)
-    return threads
+
+
+def _awake(dr, threads) -> bool:
+    """Whether all threads had work a moment ago."""
+    for _ in range(_TRIES):
+        begin = time.perf_counter()
+        dr.eval(dr.arange(dr.llvm.UInt32, threads * _WORK))
+        dr.sync_thread()
+        if time.perf_counter() - begin < _AWAKE:
+            return True
+    return False
 
 
 @contextmanager

@@ -38,8 +38,10 @@ def settle(scene):
             loaded.append((mesh, parameters, np.array(parameters["vertex_normals"])))
     if not loaded:
         return
-    threads = one_of_drjit()
+    threads = dr.thread_count()
     try:
+        while dr.thread_count() > 1:
+            one_of_drjit()
         for mesh, _, _ in loaded:
             mesh.recompute_vertex_normals()
             dr.eval(mesh.vertex_normals_buffer())
