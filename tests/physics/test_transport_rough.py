@@ -114,11 +114,11 @@ def test_a_sun_over_fog_that_reaches_further_than_surfaces(tmp_path):
 
     def pictures(middle):
         box = Box(np.full(3, middle - 4.0), np.full(3, middle + 4.0))
-        return regions.pictures(tmp_path, around, [regions.medium(box, 0.0, 0.0, (4.0,) * 3), grains], range(16), "order1")
+        return regions.pictures(tmp_path, around, [regions.medium(box, 0.0, 0.0, (4.0,) * 3), grains], range(32), "order1")
 
     clear, dimmed = (rendered.mean(axis=(1, 2, 3)) for rendered in (pictures(90.0), pictures(0.0)))
-    error = np.hypot(*(rendered.std(ddof=1) / rendered.mean() / 16**0.5 for rendered in (clear, dimmed)))
-    assert error < 0.08 and abs(np.log(dimmed.mean() / clear.mean()) + 1.04) < 0.02 + sigmas(16) * error
+    error = np.hypot(*(rendered.std(ddof=1) / rendered.mean() / 32**0.5 for rendered in (clear, dimmed)))
+    assert error < 0.08 and abs(np.log(dimmed.mean() / clear.mean()) + 1.04) < 0.02 + sigmas(32) * error
 
 
 @pytest.mark.slow
