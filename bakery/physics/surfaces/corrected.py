@@ -156,15 +156,17 @@ def forgotten(cells, least: float, entered, walks):
     at, whole = middles(entered.shape[1], least), entered.sum(axis=0)
     if not whole.any():
         return np.zeros((len(entered), math.prod(cells)))
-    degree = min(DEGREE, len(at) - 1)
-    bins = np.concatenate([[whole / np.maximum(walks.sum(axis=0), 1.0)], entered / np.maximum(walks, 1.0)])
-    mean, *parts = np.linalg.lstsq(np.polynomial.legendre.legvander(2 * at - 1, degree), bins.T)[0].T
-    mu, mu0, _, light = _entering(tuple(cells), least)
-    outgoing, incident = (np.polynomial.legendre.legvander(2 * np.sqrt(cosine.ravel()) - 1, degree) for cosine in (mu, mu0))
     x, weight = np.polynomial.legendre.leggauss(32)
     root = 0.5 * (1 + x)
-    flux = 4 * (root**3 * 0.5 * weight) @ np.polynomial.legendre.legvander(x, degree)  # int 2 mu L dmu over coefficients
-    reflected, received, total = np.maximum(outgoing @ mean, 0), np.maximum(incident @ mean, 0), max(float(flux @ mean), 1e-300)
+    bins = np.concatenate([[whole / np.maximum(walks.sum(axis=0), 1.0)], entered / np.maximum(walks, 1.0)])
+    for degree in (min(DEGREE, len(at) - 1), 0):  # a constant where too few walks are late for more: all of it may be below 0
+        mean, *parts = np.linalg.lstsq(np.polynomial.legendre.legvander(2 * at - 1, degree), bins.T)[0].T
+        flux = 4 * (root**3 * 0.5 * weight) @ np.polynomial.legendre.legvander(x, degree)  # int 2 mu L dmu over coefficients
+        if flux @ mean > 0.1 * bins[0].mean():
+            break
+    mu, mu0, _, light = _entering(tuple(cells), least)
+    outgoing, incident = (np.polynomial.legendre.legvander(2 * np.sqrt(cosine.ravel()) - 1, degree) for cosine in (mu, mu0))
+    reflected, received, total = np.maximum(outgoing @ mean, 0), np.maximum(incident @ mean, 0), float(flux @ mean)
 
     def summed(values):
         return (light.reshape(-1, 1) * values).reshape(math.prod(cells), -1, values.shape[1]).sum(axis=1)
