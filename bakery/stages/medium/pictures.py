@@ -34,7 +34,7 @@ def pictures(root: Group) -> Iterator[Picture]:
     medium, um = root["medium"], root["wavelength"].data
     yield phase_function(medium, um, [remark.text for remark in methods.remarks(root, "medium/phase", ("L", "A"), {})])
     yield lobe(medium, um)
-    if "s11" in medium.members:
+    if {"s11", "s12"} <= medium.members.keys():
         yield polarisation(medium, um)
     if um.size > 1:
         yield coefficients(medium, um)
