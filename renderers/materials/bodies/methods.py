@@ -344,9 +344,8 @@ class _Passes:
         rows = 1 << (several.bit_length() - 1) // 2
         columns = several // rows
         y, x = np.indices(self._size)
-        states, numbers = np.empty(height * width, np.uint64), np.empty((height * width, 1))
-        wavefront.begin_streams(kernels.stream_key(self._seed, "render.shares", number), 0, states)
-        wavefront.draw(states, numbers)
+        states = wavefront.streams(kernels.stream_key(self._seed, "render.shares", number), height * width)
+        numbers = wavefront.uniforms(states, 1)
         drawn = np.floor(several * numbers[y // rows * -(-width // columns) + x // columns, 0])
         return y % rows * columns + x % columns == drawn
 

@@ -151,9 +151,7 @@ def _begin(transport, camera, corners, pixel, key, first):
 
 def _thinned(paths, share):
     """A share of the paths, by chance, each of which counts for others."""
-    numbers = np.empty((paths.count, 1))
-    wavefront.draw(paths.states, numbers)
-    paths = paths.of(numbers[:, 0] < share)
+    paths = paths.of(wavefront.uniforms(paths.states, 1)[:, 0] < share)
     paths.throughput[:] /= share
     return paths
 
@@ -269,9 +267,7 @@ def _at_events(world, transport, interactor, paths, event, sums):
     n = paths.count
     if n == 0 or sums.skips(paths):
         return _turned(interactor, paths, event)
-    numbers, added = np.empty((n, 3)), np.empty((n, 3))
-    wavefront.draw(paths.states, numbers)
-    sample = world.lights(paths.origin, numbers)
+    sample, added = world.lights(paths.origin, wavefront.uniforms(paths.states, 3)), np.empty((n, 3))
     lighted = paths
     if len(transport.bodies) > 1:
         passed = transmittance(transport, paths.technique[0], paths.origin, sample.direction, sample.distance, paths.body[0])
@@ -295,9 +291,7 @@ def _at_baked_surface(world, transport, paths, body, sums):
     distance, normal = surface.boundary.entries(paths.origin, paths.direction, np.full(n, np.inf))
     paths.origin[:] += distance[:, None] * paths.direction
     if n and not sums.skips(paths):
-        numbers = np.empty((n, 3))
-        wavefront.draw(paths.states, numbers)
-        sample = world.lights(paths.origin, numbers)
+        sample = world.lights(paths.origin, wavefront.uniforms(paths.states, 3))
         rows = np.flatnonzero((sample.radiance > 0).any(axis=1) & (np.sum(sample.direction * normal, axis=1) > 0))
         facing, sample = paths.of(rows), sample.of(rows)
         towards = sample.direction.astype(float)
