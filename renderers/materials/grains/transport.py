@@ -88,10 +88,6 @@ class Sums(steps.Sums):
         wavefront.accumulate(added, paths.order, light, pixel, self.by_order, self.by_light)
         wavefront.accumulate(added, paths.technique, light, pixel, self.by_technique, self.by_light[:0])
 
-    def add_switches(self, paths):
-        """Of paths that switch: grains met, and that they do."""
-        np.add.at(self.switched, paths.pixel % self.pixels, np.stack([paths.order, paths.order > -1, 0 * paths.order], axis=1))
-
     def average(self):
         """Makes means over the samples of the sums."""
         for sums in (self.by_order, self.by_technique, self.by_light, self.switched):
@@ -245,8 +241,8 @@ def _let_in(transport, technique, point, direction, distance, off=False):
 
 def _switched(world, transport, paths, sums):
     """Parts of paths that go on in the medium, with a scattering where they have met a grain."""
-    sums.add_switches(paths)
-    parts = []
+    parts, ones = [], np.ones(paths.count, int)
+    np.add.at(sums.switched, paths.pixel % sums.pixels, np.stack([paths.order, ones, 0 * ones], axis=1))
     if not paths.count or sums.which == BEFORE:
         return parts
     if sums.which == AFTER and transport.share < 1:
