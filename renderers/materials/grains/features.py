@@ -5,11 +5,10 @@ import numpy as np
 from renderers.mitsuba import variants
 from renderers.pictures.denoise import Features
 from renderers.transport import features, regions
-from renderers.transport.scattering import scatterer
+from renderers.transport.scattering import of_asset
 
 _PLACES = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])  # in a pixel, row and column
 _OF_DRAFTS = np.array([[0.5, 0.5]])  # a quarter of the rays, and edges between grains as rough as the picture's own
-_FIGURES = "sigma_t", "albedo", "theta", "phase"  # of a medium
 _NARROW, _WIDE = 1.0, 4.0  # pixels: grains of less width are seen as their mean;  of more each by itself
 
 
@@ -32,8 +31,7 @@ def first_hits(world, scene, assets, meshes, seed, quality=None, seen=None) -> F
     which stands for them that counts, and that has no normals.  Pixels show detail where grains are wider than they are, all
     of it where they are four times as wide.
     """
-    media = [regions.Medium(regions.Mesh(*mesh), scatterer(*(np.asarray(asset.medium[name], float) for name in _FIGURES)))
-             for asset, mesh in zip(assets, meshes)]
+    media = [regions.Medium(regions.Mesh(*mesh), of_asset(asset)) for asset, mesh in zip(assets, meshes)]
     # a graphics card traces rays through one scene at a time, and each mesh is one (`regions.boundary`): there what stands behind
     # the medium is seen in its place
     around = features.first_hits(world, [] if variants.on_gpu(world.variant) else media, scene.colours, seed)

@@ -45,7 +45,7 @@ class Transport(NamedTuple):
 
     bodies : tuple of `Body`;  colours : `Colours`
     technique : with which paths begin, GRAINS or MEDIUM
-    switch : `bundles.Switch`, or None where paths do not switch
+    switch : `spread` of `bundles.due`, or None where paths do not switch
     surfaces : `far.Surface` of each body; None where no body is one far from the camera
     angle, chord : of `regularised`, by which smooth grains show small lamps wider: at the first sample, of a pass; 0: as they are
     share : of the paths, that goes on after the switch, or, where paths do not, after `late` grains
@@ -54,7 +54,7 @@ class Transport(NamedTuple):
     bodies: tuple[Body, ...]
     colours: Colours
     technique: int = GRAINS
-    switch: bundles.Switch | None = None
+    switch: float | None = None
     surfaces: tuple[far.Surface, ...] | None = None
     angle: float = 0.0
     chord: float = 0.0
@@ -165,7 +165,7 @@ def _until_switched(world, transport, paths, size, sums):
             paths = paths.of(paths.technique == GRAINS)
         paths = joined(waiting)
         radius = np.array([body.radius for body in transport.bodies])[paths.body]
-        paths.switching[:] |= transport.switch.due(paths.pixel, paths.last, radius, size)
+        paths.switching[:] |= bundles.due(transport.switch, paths.pixel, paths.last, radius, size)
     return joined(switched)
 
 
