@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bakery.kernels import stream_key
-from renderers.mitsuba.shading import FAR
+from renderers.mitsuba.shading import FAR, selected
 from renderers.transport import regularised, steps, wavefront
 from renderers.transport.paths import ELSEWHERE, EVENT, REACHED, UNKNOWN, Colours, Paths, follow, joined, of_camera
 from renderers.transport.places import NOWHERE, Places
@@ -62,9 +62,7 @@ class Ahead(NamedTuple):
     grains: np.ndarray
     within: np.ndarray
 
-    def of(self, chosen):
-        """Of some of the paths."""
-        return Ahead(*(field[chosen] for field in self))
+    of = selected
 
 
 class Sums(steps.Sums):

@@ -26,7 +26,7 @@ from bakery.system.compiled import njit
 from renderers.materials.particles import _transport, shadow
 from renderers.materials.particles._transport import Guide, Walk, Ways
 from renderers.materials.particles.box import column
-from renderers.mitsuba.world import FAR, LightSample
+from renderers.mitsuba.shading import FAR, LightSample, selected
 from renderers.threads import run
 from renderers.transport import steps, wavefront
 from renderers.transport.paths import Paths
@@ -104,9 +104,7 @@ class Pencils(NamedTuple):
     pixel: np.ndarray
     states: np.ndarray
 
-    def of(self, chosen):
-        """Some of them."""
-        return Pencils(*(field[chosen] for field in self))
+    of = selected
 
 
 class View:

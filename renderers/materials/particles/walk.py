@@ -16,7 +16,7 @@ from renderers import colour
 from renderers.materials.particles import _transport, shadow
 from renderers.materials.particles._transport import Guide, Walk, Ways
 from renderers.materials.particles.box import absorb
-from renderers.mitsuba.world import FAR
+from renderers.mitsuba.shading import FAR, selected
 from renderers.threads import run
 from renderers.transport import steps, wavefront
 from renderers.transport.paths import Paths, follow, joined, of_camera
@@ -48,9 +48,7 @@ class Squares(NamedTuple):
         number = np.concatenate([np.zeros(len(side), np.int64), 1 + np.arange(len(others)) - np.searchsorted(others, others)])
         return cls(pixel, number, side[pixel])
 
-    def of(self, rows) -> "Squares":
-        """Some of them, by an index of arrays."""
-        return Squares(*(values[rows] for values in self))
+    of = selected
 
 
 class Discs:
